@@ -1,0 +1,75 @@
+"""The package's exceptions. Each carries its evidence as attributes beside a message for a person."""
+
+from __future__ import annotations
+
+
+class PinconsistError(Exception):
+    """Base of every error that pinconsist raises on purpose."""
+
+
+class InputError(PinconsistError, ValueError):
+    """An argument that cannot be used: wrong size, NaN, unknown name, impossible option."""
+
+
+class FormatError(PinconsistError, ValueError):
+    """A file that cannot be read as a scene.
+
+    Attributes
+    ----------
+    path : str
+        The file.
+    element : str
+        The element, record or line at fault; empty if the whole file is meant.
+    """
+
+    def __init__(self, message: str, *, path: object = "", element: str = ""):
+        self.path, self.element, self.reason = str(path), element, message
+        where = ": ".join(part for part in (self.path, element) if part)
+        super().__init__(f"{where}: {message}" if where else message)
+
+    def __reduce__(self):
+        return _rebuild, (type(self), (self.reason,), {"path": self.path, "element": self.element})
+
+
+class AssemblyError(PinconsistError):
+    """No closed configuration, or no velocity on the constraints, was found.
+
+    Attributes
+    ----------
+    gaps : dict[str, float]
+        Remaining gap of each loop that did not close: the largest row of Φ, in m (or rad).
+    q : ndarray or None
+        The best configuration that was reached, shape (nq,).
+    """
+
+    def __init__(self, message: str, *, gaps: dict | None = None, q=None):
+        super().__init__(message)
+        self.gaps, self.q = dict(gaps or {}), q
+
+    def __reduce__(self):
+        return _rebuild, (type(self), self.args, {"gaps": self.gaps, "q": self.q})
+
+
+class SingularSystemError(PinconsistError):
+    """The equations of motion have no unique solution at a configuration.
+
+    Attributes
+    ----------
+    names : tuple[str, ...]
+        The joints or loops whose directions are undetermined.
+    """
+
+    def __init__(self, message: str, *, names: tuple = ()):
+        super().__init__(message)
+        self.names = tuple(names)
+
+    def __reduce__(self):
+        return _rebuild, (type(self), self.args, {"names": self.names})
+
+
+class MissingExtraError(PinconsistError, ImportError):
+    """An optional package is needed; the message names the pip extra that brings it."""
+
+
+def _rebuild(cls, args, kwargs):
+    return cls(*args, **kwargs)

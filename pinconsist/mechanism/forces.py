@@ -1,0 +1,158 @@
+"""Forces: joint damping and friction, torque laws. Each gives τ(t, q, v) and, where it can, its derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..errors import InputError
+
+FRICTION_WIDTH = 1e-2
+"""Velocity over which dry friction changes sign, rad/s or m/s."""
+
+
+class Force(Protocol):
+    """What acts on the joints: generalised torque τ, shape (nv,), N·m (or N)."""
+
+    def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """τ at a state."""
+
+    def derivatives(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """(∂τ/∂q, ∂τ/∂v), each (nv, nv) in the tangent space, or None where it is zero or small."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointDamping:
+    """Viscous damping τ = -d v, the `damping` of URDF joints.
+
+    Parameters
+    ----------
+    coefficients : ndarray
+        d per joint velocity, N·m·s/rad (or N·s/m), shape (nv,).
+    """
+
+    coefficients: np.ndarray
+
+    def torque(self, t, q, v):
+        return -self.coefficients * v
+
+    def derivatives(self, t, q, v):
+        return None, -np.diag(self.coefficients)
+
+
+@dataclass(frozen=True, eq=False)
+class JointFriction:
+    """Dry (Coulomb) friction, smoothed: τ = -f tanh(v / width), the `friction` of URDF joints.
+
+    At rest the smoothed law creeps: |v| stays below width·artanh(load / f).
+
+    Parameters
+    ----------
+    coefficients : ndarray
+        Friction torque f per joint, N·m (or N), shape (nv,).
+    width : float
+        Velocity over which the sign changes, rad/s (or m/s).
+    """
+
+    coefficients: np.ndarray
+    width: float = FRICTION_WIDTH
+
+    def torque(self, t, q, v):
+        return -self.coefficients * np.tanh(v / self.width)
+
+    def derivatives(self, t, q, v):
+        sech = 1.0 / np.cosh(np.minimum(np.abs(v) / self.width, 300.0))
+        return None, np.diag(-self.coefficients * sech**2 / self.width)
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantTorque:
+    """Constant joint torques.
+
+    Parameters
+    ----------
+    value : ndarray
+        τ, N·m (or N), shape (nv,).
+    """
+
+    value: np.ndarray
+
+    def torque(self, t, q, v):
+        return self.value
+
+    def derivatives(self, t, q, v):
+        return None, None
+
+
+@dataclass(frozen=True, eq=False)
+class Torque:
+    """A user's own law τ = f(t, q, v).
+
+    Parameters
+    ----------
+    function : callable
+        ``f(t, q, v) -> array (nv,)``; called with read-only arrays.
+    gradient : callable, optional
+        ``g(t, q, v) -> (∂τ/∂q, ∂τ/∂v)`` in the tangent space, either may be None. Without it the velocity part is
+        taken by finite differences, and the position part is left out of Newton's matrix (never of the residual).
+    """
+
+    function: Callable
+    gradient: Callable | None = None
+
+    def torque(self, t, q, v):
+        try:
+            value = np.asarray(self.function(t, q, v), dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the torque function {_name(self.function)} failed at t = {t:.6g}: {error}") from error
+        if value.shape != v.shape:
+            raise InputError(
+                f"the torque function {_name(self.function)} returned shape {value.shape} at t = {t:.6g}; "
+                f"it must return {v.shape}, one number for each joint velocity"
+            )
+        return value
+
+    def derivatives(self, t, q, v):
+        if self.gradient is not None:
+            return self.gradient(t, q, v)
+        at = self.torque(t, q, v)
+        columns = np.empty((len(v), len(v)))
+        for i, step in enumerate(1e-7 * (1.0 + np.abs(v))):
+            moved = v.copy()
+            moved[i] += step
+            columns[:, i] = (self.torque(t, q, moved) - at) / step
+        return None, columns
+
+
+def as_force(force, nv: int) -> Force:
+    """A Force from what a user may give: a Force, an array of constant torques, or a callable."""
+    if hasattr(force, "torque") and hasattr(force, "derivatives"):
+        return force
+    if callable(force):
+        return Torque(force)
+    try:
+        value = np.array(force, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"a force must be a Force, an array or a callable f(t, q, v), got {force!r}") from None
+    if value.shape != (nv,) or not np.isfinite(value).all():
+        raise InputError(f"constant torques need {nv} finite numbers, got shape {value.shape}")
+    value.setflags(write=False)
+    return ConstantTorque(value)
+
+
+def model_forces(model) -> tuple[Force, ...]:
+    """The forces a model carries itself: its joints' damping and dry friction, where they are not zero."""
+    forces: list[Force] = []
+    if np.any(model.damping):
+        forces.append(JointDamping(np.array(model.damping)))
+    friction = np.array(getattr(model, "upperDryFrictionLimit", model.friction))
+    if np.any(friction):
+        forces.append(JointFriction(friction))
+    return tuple(forces)
+
+
+def _name(function) -> str:
+    return getattr(function, "__qualname__", None) or repr(function)

@@ -1,0 +1,309 @@
+"""Loop closures: the record a user writes, and the rows Φ(q), J(q) it stands for.
+
+This is the only file that names Pinocchio's constraint classes.
+
+Conventions (stated here once)
+------------------------------
+A loop joins anchor 1 (on ``frame1``) to anchor 2 (on ``frame2``); either may sit on the ground, whose frame is
+``"universe"``. With ``d`` the position of anchor 2 seen from anchor 1 **in the axes of anchor 1** and ``R`` the
+rotation that takes axes of anchor 2 to axes of anchor 1, the rows are
+
+========== ===== ============================================================== ============================
+kind       rows  Φ                                                              λ (equations M v' + nle = τ + Jᵀλ)
+========== ===== ============================================================== ============================
+point      3     d                                                              force on body 2, N
+frame      6     d, log R                                                       force and moment on body 2
+hinge      5     d, chord between the two axes (two rows normal to the axis)    force, moment across the axis
+distance   1     (|d|² − L²) / (2L)                                             force along d on body 2: λ < 0 pulls
+========== ===== ============================================================== ============================
+
+all in the axes of anchor 1, acting on body 2 at anchor 2; body 1 receives the opposite. Forces are in N, moments
+in N·m, Φ in m and rad. Every J is the exact derivative of Φ in the tangent space, also while a loop is open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError
+
+ROW_NAMES = {
+    "point": ("x", "y", "z"),
+    "frame": ("x", "y", "z", "rx", "ry", "rz"),
+    "hinge": ("x", "y", "z", "tilt1", "tilt2"),
+    "distance": ("length",),
+}
+GROUND = "universe"
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One loop closure between two frames of a model.
+
+    Parameters
+    ----------
+    name : str
+        Name by which reports, errors and reactions speak of the loop.
+    kind : {"point", "frame", "hinge", "distance"}
+        What the closure holds together; see the table of this module.
+    frame1, frame2 : str
+        Names of frames of the model; ``"universe"`` is the ground.
+    xyz1, xyz2 : tuple of 3 float
+        Position of each anchor in its frame, m.
+    rpy1, rpy2 : tuple of 3 float
+        Orientation of each anchor in its frame, URDF's roll, pitch, yaw, rad.
+    axis : tuple of 3 float
+        Hinge axis, the same components in both anchors.
+    length : float or None
+        Distance L > 0 held by ``kind="distance"``, m.
+
+    Raises
+    ------
+    InputError
+        Unknown kind, numbers that are not finite or of the wrong count, a missing or useless length.
+    """
+
+    name: str
+    kind: str
+    frame1: str
+    frame2: str = GROUND
+    xyz1: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy1: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    xyz2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    length: float | None = None
+
+    def __post_init__(self):
+        if self.kind not in ROW_NAMES:
+            raise InputError(f"loop {self.name!r}: unknown kind {self.kind!r}; known are {', '.join(ROW_NAMES)}")
+        for field in ("xyz1", "rpy1", "xyz2", "rpy2", "axis"):
+            object.__setattr__(self, field, _triple(getattr(self, field), f"loop {self.name!r}: {field}"))
+        if self.kind == "hinge" and not any(self.axis):
+            raise InputError(f"loop {self.name!r}: the hinge axis is the zero vector")
+        if self.kind == "distance":
+            length = self.length
+            if length is None or not (np.isfinite(length) and length > 0):
+                raise InputError(f"loop {self.name!r}: kind 'distance' needs length > 0 in m, got {length!r}")
+            object.__setattr__(self, "length", float(length))
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Names of the loop's rows, in their order."""
+        return ROW_NAMES[self.kind]
+
+    @property
+    def placement1(self) -> pin.SE3:
+        """Anchor 1 in ``frame1``."""
+        return pin.SE3(pin.rpy.rpyToMatrix(*self.rpy1), np.array(self.xyz1))
+
+    @property
+    def placement2(self) -> pin.SE3:
+        """Anchor 2 in ``frame2``."""
+        return pin.SE3(pin.rpy.rpyToMatrix(*self.rpy2), np.array(self.xyz2))
+
+
+def _triple(value, what: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(number) for number in value)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} needs three numbers, got {value!r}") from None
+    if not np.isfinite([x, y, z]).all():
+        raise InputError(f"{what} has a number that is not finite: {value!r}")
+    return x, y, z
+
+
+class LoopRows:
+    """The rows of several loops on one model, evaluated together. Private to systems and assembly.
+
+    Attributes
+    ----------
+    labels : list of (str, str)
+        Loop name and row name of each of the ``nc`` rows.
+    slices : dict[str, slice]
+        The rows of each loop.
+    """
+
+    def __init__(self, model: pin.Model, loops):
+        self.model, self.loops = model, tuple(loops)
+        self.labels = [(loop.name, row) for loop in self.loops for row in loop.rows]
+        self.nc = len(self.labels)
+        self.slices, start = {}, 0
+        for loop in self.loops:
+            self.slices[loop.name] = slice(start, start := start + len(loop.rows))
+        self._closures = [_KINDS[loop.kind](model, loop) for loop in self.loops]
+        only_points = all(loop.kind == "point" for loop in self.loops)
+        self._points = _PointRows(model, self._closures) if self.loops and only_points else None
+
+    def evaluate(self, data: pin.Data) -> tuple[np.ndarray, np.ndarray]:
+        """Φ, shape (nc,), and J, shape (nc, nv), where ``pin.computeJointJacobians`` was called last on ``data``."""
+        if self._points is not None:
+            return self._points.evaluate(data)
+        if not self._closures:
+            return np.zeros(0), np.zeros((0, self.model.nv))
+        values, jacobians = zip(*(closure.evaluate(data) for closure in self._closures), strict=True)
+        return np.concatenate(values), np.concatenate(jacobians)
+
+    def acceleration_bias(self, data: pin.Data) -> np.ndarray:
+        """J̇ v, shape (nc,), at a closed configuration.
+
+        Needs ``pin.forwardKinematics(model, data, q, v, 0)`` on ``data``. The rotational rows use R = 1 where
+        the exact expression has a derivative of the logarithm.
+        """
+        if not self._closures:
+            return np.zeros(0)
+        return np.concatenate([closure.acceleration_bias(data) for closure in self._closures])
+
+
+class _PointRows:
+    """Point closures only: Pinocchio's own Φ and J, without a Python loop over rows."""
+
+    def __init__(self, model, closures):
+        self._model = model
+        self._pairs = [(c.constraint, c.constraint_data) for c in closures]
+        self._models, self._datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
+        for constraint, _ in self._pairs:
+            self._models.append(pin.ConstraintModel(constraint))
+            self._datas.append(self._models[-1].createData())
+
+    def evaluate(self, data):
+        if len(self._pairs) == 1:
+            constraint, constraint_data = self._pairs[0]
+            constraint.calc(self._model, data, constraint_data)
+            jacobian = constraint.jacobian(self._model, data, constraint_data)
+            return constraint_data.constraint_position_error, jacobian
+        for constraint, constraint_data in zip(self._models, self._datas, strict=True):
+            constraint.calc(self._model, data, constraint_data)
+        values = np.concatenate([each.extract().constraint_position_error for each in self._datas])
+        return values, pin.getConstraintsJacobian(self._model, data, self._models, self._datas)
+
+
+class _Closure:
+    """One loop on one model: anchors as (joint, placement) and Pinocchio's constraint for its kind."""
+
+    constraint_class = pin.FrameAnchorConstraintModel
+
+    def __init__(self, model: pin.Model, loop: Loop):
+        self.model, self.loop = model, loop
+        self.joint1, self.place1 = _anchor(model, loop, loop.frame1, loop.placement1)
+        self.joint2, self.place2 = _anchor(model, loop, loop.frame2, loop.placement2)
+        if self.joint1 == self.joint2:
+            raise InputError(
+                f"loop {loop.name!r}: frames {loop.frame1!r} and {loop.frame2!r} sit on the same body; "
+                "a loop joins two bodies, or a body and the ground"
+            )
+        self.constraint = self.constraint_class(model, self.joint1, self.place1, self.joint2, self.place2)
+        self.constraint_data = self.constraint.createData()
+
+    def evaluate(self, data):
+        """Φ and J of this loop."""
+        self.constraint.calc(self.model, data, self.constraint_data)
+        twist = self.constraint.jacobian(self.model, data, self.constraint_data)  # of body 2 relative to 1, in axes 1
+        pose = self.constraint_data.c1Mc2
+        d, R = pose.translation, pose.rotation
+        linear = twist[:3] - pin.skew(d) @ twist[3:]  # the twist is taken at anchor 1, d at anchor 2
+        return self.rows(d, R, linear, twist[3:])
+
+    def acceleration_bias(self, data):
+        """J̇ v of this loop, from the bodies' velocities and velocity-product accelerations."""
+        p1, R1, v1, w1, a1, b1 = _anchor_motion(data, self.joint1, self.place1)
+        p2, R2, v2, w2, a2, b2 = _anchor_motion(data, self.joint2, self.place2)
+        r, rd = p2 - p1, v2 - v1
+        rdd = a2 - a1 - np.cross(b1, r) - 2 * np.cross(w1, rd) + np.cross(w1, np.cross(w1, r))
+        d, dd, ddd = R1.T @ r, R1.T @ (rd - np.cross(w1, r)), R1.T @ rdd
+        spin = R1.T @ (w2 - w1)
+        spin_rate = R1.T @ (b2 - b1 - np.cross(w1, w2))
+        return self.bias_rows(d, dd, ddd, R1.T @ R2, spin, spin_rate)
+
+
+def _anchor(model, loop, frame_name, offset):
+    if not model.existFrame(frame_name):
+        near = ", ".join(_similar(frame_name, [frame.name for frame in model.frames]))
+        raise InputError(
+            f"loop {loop.name!r}: the model has no frame {frame_name!r}" + (f"; near it: {near}" if near else "")
+        )
+    frame = model.frames[model.getFrameId(frame_name)]
+    return frame.parentJoint, frame.placement * offset
+
+
+def _similar(name, names):
+    import difflib
+
+    return difflib.get_close_matches(name, sorted(set(names)), n=4, cutoff=0.5)
+
+
+def _anchor_motion(data, joint, placement):
+    """Position, axes, velocity, spin, classical acceleration and spin rate of an anchor, in world axes."""
+    pose = data.oMi[joint] * placement
+    if joint == 0:
+        zero = np.zeros(3)
+        return pose.translation, pose.rotation, zero, zero, zero, zero
+    R = pose.rotation
+    velocity, acceleration = placement.actInv(data.v[joint]), placement.actInv(data.a[joint])
+    classical = acceleration.linear + np.cross(velocity.angular, velocity.linear)
+    return pose.translation, R, R @ velocity.linear, R @ velocity.angular, R @ classical, R @ acceleration.angular
+
+
+class _Point(_Closure):
+    constraint_class = pin.PointAnchorConstraintModel
+
+    def evaluate(self, data):
+        self.constraint.calc(self.model, data, self.constraint_data)
+        jacobian = self.constraint.jacobian(self.model, data, self.constraint_data)
+        return self.constraint_data.constraint_position_error, jacobian
+
+    def bias_rows(self, d, dd, ddd, R, spin, spin_rate):
+        return ddd
+
+
+class _Distance(_Point):
+    def evaluate(self, data):
+        d, jacobian = super().evaluate(data)
+        length = self.loop.length
+        return np.array([(d @ d - length**2) / (2 * length)]), (d @ jacobian / length)[None, :]
+
+    def bias_rows(self, d, dd, ddd, R, spin, spin_rate):
+        return np.array([(dd @ dd + d @ ddd) / self.loop.length])
+
+
+class _Frame(_Closure):
+    def rows(self, d, R, linear, angular):
+        angle = pin.log3(R)
+        return np.concatenate((d, angle)), np.concatenate((linear, pin.Jlog3(R) @ R.T @ angular))
+
+    def bias_rows(self, d, dd, ddd, R, spin, spin_rate):
+        return np.concatenate((ddd, spin_rate))
+
+
+class _Hinge(_Closure):
+    """Tilt of the axis a = R e of body 2 against e, measured by the chord 2 sin(angle/2).
+
+    The chord grows monotonically up to the antiparallel axis, so that this is no false solution.
+    """
+
+    def __init__(self, model, loop):
+        super().__init__(model, loop)
+        self.e = np.array(loop.axis) / np.linalg.norm(loop.axis)
+        u1 = np.cross(self.e, np.eye(3)[np.argmin(np.abs(self.e))])
+        u1 /= np.linalg.norm(u1)
+        across = np.array([u1, np.cross(self.e, u1)])  # tilt1 turns about its first row, tilt2 about its second
+        self.w = np.cross(across, self.e)
+
+    def rows(self, d, R, linear, angular):
+        e, w, a = self.e, self.w, R @ self.e
+        z = max(1.0 + e @ a, 1e-15)
+        s = np.sqrt(2.0 / z)
+        tilt = w @ a
+        gradient = s * (w - np.outer(tilt, e) / (2 * z))
+        return np.concatenate((d, s * tilt)), np.concatenate((linear, -gradient @ pin.skew(a) @ angular))
+
+    def bias_rows(self, d, dd, ddd, R, spin, spin_rate):
+        a = R @ self.e
+        add = np.cross(spin, np.cross(spin, a)) + np.cross(spin_rate, a)
+        return np.concatenate((ddd, self.w @ add))
+
+
+_KINDS = {"point": _Point, "frame": _Frame, "hinge": _Hinge, "distance": _Distance}

@@ -1,0 +1,217 @@
+"""Mechanism: the immutable, picklable description of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError, SingularSystemError
+from .forces import Force, as_force
+from .loops import Loop, LoopRows
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Where the shapes of a scene come from; nothing is loaded until something is shown.
+
+    Attributes
+    ----------
+    urdf : str
+        The URDF text, already checked.
+    package_dirs : tuple of str
+        Folders in which mesh files are looked for.
+    """
+
+    urdf: str
+    package_dirs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A tree of bodies, the loops that close it and the forces that act.
+
+    The joint damping and dry friction of the model, and gravity, act always; ``forces`` come on top.
+
+    Parameters
+    ----------
+    model : pin.Model
+        The tree; copied, never changed.
+    loops : sequence of Loop
+        Loop closures; none is allowed (a plain tree).
+    forces : sequence
+        Force objects, arrays of shape (nv,) (constant joint torques) or callables ``f(t, q, v) -> (nv,)``.
+    name : str
+        By which messages and files speak of it.
+    guess : mapping or array, optional
+        From where assembly starts: joint name → value, or a configuration (nq,). Default ``pin.neutral``.
+    actuated : sequence of str
+        Names of motorised joints, for information.
+    geometry : Geometry, optional
+        Shapes for replays.
+
+    Raises
+    ------
+    InputError
+        Unknown frames or joints, duplicate loop names, wrong sizes, joints not in depth-first order.
+    """
+
+    model: pin.Model
+    loops: tuple[Loop, ...] = ()
+    forces: tuple[Force, ...] = ()
+    name: str = "mechanism"
+    guess: np.ndarray | None = None
+    actuated: tuple[str, ...] = ()
+    geometry: Geometry | None = field(default=None, repr=False)
+
+    def __post_init__(self):
+        if not isinstance(self.model, pin.Model):
+            raise InputError(f"Mechanism needs a pin.Model, got {type(self.model).__name__}")
+        model = self.model.copy()
+        check_model(model)
+        put = object.__setattr__
+        put(self, "model", model)
+        put(self, "loops", tuple(self.loops))
+        names = [loop.name for loop in self.loops]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"two loops are named {twice[0]!r}; reactions and reports need different names")
+        LoopRows(model, self.loops)  # checks frames and bodies
+        put(self, "forces", tuple(as_force(force, model.nv) for force in self.forces))
+        put(self, "guess", self.configuration({} if self.guess is None else self.guess))
+        put(self, "actuated", tuple(self.actuated))
+        for joint in self.actuated:
+            self.joint_index(joint)
+
+    @property
+    def nq(self) -> int:
+        """Numbers in a configuration."""
+        return self.model.nq
+
+    @property
+    def nv(self) -> int:
+        """Numbers in a velocity."""
+        return self.model.nv
+
+    @property
+    def nc(self) -> int:
+        """Rows of all loops, redundant ones counted."""
+        return sum(len(loop.rows) for loop in self.loops)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, without the ground."""
+        return tuple(self.model.names)[1:]
+
+    @property
+    def row_labels(self) -> list[tuple[str, str]]:
+        """(loop, row) of each multiplier."""
+        return [(loop.name, row) for loop in self.loops for row in loop.rows]
+
+    def joint_index(self, joint: str) -> int:
+        """Index of a joint in the model; InputError names the joints that exist."""
+        if joint not in self.joints:
+            known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
+            raise InputError(f"{self.name}: no joint {joint!r}; the joints are {known}")
+        return self.model.getJointId(joint)
+
+    def configuration(self, values, base=None) -> np.ndarray:
+        """A full configuration (nq,) from joint name → value (rest from `base`, default neutral), or from an array."""
+        start = pin.neutral(self.model) if base is None else np.array(base, float)
+        q = self._fill(values, start, "idx_qs", "nqs", "configuration")
+        for joint in range(1, self.model.njoints):  # quaternions and (cos, sin) pairs must have unit length
+            part = q[(i := self.model.idx_qs[joint]) : i + self.model.nqs[joint]]
+            if self.model.nqs[joint] > self.model.nvs[joint] and not np.any(part):
+                raise InputError(f"{self.name}: joint {self.model.names[joint]!r} has an orientation of length zero")
+        return pin.normalize(self.model, q)
+
+    def velocity(self, values) -> np.ndarray:
+        """A full velocity (nv,) from joint name → value (rest zero), or from an array."""
+        return self._fill(values, np.zeros(self.nv), "idx_vs", "nvs", "velocity")
+
+    def _fill(self, values, full, starts, sizes, what):
+        if isinstance(values, Mapping):
+            for joint, value in values.items():
+                i = self.joint_index(joint)
+                start, size = getattr(self.model, starts)[i], getattr(self.model, sizes)[i]
+                value = finite_array(value, f"{what} of joint {joint!r}").ravel()
+                is_angle_of_pair = what == "configuration" and size == 2 and value.size == 1
+                if is_angle_of_pair and self.model.nvs[i] == 1:  # Pinocchio's unbounded revolute stores cos, sin
+                    value = np.array([np.cos(value[0]), np.sin(value[0])])
+                if value.size != size:
+                    raise InputError(f"{what} of joint {joint!r} needs {size} number(s), got {value.size}")
+                full[start : start + size] = value
+            return full
+        values = finite_array(values, what)
+        if values.shape != full.shape:
+            raise InputError(f"{what} needs shape {full.shape} for {self.name!r}, got {values.shape}")
+        return values
+
+    def with_loops(self, *loops: Loop) -> Mechanism:
+        """The same mechanism with these loops instead of its own."""
+        return replace(self, loops=loops)
+
+    def with_forces(self, *forces) -> Mechanism:
+        """The same mechanism with these forces added."""
+        return replace(self, forces=(*self.forces, *forces))
+
+    def with_gravity(self, gravity) -> Mechanism:
+        """The same mechanism under another gravity vector, m/s², in world axes."""
+        model = self.model.copy()
+        model.gravity.linear = finite_array(gravity, "gravity").reshape(3)
+        return replace(self, model=model)
+
+    def with_armature(self, armature: Mapping[str, float]) -> Mechanism:
+        """The same mechanism with rotor inertia added to joints by name, kg·m² (or kg)."""
+        model = self.model.copy()
+        for joint, value in armature.items():
+            start = model.idx_vs[i := self.joint_index(joint)]
+            model.armature[start : start + model.nvs[i]] += float(value)
+        return replace(self, model=model)
+
+    def reanchored(self, q=None) -> Mechanism:
+        """The same mechanism with every loop's anchor 2 moved to where anchor 1 fits best.
+
+        Starts assembly at `q` (default ``guess``); the loops that cannot close there get their second anchor moved
+        by the remaining gap, and a warning lists each move. Loops that close stay as they are.
+        """
+        from .assembly import reanchor
+
+        return reanchor(self, q)
+
+
+def finite_array(value, what: str) -> np.ndarray:
+    """A float array copied from user input, or InputError."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: expected numbers, got {value!r}") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} has a number that is not finite (NaN or infinity)")
+    return array
+
+
+def check_model(model: pin.Model) -> None:
+    """Refuse a model that makes Pinocchio's algorithms silently wrong, or whose inertias are impossible."""
+    for joint in range(2, model.njoints):
+        ancestors = set(model.supports[joint - 1])
+        if model.parents[joint] not in ancestors:
+            raise InputError(
+                f"the joints of model {model.name!r} are not in depth-first order: {model.names[joint]!r} follows "
+                f"{model.names[joint - 1]!r} but hangs on {model.names[model.parents[joint]]!r}. Pinocchio's crba and "
+                "derivative algorithms are then silently wrong; add each branch completely before the next one"
+            )
+    for name, inertia in zip(model.names, model.inertias, strict=True):
+        numbers = np.concatenate(([inertia.mass], inertia.lever, inertia.inertia.ravel()))
+        if not np.isfinite(numbers).all():
+            raise InputError(f"the inertia of the body at joint {name!r} is not finite")
+        if inertia.mass < 0:
+            raise InputError(f"the body at joint {name!r} has negative mass {inertia.mass:g} kg")
+
+
+def require_regular(names, what: str) -> None:
+    """Raise SingularSystemError for joints whose accelerations nothing determines."""
+    if names:
+        raise SingularSystemError(what, names=tuple(names))
