@@ -1,0 +1,112 @@
+"""How do I know it is right? A solution's residuals, measured independently of how it was made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from .dae.newton import solve_acceleration
+from .mechanism.system import MechanismSystem
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Residuals of a solution, each the largest over all rows.
+
+    Attributes
+    ----------
+    position : float
+        |Φ|, m or rad: how far any loop gapes. ``position_at`` names the row and the time.
+    velocity : float
+        |J v + Φ_t|, m/s or rad/s. Raw BDF (``exact``, ``initial``) leaves O(hᵏ) here by its nature.
+    force : float
+        |Jᵀλ - Jᵀλ*| over the largest |Jᵀλ*|, λ* being the multiplier of the differential equation at the same q, v.
+        For a general problem, G for Jᵀ.
+    force_first : float
+        The same at the first computed step.
+    energy_error : float or None
+        |E(t) - E(0) - work of the forces| over the largest kinetic energy; None for a general problem. The work is
+        the trapezoidal sum over the recorded rows, which limits what can be seen when forces act.
+    energy : ndarray or None
+        Kinetic plus potential energy of each row, J.
+    """
+
+    position: float
+    position_at: str
+    velocity: float
+    force: float
+    force_first: float
+    energy_error: float | None
+    energy: np.ndarray | None
+
+    def __str__(self):
+        lines = [
+            f"loops closed to        {self.position:9.2e}  ({self.position_at})" if self.position_at else "no loops",
+            f"velocity residual      {self.velocity:9.2e}",
+            f"constraint forces      {self.force:9.2e}  relative to the differential equation's",
+            f"  at the first step    {self.force_first:9.2e}",
+        ]
+        if self.energy_error is not None:
+            lines.append(f"energy balance         {self.energy_error:9.2e}  of the largest kinetic energy")
+        return "\n".join(lines)
+
+
+def certify(solution, mechanism=None) -> Certificate:
+    """Measure a solution; `mechanism` where the solution does not carry its system."""
+    system = solution.system
+    if mechanism is not None or isinstance(system, MechanismSystem):
+        return _certify_mechanism(solution, mechanism or system.mechanism)
+    return _certify_problem(solution, system)
+
+
+def _certify_problem(solution, system):
+    phi, rho, forces, exact = [], [], [], []
+    for t, p, v, lam in zip(solution.t, solution.q, solution.v, solution.lam, strict=True):
+        _, gap, G = system.evaluate(t, p, v, np.zeros(system.nv))
+        phi.append(gap)
+        rho.append(system.velocity_residual(t, p, system.rate(t, p, v)))
+        forces.append(G @ lam)
+        exact.append(G @ solve_acceleration(system, t, p, v)[1])
+    labels = [system.describe_row(row) for row in range(system.nc)]
+    return _certificate(solution.t, labels, phi, rho, forces, exact, None, None)
+
+
+def _certify_mechanism(solution, mechanism):
+    system = MechanismSystem(mechanism, solution.q[0])
+    model, data = system.model, system.model.createData()
+    phi, rho, forces, exact, energy, power, kinetic = [], [], [], [], [], [], []
+    for t, q, v, lam in zip(solution.t, solution.q, solution.v, solution.lam, strict=True):
+        gap, J = system.loop_rows(q)
+        phi.append(gap)
+        rho.append(J @ v)
+        forces.append(J.T @ lam)
+        exact.append(J[system.kept].T @ solve_acceleration(system, t, q, v)[1])
+        kinetic.append(pin.computeKineticEnergy(model, data, q, v) + 0.5 * v @ (model.armature * v))
+        energy.append(kinetic[-1] + pin.computePotentialEnergy(model, data, q))
+        power.append(system.torque(t, q, v) @ v)
+    power, energy = np.array(power), np.array(energy)
+    work = np.concatenate(([0.0], np.cumsum(np.diff(solution.t) * (power[1:] + power[:-1]) / 2)))
+    scale = max(kinetic) or np.ptp(energy) or 1.0
+    balance = float(np.max(np.abs(energy - energy[0] - work)) / scale)
+    labels = [f"loop {loop!r} row {row}" for loop, row in mechanism.row_labels]
+    return _certificate(solution.t, labels, phi, rho, forces, exact, balance, energy)
+
+
+def _certificate(t, labels, phi, rho, forces, exact, balance, energy):
+    phi, error = np.abs(phi), np.abs(np.subtract(forces, exact))
+    where = ""
+    if phi.size:
+        i, row = np.unravel_index(np.argmax(phi), phi.shape)
+        where = f"{labels[row]} at t = {t[i]:.6g}"
+    scale = np.max(np.abs(exact), initial=0.0) or 1.0
+    return Certificate(
+        position=float(np.max(phi, initial=0.0)),
+        position_at=where,
+        velocity=float(np.max(np.abs(rho), initial=0.0)),
+        force=float(np.max(error, initial=0.0) / scale),
+        force_first=float(np.max(error[1:2], initial=0.0) / scale),
+        energy_error=balance,
+        energy=energy,
+    )

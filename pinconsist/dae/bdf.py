@@ -1,0 +1,125 @@
+"""BDF and NDF on backward differences: coefficients, prediction, table update, change of step.
+
+A table ``Z`` holds ∇⁰y, ∇¹y, ..., ∇ᵏ⁺²y of y = [ξ | v | λ] as rows, ξ being the position in a chart. With
+``c = h/α_k`` a step solves
+
+    ξ_{n+1} = ψ_ξ + c U,    v_{n+1} = ψ_v + c v',    (ψ = Σ_j (1 - γ_j/α_k) ∇ʲy_n,  γ_j = Σ_{i≤j} 1/i)
+
+and predicts y_{n+1} = Σ_{j≤k} ∇ʲy_n. With κ = 0 (α = γ) this is BDF; with Klopfenstein and Shampine's κ, NDF.
+
+References
+----------
+L. F. Shampine, M. W. Reichelt, The MATLAB ODE suite, SIAM J. Sci. Comput. 18 (1997), section 2.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from math import comb
+
+import numpy as np
+
+from .newton import rounding_weights
+
+MAX_ORDER = 6
+GAMMA = np.concatenate(([0.0], np.cumsum(1.0 / np.arange(1, MAX_ORDER + 1))))
+NDF_KAPPA = (0.0, -0.1850, -1.0 / 9.0, -0.0823, -0.0415, 0.0, 0.0)
+
+
+@cache
+def alpha(k: int, ndf: bool = False) -> float:
+    """α_k: the leading weight of the formula; c = h/α_k."""
+    return float((1.0 - (NDF_KAPPA[k] if ndf else 0.0)) * GAMMA[k])
+
+
+@cache
+def error_constant(k: int, ndf: bool = False) -> float:
+    """C with local error ≈ C ∇ᵏ⁺¹y."""
+    kappa = NDF_KAPPA[k] if ndf and k <= MAX_ORDER else 0.0
+    return float(kappa * GAMMA[min(k, MAX_ORDER)] + 1.0 / (k + 1))
+
+
+@cache
+def predictor(k: int, ndf: bool = False) -> np.ndarray:
+    """(2, k+1): its product with Z[:k+1] is the prediction and ψ."""
+    weights = np.ones((2, k + 1))
+    weights[1] -= GAMMA[: k + 1] / alpha(k, ndf)
+    return _frozen(weights)
+
+
+@cache
+def advance(k: int) -> np.ndarray:
+    """(k+3, k+3): leads Z[:k+3], whose last row holds y_{n+1} minus its prediction, to the table at n+1."""
+    T = np.zeros((k + 3, k + 3))
+    for j in range(k + 1):
+        T[j, j : k + 1] = 1.0
+        T[j, k + 2] = 1.0
+    T[k + 1, k + 2] = 1.0
+    T[k + 2, k + 1 :] = (-1.0, 1.0)
+    return _frozen(T)
+
+
+@cache
+def differences(k: int) -> np.ndarray:
+    """(k+1, k+1): leads past values y_n, y_{n-1}, ..., y_{n-k} to differences, and differences back to values."""
+    return _frozen(np.array([[(-1.0) ** i * comb(j, i) for i in range(k + 1)] for j in range(k + 1)]))
+
+
+def rescale(k: int, factor: float) -> np.ndarray:
+    """(k+1, k+1): leads Z[:k+1] to the differences for step factor·h of the same interpolating polynomial."""
+    steps = factor * np.arange(k + 1)  # new grid points, in old steps back from t_n
+    nodes = np.ones((k + 1, k + 1))  # row i: Newton basis at t_n - steps[i] h
+    for j in range(1, k + 1):
+        nodes[:, j] = nodes[:, j - 1] * (j - 1 - steps) / j
+    return differences(k) @ nodes
+
+
+def interpolate(k: int, s) -> np.ndarray:
+    """(..., k+1): Newton basis at t_n + s h, s ≤ 0 inside the past; its product with Z[:k+1] interpolates."""
+    s = np.asarray(s, float)
+    basis = np.ones((*s.shape, k + 1))
+    for j in range(1, k + 1):
+        basis[..., j] = basis[..., j - 1] * (s + j - 1) / j
+    return basis
+
+
+def recenter(system, base, new_base, Z, rows: int) -> None:
+    """Move the position columns of Z[:rows] from the chart at `base` to the chart at `new_base`, in place.
+
+    Only for systems on manifolds. The values behind the differences are carried over one by one, which keeps the
+    order of the method without any derivative of the exponential.
+    """
+    D, nx = differences(rows - 1), system.nx
+    past = D @ Z[:rows, :nx]
+    moved = [system.difference(new_base, system.integrate(base, xi)) for xi in past]
+    Z[:rows, :nx] = D @ np.array(moved)
+
+
+def formula_step(newton, t, h, k, base, Z):
+    """Predict and solve one constant-step BDF-k step to rounding: (Attempt, prediction, chart centre)."""
+    system = newton.system
+    base, predicted, psi = predict(system, k, base, Z)
+    weights = rounding_weights(system, predicted)
+    return newton.attempt(t + h, base, psi, predicted, h / alpha(k), *weights), predicted, base
+
+
+def predict(system, k, base, Z, ndf=False):
+    """(chart centre, prediction, ψ); moves the table to the chart at the predicted position where there is one."""
+    predicted, psi = predictor(k, ndf) @ Z[: k + 1]
+    if system.vector_like:
+        return predicted[: system.nx], predicted, psi
+    centre = system.integrate(base, predicted[: system.nx])
+    recenter(system, base, centre, Z, k + 2)
+    predicted, psi = predictor(k, ndf) @ Z[: k + 1]
+    return centre, predicted, psi
+
+
+def table_row(system, base, p, v, lam):
+    """[ξ | v | λ] of a state: ξ is the position itself, or its coordinates in the chart at `base`."""
+    xi = p if system.vector_like else system.difference(base, p)
+    return np.concatenate((xi, v, lam))
+
+
+def _frozen(array):
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,225 @@
+"""What a system must answer to be integrated, and the general Hessenberg index-3 form built from callables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from typing import Protocol
+
+import numpy as np
+
+from ..errors import InputError
+
+
+class Index3System(Protocol):
+    """An index-3 system p' = U(t,p,v), M(t,p) v' + f₀(t,p,v) = G λ, 0 = Φ(t,p).
+
+    Positions may live on a manifold: they are stored in ``npos`` numbers and moved by tangent vectors of ``nx``.
+    Velocities have ``nv`` numbers, multipliers ``nc``. With ``W = Φ_p U_v`` the matrix ``W M⁻¹ G`` must be regular.
+    A rigid-body system has ``U = v``, ``f₀ = nle - τ``, ``G = Jᵀ``, ``W = J``.
+
+    Attributes
+    ----------
+    npos, nx, nv, nc : int
+        Sizes, as above.
+    vector_like : bool
+        True where ``integrate`` is addition; the method then skips all charts.
+    """
+
+    npos: int
+    nx: int
+    nv: int
+    nc: int
+    vector_like: bool
+
+    def integrate(self, p, xi):
+        """p ⊕ ξ: the position reached from `p` by the tangent vector `xi`."""
+
+    def difference(self, p0, p1):
+        """ξ with p0 ⊕ ξ = p1."""
+
+    def rate(self, t, p, v):
+        """U: the tangent velocity of the position, shape (nx,)."""
+
+    def chart_rate(self, base, p, rate):
+        """dξ/dt of p = base ⊕ ξ moving at `rate`."""
+
+    def position(self, t, base, psi, c, v):
+        """(p, ξ) with p = base ⊕ ξ and ξ = ψ + c U(t, p, v): the position that a BDF step gives to a velocity."""
+
+    def evaluate(self, t, p, v, a):
+        """(f, Φ, G): f = M a + f₀, shape (nv,); the constraint, (nc,); the force directions, (nv, nc)."""
+
+    def linearize(self, t, p, v, a, m, c):
+        """(A, W) at the point evaluated last: A = M + c ∂f/∂v + c² ∂f/∂p, (nv, nv); W, (nc, nv). m = c λ."""
+
+    def velocity_residual(self, t, p, rate):
+        """ρ = Φ_p U + Φ_t, shape (nc,), with U = `rate`: zero on the hidden constraint."""
+
+    def acceleration_bias(self, t, p, v):
+        """γ with dρ/dt = W v' + γ, shape (nc,)."""
+
+    def position_scale(self, p):
+        """Magnitude of each tangent coordinate, shape (nx,), by which a relative tolerance is multiplied."""
+
+    def describe_row(self, row: int) -> str:
+        """The name by which messages speak of constraint row `row`."""
+
+
+class HessenbergProblem:
+    """The general index-3 form (4.1) of Arévalo (2008): p' = U, v' = F + G Λ, 0 = R, with R_p U_v G regular.
+
+    Parameters
+    ----------
+    U, F : callable
+        ``U(t, p, v) -> (np,)`` and ``F(t, p, v) -> (nv,)``.
+    G : callable
+        ``G(t, p, v) -> (nv, nc)``.
+    R : callable
+        ``R(t, p) -> (nc,)``.
+    R_p, R_t : callable, optional
+        ``R_p(t, p) -> (nc, np)``, ``R_t(t, p) -> (nc,)``. Without them, fourth-order central differences, good to
+        about 1e-12 of the problem's scale; the multipliers inherit that. ``R_p`` without ``R_t`` means R_t by
+        differences too: give ``R_t`` for a constraint that moves.
+    U_p, U_v : callable, optional
+        ``(np, np)`` and ``(np, nv)``; forward differences where missing (they steer Newton only).
+
+    References
+    ----------
+    C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), eq. (4.1).
+    """
+
+    vector_like = True
+
+    def __init__(
+        self,
+        U: Callable,
+        F: Callable,
+        G: Callable,
+        R: Callable,
+        *,
+        R_p: Callable | None = None,
+        R_t: Callable | None = None,
+        U_p: Callable | None = None,
+        U_v: Callable | None = None,
+    ):
+        for name, function in {"U": U, "F": F, "G": G, "R": R}.items():
+            if not callable(function):
+                raise InputError(f"HessenbergProblem: {name} must be callable, got {type(function).__name__}")
+        self.U, self.F, self.G, self.R = U, F, G, R
+        self._R_p, self._R_t, self._U_p, self._U_v = R_p, R_t, U_p, U_v
+        self.npos = self.nx = self.nv = self.nc = 0
+
+    def at(self, t, p, v) -> HessenbergProblem:
+        """The problem with its sizes, learnt from one evaluation in which the four callables must agree."""
+        sized = copy(self)
+        sized.npos = sized.nx = len(p)
+        sized.nv = len(v)
+        sized.nc = len(np.atleast_1d(self.R(t, p)))
+        expected = {"U": (sized.nx,), "F": (sized.nv,), "G": (sized.nv, sized.nc), "R": (sized.nc,)}
+        values = {"U": self.U(t, p, v), "F": self.F(t, p, v), "G": self.G(t, p, v), "R": self.R(t, p)}
+        for name, value in values.items():
+            if np.shape(value) != expected[name]:
+                raise InputError(f"HessenbergProblem: {name} returned shape {np.shape(value)}, needs {expected[name]}")
+            if not np.isfinite(np.asarray(value, float)).all():
+                raise InputError(f"HessenbergProblem: {name} is not finite at t = {t:g}")
+        return sized
+
+    def integrate(self, p, xi):
+        return p + xi
+
+    def difference(self, p0, p1):
+        return p1 - p0
+
+    def rate(self, t, p, v):
+        return np.asarray(self.U(t, p, v), float)
+
+    def chart_rate(self, base, p, rate):
+        return rate
+
+    def position(self, t, base, psi, c, v):
+        p = psi + c * self.rate(t, base, v)
+        scale = 1.0 + np.max(np.abs(p), initial=0.0)
+        for _ in range(20):  # one turn where U does not depend on p
+            gap = psi + c * self.rate(t, p, v) - p
+            if np.max(np.abs(gap), initial=0.0) <= 4e-16 * scale:
+                break
+            p = p + np.linalg.solve(np.eye(self.nx) - c * self._jacobian_U_p(t, p, v), gap)
+        return p, p
+
+    def evaluate(self, t, p, v, a):
+        return a - self.F(t, p, v), np.asarray(self.R(t, p), float), np.asarray(self.G(t, p, v), float)
+
+    def linearize(self, t, p, v, a, m, c):
+        E = np.linalg.inv(np.eye(self.nx) - c * self._jacobian_U_p(t, p, v))
+        U_v = E @ self._jacobian_U_v(t, p, v)
+
+        def force(p, v):
+            return c * np.asarray(self.F(t, p, v), float) + np.asarray(self.G(t, p, v), float) @ m
+
+        A = np.eye(self.nv)
+        if c:
+            A = A - _columns(lambda x: force(p, x), v) - c * _columns(lambda x: force(x, v), p) @ U_v
+        return A, self._jacobian_R_p(t, p) @ U_v
+
+    def velocity_residual(self, t, p, rate):
+        if self._R_p is None:
+            return _along(self.R, t, p, 1.0, rate)
+        R_t = self._R_t(t, p) if self._R_t is not None else _along(self.R, t, p, 1.0, np.zeros_like(p))
+        return np.asarray(self._R_p(t, p), float) @ rate + R_t
+
+    def acceleration_bias(self, t, p, v):
+        U = self.rate(t, p, v)
+        if self._R_p is not None:
+            return _along(lambda t, p: self.velocity_residual(t, p, self.rate(t, p, v)), t, p, 1.0, U)
+        return _second_along(self.R, t, p, U, _along(lambda t, p: self.rate(t, p, v), t, p, 1.0, U))
+
+    def position_scale(self, p):
+        return np.abs(p)
+
+    def describe_row(self, row):
+        return f"row {row} of R"
+
+    def _jacobian_R_p(self, t, p):
+        if self._R_p is not None:
+            return np.asarray(self._R_p(t, p), float)
+        return np.column_stack([_along(self.R, t, p, 0.0, unit) for unit in np.eye(self.nx)])
+
+    def _jacobian_U_p(self, t, p, v):
+        if self._U_p is not None:
+            return np.asarray(self._U_p(t, p, v), float)
+        return _columns(lambda x: np.asarray(self.U(t, x, v), float), p)
+
+    def _jacobian_U_v(self, t, p, v):
+        if self._U_v is not None:
+            return np.asarray(self._U_v(t, p, v), float)
+        return _columns(lambda x: np.asarray(self.U(t, p, x), float), v)
+
+
+def _columns(function, x):
+    """Forward-difference Jacobian: enough for a Newton matrix."""
+    at = function(x)
+    jacobian = np.empty((len(at), len(x)))
+    for i in range(len(x)):
+        moved = x.copy()
+        moved[i] += 1.5e-8 * (1.0 + abs(x[i]))
+        jacobian[:, i] = (function(moved) - at) / (moved[i] - x[i])
+    return jacobian
+
+
+def _along(function, t, p, dt, dp):
+    """Derivative of function(t + ε dt, p + ε dp) at ε = 0 by fourth-order central differences."""
+    e = 1e-3 * (1.0 + np.max(np.abs(p), initial=0.0)) / (1.0 + abs(dt) + np.max(np.abs(dp), initial=0.0))
+    at = [np.asarray(function(t + s * e * dt, p + s * e * dp), float) for s in (-2, -1, 1, 2)]
+    return (at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * e)
+
+
+def _second_along(function, t, p, dp, ddp):
+    """Second derivative of function(t + ε, p + ε dp + ε²/2 ddp) at ε = 0, sixth-order central differences."""
+    e = 2e-2 * (1.0 + np.max(np.abs(p), initial=0.0)) / (2.0 + np.max(np.abs(dp), initial=0.0))
+    weights = {-3: 2.0, -2: -27.0, -1: 270.0, 0: -490.0, 1: 270.0, 2: -27.0, 3: 2.0}
+    total = sum(
+        w * np.asarray(function(t + s * e, p + s * e * dp + 0.5 * (s * e) ** 2 * ddp), float)
+        for s, w in weights.items()
+    )
+    return total / (180.0 * e**2)

@@ -1,0 +1,143 @@
+"""The first history: exact states at equidistant times, from the index-1 equations and an explicit one-step method.
+
+A multistep method that crawls up from order 1 needs tiny first steps, and at index 3 each of its order changes
+disturbs the multipliers. Here the first step of the multistep method already has its full order.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import DOP853, solve_ivp
+
+from ..errors import PinconsistError
+from . import bdf
+from .consistency import project_position, project_velocity
+from .newton import solve_acceleration
+
+MAX_TURN = 1.0  # rad: how far one chart is used
+
+
+def state(system, t, p, v):
+    """(t, p, v, λ) with p and v put on the constraints and λ the one of the differential equation."""
+    p = project_position(system, t, p, v)
+    v = project_velocity(system, t, p, v)
+    return t, p, v, solve_acceleration(system, t, p, v)[1]
+
+
+def right_hand_side(system, base):
+    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy."""
+    nx = system.nx
+
+    def f(t, y):
+        p = y[:nx] if system.vector_like else system.integrate(base, y[:nx])
+        v = y[nx:]
+        a, _ = solve_acceleration(system, t, p, v)
+        return np.concatenate((system.chart_rate(base, p, system.rate(t, p, v)), a))
+
+    return f
+
+
+def chart_state(system, base, p, v):
+    """[ξ | v] of a state."""
+    return bdf.table_row(system, base, p, v, np.zeros(0))
+
+
+def integrate_index1(system, t0, p0, v0, times, rtol, atol, method="DOP853"):
+    """States at `times` (monotone, from t0 on) by scipy on the index-1 equations, projected at each of them.
+
+    Returns
+    -------
+    list of (t, p, v, λ)
+
+    Raises
+    ------
+    PinconsistError
+        scipy gives up.
+    """
+    states, t, p, v = [], t0, p0, v0
+    for target in times:
+        while t != target:
+            stop = target
+            if not system.vector_like:  # stay well inside one chart
+                turn = np.max(np.abs(v), initial=0.0) * abs(target - t)
+                stop = t + (target - t) / max(1, int(np.ceil(turn / MAX_TURN)))
+                stop = target if abs(target - stop) < 1e-14 * max(1.0, abs(target)) else stop
+            run = solve_ivp(
+                right_hand_side(system, p), (t, stop), chart_state(system, p, p, v), method, rtol=rtol, atol=atol
+            )
+            if not run.success:
+                raise PinconsistError(f"the index-1 equations could not be integrated from t = {t:.6g}: {run.message}")
+            y = run.y[:, -1]
+            p = y[: system.nx] if system.vector_like else system.integrate(p, y[: system.nx])
+            t, p, v, lam = state(system, stop, p, y[system.nx :])
+        states.append((t, p, v, lam) if t != t0 else state(system, t0, p0, v0))
+    return states
+
+
+def equidistant_history(system, t0, p0, v0, h, k):
+    """States at t0, t0 + h, ..., t0 + (k-1) h for a fixed-step BDF-k; the first is (p0, v0) as given."""
+    first = (t0, p0, v0, solve_acceleration(system, t0, p0, v0)[1])
+    times = [t0 + j * h for j in range(1, k)]
+    return [first, *integrate_index1(system, t0, p0, v0, times, 1e-13, 1e-14)]
+
+
+def fill_table(system, states, k):
+    """(chart centre, Z) of equidistant states, oldest first: differences up to the number of states, then zeros."""
+    base = states[-1][1]
+    rows = [bdf.table_row(system, base, p, v, lam) for _, p, v, lam in reversed(states)]
+    Z = np.zeros((k + 3, len(rows[0])))
+    Z[: len(rows)] = bdf.differences(len(rows) - 1) @ np.array(rows)
+    return base, Z
+
+
+def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
+    """k+2 states of a step size that suits the tolerance of `control`, from a few steps of DOP853.
+
+    Returns
+    -------
+    h : float
+        The step, signed, at most (t_end - t0)/(k+2).
+    states : list of (t, p, v, λ), oldest first
+    """
+    rtol, atol = max(1e-2 * np.min(control.rtol), 1e-13), 1e-2 * np.min(control.atol)
+    solver = DOP853(
+        right_hand_side(system, p0), t0, chart_state(system, p0, p0, v0), t_end, rtol=rtol, atol=max(atol, 1e-14)
+    )
+    pieces, longest = [], 0.0
+    for _ in range(6):  # scipy starts with a careful step: go on while its steps grow
+        reason = solver.step()
+        if solver.status == "failed":
+            raise PinconsistError(f"no start at t = {t0:.6g}: {reason}")
+        pieces.append(solver.dense_output())
+        grows, longest = abs(solver.step_size) > 1.5 * longest, abs(solver.step_size)
+        turned = not system.vector_like and np.max(np.abs(solver.y[: system.nx]), initial=0.0) > MAX_TURN
+        if solver.status == "finished" or turned or not grows:
+            break
+
+    def sample(h):
+        times = t0 + h * np.arange(k + 2)
+        return times, np.array([_dense(pieces, t) for t in times])
+
+    reach = (solver.t - t0) / (k + 1)
+    h = reach if first_step is None else np.copysign(min(abs(first_step), abs(reach)), reach)
+    if first_step is None:
+        for _ in range(4):
+            _, rows = sample(h)
+            error = control.error_of(system, rows, k)
+            if error <= 0.5:
+                break
+            h *= max(0.05, 0.8 * (0.25 / error) ** (1.0 / (k + 1)))
+    h = np.copysign(min(abs(h), control.max_step), h)
+    times, rows = sample(h)
+    states = [(t0, p0, v0, solve_acceleration(system, t0, p0, v0)[1])]
+    for t, y in zip(times[1:], rows[1:], strict=True):
+        p = y[: system.nx] if system.vector_like else system.integrate(p0, y[: system.nx])
+        states.append(state(system, t, p, y[system.nx :]))
+    return h, states
+
+
+def _dense(pieces, t):
+    for piece in pieces:
+        if min(piece.t_old, piece.t) <= t <= max(piece.t_old, piece.t):
+            return piece(t)
+    return pieces[-1](t)

@@ -1,0 +1,304 @@
+"""Closed configurations: from any guess onto the loops, velocities onto their derivative, and a report.
+
+The solver is Levenberg-Marquardt on the configuration manifold, dx = -Jᵀ (J Jᵀ + μ 1)⁻¹ Φ with |dx| ≤ 1 and μ ~ |Φ|²
+near the end; it needs no mass matrix and does not mind redundant rows.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import AssemblyError
+from .loops import LoopRows
+from .mechanism import Mechanism
+from .rank import dependencies, independent_rows
+
+log = logging.getLogger(__name__)
+
+CLOSED = 1e-10  # m or rad
+MAX_ITERATIONS = 200
+RESTARTS = 8
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A closed configuration and what is known of it.
+
+    Attributes
+    ----------
+    q, v : ndarray
+        Closed configuration (nq,) and a velocity on the constraints (nv,).
+    gaps : dict[str, float]
+        Largest |Φ| of each loop, m or rad.
+    rows, rank : int
+        Constraint rows, and how many of them are independent here.
+    mobility : int
+        Degrees of freedom left: nv - rank.
+    redundant : dict[(str, str), dict[(str, str), float]]
+        Each row that left the system → the rows it is a combination of (empty: it is identically zero).
+    moved : float
+        Largest change of a tangent coordinate from the guess, rad or m.
+    iterations : int
+        Steps that assembly took.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    gaps: dict
+    rows: int
+    rank: int
+    mobility: int
+    redundant: dict
+    moved: float
+    iterations: int
+
+    @property
+    def largest_gap(self) -> tuple[str, float]:
+        """(loop, |Φ|) of the loop that closes worst; ("", 0.0) for a tree."""
+        return max(self.gaps.items(), key=lambda item: item[1], default=("", 0.0))
+
+
+def assemble(mechanism: Mechanism, q=None, v=None, *, fixed=None, tolerance: float = CLOSED) -> Assembly:
+    """Find a closed configuration near a guess, and put a velocity on the constraints.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    q : mapping or array, optional
+        Guess: joint name → value (the others from ``mechanism.guess``; the named joints are kept if the loops
+        allow it), or a configuration (nq,) of which nothing is kept.
+    v : mapping or array, optional
+        Velocity: joint name → value (these joints keep it, the others follow), or an array (nv,) that is projected
+        in the mass metric. Default rest.
+    fixed : mapping, optional
+        Joint name → value: joints that must have exactly this configuration.
+    tolerance : float
+        Largest |Φ| of a closed loop, m and rad.
+
+    Returns
+    -------
+    Assembly
+
+    Raises
+    ------
+    AssemblyError
+        The loops cannot be closed: names the worst ones and their gaps, and carries the best configuration.
+    InputError
+        Unknown joints, wrong sizes, NaN.
+    """
+    fixed = dict(fixed or {})
+    soft = dict(q) if isinstance(q, Mapping) else {}
+    base = mechanism.guess if q is None or soft else q
+    guess = mechanism.configuration({**soft, **fixed}, base=mechanism.configuration(base))
+    solver = _Solver(mechanism)
+    attempts = [{**soft, **fixed}] + ([fixed] if soft and soft.keys() - fixed.keys() else [])
+    for names in attempts:  # named joints stay if the loops close that way, else only the fixed ones
+        best, iterations = solver.close(guess, solver.free_columns(names))
+        if solver.size(best) <= tolerance:
+            break
+    gaps = solver.gaps(best)
+    open_loops = {name: gap for name, gap in gaps.items() if not gap <= tolerance}
+    if open_loops:
+        raise _not_closed(mechanism, guess, best, open_loops, fixed)
+    return _report(mechanism, solver, guess, best, v, gaps, iterations)
+
+
+def velocity_on_constraints(mechanism: Mechanism, q, v=None) -> np.ndarray:
+    """A velocity with J v = 0 at a closed configuration, shape (nv,).
+
+    A mapping joint → value keeps these joints' velocities and lets the others follow (least kinetic energy);
+    an array is projected in the mass metric.
+
+    Raises
+    ------
+    AssemblyError
+        The named velocities contradict the loops.
+    """
+    solver = _Solver(mechanism)
+    _, J = solver.rows(q)
+    J = J[independent_rows(J)]
+    M = pin.crba(mechanism.model, mechanism.model.createData(), q)
+    M = np.triu(M) + np.triu(M, 1).T
+    start = mechanism.velocity({} if v is None else v)
+    held = ~solver.free_columns(v if isinstance(v, Mapping) else {})
+    E = np.vstack((J, np.eye(mechanism.nv)[held]))
+    target = np.concatenate((np.zeros(len(J)), start[held]))
+    nv, ne = mechanism.nv, len(E)
+    scale = np.abs(M).max(initial=0.0) or 1.0
+    K = np.block([[M / scale, E.T], [E, np.zeros((ne, ne))]])
+    reference = np.zeros(nv) if held.any() else M @ start / scale
+    result = np.linalg.lstsq(K, np.concatenate((reference, target)), rcond=1e-13)[0][:nv]
+    miss = np.abs(E @ result - target)
+    if miss.max(initial=0.0) > 1e-8 * (1.0 + np.abs(target).max(initial=0.0)):
+        names = ", ".join(v) if isinstance(v, Mapping) else ""
+        raise AssemblyError(
+            f"{mechanism.name}: the loops do not allow the velocities given for {names} "
+            f"(they miss each other by {miss.max():.3g} rad/s or m/s); name fewer joints"
+        )
+    return result
+
+
+def reanchor(mechanism: Mechanism, q=None) -> Mechanism:
+    """See :meth:`Mechanism.reanchored`."""
+    best = mechanism.guess if q is None else mechanism.configuration(q, base=mechanism.guess)
+    result, everything = mechanism, np.ones(mechanism.nv, dtype=bool)
+    best, _ = _Solver(result).close(best, everything)
+    to_move = _impossible_alone(mechanism, best, _Solver(result).gaps(best), {})
+    while True:  # first the loops that cannot close alone; then, if the others do not follow, those too
+        gaps = _Solver(result).gaps(best)
+        worst = max(gaps.values())
+        to_move = to_move or {name: gap for name, gap in gaps.items() if worst > CLOSED and gap > 1e-3 * worst}
+        if not to_move:
+            break
+        result = replace(result, loops=_moved_anchors(result, best, to_move))
+        to_move = {}
+        best, _ = _Solver(result).close(best, everything)
+    for before, after in zip(mechanism.loops, result.loops, strict=True):
+        if before != after:
+            offset = np.linalg.norm(np.subtract(after.xyz2, before.xyz2))
+            turn = np.linalg.norm(pin.log3(before.placement2.rotation.T @ after.placement2.rotation))
+            name = mechanism.name
+            log.warning("%s: anchor 2 of loop %r moved by %.3g m and %.3g rad", name, after.name, offset, turn)
+    return replace(result, guess=best)
+
+
+def _moved_anchors(mechanism, q, names):
+    data = mechanism.model.createData()
+    pin.framesForwardKinematics(mechanism.model, data, q)
+    return tuple(_moved_anchor(mechanism.model, data, loop) if loop.name in names else loop for loop in mechanism.loops)
+
+
+def _moved_anchor(model, data, loop):
+    """The loop with anchor 2 where anchor 1 is; its orientation too, unless only points are held."""
+    pose1 = data.oMf[model.getFrameId(loop.frame1)] * loop.placement1
+    pose2 = data.oMf[model.getFrameId(loop.frame2)]
+    anchor = pose2.actInv(pose1)
+    if loop.kind == "distance":
+        far = (pose2 * loop.placement2).translation
+        return replace(loop, length=float(np.linalg.norm(far - pose1.translation)))
+    rpy = loop.rpy2 if loop.kind == "point" else tuple(pin.rpy.matrixToRpy(anchor.rotation))
+    return replace(loop, xyz2=tuple(anchor.translation), rpy2=rpy)
+
+
+class _Solver:
+    """Levenberg-Marquardt on the loops of one mechanism."""
+
+    def __init__(self, mechanism):
+        self.model, self.data = mechanism.model, mechanism.model.createData()
+        self.mechanism, self.loop_rows = mechanism, LoopRows(mechanism.model, mechanism.loops)
+
+    def rows(self, q):
+        pin.computeJointJacobians(self.model, self.data, q)
+        phi, J = self.loop_rows.evaluate(self.data)
+        return np.array(phi), np.array(J)
+
+    def size(self, q) -> float:
+        return float(np.max(np.abs(self.rows(q)[0]), initial=0.0))
+
+    def gaps(self, q) -> dict:
+        phi, _ = self.rows(q)
+        return {name: float(np.abs(phi[rows]).max()) for name, rows in self.loop_rows.slices.items()}
+
+    def free_columns(self, names) -> np.ndarray:
+        """Mask of the velocities that may move."""
+        free = np.ones(self.model.nv, dtype=bool)
+        for joint in names:
+            start = self.model.idx_vs[i := self.mechanism.joint_index(joint)]
+            free[start : start + self.model.nvs[i]] = False
+        return free
+
+    def close(self, guess, free):
+        """The best configuration reached from the guess, and the iterations; a few nudged starts where it sticks."""
+        best, total = self._descend(guess, free)
+        rng = np.random.default_rng(0)
+        for _ in range(RESTARTS):
+            if self.size(best) <= CLOSED:
+                break
+            nudge = np.where(free, rng.uniform(-0.5, 0.5, self.model.nv), 0.0)
+            other, iterations = self._descend(pin.integrate(self.model, guess, nudge), free)
+            total += iterations
+            if self.size(other) < 0.5 * self.size(best):
+                best = other
+        return best, total
+
+    def _descend(self, q, free):
+        phi, J = self.rows(q)
+        value, damping = phi @ phi, 1.0
+        for iteration in range(MAX_ITERATIONS):
+            if value == 0.0 or not free.any():
+                return q, iteration
+            J = np.where(free, J, 0.0)
+            mu = damping * min(value, 1e-2)
+            dx = -J.T @ np.linalg.lstsq(J @ J.T + mu * np.eye(len(phi)), phi, rcond=1e-14)[0]
+            dx *= min(1.0, 1.0 / max(np.linalg.norm(dx), 1e-300))
+            new_q = pin.integrate(self.model, q, dx)
+            new_phi, new_J = self.rows(new_q)
+            new_value = new_phi @ new_phi
+            if new_value < value:
+                improved = value - new_value
+                q, phi, J, value, damping = new_q, new_phi, new_J, new_value, max(damping / 4, 1e-6)
+                if np.max(np.abs(phi)) < 1e-15 or improved < 1e-12 * value:
+                    return q, iteration + 1
+            elif np.max(np.abs(phi)) < 1e-13 or damping > 1e12:
+                return q, iteration + 1
+            else:
+                damping = max(damping * 8, 1e-3)
+        return q, MAX_ITERATIONS
+
+
+def _report(mechanism, solver, guess, q, v, gaps, iterations):
+    _, J = solver.rows(q)
+    kept, labels = independent_rows(J), mechanism.row_labels
+    redundant = {
+        labels[row]: {labels[i]: value for i, value in combination.items()}
+        for row, combination in dependencies(J, kept).items()
+    }
+    return Assembly(
+        q=q,
+        v=velocity_on_constraints(mechanism, q, v),
+        gaps=gaps,
+        rows=len(J),
+        rank=len(kept),
+        mobility=mechanism.nv - len(kept),
+        redundant=redundant,
+        moved=float(np.max(np.abs(pin.difference(mechanism.model, guess, q)), initial=0.0)),
+        iterations=iterations,
+    )
+
+
+def _impossible_alone(mechanism, guess, gaps, fixed) -> dict:
+    """Loop → best gap, of the loops that stay open even if all others are cut."""
+    alone = {}
+    for loop in mechanism.loops:
+        if not gaps[loop.name] <= CLOSED:
+            solver = _Solver(mechanism.with_loops(loop))
+            gap = solver.size(solver.close(guess, solver.free_columns(fixed))[0])
+            if gap > CLOSED:
+                alone[loop.name] = gap
+    return alone
+
+
+def _not_closed(mechanism, guess, best, open_loops, fixed):
+    gaps = {loop.name: open_loops.get(loop.name, 0.0) for loop in mechanism.loops}
+    alone = _impossible_alone(mechanism, guess, gaps, fixed)
+    named = sorted((alone or open_loops).items(), key=lambda item: -item[1])
+    units = {loop.name: "m" if loop.kind in ("point", "distance") else "m or rad" for loop in mechanism.loops}
+    listed = ", ".join(f"{name!r} (gap {gap:.3g} {units[name]})" for name, gap in named)
+    held = f" with {', '.join(fixed)} held" if fixed else ""
+    if alone:
+        of_all = f"{len(alone)} of {len(mechanism.loops)}"
+        what = f"{of_all} loops cannot close{held}, each even with all others cut: {listed}"
+    else:
+        what = f"the loops cannot close together{held}, though each can alone; left open: {listed}"
+    let_go = ", let the held joints go" if fixed else ""
+    return AssemblyError(
+        f"{mechanism.name}: {what}; the worst is {named[0][0]!r}. Try another guess{let_go}, load with "
+        'closure="point", or take mechanism.reanchored(), which moves the anchors to the best fit',
+        gaps=dict(named),
+        q=best,
+    )

@@ -1,0 +1,181 @@
+"""Mechanism → Index3System, with its private workspace.
+
+The system integrates the *kept* rows of the loops: rows that are identically zero or depend on others leave it, so
+that the KKT matrix is regular. Multipliers of all rows come back, at minimum norm, by :meth:`full_multipliers`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import SingularSystemError
+from .forces import ConstantTorque, JointDamping, model_forces
+from .loops import LoopRows
+from .mechanism import Mechanism
+from .rank import independent_rows
+
+MASSLESS = 1e-14
+"""Inertia of a free motion, relative to the largest, below which it counts as none."""
+
+
+class MechanismSystem:
+    """The equations M v' + nle = τ + Jᵀλ, Φ(q) = 0 of a mechanism.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    q : ndarray, shape (nq,)
+        A closed configuration; the kept rows are chosen there.
+
+    Attributes
+    ----------
+    kept : ndarray of int
+        Indices of the kept rows among all rows of the loops.
+    """
+
+    def __init__(self, mechanism: Mechanism, q):
+        self.mechanism, self.model = mechanism, mechanism.model
+        self.data = self.model.createData()
+        self.rows = LoopRows(self.model, mechanism.loops)
+        self.vector_like = self.model.nq == self.model.nv  # else some joint turns on SO(2), SO(3), SE(2) or SE(3)
+        self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
+        pin.computeJointJacobians(self.model, self.data, q)
+        self.kept = independent_rows(self.rows.evaluate(self.data)[1])
+        self.nc = len(self.kept)
+        self._dropped = np.setdiff1d(np.arange(self.rows.nc), self.kept)
+        self._select = slice(None) if self.nc == self.rows.nc else self.kept
+        forces = (*model_forces(self.model), *mechanism.forces)
+        self._constant = sum((f.value for f in forces if isinstance(f, ConstantTorque)), np.zeros(self.nv))
+        damping = [f.coefficients for f in forces if isinstance(f, JointDamping)]
+        self._damping = sum(damping) if damping else None
+        self._laws = [force for force in forces if not isinstance(force, ConstantTorque | JointDamping)]
+        self._lower = np.tril_indices(self.nv, -1)
+        self._J = None
+
+    def integrate(self, p, xi):
+        return p + xi if self.vector_like else pin.integrate(self.model, p, xi)
+
+    def difference(self, p0, p1):
+        return p1 - p0 if self.vector_like else pin.difference(self.model, p0, p1)
+
+    def rate(self, t, p, v):
+        return v
+
+    def chart_rate(self, base, p, rate):
+        return rate if self.vector_like else pin.dDifference(self.model, base, p, pin.ArgumentPosition.ARG1) @ rate
+
+    def position(self, t, base, psi, c, v):
+        xi = psi + c * v
+        return (xi, xi) if self.vector_like else (pin.integrate(self.model, base, xi), xi)
+
+    def evaluate(self, t, p, v, a):
+        f = pin.rnea(self.model, self.data, p, v, a) - self.torque(t, p, v)
+        pin.computeJointJacobians(self.model, self.data, p)
+        phi, J = self.rows.evaluate(self.data)
+        self._J = J[self._select]
+        return f, phi[self._select], self._J.T
+
+    def linearize(self, t, p, v, a, m, c):
+        if c == 0.0:
+            return self.mass_matrix(p), self._J
+        pin.computeRNEADerivatives(self.model, self.data, p, v, a)
+        A = self._symmetric(self.data.M)
+        A += c * self.data.dtau_dv + c**2 * self.data.dtau_dq
+        if self._damping is not None:
+            A[np.diag_indices(self.nv)] += c * self._damping
+        for law in self._laws:
+            tau_q, tau_v = law.derivatives(t, p, v)
+            if tau_v is not None:
+                A -= c * tau_v
+            if tau_q is not None:
+                A -= c**2 * tau_q
+        return A, self._J
+
+    def velocity_residual(self, t, p, rate):
+        pin.computeJointJacobians(self.model, self.data, p)
+        return self.rows.evaluate(self.data)[1][self._select] @ rate
+
+    def acceleration_bias(self, t, p, v):
+        pin.forwardKinematics(self.model, self.data, p, v, np.zeros(self.nv))
+        return self.rows.acceleration_bias(self.data)[self._select]
+
+    def position_scale(self, p):
+        return np.abs(p) if self.vector_like else np.ones(self.nx)
+
+    def describe_row(self, row):
+        loop, name = self.rows.labels[self.kept[row]]
+        return f"loop {loop!r} row {name}"
+
+    def torque(self, t, q, v):
+        """τ of all forces, shape (nv,)."""
+        tau = self._constant
+        if self._damping is not None:
+            tau = tau - self._damping * v
+        for law in self._laws:
+            tau = tau + law.torque(t, q, v)
+        return tau
+
+    def mass_matrix(self, q):
+        """M(q), shape (nv, nv)."""
+        return self._symmetric(pin.crba(self.model, self.data, q))
+
+    def loop_rows(self, q):
+        """Φ and J of all rows at `q`, dropped ones included."""
+        pin.computeJointJacobians(self.model, self.data, q)
+        phi, J = self.rows.evaluate(self.data)
+        return np.array(phi), np.array(J)
+
+    def full_multipliers(self, q, lam):
+        """λ of all rows, shape (nc,): the one of smallest norm with the same joint forces Jᵀλ."""
+        if self.nc == self.rows.nc:
+            return lam
+        _, J = self.loop_rows(q)
+        if not J[self._dropped].any():
+            full = np.zeros(self.rows.nc)
+            full[self.kept] = lam
+            return full
+        return np.linalg.lstsq(J.T, J[self.kept].T @ lam, rcond=1e-10)[0]
+
+    def full_history(self, configurations, lam):
+        """:meth:`full_multipliers` for every row of a run, shape (n, nc)."""
+        if self.nc == self.rows.nc:
+            return lam
+        return np.array([self.full_multipliers(q, row) for q, row in zip(configurations, lam, strict=True)])
+
+    def require_regular(self, q) -> None:
+        """Raise SingularSystemError, naming the joints, if some motion that the loops allow has no inertia at `q`."""
+        free = _null_space(self.loop_rows(q)[1][self.kept])
+        inertia, motions = np.linalg.eigh(free.T @ self.mass_matrix(q) @ free)
+        weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
+        if not weightless.any():
+            return
+        names = self._joints_in(free @ motions[:, weightless])
+        raise SingularSystemError(
+            f"{self.mechanism.name}: joints {', '.join(names)} can move without any inertia: the mass matrix is "
+            "singular and the loops do not cure it. Give the massless links an inertia, or add rotor inertia, "
+            f"mechanism.with_armature({{{names[0]!r}: 1e-6}})",
+            names=names,
+        )
+
+    def _symmetric(self, M):
+        """A full copy of M, of which Pinocchio fills the upper triangle."""
+        M = np.array(M)
+        M[self._lower] = M.T[self._lower]
+        return M
+
+    def _joints_in(self, motion):
+        share = np.abs(motion).max(axis=1)
+        model = self.model
+        return tuple(
+            model.names[j]
+            for j in range(1, model.njoints)
+            if share[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]].max(initial=0.0) > 0.1 * share.max()
+        )
+
+
+def _null_space(J):
+    if not len(J):
+        return np.eye(J.shape[1])
+    _, s, Vt = np.linalg.svd(J)
+    return Vt[np.count_nonzero(s > 1e-10 * s[0]) :].T

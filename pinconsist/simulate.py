@@ -1,0 +1,232 @@
+"""The two front doors: `simulate` a mechanism, `integrate` any index-3 system."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .dae import integrate as dae
+from .dae.bdf import MAX_ORDER
+from .dae.consistency import MODES
+from .dae.problem import HessenbergProblem
+from .dae.stepsize import ErrorControl, FixedStep
+from .errors import InputError
+from .mechanism.assembly import assemble
+from .mechanism.mechanism import Mechanism, finite_array
+from .mechanism.system import MechanismSystem
+from .solution import Solution
+
+MAX_ADAPTIVE_ORDER = 5
+
+
+def simulate(
+    mech,
+    t_span,
+    q0=None,
+    v0=None,
+    *,
+    method="BDF",
+    step=None,
+    max_order=5,
+    rtol=1e-6,
+    atol=1e-8,
+    forces=(),
+    callback=None,
+    consistency="every-step",
+    first_step=None,
+    max_step=np.inf,
+    max_steps=None,
+) -> Solution:
+    """Assemble a mechanism and integrate its index-3 equations of motion.
+
+    Parameters
+    ----------
+    mech : Mechanism
+        The scene; see :func:`pinconsist.load`.
+    t_span : (float, float)
+        Start and end, s. An end before the start integrates backwards.
+    q0 : mapping or array, optional
+        Joint name → value, or a configuration (nq,): the guess from which the loops are closed. Default: the scene's.
+    v0 : mapping or array, optional
+        Joint name → velocity (the other joints follow), or (nv,), which is put on the constraints. Default: rest.
+    method : {"BDF", "ImplicitEuler"}
+        BDF of variable order, or implicit Euler (BDF-1).
+    step : float, optional
+        Fixed step, s: the largest step not above it that divides the interval. ``max_order`` is then the order
+        throughout, 1 to 6, and Newton runs to rounding. Without it step and order vary (orders 1 to 5).
+    max_order : int
+        Highest order.
+    rtol, atol : float or (float, float)
+        Tolerances of the local error, of positions and velocities; a pair gives the parts (q, v). The multipliers
+        are never in the error test. They converge with the velocities.
+    forces : sequence
+        Forces on top of the mechanism's own; see :class:`Mechanism`.
+    callback : callable, optional
+        ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run.
+    consistency : {"every-step", "initial", "exact"}
+        ``"every-step"``: every accepted step is put on the hidden constraint, multipliers have full order
+        throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing
+        else; for fixed steps. ``"exact"``: raw BDF from the exact values; its first multipliers are wrong.
+    first_step, max_step : float, optional
+        First and largest step of the variable-step method, s.
+    max_steps : int, optional
+        Give up after so many steps.
+
+    Returns
+    -------
+    Solution
+        ``success`` is False, with what was reached and a message, where the integration fails.
+
+    Raises
+    ------
+    InputError
+        Arguments that cannot be used.
+    AssemblyError
+        The loops cannot be closed, or `v0` contradicts them.
+    SingularSystemError
+        Some joint can move without any inertia.
+    """
+    mech = _with_forces(mech, forces)
+    span = _span(t_span)
+    plan = _method(method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
+    assembly = assemble(mech, q0, v0)
+    system = MechanismSystem(mech, assembly.q)
+    system.require_regular(assembly.q)
+    trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, _full_rows(system, callback))
+    return Solution.from_trajectory(trajectory, system, plan)
+
+
+def integrate(
+    system,
+    t_span,
+    p0,
+    v0,
+    *,
+    method="BDF",
+    step=None,
+    max_order=5,
+    rtol=1e-6,
+    atol=1e-8,
+    callback=None,
+    consistency="every-step",
+    first_step=None,
+    max_step=np.inf,
+    max_steps=None,
+) -> Solution:
+    """Integrate an index-3 system from initial values taken as they stand (no assembly).
+
+    Parameters
+    ----------
+    system : HessenbergProblem or Mechanism or Index3System
+    t_span : (float, float)
+        Start and end, s.
+    p0, v0 : array
+        Initial position, on the constraint, and velocity. A velocity off the hidden constraint is accepted: that is
+        what numerically consistent values are.
+    method, step, max_order, rtol, atol, callback, consistency, first_step, max_step, max_steps
+        As in :func:`simulate`.
+
+    Returns
+    -------
+    Solution
+        With ``q`` and ``v`` for the p and v (the paper's q) of the general form.
+
+    Raises
+    ------
+    InputError
+        Wrong sizes, NaN, or a position off the constraint, which at index 3 would spoil the multipliers by
+        |Φ|/step².
+    """
+    span = _span(t_span)
+    plan = _method(method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
+    p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
+    system = _system(system, span[0], p0, v0)
+    phi = system.evaluate(span[0], p0, v0, np.zeros(system.nv))[1]
+    size = np.max(np.abs(phi), initial=0.0)
+    if not size <= 1e-6 * (1.0 + np.max(np.abs(p0), initial=0.0)):
+        raise InputError(
+            f"p0 is off the constraint by {size:.3g} ({system.describe_row(int(np.argmax(np.abs(phi))))}); an index-3 "
+            "method turns that into a multiplier error of that size over the step squared. Give a p0 on the "
+            "constraint, or use simulate(), which assembles"
+        )
+    trajectory = dae.integrate(system, span, p0, v0, plan, _full_rows(system, callback))
+    return Solution.from_trajectory(trajectory, system, plan)
+
+
+def _system(system, t0, p0, v0):
+    if isinstance(system, Mechanism):
+        if p0.shape != (system.nq,) or v0.shape != (system.nv,):
+            raise InputError(
+                f"{system.name}: p0 and v0 need shapes ({system.nq},) and ({system.nv},), got {p0.shape} and {v0.shape}"
+            )
+        built = MechanismSystem(system, p0)
+        built.require_regular(p0)
+        return built
+    if isinstance(system, HessenbergProblem):
+        return system.at(t0, p0, v0)
+    if hasattr(system, "evaluate") and hasattr(system, "linearize"):
+        return system
+    raise InputError(f"cannot integrate a {type(system).__name__}; give a Mechanism or a HessenbergProblem")
+
+
+def _with_forces(mech, forces):
+    if not isinstance(mech, Mechanism):
+        raise InputError(f"simulate needs a Mechanism, got {type(mech).__name__}; see pinconsist.load()")
+    forces = (forces,) if callable(forces) or hasattr(forces, "torque") else tuple(forces)
+    return mech.with_forces(*forces) if forces else mech
+
+
+def _span(t_span):
+    span = finite_array(t_span, "t_span")
+    if span.shape != (2,):
+        raise InputError(f"t_span needs two numbers (start, end), got {t_span!r}")
+    return float(span[0]), float(span[1])
+
+
+def _method(method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps) -> dae.Method:
+    if method not in ("BDF", "ImplicitEuler"):
+        raise InputError(f"unknown method {method!r}; known are 'BDF' and 'ImplicitEuler'")
+    if consistency not in MODES:
+        raise InputError(f"unknown consistency {consistency!r}; known are {', '.join(map(repr, MODES))}")
+    highest = MAX_ORDER if step is not None else MAX_ADAPTIVE_ORDER
+    if isinstance(max_order, bool) or not isinstance(max_order, int | np.integer) or not 1 <= max_order <= highest:
+        raise InputError(f"max_order must be a whole number from 1 to {highest}, got {max_order!r}")
+    order = 1 if method == "ImplicitEuler" else int(max_order)
+    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 1):
+        raise InputError(f"max_steps must be a positive whole number, got {max_steps!r}")
+    if step is not None:
+        step = _positive(step, "step")
+        return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps)
+    if consistency == "initial":
+        raise InputError(
+            "consistency='initial' is for a fixed step (give step=): every change of step size undoes it. "
+            "Variable steps need consistency='every-step'"
+        )
+    first_step = None if first_step is None else _positive(first_step, "first_step")
+    max_step = np.inf if max_step == np.inf else _positive(max_step, "max_step")
+    control = ErrorControl(_pair(rtol, "rtol"), _pair(atol, "atol"), order, max_step)
+    if np.min(control.rtol) < 1e-13:
+        raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot give")
+    return dae.Method(order, consistency, control, None, first_step, max_steps)
+
+
+def _positive(value, what) -> float:
+    value = finite_array(value, what)
+    if value.shape != () or not value > 0:
+        raise InputError(f"{what} must be a positive number of seconds, got {value!s}")
+    return float(value)
+
+
+def _pair(value, what) -> tuple:
+    """(position part, velocity part) of a tolerance."""
+    parts = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
+    parts = tuple(finite_array(part, what) for part in parts)
+    if any((part <= 0).any() for part in parts):
+        raise InputError(f"{what} must be positive, got {value!r}")
+    return parts
+
+
+def _full_rows(system, callback):
+    """The user's callback, given the multipliers of all rows."""
+    if callback is None or not hasattr(system, "full_multipliers"):
+        return callback
+    return lambda t, q, v, lam: callback(t, q, v, system.full_multipliers(q, lam))

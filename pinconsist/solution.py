@@ -1,0 +1,155 @@
+"""Solution: the rows of a run, its certificate, and its file."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .certificate import Certificate, certify
+from .errors import FormatError, InputError
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a simulation reached. Rows are times; arrays are read-only.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times, s.
+    q, v, lam : ndarray, shapes (n, nq), (n, nv), (n, nc)
+        Configurations, velocities, multipliers. ``lam[0]`` is the multiplier of the differential equation at the
+        start; with redundant rows, the multipliers of smallest norm. Signs, frames and units:
+        :mod:`pinconsist.mechanism.loops`.
+    success : bool
+        True if the end of the interval was reached.
+    status : int
+        0 end reached, 1 stopped by a callback, -1 failed.
+    message : str
+        What happened, for a person.
+    nfev, njev, nlu : int
+        Residual evaluations, Newton matrices, factorisations.
+    rejected : dict
+        Rejected attempts by reason.
+    h, order : ndarray, shape (n-1,)
+        Step and order by which each row was reached; order 0 marks the one-step start.
+    method : dict
+        How it was made: order, step, consistency, tolerances.
+    system
+        The system that was integrated (None if read from a file).
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    lam: np.ndarray
+    success: bool
+    status: int
+    message: str
+    nfev: int
+    njev: int
+    nlu: int
+    rejected: dict
+    h: np.ndarray
+    order: np.ndarray
+    method: dict
+    scene: str = ""
+    system: object = field(default=None, repr=False, compare=False)
+
+    @classmethod
+    def from_trajectory(cls, trajectory, system, plan) -> Solution:
+        """The solution of a trajectory, with the multipliers of all constraint rows."""
+        lam = trajectory.lam
+        if hasattr(system, "full_multipliers"):
+            lam = system.full_history(trajectory.p, lam)
+        arrays = [np.array(a) for a in (trajectory.t, trajectory.p, trajectory.v, lam, trajectory.h, trajectory.order)]
+        for array in arrays:
+            array.setflags(write=False)
+        t, q, v, lam, h, order = arrays
+        return cls(
+            t=t, q=q, v=v, lam=lam, h=h, order=order, system=system, method=plan.describe(),
+            scene=getattr(getattr(system, "mechanism", None), "name", ""),
+            **{name: getattr(trajectory, name) for name in _OUTCOME},
+        )  # fmt: skip
+
+    @property
+    def y(self) -> np.ndarray:
+        """[q; v; λ] with times as columns, as scipy has it: shape (nq+nv+nc, n)."""
+        return np.hstack((self.q, self.v, self.lam)).T
+
+    @property
+    def nsteps(self) -> int:
+        """Accepted steps."""
+        return len(self.t) - 1
+
+    def check(self, mechanism=None) -> Certificate:
+        """Measure the solution's own residuals, in a system built afresh: see :class:`Certificate`.
+
+        Parameters
+        ----------
+        mechanism : Mechanism, optional
+            Needed for a solution read from a file.
+        """
+        if mechanism is None and self.system is None:
+            raise InputError("a solution read from a file is checked with its mechanism: sol.check(mechanism)")
+        return certify(self, mechanism)
+
+    def summary(self) -> str:
+        """A few lines for a person."""
+        wasted = sum(self.rejected.values())
+        steps = np.abs(self.h) if self.nsteps else np.zeros(1)
+        parts = [f"{self.message}", f"t = {self.t[0]:g} … {self.t[-1]:g} s in {self.nsteps} steps ({wasted} rejected)"]
+        if self.nsteps:
+            parts.append(f"steps {steps.min():.3g} … {steps.max():.3g} s, orders up to {self.order.max()}")
+        parts.append(f"{self.nfev} residuals, {self.njev} Newton matrices, {self.nlu} factorisations")
+        return "\n".join(parts)
+
+    def save(self, file) -> Path:
+        """Write an npz file without pickles, whole or not at all; returns its path."""
+        path = Path(file)
+        path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+        about = {name: getattr(self, name) for name in _ABOUT} | {"format": FORMAT}
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                np.savez(stream, about=np.array(json.dumps(about)), **{name: getattr(self, name) for name in _ARRAYS})
+            os.replace(temporary, path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+        return path
+
+    @classmethod
+    def load(cls, file) -> Solution:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        FormatError
+            Missing, truncated or foreign file, or one of a newer format.
+        """
+        try:
+            with np.load(file, allow_pickle=False) as stored:
+                about = json.loads(str(stored["about"]))
+                arrays = {name: stored[name] for name in _ARRAYS}
+        except FileNotFoundError:
+            raise FormatError("no such file", path=file) from None
+        except Exception as error:
+            raise FormatError(f"not a solution written by pinconsist ({error})", path=file) from None
+        if about.pop("format", None) != FORMAT:
+            raise FormatError("written by another version of pinconsist, in a format this one cannot read", path=file)
+        for array in arrays.values():
+            array.setflags(write=False)
+        return cls(**arrays, **about)
+
+
+_ARRAYS = ("t", "q", "v", "lam", "h", "order")
+_OUTCOME = ("success", "status", "message", "nfev", "njev", "nlu", "rejected")
+_ABOUT = (*_OUTCOME, "method", "scene")
