@@ -110,14 +110,14 @@ def consistent_initial_velocity(system, t0, p0, v0, h):
 
 def trial_step(system, t, h, k, base, Z):
     """One uncorrected BDF-k step from a table, to rounding; raises where Newton fails."""
-    newton = Newton(system, correct=False)
+    newton = Newton(system, corrections=0)
     step = bdf.formula_step(newton, t, h, k, base, Z)[0]
     if step.failure:
         raise SingularSystemError(f"the trial step from t = {t:.6g} with h = {h:.3g} failed: {step.failure}")
     return step
 
 
-def consistent_history(system, t0, h, k, base, Z, states):
+def consistent_history(system, h, k, base, Z, states):
     """Give a history of exact states the hidden residual of BDF-k: v_j += M_j⁻¹ G_j S_j⁻¹ ρ_trial.
 
     `states` are (t, p, v, λ), oldest first; returns the changed velocities. For k = 1 this is the paper's value up to

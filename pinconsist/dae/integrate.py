@@ -108,7 +108,7 @@ def integrate(system, t_span, p0, v0, method: Method, callback=None) -> Trajecto
     """
     t0, t1 = t_span
     recorder = Recorder(callback)
-    newton = Newton(system, correct=method.consistency == "every-step")
+    newton = Newton(system, corrections=method.control.corrections if method.consistency == "every-step" else 0)
     outcome = FAILED, ""
     try:
         p, v, lam = p0, v0, start.solve_acceleration(system, t0, p0, v0)[1]
@@ -192,7 +192,7 @@ def _make_consistent(system, h, k, base, Z, states):
     if k == 1:
         velocities = [consistency.consistent_initial_velocity(system, t0, p0, v0, h)]
     else:
-        velocities = consistency.consistent_history(system, t0, h, k, base, Z, states)
+        velocities = consistency.consistent_history(system, h, k, base, Z, states)
     D = bdf.differences(len(states) - 1)
     Z[: len(states), system.nx : system.nx + system.nv] = D @ np.array(velocities[::-1])
 

@@ -24,6 +24,7 @@ from ..errors import SingularSystemError
 EPS = np.finfo(float).eps
 MAX_ITERATIONS = 10
 FRESH_RATE = 0.4  # a slower contraction asks for a new matrix
+STAGNANT = 0.7  # and a slower one than this, close to the solution, is rounding
 
 
 @dataclass(slots=True)
@@ -36,15 +37,12 @@ class Attempt:
         [ξ | v | λ] at the new time, ξ in the chart at `base`; corrected where asked.
     p : ndarray
         The position itself.
-    shift : ndarray or None
-        ρ, the hidden velocity residual that the raw formula left, shape (nc,); None where not computed.
     failure : str
         Empty, or why there is no solution.
     """
 
     y: np.ndarray
     p: np.ndarray
-    shift: np.ndarray | None
     iterations: int
     failure: str = ""
 
@@ -73,12 +71,13 @@ class Newton:
     Parameters
     ----------
     system : Index3System
-    correct : bool
-        Take ρ out of each solution: the every-step correction of :mod:`pinconsist.dae.consistency`.
+    corrections : int
+        How often to take ρ out of each solution, the every-step correction of :mod:`pinconsist.dae.consistency`:
+        once leaves |ρ| times the predictor's error, twice leaves rounding, 0 leaves the raw formula.
     """
 
-    def __init__(self, system, correct: bool):
-        self.system, self.correct = system, correct
+    def __init__(self, system, corrections: int):
+        self.system, self.corrections = system, corrections
         self.nfev = self.njev = self.nlu = 0
 
     def attempt(self, t, base, psi, predicted, c, weight_x, weight_v, tol) -> Attempt:
@@ -117,7 +116,7 @@ class Newton:
                 self.njev += 1
                 self.nlu += 1
                 if kkt.singular:
-                    return Attempt(predicted, p, None, iteration, "the KKT matrix is singular")
+                    return Attempt(predicted, p, iteration, "the KKT matrix is singular")
             rhs[:nv, 0] = c * f - G @ m
             rhs[nv:, 1] = phi / c
             steps = kkt.solve(rhs)
@@ -132,13 +131,13 @@ class Newton:
                 break
             rate = size / last if iteration > 1 else 0.0
             settled = size <= tol or (iteration > 1 and rate < 1.0 and size * rate / (1.0 - rate) <= tol)
-            if settled or (rate > 0.2 and self._at_floor(steps, v, m, p, c)):
+            if settled or (rate > STAGNANT and self._at_floor(steps, v, m, p, c)):
                 return self._finish(t, base, psi_x, p, xi, v, m, c, kkt, iteration)
             if rate > 2.0 and iteration > 2:
                 failure = "Newton diverged"
                 break
             last = size
-        return Attempt(predicted, p, None, iteration, failure)
+        return Attempt(predicted, p, iteration, failure)
 
     def _at_floor(self, steps, v, m, p, c) -> bool:
         """Whether the increments are what rounding leaves, so that more iterations or a smaller step cannot help."""
@@ -151,12 +150,12 @@ class Newton:
         )
 
     def _finish(self, t, base, psi_x, p, xi, v, m, c, kkt, iterations) -> Attempt:
-        nv, shift = self.system.nv, None
-        if self.correct and self.system.nc:
-            shift = self.system.velocity_residual(t, p, self.system.rate(t, p, v))
-            step = kkt.solve(np.concatenate((np.zeros(nv), shift)))
+        nv = self.system.nv
+        for _ in range(self.corrections if self.system.nc else 0):
+            rho = self.system.velocity_residual(t, p, self.system.rate(t, p, v))
+            step = kkt.solve(np.concatenate((np.zeros(nv), rho)))
             v, m = v - step[:nv], m - step[nv:]
-        return Attempt(np.concatenate((xi, v, m / c)), p, shift, iterations)
+        return Attempt(np.concatenate((xi, v, m / c)), p, iterations)
 
 
 def rounding_weights(system, y):

@@ -23,6 +23,7 @@ class FixedStep:
     """The same step and order throughout; Newton down to rounding; nothing is rejected."""
 
     ndf: bool = False
+    corrections: int = 2
 
     def weights(self, system, predicted, p):
         return rounding_weights(system, predicted)
@@ -56,6 +57,7 @@ class ErrorControl:
     max_order: int
     max_step: float
     ndf: bool = True
+    corrections: int = 1
     equal_steps: int = 0
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
 

@@ -6,7 +6,7 @@ near the end; it needs no mass matrix and does not mind redundant rows.
 
 from __future__ import annotations
 
-import logging
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -17,8 +17,6 @@ from ..errors import AssemblyError
 from .loops import LoopRows
 from .mechanism import Mechanism
 from .rank import dependencies, independent_rows
-
-log = logging.getLogger(__name__)
 
 CLOSED = 1e-10  # m or rad
 MAX_ITERATIONS = 200
@@ -158,12 +156,14 @@ def reanchor(mechanism: Mechanism, q=None) -> Mechanism:
         result = replace(result, loops=_moved_anchors(result, best, to_move))
         to_move = {}
         best, _ = _Solver(result).close(best, everything)
-    for before, after in zip(mechanism.loops, result.loops, strict=True):
-        if before != after:
-            offset = np.linalg.norm(np.subtract(after.xyz2, before.xyz2))
-            turn = np.linalg.norm(pin.log3(before.placement2.rotation.T @ after.placement2.rotation))
-            name = mechanism.name
-            log.warning("%s: anchor 2 of loop %r moved by %.3g m and %.3g rad", name, after.name, offset, turn)
+    moves = [
+        f"{after.name!r} by {np.linalg.norm(np.subtract(after.xyz2, before.xyz2)):.3g} m and "
+        f"{np.linalg.norm(pin.log3(before.placement2.rotation.T @ after.placement2.rotation)):.3g} rad"
+        for before, after in zip(mechanism.loops, result.loops, strict=True)
+        if before != after
+    ]
+    if moves:
+        warnings.warn(f"{mechanism.name}: anchor 2 moved to the best fit on loops {', '.join(moves)}", stacklevel=3)
     return replace(result, guess=best)
 
 

@@ -225,6 +225,8 @@ def _anchor(model, loop, frame_name, offset):
         raise InputError(
             f"loop {loop.name!r}: the model has no frame {frame_name!r}" + (f"; near it: {near}" if near else "")
         )
+    if sum(frame.name == frame_name for frame in model.frames) > 1:
+        raise InputError(f"loop {loop.name!r}: the model has several frames named {frame_name!r}")
     frame = model.frames[model.getFrameId(frame_name)]
     return frame.parentJoint, frame.placement * offset
 
