@@ -1,0 +1,5 @@
+"""Files → Mechanism."""
+
+from .catalogue import load, models
+
+__all__ = ["load", "models"]

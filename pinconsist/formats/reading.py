@@ -1,0 +1,57 @@
+"""What all readers of files share."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from pathlib import Path
+
+from ..errors import FormatError
+
+
+def read_bytes(path: Path, limit: int) -> bytes:
+    """The content of a regular file of at most `limit` bytes, or FormatError."""
+    try:
+        if not path.exists():
+            raise FormatError("no such file", path=path)
+        if not path.is_file():
+            raise FormatError("a file is needed, this is a folder or a device", path=path)
+        with path.open("rb") as file:
+            content = file.read(limit + 1)
+    except (OSError, ValueError) as error:
+        if isinstance(error, FormatError):
+            raise
+        raise FormatError(f"cannot be read: {error}", path=path) from error
+    if len(content) > limit:
+        raise FormatError(f"more than {limit // 1_000_000} MB, which is too large for a file of this kind", path=path)
+    return content
+
+
+def near(name: object, names) -> str:
+    """The end of a message about an unknown name: what it may have meant, or what there is."""
+    names = sorted(set(names))
+    listed = f"; there are: {', '.join(names[:12])}{', …' if len(names) > 12 else ''}" if names else ""
+    return alike(name, names) or listed
+
+
+def alike(name: object, names) -> str:
+    """The end of a message about an unknown name: what it may have meant, if anything."""
+    close = difflib.get_close_matches(str(name), list(names), n=4, cutoff=0.5)
+    return f"; near it: {', '.join(close)}" if close else ""
+
+
+def shown(value: object) -> str:
+    """A value of a file for a message, cut to a readable length."""
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "…"
+
+
+def finite(value: object) -> float | None:
+    """A number from a number or its text; None where it is neither, or not finite."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
