@@ -1,0 +1,300 @@
+"""Replays and figures: what a page holds, that it moves in a browser, and that failures leave nothing behind."""
+
+import json
+import logging
+import re
+import shutil
+import subprocess
+import sys
+from types import SimpleNamespace
+from urllib.request import urlopen
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pinconsist.errors import InputError, MissingExtraError
+from pinconsist.mechanism.loops import Loop
+from pinconsist.mechanism.mechanism import Geometry, Mechanism
+from pinconsist.view import export_html, plot_comparison, plot_solution, replay
+from pinconsist.view.motion import MAX_FRAMES, body_poses, resample
+from pinconsist.view.scene import plane_normal, scene
+from pinconsist.view.shapes import simple_shapes, skeleton
+
+LENGTH = 0.7
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+INERTIA = '<inertial><mass value="1"/><origin xyz=".3 0 0"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+MESHES = f"""<robot name="r"><link name="base"/>
+<link name="arm">{INERTIA}</inertial>
+<visual><geometry><mesh filename="package://parts/arm.stl" scale="2 2 2"/></geometry>
+<material name="red"><color rgba="1 0 0 1"/></material></visual></link>
+<link name="hand">{INERTIA}</inertial>
+<visual><geometry><mesh filename="package://parts/HAND.stl"/></geometry></visual>
+<visual><geometry><mesh filename="package://parts/HAND.dae"/></geometry></visual></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>
+<joint name="elbow" type="revolute"><parent link="arm"/><child link="hand"/><axis xyz="0 1 0"/>
+<origin xyz="0.7 0 0"/><limit lower="-9" upper="9" effort="1" velocity="1"/></joint></robot>"""
+FACET = "facet normal 0 0 1\nouter loop\nvertex {}\nvertex {}\nvertex {}\nendloop\nendfacet\n"
+STL = "solid s\n" + FACET.format("0 0 0", "1 0 0", "0 1 0") + FACET.format("0 1 0", "1 0 0", "1 1 0") + "endsolid s\n"
+
+
+def two_links(name="two links"):
+    """A double pendulum in the x-z plane whose tip is tied to a point of the ground."""
+    model = pin.Model()
+    at, joint = pin.SE3.Identity(), 0
+    for body in ("upper", "lower"):
+        joint = model.addJoint(joint, pin.JointModelRY(), at, body)
+        inertia = pin.Inertia(1.0, np.array([LENGTH / 2, 0, 0]), LENGTH**2 / 12 * np.diag([0.0, 1.0, 1.0]))
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        at = pin.SE3(np.eye(3), np.array([LENGTH, 0, 0]))
+    model.addFrame(pin.Frame("tip", joint, 0, at, pin.FrameType.OP_FRAME))
+    return Mechanism(model, (Loop("tie", "point", "tip", xyz2=(LENGTH, 0.0, 0.0)),), name=name)
+
+
+def swing(times):
+    """A made-up motion of two_links at any times."""
+    times = np.asarray(times, float)
+    return SimpleNamespace(t=times, q=np.column_stack((np.sin(2 * times), 0.5 - 0.8 * times)))
+
+
+def read(page):
+    """The commands that a page holds."""
+    text = page.read_text(encoding="utf-8")
+    return json.loads(re.search(r'<script id="replay" type="application/json">(.*?)</script>', text, re.DOTALL)[1])
+
+
+def tracks(commands, body):
+    """Times, positions and quaternions of a body in the animation."""
+    (animation,) = [command for command in commands if command["type"] == "set_animation"]
+    (clip,) = [each["clip"] for each in animation["animations"] if each["path"] == f"/bodies/{body}"]
+    place, turn = clip["tracks"]
+    assert clip["fps"] == 1 and (place["name"], turn["name"]) == (".position", ".quaternion")
+    return np.array(place["times"]), np.reshape(place["values"], (-1, 3)), np.reshape(turn["values"], (-1, 4))
+
+
+def test_page_is_whole_and_needs_nothing_from_elsewhere(tmp_path, capfd):
+    mech = two_links("tie & <swing>")
+    page = export_html(mech, swing(np.linspace(0, 1, 30)), tmp_path / "swing.html", traces=["tip"])
+    text = page.read_text(encoding="utf-8")
+    assert list(tmp_path.iterdir()) == [page]
+    assert "<title>tie &amp; &lt;swing&gt;</title>" in text
+    assert not re.search(r"<script[^>]*\bsrc=|<link[^>]*\bhref=[\"']?https?:", text)
+    commands = [(command["type"], command["path"]) for command in read(page)["commands"]]
+    assert commands.count(("set_animation", "")) == commands.count(("set_object", "/traces/tip")) == 1
+    assert capfd.readouterr() == ("", "")
+    assert '"set_animation"' not in json.dumps(read(export_html(mech, swing([0.0]), page)))
+
+
+def test_frames_are_the_forward_kinematics(tmp_path):
+    mech, sol = two_links(), swing(np.linspace(0, 1, 41))
+    commands = read(export_html(mech, sol, tmp_path / "a.html", fps=40))["commands"]
+    data = mech.model.createData()
+    for row in (0, 17, 40):
+        pin.forwardKinematics(mech.model, data, sol.q[row])
+        for joint, body in enumerate(mech.joints, 1):
+            times, places, turns = tracks(commands, body)
+            assert times[row] == pytest.approx(sol.t[row], abs=1e-6)
+            np.testing.assert_allclose(places[row], data.oMi[joint].translation, atol=1e-6)
+            rotation = pin.Quaternion(turns[row]).matrix()
+            np.testing.assert_allclose(rotation, data.oMi[joint].rotation, atol=1e-6)
+
+
+def test_resampling_follows_the_rows_forward_and_backward():
+    mech = two_links()
+    uneven = np.array([0.0, 1e-6, 1e-5, 0.3, 0.3, 0.32, 0.9, 1.0])
+    straight = SimpleNamespace(t=uneven, q=np.column_stack((uneven, 2 * uneven)))
+    clock, q = resample(mech, straight, speed=0.5, fps=25)
+    assert clock[-1] == pytest.approx(2.0) and len(clock) == 51
+    np.testing.assert_allclose(q, np.column_stack((clock / 2, clock)), atol=1e-12)
+    clock, q = resample(mech, SimpleNamespace(t=uneven[::-1], q=straight.q[::-1]), speed=1.0, fps=50)
+    np.testing.assert_allclose(q[:, 0], 1.0 - clock, atol=1e-12)
+
+
+def test_resampling_stays_on_the_manifold_and_below_the_limit(caplog):
+    model = pin.Model()
+    ball = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    model.appendBodyToJoint(ball, pin.Inertia(1.0, np.array([0, 0, -1.0]), np.eye(3)), pin.SE3.Identity())
+    turned = pin.Quaternion(pin.exp3(np.array([0, 2.0, 0]))).coeffs()
+    sol = SimpleNamespace(t=np.array([0.0, 1000.0]), q=np.array([[0, 0, 0, 1.0], turned]))
+    with caplog.at_level(logging.INFO, "pinconsist"):
+        clock, q = resample(Mechanism(model), sol, speed=1.0, fps=50)
+    assert len(clock) == MAX_FRAMES and len(caplog.records) == 1
+    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 1.0, atol=1e-12)
+    middle = pin.exp3(np.array([0, 2.0 * clock[1000] / 1000, 0]))
+    np.testing.assert_allclose(pin.Quaternion(q[1000]).matrix(), middle, atol=1e-12)
+
+
+UNUSABLE = [
+    ({"q": np.zeros((3, 3))}, {}),
+    ({"t": np.array([0.0, 2.0, 1.0])}, {}),
+    ({"q": np.full((3, 2), np.nan)}, {}),
+    *(({}, option) for option in ({"speed": 0}, {"fps": -1}, {"traces": ["nowhere"]})),
+]
+
+
+@pytest.mark.parametrize(("change", "options"), UNUSABLE)
+def test_unusable_input_is_refused_and_leaves_no_file(tmp_path, change, options):
+    sol = SimpleNamespace(**{"t": np.array([0.0, 1.0, 2.0]), "q": np.zeros((3, 2)), **change})
+    with pytest.raises(InputError):
+        export_html(two_links(), sol, tmp_path / "no.html", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_failure_while_writing_keeps_the_old_file_alone(tmp_path, monkeypatch):
+    page = tmp_path / "page.html"
+    page.write_text("old")
+    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises(OSError, match="disk full"):
+        export_html(two_links(), swing([0, 1]), page)
+    with pytest.raises(OSError, match="disk full"):
+        plot_comparison([SimpleNamespace(h=0.1, t=[1, 2], exact=[1, 0], consistent=[1, 2])], tmp_path / "figure.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"] and page.read_text() == "old"
+
+
+def test_links_reach_from_joint_to_joint_and_anchor():
+    mech, sol = two_links(), swing(np.linspace(0, 1, 20))
+    poses = body_poses(mech.model, sol.q)
+    shapes = simple_shapes(mech, poses, size=1.0)
+    for joint in (1, 2):
+        (link,) = [s for s in shapes if s.node == joint and s.geometry["type"] == "CylinderGeometry"]
+        ends = [link.placement.act(np.array([0, y * LENGTH / 2, 0])) for y in (-1, 1)]
+        np.testing.assert_allclose(ends, [[0, 0, 0], [LENGTH, 0, 0]], atol=1e-12)
+    shell, core = (shape for shape in shapes if shape.on_top)
+    assert (shell.node, core.node) == (2, 0) and shell.opacity < 1
+    np.testing.assert_allclose(core.placement.translation, [LENGTH, 0, 0])
+    np.testing.assert_allclose(np.abs(plane_normal(skeleton(mech, poses))), [0, 1, 0], atol=1e-9)
+
+
+def test_a_distance_loop_shows_as_a_bar_between_its_anchors():
+    mech = two_links().with_loops(Loop("bar", "distance", "tip", xyz2=(0.0, 0.0, -2.0), length=1.3))
+    sol = swing(np.linspace(0, 1, 51))
+    commands = scene(mech, sol, speed=1, fps=50, traces=(), repetitions=1)["commands"]
+    (animation,) = [command for command in commands if command["type"] == "set_animation"]
+    (clip,) = [each["clip"] for each in animation["animations"] if each["path"] == "/loops/bar"]
+    tip = LENGTH * sum(np.array([np.cos(angle), 0, -np.sin(angle)]) for angle in np.cumsum(sol.q[30]))
+    centre, turn = (np.reshape(track["values"], (51, -1))[30] for track in clip["tracks"])
+    np.testing.assert_allclose(centre, (tip + np.array([0, 0, -2])) / 2, atol=1e-6)
+    along = np.array([0, 0, -2]) - tip
+    np.testing.assert_allclose(pin.Quaternion(turn).matrix()[:, 1], along / np.linalg.norm(along), atol=1e-6)
+
+
+def meshed(tmp_path, hand):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "arm.stl").write_text(STL)
+    (tmp_path / "parts" / "broken.stl").write_text("nothing of use")
+    text = MESHES.replace("HAND", hand)
+    return Mechanism(pin.buildModelFromXML(text), name="meshed", geometry=Geometry(text, (str(tmp_path),)))
+
+
+@pytest.mark.parametrize("hand", ["absent", "broken"])
+def test_missing_meshes_fall_back_with_one_warning(tmp_path, caplog, hand):
+    mech = meshed(tmp_path, hand)
+    with caplog.at_level(logging.WARNING, "pinconsist"):
+        commands = scene(mech, swing([0, 1]), speed=1, fps=50, traces=(), repetitions=1)["commands"]
+    (record,) = caplog.records
+    assert "2 mesh" in record.getMessage() and f"{hand}.stl" in record.getMessage()
+    drawn = [(command["path"], command["object"]) for command in commands if command["type"] == "set_object"]
+    (arm,) = [thing for path, thing in drawn if path.startswith("/bodies/shoulder/")]
+    hand_forms = {thing["geometries"][0]["type"] for path, thing in drawn if path.startswith("/bodies/elbow/")}
+    assert arm["geometries"][0]["type"] == "BufferGeometry" and arm["materials"][0]["color"] == 0xFF0000
+    assert max(arm["geometries"][0]["data"]["attributes"]["position"]["array"]) == 2.0  # the file's scale
+    assert hand_forms == {"CylinderGeometry", "SphereGeometry"}
+
+
+def test_replay_serves_the_page_on_the_loopback_interface(monkeypatch):
+    seen = []
+    monkeypatch.setattr("webbrowser.open", lambda address: seen.append(urlopen(address).read()) or True)
+    address = replay(two_links(), swing(np.linspace(0, 0.2, 5)))
+    assert address.startswith("http://127.0.0.1:") and b"<title>two links</title>" in seen[0]
+    assert b'"repetitions":1}' in seen[0]
+    assert b'"repetitions":1}' not in urlopen(replay(two_links(), swing([0, 1]), loop=True, open_browser=False)).read()
+
+
+def test_what_is_missing_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "meshcat", None)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingExtraError, match="pip install meshcat"):
+        export_html(two_links(), swing([0, 1]), tmp_path / "no.html")
+    with pytest.raises(MissingExtraError, match=re.escape("pip install 'pinconsist[plot]'")):
+        plot_comparison([])
+    assert not list(tmp_path.iterdir())
+
+
+def test_importing_the_view_loads_no_viewer():
+    code = "import sys, pinconsist.view; print({'meshcat', 'coal', 'matplotlib', 'defusedxml'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() in ("set()", "{'coal'}")  # Pinocchio itself may bring coal
+
+
+WATCH = """<script>
+const report = {errors: []};
+window.addEventListener("error", event => report.errors.push(String(event.message)));
+console.error = (...words) => report.errors.push(words.join(" "));
+</script>"""
+ASK = """<script>
+const body = () => viewer.scene_tree.find(["bodies", "lower"]).object;
+const pose = () => [...body().position.toArray(), ...body().quaternion.toArray()];
+setTimeout(() => {
+  report.playing = viewer.animator.playing && viewer.animator.time > 0;
+  report.moved = pose();
+  viewer.animator.pause();
+  report.sought = {};
+  for (const time of [0, 0.4, 0.8]) { viewer.animator.seek(time); report.sought[time] = pose(); }
+  viewer.capture_image();
+  document.title = JSON.stringify(report);
+}, 1000);
+</script></body>"""
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium, chromium-browser or google-chrome found")
+def test_page_moves_in_a_browser(tmp_path):
+    mech, sol = two_links(), swing(np.linspace(0, 5, 501))
+    page = export_html(mech, sol, tmp_path / "swing.html", fps=50)
+    text = page.read_text(encoding="utf-8").replace("<head>", "<head>" + WATCH, 1)
+    page.write_text(ASK.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    flags = "--headless --no-sandbox --disable-quic --no-first-run --disable-background-networking --disable-sync"
+    flags += " --disable-component-update --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
+    flags += f" --virtual-time-budget=4000 --dump-dom --user-data-dir={tmp_path / 'profile'}"
+    command = [BROWSER, *flags.split(), page.as_uri()]
+    dom = subprocess.run(command, capture_output=True, text=True, timeout=60).stdout
+    found = re.search(r"<title>(\{.*?)</title>", dom)
+    assert found, "the page did not come to its end in the browser"
+    report = json.loads(found[1])
+    assert report["errors"] == [] and report["playing"]
+    assert not np.allclose(report["moved"], report["sought"]["0"], atol=1e-3)
+    data = mech.model.createData()
+    for time, pose in report["sought"].items():
+        pin.forwardKinematics(mech.model, data, swing([float(time)]).q[0])
+        np.testing.assert_allclose(pose[:3], data.oMi[2].translation, atol=2e-4)
+        np.testing.assert_allclose(pin.Quaternion(np.array(pose[3:])).matrix(), data.oMi[2].rotation, atol=2e-4)
+
+
+def test_figure_of_a_solution(tmp_path):
+    pytest.importorskip("matplotlib")
+    mech, sol = two_links(), swing(np.linspace(0, 1, 60))
+    sol.v, sol.lam = np.gradient(sol.q, sol.t, axis=0), np.column_stack([np.cos(k * sol.t) for k in range(3)])
+    figure = plot_solution(sol, tmp_path / "figure.pdf", mech)
+    assert [path.name for path in tmp_path.iterdir()] == ["figure.pdf"]
+    q, v, lam, first = figure.axes
+    assert [line.get_label() for line in q.lines] == [line.get_label() for line in v.lines] == ["upper", "lower"]
+    assert [line.get_label() for line in lam.lines] == ["tie x", "tie y", "tie z"]
+    assert len(first.lines[0].get_xdata()) == 21
+    many = SimpleNamespace(t=sol.t, q=np.outer(sol.t, range(40)), v=np.outer(sol.t, range(40)), lam=np.zeros((60, 0)))
+    q, _ = plot_solution(many).axes
+    assert len(texts := q.get_legend().get_texts()) == 12 and len(q.lines) == 40
+    assert "29 more" in [text.get_text() for text in texts]
+
+
+def test_figure_of_a_comparison():
+    pytest.importorskip("matplotlib")
+    t = np.linspace(1, 1.5, 11)
+    rows = [{"h": h, "t": t, "exact": h + (t == 1.0), "consistent": h * (t - 1)} for h in (0.1, 0.01)]
+    figure = plot_comparison(rows)
+    assert [axis.get_yscale() for axis in figure.axes] == ["log", "log"]
+    exact, consistent = figure.axes[0].lines
+    assert exact.get_linestyle() != consistent.get_linestyle()
+    assert np.isnan(consistent.get_ydata()[0]) and np.isfinite(exact.get_ydata()).all()
+    with pytest.raises(InputError, match="shape"):
+        plot_comparison([{**rows[0], "exact": t[:3]}])
