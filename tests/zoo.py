@@ -1,0 +1,122 @@
+"""Problems with answers that do not come from pinconsist: hand-derived rods in a plane, reduced to one coordinate.
+
+Absolute angles φ about +y; a rod points along e(φ) = (cos φ, -sin φ) in the x-z plane, gravity along -z.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+G = 9.81
+
+
+def e(phi):
+    return np.array([np.cos(phi), -np.sin(phi)])
+
+
+def de(phi):
+    return np.array([-np.sin(phi), -np.cos(phi)])
+
+
+class FourBar:
+    """Crank 1 m, coupler 2 m, rocker 1.5 m on 2.2 m; q = (crank, coupler relative to it, rocker)."""
+
+    l, m, ground = (1.0, 2.0, 1.5), (1.0, 2.0, 1.5), 2.2
+    T = np.array([[1.0, 0, 0], [1.0, 1.0, 0], [0, 0, 1.0]])  # absolute angles from q
+
+    def mass(self, x):
+        (l1, l2, l3), (m1, m2, m3) = self.l, self.m
+        c = m2 * l1 * l2 / 2 * np.cos(x[0] - x[1])
+        return np.array([[m1 * l1**2 / 3 + m2 * l1**2, c, 0], [c, m2 * l2**2 / 3, 0], [0, 0, m3 * l3**2 / 3]])
+
+    def bias(self, x, xd):
+        (l1, l2, l3), (m1, m2, m3) = self.l, self.m
+        s = m2 * l1 * l2 / 2 * np.sin(x[0] - x[1])
+        weight = G * np.array([m1 * l1 / 2 + m2 * l1, m2 * l2 / 2, m3 * l3 / 2])
+        return np.array([s * xd[1] ** 2, -s * xd[0] ** 2, 0]) - weight * np.cos(x)
+
+    def constraint(self, x):
+        return self.l[0] * e(x[0]) + self.l[1] * e(x[1]) - self.l[2] * e(x[2]) - np.array([self.ground, 0])
+
+    def jacobian(self, x):
+        return np.column_stack([self.l[0] * de(x[0]), self.l[1] * de(x[1]), -self.l[2] * de(x[2])])
+
+    def jacobian_rate(self, x, xd):
+        signed = (self.l[0], self.l[1], -self.l[2])
+        return np.column_stack([-length * e(x[i]) * xd[i] for i, length in enumerate(signed)])
+
+
+class SliderCrank:
+    """Crank 0.3 m, rod 0.9 m, piston along x; q = (crank, rod relative to it, piston)."""
+
+    T = np.array([[1.0, 0, 0], [1.0, 1.0, 0], [0, 0, 1.0]])
+
+    def __init__(self, masses, lengths=(0.3, 0.9)):
+        self.m, self.l = masses, lengths
+
+    def mass(self, x):
+        (l1, l2), (m1, m2, m3) = self.l, self.m
+        c = m2 * l1 * l2 / 2 * np.cos(x[0] - x[1])
+        return np.array([[m1 * l1**2 / 3 + m2 * l1**2, c, 0], [c, m2 * l2**2 / 3, 0], [0, 0, m3]])
+
+    def bias(self, x, xd):
+        (l1, l2), (m1, m2, _) = self.l, self.m
+        s = m2 * l1 * l2 / 2 * np.sin(x[0] - x[1])
+        weight = G * np.array([m1 * l1 / 2 + m2 * l1, m2 * l2 / 2, 0]) * np.cos([x[0], x[1], 0])
+        return np.array([s * xd[1] ** 2, -s * xd[0] ** 2, 0]) - weight
+
+    def constraint(self, x):
+        return self.l[0] * e(x[0]) + self.l[1] * e(x[1]) - np.array([x[2], 0])
+
+    def jacobian(self, x):
+        return np.column_stack([self.l[0] * de(x[0]), self.l[1] * de(x[1]), [-1.0, 0]])
+
+    def jacobian_rate(self, x, xd):
+        return np.column_stack([-self.l[0] * e(x[0]) * xd[0], -self.l[1] * e(x[1]) * xd[1], [0.0, 0]])
+
+
+def reduced_solution(linkage, q0, rate0, times):
+    """(q, v, Jᵀλ) rows at `times` by scipy's DOP853 on the crank angle alone, rtol 1e-12.
+
+    The other two coordinates follow from the closed loop by Newton's method; Jᵀλ = M q'' + bias in coordinates q.
+    """
+    follow = {"x": linkage.T @ q0}
+
+    def close(angle):
+        x = follow["x"].copy()
+        x[0] = angle
+        for _ in range(50):
+            gap = linkage.constraint(x)
+            if np.abs(gap).max() < 1e-15:
+                break
+            x[1:] -= np.linalg.solve(linkage.jacobian(x)[:, 1:], gap)
+        follow["x"] = x
+        return x
+
+    def kinematics(angle, rate):
+        x = close(angle)
+        C = linkage.jacobian(x)
+        k = np.concatenate(([1.0], -np.linalg.solve(C[:, 1:], C[:, 0])))
+        xd = k * rate
+        kd = np.concatenate(([0.0], -np.linalg.solve(C[:, 1:], linkage.jacobian_rate(x, xd) @ k)))
+        return x, xd, k, kd
+
+    def acceleration(angle, rate):
+        x, xd, k, kd = kinematics(angle, rate)
+        M, b = linkage.mass(x), linkage.bias(x, xd)
+        angular = -k @ (M @ kd * rate + b) / (k @ M @ k)
+        return angular, x, xd, k * angular + kd * rate
+
+    run = solve_ivp(
+        lambda t, y: [y[1], acceleration(*y)[0]],
+        (times[0], times[-1]), [q0[0], rate0], "DOP853", times, rtol=1e-12, atol=1e-13,
+    )  # fmt: skip
+    follow["x"] = linkage.T @ q0
+    rows = []
+    for angle, rate in run.y.T:
+        _, x, xd, xdd = acceleration(angle, rate)
+        S = np.linalg.inv(linkage.T)
+        forces = linkage.T.T @ (linkage.mass(x) @ xdd + linkage.bias(x, xd))
+        rows.append((S @ x, S @ xd, forces))
+    return tuple(np.array(column) for column in zip(*rows, strict=True))
