@@ -9,7 +9,7 @@ import pytest
 import pinconsist as pc
 from pinconsist.mechanism.system import MechanismSystem
 
-from .zoo import G, FourBar, SliderCrank, reduced_solution
+from zoo import G, FourBar, SliderCrank, reduced_solution
 
 TIMES = np.linspace(0.0, 1.0, 6)
 
