@@ -64,7 +64,7 @@ def certify(solution, mechanism=None) -> Certificate:
 def _certify_problem(solution, system):
     phi, rho, forces, exact = [], [], [], []
     for t, p, v, lam in zip(solution.t, solution.q, solution.v, solution.lam, strict=True):
-        _, gap, G = system.evaluate(t, p, v, np.zeros(system.nv))
+        _, gap, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
         phi.append(gap)
         rho.append(system.velocity_residual(t, p, system.rate(t, p, v)))
         forces.append(G @ lam)

@@ -7,7 +7,9 @@ import numpy as np
 from .dae import integrate as dae
 from .dae.bdf import MAX_ORDER
 from .dae.consistency import MODES
+from .dae.events import as_events
 from .dae.problem import HessenbergProblem
+from .dae.record import Wishes
 from .dae.stepsize import ErrorControl, FixedStep
 from .errors import InputError
 from .mechanism.assembly import assemble
@@ -30,6 +32,9 @@ def simulate(
     rtol=1e-6,
     atol=1e-8,
     forces=(),
+    t_eval=None,
+    dense_output=False,
+    events=None,
     callback=None,
     consistency="every-step",
     first_step=None,
@@ -60,6 +65,13 @@ def simulate(
         are never in the error test. They converge with the velocities.
     forces : sequence
         Forces on top of the mechanism's own; see :class:`Mechanism`.
+    t_eval : array, optional
+        Times of the rows, inside the span, in its direction. Default: every accepted step. With it nothing else is
+        kept, so that memory does not grow with the run.
+    dense_output : bool
+        Give ``sol.sol(t) -> (q, v, lam)`` for any time.
+    events : Event or function, or sequence of them, optional
+        See :class:`Event`; plain functions ``g(t, q, v, lam)`` may carry ``terminal``, ``direction``, ``apply``.
     callback : callable, optional
         ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run.
     consistency : {"every-step", "initial", "exact"}
@@ -91,7 +103,8 @@ def simulate(
     assembly = assemble(mech, q0, v0)
     system = MechanismSystem(mech, assembly.q)
     system.require_regular(assembly.q)
-    trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, _full_rows(system, callback))
+    wishes = _wishes(system, span, t_eval, dense_output, events, callback)
+    trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes)
     return Solution.from_trajectory(trajectory, system, plan)
 
 
@@ -106,6 +119,9 @@ def integrate(
     max_order=5,
     rtol=1e-6,
     atol=1e-8,
+    t_eval=None,
+    dense_output=False,
+    events=None,
     callback=None,
     consistency="every-step",
     first_step=None,
@@ -122,7 +138,8 @@ def integrate(
     p0, v0 : array
         Initial position, on the constraint, and velocity. A velocity off the hidden constraint is accepted: that is
         what numerically consistent values are.
-    method, step, max_order, rtol, atol, callback, consistency, first_step, max_step, max_steps
+    method, step, max_order, rtol, atol, t_eval, dense_output, events, callback, consistency, first_step, max_step, \
+    max_steps
         As in :func:`simulate`.
 
     Returns
@@ -148,7 +165,8 @@ def integrate(
             "method turns that into a multiplier error of that size over the step squared. Give a p0 on the "
             "constraint, or use simulate(), which assembles"
         )
-    trajectory = dae.integrate(system, span, p0, v0, plan, _full_rows(system, callback))
+    wishes = _wishes(system, span, t_eval, dense_output, events, callback)
+    trajectory = dae.integrate(system, span, p0, v0, plan, wishes)
     return Solution.from_trajectory(trajectory, system, plan)
 
 
@@ -225,8 +243,17 @@ def _pair(value, what) -> tuple:
     return parts
 
 
-def _full_rows(system, callback):
-    """The user's callback, given the multipliers of all rows."""
-    if callback is None or not hasattr(system, "full_multipliers"):
-        return callback
-    return lambda t, q, v, lam: callback(t, q, v, system.full_multipliers(q, lam))
+def _wishes(system, span, t_eval, dense_output, events, callback) -> Wishes:
+    if callback is not None and not callable(callback):
+        raise InputError(f"callback must be a function of (t, q, v, lam), got {type(callback).__name__}")
+    if t_eval is not None:
+        t_eval = np.atleast_1d(finite_array(t_eval, "t_eval"))
+        low, high = min(span), max(span)
+        if t_eval.ndim != 1 or (t_eval < low).any() or (t_eval > high).any():
+            raise InputError(f"t_eval must be times between {low:g} and {high:g} s")
+        if ((span[1] - span[0]) * np.diff(t_eval) < 0).any():
+            raise InputError("t_eval must be sorted in the direction of t_span")
+    wishes = Wishes(t_eval, bool(dense_output), as_events(events), callback)
+    if hasattr(system, "full_multipliers"):
+        wishes.finish = system.full_multipliers
+    return wishes

@@ -29,17 +29,22 @@ class Solution:
         start; with redundant rows, the multipliers of smallest norm. Signs, frames and units:
         :mod:`pinconsist.mechanism.loops`.
     success : bool
-        True if the end of the interval was reached.
+        True unless the integration failed (a run stopped by an event or a callback is a success, as in scipy).
     status : int
-        0 end reached, 1 stopped by a callback, -1 failed.
+        0 end reached, 1 stopped by an event or a callback, -1 failed.
     message : str
         What happened, for a person.
-    nfev, njev, nlu : int
-        Residual evaluations, Newton matrices, factorisations.
+    nsteps, nfev, njev, nlu : int
+        Accepted steps, residual evaluations, Newton matrices, factorisations.
     rejected : dict
         Rejected attempts by reason.
     h, order : ndarray, shape (n-1,)
-        Step and order by which each row was reached; order 0 marks the one-step start.
+        Step and order by which each row was reached; order 0 marks the one-step start, step 0 the jump at an event.
+        Empty with ``t_eval``.
+    sol : DenseOutput or None
+        ``sol(t) -> (q, v, lam)``, with ``dense_output=True``.
+    t_events, q_events, v_events : list of ndarray
+        Times and states at which each event occurred.
     method : dict
         How it was made: order, step, consistency, tolerances.
     system
@@ -53,6 +58,7 @@ class Solution:
     success: bool
     status: int
     message: str
+    nsteps: int
     nfev: int
     njev: int
     nlu: int
@@ -61,6 +67,10 @@ class Solution:
     order: np.ndarray
     method: dict
     scene: str = ""
+    sol: object = field(default=None, repr=False, compare=False)
+    t_events: list = field(default_factory=list, repr=False, compare=False)
+    q_events: list = field(default_factory=list, repr=False, compare=False)
+    v_events: list = field(default_factory=list, repr=False, compare=False)
     system: object = field(default=None, repr=False, compare=False)
 
     @classmethod
@@ -76,6 +86,10 @@ class Solution:
         return cls(
             t=t, q=q, v=v, lam=lam, h=h, order=order, system=system, method=plan.describe(),
             scene=getattr(getattr(system, "mechanism", None), "name", ""),
+            success=trajectory.status >= 0, sol=trajectory.dense,
+            t_events=[np.array([row[0] for row in rows]) for rows in trajectory.events],
+            q_events=[np.array([row[1] for row in rows]) for rows in trajectory.events],
+            v_events=[np.array([row[2] for row in rows]) for rows in trajectory.events],
             **{name: getattr(trajectory, name) for name in _OUTCOME},
         )  # fmt: skip
 
@@ -83,11 +97,6 @@ class Solution:
     def y(self) -> np.ndarray:
         """[q; v; λ] with times as columns, as scipy has it: shape (nq+nv+nc, n)."""
         return np.hstack((self.q, self.v, self.lam)).T
-
-    @property
-    def nsteps(self) -> int:
-        """Accepted steps."""
-        return len(self.t) - 1
 
     def check(self, mechanism=None) -> Certificate:
         """Measure the solution's own residuals, in a system built afresh: see :class:`Certificate`.
@@ -103,13 +112,18 @@ class Solution:
 
     def summary(self) -> str:
         """A few lines for a person."""
-        wasted = sum(self.rejected.values())
-        steps = np.abs(self.h) if self.nsteps else np.zeros(1)
-        parts = [f"{self.message}", f"t = {self.t[0]:g} … {self.t[-1]:g} s in {self.nsteps} steps ({wasted} rejected)"]
-        if self.nsteps:
-            parts.append(f"steps {steps.min():.3g} … {steps.max():.3g} s, orders up to {self.order.max()}")
-        parts.append(f"{self.nfev} residuals, {self.njev} Newton matrices, {self.nlu} factorisations")
-        return "\n".join(parts)
+        lines = [self.message]
+        if len(self.t):
+            wasted = ", ".join(f"{count} by {reason}" for reason, count in self.rejected.items() if count)
+            rejected = f" ({sum(self.rejected.values())} rejected: {wasted})" if wasted else ""
+            lines.append(f"t = {self.t[0]:g} … {self.t[-1]:g} s in {self.nsteps} steps{rejected}")
+        taken = np.abs(self.h[self.h != 0])
+        if len(taken):
+            counts = np.bincount(self.order)
+            orders = ", ".join(f"{count} of order {k}" for k, count in enumerate(counts) if k and count)
+            lines.append(f"steps {taken.min():.3g} … {taken.max():.3g} s; {orders}")
+        lines.append(f"{self.nfev} residuals, {self.njev} Newton matrices, {self.nlu} factorisations")
+        return "\n".join(lines)
 
     def save(self, file) -> Path:
         """Write an npz file without pickles, whole or not at all; returns its path."""
@@ -151,5 +165,5 @@ class Solution:
 
 
 _ARRAYS = ("t", "q", "v", "lam", "h", "order")
-_OUTCOME = ("success", "status", "message", "nfev", "njev", "nlu", "rejected")
-_ABOUT = (*_OUTCOME, "method", "scene")
+_OUTCOME = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
+_ABOUT = (*_OUTCOME, "success", "method", "scene")

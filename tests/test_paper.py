@@ -68,7 +68,7 @@ def test_shifting_the_velocity_shifts_the_multiplier_exactly(name):
 
     p1, v1, lam1 = first_step(problem.v0)
     c = np.arange(1.0, system.nc + 1)
-    _, _, G = system.evaluate(problem.t0 + h, p1, v1, np.zeros(system.nv))
+    _, _, G, _ = system.evaluate(problem.t0 + h, p1, v1, np.zeros(system.nv))
     p2, v2, lam2 = first_step(problem.v0 - h * G @ c)  # M = 1 in both problems
     np.testing.assert_allclose(p2, p1, atol=1e-15)
     np.testing.assert_allclose(v2, v1, atol=1e-12)
@@ -112,7 +112,7 @@ def test_problem51_takes_mass_forces_and_jacobian_from_pinocchio():
     system = MechanismSystem(problem.system, problem.p0)
     q, v = np.array([0.3, -0.8]), np.array([1.0, 2.0])
     np.testing.assert_allclose(system.mass_matrix(q), np.eye(2), atol=1e-15)
-    f, phi, G = system.evaluate(0.0, q, v, np.zeros(2))
+    f, phi, G, _ = system.evaluate(0.0, q, v, np.zeros(2))
     np.testing.assert_allclose(f, [-2 * q[1], 2 * q[0]], atol=1e-15)
     np.testing.assert_allclose(phi, [(q @ q - 1) / 2], atol=1e-15)
     np.testing.assert_allclose(G[:, 0], q, atol=1e-15)
@@ -128,7 +128,7 @@ def test_closed_forms_solve_the_equations(name):
         p, v, lam = problem.exact(t)
         (p2, v2, _), (p1, v1, _) = problem.exact(t + d), problem.exact(t - d)
         np.testing.assert_allclose((p2 - p1) / (2 * d), system.rate(t, p, v), atol=1e-8)
-        f, phi, G = system.evaluate(t, p, v, (v2 - v1) / (2 * d))
+        f, phi, G, _ = system.evaluate(t, p, v, (v2 - v1) / (2 * d))
         np.testing.assert_allclose(f, G @ lam, atol=1e-7)
         np.testing.assert_allclose(phi, 0.0, atol=1e-15)
 
@@ -141,6 +141,6 @@ def test_velocity_shift_is_the_smallest_with_that_residual():
     before = system.velocity_residual(problem.t0, problem.p0, system.rate(problem.t0, problem.p0, problem.v0))
     after = system.velocity_residual(problem.t0, problem.p0, system.rate(problem.t0, problem.p0, problem.v0 + shift))
     np.testing.assert_allclose(after - before, rho, atol=1e-14)
-    _, _, G = system.evaluate(problem.t0, problem.p0, problem.v0, np.zeros(3))
+    _, _, G, _ = system.evaluate(problem.t0, problem.p0, problem.v0, np.zeros(3))
     outside = shift - G @ np.linalg.lstsq(G, shift, rcond=None)[0]
     np.testing.assert_allclose(outside, 0.0, atol=1e-14)

@@ -27,7 +27,7 @@ MODES = ("exact", "initial", "every-step")
 def kkt_at(system, t, p, v) -> KKT:
     """[[M, -G], [W, 0]], factorised, at a state."""
     zero_v, zero_c = np.zeros(system.nv), np.zeros(system.nc)
-    _, _, G = system.evaluate(t, p, v, zero_v)
+    _, _, G, _ = system.evaluate(t, p, v, zero_v)
     A, W = system.linearize(t, p, v, zero_v, zero_c, 0.0)
     kkt = KKT(A, G, W)
     if kkt.singular:
@@ -61,7 +61,7 @@ def project_position(system, t, p, v):
         return p
     last = np.inf
     for _ in range(20):
-        _, phi, _ = system.evaluate(t, p, v, np.zeros(system.nv))
+        _, phi, _, _ = system.evaluate(t, p, v, np.zeros(system.nv))
         size = np.max(np.abs(phi))
         if size <= EPS or (size <= 1e-13 * (1.0 + np.max(np.abs(p))) and size >= 0.5 * last):
             return p
@@ -110,7 +110,7 @@ def consistent_initial_velocity(system, t0, p0, v0, h):
 
 def trial_step(system, t, h, k, base, Z):
     """One uncorrected BDF-k step from a table, to rounding; raises where Newton fails."""
-    newton = Newton(system, corrections=0)
+    newton = Newton(system, correct=False)
     step = bdf.formula_step(newton, t, h, k, base, Z)[0]
     if step.failure:
         raise SingularSystemError(f"the trial step from t = {t:.6g} with h = {h:.3g} failed: {step.failure}")

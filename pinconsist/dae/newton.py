@@ -15,6 +15,7 @@ whose condition does not depend on the step size (the raw index-3 matrix grows l
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite, sqrt
 
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
@@ -57,8 +58,7 @@ class KKT:
         K[:nv, nv:] = -G
         K[nv:, :nv] = W
         self.lu, self.pivots, info = dgetrf(K, overwrite_a=1)
-        diagonal = np.abs(np.diagonal(self.lu))
-        self.singular = info != 0 or not np.isfinite(diagonal).all()
+        self.singular = info != 0
 
     def solve(self, rhs):
         """K⁻¹ rhs; rhs has shape (nv+nc,) or (nv+nc, columns)."""
@@ -71,17 +71,20 @@ class Newton:
     Parameters
     ----------
     system : Index3System
-    corrections : int
-        How often to take ρ out of each solution, the every-step correction of :mod:`pinconsist.dae.consistency`:
-        once leaves |ρ| times the predictor's error, twice leaves rounding, 0 leaves the raw formula.
+    correct : bool
+        Take the hidden velocity residual ρ out of each solution: the every-step correction of
+        :mod:`pinconsist.dae.consistency`.
     """
 
-    def __init__(self, system, corrections: int):
-        self.system, self.corrections = system, corrections
+    def __init__(self, system, correct: bool):
+        self.system, self.correct = system, correct
         self.nfev = self.njev = self.nlu = 0
 
-    def attempt(self, t, base, psi, predicted, c, weight_x, weight_v, tol) -> Attempt:
+    def attempt(self, t, base, psi, predicted, c, weight, tol) -> Attempt:
         """Solve one step.
+
+        One factorisation serves three right-hand sides: (r₁, 0) for the dynamics, (0, r₂) for the constraint, whose
+        rounding noise eps/c is judged only by the position change it makes, and (0, ρ) for the correction.
 
         Parameters
         ----------
@@ -93,22 +96,24 @@ class Newton:
             ψ and the predicted [ξ | v | λ], shape (nx+nv+nc,).
         c : float
             h/α_k, s.
-        weight_x, weight_v : ndarray
-            Reciprocal tolerances of position and velocity; `tol` is compared with root mean squares of weighted
-            increments.
+        weight : ndarray, shape (nx+nv,)
+            Reciprocal tolerances of position and velocity.
         tol : float
-            Stop when the remaining error is estimated below this.
+            Stop when the root mean squares of the weighted increments to come are estimated below this.
         """
-        system = self.system
-        nx, nv = system.nx, system.nv
+        system, nv = self.system, self.system.nv
+        nx, n = system.nx, nv + system.nc
         psi_x, psi_v = psi[:nx], psi[nx : nx + nv]
-        v, m = predicted[nx : nx + nv].copy(), c * predicted[nx + nv :]
-        rhs = np.zeros((nv + system.nc, 2), order="F")
-        kkt, last, rate, failure = None, 0.0, 0.0, "Newton did not converge"
+        weights = step_weights(weight, nx, nv, c)
+        x = predicted[nx:].copy()
+        x[nv:] *= c
+        v, m = x[:nv], x[nv:]
+        kkt, last, rate = None, 0.0, 0.0
         p, xi = system.position(t, base, psi_x, c, v)
         for iteration in range(1, MAX_ITERATIONS + 1):
-            a = (v - psi_v) / c
-            f, phi, G = system.evaluate(t, p, v, a)
+            a = v - psi_v
+            a /= c
+            f, phi, G, rho = system.evaluate(t, p, v, a)
             self.nfev += 1
             if kkt is None or rate > FRESH_RATE:
                 A, W = system.linearize(t, p, v, a, m, c)
@@ -117,53 +122,61 @@ class Newton:
                 self.nlu += 1
                 if kkt.singular:
                     return Attempt(predicted, p, iteration, "the KKT matrix is singular")
-            rhs[:nv, 0] = c * f - G @ m
-            rhs[nv:, 1] = phi / c
+            f *= c
+            f -= G.dot(m)
+            rhs = np.zeros((n, 3), order="F")
+            rhs[:nv, 0] = f
+            np.divide(phi, c, out=rhs[nv:, 1])
+            rhs[nv:, 2] = rho
             steps = kkt.solve(rhs)
-            v = v - steps[:nv, 0] - steps[:nv, 1]
-            m = m - steps[nv:, 0] - steps[nv:, 1]
+            before = x
+            x = before - steps.dot(_RAW)
+            v, m = x[:nv], x[nv:]
             p, xi = system.position(t, base, psi_x, c, v)
-            # Φ/c carries rounding noise of size eps/c: its increment is judged as the position change it makes
-            size_v, size_x = _rms(steps[:nv, 0] * weight_v), abs(c) * _rms(steps[:nv, 1] * weight_x)
-            size = size_v + size_x
-            if not np.isfinite(size):
-                failure = "the residual is not finite"
-                break
-            rate = size / last if iteration > 1 else 0.0
+            sizes = steps[:nv, :2] * weights
+            size = sqrt(np.vdot(sizes, sizes) / nv)
+            if not isfinite(size):
+                return Attempt(predicted, p, iteration, "the residual is not finite")
+            if iteration > 1:
+                rate = size / last
             settled = size <= tol or (iteration > 1 and rate < 1.0 and size * rate / (1.0 - rate) <= tol)
-            if settled or (rate > STAGNANT and self._at_floor(steps, v, m, p, c)):
-                return self._finish(t, base, psi_x, p, xi, v, m, c, kkt, iteration)
+            if settled or (rate > STAGNANT and _at_floor(steps[:nv], v, p, c)):
+                if self.correct:  # W(x - raw) = ρ - r₂: what the raw solution leaves of ρ
+                    x = before - steps.dot(_CORRECTED)
+                x[nv:] /= c
+                return Attempt(np.concatenate((xi, x)), p, iteration)
             if rate > 2.0 and iteration > 2:
-                failure = "Newton diverged"
-                break
+                return Attempt(predicted, p, iteration, "Newton diverged")
             last = size
-        return Attempt(predicted, p, iteration, failure)
+        return Attempt(predicted, p, iteration, "Newton did not converge")
 
-    def _at_floor(self, steps, v, m, p, c) -> bool:
-        """Whether the increments are what rounding leaves, so that more iterations or a smaller step cannot help."""
-        nv = self.system.nv
-        scale = np.max(np.abs(v), initial=0.0) + np.max(np.abs(steps[:nv, 0]), initial=0.0)
-        moved = abs(c) * np.max(np.abs(steps[:nv, 1]), initial=0.0)
-        return (
-            np.max(np.abs(steps[:nv, 0]), initial=0.0) <= 1e-9 * scale
-            and moved <= 1e4 * EPS * (1.0 + np.max(np.abs(p), initial=0.0))
-        )
 
-    def _finish(self, t, base, psi_x, p, xi, v, m, c, kkt, iterations) -> Attempt:
-        nv = self.system.nv
-        for _ in range(self.corrections if self.system.nc else 0):
-            rho = self.system.velocity_residual(t, p, self.system.rate(t, p, v))
-            step = kkt.solve(np.concatenate((np.zeros(nv), rho)))
-            v, m = v - step[:nv], m - step[nv:]
-        return Attempt(np.concatenate((xi, v, m / c)), p, iterations)
+_RAW = np.array([1.0, 1.0, 0.0])
+_CORRECTED = np.array([1.0, 0.0, 1.0])
+
+
+def step_weights(weight, nx, nv, c):
+    """Weights (nv, 2) of the velocity increments of the dynamics, and of the positions that the constraint's make."""
+    weights = np.empty((nv, 2), order="F")
+    weights[:, 0] = weight[nx:]
+    weights[:, 1] = weight[:nx] if nx == nv else weight[:nx].max(initial=0.0)
+    weights[:, 1] *= c
+    return weights
+
+
+def _at_floor(steps, v, p, c) -> bool:
+    """Whether the increments are what rounding leaves, so that more iterations or a smaller step cannot help."""
+    step, moved = (np.max(np.abs(steps[:, i]), initial=0.0) for i in (0, 1))
+    scale = np.max(np.abs(v), initial=0.0) + step
+    return step <= 1e-9 * scale and abs(c) * moved <= 1e4 * EPS * (1.0 + np.max(np.abs(p), initial=0.0))
 
 
 def rounding_weights(system, y):
-    """Weights and tolerance with which Newton runs down to rounding: increments relative to the state's size."""
+    """Weight and tolerance with which Newton runs down to rounding: increments relative to the state's size."""
     p, v = y[: system.nx], y[system.nx : system.nx + system.nv]
     size_v = np.max(np.abs(v), initial=0.0) or 1.0
     size_x = 1.0 + np.max(np.abs(p), initial=0.0)
-    return np.full(system.nx, 1.0 / size_x), np.full(system.nv, 1.0 / size_v), 2.0 * EPS
+    return np.concatenate((np.full(system.nx, 1.0 / size_x), np.full(system.nv, 1.0 / size_v))), 2.0 * EPS
 
 
 def solve_acceleration(system, t, p, v):
@@ -176,7 +189,7 @@ def solve_acceleration(system, t, p, v):
     a : ndarray, shape (nv,)
     lam : ndarray, shape (nc,)
     """
-    f0, _, G = system.evaluate(t, p, v, np.zeros(system.nv))
+    f0, _, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
     A, W = system.linearize(t, p, v, np.zeros(system.nv), np.zeros(system.nc), 0.0)
     kkt = KKT(A, G, W)
     if kkt.singular:
@@ -186,4 +199,4 @@ def solve_acceleration(system, t, p, v):
 
 
 def _rms(x) -> float:
-    return float(np.sqrt(x @ x / max(len(x), 1)))
+    return sqrt(x.dot(x) / len(x)) if len(x) else 0.0

@@ -48,7 +48,10 @@ class Index3System(Protocol):
         """(p, ξ) with p = base ⊕ ξ and ξ = ψ + c U(t, p, v): the position that a BDF step gives to a velocity."""
 
     def evaluate(self, t, p, v, a):
-        """(f, Φ, G): f = M a + f₀, shape (nv,); the constraint, (nc,); the force directions, (nv, nc)."""
+        """(f, Φ, G, ρ): f = M a + f₀, (nv,); constraint, (nc,); force directions, (nv, nc); hidden residual, (nc,).
+
+        The arrays are the caller's to change, and valid until the next call.
+        """
 
     def linearize(self, t, p, v, a, m, c):
         """(A, W) at the point evaluated last: A = M + c ∂f/∂v + c² ∂f/∂p, (nv, nv); W, (nc, nv). m = c λ."""
@@ -148,7 +151,8 @@ class HessenbergProblem:
         return p, p
 
     def evaluate(self, t, p, v, a):
-        return a - self.F(t, p, v), np.asarray(self.R(t, p), float), np.asarray(self.G(t, p, v), float)
+        rho = self.velocity_residual(t, p, self.rate(t, p, v))
+        return a - self.F(t, p, v), np.asarray(self.R(t, p), float), np.asarray(self.G(t, p, v), float), rho
 
     def linearize(self, t, p, v, a, m, c):
         E = np.linalg.inv(np.eye(self.nx) - c * self._jacobian_U_p(t, p, v))

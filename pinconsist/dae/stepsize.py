@@ -7,6 +7,7 @@ corrected, and a test on them would only react to their rounding floor.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import sqrt
 
 import numpy as np
 
@@ -23,19 +24,25 @@ class FixedStep:
     """The same step and order throughout; Newton down to rounding; nothing is rejected."""
 
     ndf: bool = False
-    corrections: int = 2
+    reasons: dict = field(default_factory=dict)
+
+    def fit(self, system):
+        """Nothing to prepare."""
 
     def weights(self, system, predicted, p):
         return rounding_weights(system, predicted)
 
-    def error(self, system, d, k, weights) -> float:
+    def error(self, system, d, k, weight) -> float:
         return 0.0
 
-    def after_failure(self, h, failure):
+    def after_failure(self, h):
         return None
 
-    def next_step(self, system, Z, k, h, error, weights, iterations):
+    def next_step(self, system, Z, k, h, error, weight):
         return h, k
+
+    def restart(self):
+        """Nothing to forget."""
 
 
 @dataclass
@@ -57,30 +64,38 @@ class ErrorControl:
     max_order: int
     max_step: float
     ndf: bool = True
-    corrections: int = 1
     equal_steps: int = 0
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
 
-    def weights(self, system, predicted, p):
-        """Reciprocal tolerances of position and velocity, and Newton's stopping size."""
-        nx, nv = system.nx, system.nv
-        weight_x = 1.0 / (self.atol[0] + self.rtol[0] * system.position_scale(p))
-        weight_v = 1.0 / (self.atol[1] + self.rtol[1] * np.abs(predicted[nx : nx + nv]))
-        return weight_x, weight_v, NEWTON_FACTOR
+    def fit(self, system) -> None:
+        """Spread the tolerances over the columns [ξ | v] of a system."""
+        sizes = (system.nx, system.nv)
+        for name in ("rtol", "atol"):
+            parts = [np.broadcast_to(part, size) for part, size in zip(getattr(self, name), sizes, strict=True)]
+            setattr(self, "_" + name, np.concatenate(parts))
 
-    def error(self, system, d, k, weights) -> float:
+    def weights(self, system, predicted, p):
+        """Reciprocal tolerances of [ξ | v], and Newton's stopping size."""
+        weight = np.abs(predicted[: system.nx + system.nv])
+        if not system.vector_like:
+            weight[: system.nx] = system.position_scale(p)
+        weight *= self._rtol
+        weight += self._atol
+        return np.reciprocal(weight, out=weight), NEWTON_FACTOR
+
+    def error(self, system, d, k, weight) -> float:
         """Local error of order k over its tolerance: the larger root mean square of the two parts."""
-        return abs(bdf.error_constant(k, self.ndf)) * self._norm(system, d, weights)
+        nx = system.nx
+        e = d[: len(weight)] * weight
+        x, v = e[:nx], e[nx:]
+        return abs(bdf.error_constant(k, self.ndf)) * sqrt(max(x.dot(x) / nx, v.dot(v) / len(v)))
 
     def error_of(self, system, rows, k) -> float:
         """The same from k+2 equidistant rows [ξ | v], oldest first."""
-        d = (bdf.differences(k + 1) @ rows[::-1])[k + 1]
-        p = rows[0][: system.nx]
-        weight_x = 1.0 / (self.atol[0] + self.rtol[0] * (np.abs(p) if system.vector_like else 1.0))
-        weight_v = 1.0 / (self.atol[1] + self.rtol[1] * np.abs(rows[:, system.nx :]).max(axis=0))
-        return self.error(system, d, k, (np.broadcast_to(weight_x, p.shape), weight_v))
+        weight = 1.0 / (self._atol + self._rtol * np.abs(rows).max(axis=0))
+        return self.error(system, (bdf.differences(k + 1) @ rows[::-1])[k + 1], k, weight)
 
-    def after_failure(self, h, failure):
+    def after_failure(self, h):
         self.equal_steps = 0
         self.reasons["newton"] += 1
         return 0.25 * h
@@ -90,16 +105,20 @@ class ErrorControl:
         self.reasons["error"] += 1
         return h * max(MIN_FACTOR, SAFETY * error ** (-1.0 / (k + 1)))
 
-    def next_step(self, system, Z, k, h, error, weights, iterations):
+    def restart(self) -> None:
+        """Forget how many steps of equal size there were."""
+        self.equal_steps = 0
+
+    def next_step(self, system, Z, k, h, error, weight):
         """(h, k) of the next step, from the table at the accepted one."""
         self.equal_steps += 1
         if self.equal_steps <= k:
             return h, k
         errors = {k: error}
         if k > 1:
-            errors[k - 1] = self.error(system, Z[k], k - 1, weights)
+            errors[k - 1] = self.error(system, Z[k], k - 1, weight)
         if k < self.max_order:
-            errors[k + 1] = self.error(system, Z[k + 2], k + 1, weights)
+            errors[k + 1] = self.error(system, Z[k + 2], k + 1, weight)
         factors = {order: max(value, 1e-10) ** (-1.0 / (order + 1)) for order, value in errors.items()}
         best = max(factors, key=lambda order: (factors[order], -order))
         factor = min(MAX_FACTOR, SAFETY * factors[best])
@@ -108,8 +127,3 @@ class ErrorControl:
         limit = self.max_step / abs(h)
         self.equal_steps = 0
         return h * min(max(factor, MIN_FACTOR), limit), best
-
-    def _norm(self, system, d, weights):
-        nx, nv = system.nx, system.nv
-        x, v = d[:nx] * weights[0], d[nx : nx + nv] * weights[1]
-        return float(np.sqrt(max(x @ x / max(nx, 1), v @ v / max(nv, 1))))

@@ -6,16 +6,15 @@ near the end; it needs no mass matrix and does not mind redundant rows.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from ..errors import AssemblyError
+from ..errors import AssemblyError, InputError
 from .loops import LoopRows
-from .mechanism import Mechanism
+from .mechanism import Mechanism, finite_array
 from .rank import dependencies, independent_rows
 
 CLOSED = 1e-10  # m or rad
@@ -89,11 +88,17 @@ def assemble(mechanism: Mechanism, q=None, v=None, *, fixed=None, tolerance: flo
     InputError
         Unknown joints, wrong sizes, NaN.
     """
+    if not isinstance(mechanism, Mechanism):
+        raise InputError(f"assemble needs a Mechanism, got {type(mechanism).__name__}; see pinconsist.load()")
+    if not (fixed is None or isinstance(fixed, Mapping)):
+        raise InputError(f"fixed= needs a mapping joint name → value, got {fixed!r}")
+    if not finite_array(tolerance, "tolerance") > 0:
+        raise InputError(f"tolerance must be positive, got {tolerance!r}")
     fixed = dict(fixed or {})
     soft = dict(q) if isinstance(q, Mapping) else {}
-    base = mechanism.guess if q is None or soft else q
+    base = mechanism.guess if q is None or isinstance(q, Mapping) else q
     guess = mechanism.configuration({**soft, **fixed}, base=mechanism.configuration(base))
-    solver = _Solver(mechanism)
+    solver = LoopSolver(mechanism)
     attempts = [{**soft, **fixed}] + ([fixed] if soft and soft.keys() - fixed.keys() else [])
     for names in attempts:  # named joints stay if the loops close that way, else only the fixed ones
         best, iterations = solver.close(guess, solver.free_columns(names))
@@ -117,7 +122,7 @@ def velocity_on_constraints(mechanism: Mechanism, q, v=None) -> np.ndarray:
     AssemblyError
         The named velocities contradict the loops.
     """
-    solver = _Solver(mechanism)
+    solver = LoopSolver(mechanism)
     _, J = solver.rows(q)
     J = J[independent_rows(J)]
     M = pin.crba(mechanism.model, mechanism.model.createData(), q)
@@ -141,51 +146,7 @@ def velocity_on_constraints(mechanism: Mechanism, q, v=None) -> np.ndarray:
     return result
 
 
-def reanchor(mechanism: Mechanism, q=None) -> Mechanism:
-    """See :meth:`Mechanism.reanchored`."""
-    best = mechanism.guess if q is None else mechanism.configuration(q, base=mechanism.guess)
-    result, everything = mechanism, np.ones(mechanism.nv, dtype=bool)
-    best, _ = _Solver(result).close(best, everything)
-    to_move = _impossible_alone(mechanism, best, _Solver(result).gaps(best), {})
-    while True:  # first the loops that cannot close alone; then, if the others do not follow, those too
-        gaps = _Solver(result).gaps(best)
-        worst = max(gaps.values())
-        to_move = to_move or {name: gap for name, gap in gaps.items() if worst > CLOSED and gap > 1e-3 * worst}
-        if not to_move:
-            break
-        result = replace(result, loops=_moved_anchors(result, best, to_move))
-        to_move = {}
-        best, _ = _Solver(result).close(best, everything)
-    moves = [
-        f"{after.name!r} by {np.linalg.norm(np.subtract(after.xyz2, before.xyz2)):.3g} m and "
-        f"{np.linalg.norm(pin.log3(before.placement2.rotation.T @ after.placement2.rotation)):.3g} rad"
-        for before, after in zip(mechanism.loops, result.loops, strict=True)
-        if before != after
-    ]
-    if moves:
-        warnings.warn(f"{mechanism.name}: anchor 2 moved to the best fit on loops {', '.join(moves)}", stacklevel=3)
-    return replace(result, guess=best)
-
-
-def _moved_anchors(mechanism, q, names):
-    data = mechanism.model.createData()
-    pin.framesForwardKinematics(mechanism.model, data, q)
-    return tuple(_moved_anchor(mechanism.model, data, loop) if loop.name in names else loop for loop in mechanism.loops)
-
-
-def _moved_anchor(model, data, loop):
-    """The loop with anchor 2 where anchor 1 is; its orientation too, unless only points are held."""
-    pose1 = data.oMf[model.getFrameId(loop.frame1)] * loop.placement1
-    pose2 = data.oMf[model.getFrameId(loop.frame2)]
-    anchor = pose2.actInv(pose1)
-    if loop.kind == "distance":
-        far = (pose2 * loop.placement2).translation
-        return replace(loop, length=float(np.linalg.norm(far - pose1.translation)))
-    rpy = loop.rpy2 if loop.kind == "point" else tuple(pin.rpy.matrixToRpy(anchor.rotation))
-    return replace(loop, xyz2=tuple(anchor.translation), rpy2=rpy)
-
-
-class _Solver:
+class LoopSolver:
     """Levenberg-Marquardt on the loops of one mechanism."""
 
     def __init__(self, mechanism):
@@ -271,12 +232,12 @@ def _report(mechanism, solver, guess, q, v, gaps, iterations):
     )
 
 
-def _impossible_alone(mechanism, guess, gaps, fixed) -> dict:
+def impossible_alone(mechanism, guess, gaps, fixed) -> dict:
     """Loop → best gap, of the loops that stay open even if all others are cut."""
     alone = {}
     for loop in mechanism.loops:
         if not gaps[loop.name] <= CLOSED:
-            solver = _Solver(mechanism.with_loops(loop))
+            solver = LoopSolver(mechanism.with_loops(loop))
             gap = solver.size(solver.close(guess, solver.free_columns(fixed))[0])
             if gap > CLOSED:
                 alone[loop.name] = gap
@@ -285,7 +246,7 @@ def _impossible_alone(mechanism, guess, gaps, fixed) -> dict:
 
 def _not_closed(mechanism, guess, best, open_loops, fixed):
     gaps = {loop.name: open_loops.get(loop.name, 0.0) for loop in mechanism.loops}
-    alone = _impossible_alone(mechanism, guess, gaps, fixed)
+    alone = impossible_alone(mechanism, guess, gaps, fixed)
     named = sorted((alone or open_loops).items(), key=lambda item: -item[1])
     units = {loop.name: "m" if loop.kind in ("point", "distance") else "m or rad" for loop in mechanism.loops}
     listed = ", ".join(f"{name!r} (gap {gap:.3g} {units[name]})" for name, gap in named)

@@ -36,6 +36,9 @@ class JointDamping:
 
     coefficients: np.ndarray
 
+    def __post_init__(self):
+        _set_numbers(self, "coefficients")
+
     def torque(self, t, q, v):
         return -self.coefficients * v
 
@@ -60,6 +63,11 @@ class JointFriction:
     coefficients: np.ndarray
     width: float = FRICTION_WIDTH
 
+    def __post_init__(self):
+        _set_numbers(self, "coefficients")
+        if not (np.isscalar(self.width) and self.width > 0):
+            raise InputError(f"the width of JointFriction must be positive, got {self.width!r}")
+
     def torque(self, t, q, v):
         return -self.coefficients * np.tanh(v / self.width)
 
@@ -79,6 +87,9 @@ class ConstantTorque:
     """
 
     value: np.ndarray
+
+    def __post_init__(self):
+        _set_numbers(self, "value")
 
     def torque(self, t, q, v):
         return self.value
@@ -129,18 +140,26 @@ class Torque:
 
 def as_force(force, nv: int) -> Force:
     """A Force from what a user may give: a Force, an array of constant torques, or a callable."""
-    if hasattr(force, "torque") and hasattr(force, "derivatives"):
-        return force
-    if callable(force):
-        return Torque(force)
+    if not (hasattr(force, "torque") and hasattr(force, "derivatives")):
+        force = Torque(force) if callable(force) else ConstantTorque(force)
+    numbers = {ConstantTorque: "value", JointDamping: "coefficients", JointFriction: "coefficients"}.get(type(force))
+    if numbers and (shape := getattr(force, numbers).shape) != (nv,):
+        raise InputError(f"{type(force).__name__} needs {nv} numbers, one for each joint velocity; got shape {shape}")
+    return force
+
+
+def _set_numbers(force, name):
+    """Replace a field of a force by a read-only float array."""
+    given = getattr(force, name)
     try:
-        value = np.array(force, dtype=float)
+        array = np.array(given, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"a force must be a Force, an array or a callable f(t, q, v), got {force!r}") from None
-    if value.shape != (nv,) or not np.isfinite(value).all():
-        raise InputError(f"constant torques need {nv} finite numbers, got shape {value.shape}")
-    value.setflags(write=False)
-    return ConstantTorque(value)
+        what = "a force must be a Force, an array or a callable f(t, q, v)"
+        raise InputError(f"{what}; {type(force).__name__}.{name} cannot be {given!r}") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{type(force).__name__}.{name} has a number that is not finite")
+    array.setflags(write=False)
+    object.__setattr__(force, name, array)
 
 
 def model_forces(model) -> tuple[Force, ...]:

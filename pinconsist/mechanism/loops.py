@@ -1,4 +1,4 @@
-"""Loop closures: the record a user writes, and the rows Φ(q), J(q) it stands for.
+"""Loop closures: the rows Φ(q), J(q) that the records of :mod:`pinconsist.mechanism.loop` stand for.
 
 This is the only file that names Pinocchio's constraint classes.
 
@@ -23,97 +23,13 @@ in N·m, Φ in m and rad. Every J is the exact derivative of Φ in the tangent s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
+from .loop import GROUND, ROW_NAMES, Loop
 
-ROW_NAMES = {
-    "point": ("x", "y", "z"),
-    "frame": ("x", "y", "z", "rx", "ry", "rz"),
-    "hinge": ("x", "y", "z", "tilt1", "tilt2"),
-    "distance": ("length",),
-}
-GROUND = "universe"
-
-
-@dataclass(frozen=True)
-class Loop:
-    """One loop closure between two frames of a model.
-
-    Parameters
-    ----------
-    name : str
-        Name by which reports, errors and reactions speak of the loop.
-    kind : {"point", "frame", "hinge", "distance"}
-        What the closure holds together; see the table of this module.
-    frame1, frame2 : str
-        Names of frames of the model; ``"universe"`` is the ground.
-    xyz1, xyz2 : tuple of 3 float
-        Position of each anchor in its frame, m.
-    rpy1, rpy2 : tuple of 3 float
-        Orientation of each anchor in its frame, URDF's roll, pitch, yaw, rad.
-    axis : tuple of 3 float
-        Hinge axis, the same components in both anchors.
-    length : float or None
-        Distance L > 0 held by ``kind="distance"``, m.
-
-    Raises
-    ------
-    InputError
-        Unknown kind, numbers that are not finite or of the wrong count, a missing or useless length.
-    """
-
-    name: str
-    kind: str
-    frame1: str
-    frame2: str = GROUND
-    xyz1: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rpy1: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    xyz2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rpy2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    length: float | None = None
-
-    def __post_init__(self):
-        if self.kind not in ROW_NAMES:
-            raise InputError(f"loop {self.name!r}: unknown kind {self.kind!r}; known are {', '.join(ROW_NAMES)}")
-        for field in ("xyz1", "rpy1", "xyz2", "rpy2", "axis"):
-            object.__setattr__(self, field, _triple(getattr(self, field), f"loop {self.name!r}: {field}"))
-        if self.kind == "hinge" and not any(self.axis):
-            raise InputError(f"loop {self.name!r}: the hinge axis is the zero vector")
-        if self.kind == "distance":
-            length = self.length
-            if length is None or not (np.isfinite(length) and length > 0):
-                raise InputError(f"loop {self.name!r}: kind 'distance' needs length > 0 in m, got {length!r}")
-            object.__setattr__(self, "length", float(length))
-
-    @property
-    def rows(self) -> tuple[str, ...]:
-        """Names of the loop's rows, in their order."""
-        return ROW_NAMES[self.kind]
-
-    @property
-    def placement1(self) -> pin.SE3:
-        """Anchor 1 in ``frame1``."""
-        return pin.SE3(pin.rpy.rpyToMatrix(*self.rpy1), np.array(self.xyz1))
-
-    @property
-    def placement2(self) -> pin.SE3:
-        """Anchor 2 in ``frame2``."""
-        return pin.SE3(pin.rpy.rpyToMatrix(*self.rpy2), np.array(self.xyz2))
-
-
-def _triple(value, what: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(number) for number in value)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} needs three numbers, got {value!r}") from None
-    if not np.isfinite([x, y, z]).all():
-        raise InputError(f"{what} has a number that is not finite: {value!r}")
-    return x, y, z
+__all__ = ["GROUND", "ROW_NAMES", "Loop", "LoopRows", "anchor_constraint", "similar"]
 
 
 class LoopRows:
@@ -134,17 +50,17 @@ class LoopRows:
         self.slices, start = {}, 0
         for loop in self.loops:
             self.slices[loop.name] = slice(start, start := start + len(loop.rows))
-        self._closures = [_KINDS[loop.kind](model, loop) for loop in self.loops]
+        self.closures = [_KINDS[loop.kind](model, loop) for loop in self.loops]
         only_points = all(loop.kind == "point" for loop in self.loops)
-        self._points = _PointRows(model, self._closures) if self.loops and only_points else None
+        self._points = _PointRows(model, self.closures) if self.loops and only_points else None
 
     def evaluate(self, data: pin.Data) -> tuple[np.ndarray, np.ndarray]:
         """Φ, shape (nc,), and J, shape (nc, nv), where ``pin.computeJointJacobians`` was called last on ``data``."""
         if self._points is not None:
             return self._points.evaluate(data)
-        if not self._closures:
+        if not self.closures:
             return np.zeros(0), np.zeros((0, self.model.nv))
-        values, jacobians = zip(*(closure.evaluate(data) for closure in self._closures), strict=True)
+        values, jacobians = zip(*(closure.evaluate(data) for closure in self.closures), strict=True)
         return np.concatenate(values), np.concatenate(jacobians)
 
     def acceleration_bias(self, data: pin.Data) -> np.ndarray:
@@ -153,9 +69,9 @@ class LoopRows:
         Needs ``pin.forwardKinematics(model, data, q, v, 0)`` on ``data``. The rotational rows use R = 1 where
         the exact expression has a derivative of the logarithm.
         """
-        if not self._closures:
+        if not self.closures:
             return np.zeros(0)
-        return np.concatenate([closure.acceleration_bias(data) for closure in self._closures])
+        return np.concatenate([closure.acceleration_bias(data) for closure in self.closures])
 
 
 class _PointRows:
@@ -174,7 +90,7 @@ class _PointRows:
             constraint, constraint_data = self._pairs[0]
             constraint.calc(self._model, data, constraint_data)
             jacobian = constraint.jacobian(self._model, data, constraint_data)
-            return constraint_data.constraint_position_error, jacobian
+            return np.array(constraint_data.constraint_position_error), jacobian  # a view until copied
         for constraint, constraint_data in zip(self._models, self._datas, strict=True):
             constraint.calc(self._model, data, constraint_data)
         values = np.concatenate([each.extract().constraint_position_error for each in self._datas])
@@ -184,7 +100,7 @@ class _PointRows:
 class _Closure:
     """One loop on one model: anchors as (joint, placement) and Pinocchio's constraint for its kind."""
 
-    constraint_class = pin.FrameAnchorConstraintModel
+    rotates = True
 
     def __init__(self, model: pin.Model, loop: Loop):
         self.model, self.loop = model, loop
@@ -195,7 +111,7 @@ class _Closure:
                 f"loop {loop.name!r}: frames {loop.frame1!r} and {loop.frame2!r} sit on the same body; "
                 "a loop joins two bodies, or a body and the ground"
             )
-        self.constraint = self.constraint_class(model, self.joint1, self.place1, self.joint2, self.place2)
+        self.constraint = anchor_constraint(model, self, self.rotates)
         self.constraint_data = self.constraint.createData()
 
     def evaluate(self, data):
@@ -219,9 +135,15 @@ class _Closure:
         return self.bias_rows(d, dd, ddd, R1.T @ R2, spin, spin_rate)
 
 
+def anchor_constraint(model, closure, rotates: bool):
+    """Pinocchio's constraint between the anchors of a closure: six rows if it rotates, else the three of a point."""
+    kind = pin.FrameAnchorConstraintModel if rotates else pin.PointAnchorConstraintModel
+    return kind(model, closure.joint1, closure.place1, closure.joint2, closure.place2)
+
+
 def _anchor(model, loop, frame_name, offset):
     if not model.existFrame(frame_name):
-        near = ", ".join(_similar(frame_name, [frame.name for frame in model.frames]))
+        near = ", ".join(similar(frame_name, [frame.name for frame in model.frames]))
         raise InputError(
             f"loop {loop.name!r}: the model has no frame {frame_name!r}" + (f"; near it: {near}" if near else "")
         )
@@ -231,10 +153,10 @@ def _anchor(model, loop, frame_name, offset):
     return frame.parentJoint, frame.placement * offset
 
 
-def _similar(name, names):
+def similar(name, names):
     import difflib
 
-    return difflib.get_close_matches(name, sorted(set(names)), n=4, cutoff=0.5)
+    return difflib.get_close_matches(str(name), sorted(set(names)), n=4, cutoff=0.5)
 
 
 def _anchor_motion(data, joint, placement):
@@ -250,7 +172,7 @@ def _anchor_motion(data, joint, placement):
 
 
 class _Point(_Closure):
-    constraint_class = pin.PointAnchorConstraintModel
+    rotates = False
 
     def evaluate(self, data):
         self.constraint.calc(self.model, data, self.constraint_data)
@@ -283,8 +205,11 @@ class _Frame(_Closure):
 class _Hinge(_Closure):
     """Tilt of the axis a = R e of body 2 against e, measured by the chord 2 sin(angle/2).
 
-    The chord grows monotonically up to the antiparallel axis, so that this is no false solution.
+    The chord grows monotonically up to the antiparallel axis, so that this is no false solution; there its direction
+    is undetermined, and within TURNED rad of it Φ and J are those at TURNED.
     """
+
+    TURNED = 1e-6
 
     def __init__(self, model, loop):
         super().__init__(model, loop)
@@ -296,9 +221,14 @@ class _Hinge(_Closure):
 
     def rows(self, d, R, linear, angular):
         e, w, a = self.e, self.w, R @ self.e
-        z = max(1.0 + e @ a, 1e-15)
-        s = np.sqrt(2.0 / z)
         tilt = w @ a
+        z = 1.0 + e @ a
+        if z < 0.5:  # no cancellation: |tilt|² = (1 + e·a)(1 - e·a)
+            size = np.linalg.norm(tilt)
+            if size < self.TURNED:
+                tilt = self.TURNED * (tilt / size if size else np.array([1.0, 0.0]))
+            z = tilt @ tilt / (1.0 - e @ a)
+        s = np.sqrt(2.0 / z)
         gradient = s * (w - np.outer(tilt, e) / (2 * z))
         return np.concatenate((d, s * tilt)), np.concatenate((linear, -gradient @ pin.skew(a) @ angular))
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ..errors import InputError, SingularSystemError
 from .forces import Force, as_force
-from .loops import Loop, LoopRows
+from .loops import Loop, LoopRows, similar
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,10 @@ class Mechanism:
         check_model(model)
         put = object.__setattr__
         put(self, "model", model)
-        put(self, "loops", tuple(self.loops))
+        for several in ("loops", "forces", "actuated"):
+            put(self, several, _sequence(getattr(self, several), several))
+        if not all(isinstance(loop, Loop) for loop in self.loops):
+            raise InputError(f"loops= needs Loop objects, got {self.loops!r}")
         names = [loop.name for loop in self.loops]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -81,7 +84,6 @@ class Mechanism:
         LoopRows(model, self.loops)  # checks frames and bodies
         put(self, "forces", tuple(as_force(force, model.nv) for force in self.forces))
         put(self, "guess", self.configuration({} if self.guess is None else self.guess))
-        put(self, "actuated", tuple(self.actuated))
         for joint in self.actuated:
             self.joint_index(joint)
 
@@ -114,7 +116,9 @@ class Mechanism:
         """Index of a joint in the model; InputError names the joints that exist."""
         if joint not in self.joints:
             known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
-            raise InputError(f"{self.name}: no joint {joint!r}; the joints are {known}")
+            near = ", ".join(similar(joint, self.joints)) if len(self.joints) > 12 else ""
+            near = f"near it: {near}; " if near else ""
+            raise InputError(f"{self.name}: no joint {joint!r}; {near}the joints are {known}")
         return self.model.getJointId(joint)
 
     def configuration(self, values, base=None) -> np.ndarray:
@@ -160,15 +164,23 @@ class Mechanism:
     def with_gravity(self, gravity) -> Mechanism:
         """The same mechanism under another gravity vector, m/s², in world axes."""
         model = self.model.copy()
-        model.gravity.linear = finite_array(gravity, "gravity").reshape(3)
+        gravity = finite_array(gravity, "gravity")
+        if gravity.shape != (3,):
+            raise InputError(f"gravity needs three numbers, got shape {gravity.shape}")
+        model.gravity.linear = gravity
         return replace(self, model=model)
 
     def with_armature(self, armature: Mapping[str, float]) -> Mechanism:
         """The same mechanism with rotor inertia added to joints by name, kg·m² (or kg)."""
         model = self.model.copy()
+        if not isinstance(armature, Mapping):
+            raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
         for joint, value in armature.items():
             start = model.idx_vs[i := self.joint_index(joint)]
-            model.armature[start : start + model.nvs[i]] += float(value)
+            value = finite_array(value, f"armature of joint {joint!r}")
+            if value.shape or value < 0:
+                raise InputError(f"armature of joint {joint!r} must be one number, not negative, got {value}")
+            model.armature[start : start + model.nvs[i]] += value
         return replace(self, model=model)
 
     def reanchored(self, q=None) -> Mechanism:
@@ -177,14 +189,22 @@ class Mechanism:
         Starts assembly at `q` (default ``guess``); the loops that cannot close there get their second anchor moved
         by the remaining gap, and a warning lists each move. Loops that close stay as they are.
         """
-        from .assembly import reanchor
+        from .reanchor import reanchor
 
         return reanchor(self, q)
+
+
+def _sequence(value, what: str) -> tuple:
+    if isinstance(value, str) or not hasattr(value, "__iter__"):
+        raise InputError(f"{what}= needs a sequence, got {value!r}")
+    return tuple(value)
 
 
 def finite_array(value, what: str) -> np.ndarray:
     """A float array copied from user input, or InputError."""
     try:
+        if np.asarray(value).dtype.kind not in "biufO":  # numpy would read "0.1" and drop imaginary parts
+            raise TypeError
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"{what}: expected numbers, got {value!r}") from None

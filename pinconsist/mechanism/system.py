@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from ..errors import SingularSystemError
 from .forces import ConstantTorque, JointDamping, model_forces
+from .kept_rows import KeptRows
 from .loops import LoopRows
 from .mechanism import Mechanism
 from .rank import independent_rows
@@ -40,17 +41,19 @@ class MechanismSystem:
         self.rows = LoopRows(self.model, mechanism.loops)
         self.vector_like = self.model.nq == self.model.nv  # else some joint turns on SO(2), SO(3), SE(2) or SE(3)
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
-        pin.computeJointJacobians(self.model, self.data, q)
-        self.kept = independent_rows(self.rows.evaluate(self.data)[1])
+        self.kept = independent_rows(self.loop_rows(q)[1])
         self.nc = len(self.kept)
-        self._dropped = np.setdiff1d(np.arange(self.rows.nc), self.kept)
-        self._select = slice(None) if self.nc == self.rows.nc else self.kept
+        self._kept_rows = KeptRows(self.model, self.rows, self.kept).evaluate
+        self._dropped_are_zero = self._structurally_zero(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
         forces = (*model_forces(self.model), *mechanism.forces)
-        self._constant = sum((f.value for f in forces if isinstance(f, ConstantTorque)), np.zeros(self.nv))
+        constant = [f.value for f in forces if isinstance(f, ConstantTorque)]
+        self._constant = sum(constant) if constant else None
         damping = [f.coefficients for f in forces if isinstance(f, JointDamping)]
         self._damping = sum(damping) if damping else None
         self._laws = [force for force in forces if not isinstance(force, ConstantTorque | JointDamping)]
-        self._lower = np.tril_indices(self.nv, -1)
+        self._forced = bool(forces)
+        self._M, self._f_q, self._f_v = self.data.M, self.data.dtau_dq, self.data.dtau_dv  # live views of the workspace
+        self._A = np.empty((self.nv, self.nv), order="F")
         self._J = None
 
     def integrate(self, p, xi):
@@ -70,18 +73,23 @@ class MechanismSystem:
         return (xi, xi) if self.vector_like else (pin.integrate(self.model, base, xi), xi)
 
     def evaluate(self, t, p, v, a):
-        f = pin.rnea(self.model, self.data, p, v, a) - self.torque(t, p, v)
+        f = pin.rnea(self.model, self.data, p, v, a)
+        if self._forced:
+            f -= self.torque(t, p, v)
         pin.computeJointJacobians(self.model, self.data, p)
-        phi, J = self.rows.evaluate(self.data)
-        self._J = J[self._select]
-        return f, phi[self._select], self._J.T
+        phi, J = self._kept_rows(self.data)
+        self._J = J
+        return f, phi, J.T, J.dot(v)
 
     def linearize(self, t, p, v, a, m, c):
         if c == 0.0:
             return self.mass_matrix(p), self._J
         pin.computeRNEADerivatives(self.model, self.data, p, v, a)
-        A = self._symmetric(self.data.M)
-        A += c * self.data.dtau_dv + c**2 * self.data.dtau_dq
+        A = self._A
+        np.multiply(self._f_q, c, out=A)
+        A += self._f_v
+        A *= c
+        A += self._M
         if self._damping is not None:
             A[np.diag_indices(self.nv)] += c * self._damping
         for law in self._laws:
@@ -94,11 +102,11 @@ class MechanismSystem:
 
     def velocity_residual(self, t, p, rate):
         pin.computeJointJacobians(self.model, self.data, p)
-        return self.rows.evaluate(self.data)[1][self._select] @ rate
+        return self._kept_rows(self.data)[1].dot(rate)
 
     def acceleration_bias(self, t, p, v):
         pin.forwardKinematics(self.model, self.data, p, v, np.zeros(self.nv))
-        return self.rows.acceleration_bias(self.data)[self._select]
+        return self.rows.acceleration_bias(self.data)[self.kept]
 
     def position_scale(self, p):
         return np.abs(p) if self.vector_like else np.ones(self.nx)
@@ -109,16 +117,18 @@ class MechanismSystem:
 
     def torque(self, t, q, v):
         """τ of all forces, shape (nv,)."""
-        tau = self._constant
+        tau = np.zeros(self.nv)
+        if self._constant is not None:
+            tau += self._constant
         if self._damping is not None:
-            tau = tau - self._damping * v
+            tau -= self._damping * v
         for law in self._laws:
-            tau = tau + law.torque(t, q, v)
+            tau += law.torque(t, q, v)
         return tau
 
     def mass_matrix(self, q):
         """M(q), shape (nv, nv)."""
-        return self._symmetric(pin.crba(self.model, self.data, q))
+        return np.array(pin.crba(self.model, self.data, q))
 
     def loop_rows(self, q):
         """Φ and J of all rows at `q`, dropped ones included."""
@@ -130,18 +140,28 @@ class MechanismSystem:
         """λ of all rows, shape (nc,): the one of smallest norm with the same joint forces Jᵀλ."""
         if self.nc == self.rows.nc:
             return lam
-        _, J = self.loop_rows(q)
-        if not J[self._dropped].any():
+        if self._dropped_are_zero:
             full = np.zeros(self.rows.nc)
             full[self.kept] = lam
             return full
+        _, J = self.loop_rows(q)
         return np.linalg.lstsq(J.T, J[self.kept].T @ lam, rcond=1e-10)[0]
 
     def full_history(self, configurations, lam):
         """:meth:`full_multipliers` for every row of a run, shape (n, nc)."""
         if self.nc == self.rows.nc:
             return lam
+        if self._dropped_are_zero:
+            full = np.zeros((len(lam), self.rows.nc))
+            full[:, self.kept] = lam
+            return full
         return np.array([self.full_multipliers(q, row) for q, row in zip(configurations, lam, strict=True)])
+
+    def _structurally_zero(self, rows, q) -> bool:
+        """Whether these rows of J vanish everywhere, as out-of-plane rows do: looked at in three random places."""
+        rng = np.random.default_rng(0)
+        places = [pin.integrate(self.model, q, rng.uniform(-1, 1, self.nv)) for _ in range(3)]
+        return not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
 
     def require_regular(self, q) -> None:
         """Raise SingularSystemError, naming the joints, if some motion that the loops allow has no inertia at `q`."""
@@ -157,12 +177,6 @@ class MechanismSystem:
             f"mechanism.with_armature({{{names[0]!r}: 1e-6}})",
             names=names,
         )
-
-    def _symmetric(self, M):
-        """A full copy of M, of which Pinocchio fills the upper triangle."""
-        M = np.array(M)
-        M[self._lower] = M.T[self._lower]
-        return M
 
     def _joints_in(self, motion):
         share = np.abs(motion).max(axis=1)

@@ -115,7 +115,7 @@ def _run(system, t0, p0, v0, exact, h, k, count):
     errors = []
     for mode in consistency.MODES:
         trajectory = integrate(system, (t0, times[-1]), p0, v0, Method(k, mode, FixedStep(), h))
-        if not trajectory.success:
+        if trajectory.status < 0:
             raise PinconsistError(f"consistency={mode!r}, h = {h:g}: {trajectory.message}")
         errors.append(np.max(np.abs(trajectory.lam - truth), axis=1))
     return Run(h, times, *errors, v0, _consistent_velocity(system, t0, p0, v0, h, k))

@@ -1,0 +1,132 @@
+"""The `pinconsist` command: its overview, and what errors look like from outside."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import sys
+import warnings
+from typing import Annotated
+
+import typer
+
+from ..errors import PinconsistError
+from . import check, compare, models, replay, simulate
+from .output import EXIT_CODES, INTERRUPTED, WRONG_INPUT, print_error
+
+OVERVIEW = """\
+pinconsist simulates closed-chain mechanisms, with constraint forces that are right from the first step on.
+
+  pinconsist models                                   the built-in scenes
+  pinconsist check four_bar                           loops, rank, mobility, closed configuration
+  pinconsist simulate four_bar --html run.html        simulate 5 s, certify it, write a page that plays it
+  pinconsist replay four_bar                          simulate 5 s and play them in the browser
+  pinconsist compare problem51 --step 0.01 0.001      force errors from exact and from consistent initial values
+
+A scene is a built-in name, a .urdf file, or a folder that holds one. Each command explains itself:
+pinconsist COMMAND --help"""
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+SEVERAL = {"--step": NUMBER, "--at": re.compile(r"[^-].*=.*"), "--with-velocity": re.compile(r"[^-].*=.*")}
+
+app = typer.Typer(
+    add_completion=False, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
+)
+for command, function in (
+    ("simulate", simulate.simulate),
+    ("compare", compare.compare),
+    ("check", check.check),
+    ("models", models.models),
+    ("replay", replay.replay),
+):
+    app.command(command, epilog=EXIT_CODES)(function)
+
+
+def main(argv=None):
+    """Run the command line and end the process with its exit code.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; default those of the process.
+    """
+    arguments = spread(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # a terminal without λ still shows the numbers
+    log, handler = logging.getLogger("pinconsist"), logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("pinconsist: warning: %(message)s"))
+    log.addHandler(handler)
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = _without_source(warnings.showwarning)
+            code = _run(arguments)
+    finally:
+        log.removeHandler(handler)
+    sys.exit(code)
+
+
+def _without_source(show):
+    """A `warnings.showwarning` that tells what is meant for the user as a sentence; the rest it leaves to `show`."""
+
+    def tell(message, category, *where, **more):
+        if category is UserWarning:
+            print(f"pinconsist: warning: {message}", file=sys.stderr)
+        else:
+            show(message, category, *where, **more)
+
+    return tell
+
+
+def spread(arguments) -> list[str]:
+    """The arguments with ``--step 0.1 0.2`` as ``--step 0.1 --step 0.2``, and joint=value lists alike."""
+    result, option, first = [], None, False
+    several = SEVERAL if "compare" in arguments[:1] else SEVERAL.keys() - {"--step"}  # simulate takes one step size
+    for argument in arguments:
+        name, sign, value = argument.partition("=")
+        if name in several:
+            option, first = name, not sign
+            result += [name, value] if sign else [name]
+            continue
+        if option and not first:
+            if SEVERAL[option].fullmatch(argument):
+                result.append(option)
+            else:
+                option = None
+        result.append(argument)
+        first = False
+    return result
+
+
+def _run(arguments) -> int:
+    command = typer.main.get_command(app)
+    try:
+        return command.main(arguments, prog_name="pinconsist", standalone_mode=False) or 0
+    except PinconsistError as error:
+        mistake = error
+    except (typer.Abort, KeyboardInterrupt):
+        return INTERRUPTED
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # what every usage error of typer has, whichever click it builds on
+            raise
+        context = getattr(error, "ctx", None)
+        help_of = f" (see {context.command_path} --help)" if context else ""
+        mistake = error.format_message().rstrip(".") + help_of
+    print_error(mistake)
+    if "--json" in arguments:
+        print(json.dumps({"error": str(mistake)}))
+    return WRONG_INPUT
+
+
+@app.callback(invoke_without_command=True)
+def overview(
+    context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False
+):
+    """Simulate closed-chain mechanisms, with constraint forces that are right from the first step on."""
+    if version:
+        from .. import __version__
+
+        print(f"pinconsist {__version__}")
+        raise typer.Exit()
+    if context.invoked_subcommand is None:
+        print(OVERVIEW)

@@ -1,0 +1,85 @@
+"""`pinconsist compare`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from ..errors import InputError
+from . import output, scene
+
+
+def compare(
+    subject: Annotated[
+        str, typer.Argument(metavar="SUBJECT", help="problem51, problem52, or a scene as in: pinconsist simulate.")
+    ],
+    loops: scene.Loops = None,
+    closure: scene.Closure = None,
+    free_flyer: scene.FreeFlyer = False,
+    reanchor: scene.Reanchor = False,
+    at: scene.At = None,
+    with_velocity: scene.WithVelocity = None,
+    step: Annotated[
+        list[float], typer.Option(metavar="SECONDS ...", help="Step sizes, one or several.")
+    ] = (0.01, 0.001),
+    order: Annotated[int, typer.Option(metavar="K", help="BDF order, 1 to 6.")] = 1,
+    rows: Annotated[int, typer.Option(metavar="N", help="Steps to take and print.")] = 6,
+    plot: Annotated[str | None, typer.Option(metavar="FILE.png", help="Draw the errors over time.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+) -> int:  # fmt: skip
+    """Compare the first constraint forces from exact and from numerically consistent initial values.
+
+    Prints the tables of Arévalo (2008): the error of the multipliers at each
+    step from exact initial values, from consistent ones, and with every step
+    corrected. The reference of a scene is scipy's DOP853.
+
+    Example: pinconsist compare problem51 --step 0.01 0.001
+    """
+    output.require_writable(plot)
+    output.require_figure(plot)
+    from ..study.compare import compare as compare_errors
+    from ..study.reference import PROBLEMS
+
+    q0, v0 = scene.joint_values(at, "--at"), scene.joint_values(with_velocity, "--with-velocity")
+    if subject in PROBLEMS:
+        if loops or closure or free_flyer or reanchor or q0 or v0:
+            raise InputError(f"{subject} has its own loops and initial values; these options are for scenes")
+        what = subject
+        names = None
+    else:
+        what = scene.Scene(subject, loops, closure, free_flyer, [], reanchor, q0).load()
+        names = [name for name, size in zip(what.joints, list(what.model.nvs)[1:], strict=True) for _ in range(size)]
+    result = compare_errors(what, list(step), order=order, count=rows, q0=q0 or None, v0=v0 or None)
+    if plot:
+        from ..view.plots import plot_comparison
+
+        output.written(plot, lambda: plot_comparison(result.runs, plot))
+    if as_json:
+        runs = [asdict(run) for run in result.runs]
+        output.print_json({"name": result.name, "order": result.order, "runs": runs, "files": {"plot": plot}})
+        return output.FINE
+    start = f"; rows 0 to {order - 1} are its exact start" if order > 1 else ""
+    print(f"{result.name}, BDF of order {order}: error of the multipliers, largest component{start}\n")
+    for run in result.runs:
+        _print_run(run, order, names)
+    if plot:
+        print(f"written: {plot}")
+    return output.FINE
+
+
+def _print_run(run, order, names):
+    columns = zip(run.t, run.exact, run.consistent, run.every_step, strict=True)
+    rows = [  # the first `order` rows are the exact start, of which nothing can be learnt
+        (k, f"{t:.9g}", *map(output.number, errors)) for k, (t, *errors) in enumerate(columns) if k >= order
+    ]
+    output.table(
+        ("row>", "t [s]>", "from exact>", "from consistent>", "every step>"), rows, title=f"step size h = {run.h:g} s"
+    )
+    names = names or [f"v{k + 1}" for k in range(len(run.v_given))]
+    columns = zip(names, run.v_given, run.v_consistent, run.v_consistent - run.v_given, strict=True)
+    output.table(
+        ("initial velocity", "given>", "consistent>", "change>"),
+        [(name, f"{given:.9g}", f"{new:.9g}", output.number(change)) for name, given, new, change in columns],
+    )

@@ -1,0 +1,117 @@
+"""What commands print and write: tables, numbers, JSON, exit codes, and files checked before a long run."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from ..errors import AssemblyError, InputError, MissingExtraError
+
+FINE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+EXIT_CODES = (
+    "Exit codes: 0 fine; 1 the integration failed (what was reached is saved); "
+    "2 wrong input, or the loops cannot close; 130 interrupted (what was reached is saved)."
+)
+WIDTH = 160  # of tables that go to a file or a pipe
+NAME_WIDTH = 16  # to which a narrow terminal may squeeze a column of text
+
+
+def table(columns, rows, *, title=None):
+    """Print a table and an empty line; a column named ``...>`` holds numbers: aligned right, never shortened."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    grid = Table(box=SIMPLE_HEAD, pad_edge=False)
+    rows = [[str(cell) for cell in row] for row in rows]
+    least = 0  # rich drops columns from a table that is squeezed further; a terminal wraps the lines instead
+    for k, name in enumerate(columns):
+        title_of, of_numbers = name.removesuffix(">"), name.endswith(">")
+        width = max(map(len, [title_of, *(row[k] for row in rows)]))
+        least += 3 + (width if of_numbers else min(width, NAME_WIDTH))
+        grid.add_column(title_of, justify="right" if of_numbers else "left", no_wrap=of_numbers, overflow="fold")
+    plain = {"highlight": False, "markup": False, "emoji": False}
+    console = Console(**plain)
+    console = Console(**plain, width=max(least, console.width if console.is_terminal else WIDTH))
+    for row in rows:
+        grid.add_row(*map(Text, row))
+    with console.capture() as drawn:
+        console.print(grid, crop=False)
+    lines = [line.rstrip() for line in drawn.get().splitlines()]
+    print("\n".join([*([title] if title else []), *filter(None, lines), ""]))
+
+
+def print_error(error):
+    """Say on stderr what went wrong and, where the advice is in terms of Python, which options it means."""
+    print(f"pinconsist: error: {error}", file=sys.stderr)
+    if isinstance(error, AssemblyError) and error.gaps:
+        print("on the command line: --at JOINT=VALUE, --closure point, --reanchor", file=sys.stderr)
+
+
+def number(value) -> str:
+    """Five significant digits, like 8.1200e-02."""
+    return f"{value:.4e}"
+
+
+def counted(count: int, noun: str) -> str:
+    """``1 loop``, ``2 loops``."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def print_json(values):
+    """One JSON object on stdout; numbers that JSON does not know become null."""
+    print(json.dumps(_plain(values), allow_nan=False))
+
+
+def _plain(value):
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if hasattr(value, "tolist"):  # numpy's arrays and numbers
+        return _plain(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def require_writable(*files):
+    """Raise InputError now for files that could not be written after the run."""
+    for file in filter(None, files):
+        path = Path(file)
+        folder = path.absolute().parent
+        if path.is_dir():
+            raise InputError(f"{file} cannot be written: it is a folder")
+        if not folder.is_dir():
+            raise InputError(f"{file} cannot be written: there is no folder {folder}")
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise InputError(f"{file} cannot be written: no permission to write in {folder}")
+
+
+def require_figure(file):
+    """Raise now if a figure of this name could not be drawn after the run."""
+    if file is None:
+        return
+    try:
+        from matplotlib.backend_bases import FigureCanvasBase
+    except ImportError:
+        raise MissingExtraError("figures need matplotlib; install it by: pip install 'pinconsist[plot]'") from None
+    known = FigureCanvasBase.get_supported_filetypes()
+    if Path(file).suffix.lstrip(".").lower() not in known:
+        raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
+
+
+def written(file, write):
+    """Call `write`, which writes `file`; trouble with the disk is a message, no traceback."""
+    try:
+        return write()
+    except OSError as error:
+        raise InputError(f"{file} cannot be written: {error.strerror or error}") from error
+
+
+def on_terminal() -> bool:
+    """Whether somebody may be watching stderr."""
+    return sys.stderr.isatty()

@@ -1,0 +1,53 @@
+"""A progress bar for runs that take long enough to be watched."""
+
+from __future__ import annotations
+
+import time
+
+PATIENCE = 1.0  # s before the bar appears
+PERIOD = 0.1  # s between its updates
+
+
+class Progress:
+    """A callback of `simulate` that shows how far a run has come, on stderr; a context manager."""
+
+    def __init__(self, start: float, end: float):
+        self.start, self.end = start, end
+        self.steps, self.bar, self.last_t = -1, None, start  # the first call is the initial row
+        self.next_update = time.monotonic() + PATIENCE
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.bar is not None:
+            self.bar.stop()
+
+    def __call__(self, t, q, v, lam) -> bool:
+        self.steps += 1
+        step, self.last_t = abs(t - self.last_t), t
+        now = time.monotonic()
+        if now >= self.next_update:
+            self.next_update = now + PERIOD
+            if self.bar is None:
+                self._open()
+            self.bar.update(self.task, completed=abs(t - self.start), t=t, steps=self.steps, step=step)
+        return False
+
+    def _open(self):
+        from rich.console import Console
+        from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
+
+        self.bar = Bar(
+            TextColumn("t = {task.fields[t]:.4g} of {task.fields[end]:g} s"),
+            BarColumn(bar_width=20),
+            TextColumn("{task.fields[steps]} steps, now {task.fields[step]:.2g} s,"),
+            TimeRemainingColumn(),
+            TextColumn("left"),
+            console=Console(stderr=True),
+            transient=True,
+        )
+        total = abs(self.end - self.start)
+        self.task = self.bar.add_task("", total=total, t=self.start, end=self.end, steps=0, step=0.0)
+        self.bar.start()

@@ -1,0 +1,146 @@
+"""Options that say which mechanism is meant and from where it starts, the same for all commands."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import InputError
+from .output import counted
+
+PANEL = "Scene"
+START = "Start"
+
+
+def _option(*names, panel=PANEL, **more):
+    return typer.Option(*names, rich_help_panel=panel, show_default=False, **more)
+
+
+Source = Annotated[
+    str, typer.Argument(metavar="SCENE", help="A built-in scene (see: pinconsist models), a .urdf file, or its folder.")
+]
+Loops = Annotated[
+    str | None, _option("--loops", metavar="FILE", help="Loop file (YAML). Default: the one beside the .urdf.")
+]
+Closure = Annotated[
+    str | None,
+    _option("--closure", metavar="KIND", help="Close every loop by this kind instead: point, hinge or frame."),
+]
+FreeFlyer = Annotated[bool, _option("--free-flyer", help="Let the root link float instead of fixing it to the ground.")]
+PackageDirs = Annotated[
+    list[str] | None, _option("--package-dir", metavar="DIR", help="Folder to look for meshes in; may be repeated.")
+]
+Reanchor = Annotated[
+    bool, _option("--reanchor", help="Move the anchors of loops that cannot close to where they fit best.")
+]
+At = Annotated[
+    list[str] | None,
+    _option(
+        "--at", metavar="JOINT=VALUE ...", panel=START,
+        help="Start with these joints here, in rad or m; the others follow. Several numbers: joint=0,0,0,1.",
+    ),
+]  # fmt: skip
+WithVelocity = Annotated[
+    list[str] | None,
+    _option(
+        "--with-velocity", metavar="JOINT=VALUE ...", panel=START,
+        help="Start with these joint velocities, in rad/s or m/s; the others follow. Default: rest.",
+    ),
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What has to be known to load a mechanism again."""
+
+    source: str
+    loops: str | None = None
+    closure: str | None = None
+    free_flyer: bool = False
+    package_dirs: list[str] = field(default_factory=list)
+    reanchor: bool = False
+    at: dict[str, list[float]] = field(default_factory=dict)
+
+    def load(self):
+        """The mechanism."""
+        from ..formats.catalogue import load
+
+        mechanism = load(
+            self.source, loops=self.loops, closure=self.closure, free_flyer=self.free_flyer,
+            package_dirs=self.package_dirs,
+        )  # fmt: skip
+        return mechanism.reanchored(self.at or None) if self.reanchor else mechanism
+
+    def record(self, run_file) -> dict:
+        """As plain values for a run's file; paths as seen from it, so that both can be moved together."""
+        from ..formats.catalogue import models
+
+        folder = Path(run_file).absolute().parent
+        about = asdict(self)
+        about["source"] = self.source if self.source in models() else os.path.relpath(self.source, folder)
+        about["loops"] = self.loops and os.path.relpath(self.loops, folder)
+        about["package_dirs"] = [os.path.relpath(each, folder) for each in self.package_dirs]
+        return about
+
+    @classmethod
+    def recorded(cls, about: dict, run_file) -> Scene:
+        """The scene that :meth:`record` described."""
+        from ..formats.catalogue import models
+
+        folder = Path(run_file).absolute().parent
+        about = dict(about)
+        if about["source"] not in models():
+            about["source"] = os.path.normpath(folder / about["source"])
+        about["loops"] = about["loops"] and os.path.normpath(folder / about["loops"])
+        about["package_dirs"] = [os.path.normpath(folder / each) for each in about["package_dirs"]]
+        return cls(**about)
+
+
+def joint_values(texts, option: str) -> dict[str, list[float]]:
+    """Joint → numbers from texts like ``crank=0.3``."""
+    values = {}
+    for text in texts or ():
+        joint, sign, numbers = text.partition("=")
+        joint = joint.strip()
+        if not sign or not joint:
+            raise InputError(f"{option} needs joint=value, got {text!r}")
+        if joint in values:
+            raise InputError(f"{option} names joint {joint!r} twice")
+        try:
+            values[joint] = [float(each) for each in numbers.split(",")]
+        except ValueError:
+            raise InputError(f"{option} {text}: {numbers!r} is not a number") from None
+    return values
+
+
+def by_joint(mech, vector, *, velocity=False) -> dict:
+    """Joint → its number, or list of numbers, in a configuration or a velocity."""
+    starts, sizes = (mech.model.idx_vs, mech.model.nvs) if velocity else (mech.model.idx_qs, mech.model.nqs)
+    result = {}
+    for j, joint in enumerate(mech.joints, start=1):
+        part = [float(value) for value in vector[starts[j] : starts[j] + sizes[j]]]
+        result[joint] = part[0] if len(part) == 1 else part
+    return result
+
+
+def tell_moved(mech, wanted, assembly):
+    """Say on stderr which of the joints named by --at could not stay where they were put."""
+    import numpy as np
+
+    for joint, value in wanted.items():
+        if not np.allclose(mech.configuration({joint: value}, base=assembly.q), assembly.q, rtol=0, atol=1e-9):
+            asked, start = " ".join(f"{each:g}" for each in value), by_joint(mech, assembly.q)[joint]
+            print(f"pinconsist: note: the loops do not close with {joint} = {asked}; it is at {start}", file=sys.stderr)
+
+
+def describe(mech, assembly) -> str:
+    """The scene in one line."""
+    text = f"{mech.name}: {counted(len(mech.joints), 'joint')}, {counted(len(mech.loops), 'loop')}"
+    if mech.loops:
+        text += f" of {counted(assembly.rows, 'row')} ({assembly.rank} independent)"
+    return f"{text}, mobility {assembly.mobility}"

@@ -1,0 +1,161 @@
+"""`pinconsist simulate`."""
+
+from __future__ import annotations
+
+import time
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import InputError
+from . import output, scene
+from .progress import Progress
+
+METHOD, FILES = "Method", "Results"
+
+
+def simulate(
+    source: scene.Source,
+    loops: scene.Loops = None,
+    closure: scene.Closure = None,
+    free_flyer: scene.FreeFlyer = False,
+    package_dirs: scene.PackageDirs = None,
+    reanchor: scene.Reanchor = False,
+    start: Annotated[
+        float, typer.Option("--from", metavar="SECONDS", help="Time at the start.", rich_help_panel=scene.START)
+    ] = 0.0,
+    until: Annotated[
+        float, typer.Option("--until", metavar="SECONDS", help="Time at the end.", rich_help_panel=scene.START)
+    ] = 5.0,
+    at: scene.At = None,
+    with_velocity: scene.WithVelocity = None,
+    step: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", help="Fixed step. Default: step and order vary.", rich_help_panel=METHOD),
+    ] = None,
+    order: Annotated[
+        int | None,
+        typer.Option(
+            metavar="K", help="Highest order, 1 to 5 (default 5); with --step the order throughout, 1 to 6.",
+            rich_help_panel=METHOD,
+        ),
+    ] = None,
+    method: Annotated[str, typer.Option(metavar="NAME", help="BDF or ImplicitEuler.", rich_help_panel=METHOD)] = "BDF",
+    rtol: Annotated[
+        float, typer.Option(metavar="NUMBER", help="Relative tolerance of each step.", rich_help_panel=METHOD)
+    ] = 1e-6,
+    atol: Annotated[
+        float, typer.Option(metavar="NUMBER", help="Absolute tolerance of each step.", rich_help_panel=METHOD)
+    ] = 1e-8,
+    max_step: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Largest varying step.", rich_help_panel=METHOD)
+    ] = None,
+    max_steps: Annotated[
+        int | None, typer.Option(metavar="N", help="Give up after so many steps.", rich_help_panel=METHOD)
+    ] = None,
+    consistency: Annotated[
+        str,
+        typer.Option(
+            metavar="MODE", rich_help_panel=METHOD,
+            help="every-step: forces right throughout. initial: only the initial velocities are changed (needs "
+            "--step). exact: plain BDF, whose first forces are wrong.",
+        ),
+    ] = "every-step",
+    out: Annotated[
+        str | None, typer.Option(metavar="FILE.npz", help="Save the run.", rich_help_panel=FILES)
+    ] = None,
+    html: Annotated[
+        str | None, typer.Option(metavar="FILE.html", help="Write a page that plays it.", rich_help_panel=FILES)
+    ] = None,
+    plot: Annotated[
+        str | None, typer.Option(metavar="FILE.png", help="Draw it over time (or .pdf, .svg).", rich_help_panel=FILES)
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object instead of text.", rich_help_panel=FILES)
+    ] = False,
+) -> int:  # fmt: skip
+    """Simulate a scene: close its loops, integrate, and certify what came out.
+
+    Example: pinconsist simulate crank_rocker --with-velocity crank=12 --until 2 --out run.npz --html run.html
+    """
+    out = out and str(Path(out).with_suffix(".npz") if not Path(out).suffix else out)
+    if out and Path(out).suffix != ".npz":
+        raise InputError(f"--out {out}: a run is saved as .npz")
+    files = [file for file in (out, html, plot) if file]
+    if len({Path(file).absolute() for file in files}) < len(files):
+        raise InputError("two of --out, --html and --plot name the same file")
+    output.require_writable(*files)
+    output.require_figure(plot)
+    from ..mechanism.assembly import assemble
+
+    q0 = scene.joint_values(at, "--at")
+    v0 = scene.joint_values(with_velocity, "--with-velocity")
+    what = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
+    mech = what.load()
+    assembly = assemble(mech, q0 or None, v0 or None)
+    scene.tell_moved(mech, q0, assembly)
+    if not as_json:
+        print(scene.describe(mech, assembly) + "\n")
+    options = {"method": method, "step": step, "rtol": rtol, "atol": atol, "consistency": consistency}
+    options |= {name: value for name, value in (("max_order", order), ("max_step", max_step)) if value is not None}
+    began = time.perf_counter()
+    sol = run(mech, (start, until), q0=q0 or None, v0=v0 or None, max_steps=max_steps, **options)
+    seconds = time.perf_counter() - began
+    if out:  # before anything else can go wrong
+        recorded = replace(sol, method={**sol.method, "scene": what.record(out)})
+        output.written(out, lambda: recorded.save(out))
+    if not as_json:
+        print(f"{sol.summary()}\ntook {seconds:.3g} s\n")
+    certificate = sol.check()
+    if not as_json:
+        print(certificate)
+    if html:
+        from ..view.meshcat import export_html
+
+        output.written(html, lambda: export_html(mech, sol, html))
+    if plot:
+        from ..view.plots import plot_solution
+
+        output.written(plot, lambda: plot_solution(sol, plot, mech))
+    if as_json:
+        output.print_json(_report(mech, assembly, sol, certificate, seconds, {"out": out, "html": html, "plot": plot}))
+    elif files:
+        print(f"\nwritten: {', '.join(files)}")
+    return exit_code(sol)
+
+
+def run(mech, span, **options):
+    """Simulate, with a progress bar where somebody may watch it; Ctrl-C returns what was reached."""
+    from ..simulate import simulate as simulate_mechanism
+
+    with Progress(*span) if output.on_terminal() else nullcontext() as progress:
+        return simulate_mechanism(mech, span, callback=progress, **options)
+
+
+def exit_code(sol) -> int:
+    """Of a run; its only callback never stops it, so a run that was stopped was interrupted."""
+    return {0: output.FINE, 1: output.INTERRUPTED, -1: output.FAILED}[sol.status]
+
+
+def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
+    about_scene = {
+        "name": mech.name, "joints": len(mech.joints), "nq": mech.nq, "nv": mech.nv,
+        "loops": [loop.name for loop in mech.loops], "rows": assembly.rows, "rank": assembly.rank,
+        "mobility": assembly.mobility,
+    }  # fmt: skip
+    about_run = {
+        "success": sol.success, "interrupted": exit_code(sol) == output.INTERRUPTED, "message": sol.message,
+        "t": [sol.t[0], sol.t[-1]], "steps": sol.nsteps, "rejected": sol.rejected, "nfev": sol.nfev,
+        "njev": sol.njev, "nlu": sol.nlu, "seconds": seconds, "method": sol.method,
+    }  # fmt: skip
+    names = ("position", "position_at", "velocity", "force", "force_first", "energy_error")
+    return {
+        "scene": about_scene,
+        "run": about_run,
+        "certificate": {name: getattr(certificate, name) for name in names},
+        "end": {"q": scene.by_joint(mech, sol.q[-1]), "v": scene.by_joint(mech, sol.v[-1], velocity=True)},
+        "files": files,
+    }

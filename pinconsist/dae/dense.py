@@ -1,0 +1,67 @@
+"""Continuous solutions: the interpolating polynomials of the accepted steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import InputError
+from . import bdf
+
+
+@dataclass(frozen=True)
+class Segment:
+    """The polynomial of degree k over one step from `t_old` to `end`, in [ξ | v | λ], exact at both of its ends.
+
+    Positions on a manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between
+    to the order of the method.
+    """
+
+    t_old: float
+    end: float
+    t: float
+    h: float
+    k: int
+    base: np.ndarray
+    Z: np.ndarray
+    system: object
+
+    def until(self, end: float) -> Segment:
+        """The same polynomial, used only up to `end`."""
+        return self if end == self.end else replace(self, end=end)
+
+    def __call__(self, t: float):
+        """(p, v, λ) at a time inside the step."""
+        y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z)
+        nx, nv = self.system.nx, self.system.nv
+        p = y[:nx] if self.system.vector_like else self.system.integrate(self.base, y[:nx])
+        return p, y[nx : nx + nv], y[nx + nv :]
+
+
+class DenseOutput:
+    """The solution at any time of the run.
+
+    Calling it with times of shape (n,) gives (q, v, lam) with shapes (n, nq), (n, nv), (n, nc); a single time gives
+    single rows.
+    """
+
+    def __init__(self, segments, finish=None):
+        self.segments, self._finish = tuple(segments), finish
+        first, last = self.segments[0].t_old, self.segments[-1].end
+        self.t_min, self.t_max, self._forward = min(first, last), max(first, last), last >= first
+        self._ends = np.array([segment.end for segment in self.segments])
+
+    def __call__(self, t):
+        times = np.asarray(t, float)
+        if not (np.isfinite(times).all() and (times >= self.t_min).all() and (times <= self.t_max).all()):
+            raise InputError(f"dense output covers t = {self.t_min:g} to {self.t_max:g} s, asked for {t}")
+        rows = [self._at(float(each)) for each in np.atleast_1d(times)]
+        columns = tuple(np.array(column) for column in zip(*rows, strict=True))
+        return columns if times.ndim else tuple(column[0] for column in columns)
+
+    def _at(self, t):
+        sign = 1.0 if self._forward else -1.0
+        index = min(int(np.searchsorted(sign * self._ends, sign * t)), len(self.segments) - 1)
+        p, v, lam = self.segments[index](t)
+        return (p, v, lam) if self._finish is None else (p, v, self._finish(p, lam))

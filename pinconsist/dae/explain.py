@@ -1,0 +1,45 @@
+"""Why a run ended early: where, which row, the likely reason, what to try."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def explain(stepper, failure: str) -> str:
+    """A message for a person about a run that could not go on."""
+    system, method = stepper.system, stepper.method
+    where = f"{failure} at t = {stepper.t:.9g} with step {stepper.h:.3g} (order {stepper.k})"
+    hints = []
+    if method.consistency != "every-step" and method.step is None:
+        hints.append(
+            f"consistency={method.consistency!r} with variable steps leaves multiplier errors of order k-1 at every "
+            "change of step, which the error test then fights; take consistency='every-step'"
+        )
+    condition, row = _weakest_row(stepper)
+    if condition < 1e-6:
+        hints.append(
+            f"the constraints are nearly dependent there ({row}; smallest singular value {condition:.1e} of the "
+            "largest): a singular position, where the motion branches"
+        )
+    if "not finite" in failure:
+        hints.append("a force or a user's function returned NaN or infinity")
+    if not hints:
+        speed = np.max(np.abs(stepper.y[system.nx : system.nx + system.nv]), initial=0.0)
+        smaller = "a smaller step" if method.step is not None else "looser tolerances, or max_step"
+        hints.append(f"the largest velocity there is {speed:.3g}; try {smaller}, and look at the motion just before")
+    return f"{where}. " + "; ".join(hints)
+
+
+def _weakest_row(stepper):
+    """(σ_min/σ_max of W with rows of unit length, the row that takes the largest part in it)."""
+    system, y = stepper.system, stepper.y
+    if not system.nc:
+        return 1.0, ""
+    v, lam = y[system.nx : system.nx + system.nv], y[system.nx + system.nv :]
+    system.evaluate(stepper.t, stepper.p, v, np.zeros(system.nv))
+    _, W = system.linearize(stepper.t, stepper.p, v, np.zeros(system.nv), 0.0 * lam, 0.0)
+    W = W / np.maximum(np.linalg.norm(W, axis=1, keepdims=True), 1e-300)
+    if not np.isfinite(W).all():
+        return 1.0, ""
+    U, s, _ = np.linalg.svd(W)
+    return float(s[-1] / s[0]), system.describe_row(int(np.argmax(np.abs(U[:, len(s) - 1]))))

@@ -1,0 +1,111 @@
+"""What a run keeps: rows, step history, interpolants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .dense import DenseOutput
+from .events import Event
+
+SUCCESS, STOPPED, FAILED = 0, 1, -1
+
+
+def _unchanged(p, lam):
+    return lam
+
+
+@dataclass
+class Wishes:
+    """What to record beside the steps.
+
+    Attributes
+    ----------
+    t_eval : ndarray or None
+        Times of the rows; None records every accepted step.
+    dense : bool
+        Keep the interpolants.
+    events : tuple of Event
+    callback : callable or None
+        ``callback(t, p, v, lam)`` after every accepted step; a true value stops the run.
+    finish : callable
+        ``finish(p, lam)``: the multipliers as the user sees them.
+    """
+
+    t_eval: np.ndarray | None = None
+    dense: bool = False
+    events: tuple[Event, ...] = ()
+    callback: object = None
+    finish: object = _unchanged
+
+
+class Stop(Exception):
+    """Ends a run with a status and a message."""
+
+    def __init__(self, status: int, message: str):
+        super().__init__(message)
+        self.status = status
+
+
+class Record:
+    """Keeps what was wished for, in the order of the run."""
+
+    def __init__(self, wishes: Wishes, t_span):
+        self.wishes, self.reached, self.nsteps = wishes, t_span[0], 0
+        self.needs_segments = wishes.dense or wishes.t_eval is not None
+        self._sign = 1.0 if t_span[1] >= t_span[0] else -1.0
+        self._rows, self._steps, self._segments = [], [], []
+        self._pending = None if wishes.t_eval is None else list(wishes.t_eval[::-1])
+
+    def first(self, t, p, v, lam) -> None:
+        """The initial row."""
+        if self._pending is None or (self._pending and self._pending[-1] == t):
+            self._rows.append((t, p, v, lam))
+            if self._pending:
+                self._pending.pop()
+        self._call_back(t, p, v, lam)
+
+    def stretch(self, rows, segment, used) -> None:
+        """States (t, p, v, λ) reached by steps of `used` = (h, order), and the interpolant over them."""
+        if not rows:
+            return
+        end = rows[-1][0]
+        self.nsteps += len(rows)
+        if self.wishes.dense:
+            self._segments.append(segment.until(end))
+        if self._pending is None:
+            self._rows += rows
+            self._steps += [used] * len(rows)
+        while self._pending and self._sign * (self._pending[-1] - end) <= 0:
+            t = self._pending.pop()
+            self._rows.append((t, *segment(t)))
+        self.reached = end
+        for row in rows:
+            self._call_back(*row)
+
+    def jump(self, t, p, v, lam) -> None:
+        """The state after an event: a second row at the same time."""
+        if self._pending is None:
+            self._rows.append((t, p, v, lam))
+            self._steps.append((0.0, 0))
+
+    def arrays(self, system):
+        """t, p, v, λ as arrays."""
+        if not self._rows:
+            return np.zeros(0), np.zeros((0, system.npos)), np.zeros((0, system.nv)), np.zeros((0, system.nc))
+        return tuple(np.array(column, dtype=float) for column in zip(*self._rows, strict=True))
+
+    def steps(self):
+        """Step and order by which each row was reached; empty where rows are not steps."""
+        steps = np.array(self._steps).reshape(-1, 2)
+        return steps[:, 0], steps[:, 1].astype(int)
+
+    def dense(self):
+        """The continuous solution, if wished for."""
+        return DenseOutput(self._segments, self.wishes.finish) if self._segments else None
+
+    def _call_back(self, t, p, v, lam):
+        callback = self.wishes.callback
+        if callback is not None and callback(t, p, v, self.wishes.finish(p, lam)):
+            raise Stop(STOPPED, f"stopped by the callback at t = {t:.6g}")

@@ -1,0 +1,140 @@
+"""The state of a multistep run and how it moves by one accepted step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import bdf, consistency, start
+from .dense import Segment
+from .newton import Newton
+
+SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
+
+
+class Stepper:
+    """Backward differences, step and order of one run.
+
+    Parameters
+    ----------
+    system : Index3System
+    method : Method
+        Order, control and consistency.
+
+    Attributes
+    ----------
+    t, h, k : float, float, int
+        Time reached, next step (signed), order.
+    base, Z : ndarray
+        Chart centre and table, see :mod:`pinconsist.dae.bdf`.
+    y, p : ndarray
+        [ξ | v | λ] and position at `t`.
+    used : (float, int)
+        Step and order of the last accepted step.
+    """
+
+    def __init__(self, system, method):
+        self.system, self.method, self.control = system, method, method.control
+        self.control.fit(system)
+        self.ndf = self.control.ndf
+        self.newton = Newton(system, correct=method.consistency == "every-step")
+
+    def begin(self, t, p, v, t_end):
+        """Start, or start again after a discontinuity, with a full-order history.
+
+        Returns
+        -------
+        list of (t, p, v, λ)
+            The states of the history, from `t` on; the run stands at the last of them.
+        """
+        system, method = self.system, self.method
+        self.control.restart()
+        if method.step is not None:
+            steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
+            self.h, self.k = (t_end - t) / steps, method.order
+            states = start.equidistant_history(system, t, p, v, self.h, min(self.k, steps + 1))
+            self._start, self._steps, self._taken = t, steps, len(states) - 1
+        else:
+            self.k, self._taken = method.order, 0
+            self.h, states = start.adaptive_history(system, t, p, v, t_end, self.k, self.control, method.first_step)
+        self.base, filled = start.fill_table(system, states, self.k)
+        if method.consistency == "initial":
+            self._make_consistent(filled, states)
+        self.Z = np.zeros((bdf.MAX_ORDER + 3, filled.shape[1]))
+        self.Z[: len(filled)] = filled
+        self.t, self.p = states[-1][:2]
+        self.t_old, self.y, self.used = states[0][0], self.Z[0].copy(), (self.h, 0)
+        self._points, self._choice = len(states), (self.h, self.k)
+        return states
+
+    def advance(self, t_end) -> str:
+        """One accepted step towards `t_end`; returns why there is none, or an empty string."""
+        system, control = self.system, self.control
+        while True:
+            t_next = self._next_time(t_end)
+            h, k, Z = self.h, self.k, self.Z
+            self.base, predicted, psi = bdf.predict(system, k, self.base, Z, self.ndf)
+            weight, tol = control.weights(system, predicted, self.base)
+            step = self.newton.attempt(t_next, self.base, psi, predicted, h / bdf.alpha(k, self.ndf), weight, tol)
+            if step.failure:
+                smaller = control.after_failure(h)
+                if smaller is None:
+                    return step.failure
+            else:
+                d = step.y - predicted
+                error = control.error(system, d, k, weight)
+                if error <= 1.0:
+                    break
+                smaller = control.after_rejection(h, k, error)
+            if abs(smaller) < SMALLEST * np.spacing(abs(self.t)):
+                return step.failure or "the error test fails at any step size"
+            self.rescale(smaller, k)
+        Z[k + 2] = d
+        Z[: k + 3] = bdf.advance(k).dot(Z[: k + 3])
+        self.t_old, self.t, self.p, self.y, self.used, self._points = self.t, t_next, step.p, step.y, (h, k), k + 1
+        self._taken += 1
+        self._choice = control.next_step(system, Z, k, h, error, weight)
+        return ""
+
+    def prepare_next(self) -> None:
+        """Change to the step and order that the control chose; the last step's segment is gone after this."""
+        h, k = self._choice
+        if h != self.h:
+            self.rescale(h, k)
+        self.k = k
+
+    def segment(self) -> Segment:
+        """The interpolant of the last accepted step (or of the starting history)."""
+        rows = self._points
+        t = self.t
+        return Segment(self.t_old, t, t, self.used[0], rows - 1, self.base, self.Z[:rows].copy(), self.system)
+
+    def velocity_and_multipliers(self):
+        """v and λ at the time reached."""
+        nx, nv = self.system.nx, self.system.nv
+        return self.y[nx : nx + nv], self.y[nx + nv :]
+
+    def rescale(self, h, k) -> None:
+        """Change the step to `h`, keeping the interpolating polynomial of degree k."""
+        self.Z[: k + 1] = bdf.rescale(k, h / self.h).dot(self.Z[: k + 1])
+        self.h = h
+
+    def _next_time(self, t_end):
+        """The time of the next step; the last steps of a variable run are fitted to the end."""
+        if self.method.step is not None:
+            return self._start + (self._taken + 1) * self.h if self._taken + 1 < self._steps else t_end
+        left = (t_end - self.t) / self.h
+        if left < 1.0 + 1e-9:
+            self.rescale(t_end - self.t, self.k)
+            self.control.restart()
+            return t_end
+        return self.t + self.h
+
+    def _make_consistent(self, Z, states):
+        system, k = self.system, self.k
+        t0, p0, v0, _ = states[0]
+        if k == 1:
+            velocities = [consistency.consistent_initial_velocity(system, t0, p0, v0, self.h)]
+        else:
+            velocities = consistency.consistent_history(system, self.h, k, self.base, Z, states)
+        D = bdf.differences(len(states) - 1)
+        Z[: len(states), system.nx : system.nx + system.nv] = D @ np.array(velocities[::-1])

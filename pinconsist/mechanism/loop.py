@@ -1,0 +1,98 @@
+"""Loop: the record by which a user closes a loop. What its rows mean stands in :mod:`pinconsist.mechanism.loops`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError
+
+ROW_NAMES = {
+    "point": ("x", "y", "z"),
+    "frame": ("x", "y", "z", "rx", "ry", "rz"),
+    "hinge": ("x", "y", "z", "tilt1", "tilt2"),
+    "distance": ("length",),
+}
+GROUND = "universe"
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One loop closure between two frames of a model.
+
+    Parameters
+    ----------
+    name : str
+        Name by which reports, errors and reactions speak of the loop.
+    kind : {"point", "frame", "hinge", "distance"}
+        What the closure holds together; see the table of :mod:`pinconsist.mechanism.loops`.
+    frame1, frame2 : str
+        Names of frames of the model; ``"universe"`` is the ground.
+    xyz1, xyz2 : tuple of 3 float
+        Position of each anchor in its frame, m.
+    rpy1, rpy2 : tuple of 3 float
+        Orientation of each anchor in its frame, URDF's roll, pitch, yaw, rad.
+    axis : tuple of 3 float
+        Hinge axis, the same components in both anchors.
+    length : float or None
+        Distance L > 0 held by ``kind="distance"``, m.
+
+    Raises
+    ------
+    InputError
+        Unknown kind, numbers that are not finite or of the wrong count, a missing or useless length.
+    """
+
+    name: str
+    kind: str
+    frame1: str
+    frame2: str = GROUND
+    xyz1: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy1: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    xyz2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    length: float | None = None
+
+    def __post_init__(self):
+        if not isinstance(self.kind, str) or self.kind not in ROW_NAMES:
+            raise InputError(f"loop {self.name!r}: unknown kind {self.kind!r}; known are {', '.join(ROW_NAMES)}")
+        for field in ("name", "frame1", "frame2"):
+            if not isinstance(getattr(self, field), str):
+                raise InputError(f"loop {self.name!r}: {field} must be a name, got {getattr(self, field)!r}")
+        for field in ("xyz1", "rpy1", "xyz2", "rpy2", "axis"):
+            object.__setattr__(self, field, _triple(getattr(self, field), f"loop {self.name!r}: {field}"))
+        if self.kind == "hinge" and not 1e-100 < max(map(abs, self.axis)) < 1e100:
+            raise InputError(f"loop {self.name!r}: the hinge axis is the zero vector, or immense: {self.axis}")
+        if self.kind == "distance":
+            length = self.length
+            if isinstance(length, str | bool) or not np.isscalar(length) or not 0 < length < np.inf:
+                raise InputError(f"loop {self.name!r}: kind 'distance' needs length > 0 in m, got {length!r}")
+            object.__setattr__(self, "length", float(length))
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Names of the loop's rows, in their order."""
+        return ROW_NAMES[self.kind]
+
+    @property
+    def placement1(self) -> pin.SE3:
+        """Anchor 1 in ``frame1``."""
+        return pin.SE3(pin.rpy.rpyToMatrix(*self.rpy1), np.array(self.xyz1))
+
+    @property
+    def placement2(self) -> pin.SE3:
+        """Anchor 2 in ``frame2``."""
+        return pin.SE3(pin.rpy.rpyToMatrix(*self.rpy2), np.array(self.xyz2))
+
+
+def _triple(value, what: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(number) for number in (() if isinstance(value, str) else value))
+    except (TypeError, ValueError):
+        raise InputError(f"{what} needs three numbers, got {value!r}") from None
+    if not np.isfinite([x, y, z]).all():
+        raise InputError(f"{what} has a number that is not finite: {value!r}")
+    return x, y, z

@@ -1,0 +1,60 @@
+"""Loops that cannot close as they were written: their anchors moved to where they fit best."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from .assembly import CLOSED, LoopSolver, impossible_alone
+from .mechanism import Mechanism
+
+
+def reanchor(mechanism: Mechanism, q=None) -> Mechanism:
+    """See :meth:`Mechanism.reanchored`."""
+    best = mechanism.guess if q is None else mechanism.configuration(q, base=mechanism.guess)
+    result, everything = mechanism, np.ones(mechanism.nv, dtype=bool)
+    best, _ = LoopSolver(result).close(best, everything)
+    to_move = impossible_alone(mechanism, best, LoopSolver(result).gaps(best), {})
+    while True:  # first the loops that cannot close alone; then, if the others do not follow, those too
+        gaps = LoopSolver(result).gaps(best)
+        worst = max(gaps.values(), default=0.0)
+        to_move = to_move or {name: gap for name, gap in gaps.items() if worst > CLOSED and gap > 1e-3 * worst}
+        if not to_move:
+            break
+        result = replace(result, loops=_moved_anchors(result, best, to_move))
+        to_move = {}
+        best, _ = LoopSolver(result).close(best, everything)
+    pairs = zip(mechanism.loops, result.loops, strict=True)
+    moves = [_move(before, after) for before, after in pairs if before != after]
+    if moves:
+        warnings.warn(f"{mechanism.name}: anchor 2 moved to the best fit on loops {', '.join(moves)}", stacklevel=3)
+    return replace(result, guess=best)
+
+
+def _move(before, after):
+    if before.kind == "distance":
+        return f"{before.name!r} by {after.length - before.length:+.3g} m of length"
+    turn = before.placement2.rotation.T @ after.placement2.rotation
+    move = f"{before.name!r} by {np.linalg.norm(np.subtract(after.xyz2, before.xyz2)):.3g} m"
+    return move if before.kind == "point" else f"{move} and {np.linalg.norm(pin.log3(turn)):.3g} rad"
+
+
+def _moved_anchors(mechanism, q, names):
+    data = mechanism.model.createData()
+    pin.framesForwardKinematics(mechanism.model, data, q)
+    return tuple(_moved_anchor(mechanism.model, data, loop) if loop.name in names else loop for loop in mechanism.loops)
+
+
+def _moved_anchor(model, data, loop):
+    """The loop with anchor 2 where anchor 1 is; its orientation too, unless only points are held."""
+    pose1 = data.oMf[model.getFrameId(loop.frame1)] * loop.placement1
+    pose2 = data.oMf[model.getFrameId(loop.frame2)]
+    anchor = pose2.actInv(pose1)
+    if loop.kind == "distance":
+        far = (pose2 * loop.placement2).translation
+        return replace(loop, length=float(np.linalg.norm(far - pose1.translation)))
+    rpy = loop.rpy2 if loop.kind == "point" else tuple(pin.rpy.matrixToRpy(anchor.rotation))
+    return replace(loop, xyz2=tuple(anchor.translation), rpy2=rpy)

@@ -1,0 +1,388 @@
+"""The command line, as a stranger meets it: printed numbers, exit codes, messages, files."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import select
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinconsist
+from pinconsist.cli import main
+from pinconsist.cli.app import spread
+
+MODELS = Path(pinconsist.__file__).resolve().parents[1] / "models"
+PROGRAM = (sys.executable, "-m", "pinconsist.cli")
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    """Run the command line in an empty folder → exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(each) for each in arguments])
+        return end.value.code, *capsys.readouterr()
+
+    return call
+
+
+def numbers_after(text, *labels):
+    """The first number after each label, as a float."""
+    return [float(text.split(label, 1)[1].split()[0]) for label in labels]
+
+
+def test_alone_it_says_what_can_be_done(run):
+    code, out, err = run()
+    assert (code, err) == (0, "")
+    for command in ("models", "check", "simulate", "replay", "compare"):
+        assert f"pinconsist {command}" in out
+
+
+def test_every_example_of_the_overview_is_a_command(run):
+    _, out, _ = run()
+    for line in out.splitlines():
+        if line.startswith("  pinconsist "):
+            assert run(line.split()[1], "--help")[0] == 0
+
+
+def test_version(run):
+    assert run("--version") == (0, f"pinconsist {pinconsist.__version__}\n", "")
+
+
+def test_help_documents_the_exit_codes(run):
+    code, out, _ = run("simulate", "--help")
+    assert code == 0
+    assert "Exit codes: 0 fine; 1 the integration failed" in out and "130 interrupted" in out
+
+
+def test_models(run):
+    code, out, _ = run("models")
+    assert code == 0
+    for name, description in pinconsist.models().items():
+        assert any(line.split(maxsplit=1) == [name, description] for line in out.splitlines())
+    assert "\x1b" not in out
+
+
+def test_models_json(run):
+    assert json.loads(run("models", "--json")[1])["models"] == pinconsist.models()
+
+
+def test_simulate_prints_scene_summary_and_certificate(run):
+    code, out, err = run("simulate", "four_bar", "--until", 0.5)
+    assert (code, err) == (0, "")
+    assert out.startswith("four_bar: 3 joints, 1 loop of 5 rows (2 independent), mobility 1\n")
+    assert "t = 0 … 0.5 s in" in out and "\x1b" not in out
+    gap, first, energy = numbers_after(out, "loops closed to", "at the first step", "energy balance")
+    assert gap < 1e-9 and first < 1e-3 and energy < 1e-3
+
+
+def test_simulate_is_the_python_call(run):
+    options = ("--at", "crank=0.3", "--with-velocity", "crank=2", "--step", 0.01, "--order", 2, "--from", 1)
+    code, out, _ = run("simulate", "four_bar", "--until", 1.1, *options, "--json")
+    told = json.loads(out)
+    sol = pinconsist.simulate(
+        pinconsist.load("four_bar"), (1, 1.1), {"crank": 0.3}, {"crank": 2}, step=0.01, max_order=2
+    )
+    assert code == 0 and told["run"]["success"] and told["run"]["steps"] == 10
+    assert list(told["end"]["q"].values()) == sol.q[-1].tolist()
+    assert list(told["end"]["v"].values()) == sol.v[-1].tolist()
+    assert told["certificate"]["force"] == sol.check().force
+    assert (told["scene"]["rows"], told["scene"]["rank"], told["scene"]["mobility"]) == (5, 2, 1)
+
+
+def test_several_values_after_one_option(run):
+    assert spread(["compare", "--step", "0.1", "1e-2", "four_bar"]) == [
+        "compare", "--step", "0.1", "--step", "1e-2", "four_bar",
+    ]  # fmt: skip
+    assert spread(["compare", "x", "--step=.1", "2"]) == ["compare", "x", "--step", ".1", "--step", "2"]
+    assert spread(["--at", "a=1", "b=-2", "--until", "3"]) == ["--at", "a=1", "--at", "b=-2", "--until", "3"]
+    code, out, _ = run(
+        "simulate", "five_bar", "--with-velocity", "left_crank=1", "right_crank=-1", "--until", 0, "--json"
+    )
+    velocity = json.loads(out)["end"]["v"]
+    assert code == 0 and np.allclose([velocity["left_crank"], velocity["right_crank"]], [1, -1])
+
+
+def test_joints_that_cannot_stay_are_told(run):
+    code, _, err = run("simulate", "four_bar", "--at", "crank=0.3", "rocker=2", "--until", 0)
+    assert code == 0 and "the loops do not close with rocker = 2; it is at" in err
+
+
+def test_simulate_writes_its_files(run):
+    code, out, _ = run(
+        "simulate", "four_bar", "--until", 0.2, "--out", "run", "--html", "run.html", "--plot", "run.png"
+    )  # fmt: skip
+    assert code == 0 and out.endswith("written: run.npz, run.html, run.png\n")
+    assert pinconsist.Solution.load("run.npz").t[-1] == 0.2
+    assert Path("run.html").read_text().startswith("<!DOCTYPE html>")
+    assert Path("run.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_failed_integration_is_saved_and_exits_with_1(run):
+    code, out, _ = run("simulate", "four_bar", "--max-steps", 8, "--out", "run.npz")
+    assert code == 1 and "max_steps = 8 reached" in out
+    assert 0 < pinconsist.Solution.load("run.npz").t[-1] < 5
+
+
+def test_json_is_all_there_is_on_stdout(run):
+    code, out, _ = run("simulate", "double_pendulum", "--until", 0.1, "--json")
+    assert code == 0 and out.count("\n") == 1
+    assert json.loads(out)["scene"]["loops"] == []
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["simulate", "four_barr"], "four_bar"),
+        (["simulate", "nowhere.urdf"], "no such file"),
+        (["simulate", "four_bar", "--at", "crnk=1"], "no joint 'crnk'; the joints are crank, coupler, rocker"),
+        (["simulate", "four_bar", "--at", "crank"], "--at needs joint=value, got 'crank'"),
+        (["simulate", "four_bar", "--at", "crank=x"], "'x' is not a number"),
+        (["simulate", "four_bar", "--at", "crank=1", "crank=2"], "names joint 'crank' twice"),
+        (["simulate", "four_bar", "--at", "crank=nan"], "not finite"),
+        (["simulate", "four_bar", "--until", "soon"], "--until"),
+        (["simulate", "four_bar", "--until", "nan"], "not finite"),
+        (["simulate", "four_bar", "--step", "0.1", "0.2"], "0.2"),
+        (["simulate", "four_bar", "--step", "-1"], "step must be a positive number"),
+        (["simulate", "four_bar", "--order", "9"], "1 to 5"),
+        (["simulate", "four_bar", "--method", "Euler"], "unknown method 'Euler'"),
+        (["simulate", "four_bar", "--consistency", "never"], "unknown consistency 'never'"),
+        (["simulate", "four_bar", "--closure", "weld"], "closure='weld'"),
+        (["simulate", "four_bar", "--loops", "nowhere.yaml"], "nowhere.yaml: no such file"),
+        (["simulate", "four_bar", "--out", "nowhere/run.npz"], "nowhere/run.npz cannot be written: there is no folder"),
+        (["simulate", "four_bar", "--html", "."], "it is a folder"),
+        (["simulate", "four_bar", "--out", "run.txt"], "a run is saved as .npz"),
+        (["simulate", "four_bar", "--plot", "run.doc"], "must end in one of"),
+        (["simulate", "four_bar", "--out", "a.npz", "--html", "a.npz"], "the same file"),
+        (["simulate"], "SCENE"),
+        (["simulate", "four_bar", "--fast"], "--fast"),
+        (["invent"], "invent"),
+        (["compare", "problem53"], "problem53"),
+        (["compare", "problem51", "--step", "0"], "positive"),
+        (["compare", "problem51", "--step", "0.1", "x"], "(x)"),
+        (["compare", "problem51", "--at", "x=1"], "its own loops and initial values"),
+        (["compare", "double_pendulum"], "no loops"),
+        (["check", "four_bar", "--at", "nobody=1"], "no joint 'nobody'"),
+        (["replay", "nowhere.npz"], "nowhere.npz: no such file"),
+        (["replay", "four_bar", "--scene", "five_bar"], "--scene"),
+        (["replay", "four_bar", "--html", "nowhere/x.html"], "there is no folder"),
+    ],
+)
+def test_mistakes_get_one_message_and_exit_code_2(run, arguments, message):
+    code, _, err = run(*arguments)
+    assert code == 2
+    assert err.startswith("pinconsist: error: ") and message in err
+    assert "Traceback" not in err
+
+
+def test_errors_are_json_too(run):
+    code, out, err = run("simulate", "four_barr", "--json")
+    assert code == 2 and json.loads(out)["error"] in err
+
+
+def test_files_are_checked_before_the_scene_is_loaded(run):
+    assert "nowhere/run.npz" in run("simulate", "no_scene", "--out", "nowhere/run.npz")[2]
+
+
+def test_a_bug_keeps_its_traceback(run, monkeypatch):
+    def broken(*_, **__):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("pinconsist.formats.catalogue.models", broken)
+    with pytest.raises(ZeroDivisionError):
+        main(["models"])
+
+
+def table_rows(text, title):
+    """Rows of numbers below a title, without the table's heads."""
+    lines = text.split(title, 1)[1].split("\n\n")[0].splitlines()
+    return [line.split() for line in lines if line.strip()[:1].isdigit()]
+
+
+def test_compare_prints_the_tables_of_the_paper(run):
+    code, out, _ = run("compare", "problem51", "--step", "0.01", "0.001")
+    assert code == 0
+    first = table_rows(out, "step size h = 0.01 s\n")
+    assert len(first) == 6
+    assert first[0][:4] == ["1", "0.01", "2.0808e+00", "8.1200e-02"]
+    assert table_rows(out, "step size h = 0.001 s\n")[0][2:4] == ["2.0080e+00", "8.0120e-03"]
+    assert " 1.7041e-02" in out and " 1.0462e-02" in out  # changes of the initial velocity for h = 0.01
+
+
+def test_compare_as_json_and_figure(run):
+    code, out, _ = run("compare", "four_bar", "--step", 0.02, "--order", 2, "--rows", 3, "--plot", "c.png", "--json")
+    told = json.loads(out)
+    errors = told["runs"][0]
+    assert code == 0 and (told["order"], errors["h"], len(errors["t"])) == (2, 0.02, 5)
+    assert errors["consistent"][2] < errors["exact"][2]
+    assert Path("c.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_compare_names_the_joints_and_where_a_higher_order_starts(run):
+    code, out, _ = run("compare", "four_bar", "--step", 0.02, "--order", 2, "--rows", 1)
+    assert code == 0 and "rows 0 to 1 are its exact start" in out
+    assert [line.split()[0] for line in out.splitlines()[-4:-1]] == ["crank", "coupler", "rocker"]
+
+
+def test_check(run):
+    code, out, _ = run("check", "five_bar", "--at", "left_crank=-2")
+    assert code == 0
+    assert "4 moving bodies, 1.2 kg in all, nq = 4, nv = 4" in out
+    assert "motors: left_crank, right_crank" in out
+    assert "rows: 5, of which 2 independent and 3 redundant\nmobility: 2\n" in out
+    assert "redundant: (tip y, tilt1, tilt2) = 0 for every motion" in out
+    assert "equations of motion: regular" in out
+    assert numbers_after(out, "largest gap at the guess:")[0] > 1e-2
+    assert numbers_after(out, "largest gap once closed:")[0] < 1e-10
+    assert any(line.split() == ["left_crank", "-2"] for line in out.splitlines())
+
+
+def test_check_json(run):
+    told = json.loads(run("check", "five_bar", "--closure", "point", "--json")[1])
+    assert (told["rows"], told["rank"], told["mobility"], told["regular"], told["closed"]) == (3, 2, 2, True, True)
+    assert told["redundant"] == [{"loop": "tip", "row": "y", "depends_on": []}]
+    assert told["gaps"]["tip"] < 1e-10 and set(told["q"]) == set(pinconsist.load("five_bar").joints)
+
+
+@pytest.fixture
+def torn(tmp_path):
+    """A four-bar that gapes by 0.5 m across its plane, whatever it does; in a folder of its own."""
+    folder = tmp_path / "torn"
+    folder.mkdir()
+    shutil.copy(MODELS / "four_bar.urdf", folder / "bars.urdf")
+    hinge = "{name: coupler_rocker, kind: hinge, frame1: coupler_tip, frame2: rocker_tip, axis: [0, 1, 0]"
+    (folder / "bars.yaml").write_text(
+        f"loops:\n  - {hinge}, xyz2: [0, 0.5, 0]}}\nguess: {{crank: -1, coupler: 0.7, rocker: -1.4}}\n"
+    )
+    return folder / "bars.urdf"
+
+
+@pytest.mark.parametrize("command", ["check", "simulate"])
+def test_loops_that_cannot_close(run, torn, command):
+    code, out, err = run(command, torn)
+    assert code == 2 and "cannot close" in err and "Traceback" not in err
+    assert "on the command line: --at JOINT=VALUE, --closure point, --reanchor" in err
+    if command == "check":
+        row = next(line.split() for line in out.split("gap left")[1].splitlines() if "coupler_rocker" in line)
+        assert float(row[-1]) == pytest.approx(0.5)
+
+
+def test_loops_that_cannot_close_as_json(run, torn):
+    code, out, _ = run("check", torn, "--json")
+    told = json.loads(out)
+    assert code == 2 and not told["closed"] and told["gaps"]["coupler_rocker"] == pytest.approx(0.5)
+
+
+def test_reanchoring_closes_them_and_says_so(run, torn):
+    code, out, err = run("simulate", torn, "--reanchor", "--until", 0.1)
+    assert code == 0 and err.startswith("pinconsist: warning: bars: anchor 2") and "'coupler_rocker'" in err
+    assert err.count("\n") == 1
+    assert numbers_after(out, "loops closed to")[0] < 1e-9
+
+
+def test_massless_joints_are_told_by_check(run, torn):
+    text = torn.read_text()
+    torn.write_text(re.sub("<inertial>.*?</inertial>", "", text, flags=re.DOTALL))
+    torn.with_suffix(".yaml").unlink()
+    code, out, err = run("check", torn)
+    assert code == 2 and "equations of motion: singular" in out and "without any inertia" in err
+
+
+def test_replay_of_a_saved_run(run):
+    run("simulate", "four_bar", "--until", 0.2, "--out", "run.npz")
+    code, out, _ = run("replay", "run.npz", "--html", "play.html")
+    assert code == 0 and out.startswith("four_bar: t = 0 … 0.2 s") and out.endswith("written: play.html\n")
+    assert Path("play.html").stat().st_size > 100_000
+
+
+def test_replay_finds_the_scene_of_a_run_again(run, torn, monkeypatch):
+    run("simulate", torn, "--reanchor", "--until", 0.1, "--out", "torn/run.npz")
+    torn.parent.rename("moved")
+    assert run("replay", "moved/run.npz", "--html", "play.html")[0] == 0
+    Path("moved/run.npz").rename("run.npz")
+    code, _, err = run("replay", "run.npz", "--html", "play.html")
+    assert code == 2 and "say where it is by --scene" in err
+    assert run("replay", "run.npz", "--scene", "moved/bars.urdf", "--html", "play.html")[0] == 0
+    assert "it has 3 numbers in a configuration" in run("replay", "run.npz", "--scene", "five_bar")[2]
+
+
+def test_replay_of_a_scene_simulates_it(run):
+    code, out, _ = run("replay", "planar_pendulum", "--html", "play.html", "--speed", 2)
+    assert code == 0 and "t = 0 … 5 s" in out
+
+
+def test_replay_opens_the_browser(run, monkeypatch):
+    shown = []
+    monkeypatch.setattr("webbrowser.get", lambda: None)
+    monkeypatch.setattr("pinconsist.view.meshcat.replay", lambda mech, sol, **options: shown.append(options))
+    code, out, _ = run("replay", "planar_pendulum", "--loop")
+    assert code == 0 and "open in your browser" in out
+    assert shown == [{"speed": 1.0, "loop": True, "open_browser": True}]
+
+
+def test_replay_without_a_browser_serves_the_page_until_interrupted(run, monkeypatch):
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("time.sleep", interrupt)
+    monkeypatch.setattr("pinconsist.view.meshcat.replay", lambda *_, **options: f"address {options['open_browser']}")
+    code, out, _ = run("replay", "planar_pendulum", "--no-browser")
+    assert code == 0 and "served at address False until Ctrl-C" in out
+
+
+def test_a_pipe_gets_plain_text_and_the_program_its_exit_code():
+    done = subprocess.run([*PROGRAM, "check", "four_bar"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "") and "\x1b" not in done.stdout
+
+
+def test_an_ascii_terminal_still_gets_its_numbers():
+    encoding = os.environ | {"PYTHONIOENCODING": "ascii"}
+    arguments = ("simulate", "four_bar", "--until", "0.1")
+    done = subprocess.run([*PROGRAM, *arguments], capture_output=True, text=True, env=encoding)
+    assert done.returncode == 0 and "t = 0 ? 0.1 s" in done.stdout
+
+
+def on_a_terminal(arguments, columns=80, interrupt_after=None):
+    """Exit code and everything a terminal would have shown; Ctrl-C is typed once some text has been seen."""
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.environ.update(COLUMNS=str(columns), TERM="xterm")
+        os.execv(PROGRAM[0], [*PROGRAM, *arguments])
+    seen, deadline = b"", time.monotonic() + 60
+    while time.monotonic() < deadline:
+        if select.select([terminal], [], [], 0.1)[0]:
+            try:
+                seen += os.read(terminal, 65536)
+            except OSError:  # how Linux says that the other end is closed
+                break
+        if interrupt_after and interrupt_after in seen:
+            os.write(terminal, b"\x03")
+            interrupt_after = None
+    os.close(terminal)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), seen.decode()
+
+
+def test_a_narrow_terminal_loses_no_digits():
+    code, shown = on_a_terminal(["compare", "problem51", "--step", "0.01", "--rows", "1"], columns=30)
+    assert code == 0 and "2.0808e+00" in shown and "8.1200e-02" in shown and "v1" in shown
+
+
+@pytest.mark.slow
+def test_a_long_run_shows_progress_and_keeps_what_was_reached_when_interrupted(tmp_path):
+    file = tmp_path / "run.npz"
+    arguments = ["simulate", "four_bar", "--until", "100000", "--out", str(file)]
+    code, shown = on_a_terminal(arguments, interrupt_after=b"of 100000 s")
+    assert code == 130 and "steps, now" in shown and f"written: {file}" in shown
+    sol = pinconsist.Solution.load(file)
+    assert sol.status == 1 and 0 < sol.t[-1] < 100000

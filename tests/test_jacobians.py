@@ -1,0 +1,368 @@
+"""Every derivative against finite differences, at open configurations, on a tree with every kind of joint."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from bodies import frame_pose, mixed_tree, random_state
+
+import pinconsist as pc
+from pinconsist.mechanism.forces import as_force, model_forces
+from pinconsist.mechanism.loops import ROW_NAMES, LoopRows
+from pinconsist.mechanism.system import MechanismSystem
+
+KINDS = tuple(ROW_NAMES)
+PAIRS = [("arm", "wheel"), ("arm", "universe"), ("universe", "puck"), ("raft", "arm0"), ("raft", "wheel")]
+AXIS = (0.3, -0.5, 0.8)
+
+
+def loop_of(kind, frame1, frame2, **fields):
+    length = {"length": 0.7} if kind == "distance" else {}
+    offsets = {"xyz1": (0.1, -0.2, 0.3), "rpy1": (0.4, 0.1, -0.6), "xyz2": (-0.3, 0.2, 0.1), "rpy2": (-0.2, 0.5, 0.3)}
+    return pc.Loop(f"{kind} {frame1} {frame2}", kind, frame1, frame2, axis=AXIS, **length, **(offsets | fields))
+
+
+def loop_open_by(model, q, kind, frame1, frame2, gap):
+    """A loop whose anchor 2 stands at `gap` (SE3) seen from its anchor 1 at configuration q."""
+    loop = loop_of(kind, frame1, frame2)
+    anchor = frame_pose(model, q, frame2).actInv(frame_pose(model, q, frame1) * loop.placement1 * gap)
+    return loop_of(kind, frame1, frame2, xyz2=anchor.translation, rpy2=pin.rpy.matrixToRpy(anchor.rotation))
+
+
+def evaluate(rows, q):
+    data = rows.model.createData()
+    pin.computeJointJacobians(rows.model, data, q)
+    phi, J = rows.evaluate(data)
+    return np.array(phi), np.array(J)
+
+
+def differences(function, x, step=1e-4):
+    """Fourth-order central differences, columns."""
+    columns = []
+    for i in range(len(x)):
+        at = [function(x + s * step * np.eye(len(x))[i]) for s in (-2, -1, 1, 2)]
+        columns.append((at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * step))
+    return np.column_stack(columns)
+
+
+def along_motion(model, rows, q, v, step=1e-4):
+    """d(J v)/dt of the motion with constant joint velocities v (q ⊕ t v moves with v at all times)."""
+    at = [evaluate(rows, pin.integrate(model, q, s * step * v))[1] @ v for s in (-2, -1, 1, 2)]
+    return (at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * step)
+
+
+def bias_of(rows, q, v):
+    data = rows.model.createData()
+    pin.forwardKinematics(rows.model, data, q, v, np.zeros(rows.model.nv))
+    return rows.acceleration_bias(data)
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids="-".join)
+@pytest.mark.parametrize("kind", KINDS)
+def test_loop_jacobian_is_the_derivative_of_the_gap(kind, pair):
+    model, rng = mixed_tree(), np.random.default_rng(1)
+    rows = LoopRows(model, [loop_of(kind, *pair)])
+    for _ in range(4):
+        q, _ = random_state(model, rng)
+        phi, J = evaluate(rows, q)
+        assert np.abs(phi).max() > 1e-2 and J.shape == (len(ROW_NAMES[kind]), model.nv)
+        expected = differences(lambda x, q=q: evaluate(rows, pin.integrate(model, q, x))[0], np.zeros(model.nv))
+        np.testing.assert_allclose(J, expected, atol=1e-9 * (1 + np.abs(J).max()))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 3.0, 3.1, np.pi - 0.01])
+@pytest.mark.parametrize("kind", ["frame", "hinge"])
+def test_rotational_rows_from_closed_to_nearly_turned_over(kind, angle):
+    """Φ = log R or the chord 2 sin(angle/2), and J, up to 10 mrad from a half turn."""
+    model, rng = mixed_tree(), np.random.default_rng(2)
+    axis = np.array(AXIS) / np.linalg.norm(AXIS)
+    turned_about = np.cross(axis, rng.normal(size=3)) if kind == "hinge" else rng.normal(size=3)
+    turn = angle * turned_about / np.linalg.norm(turned_about)
+    q, _ = random_state(model, rng)
+    gap = pin.SE3(pin.exp3(turn), np.array([0.3, -0.1, 0.2]))
+    rows = LoopRows(model, [loop_open_by(model, q, kind, "arm", "wheel", gap)])
+    phi, J = evaluate(rows, q)
+    np.testing.assert_allclose(phi[:3], gap.translation, atol=1e-12)
+    if kind == "frame":
+        np.testing.assert_allclose(phi[3:], turn, atol=1e-9)
+    else:
+        assert np.linalg.norm(phi[3:]) == pytest.approx(2 * np.sin(angle / 2), abs=1e-10)
+        np.testing.assert_allclose(pin.skew(axis) @ turn @ turn, 0, atol=1e-12)
+    # near a half turn pin.log3 carries 1e-11 of rounding, and the chord bends within the remaining angle
+    step = 5e-4 if kind == "frame" else min(1e-4, 0.004 * (np.pi - angle))
+    expected = differences(lambda x: evaluate(rows, pin.integrate(model, q, x))[0], np.zeros(model.nv), step)
+    np.testing.assert_allclose(J, expected, atol=5e-8 * (1 + np.abs(J).max()))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rows_are_the_documented_ones(kind):
+    """Φ from the poses of the two anchors, as the table of loops.py has it."""
+    model, rng = mixed_tree(), np.random.default_rng(3)
+    q, _ = random_state(model, rng)
+    loop = loop_of(kind, "raft", "arm")
+    gap = (frame_pose(model, q, "raft") * loop.placement1).actInv(frame_pose(model, q, "arm") * loop.placement2)
+    d, R = gap.translation, gap.rotation
+    phi, _ = evaluate(LoopRows(model, [loop]), q)
+    if kind == "distance":
+        np.testing.assert_allclose(phi, [(d @ d - 0.49) / 1.4], atol=1e-14)
+        return
+    np.testing.assert_allclose(phi[:3], d, atol=1e-14)
+    if kind == "frame":
+        np.testing.assert_allclose(phi[3:], pin.log3(R), atol=1e-14)
+    if kind == "hinge":
+        e = np.array(AXIS) / np.linalg.norm(AXIS)
+        angle = np.arccos(e @ R @ e)
+        assert np.linalg.norm(phi[3:]) == pytest.approx(2 * np.sin(angle / 2), abs=1e-12)
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids="-".join)
+@pytest.mark.parametrize("kind", KINDS)
+def test_acceleration_bias_of_open_loops_is_exact_in_the_translational_rows(kind, pair):
+    model, rng = mixed_tree(), np.random.default_rng(4)
+    rows = LoopRows(model, [loop_of(kind, *pair)])
+    translational = slice(0, 1 if kind == "distance" else 3)
+    for _ in range(3):
+        q, v = random_state(model, rng)
+        expected = along_motion(model, rows, q, v)[translational]
+        tolerance = 1e-8 * (1 + np.abs(expected).max())
+        np.testing.assert_allclose(bias_of(rows, q, v)[translational], expected, atol=tolerance)
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids="-".join)
+@pytest.mark.parametrize("kind", ["frame", "hinge"])
+def test_acceleration_bias_of_closed_loops_is_exact_in_all_rows(kind, pair):
+    """Also for velocities off the constraints; the hinge is turned about its axis."""
+    model, rng = mixed_tree(), np.random.default_rng(5)
+    axis = np.array(AXIS) / np.linalg.norm(AXIS)
+    for angle in (0.0, 2.0):
+        q, v = random_state(model, rng)
+        turn = pin.exp3(angle * axis) if kind == "hinge" else np.eye(3)
+        rows = LoopRows(model, [loop_open_by(model, q, kind, *pair, pin.SE3(turn, np.zeros(3)))])
+        assert np.abs(evaluate(rows, q)[0]).max() < 1e-13
+        expected = along_motion(model, rows, q, v)
+        np.testing.assert_allclose(bias_of(rows, q, v), expected, atol=1e-8 * (1 + np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_loops_together_are_the_loops_one_by_one(count):
+    """Several points take Pinocchio's own path, mixed kinds the general one: the same rows."""
+    model, rng = mixed_tree(), np.random.default_rng(6)
+    points = [loop_of("point", *pair) for pair in PAIRS[:count]]
+    kinds = ("hinge", "point", "distance", "frame", "point")
+    mixed = [loop_of(kind, *pair) for kind, pair in zip(kinds, PAIRS, strict=True)]
+    for loops in (points, mixed[:count]):
+        q, v = random_state(model, rng)
+        together = LoopRows(model, loops)
+        phi, J = evaluate(together, q)
+        singles = [LoopRows(model, [loop]) for loop in loops]
+        np.testing.assert_allclose(phi, np.concatenate([evaluate(each, q)[0] for each in singles]), atol=1e-14)
+        np.testing.assert_allclose(J, np.concatenate([evaluate(each, q)[1] for each in singles]), atol=1e-14)
+        bias = np.concatenate([bias_of(each, q, v) for each in singles])
+        np.testing.assert_allclose(bias_of(together, q, v), bias, atol=1e-14)
+    general = LoopRows(model, [*points, loop_of("frame", "arm", "puck")])
+    phi, J = evaluate(LoopRows(model, points), q)
+    np.testing.assert_allclose(evaluate(general, q)[0][: 3 * count], phi, atol=1e-14)
+    np.testing.assert_allclose(evaluate(general, q)[1][: 3 * count], J, atol=1e-14)
+
+
+@pytest.mark.parametrize("kinds", [("point",), ("point", "point"), ("distance",), ("frame",), ("hinge", "point")])
+def test_returned_rows_survive_the_next_evaluation(kinds):
+    model, rng = mixed_tree(), np.random.default_rng(7)
+    rows = LoopRows(model, [loop_of(kind, *pair) for kind, pair in zip(kinds, PAIRS, strict=False)])
+    data = model.createData()
+
+    def at(q):
+        pin.computeJointJacobians(model, data, q)
+        return rows.evaluate(data)
+
+    first, second = random_state(model, rng)[0], random_state(model, rng)[0]
+    phi, J = at(first)
+    kept_phi, kept_J = phi.copy(), J.copy()
+    other_phi, _ = at(second)
+    assert np.abs(other_phi - kept_phi).max() > 1e-3
+    np.testing.assert_array_equal(phi, kept_phi)
+    np.testing.assert_array_equal(J, kept_J)
+
+
+def spring(t, q, v):
+    return np.cos(t) - 3.0 * np.sin(q) * v**2 - np.roll(q, 1) * v
+
+
+def spring_gradient(t, q, v):
+    by_q = -3.0 * np.diag(np.cos(q) * v**2) - np.roll(np.eye(len(q)), 1, axis=0) * v[:, None]
+    by_v = -6.0 * np.diag(np.sin(q) * v) - np.diag(np.roll(q, 1))
+    return by_q, by_v
+
+
+FORCES = {
+    "damping": pc.JointDamping(np.array([0.1, 2.0, 0.0])),
+    "friction": pc.JointFriction(np.array([0.5, 0.0, 3.0])),
+    "wide friction": pc.JointFriction(np.array([0.5, 1.0, 3.0]), width=0.5),
+    "constant": pc.ConstantTorque(np.array([1.0, 2.0, 3.0])),
+    "law": pc.Torque(spring),
+    "law with gradient": pc.Torque(spring, spring_gradient),
+}
+
+
+@pytest.mark.parametrize("v", [[0.0, 0.0, 0.0], [1e-3, -5e-3, 2e-2], [0.4, -1.0, 30.0]])
+@pytest.mark.parametrize("name", FORCES)
+def test_derivatives_of_forces(name, v):
+    force, t, q, v = FORCES[name], 0.3, np.array([0.2, -1.0, 0.5]), np.array(v)
+    by_q, by_v = force.derivatives(t, q, v)
+    size = 1 + np.abs(force.torque(t, q, v)).max() * (100 if name == "friction" else 1)
+    expected = differences(lambda x: force.torque(t, q, x), v, 1e-5)
+    np.testing.assert_allclose(np.zeros((3, 3)) if by_v is None else by_v, expected, atol=1e-6 * size)
+    if name == "law":
+        assert by_q is None  # left out of Newton's matrix, as documented
+    else:
+        expected = differences(lambda x: force.torque(t, x, v), q, 1e-5)
+        np.testing.assert_allclose(np.zeros((3, 3)) if by_q is None else by_q, expected, atol=1e-6 * size)
+
+
+def test_friction_of_fast_joints_is_finite():
+    with np.errstate(all="raise"):
+        by_v = FORCES["friction"].derivatives(0.0, np.zeros(3), np.array([1e9, 1.0, -1e300]))[1]
+    assert np.abs(by_v).max() < 1e-200
+
+
+def test_the_models_own_damping_and_friction_become_forces():
+    model = mixed_tree()
+    assert model_forces(model) == ()
+    model.damping[2], model.upperDryFrictionLimit[3] = 0.5, 0.25
+    damping, friction = model_forces(model)
+    assert damping.coefficients[2] == 0.5 and friction.coefficients[3] == 0.25
+    model.damping[2] = 9.0
+    assert damping.coefficients[2] == 0.5  # a copy
+    assert as_force(damping, model.nv) is damping
+
+
+@pytest.mark.parametrize("c", [1e-3, 0.05, -0.02])
+def test_newton_matrix_of_a_vector_like_mechanism(c):
+    """A and W against differences of c f and Φ/c along v → (p = ψ + c v, a = (v - ψ_v)/c)."""
+    model = pc.load("crank_rocker").model.copy()
+    model.damping[:] = [0.3, 0.0, 1.2]
+    model.upperDryFrictionLimit[:] = [0.0, 0.4, 0.0]
+    model.armature[:] = [0.1, 0.0, 0.3]
+    (loop,) = pc.load("crank_rocker").loops
+    forces = [FORCES["law with gradient"], np.array([1.0, 2.0, 3.0])]
+    mech = pc.Mechanism(model, [loop], forces=forces)
+    start = pc.assemble(pc.Mechanism(model, [loop]), {"crank": 0.7})
+    system = MechanismSystem(mech, start.q)
+    rng = np.random.default_rng(8)
+    psi_v, t, v = rng.normal(size=3), 0.4, rng.normal(size=3)
+    psi = start.q - c * v  # the loop is closed where the matrix is taken
+
+    def residuals(v):
+        f, phi, _ = system.evaluate(t, psi + c * v, v, (v - psi_v) / c)
+        return np.concatenate((c * f, phi / c))
+
+    expected = differences(residuals, v, 1e-5)
+    p, a = psi + c * v, (v - psi_v) / c
+    system.evaluate(t, p, v, a)
+    A, W = system.linearize(t, p, v, a, np.zeros(system.nc), c)
+    np.testing.assert_allclose(A, expected[:3], atol=1e-7 * (1 + np.abs(A).max()))
+    np.testing.assert_allclose(W, expected[3:], atol=1e-8 * (1 + np.abs(A).max()))
+
+
+@pytest.mark.parametrize("kinds", [("frame",), ("point", "hinge"), ("point", "point"), ()])
+def test_newton_matrix_on_a_manifold(kinds):
+    """The same for every kind of joint, in the chart centred at the position (ξ = 0 there), with the loops closed."""
+    model, rng, c, t = mixed_tree(), np.random.default_rng(9), 0.01, 0.0
+    model.damping[:] = rng.uniform(0, 1, model.nv)
+    base, v = random_state(model, rng)
+    pairs = zip(kinds, PAIRS, strict=False)
+    closed = [loop_open_by(model, base, kind, *pair, pin.SE3.Identity()) for kind, pair in pairs]
+    mech = pc.Mechanism(model, closed, guess=base)
+    system = MechanismSystem(mech, mech.guess)
+    psi, psi_v = -c * v, rng.normal(size=model.nv)
+
+    def residuals(v):
+        p, _ = system.position(t, base, psi, c, v)
+        f, phi, _ = system.evaluate(t, p, v, (v - psi_v) / c)
+        return np.concatenate((c * f, phi / c))
+
+    expected = differences(residuals, v, 1e-4)
+    a = (v - psi_v) / c
+    system.evaluate(t, base, v, a)
+    A, W = system.linearize(t, base, v, a, np.zeros(system.nc), c)
+    np.testing.assert_allclose(A, expected[: model.nv], atol=1e-7 * (1 + np.abs(A).max()))
+    np.testing.assert_allclose(W, expected[model.nv :], atol=1e-8 * (1 + np.abs(A).max()))
+
+
+def test_chart_rate_is_the_derivative_of_the_chart():
+    model, rng = mixed_tree(), np.random.default_rng(10)
+    system = MechanismSystem(pc.Mechanism(model), pin.neutral(model))
+    base, _ = random_state(model, rng)
+    p, v = system.integrate(base, rng.uniform(-0.5, 0.5, model.nv)), rng.normal(size=model.nv)
+    expected = differences(lambda s: system.difference(base, pin.integrate(model, p, s[0] * v)), np.zeros(1))[:, 0]
+    np.testing.assert_allclose(system.chart_rate(base, p, v), expected, atol=1e-9)
+
+
+class Moving:
+    """A made-up problem (2 positions, 2 velocities, 1 row) in which everything depends on everything."""
+
+    def U(t, p, v):
+        return np.array([v[0] + 0.3 * v[1] * np.sin(p[0] + t), (2 + np.cos(p[1])) * v[1] + 0.1 * t * v[0]])
+
+    def F(t, p, v):
+        return np.array([np.sin(t) * p[0] - v[1] ** 2, p[0] * p[1] + np.cos(v[0])])
+
+    def G(t, p, v):
+        return np.array([[p[0] + 0.1 * v[1]], [2 * p[1] + t]])
+
+    def R(t, p):
+        return np.array([p[0] ** 2 / 2 + p[1] ** 2 - np.sin(2 * t) * p[0] - 1])
+
+    def R_p(t, p):
+        return np.array([[p[0] - np.sin(2 * t), 2 * p[1]]])
+
+    def R_t(t, p):
+        return np.array([-2 * np.cos(2 * t) * p[0]])
+
+    def U_p(t, p, v):
+        return np.array([[0.3 * v[1] * np.cos(p[0] + t), 0], [0, -np.sin(p[1]) * v[1]]])
+
+    def U_v(t, p, v):
+        return np.array([[1, 0.3 * np.sin(p[0] + t)], [0.1 * t, 2 + np.cos(p[1])]])
+
+    def gamma(t, p, v):
+        """d(R_p U + R_t)/dt with v held."""
+        U, (s, c) = Moving.U(t, p, v), (np.sin(2 * t), np.cos(2 * t))
+        U_t = np.array([0.3 * v[1] * np.cos(p[0] + t), 0.1 * v[0]])
+        R_pp, R_pt, R_tt = np.diag([1.0, 2.0]), np.array([-2 * c, 0.0]), 4 * s * p[0]
+        R_p = Moving.R_p(t, p)[0]
+        return np.array([U @ R_pp @ U + 2 * R_pt @ U + R_tt + R_p @ (U_t + Moving.U_p(t, p, v) @ U)])
+
+
+DERIVATIVES = {
+    "all": ("R_p", "R_t", "U_p", "U_v"),
+    "no R_t": ("R_p", "U_p", "U_v"),
+    "no R_p": ("U_p", "U_v"),
+    "R_t alone": ("R_t",),
+    "no U": ("R_p", "R_t"),
+    "none": (),
+}
+
+
+@pytest.mark.parametrize("given", DERIVATIVES)
+def test_hessenberg_problem_derivatives(given):
+    """ρ, γ, W and A of the general form, with and without derivatives by the user."""
+    t, p, v, a, m, c = 0.7, np.array([0.6, -0.8]), np.array([1.2, -0.5]), np.array([0.3, 0.9]), np.array([0.4]), 0.03
+    functions = {name: getattr(Moving, name) for name in DERIVATIVES[given]}
+    problem = pc.HessenbergProblem(Moving.U, Moving.F, Moving.G, Moving.R, **functions).at(t, p, v)
+    rate = Moving.U(t, p, v)
+    np.testing.assert_allclose(
+        problem.velocity_residual(t, p, rate), Moving.R_p(t, p) @ rate + Moving.R_t(t, p), atol=1e-11
+    )
+    np.testing.assert_allclose(problem.acceleration_bias(t, p, v), Moving.gamma(t, p, v), atol=1e-9)
+    psi, psi_v = p - c * rate, v - c * a
+
+    def residuals(v):
+        at, _ = problem.position(t, p, psi, c, v)
+        np.testing.assert_allclose(at, psi + c * Moving.U(t, at, v), atol=1e-15)  # the implicit equation is solved
+        f, phi, G = problem.evaluate(t, at, v, (v - psi_v) / c)
+        return np.concatenate((c * f - G @ m, phi / c))
+
+    expected = differences(residuals, v)
+    A, W = problem.linearize(t, p, v, a, m, c)
+    np.testing.assert_allclose(A, expected[:2], atol=2e-7)
+    np.testing.assert_allclose(W, expected[2:], atol=2e-7)

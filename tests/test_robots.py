@@ -1,0 +1,85 @@
+"""Real closed-chain robots, as their authors wrote them. None is closed at q = 0; one cannot close at all."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from bodies import frame_pose
+
+import pinconsist as pc
+
+ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"
+if not ROBOTS.is_dir():
+    pytest.skip(f"the robots' files are not here: {ROBOTS.name}", allow_module_level=True)
+
+KNOWN = {  # nv, rows, rank
+    "5bar_linkage": (6, 6, 3),
+    "5bar_linkage_iso6d": (8, 6, 6),
+    "robot_delta": (14, 18, 9),
+    "cassie_like": (19, 12, 12),
+    "digit_like": (27, 18, 18),
+}
+STUCK = {f"closedloop{number}" for number in (2, 7, 8, 9, 10)}
+
+
+def load(name, **options):
+    return pc.load(ROBOTS / name, **options)
+
+
+def opening(mech, q):
+    """(largest distance, largest angle) between the frames that must coincide, by forward kinematics alone."""
+    gaps = []
+    for loop in mech.loops:
+        pose1 = frame_pose(mech.model, q, loop.frame1) * loop.placement1
+        gap = pose1.actInv(frame_pose(mech.model, q, loop.frame2) * loop.placement2)
+        angle = np.linalg.norm(pin.log3(gap.rotation)) if loop.kind == "frame" else 0.0
+        gaps.append((np.linalg.norm(gap.translation), angle))
+    return np.max(gaps, axis=0)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_closes_from_zero_and_from_random_guesses(name):
+    mech, rng = load(name), np.random.default_rng(0)
+    nv, rows, rank = KNOWN[name]
+    assert mech.nv == nv
+    neutral = pin.neutral(mech.model)
+    assert opening(mech, neutral).max() > 0.01  # not closed as it comes
+    for guess in [neutral, *(pin.integrate(mech.model, neutral, rng.uniform(-1, 1, nv)) for _ in range(5))]:
+        result = pc.assemble(mech, guess, rng.normal(size=nv))
+        assert opening(mech, result.q).max() < 1e-10 and result.largest_gap[1] < 1e-10
+        assert (result.rows, result.rank, result.mobility) == (rows, rank, nv - rank)
+        assert len(result.redundant) == rows - rank
+        after = opening(mech, pin.integrate(mech.model, result.q, 1e-7 * result.v))
+        assert after.max() < 1e-11 * (1 + np.abs(result.v).max()) ** 2  # J v = 0
+
+
+def test_kangaroo_is_refused_by_name():
+    with pytest.raises(pc.AssemblyError, match=r"5 of 11 loops cannot close.*reanchored\(\)") as caught:
+        pc.assemble(load("kangaroo_like"))
+    gaps = caught.value.gaps
+    assert set(gaps) == STUCK and all(1e-4 < gap < 5e-2 for gap in gaps.values())
+    assert all(repr(name) in str(caught.value) for name in STUCK)
+    assert caught.value.q.shape == (load("kangaroo_like").nq,)
+
+
+def test_kangaroo_closes_by_points():
+    mech = load("kangaroo_like", closure="point")
+    result = pc.assemble(mech)
+    assert opening(mech, result.q)[0] < 1e-10 and (result.rows, result.rank) == (33, 32)
+
+
+def test_kangaroo_closes_reanchored():
+    mech = load("kangaroo_like")
+    with pytest.warns(UserWarning, match="anchor 2 moved") as caught:
+        moved = mech.reanchored()
+    assert all(repr(name) in str(caught[0].message) for name in STUCK)
+    result = pc.assemble(moved)
+    assert opening(moved, result.q).max() < 1e-10 and (result.rows, result.rank) == (66, 53)
+    for before, after in zip(mech.loops, moved.loops, strict=True):
+        assert np.linalg.norm(np.subtract(after.xyz2, before.xyz2)) < 0.1  # a best fit, not a new design
+
+
+def joint_forces(mech, q, v, a):
+    """Jᵀλ = M a + nle, by inverse dynamics."""
+    return pin.rnea(mech.model, mech.model.createData(), q, v, a)
