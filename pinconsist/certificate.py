@@ -25,7 +25,7 @@ class Certificate:
         |Jᵀλ - Jᵀλ*| over the largest |Jᵀλ*|, λ* being the multiplier of the differential equation at the same q, v.
         For a general problem, G for Jᵀ.
     force_first : float
-        The same at the first computed step.
+        The same at the first step of the multistep method.
     energy_error : float or None
         |E(t) - E(0) - work of the forces| over the largest kinetic energy; None for a general problem. The work is
         the trapezoidal sum over the recorded rows, which limits what can be seen when forces act.
@@ -70,7 +70,7 @@ def _certify_problem(solution, system):
         forces.append(G @ lam)
         exact.append(G @ solve_acceleration(system, t, p, v)[1])
     labels = [system.describe_row(row) for row in range(system.nc)]
-    return _certificate(solution.t, labels, phi, rho, forces, exact, None, None)
+    return _certificate(solution, labels, phi, rho, forces, exact, None, None)
 
 
 def _certify_mechanism(solution, mechanism):
@@ -91,22 +91,23 @@ def _certify_mechanism(solution, mechanism):
     scale = max(kinetic) or np.ptp(energy) or 1.0
     balance = float(np.max(np.abs(energy - energy[0] - work)) / scale)
     labels = [f"loop {loop!r} row {row}" for loop, row in mechanism.row_labels]
-    return _certificate(solution.t, labels, phi, rho, forces, exact, balance, energy)
+    return _certificate(solution, labels, phi, rho, forces, exact, balance, energy)
 
 
-def _certificate(t, labels, phi, rho, forces, exact, balance, energy):
+def _certificate(solution, labels, phi, rho, forces, exact, balance, energy):
     phi, error = np.abs(phi), np.abs(np.subtract(forces, exact))
     where = ""
     if phi.size:
         i, row = np.unravel_index(np.argmax(phi), phi.shape)
-        where = f"{labels[row]} at t = {t[i]:.6g}"
+        where = f"{labels[row]} at t = {solution.t[i]:.6g}"
     scale = np.max(np.abs(exact), initial=0.0) or 1.0
+    first = 1 + int(np.argmax(solution.order > 0)) if (solution.order > 0).any() else 1
     return Certificate(
         position=float(np.max(phi, initial=0.0)),
         position_at=where,
         velocity=float(np.max(np.abs(rho), initial=0.0)),
         force=float(np.max(error, initial=0.0) / scale),
-        force_first=float(np.max(error[1:2], initial=0.0) / scale),
+        force_first=float(np.max(error[first : first + 1], initial=0.0) / scale),
         energy_error=balance,
         energy=energy,
     )
