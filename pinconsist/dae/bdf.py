@@ -105,7 +105,7 @@ def formula_step(newton, t, h, k, base, Z):
 
 def predict(system, k, base, Z, ndf=False):
     """(chart centre, prediction, ψ); moves the table to the chart at the predicted position where there is one."""
-    predicted, psi = predictor(k, ndf) @ Z[: k + 1]
+    predicted, psi = predictor(k, ndf).dot(Z[: k + 1])
     if system.vector_like:
         return predicted[: system.nx], predicted, psi
     centre = system.integrate(base, predicted[: system.nx])

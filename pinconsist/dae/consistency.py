@@ -28,9 +28,9 @@ def kkt_at(system, t, p, v) -> KKT:
     """[[M, -G], [W, 0]], factorised, at a state."""
     zero_v, zero_c = np.zeros(system.nv), np.zeros(system.nc)
     _, _, G, _ = system.evaluate(t, p, v, zero_v)
-    A, W = system.linearize(t, p, v, zero_v, zero_c, 0.0)
-    kkt = KKT(A, G, W)
-    if kkt.singular:
+    kkt = KKT(system.nv, system.nc)
+    W = system.linearize(t, p, v, zero_v, zero_c, 0.0, kkt.A)
+    if not kkt.factorise(G, W):
         raise SingularSystemError(f"the equations of motion are singular at t = {t:.6g}")
     return kkt
 

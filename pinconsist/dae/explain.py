@@ -37,7 +37,8 @@ def _weakest_row(stepper):
         return 1.0, ""
     v, lam = y[system.nx : system.nx + system.nv], y[system.nx + system.nv :]
     system.evaluate(stepper.t, stepper.p, v, np.zeros(system.nv))
-    _, W = system.linearize(stepper.t, stepper.p, v, np.zeros(system.nv), 0.0 * lam, 0.0)
+    unused = np.empty((system.nv, system.nv))
+    W = np.array(system.linearize(stepper.t, stepper.p, v, np.zeros(system.nv), 0.0 * lam, 0.0, unused))
     W = W / np.maximum(np.linalg.norm(W, axis=1, keepdims=True), 1e-300)
     if not np.isfinite(W).all():
         return 1.0, ""

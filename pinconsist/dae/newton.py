@@ -49,20 +49,30 @@ class Attempt:
 
 
 class KKT:
-    """The block matrix [[A, -G], [W, 0]], factorised."""
+    """The block matrix [[A, -G], [W, 0]] of one system: workspace, factors, solutions.
 
-    def __init__(self, A, G, W):
-        nv, nc = G.shape
-        K = np.zeros((nv + nc, nv + nc), order="F")
-        K[:nv, :nv] = A
-        K[:nv, nv:] = -G
-        K[nv:, :nv] = W
-        self.lu, self.pivots, info = dgetrf(K, overwrite_a=1)
-        self.singular = info != 0
+    Attributes
+    ----------
+    A : ndarray
+        The upper left block, to be filled before :meth:`factorise`.
+    """
+
+    def __init__(self, nv: int, nc: int):
+        self.A = np.zeros((nv, nv))
+        self._K = np.zeros((nv + nc, nv + nc), order="F")
+        self._A, self._minus_G, self._W = self._K[:nv, :nv], self._K[:nv, nv:], self._K[nv:, :nv]
+
+    def factorise(self, G, W) -> bool:
+        """Fill in G and W and factorise; False where the matrix is singular."""
+        self._A[:] = self.A
+        np.negative(G, out=self._minus_G)
+        self._W[:] = W
+        self._lu, self._pivots, info = dgetrf(self._K)
+        return info == 0
 
     def solve(self, rhs):
         """K⁻¹ rhs; rhs has shape (nv+nc,) or (nv+nc, columns)."""
-        return dgetrs(self.lu, self.pivots, rhs)[0]
+        return dgetrs(self._lu, self._pivots, rhs)[0]
 
 
 class Newton:
@@ -79,6 +89,9 @@ class Newton:
     def __init__(self, system, correct: bool):
         self.system, self.correct = system, correct
         self.nfev = self.njev = self.nlu = 0
+        nv, nc = system.nv, system.nc
+        self._kkt, self._rhs = KKT(nv, nc), np.zeros((nv + nc, 3), order="F")
+        self._dynamics, self._constraint, self._hidden = self._rhs[:nv, 0], self._rhs[nv:, 1], self._rhs[nv:, 2]
 
     def attempt(self, t, base, psi, predicted, c, weight, tol) -> Attempt:
         """Solve one step.
@@ -101,36 +114,33 @@ class Newton:
         tol : float
             Stop when the root mean squares of the weighted increments to come are estimated below this.
         """
-        system, nv = self.system, self.system.nv
-        nx, n = system.nx, nv + system.nc
+        system, kkt = self.system, self._kkt
+        nx, nv = system.nx, system.nv
         psi_x, psi_v = psi[:nx], psi[nx : nx + nv]
-        weights = step_weights(weight, nx, nv, c)
+        weights = _paired(weight, nx, nv)
+        raw = np.array([1.0, 1.0 / c, 0.0])  # the second column is solved for positions, c times the velocities
         x = predicted[nx:].copy()
-        x[nv:] *= c
         v, m = x[:nv], x[nv:]
-        kkt, last, rate = None, 0.0, 0.0
+        m *= c
+        last = rate = 0.0
         p, xi = system.position(t, base, psi_x, c, v)
         for iteration in range(1, MAX_ITERATIONS + 1):
             a = v - psi_v
             a /= c
             f, phi, G, rho = system.evaluate(t, p, v, a)
             self.nfev += 1
-            if kkt is None or rate > FRESH_RATE:
-                A, W = system.linearize(t, p, v, a, m, c)
-                kkt = KKT(A, G, W)
+            if iteration == 1 or rate > FRESH_RATE:
+                W = system.linearize(t, p, v, a, m, c, kkt.A)
                 self.njev += 1
                 self.nlu += 1
-                if kkt.singular:
+                if not kkt.factorise(G, W):
                     return Attempt(predicted, p, iteration, "the KKT matrix is singular")
-            f *= c
-            f -= G.dot(m)
-            rhs = np.zeros((n, 3), order="F")
-            rhs[:nv, 0] = f
-            np.divide(phi, c, out=rhs[nv:, 1])
-            rhs[nv:, 2] = rho
-            steps = kkt.solve(rhs)
-            before = x
-            x = before - steps.dot(_RAW)
+            np.multiply(f, c, out=self._dynamics)
+            self._dynamics -= G.dot(m)
+            self._constraint[:] = phi
+            self._hidden[:] = rho
+            steps = kkt.solve(self._rhs)
+            before, x = x, x - steps.dot(raw)
             v, m = x[:nv], x[nv:]
             p, xi = system.position(t, base, psi_x, c, v)
             sizes = steps[:nv, :2] * weights
@@ -140,8 +150,8 @@ class Newton:
             if iteration > 1:
                 rate = size / last
             settled = size <= tol or (iteration > 1 and rate < 1.0 and size * rate / (1.0 - rate) <= tol)
-            if settled or (rate > STAGNANT and _at_floor(steps[:nv], v, p, c)):
-                if self.correct:  # W(x - raw) = ρ - r₂: what the raw solution leaves of ρ
+            if settled or (rate > STAGNANT and _at_floor(steps[:nv], v, p)):
+                if self.correct:  # in place of W⁻¹Φ/c the step that leaves ρ = 0
                     x = before - steps.dot(_CORRECTED)
                 x[nv:] /= c
                 return Attempt(np.concatenate((xi, x)), p, iteration)
@@ -151,24 +161,21 @@ class Newton:
         return Attempt(predicted, p, iteration, "Newton did not converge")
 
 
-_RAW = np.array([1.0, 1.0, 0.0])
 _CORRECTED = np.array([1.0, 0.0, 1.0])
 
 
-def step_weights(weight, nx, nv, c):
-    """Weights (nv, 2) of the velocity increments of the dynamics, and of the positions that the constraint's make."""
-    weights = np.empty((nv, 2), order="F")
-    weights[:, 0] = weight[nx:]
-    weights[:, 1] = weight[:nx] if nx == nv else weight[:nx].max(initial=0.0)
-    weights[:, 1] *= c
-    return weights
+def _paired(weight, nx, nv):
+    """(nv, 2): weights of the velocities, and of the positions that the constraint's increments move."""
+    if nx == nv:
+        return weight.reshape(2, nv)[::-1].T
+    return np.column_stack((weight[nx:], np.full(nv, weight[:nx].max(initial=0.0))))
 
 
-def _at_floor(steps, v, p, c) -> bool:
+def _at_floor(steps, v, p) -> bool:
     """Whether the increments are what rounding leaves, so that more iterations or a smaller step cannot help."""
     step, moved = (np.max(np.abs(steps[:, i]), initial=0.0) for i in (0, 1))
     scale = np.max(np.abs(v), initial=0.0) + step
-    return step <= 1e-9 * scale and abs(c) * moved <= 1e4 * EPS * (1.0 + np.max(np.abs(p), initial=0.0))
+    return step <= 1e-9 * scale and moved <= 1e4 * EPS * (1.0 + np.max(np.abs(p), initial=0.0))
 
 
 def rounding_weights(system, y):
@@ -190,9 +197,9 @@ def solve_acceleration(system, t, p, v):
     lam : ndarray, shape (nc,)
     """
     f0, _, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
-    A, W = system.linearize(t, p, v, np.zeros(system.nv), np.zeros(system.nc), 0.0)
-    kkt = KKT(A, G, W)
-    if kkt.singular:
+    kkt = KKT(system.nv, system.nc)
+    W = system.linearize(t, p, v, np.zeros(system.nv), np.zeros(system.nc), 0.0, kkt.A)
+    if not kkt.factorise(G, W):
         raise SingularSystemError(f"the equations of motion are singular at t = {t:.6g} ([[M, -G], [W, 0]])")
     x = kkt.solve(np.concatenate((-f0, -system.acceleration_bias(t, p, v))))
     return x[: system.nv], x[system.nv :]

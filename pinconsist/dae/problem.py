@@ -53,8 +53,8 @@ class Index3System(Protocol):
         The arrays are the caller's to change, and valid until the next call.
         """
 
-    def linearize(self, t, p, v, a, m, c):
-        """(A, W) at the point evaluated last: A = M + c ∂f/∂v + c² ∂f/∂p, (nv, nv); W, (nc, nv). m = c λ."""
+    def linearize(self, t, p, v, a, m, c, A):
+        """Fill A = M + c ∂f/∂v + c² ∂f/∂p, (nv, nv), and return W, (nc, nv), at the point evaluated last. m = c λ."""
 
     def velocity_residual(self, t, p, rate):
         """ρ = Φ_p U + Φ_t, shape (nc,), with U = `rate`: zero on the hidden constraint."""
@@ -154,17 +154,17 @@ class HessenbergProblem:
         rho = self.velocity_residual(t, p, self.rate(t, p, v))
         return a - self.F(t, p, v), np.asarray(self.R(t, p), float), np.asarray(self.G(t, p, v), float), rho
 
-    def linearize(self, t, p, v, a, m, c):
+    def linearize(self, t, p, v, a, m, c, A):
         E = np.linalg.inv(np.eye(self.nx) - c * self._jacobian_U_p(t, p, v))
         U_v = E @ self._jacobian_U_v(t, p, v)
 
         def force(p, v):
             return c * np.asarray(self.F(t, p, v), float) + np.asarray(self.G(t, p, v), float) @ m
 
-        A = np.eye(self.nv)
+        A[:] = np.eye(self.nv)
         if c:
-            A = A - _columns(lambda x: force(p, x), v) - c * _columns(lambda x: force(x, v), p) @ U_v
-        return A, self._jacobian_R_p(t, p) @ U_v
+            A -= _columns(lambda x: force(p, x), v) + c * _columns(lambda x: force(x, v), p) @ U_v
+        return self._jacobian_R_p(t, p) @ U_v
 
     def velocity_residual(self, t, p, rate):
         if self._R_p is None:

@@ -116,7 +116,7 @@ class Stepper:
     def rescale(self, h, k) -> None:
         """Change the step to `h`, keeping the interpolating polynomial of degree k."""
         self.Z[: k + 1] = bdf.rescale(k, h / self.h).dot(self.Z[: k + 1])
-        self.h = h
+        self.h = float(h)
 
     def _next_time(self, t_end):
         """The time of the next step; the last steps of a variable run are fitted to the end."""

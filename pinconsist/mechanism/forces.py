@@ -116,7 +116,10 @@ class Torque:
 
     def torque(self, t, q, v):
         try:
-            value = np.asarray(self.function(t, q, v), dtype=float)
+            value = np.asarray(self.function(t, _read_only(q), _read_only(v)))
+            if value.dtype.kind == "c":
+                raise TypeError("it returned complex numbers")
+            value = value.astype(float, copy=False)
         except (TypeError, ValueError) as error:
             raise InputError(f"the torque function {_name(self.function)} failed at t = {t:.6g}: {error}") from error
         if value.shape != v.shape:
@@ -128,7 +131,7 @@ class Torque:
 
     def derivatives(self, t, q, v):
         if self.gradient is not None:
-            return self.gradient(t, q, v)
+            return self._given_gradient(t, q, v)
         at = self.torque(t, q, v)
         columns = np.empty((len(v), len(v)))
         for i, step in enumerate(1e-7 * (1.0 + np.abs(v))):
@@ -136,6 +139,20 @@ class Torque:
             moved[i] += step
             columns[:, i] = (self.torque(t, q, moved) - at) / step
         return None, columns
+
+    def _given_gradient(self, t, q, v):
+        nv = len(v)
+        try:
+            by_q, by_v = self.gradient(t, _read_only(q), _read_only(v))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the gradient {_name(self.gradient)} failed at t = {t:.6g}: {error}") from error
+        for part in (by_q, by_v):
+            if part is not None and np.shape(part) != (nv, nv):
+                raise InputError(
+                    f"the gradient {_name(self.gradient)} returned shape {np.shape(part)} at t = {t:.6g}; it must "
+                    f"return two matrices of shape {(nv, nv)}, or None for either"
+                )
+        return by_q, by_v
 
 
 def as_force(force, nv: int) -> Force:
@@ -171,6 +188,12 @@ def model_forces(model) -> tuple[Force, ...]:
     if np.any(friction):
         forces.append(JointFriction(friction))
     return tuple(forces)
+
+
+def _read_only(array):
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def _name(function) -> str:

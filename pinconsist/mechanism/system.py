@@ -53,7 +53,6 @@ class MechanismSystem:
         self._laws = [force for force in forces if not isinstance(force, ConstantTorque | JointDamping)]
         self._forced = bool(forces)
         self._M, self._f_q, self._f_v = self.data.M, self.data.dtau_dq, self.data.dtau_dv  # live views of the workspace
-        self._A = np.empty((self.nv, self.nv), order="F")
         self._J = None
 
     def integrate(self, p, xi):
@@ -81,11 +80,11 @@ class MechanismSystem:
         self._J = J
         return f, phi, J.T, J.dot(v)
 
-    def linearize(self, t, p, v, a, m, c):
+    def linearize(self, t, p, v, a, m, c, A):
         if c == 0.0:
-            return self.mass_matrix(p), self._J
+            A[:] = self.mass_matrix(p)
+            return self._J
         pin.computeRNEADerivatives(self.model, self.data, p, v, a)
-        A = self._A
         np.multiply(self._f_q, c, out=A)
         A += self._f_v
         A *= c
@@ -98,7 +97,7 @@ class MechanismSystem:
                 A -= c * tau_v
             if tau_q is not None:
                 A -= c**2 * tau_q
-        return A, self._J
+        return self._J
 
     def velocity_residual(self, t, p, rate):
         pin.computeJointJacobians(self.model, self.data, p)
