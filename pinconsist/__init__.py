@@ -3,6 +3,7 @@
 import logging as _logging
 
 from .dae.consistency import consistent_initial_velocity
+from .dae.events import Event
 from .dae.problem import HessenbergProblem
 from .errors import (
     AssemblyError,
@@ -17,6 +18,7 @@ from .mechanism.assembly import Assembly, assemble
 from .mechanism.forces import ConstantTorque, JointDamping, JointFriction, Torque
 from .mechanism.loops import Loop
 from .mechanism.mechanism import Mechanism
+from .mechanism.springs import SpringDamper
 from .simulate import integrate, simulate
 from .solution import Solution
 from .study.compare import compare
@@ -31,6 +33,7 @@ __all__ = [
     "Assembly",
     "AssemblyError",
     "ConstantTorque",
+    "Event",
     "FormatError",
     "HessenbergProblem",
     "InputError",
@@ -42,6 +45,7 @@ __all__ = [
     "PinconsistError",
     "SingularSystemError",
     "Solution",
+    "SpringDamper",
     "Torque",
     "assemble",
     "compare",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -39,7 +39,7 @@ class Certificate:
     force: float
     force_first: float
     energy_error: float | None
-    energy: np.ndarray | None
+    energy: np.ndarray | None = field(repr=False, compare=False)
 
     def __str__(self):
         lines = [

@@ -16,7 +16,7 @@ from .errors import FormatError, InputError
 FORMAT = 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """What a simulation reached. Rows are times; arrays are read-only.
 
@@ -152,16 +152,18 @@ class Solution:
         try:
             with np.load(file, allow_pickle=False) as stored:
                 about = json.loads(str(stored["about"]))
+                version = about.pop("format", None)
                 arrays = {name: stored[name] for name in _ARRAYS}
+            sol = cls(**arrays, **about) if version == FORMAT else None
         except FileNotFoundError:
             raise FormatError("no such file", path=file) from None
         except Exception as error:
             raise FormatError(f"not a solution written by pinconsist ({error})", path=file) from None
-        if about.pop("format", None) != FORMAT:
+        if sol is None:
             raise FormatError("written by another version of pinconsist, in a format this one cannot read", path=file)
         for array in arrays.values():
             array.setflags(write=False)
-        return cls(**arrays, **about)
+        return sol
 
 
 _ARRAYS = ("t", "q", "v", "lam", "h", "order")

@@ -235,6 +235,14 @@ def test_the_models_own_damping_and_friction_become_forces():
     assert as_force(damping, model.nv) is damping
 
 
+def newton_matrix(system, t, p, v, a, m, c):
+    rho = system.evaluate(t, p, v, a)[3]
+    A = np.full((system.nv, system.nv), np.nan)
+    W = np.array(system.linearize(t, p, v, a, m, c, A))
+    np.testing.assert_allclose(rho, system.velocity_residual(t, p, system.rate(t, p, v)), atol=1e-12)
+    return A, W
+
+
 @pytest.mark.parametrize("c", [1e-3, 0.05, -0.02])
 def test_newton_matrix_of_a_vector_like_mechanism(c):
     """A and W against differences of c f and Φ/c along v → (p = ψ + c v, a = (v - ψ_v)/c)."""
@@ -252,13 +260,12 @@ def test_newton_matrix_of_a_vector_like_mechanism(c):
     psi = start.q - c * v  # the loop is closed where the matrix is taken
 
     def residuals(v):
-        f, phi, _ = system.evaluate(t, psi + c * v, v, (v - psi_v) / c)
+        f, phi, *_ = system.evaluate(t, psi + c * v, v, (v - psi_v) / c)
         return np.concatenate((c * f, phi / c))
 
     expected = differences(residuals, v, 1e-5)
     p, a = psi + c * v, (v - psi_v) / c
-    system.evaluate(t, p, v, a)
-    A, W = system.linearize(t, p, v, a, np.zeros(system.nc), c)
+    A, W = newton_matrix(system, t, p, v, a, np.zeros(system.nc), c)
     np.testing.assert_allclose(A, expected[:3], atol=1e-7 * (1 + np.abs(A).max()))
     np.testing.assert_allclose(W, expected[3:], atol=1e-8 * (1 + np.abs(A).max()))
 
@@ -277,13 +284,12 @@ def test_newton_matrix_on_a_manifold(kinds):
 
     def residuals(v):
         p, _ = system.position(t, base, psi, c, v)
-        f, phi, _ = system.evaluate(t, p, v, (v - psi_v) / c)
+        f, phi, *_ = system.evaluate(t, p, v, (v - psi_v) / c)
         return np.concatenate((c * f, phi / c))
 
     expected = differences(residuals, v, 1e-4)
     a = (v - psi_v) / c
-    system.evaluate(t, base, v, a)
-    A, W = system.linearize(t, base, v, a, np.zeros(system.nc), c)
+    A, W = newton_matrix(system, t, base, v, a, np.zeros(system.nc), c)
     np.testing.assert_allclose(A, expected[: model.nv], atol=1e-7 * (1 + np.abs(A).max()))
     np.testing.assert_allclose(W, expected[model.nv :], atol=1e-8 * (1 + np.abs(A).max()))
 
@@ -359,10 +365,10 @@ def test_hessenberg_problem_derivatives(given):
     def residuals(v):
         at, _ = problem.position(t, p, psi, c, v)
         np.testing.assert_allclose(at, psi + c * Moving.U(t, at, v), atol=1e-15)  # the implicit equation is solved
-        f, phi, G = problem.evaluate(t, at, v, (v - psi_v) / c)
+        f, phi, G, _ = problem.evaluate(t, at, v, (v - psi_v) / c)
         return np.concatenate((c * f - G @ m, phi / c))
 
     expected = differences(residuals, v)
-    A, W = problem.linearize(t, p, v, a, m, c)
+    A, W = newton_matrix(problem, t, p, v, a, m, c)
     np.testing.assert_allclose(A, expected[:2], atol=2e-7)
     np.testing.assert_allclose(W, expected[2:], atol=2e-7)

@@ -22,7 +22,7 @@ MAX_ITERATIONS = 200
 RESTARTS = 8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Assembly:
     """A closed configuration and what is known of it.
 

@@ -15,7 +15,10 @@ FRICTION_WIDTH = 1e-2
 
 
 class Force(Protocol):
-    """What acts on the joints: generalised torque τ, shape (nv,), N·m (or N)."""
+    """What acts on the joints: generalised torque τ, shape (nv,), N·m (or N).
+
+    A force that needs the model's kinematics has instead a method ``bind(model)`` that returns such an object.
+    """
 
     def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """τ at a state."""
@@ -157,7 +160,7 @@ class Torque:
 
 def as_force(force, nv: int) -> Force:
     """A Force from what a user may give: a Force, an array of constant torques, or a callable."""
-    if not (hasattr(force, "torque") and hasattr(force, "derivatives")):
+    if not (hasattr(force, "bind") or (hasattr(force, "torque") and hasattr(force, "derivatives"))):
         force = Torque(force) if callable(force) else ConstantTorque(force)
     numbers = {ConstantTorque: "value", JointDamping: "coefficients", JointFriction: "coefficients"}.get(type(force))
     if numbers and (shape := getattr(force, numbers).shape) != (nv,):

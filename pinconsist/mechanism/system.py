@@ -45,7 +45,8 @@ class MechanismSystem:
         self.nc = len(self.kept)
         self._kept_rows = KeptRows(self.model, self.rows, self.kept).evaluate
         self._dropped_are_zero = self._structurally_zero(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
-        forces = (*model_forces(self.model), *mechanism.forces)
+        forces = [*model_forces(self.model), *mechanism.forces]
+        forces = [force.bind(self.model) if hasattr(force, "bind") else force for force in forces]
         constant = [f.value for f in forces if isinstance(f, ConstantTorque)]
         self._constant = sum(constant) if constant else None
         damping = [f.coefficients for f in forces if isinstance(f, JointDamping)]

@@ -1,0 +1,148 @@
+"""The shape of the package: arrows between its parts point one way, and a few habits hold everywhere."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1] / "pinconsist"
+FILES = {path.relative_to(ROOT).as_posix(): path for path in sorted(ROOT.rglob("*.py"))}
+TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+
+# Which part may import which. simulate.py is the only one that joins dae and mechanism into a run; the certificate
+# and mechanism know of dae what stands in DAE_SEEN_BY.
+MAY_IMPORT = {
+    "errors": set(),
+    "dae": {"errors"},
+    "mechanism": {"errors"},
+    "certificate": {"dae", "mechanism", "errors"},
+    "solution": {"certificate", "errors"},
+    "simulate": {"dae", "mechanism", "solution", "errors"},
+    "formats": {"mechanism", "errors"},
+    "view": {"mechanism", "errors"},
+    "study": {"dae", "mechanism", "errors", "simulate", "solution"},
+    "cli": {"simulate", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"},
+}
+DAE_SEEN_BY = {"mechanism": {"problem", "newton"}, "certificate": {"problem", "newton"}, "cli": set(), "view": set()}
+OPTIONAL = {"meshcat", "matplotlib", "rich", "typer", "yaml", "defusedxml", "coal"}
+TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files only where they are used
+    "formats/loopfile.py": {"yaml"},
+    "formats/urdf.py": {"defusedxml"},
+    "view/visuals.py": {"defusedxml"},
+}
+LONGEST = 300
+
+
+def part_of(name):
+    return name.split("/")[0].removesuffix(".py")
+
+
+def imports(name, tree=None):
+    """(absolute dotted module, node) of every import, also those inside functions; imported names count."""
+    package = ["pinconsist", *name.split("/")[:-1]]
+    for node in ast.walk(tree or TREES[name]):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, node) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            yield module, node
+            yield from ((f"{module}.{alias.name}", node) for alias in node.names)
+
+
+def inner(name):
+    """Parts and modules of the package that a file imports, as tuples ("dae", "newton")."""
+    for module, _ in imports(name):
+        first, *rest = module.split(".")
+        known = rest and any(f"{'/'.join(rest[:n])}{end}" in FILES for n in (1, 2) for end in (".py", "/__init__.py"))
+        if first == "pinconsist" and known:
+            yield tuple(rest)
+
+
+def at_import(tree):
+    """The statements that run when a module is imported: everything outside functions and TYPE_CHECKING."""
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            continue
+        yield node
+
+
+def test_every_file_is_in_a_known_part():
+    assert {part_of(name) for name in FILES} == {*MAY_IMPORT, "__init__"}
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if name != "__init__.py"])
+def test_arrows_point_one_way(name):
+    part = part_of(name)
+    wrong = {rest[0] for rest in inner(name) if rest[0] not in {part, *MAY_IMPORT[part]}}
+    assert not wrong, f"{name} imports {', '.join(sorted(wrong))}"
+    if part in DAE_SEEN_BY:
+        seen = {rest[1] for rest in inner(name) if rest[0] == "dae" and len(rest) > 1}
+        assert seen <= DAE_SEEN_BY[part], f"{name} imports dae.{seen}"
+
+
+def test_the_parts_form_no_cycle():
+    order, waiting = [], dict(MAY_IMPORT)
+    while waiting:
+        ready = [part for part, needs in waiting.items() if needs <= set(order)]
+        assert ready, f"a cycle among {set(waiting)}"
+        order += ready
+        waiting = {part: needs for part, needs in waiting.items() if part not in ready}
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if part_of(name) == "dae"])
+def test_the_method_knows_numpy_and_scipy_only(name):
+    allowed = {"__future__", "numpy", "scipy", "collections", "copy", "dataclasses", "functools", "logging", "math"}
+    foreign = {module.split(".")[0] for module, _ in imports(name)} - allowed - {"typing", "pinconsist"}
+    assert not foreign, f"{name} imports {foreign}"
+
+
+def test_only_the_mechanism_files_of_the_loops_name_pinocchios_constraints():
+    """kept_rows.py evaluates what loops.py builds; the classes that users' kinds map to stand in loops.py alone."""
+    named = {}
+    for name, tree in TREES.items():
+        found = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute) and "Constraint" in node.attr}
+        found |= {alias for module, _ in imports(name) if (alias := module.split(".")[-1]) and "Constraint" in alias}
+        if found:
+            named[name] = found
+    assert set(named) <= {"mechanism/loops.py", "mechanism/kept_rows.py"}, named
+    anchors = {name for name, found in named.items() if any("Anchor" in each for each in found)}
+    assert anchors == {"mechanism/loops.py"}
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if part_of(name) != "cli"])
+def test_optional_packages_are_imported_where_they_are_used(name):
+    top = {
+        module.split(".")[0]
+        for node in at_import(TREES[name])
+        for module, _ in imports(name, ast.Module([node], []))
+    }
+    assert top & OPTIONAL <= TOP_LEVEL_ALLOWED.get(name, set())
+
+
+def test_importing_the_package_brings_no_optional_package():
+    """In a fresh interpreter, whatever the source looks like."""
+    import subprocess
+    import sys
+
+    code = f"import sys, pinconsist; print(*sorted(set(sys.modules) & {OPTIONAL - {'coal'}!r}))"  # Pinocchio brings coal
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT.parent, check=True)
+    assert run.stdout.split() == [] and run.stderr == ""
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_habits(name):
+    tree, text = TREES[name], FILES[name].read_text(encoding="utf-8")
+    asserts = [node.lineno for node in ast.walk(tree) if isinstance(node, ast.Assert)]
+    assert not asserts, f"{name}: assert in lines {asserts}"
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
+    if part_of(name) != "cli":
+        prints = [node.lineno for node in calls if node.func.id in ("print", "input")]
+        assert not prints, f"{name}: print or input in lines {prints}"
+    bare = [node.lineno for node in ast.walk(tree) if isinstance(node, ast.ExceptHandler) and node.type is None]
+    assert not bare, f"{name}: bare except in lines {bare}"
+    assert len(text.splitlines()) <= LONGEST, f"{name} has {len(text.splitlines())} lines"
+    if text.strip() and not name.endswith("__main__.py"):
+        assert ast.get_docstring(tree), f"{name} does not say what it is for"

@@ -1,0 +1,257 @@
+"""The record of a run: its file, its certificate, its words."""
+
+import dataclasses
+import json
+import zipfile
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinconsist as pc
+from pinconsist.solution import Solution
+
+ARRAYS = ("t", "q", "v", "lam", "h", "order")
+
+
+@pytest.fixture(scope="module")
+def run():
+    return pc.simulate(pc.load("four_bar"), (0.0, 0.3), v0={"crank": 1.0}, step=0.005, max_order=4)
+
+
+def spinner(damping=0.0):
+    """One body of 2 kg m² on a hinge, no gravity: I v' = τ - d v."""
+    model = pin.Model()
+    hinge = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "hinge")
+    model.appendBodyToJoint(hinge, pin.Inertia(1.0, np.zeros(3), np.eye(3) * 2.0), pin.SE3.Identity())
+    model.gravity.setZero()
+    model.damping[:] = damping
+    return pc.Mechanism(model, name="spinner")
+
+
+@pytest.mark.parametrize("options", [{"step": 0.01, "max_order": 2}, {}, {"t_eval": [0.05, 0.1]}])
+def test_round_trip_through_a_file(tmp_path, options):
+    mech = pc.load("five_bar")
+    sol = pc.simulate(mech, (0.0, 0.1), **options)
+    path = sol.save(tmp_path / "run")
+    assert path == tmp_path / "run.npz" and [each.name for each in tmp_path.iterdir()] == ["run.npz"]
+    with np.load(path, allow_pickle=False) as stored:  # any numpy can read it
+        assert stored["t"].tolist() == sol.t.tolist() and json.loads(str(stored["about"]))["scene"] == "five_bar"
+    back = Solution.load(path)
+    for name in ARRAYS:
+        found = getattr(back, name)
+        np.testing.assert_array_equal(found, getattr(sol, name))
+        assert found.dtype == getattr(sol, name).dtype and not found.flags.writeable
+    for name in ("success", "status", "message", "nsteps", "nfev", "njev", "nlu", "rejected", "method", "scene"):
+        assert getattr(back, name) == getattr(sol, name), name
+    assert back.system is None and back.summary() == sol.summary()
+    assert back.check(mech) == sol.check()
+    with pytest.raises(pc.InputError, match=r"sol\.check\(mechanism\)"):
+        back.check()
+
+
+def test_saving_replaces_a_file_whole_or_not_at_all(tmp_path, run, monkeypatch):
+    path = run.save(tmp_path / "run.npz")
+    before = path.read_bytes()
+
+    def breaks(stream, **arrays):
+        stream.write(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(np, "savez", breaks)
+    with pytest.raises(OSError, match="disk full"):
+        run.save(path)
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+
+
+def write_truncated(path, run):
+    path.write_bytes(run.save(path).read_bytes()[:500])
+
+
+def write_foreign(path, run):
+    np.savez(path, x=np.arange(3))
+
+
+def write_array(path, run):
+    np.save(path.with_suffix(".npy"), np.arange(3))
+    path.with_suffix(".npy").rename(path)
+
+
+def write_pickled(path, run):
+    np.savez(path, about=np.array({"format": 1}, dtype=object), **{name: getattr(run, name) for name in ARRAYS})
+
+
+def rewritten(path, run, **changes):
+    with np.load(run.save(path)) as stored:
+        parts = dict(stored)
+    about = json.loads(str(parts["about"]))
+    for name, value in changes.items():
+        (about if name in about else parts)[name] = value
+    parts["about"] = np.array(json.dumps({name: value for name, value in about.items() if value is not None}))
+    np.savez(path, **parts)
+
+
+BAD_FILES = {
+    "missing": (lambda path, run: None, "no such file"),
+    "folder": (lambda path, run: path.mkdir(), "not a solution.*directory"),
+    "empty": (lambda path, run: path.write_bytes(b""), "not a solution written by pinconsist"),
+    "text": (lambda path, run: path.write_text("t, q, v"), "not a solution"),
+    "truncated": (write_truncated, "not a solution"),
+    "foreign": (write_foreign, "not a solution"),
+    "one array": (write_array, "not a solution"),
+    "pickle": (write_pickled, "not a solution"),
+    "zip": (lambda path, run: zipfile.ZipFile(path, "w").close(), "not a solution"),
+    "newer": (lambda path, run: rewritten(path, run, format=99), "another version of pinconsist"),
+    "no format": (lambda path, run: rewritten(path, run, format=None), "another version"),
+    "no message": (lambda path, run: rewritten(path, run, message=None), "not a solution"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_bad_files(tmp_path, run, case):
+    write, message = BAD_FILES[case]
+    path = tmp_path / "run.npz"
+    write(path, run)
+    with pytest.raises(pc.FormatError, match=message) as caught:
+        Solution.load(path)
+    assert caught.value.path == str(path) and str(path) in str(caught.value)
+
+
+def test_arrays_are_read_only_copies_in_rows_of_times(run):
+    n = len(run.t)
+    assert (run.q.shape, run.v.shape, run.lam.shape) == ((n, 3), (n, 3), (n, 5))
+    assert run.h.shape == run.order.shape == (n - 1,)
+    assert run.y.shape == (11, n)
+    np.testing.assert_array_equal(run.y[:, -1], np.concatenate((run.q[-1], run.v[-1], run.lam[-1])))
+    np.testing.assert_allclose(np.cumsum(run.h), run.t[1:], atol=1e-14)
+    for name in ARRAYS:
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(run, name)[0] = 0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        run.q = None
+
+
+def test_summary_tells_the_run(run):
+    text = run.summary()
+    assert text.startswith(run.message)
+    for part in ("t = 0 … 0.3 s in 60 steps", "0.005 … 0.005 s", f"{run.nfev} residuals", f"{run.nlu} factorisations"):
+        assert part in text
+    assert "rejected" not in text
+    zero = pc.simulate(pc.load("four_bar"), (0.0, 0.0))
+    assert "0 steps" in zero.summary()
+
+
+def test_a_good_run_certifies_itself(run):
+    good = run.check()
+    assert good.position < 1e-12 and good.velocity < 1e-10 and good.force < 1e-3 and good.energy_error < 5e-4
+    assert good.force_first <= good.force and good.energy.shape == run.t.shape
+    assert "four_bar" not in good.position_at and "loop 'coupler_rocker' row" in good.position_at
+    assert f"{good.velocity:9.2e}" in str(good) and "energy balance" in str(good)
+    assert run.check(pc.load("four_bar")).position == good.position
+
+
+def edited(run, name, row, change):
+    array = getattr(run, name).copy()
+    array[row] += change
+    return dataclasses.replace(run, **{name: array})
+
+
+def test_each_corruption_is_seen_by_its_residual(run):
+    """One wrong number in one row; the other residuals stay (λ) or follow as they must (q moves everything)."""
+    good, row = run.check(), 30
+    _, J = run.system.loop_rows(run.q[row])
+    scale = max(np.abs(run.system.loop_rows(q)[1].T @ lam).max() for q, lam in zip(run.q, run.lam, strict=True))
+
+    forced = edited(run, "lam", row, [0.5, 0, 0, 0, 0]).check()
+    assert forced.force == pytest.approx(0.5 * np.abs(J[0]).max() / scale, rel=2e-2)
+    assert (forced.position, forced.velocity, forced.energy_error) == (good.position, good.velocity, good.energy_error)
+    assert forced.force_first == good.force_first
+    assert run.order[:4].tolist() == [0, 0, 0, 4]  # row 4 is the first that the formula computed
+    assert edited(run, "lam", 4, [0.5, 0, 0, 0, 0]).check().force_first > 10 * good.force_first
+
+    silent = edited(run, "lam", row, [0, 7.0, 0, 0, 0]).check()  # along the axis: a row that does nothing in the plane
+    assert silent.force == pytest.approx(good.force)
+
+    opened = edited(run, "q", row, [1e-6, 0, 0]).check()
+    assert opened.position == pytest.approx(1e-6 * np.abs(J[:, 0]).max(), rel=1e-3)
+    assert f"t = {run.t[row]:.6g}" in opened.position_at
+
+    sped = edited(run, "v", row, [0, 0, 1e-3]).check()
+    assert sped.velocity == pytest.approx(1e-3 * np.abs(J[:, 2]).max(), rel=1e-6) and sped.position == good.position
+
+    faster = dataclasses.replace(run, v=run.v * np.linspace(1.0, 1.01, len(run.t))[:, None]).check()
+    assert faster.velocity == pytest.approx(good.velocity, abs=1e-10)  # still on the constraints
+    assert faster.energy_error > 1e-2  # 2 % of the kinetic energy too much at the end
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+def test_energy_balance_counts_the_work_of_forces(damping):
+    """A hinge driven by sin t against damping: the energy changes a lot, the balance holds to the sum's order."""
+    drive = pc.Torque(lambda t, q, v: np.array([3.0 * np.sin(5 * t)]))
+    errors = []
+    for h in (0.01, 0.005):
+        sol = pc.simulate(spinner(damping), (0.0, 2.0), v0={"hinge": 1.0}, step=h, max_order=4, forces=[drive])
+        certificate = sol.check()
+        assert np.ptp(certificate.energy) > 0.3 * certificate.energy.max()
+        np.testing.assert_allclose(certificate.energy, sol.v[:, 0] ** 2, rtol=1e-12)  # I = 2
+        errors.append(certificate.energy_error)
+    assert errors[0] < 1e-3 and errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)  # trapezoidal sum
+    undriven = dataclasses.replace(sol, system=None).check(spinner(damping))  # the same motion, without the drive
+    assert undriven.energy_error > 0.1
+
+
+def test_energy_of_a_falling_linkage_is_conserved_with_its_order():
+    errors = []
+    for h in (0.01, 0.005):
+        sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), step=h, max_order=3)
+        errors.append(sol.check().energy_error)
+    assert errors[0] < 1e-2 and np.log2(errors[0] / errors[1]) > 2.7
+
+
+def test_general_problems_are_certified_too():
+    problem = pc.reference_problem("problem52")
+    sol = pc.integrate(problem.system, (problem.t0, problem.t0 + 0.1), problem.p0, problem.v0, step=1e-3, max_order=3)
+    good = sol.check()
+    assert good.position < 1e-12 and good.velocity < 1e-10 and good.force < 1e-5
+    assert good.energy is None and good.energy_error is None and "energy" not in str(good)
+    bad = edited(sol, "lam", 50, 0.1 * np.ones(sol.lam.shape[1])).check()
+    assert bad.force > 1e-2 and bad.position == good.position
+
+
+def test_raw_bdf_shows_its_velocity_residual_and_its_wrong_first_multiplier():
+    """Arévalo's point, measured by the certificate alone."""
+    mech = pc.load("four_bar")
+    raw, clean = (
+        pc.simulate(mech, (0.0, 0.1), v0={"crank": 3.0}, step=1e-3, max_order=1, consistency=mode).check()
+        for mode in ("exact", "every-step")
+    )
+    assert raw.velocity > 1e-3 and clean.velocity < 1e-6
+    assert raw.force_first > 0.05 and clean.force_first < 0.02
+
+
+@pytest.mark.parametrize("step", [0.01, None])
+def test_a_callback_stops_the_run(step):
+    seen = []
+
+    def callback(t, q, v, lam):
+        seen.append((t, q.copy(), v.copy(), lam.copy()))
+        return t > 0.1
+
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), step=step, callback=callback)
+    assert sol.status == 1 and sol.success and "callback" in sol.message
+    assert 0.1 < sol.t[-1] < 0.5 and sol.t[-1] == seen[-1][0]
+    _, q, v, lam = seen[-1]
+    for name, value in (("q", q), ("v", v), ("lam", lam)):
+        np.testing.assert_array_equal(getattr(sol, name)[-1], value)  # all five rows of λ, as in the solution
+    assert sol.check().position < 1e-10
+
+
+def test_reaching_the_end_is_status_zero_even_if_the_callback_fires_there():
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.05), step=0.01, callback=lambda t, q, v, lam: t >= 0.05)
+    assert sol.success and sol.t[-1] == 0.05
+
+
+def test_too_few_steps_is_a_failure_that_keeps_what_was_reached():
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), step=0.01, max_steps=20)
+    assert (sol.success, sol.status) == (False, -1) and "max_steps = 20" in sol.message
+    assert 0.15 < sol.t[-1] < 0.3 and sol.check().position < 1e-10
