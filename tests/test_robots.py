@@ -99,8 +99,8 @@ def forces_from_motion(mech, sol, rows):
     return np.array([pin.rnea(model, data, sol.q[i], v[i], a[i]) for i in rows])
 
 
-# Largest energy error over the largest kinetic energy: measured 1.44e-5, 1.83e-6 (h/2) and 9.7e-7, 1.2e-7 (h/2), that is
-# order 3; the bounds leave a factor of two.
+# Largest energy error over the largest kinetic energy, of order 3: measured 1.44e-5, 1.83e-6 (h/2) and 9.7e-7, 1.2e-7
+# (h/2); the bounds leave a factor of two.
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "h", "drift"), [("5bar_linkage_iso6d", 1e-3, 3e-5), ("robot_delta", 2.5e-4, 2e-6)])
 def test_falls_from_rest_with_closed_loops_and_constant_energy(name, h, drift):

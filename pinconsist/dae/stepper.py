@@ -35,7 +35,6 @@ class Stepper:
     def __init__(self, system, method):
         self.system, self.method, self.control = system, method, method.control
         self.control.fit(system)
-        self.ndf = self.control.ndf
         self.newton = Newton(system, correct=method.consistency == "every-step")
 
     def begin(self, t, p, v, t_end):
@@ -72,9 +71,9 @@ class Stepper:
         while True:
             t_next = self._next_time(t_end)
             h, k, Z = self.h, self.k, self.Z
-            self.base, predicted, psi = bdf.predict(system, k, self.base, Z, self.ndf)
+            self.base, predicted, psi = bdf.predict(system, k, self.base, Z)
             weight, tol = control.weights(system, predicted, self.base)
-            step = self.newton.attempt(t_next, self.base, psi, predicted, h / bdf.alpha(k, self.ndf), weight, tol)
+            step = self.newton.attempt(t_next, self.base, psi, predicted, h / bdf.alpha(k), weight, tol)
             if step.failure:
                 smaller = control.after_failure(h)
                 if smaller is None:

@@ -23,7 +23,6 @@ MIN_FACTOR, MAX_FACTOR = 0.2, 10.0
 class FixedStep:
     """The same step and order throughout; Newton down to rounding; nothing is rejected."""
 
-    ndf: bool = False
     reasons: dict = field(default_factory=dict)
 
     def fit(self, system):
@@ -63,7 +62,6 @@ class ErrorControl:
     atol: tuple
     max_order: int
     max_step: float
-    ndf: bool = True
     equal_steps: int = 0
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
 
@@ -88,7 +86,7 @@ class ErrorControl:
         nx = system.nx
         e = d[: len(weight)] * weight
         x, v = e[:nx], e[nx:]
-        return abs(bdf.error_constant(k, self.ndf)) * sqrt(max(x.dot(x) / nx, v.dot(v) / len(v)))
+        return bdf.error_constant(k) * sqrt(max(x.dot(x) / nx, v.dot(v) / len(v)))
 
     def error_of(self, system, rows, k) -> float:
         """The same from k+2 equidistant rows [ξ | v], oldest first."""
