@@ -12,9 +12,11 @@ from .errors import (
     MissingExtraError,
     PinconsistError,
     SingularSystemError,
+    UserFunctionError,
 )
 from .formats.catalogue import load, models
 from .mechanism.assembly import Assembly, assemble
+from .mechanism.drive import Drive
 from .mechanism.forces import ConstantTorque, JointDamping, JointFriction, Torque
 from .mechanism.loops import Loop
 from .mechanism.mechanism import Mechanism
@@ -33,6 +35,7 @@ __all__ = [
     "Assembly",
     "AssemblyError",
     "ConstantTorque",
+    "Drive",
     "Event",
     "FormatError",
     "HessenbergProblem",
@@ -47,6 +50,7 @@ __all__ = [
     "Solution",
     "SpringDamper",
     "Torque",
+    "UserFunctionError",
     "assemble",
     "compare",
     "consistent_initial_velocity",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import traceback
+
 
 class PinconsistError(Exception):
     """Base of every error that pinconsist raises on purpose."""
@@ -65,6 +67,25 @@ class SingularSystemError(PinconsistError):
 
     def __reduce__(self):
         return _rebuild, (type(self), self.args, {"names": self.names})
+
+
+class UserFunctionError(PinconsistError):
+    """A function given by the user raised an exception; that exception is the ``__cause__``.
+
+    Attributes
+    ----------
+    t : float
+        When, s.
+    """
+
+    def __init__(self, what: str, t: float, error: BaseException):
+        tail = traceback.extract_tb(error.__traceback__)[-1:]
+        where = f", {tail[0].filename}:{tail[0].lineno}" if tail else ""
+        super().__init__(f"{what} raised {type(error).__name__}: {error} (at t = {t:.6g}{where})")
+        self.t = t
+
+    def __reduce__(self):
+        return PinconsistError, self.args
 
 
 class MissingExtraError(PinconsistError, ImportError):

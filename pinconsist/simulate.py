@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from .dae import integrate as dae
@@ -99,8 +101,8 @@ def simulate(
     """
     mech = _with_forces(mech, forces)
     span = _span(t_span)
-    plan = _method(method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
-    assembly = assemble(mech, q0, v0)
+    plan = _method(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
+    assembly = assemble(mech, q0, v0, t=span[0])
     system = MechanismSystem(mech, assembly.q)
     system.require_regular(assembly.q)
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
@@ -154,7 +156,7 @@ def integrate(
         |Φ|/step².
     """
     span = _span(t_span)
-    plan = _method(method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
+    plan = _method(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
     system = _system(system, span[0], p0, v0)
     phi = system.evaluate(span[0], p0, v0, np.zeros(system.nv))[1]
@@ -176,6 +178,8 @@ def _system(system, t0, p0, v0):
             raise InputError(
                 f"{system.name}: p0 and v0 need shapes ({system.nq},) and ({system.nv},), got {p0.shape} and {v0.shape}"
             )
+        if np.max(np.abs(system.configuration(p0) - p0)) > 1e-8:
+            raise InputError(f"{system.name}: p0 has a quaternion or a (cos, sin) pair that is not of unit length")
         built = MechanismSystem(system, p0)
         built.require_regular(p0)
         return built
@@ -189,7 +193,11 @@ def _system(system, t0, p0, v0):
 def _with_forces(mech, forces):
     if not isinstance(mech, Mechanism):
         raise InputError(f"simulate needs a Mechanism, got {type(mech).__name__}; see pinconsist.load()")
-    forces = (forces,) if callable(forces) or hasattr(forces, "torque") else tuple(forces)
+    if callable(forces) or hasattr(forces, "torque") or hasattr(forces, "bind"):
+        forces = (forces,)
+    elif not isinstance(forces, Iterable):
+        raise InputError(f"forces must be a sequence of forces, got {forces!r}")
+    forces = tuple(forces)
     return mech.with_forces(*forces) if forces else mech
 
 
@@ -200,7 +208,7 @@ def _span(t_span):
     return float(span[0]), float(span[1])
 
 
-def _method(method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps) -> dae.Method:
+def _method(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps) -> dae.Method:
     if method not in ("BDF", "ImplicitEuler"):
         raise InputError(f"unknown method {method!r}; known are 'BDF' and 'ImplicitEuler'")
     if consistency not in MODES:
@@ -213,6 +221,8 @@ def _method(method, step, max_order, rtol, atol, consistency, first_step, max_st
         raise InputError(f"max_steps must be a positive whole number, got {max_steps!r}")
     if step is not None:
         step = _positive(step, "step")
+        if step < 16 * np.spacing(max(map(abs, span))):
+            raise InputError(f"step = {step:g} s cannot be told from zero at t = {max(map(abs, span)):g} s")
         return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps)
     if consistency == "initial":
         raise InputError(
@@ -222,7 +232,7 @@ def _method(method, step, max_order, rtol, atol, consistency, first_step, max_st
     first_step = None if first_step is None else _positive(first_step, "first_step")
     max_step = np.inf if max_step == np.inf else _positive(max_step, "max_step")
     control = ErrorControl(_pair(rtol, "rtol"), _pair(atol, "atol"), order, max_step)
-    if np.min(control.rtol) < 1e-13:
+    if min(part.min() for part in control.rtol) < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot give")
     return dae.Method(order, consistency, control, None, first_step, max_steps)
 
@@ -238,8 +248,8 @@ def _pair(value, what) -> tuple:
     """(position part, velocity part) of a tolerance."""
     parts = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
     parts = tuple(finite_array(part, what) for part in parts)
-    if any((part <= 0).any() for part in parts):
-        raise InputError(f"{what} must be positive, got {value!r}")
+    if any(part.ndim > 1 or part.size == 0 or (part <= 0).any() for part in parts):
+        raise InputError(f"{what} must be a positive number, or (for q, for v), got {value!r}")
     return parts
 
 

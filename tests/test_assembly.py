@@ -264,8 +264,8 @@ def test_trees_and_empty_models():
     result = pc.assemble(tree, {"upper": 0.3}, v={"lower": 1.0})
     assert (result.rows, result.rank, result.mobility, result.gaps) == (0, 0, 2, {})
     assert result.largest_gap == ("", 0.0) and result.q[0] == 0.3 and result.v[1] == pytest.approx(1.0)
-    nothing = pc.assemble(pc.Mechanism(pin.Model()))
-    assert nothing.q.shape == nothing.v.shape == (0,) and nothing.mobility == 0
+    with pytest.raises(pc.InputError, match="no joints"):
+        pc.Mechanism(pin.Model())
 
 
 @pytest.mark.parametrize(

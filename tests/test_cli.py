@@ -131,7 +131,7 @@ def test_simulate_writes_its_files(run):
 
 def test_a_failed_integration_is_saved_and_exits_with_1(run):
     code, out, _ = run("simulate", "four_bar", "--max-steps", 8, "--out", "run.npz")
-    assert code == 1 and "max_steps = 8 reached" in out
+    assert code == 1 and "max_steps = 8 used up" in out
     assert 0 < pinconsist.Solution.load("run.npz").t[-1] < 5
 
 

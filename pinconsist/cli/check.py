@@ -95,10 +95,15 @@ def _print_inventory(mech):
         print(f"motors: {', '.join(mech.actuated)}")
     print()
     if mech.loops:
-        rows = [(loop.name, loop.kind, len(loop.rows), loop.frame1, loop.frame2) for loop in mech.loops]
-        output.table(("loop", "kind", "rows>", "frame 1", "frame 2"), rows)
+        rows = [(loop.name, loop.kind, len(loop.rows), *_ends(loop)) for loop in mech.loops]
+        output.table(("loop", "kind", "rows>", "joins", "and"), rows)
     else:
         print("loops: none, a plain tree\n")
+
+
+def _ends(loop):
+    """What a loop joins: two frames, or a joint and its drive."""
+    return (loop.joint, "along a curve") if loop.kind == "drive" else (loop.frame1, loop.frame2)
 
 
 def _print(mech, before, assembly, singular):
@@ -152,7 +157,7 @@ def _report(mech, before, assembly, singular) -> dict:
         "scene": mech.name, "closed": True, "bodies": len(mech.joints), "nq": mech.nq, "nv": mech.nv,
         "actuated": mech.actuated,
         "loops": [
-            {"name": loop.name, "kind": loop.kind, "frame1": loop.frame1, "frame2": loop.frame2} for loop in mech.loops
+            {"name": loop.name, "kind": loop.kind, "ends": _ends(loop)} for loop in mech.loops
         ],
         "rows": assembly.rows, "rank": assembly.rank, "mobility": assembly.mobility, "redundant": redundant,
         "gaps_before": before, "gaps": assembly.gaps, "iterations": assembly.iterations, "moved": assembly.moved,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from scipy.optimize import brentq
@@ -41,7 +41,9 @@ def as_events(events) -> tuple[Event, ...]:
     """Events from what a user may give: Event objects or functions with scipy's attributes."""
     if events is None:
         return ()
-    events = (events,) if callable(events) or isinstance(events, Event) else tuple(events)
+    events = (events,) if callable(events) or isinstance(events, Event) else events
+    if not isinstance(events, Iterable):
+        raise InputError(f"events must be a sequence of events, got {events!r}")
     result = []
     for event in events:
         if not isinstance(event, Event):

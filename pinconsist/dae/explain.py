@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 
+NEARLY_DEPENDENT = 1e-2
+
+
 def explain(stepper, failure: str) -> str:
     """A message for a person about a run that could not go on."""
     system, method = stepper.system, stepper.method
@@ -16,7 +19,7 @@ def explain(stepper, failure: str) -> str:
             "change of step, which the error test then fights; take consistency='every-step'"
         )
     condition, row = _weakest_row(stepper)
-    if condition < 1e-6:
+    if condition < NEARLY_DEPENDENT:
         hints.append(
             f"the constraints are nearly dependent there ({row}; smallest singular value {condition:.1e} of the "
             "largest): a singular position, where the motion branches"

@@ -110,6 +110,8 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
     except KeyboardInterrupt:
         status, message = STOPPED, f"interrupted at t = {record.reached:.6g}; the solution holds what was reached"
     except PinconsistError as error:
+        if record.nsteps == 0:  # nothing was reached that could be lost
+            raise
         status, message = FAILED, f"{error} (reached t = {record.reached:.6g})"
     newton = stepper.newton
     return Trajectory(

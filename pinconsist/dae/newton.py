@@ -20,11 +20,11 @@ from math import isfinite, sqrt
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
 
-from ..errors import SingularSystemError
+from ..errors import PinconsistError, SingularSystemError
 
 EPS = np.finfo(float).eps
 MAX_ITERATIONS = 10
-FRESH_RATE = 0.4  # a slower contraction asks for a new matrix
+FRESH_RATE = 0.4  # a slower contraction asks for a new and complete matrix
 STAGNANT = 0.7  # and a slower one than this, close to the solution, is rounding
 
 
@@ -122,23 +122,25 @@ class Newton:
         x = predicted[nx:].copy()
         v, m = x[:nv], x[nv:]
         m *= c
-        last = rate = 0.0
+        last, rate, slow = 0.0, 0.0, False
         p, xi = system.position(t, base, psi_x, c, v)
         for iteration in range(1, MAX_ITERATIONS + 1):
             a = v - psi_v
             a /= c
             f, phi, G, rho = system.evaluate(t, p, v, a)
-            self.nfev += 1
-            if iteration == 1 or rate > FRESH_RATE:
-                W = system.linearize(t, p, v, a, m, c, kkt.A)
-                self.njev += 1
-                self.nlu += 1
-                if not kkt.factorise(G, W):
-                    return Attempt(predicted, p, iteration, "the KKT matrix is singular")
             np.multiply(f, c, out=self._dynamics)
             self._dynamics -= G.dot(m)
             self._constraint[:] = phi
             self._hidden[:] = rho
+            self.nfev += 1
+            if iteration == 1 or slow:
+                W = system.linearize(t, p, v, a, m, c, kkt.A)
+                if slow:  # the turning of the constraint forces, left out at first, is what slows Newton down
+                    kkt.A -= c * system.force_gradient(t, p, v, m)
+                self.njev += 1
+                self.nlu += 1
+                if not kkt.factorise(G, W):
+                    return Attempt(predicted, p, iteration, "the KKT matrix is singular")
             steps = kkt.solve(self._rhs)
             before, x = x, x - steps.dot(raw)
             v, m = x[:nv], x[nv:]
@@ -157,6 +159,7 @@ class Newton:
                 return Attempt(np.concatenate((xi, x)), p, iteration)
             if rate > 2.0 and iteration > 2:
                 return Attempt(predicted, p, iteration, "Newton diverged")
+            slow = rate > FRESH_RATE or size * rate ** (MAX_ITERATIONS - iteration) > tol
             last = size
         return Attempt(predicted, p, iteration, "Newton did not converge")
 
@@ -199,9 +202,15 @@ def solve_acceleration(system, t, p, v):
     f0, _, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
     kkt = KKT(system.nv, system.nc)
     W = system.linearize(t, p, v, np.zeros(system.nv), np.zeros(system.nc), 0.0, kkt.A)
+    rhs = -np.concatenate((f0, system.acceleration_bias(t, p, v)))
+    if not np.isfinite(rhs).all():
+        raise PinconsistError(
+            f"the equations of motion are not finite at t = {t:.6g}: "
+            "a force or a user's function returns NaN or infinity"
+        )
     if not kkt.factorise(G, W):
         raise SingularSystemError(f"the equations of motion are singular at t = {t:.6g} ([[M, -G], [W, 0]])")
-    x = kkt.solve(np.concatenate((-f0, -system.acceleration_bias(t, p, v))))
+    x = kkt.solve(rhs)
     return x[: system.nv], x[system.nv :]
 
 

@@ -56,6 +56,9 @@ class Index3System(Protocol):
     def linearize(self, t, p, v, a, m, c, A):
         """Fill A = M + c ∂f/∂v + c² ∂f/∂p, (nv, nv), and return W, (nc, nv), at the point evaluated last. m = c λ."""
 
+    def force_gradient(self, t, p, v, m):
+        """∂(G m)/∂ξ, (nv, nv) in velocity columns, where :meth:`linearize` leaves it out; else zero."""
+
     def velocity_residual(self, t, p, rate):
         """ρ = Φ_p U + Φ_t, shape (nc,), with U = `rate`: zero on the hidden constraint."""
 
@@ -106,8 +109,9 @@ class HessenbergProblem:
         U_p: Callable | None = None,
         U_v: Callable | None = None,
     ):
-        for name, function in {"U": U, "F": F, "G": G, "R": R}.items():
-            if not callable(function):
+        given = {"U": U, "F": F, "G": G, "R": R, "R_p": R_p, "R_t": R_t, "U_p": U_p, "U_v": U_v}
+        for name, function in given.items():
+            if not (callable(function) or (function is None and "_" in name)):
                 raise InputError(f"HessenbergProblem: {name} must be callable, got {type(function).__name__}")
         self.U, self.F, self.G, self.R = U, F, G, R
         self._R_p, self._R_t, self._U_p, self._U_v = R_p, R_t, U_p, U_v
@@ -115,12 +119,19 @@ class HessenbergProblem:
 
     def at(self, t, p, v) -> HessenbergProblem:
         """The problem with its sizes, learnt from one evaluation in which the four callables must agree."""
+        if np.ndim(p) != 1 or np.ndim(v) != 1:
+            raise InputError(f"HessenbergProblem: p0 and v0 need shapes (n,), got {np.shape(p)} and {np.shape(v)}")
         sized = copy(self)
-        sized.npos = sized.nx = len(p)
-        sized.nv = len(v)
-        sized.nc = len(np.atleast_1d(self.R(t, p)))
-        expected = {"U": (sized.nx,), "F": (sized.nv,), "G": (sized.nv, sized.nc), "R": (sized.nc,)}
+        sized.npos = sized.nx = nx = len(p)
+        sized.nv = nv = len(v)
+        sized.nc = nc = len(np.atleast_1d(self.R(t, p)))
+        expected = {"U": (nx,), "F": (nv,), "G": (nv, nc), "R": (nc,)}
         values = {"U": self.U(t, p, v), "F": self.F(t, p, v), "G": self.G(t, p, v), "R": self.R(t, p)}
+        optional = {"R_p": (nc, nx), "R_t": (nc,), "U_p": (nx, nx), "U_v": (nx, nv)}
+        for name, shape in optional.items():
+            if (function := getattr(self, "_" + name)) is not None:
+                expected[name] = shape
+                values[name] = function(t, p) if name[0] == "R" else function(t, p, v)
         for name, value in values.items():
             if np.shape(value) != expected[name]:
                 raise InputError(f"HessenbergProblem: {name} returned shape {np.shape(value)}, needs {expected[name]}")
@@ -165,6 +176,9 @@ class HessenbergProblem:
         if c:
             A -= _columns(lambda x: force(p, x), v) + c * _columns(lambda x: force(x, v), p) @ U_v
         return self._jacobian_R_p(t, p) @ U_v
+
+    def force_gradient(self, t, p, v, m):
+        return 0.0  # linearize has it
 
     def velocity_residual(self, t, p, rate):
         if self._R_p is None:

@@ -129,7 +129,7 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
         The step, signed, at most (t_end - t0)/(k+2).
     states : list of (t, p, v, λ), oldest first
     """
-    rtol, atol = max(1e-2 * np.min(control.rtol), 1e-13), 1e-2 * np.min(control.atol)
+    rtol, atol = max(1e-2 * control.tightest[0], 1e-13), 1e-2 * control.tightest[1]
     solver = DOP853(
         right_hand_side(system, p0), t0, chart_state(system, p0, p0, v0), t_end, rtol=rtol, atol=max(atol, 1e-14)
     )

@@ -83,7 +83,7 @@ class Stepper:
                 error = control.error(system, d, k, weight)
                 if error <= 1.0:
                     break
-                smaller = control.after_rejection(h, k, error)
+                smaller, self.k = control.after_rejection(system, Z, d, k, h, error, weight)
             if abs(smaller) < SMALLEST * np.spacing(abs(self.t)):
                 return step.failure or "the error test fails at any step size"
             self.rescale(smaller, k)

@@ -11,11 +11,12 @@ from math import sqrt
 
 import numpy as np
 
+from ..errors import InputError
 from . import bdf
 from .newton import rounding_weights
 
 NEWTON_FACTOR = 3e-3  # of the error test; keeps loop gaps down for 3 % more residuals
-SAFETY = 0.9
+SAFETY = 0.8  # 0.9 rejects twice as often: as many residuals, larger errors
 MIN_FACTOR, MAX_FACTOR = 0.2, 10.0
 
 
@@ -69,8 +70,17 @@ class ErrorControl:
         """Spread the tolerances over the columns [ξ | v] of a system."""
         sizes = (system.nx, system.nv)
         for name in ("rtol", "atol"):
-            parts = [np.broadcast_to(part, size) for part, size in zip(getattr(self, name), sizes, strict=True)]
+            try:
+                parts = [np.broadcast_to(part, size) for part, size in zip(getattr(self, name), sizes, strict=True)]
+            except ValueError:
+                shapes = [np.shape(part) for part in getattr(self, name)]
+                raise InputError(f"{name} for q and v: needs scalars or {sizes} numbers, got shapes {shapes}") from None
             setattr(self, "_" + name, np.concatenate(parts))
+
+    @property
+    def tightest(self) -> tuple[float, float]:
+        """The smallest rtol and atol."""
+        return float(self._rtol.min()), float(self._atol.min())
 
     def weights(self, system, predicted, p):
         """Reciprocal tolerances of [ξ | v], and Newton's stopping size."""
@@ -98,10 +108,16 @@ class ErrorControl:
         self.reasons["newton"] += 1
         return 0.25 * h
 
-    def after_rejection(self, h, k, error):
+    def after_rejection(self, system, Z, d, k, h, error, weight):
+        """(h, k) with which to try again; a lower order where noise or a jump has spoilt the higher differences."""
         self.equal_steps = 0
         self.reasons["error"] += 1
-        return h * max(MIN_FACTOR, SAFETY * error ** (-1.0 / (k + 1)))
+        factor = error ** (-1.0 / (k + 1))
+        if k > 1:
+            lower = self.error(system, Z[k] + d, k - 1, weight) ** (-1.0 / k)
+            if lower > factor:
+                factor, k = lower, k - 1
+        return h * min(1.0, max(MIN_FACTOR, SAFETY * factor)), k
 
     def restart(self) -> None:
         """Forget how many steps of equal size there were."""

@@ -60,7 +60,9 @@ class Assembly:
         return max(self.gaps.items(), key=lambda item: item[1], default=("", 0.0))
 
 
-def assemble(mechanism: Mechanism, q=None, v=None, *, fixed=None, tolerance: float = CLOSED) -> Assembly:
+def assemble(
+    mechanism: Mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance: float = CLOSED
+) -> Assembly:
     """Find a closed configuration near a guess, and put a velocity on the constraints.
 
     Parameters
@@ -74,6 +76,8 @@ def assemble(mechanism: Mechanism, q=None, v=None, *, fixed=None, tolerance: flo
         in the mass metric. Default rest.
     fixed : mapping, optional
         Joint name → value: joints that must have exactly this configuration.
+    t : float
+        Time at which drives are looked at, s.
     tolerance : float
         Largest |Φ| of a closed loop, m and rad.
 
@@ -98,7 +102,7 @@ def assemble(mechanism: Mechanism, q=None, v=None, *, fixed=None, tolerance: flo
     soft = dict(q) if isinstance(q, Mapping) else {}
     base = mechanism.guess if q is None or isinstance(q, Mapping) else q
     guess = mechanism.configuration({**soft, **fixed}, base=mechanism.configuration(base))
-    solver = LoopSolver(mechanism)
+    solver = LoopSolver(mechanism, t)
     attempts = [{**soft, **fixed}] + ([fixed] if soft and soft.keys() - fixed.keys() else [])
     for names in attempts:  # named joints stay if the loops close that way, else only the fixed ones
         best, iterations = solver.close(guess, solver.free_columns(names))
@@ -107,12 +111,12 @@ def assemble(mechanism: Mechanism, q=None, v=None, *, fixed=None, tolerance: flo
     gaps = solver.gaps(best)
     open_loops = {name: gap for name, gap in gaps.items() if not gap <= tolerance}
     if open_loops:
-        raise _not_closed(mechanism, guess, best, open_loops, fixed)
+        raise _not_closed(mechanism, guess, best, open_loops, fixed, t)
     return _report(mechanism, solver, guess, best, v, gaps, iterations)
 
 
-def velocity_on_constraints(mechanism: Mechanism, q, v=None) -> np.ndarray:
-    """A velocity with J v = 0 at a closed configuration, shape (nv,).
+def velocity_on_constraints(mechanism: Mechanism, q, v=None, t: float = 0.0) -> np.ndarray:
+    """A velocity with J v + Φ_t = 0 at a closed configuration, shape (nv,).
 
     A mapping joint → value keeps these joints' velocities and lets the others follow (least kinetic energy);
     an array is projected in the mass metric.
@@ -122,15 +126,16 @@ def velocity_on_constraints(mechanism: Mechanism, q, v=None) -> np.ndarray:
     AssemblyError
         The named velocities contradict the loops.
     """
-    solver = LoopSolver(mechanism)
+    solver = LoopSolver(mechanism, t)
     _, J = solver.rows(q)
-    J = J[independent_rows(J)]
+    kept = independent_rows(J)
+    J = J[kept]
     M = pin.crba(mechanism.model, mechanism.model.createData(), q)
     M = np.triu(M) + np.triu(M, 1).T
     start = mechanism.velocity({} if v is None else v)
     held = ~solver.free_columns(v if isinstance(v, Mapping) else {})
     E = np.vstack((J, np.eye(mechanism.nv)[held]))
-    target = np.concatenate((np.zeros(len(J)), start[held]))
+    target = np.concatenate((-solver.loop_rows.time_rate(t)[kept], start[held]))
     nv, ne = mechanism.nv, len(E)
     scale = np.abs(M).max(initial=0.0) or 1.0
     K = np.block([[M / scale, E.T], [E, np.zeros((ne, ne))]])
@@ -149,13 +154,14 @@ def velocity_on_constraints(mechanism: Mechanism, q, v=None) -> np.ndarray:
 class LoopSolver:
     """Levenberg-Marquardt on the loops of one mechanism."""
 
-    def __init__(self, mechanism):
+    def __init__(self, mechanism, t: float = 0.0):
+        self.t = t
         self.model, self.data = mechanism.model, mechanism.model.createData()
         self.mechanism, self.loop_rows = mechanism, LoopRows(mechanism.model, mechanism.loops)
 
     def rows(self, q):
         pin.computeJointJacobians(self.model, self.data, q)
-        phi, J = self.loop_rows.evaluate(self.data)
+        phi, J = self.loop_rows.evaluate(self.data, q, self.t)
         return np.array(phi), np.array(J)
 
     def size(self, q) -> float:
@@ -221,7 +227,7 @@ def _report(mechanism, solver, guess, q, v, gaps, iterations):
     }
     return Assembly(
         q=q,
-        v=velocity_on_constraints(mechanism, q, v),
+        v=velocity_on_constraints(mechanism, q, v, solver.t),
         gaps=gaps,
         rows=len(J),
         rank=len(kept),
@@ -232,21 +238,21 @@ def _report(mechanism, solver, guess, q, v, gaps, iterations):
     )
 
 
-def impossible_alone(mechanism, guess, gaps, fixed) -> dict:
+def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
     """Loop → best gap, of the loops that stay open even if all others are cut."""
     alone = {}
     for loop in mechanism.loops:
         if not gaps[loop.name] <= CLOSED:
-            solver = LoopSolver(mechanism.with_loops(loop))
+            solver = LoopSolver(mechanism.with_loops(loop), t)
             gap = solver.size(solver.close(guess, solver.free_columns(fixed))[0])
             if gap > CLOSED:
                 alone[loop.name] = gap
     return alone
 
 
-def _not_closed(mechanism, guess, best, open_loops, fixed):
+def _not_closed(mechanism, guess, best, open_loops, fixed, t):
     gaps = {loop.name: open_loops.get(loop.name, 0.0) for loop in mechanism.loops}
-    alone = impossible_alone(mechanism, guess, gaps, fixed)
+    alone = impossible_alone(mechanism, guess, gaps, fixed, t)
     named = sorted((alone or open_loops).items(), key=lambda item: -item[1])
     units = {loop.name: "m" if loop.kind in ("point", "distance") else "m or rad" for loop in mechanism.loops}
     listed = ", ".join(f"{name!r} (gap {gap:.3g} {units[name]})" for name, gap in named)

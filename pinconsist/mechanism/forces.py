@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, UserFunctionError
 
 FRICTION_WIDTH = 1e-2
 """Velocity over which dry friction changes sign, rad/s or m/s."""
@@ -119,12 +119,16 @@ class Torque:
 
     def torque(self, t, q, v):
         try:
-            value = np.asarray(self.function(t, _read_only(q), _read_only(v)))
+            value = self.function(t, _read_only(q), _read_only(v))
+        except Exception as error:
+            raise UserFunctionError(f"the torque function {_name(self.function)}", t, error) from error
+        try:
+            value = np.asarray(value)
             if value.dtype.kind == "c":
-                raise TypeError("it returned complex numbers")
+                raise TypeError("complex numbers")
             value = value.astype(float, copy=False)
         except (TypeError, ValueError) as error:
-            raise InputError(f"the torque function {_name(self.function)} failed at t = {t:.6g}: {error}") from error
+            raise InputError(f"the torque function {_name(self.function)} returned no numbers: {error}") from None
         if value.shape != v.shape:
             raise InputError(
                 f"the torque function {_name(self.function)} returned shape {value.shape} at t = {t:.6g}; "

@@ -36,12 +36,15 @@ class KeptRows:
             local = [row - start for row in kept if 0 <= row - start < len(closure.loop.rows)]
             if not local:
                 continue
+            if closure.moving:
+                selects = False
+                continue
             rotates = max(local) > 2
             selects &= closure.loop.kind == "frame" or (closure.loop.kind in ("point", "hinge") and not rotates)
             self._models.append(pin.ConstraintModel(anchor_constraint(model, closure, rotates)))
             indices += [size + row for row in local]
             size += 6 if rotates else 3
-        if not selects:  # tilts and distances: the exact rows
+        if not selects:  # tilts, distances, drives: the exact rows
             self.evaluate = self._evaluate_exact
         for constraint in self._models:
             self._datas.append(constraint.createData())
@@ -49,7 +52,7 @@ class KeptRows:
         self._values = [data.extract() for data in self._datas]  # references, which calc refreshes
         self._index = _as_slice(np.array(indices, dtype=int))
 
-    def evaluate(self, data: pin.Data):
+    def evaluate(self, data: pin.Data, q, t):
         """(Φ, J), shapes (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`."""
         values = self._values
         if not values:
@@ -63,8 +66,8 @@ class KeptRows:
             phi = np.concatenate([value.constraint_position_error for value in values])
         return phi[self._index], J[self._index]
 
-    def _evaluate_exact(self, data):
-        phi, J = self._rows.evaluate(data)
+    def _evaluate_exact(self, data, q, t):
+        phi, J = self._rows.evaluate(data, q, t)
         return phi[self._kept], J[self._kept]
 
 

@@ -15,6 +15,7 @@ point      3     d                                                              
 frame      6     d, log R                                                       force and moment on body 2
 hinge      5     d, chord between the two axes (two rows normal to the axis)    force, moment across the axis
 distance   1     (|d|² − L²) / (2L)                                             force along d on body 2: λ < 0 pulls
+drive      1     q_joint − curve(t)                                             motor torque on the joint
 ========== ===== ============================================================== ============================
 
 all in the axes of anchor 1, acting on body 2 at anchor 2; body 1 receives the opposite. Forces are in N, moments
@@ -27,6 +28,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
+from .drive import DriveRow
 from .loop import GROUND, ROW_NAMES, Loop
 
 __all__ = ["GROUND", "ROW_NAMES", "Loop", "LoopRows", "anchor_constraint", "similar"]
@@ -51,56 +53,38 @@ class LoopRows:
         for loop in self.loops:
             self.slices[loop.name] = slice(start, start := start + len(loop.rows))
         self.closures = [_KINDS[loop.kind](model, loop) for loop in self.loops]
-        only_points = all(loop.kind == "point" for loop in self.loops)
-        self._points = _PointRows(model, self.closures) if self.loops and only_points else None
+        self.moving = any(closure.moving for closure in self.closures)
 
-    def evaluate(self, data: pin.Data) -> tuple[np.ndarray, np.ndarray]:
-        """Φ, shape (nc,), and J, shape (nc, nv), where ``pin.computeJointJacobians`` was called last on ``data``."""
-        if self._points is not None:
-            return self._points.evaluate(data)
+    def evaluate(self, data: pin.Data, q=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Φ, shape (nc,), and J, shape (nc, nv), where ``pin.computeJointJacobians`` was called last on ``data``.
+
+        `q` and `t` are what the rows of drives look at.
+        """
         if not self.closures:
             return np.zeros(0), np.zeros((0, self.model.nv))
-        values, jacobians = zip(*(closure.evaluate(data) for closure in self.closures), strict=True)
+        values, jacobians = zip(*(closure.evaluate(data, q, t) for closure in self.closures), strict=True)
         return np.concatenate(values), np.concatenate(jacobians)
 
-    def acceleration_bias(self, data: pin.Data) -> np.ndarray:
-        """J̇ v, shape (nc,), at a closed configuration.
+    def time_rate(self, t: float) -> np.ndarray:
+        """Φ_t, shape (nc,)."""
+        parts = [closure.rate(t) if closure.moving else np.zeros(len(closure.loop.rows)) for closure in self.closures]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def acceleration_bias(self, data: pin.Data, t: float = 0.0) -> np.ndarray:
+        """J̇ v + Φ_tt, shape (nc,), at a closed configuration.
 
         Needs ``pin.forwardKinematics(model, data, q, v, 0)`` on ``data``. The rotational rows use R = 1 where
         the exact expression has a derivative of the logarithm.
         """
         if not self.closures:
             return np.zeros(0)
-        return np.concatenate([closure.acceleration_bias(data) for closure in self.closures])
-
-
-class _PointRows:
-    """Point closures only: Pinocchio's own Φ and J, without a Python loop over rows."""
-
-    def __init__(self, model, closures):
-        self._model = model
-        self._pairs = [(c.constraint, c.constraint_data) for c in closures]
-        self._models, self._datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
-        for constraint, _ in self._pairs:
-            self._models.append(pin.ConstraintModel(constraint))
-            self._datas.append(self._models[-1].createData())
-
-    def evaluate(self, data):
-        if len(self._pairs) == 1:
-            constraint, constraint_data = self._pairs[0]
-            constraint.calc(self._model, data, constraint_data)
-            jacobian = constraint.jacobian(self._model, data, constraint_data)
-            return np.array(constraint_data.constraint_position_error), jacobian  # a view until copied
-        for constraint, constraint_data in zip(self._models, self._datas, strict=True):
-            constraint.calc(self._model, data, constraint_data)
-        values = np.concatenate([each.extract().constraint_position_error for each in self._datas])
-        return values, pin.getConstraintsJacobian(self._model, data, self._models, self._datas)
+        return np.concatenate([closure.acceleration_bias(data, t) for closure in self.closures])
 
 
 class _Closure:
     """One loop on one model: anchors as (joint, placement) and Pinocchio's constraint for its kind."""
 
-    rotates = True
+    rotates, moving = True, False
 
     def __init__(self, model: pin.Model, loop: Loop):
         self.model, self.loop = model, loop
@@ -114,7 +98,7 @@ class _Closure:
         self.constraint = anchor_constraint(model, self, self.rotates)
         self.constraint_data = self.constraint.createData()
 
-    def evaluate(self, data):
+    def evaluate(self, data, q=None, t=0.0):
         """Φ and J of this loop."""
         self.constraint.calc(self.model, data, self.constraint_data)
         twist = self.constraint.jacobian(self.model, data, self.constraint_data)  # of body 2 relative to 1, in axes 1
@@ -123,15 +107,16 @@ class _Closure:
         linear = twist[:3] - pin.skew(d) @ twist[3:]  # the twist is taken at anchor 1, d at anchor 2
         return self.rows(d, R, linear, twist[3:])
 
-    def acceleration_bias(self, data):
+    def acceleration_bias(self, data, t=0.0):
         """J̇ v of this loop, from the bodies' velocities and velocity-product accelerations."""
         p1, R1, v1, w1, a1, b1 = _anchor_motion(data, self.joint1, self.place1)
         p2, R2, v2, w2, a2, b2 = _anchor_motion(data, self.joint2, self.place2)
         r, rd = p2 - p1, v2 - v1
-        rdd = a2 - a1 - np.cross(b1, r) - 2 * np.cross(w1, rd) + np.cross(w1, np.cross(w1, r))
-        d, dd, ddd = R1.T @ r, R1.T @ (rd - np.cross(w1, r)), R1.T @ rdd
+        W1 = pin.skew(w1)
+        rdd = a2 - a1 - pin.skew(b1) @ r - 2 * W1 @ rd + W1 @ (W1 @ r)
+        d, dd, ddd = R1.T @ r, R1.T @ (rd - W1 @ r), R1.T @ rdd
         spin = R1.T @ (w2 - w1)
-        spin_rate = R1.T @ (b2 - b1 - np.cross(w1, w2))
+        spin_rate = R1.T @ (b2 - b1 - W1 @ w2)
         return self.bias_rows(d, dd, ddd, R1.T @ R2, spin, spin_rate)
 
 
@@ -167,24 +152,24 @@ def _anchor_motion(data, joint, placement):
         return pose.translation, pose.rotation, zero, zero, zero, zero
     R = pose.rotation
     velocity, acceleration = placement.actInv(data.v[joint]), placement.actInv(data.a[joint])
-    classical = acceleration.linear + np.cross(velocity.angular, velocity.linear)
+    classical = acceleration.linear + pin.skew(velocity.angular) @ velocity.linear
     return pose.translation, R, R @ velocity.linear, R @ velocity.angular, R @ classical, R @ acceleration.angular
 
 
 class _Point(_Closure):
     rotates = False
 
-    def evaluate(self, data):
+    def evaluate(self, data, q=None, t=0.0):
         self.constraint.calc(self.model, data, self.constraint_data)
         jacobian = self.constraint.jacobian(self.model, data, self.constraint_data)
-        return self.constraint_data.constraint_position_error, jacobian
+        return np.array(self.constraint_data.constraint_position_error), jacobian  # a view until copied
 
     def bias_rows(self, d, dd, ddd, R, spin, spin_rate):
         return ddd
 
 
 class _Distance(_Point):
-    def evaluate(self, data):
+    def evaluate(self, data, q=None, t=0.0):
         d, jacobian = super().evaluate(data)
         length = self.loop.length
         return np.array([(d @ d - length**2) / (2 * length)]), (d @ jacobian / length)[None, :]
@@ -234,8 +219,8 @@ class _Hinge(_Closure):
 
     def bias_rows(self, d, dd, ddd, R, spin, spin_rate):
         a = R @ self.e
-        add = np.cross(spin, np.cross(spin, a)) + np.cross(spin_rate, a)
+        add = pin.skew(spin) @ (pin.skew(spin) @ a) + pin.skew(spin_rate) @ a
         return np.concatenate((ddd, self.w @ add))
 
 
-_KINDS = {"point": _Point, "frame": _Frame, "hinge": _Hinge, "distance": _Distance}
+_KINDS = {"point": _Point, "frame": _Frame, "hinge": _Hinge, "distance": _Distance, "drive": DriveRow}

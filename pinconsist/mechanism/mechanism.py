@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError, SingularSystemError
+from .drive import Drive
 from .forces import Force, as_force
 from .loops import Loop, LoopRows, similar
 
@@ -39,8 +40,8 @@ class Mechanism:
     ----------
     model : pin.Model
         The tree; copied, never changed.
-    loops : sequence of Loop
-        Loop closures; none is allowed (a plain tree).
+    loops : sequence of Loop and Drive
+        Loop closures and driven joints; none is allowed (a plain tree).
     forces : sequence
         Force objects, arrays of shape (nv,) (constant joint torques) or callables ``f(t, q, v) -> (nv,)``.
     name : str
@@ -75,8 +76,8 @@ class Mechanism:
         put(self, "model", model)
         for several in ("loops", "forces", "actuated"):
             put(self, several, _sequence(getattr(self, several), several))
-        if not all(isinstance(loop, Loop) for loop in self.loops):
-            raise InputError(f"loops= needs Loop objects, got {self.loops!r}")
+        if not all(isinstance(loop, Loop | Drive) for loop in self.loops):
+            raise InputError(f"loops= needs Loop and Drive objects, got {self.loops!r}")
         names = [loop.name for loop in self.loops]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -106,6 +107,11 @@ class Mechanism:
     def joints(self) -> tuple[str, ...]:
         """Joint names, without the ground."""
         return tuple(self.model.names)[1:]
+
+    @property
+    def anchored_loops(self) -> tuple[Loop, ...]:
+        """The loops that join two anchors; drives do not."""
+        return tuple(loop for loop in self.loops if isinstance(loop, Loop))
 
     @property
     def row_labels(self) -> list[tuple[str, str]]:
@@ -215,6 +221,8 @@ def finite_array(value, what: str) -> np.ndarray:
 
 def check_model(model: pin.Model) -> None:
     """Refuse a model that makes Pinocchio's algorithms silently wrong, or whose inertias are impossible."""
+    if model.nv == 0:
+        raise InputError(f"model {model.name!r} has no joints: nothing can move")
     for joint in range(2, model.njoints):
         ancestors = set(model.supports[joint - 1])
         if model.parents[joint] not in ancestors:

@@ -54,7 +54,7 @@ class MechanismSystem:
         self._laws = [force for force in forces if not isinstance(force, ConstantTorque | JointDamping)]
         self._forced = bool(forces)
         self._M, self._f_q, self._f_v = self.data.M, self.data.dtau_dq, self.data.dtau_dv  # live views of the workspace
-        self._J = None
+        self._moving, self._J = self.rows.moving, None
 
     def integrate(self, p, xi):
         return p + xi if self.vector_like else pin.integrate(self.model, p, xi)
@@ -77,9 +77,12 @@ class MechanismSystem:
         if self._forced:
             f -= self.torque(t, p, v)
         pin.computeJointJacobians(self.model, self.data, p)
-        phi, J = self._kept_rows(self.data)
+        phi, J = self._kept_rows(self.data, p, t)
         self._J = J
-        return f, phi, J.T, J.dot(v)
+        rho = J.dot(v)
+        if self._moving:
+            rho += self.rows.time_rate(t)[self.kept]
+        return f, phi, J.T, rho
 
     def linearize(self, t, p, v, a, m, c, A):
         if c == 0.0:
@@ -100,13 +103,24 @@ class MechanismSystem:
                 A -= c**2 * tau_q
         return self._J
 
+    def force_gradient(self, t, p, v, m):
+        """∂(Jᵀm)/∂q, shape (nv, nv), by forward differences: wanted only where Newton is slow."""
+
+        def force(q):
+            pin.computeJointJacobians(self.model, self.data, q)
+            return self._kept_rows(self.data, q, t)[1].T @ m
+
+        at, step = force(p), 1e-7
+        return np.column_stack([(force(self.integrate(p, step * e)) - at) / step for e in np.eye(self.nv)])
+
     def velocity_residual(self, t, p, rate):
         pin.computeJointJacobians(self.model, self.data, p)
-        return self._kept_rows(self.data)[1].dot(rate)
+        rho = self._kept_rows(self.data, p, t)[1].dot(rate)
+        return rho + self.rows.time_rate(t)[self.kept] if self._moving else rho
 
     def acceleration_bias(self, t, p, v):
         pin.forwardKinematics(self.model, self.data, p, v, np.zeros(self.nv))
-        return self.rows.acceleration_bias(self.data)[self.kept]
+        return self.rows.acceleration_bias(self.data, t)[self.kept]
 
     def position_scale(self, p):
         return np.abs(p) if self.vector_like else np.ones(self.nx)
@@ -130,10 +144,10 @@ class MechanismSystem:
         """M(q), shape (nv, nv)."""
         return np.array(pin.crba(self.model, self.data, q))
 
-    def loop_rows(self, q):
-        """Φ and J of all rows at `q`, dropped ones included."""
+    def loop_rows(self, q, t: float = 0.0):
+        """Φ and J of all rows at `q`, dropped ones included; `t` matters to drives only, and to Φ only."""
         pin.computeJointJacobians(self.model, self.data, q)
-        phi, J = self.rows.evaluate(self.data)
+        phi, J = self.rows.evaluate(self.data, q, t)
         return np.array(phi), np.array(J)
 
     def full_multipliers(self, q, lam):

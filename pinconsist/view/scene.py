@@ -48,7 +48,8 @@ def scene(mech: Mechanism, sol, *, speed: float, fps: float, traces, repetitions
 def node_paths(mech: Mechanism) -> list[str]:
     """Path in the viewer of the ground, of each joint's body and of each bar of a distance loop."""
     joints = [f"/bodies/{_part(name)}" for name in mech.joints]
-    return ["/ground", *joints, *(f"/loops/{_part(loop.name)}" for loop in mech.loops if loop.kind == "distance")]
+    bars = [f"/loops/{_part(loop.name)}" for loop in mech.anchored_loops if loop.kind == "distance"]
+    return ["/ground", *joints, *bars]
 
 
 def _part(name: str) -> str:

@@ -76,7 +76,7 @@ def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
     for joint in ends:
         if model.parents[joint]:
             ends[model.parents[joint]].append(model.jointPlacements[joint].translation.copy())
-    for loop in mech.loops:
+    for loop in mech.anchored_loops:
         for joint, place in anchors(model, loop):
             if joint:
                 ends[joint].append(place.translation.copy())
@@ -97,7 +97,7 @@ def skeleton(mech: Mechanism, poses: np.ndarray) -> np.ndarray:
     """World positions over the motion of joints, link ends and anchors, shape (n, k, 3)."""
     ends = link_ends(mech)
     parts = [in_world(poses[:, joint], [np.zeros(3), *ends[joint]]) for joint in ends]
-    for loop in mech.loops:
+    for loop in mech.anchored_loops:
         parts += [in_world(poses[:, joint], [place.translation]) for joint, place in anchors(mech.model, loop)]
     return np.concatenate(parts, axis=1) if parts else np.zeros((len(poses), 1, 3))
 
@@ -105,7 +105,7 @@ def skeleton(mech: Mechanism, poses: np.ndarray) -> np.ndarray:
 def bars(mech: Mechanism, poses: np.ndarray) -> list[np.ndarray]:
     """Poses, shape (n, 7) each, of the bars that stand for the distance loops."""
     out = []
-    for loop in mech.loops:
+    for loop in mech.anchored_loops:
         if loop.kind == "distance":
             start, end = (in_world(poses[:, j], [place.translation])[:, 0] for j, place in anchors(mech.model, loop))
             out.append(bar_poses(start, end))
@@ -141,7 +141,7 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
         out += _body(joint, ends, radius)
         if rail is not None and np.linalg.norm(rail[1] - rail[0]) > radius / 2:
             out.append(cylinder(parent, *rail, 0.45 * radius, color=RAIL))
-    fixed += [place.translation for loop in mech.loops for j, place in anchors(mech.model, loop) if j == 0]
+    fixed += [place.translation for loop in mech.anchored_loops for j, place in anchors(mech.model, loop) if j == 0]
     if 0 not in covered:
         out += _ground(fixed, radius)
     return out + _closures(mech, radius)
@@ -189,7 +189,7 @@ def _ground(points, radius: float) -> list[Shape]:
 def _closures(mech: Mechanism, radius: float) -> list[Shape]:
     """Anchor 1 as a clear shell, anchor 2 as a red core: closed is a core inside its shell."""
     out, bar = [], mech.model.njoints
-    for loop in mech.loops:
+    for loop in mech.anchored_loops:
         (joint1, place1), (joint2, place2) = anchors(mech.model, loop)
         shell = ball(joint1, place1.translation, SHELL * radius, color=CLOSED, opacity=0.35)
         core = ball(joint2, place2.translation, 0.55 * SHELL * radius, color=CLOSED)

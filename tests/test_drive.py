@@ -1,0 +1,94 @@
+"""Driven joints: constraints that move, and the motor torque as their multiplier."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from zoo import SliderCrank
+
+import pinconsist as pc
+
+OMEGA = 10.0
+
+
+def driven(rate=None, acceleration=None):
+    mech = pc.load("slider_crank")
+    return mech.with_loops(*mech.loops, pc.Drive("motor", "crank", lambda t: -1.0 + OMEGA * t, rate, acceleration))
+
+
+def inverse_dynamics(q, rate, angular):
+    """Crank torque of the slider-crank by hand: virtual power with one degree of freedom."""
+    masses = [pc.load("slider_crank").model.inertias[i].mass for i in (1, 2, 3)]
+    linkage = SliderCrank(masses)
+    x = linkage.T @ q
+    C = linkage.jacobian(x)
+    k = np.concatenate(([1.0], -np.linalg.solve(C[:, 1:], C[:, 0])))
+    xd = k * rate
+    kd = np.concatenate(([0.0], -np.linalg.solve(C[:, 1:], linkage.jacobian_rate(x, xd) @ k)))
+    return k @ (linkage.mass(x) @ (k * angular + kd * rate) + linkage.bias(x, xd))
+
+
+@pytest.mark.parametrize("derivatives", [True, False])
+def test_motor_torque_of_a_driven_crank(derivatives):
+    mech = driven(lambda t: OMEGA, lambda t: 0.0) if derivatives else driven()
+    sol = pc.simulate(mech, (0.0, 1.0), rtol=1e-9, atol=1e-9)
+    assert sol.success
+    np.testing.assert_allclose(sol.q[:, 0], -1.0 + OMEGA * sol.t, atol=1e-12)
+    np.testing.assert_allclose(sol.v[:, 0], OMEGA, atol=1e-8)
+    by_hand = [inverse_dynamics(q, OMEGA, 0.0) for q in sol.q]
+    np.testing.assert_allclose(sol.lam[:, -1], by_hand, atol=1e-5 * np.abs(by_hand).max())  # every step, the first too
+
+
+def test_fixed_step_orders_of_the_motor_torque():
+    """An accelerating drive, BDF-3: the multiplier converges with order 3 from the first step on."""
+    mech = pc.load("slider_crank")
+    curve = pc.Drive("motor", "crank", lambda t: -1.0 + 3 * t**2, lambda t: 6 * t, lambda t: 6.0)
+    mech = mech.with_loops(*mech.loops, curve)
+    errors = []
+    for h in (1 / 200, 1 / 400):
+        sol = pc.simulate(mech, (0.0, 1.0), step=h, max_order=3)
+        by_hand = np.array([inverse_dynamics(q, 6 * t, 6.0) for t, q in zip(sol.t, sol.q, strict=True)])
+        errors.append(np.abs(sol.lam[:, -1] - by_hand).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(3.0, abs=0.3)
+
+
+def test_energy_counts_what_the_motor_puts_in():
+    sol = pc.simulate(driven(), (0.0, 1.0), rtol=1e-8, atol=1e-8)
+    assert np.ptp(sol.check().energy) > 0.1 * np.abs(sol.check().energy).max()
+    assert sol.check().energy_error < 1e-5
+
+
+def test_assembly_starts_on_the_curve_with_its_velocity():
+    mech = driven()
+    assembly = pc.assemble(mech, t=0.1)
+    assert assembly.q[0] == pytest.approx(-1.0 + OMEGA * 0.1, abs=1e-12) and assembly.v[0] == pytest.approx(OMEGA)
+    assert assembly.mobility == 0
+    assert pc.simulate(mech, (0.1, 0.2), step=0.01).q[-1, 0] == pytest.approx(1.0)
+
+
+def test_prismatic_and_unbounded_joints_can_be_driven():
+    model = pin.Model()
+    slide = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    turn = model.addJoint(slide, pin.JointModelRUBZ(), pin.SE3.Identity(), "turn")
+    model.appendBodyToJoint(turn, pin.Inertia(2.0, np.zeros(3), np.eye(3) * 0.5), pin.SE3.Identity())
+    loops = [
+        pc.Drive("push", "slide", lambda t: t**2, lambda t: 2 * t, lambda t: 2.0),
+        pc.Drive("spin", "turn", lambda t: 3 * t**2, lambda t: 6 * t, lambda t: 6.0),
+    ]
+    sol = pc.simulate(pc.Mechanism(model, loops), (0.0, 2.0), rtol=1e-8, atol=1e-8)
+    assert sol.success
+    np.testing.assert_allclose(sol.lam, np.tile([2.0 * 2.0, 0.5 * 6.0], (len(sol.t), 1)), atol=1e-6)
+    np.testing.assert_allclose(sol.q[-1], [4.0, np.cos(12.0), np.sin(12.0)], atol=1e-9)
+
+
+def test_bad_drives_are_named():
+    mech = pc.load("slider_crank")
+    with pytest.raises(pc.InputError, match=r"'motor'.*no joint 'krank'"):
+        mech.with_loops(pc.Drive("motor", "krank", np.sin))
+    with pytest.raises(pc.InputError, match="curve must be a function"):
+        pc.Drive("motor", "crank", 3.0)
+    with pytest.raises(pc.UserFunctionError, match=r"'motor' raised ZeroDivisionError"):
+        pc.simulate(mech.with_loops(*mech.loops, pc.Drive("motor", "crank", lambda t: 1 / 0)), (0, 1))
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    with pytest.raises(pc.InputError, match="3 degrees of freedom"):
+        pc.Mechanism(model, [pc.Drive("motor", "ball", np.sin)])
