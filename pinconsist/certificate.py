@@ -69,7 +69,7 @@ def _certify_problem(solution, system):
     for t, p, v, lam in zip(solution.t, solution.q, solution.v, solution.lam, strict=True):
         _, gap, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
         phi.append(gap)
-        rho.append(system.velocity_residual(t, p, system.rate(t, p, v)))
+        rho.append(system.constraint(t, p, system.rate(t, p, v))[1])
         forces.append(G @ lam)
         exact.append(G @ solve_acceleration(system, t, p, v)[1])
     labels = [system.describe_row(row) for row in range(system.nc)]

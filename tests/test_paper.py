@@ -138,8 +138,8 @@ def test_velocity_shift_is_the_smallest_with_that_residual():
     system = system_of(problem)
     rho = np.array([0.3, -0.2])
     shift = velocity_shift(system, problem.t0, problem.p0, problem.v0, rho)
-    before = system.velocity_residual(problem.t0, problem.p0, system.rate(problem.t0, problem.p0, problem.v0))
-    after = system.velocity_residual(problem.t0, problem.p0, system.rate(problem.t0, problem.p0, problem.v0 + shift))
+    before = system.constraint(problem.t0, problem.p0, system.rate(problem.t0, problem.p0, problem.v0))[1]
+    after = system.constraint(problem.t0, problem.p0, system.rate(problem.t0, problem.p0, problem.v0 + shift))[1]
     np.testing.assert_allclose(after - before, rho, atol=1e-14)
     _, _, G, _ = system.evaluate(problem.t0, problem.p0, problem.v0, np.zeros(3))
     outside = shift - G @ np.linalg.lstsq(G, shift, rcond=None)[0]

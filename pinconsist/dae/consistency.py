@@ -45,7 +45,7 @@ def project_velocity(system, t, p, v):
     if not system.nc:
         return v
     for _ in range(2):  # the second turn takes out what is left where U is not linear in v
-        v = v - velocity_shift(system, t, p, v, system.velocity_residual(t, p, system.rate(t, p, v)))
+        v = v - velocity_shift(system, t, p, v, system.constraint(t, p, system.rate(t, p, v))[1])
     return v
 
 
@@ -106,7 +106,7 @@ def consistent_initial_velocity(system, t0, p0, v0, h):
     v1 = step.y[system.nx : system.nx + system.nv]
     t1, p1 = t0 + h, step.p
     U0, U1 = system.rate(t0, p0, v0), system.rate(t1, p1, v1)
-    change = system.velocity_residual(t1, p1, U1) - system.velocity_residual(t1, p1, U0)
+    change = system.constraint(t1, p1, U1)[1] - system.constraint(t1, p1, U0)[1]
     return v0 - velocity_shift(system, t1, p1, v1, change)
 
 
@@ -129,5 +129,5 @@ def consistent_history(system, h, k, base, Z, states):
     trial = trial_step(system, newest[0], h, k, base, Z.copy())
     t1 = newest[0] + h
     v1 = trial.y[system.nx : system.nx + system.nv]
-    rho = system.velocity_residual(t1, trial.p, system.rate(t1, trial.p, v1))
+    rho = system.constraint(t1, trial.p, system.rate(t1, trial.p, v1))[1]
     return [v + velocity_shift(system, t, p, v, rho) for t, p, v, _ in states]

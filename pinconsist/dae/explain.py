@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-
 NEARLY_DEPENDENT = 1e-2
 
 

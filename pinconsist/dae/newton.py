@@ -25,6 +25,7 @@ from ..errors import PinconsistError, SingularSystemError
 EPS = np.finfo(float).eps
 MAX_ITERATIONS = 10
 FRESH_RATE = 0.4  # a slower contraction asks for a new and complete matrix
+TRUST = 10  # steps for which a measured contraction is believed
 STAGNANT = 0.7  # and a slower one than this, close to the solution, is rounding
 
 
@@ -90,14 +91,18 @@ class Newton:
         self.system, self.correct = system, correct
         self.nfev = self.njev = self.nlu = 0
         nv, nc = system.nv, system.nc
-        self._kkt, self._rhs = KKT(nv, nc), np.zeros((nv + nc, 3), order="F")
+        self._kkt = KKT(nv, nc)
+        self._rhs = np.zeros((nv + nc, 3), order="F")
         self._dynamics, self._constraint, self._hidden = self._rhs[:nv, 0], self._rhs[nv:, 1], self._rhs[nv:, 2]
+        self._contraction, self._measured_at, self._trust = 1.0, 1.0, 0
 
     def attempt(self, t, base, psi, predicted, c, weight, tol) -> Attempt:
         """Solve one step.
 
         One factorisation serves three right-hand sides: (r₁, 0) for the dynamics, (0, r₂) for the constraint, whose
-        rounding noise eps/c is judged only by the position change it makes, and (0, ρ) for the correction.
+        rounding noise eps/c is judged only by the position change it makes, and (0, ρ) for the correction. Where the
+        contraction measured lately promises that one iteration is enough for the dynamics, only the constraint is
+        evaluated once more, and closed.
 
         Parameters
         ----------
@@ -144,13 +149,18 @@ class Newton:
             steps = kkt.solve(self._rhs)
             before, x = x, x - steps.dot(raw)
             v, m = x[:nv], x[nv:]
-            p, xi = system.position(t, base, psi_x, c, v)
             sizes = steps[:nv, :2] * weights
             size = sqrt(np.vdot(sizes, sizes) / nv)
             if not isfinite(size):
                 return Attempt(predicted, p, iteration, "the residual is not finite")
+            p, xi = system.position(t, base, psi_x, c, v)
+            if iteration == 1 and self._is_enough(size, c, tol):
+                return self._close(t, base, psi_x, c, p, x)
             if iteration > 1:
                 rate = size / last
+            if iteration == 2:
+                self._contraction = max(rate, 0.3 * self._contraction)
+                self._measured_at, self._trust = c, TRUST
             settled = size <= tol or (iteration > 1 and rate < 1.0 and size * rate / (1.0 - rate) <= tol)
             if settled or (rate > STAGNANT and _at_floor(steps[:nv], v, p)):
                 if self.correct:  # in place of W⁻¹Φ/c the step that leaves ρ = 0
@@ -162,6 +172,21 @@ class Newton:
             slow = rate > FRESH_RATE or size * rate ** (MAX_ITERATIONS - iteration) > tol
             last = size
         return Attempt(predicted, p, iteration, "Newton did not converge")
+
+    def _is_enough(self, size, c, tol) -> bool:
+        """Whether the contraction, which grows like c², promises that the first increment was the last that counts."""
+        self._trust -= 1
+        return self.correct and self._trust >= 0 and self._contraction * (c / self._measured_at) ** 2 * size <= tol
+
+    def _close(self, t, base, psi_x, c, p, x) -> Attempt:
+        """Close the loops at the new position and take ρ out: the dynamics need no second look."""
+        system, nv = self.system, self.system.nv
+        self._constraint[:], self._hidden[:] = system.constraint(t, p, system.rate(t, p, x[:nv]))
+        steps = self._kkt.solve(self._rhs[:, 1:])
+        p, xi = system.position(t, base, psi_x, c, x[:nv] - steps[:nv, 0] / c)
+        x -= steps[:, 1]
+        x[nv:] /= c
+        return Attempt(np.concatenate((xi, x)), p, 1)
 
 
 _CORRECTED = np.array([1.0, 0.0, 1.0])

@@ -59,8 +59,8 @@ class Index3System(Protocol):
     def force_gradient(self, t, p, v, m):
         """∂(G m)/∂ξ, (nv, nv) in velocity columns, where :meth:`linearize` leaves it out; else zero."""
 
-    def velocity_residual(self, t, p, rate):
-        """ρ = Φ_p U + Φ_t, shape (nc,), with U = `rate`: zero on the hidden constraint."""
+    def constraint(self, t, p, rate):
+        """(Φ, ρ), each (nc,): the constraint, and the hidden one ρ = Φ_p U + Φ_t with U = `rate`."""
 
     def acceleration_bias(self, t, p, v):
         """γ with dρ/dt = W v' + γ, shape (nc,)."""
@@ -162,7 +162,7 @@ class HessenbergProblem:
         return p, p
 
     def evaluate(self, t, p, v, a):
-        rho = self.velocity_residual(t, p, self.rate(t, p, v))
+        rho = self._hidden(t, p, self.rate(t, p, v))
         return a - self.F(t, p, v), np.asarray(self.R(t, p), float), np.asarray(self.G(t, p, v), float), rho
 
     def linearize(self, t, p, v, a, m, c, A):
@@ -180,7 +180,10 @@ class HessenbergProblem:
     def force_gradient(self, t, p, v, m):
         return 0.0  # linearize has it
 
-    def velocity_residual(self, t, p, rate):
+    def constraint(self, t, p, rate):
+        return np.asarray(self.R(t, p), float), self._hidden(t, p, rate)
+
+    def _hidden(self, t, p, rate):
         if self._R_p is None:
             return _along(self.R, t, p, 1.0, rate)
         R_t = self._R_t(t, p) if self._R_t is not None else _along(self.R, t, p, 1.0, np.zeros_like(p))
@@ -189,7 +192,7 @@ class HessenbergProblem:
     def acceleration_bias(self, t, p, v):
         U = self.rate(t, p, v)
         if self._R_p is not None:
-            return _along(lambda t, p: self.velocity_residual(t, p, self.rate(t, p, v)), t, p, 1.0, U)
+            return _along(lambda t, p: self._hidden(t, p, self.rate(t, p, v)), t, p, 1.0, U)
         return _second_along(self.R, t, p, U, _along(lambda t, p: self.rate(t, p, v), t, p, 1.0, U))
 
     def position_scale(self, p):

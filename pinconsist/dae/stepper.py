@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import SingularSystemError
 from . import bdf, consistency, start
 from .dense import Segment
-from .newton import Newton
+from .newton import EPS, Newton
 
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
 
@@ -81,7 +82,7 @@ class Stepper:
             else:
                 d = step.y - predicted
                 error = control.error(system, d, k, weight)
-                if error <= 1.0:
+                if error <= 1.0 or error <= self._rounding_error(t_next, step, weight):
                     break
                 smaller, self.k = control.after_rejection(system, Z, d, k, h, error, weight)
             if abs(smaller) < SMALLEST * np.spacing(abs(self.t)):
@@ -128,6 +129,13 @@ class Stepper:
             return t_end
         return self.t + self.h
 
+    def _rounding_error(self, t, step, weight) -> float:
+        """The error that rounding leaves in this step: beside a singular position smaller steps cannot lower it."""
+        system, k = self.system, self.k
+        noise = np.zeros(len(weight))
+        noise[system.nx :] = 2.0 ** (k + 1) * _velocity_rounding(system, t, step.p, step.y[system.nx :][: system.nv])
+        return self.control.error(system, noise, k, weight)
+
     def _make_consistent(self, Z, states):
         system, k = self.system, self.k
         t0, p0, v0, _ = states[0]
@@ -137,3 +145,19 @@ class Stepper:
             velocities = consistency.consistent_history(system, self.h, k, self.base, Z, states)
         D = bdf.differences(len(states) - 1)
         Z[: len(states), system.nx : system.nx + system.nv] = D @ np.array(velocities[::-1])
+
+
+def _velocity_rounding(system, t, p, v) -> float:
+    """Velocity that eps in v and in Φ brings about: positions move by eps/σ, W turns with them, v by eps/σ² |v|."""
+    nv, nc = system.nv, system.nc
+    size = EPS * np.abs(v).max()
+    if not nc:
+        return size
+    try:
+        kkt = consistency.kkt_at(system, t, p, v)
+    except SingularSystemError:
+        return np.inf
+    W = system.linearize(t, p, v, np.zeros(nv), np.zeros(nc), 0.0, kkt.A)
+    turn, inverse = np.abs(W), np.abs(kkt.solve(np.vstack((np.zeros((nv, nc)), np.eye(nc))))[:nv])
+    s = inverse.sum(axis=1).max()
+    return size * (1.0 + (1.0 + np.abs(p).max()) * s**2 * turn.sum(axis=1).max())

@@ -113,10 +113,11 @@ class MechanismSystem:
         at, step = force(p), 1e-7
         return np.column_stack([(force(self.integrate(p, step * e)) - at) / step for e in np.eye(self.nv)])
 
-    def velocity_residual(self, t, p, rate):
+    def constraint(self, t, p, rate):
         pin.computeJointJacobians(self.model, self.data, p)
-        rho = self._kept_rows(self.data, p, t)[1].dot(rate)
-        return rho + self.rows.time_rate(t)[self.kept] if self._moving else rho
+        phi, J = self._kept_rows(self.data, p, t)
+        rho = J.dot(rate)
+        return phi, rho + self.rows.time_rate(t)[self.kept] if self._moving else rho
 
     def acceleration_bias(self, t, p, v):
         pin.forwardKinematics(self.model, self.data, p, v, np.zeros(self.nv))
