@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from ..errors import PinconsistError
-from . import check, compare, models, replay, simulate
+from . import bench, check, compare, models, replay, simulate
 from .output import EXIT_CODES, INTERRUPTED, WRONG_INPUT, print_error
 
 OVERVIEW = """\
@@ -23,6 +23,7 @@ pinconsist simulates closed-chain mechanisms, with constraint forces that are ri
   pinconsist simulate four_bar --html run.html        simulate 5 s, certify it, write a page that plays it
   pinconsist replay four_bar                          simulate 5 s and play them in the browser
   pinconsist compare problem51 --step 0.01 0.001      force errors from exact and from consistent initial values
+  pinconsist bench --overhead                         what a step costs on this machine
 
 A scene is a built-in name, a .urdf file, or a folder that holds one. Each command explains itself:
 pinconsist COMMAND --help"""
@@ -38,6 +39,7 @@ for command, function in (
     ("check", check.check),
     ("models", models.models),
     ("replay", replay.replay),
+    ("bench", bench.bench),
 ):
     app.command(command, epilog=EXIT_CODES)(function)
 

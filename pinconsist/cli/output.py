@@ -58,6 +58,15 @@ def number(value) -> str:
     return f"{value:.4e}"
 
 
+def machine() -> str:
+    """The machine and the versions behind a measurement, in a line."""
+    import platform
+    from importlib.metadata import version
+
+    packages = ", ".join(f"{name} {version(name)}" for name in ("pin", "numpy", "scipy"))
+    return f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {packages}"
+
+
 def counted(count: int, noun: str) -> str:
     """``1 loop``, ``2 loops``."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

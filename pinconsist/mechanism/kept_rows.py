@@ -52,6 +52,11 @@ class KeptRows:
         self._values = [data.extract() for data in self._datas]  # references, which calc refreshes
         self._index = _as_slice(np.array(indices, dtype=int))
 
+    @property
+    def constraints(self):
+        """Pinocchio's constraint models and data behind the fast rows."""
+        return self._models, self._datas
+
     def evaluate(self, data: pin.Data, q, t):
         """(Φ, J), shapes (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`."""
         values = self._values

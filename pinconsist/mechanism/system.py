@@ -43,7 +43,8 @@ class MechanismSystem:
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
         self.kept = independent_rows(self.loop_rows(q)[1])
         self.nc = len(self.kept)
-        self._kept_rows = KeptRows(self.model, self.rows, self.kept).evaluate
+        self.kept_rows = KeptRows(self.model, self.rows, self.kept)
+        self._kept_rows = self.kept_rows.evaluate
         self._dropped_are_zero = self._structurally_zero(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
         forces = [*model_forces(self.model), *mechanism.forces]
         forces = [force.bind(self.model) if hasattr(force, "bind") else force for force in forces]

@@ -1,0 +1,158 @@
+"""Measurements: what a step costs beside Pinocchio's own calls, and how a folder of robots runs."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import AssemblyError, InputError, PinconsistError
+from ..formats.catalogue import load
+from ..mechanism.assembly import assemble
+from ..mechanism.system import MechanismSystem
+from ..simulate import simulate
+
+SPEED = {"crank": 12.0}  # rad/s, the timing scene
+
+
+@dataclass(frozen=True)
+class Overhead:
+    """Wall time of a run beside the bare Pinocchio calls of one residual.
+
+    Attributes
+    ----------
+    rtol : float
+    steps : int
+        Accepted steps.
+    residuals : float
+        Residual evaluations per accepted step.
+    step_time, bare_time : float
+        Median wall time of an accepted step (of the whole run, assembly and start included), and of the calls rnea,
+        computeJointJacobians, constraint calc and Jacobian, s.
+    ratio : float
+        Median of their ratios, measured alternately.
+    """
+
+    rtol: float
+    steps: int
+    residuals: float
+    step_time: float
+    bare_time: float
+    ratio: float
+
+
+def overhead(tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> list[Overhead]:
+    """Measure the crank-rocker (5 s from 12 rad/s) against the bare calls on its model, alternately."""
+    mech = load("crank_rocker")
+    system = MechanismSystem(mech, mech.guess)
+    rows = []
+    for tol in tolerances:
+        times = []
+        for _ in range(repeats):
+            start = time.perf_counter()
+            sol = simulate(mech, (0.0, 5.0), {"crank": 0.0}, SPEED, rtol=tol, atol=tol)
+            times.append(((time.perf_counter() - start) / sol.nsteps, _bare_calls(system, mech.guess)))
+        step, bare = np.array(times).T
+        rows.append(
+            Overhead(tol, sol.nsteps, sol.nfev / sol.nsteps, *map(float, np.median((step, bare, step / bare), axis=1)))
+        )
+    return rows
+
+
+def _bare_calls(system, q, count=2000) -> float:
+    """Seconds that one set of Pinocchio's calls of a residual takes."""
+    model, data, v, a = system.model, system.data, np.ones(system.nv), np.ones(system.nv)
+    models, datas = system.kept_rows.constraints
+    pairs = list(zip(models, datas, strict=True))
+    start = time.perf_counter()
+    for _ in range(count):
+        pin.rnea(model, data, q, v, a)
+        pin.computeJointJacobians(model, data, q)
+        for constraint, constraint_data in pairs:
+            constraint.calc(model, data, constraint_data)
+        pin.getConstraintsJacobian(model, data, models, datas)
+    return (time.perf_counter() - start) / count
+
+
+@dataclass(frozen=True)
+class RobotRun:
+    """One robot, released from rest under gravity.
+
+    Attributes
+    ----------
+    robot, closure : str
+        Name; how its loops are closed: "as written", "point" or "re-anchored".
+    rtol : float
+    status : str
+        "done", or the message of a failure.
+    steps : int
+    gap : float
+        Largest distance of the two anchors of any loop in any row, by forward kinematics, m.
+    energy_error : float
+        Of the largest kinetic energy.
+    step_time : float
+        Wall time of an accepted step, s.
+    """
+
+    robot: str
+    closure: str
+    rtol: float
+    status: str
+    steps: int = 0
+    gap: float = 0.0
+    energy_error: float = 0.0
+    step_time: float = 0.0
+
+
+def robots(folder, until=0.5, tolerances=(1e-6, 1e-7)):
+    """Simulate every robot of a folder (one sub-folder each) from rest; yields a :class:`RobotRun` at a time.
+
+    A robot whose loops cannot close as written is run with point closures and re-anchored.
+    """
+    found = sorted(path.parent for path in Path(folder).glob("*/*.urdf"))
+    if not found:
+        raise InputError(f"no folder with a .urdf file in {folder}")
+    for path in found:
+        for closure, mech in _variants(path):
+            for tol in tolerances:
+                yield _run(path.name, closure, mech, tol, until)
+
+
+def _variants(path):
+    mech = load(path)
+    try:
+        assemble(mech)
+    except AssemblyError:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # which anchors move is what `check` tells
+            return [("point", load(path, closure="point")), ("re-anchored", mech.reanchored())]
+    return [("as written", mech)]
+
+
+def _run(name, closure, mech, tol, until):
+    start = time.perf_counter()
+    try:
+        sol = simulate(mech, (0.0, until), rtol=tol, atol=tol)
+    except PinconsistError as error:
+        return RobotRun(name, closure, tol, str(error))
+    elapsed = time.perf_counter() - start
+    gap, energy = _largest_gap(mech, sol.q), sol.check().energy_error
+    status = "done" if sol.success else sol.message
+    return RobotRun(name, closure, tol, status, sol.nsteps, gap, energy, elapsed / max(sol.nsteps, 1))
+
+
+def _largest_gap(mech, configurations) -> float:
+    model, data, gap = mech.model, mech.model.createData(), 0.0
+    for q in configurations:
+        pin.framesForwardKinematics(model, data, q)
+        for loop in mech.anchored_loops:
+            ends = [
+                (data.oMf[model.getFrameId(frame)] * place).translation
+                for frame, place in ((loop.frame1, loop.placement1), (loop.frame2, loop.placement2))
+            ]
+            gap = max(gap, float(np.linalg.norm(ends[1] - ends[0]) - (loop.length or 0.0)))
+    return gap
