@@ -1,65 +1,82 @@
-"""Index-3 BDF for closed-chain mechanisms on Pinocchio, with multipliers that are right from the first step on."""
+"""Index-3 BDF for closed-chain mechanisms on Pinocchio, with multipliers that are right from the first step on.
+
+The public names below are loaded when they are first used, so that importing the package costs little.
+"""
 
 import logging as _logging
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING
 
-from .dae.consistency import consistent_initial_velocity
-from .dae.events import Event
-from .dae.problem import HessenbergProblem
-from .errors import (
-    AssemblyError,
-    FormatError,
-    InputError,
-    MissingExtraError,
-    PinconsistError,
-    SingularSystemError,
-    UserFunctionError,
-)
-from .formats.catalogue import load, models
-from .mechanism.assembly import Assembly, assemble
-from .mechanism.drive import Drive
-from .mechanism.forces import ConstantTorque, JointDamping, JointFriction, Torque
-from .mechanism.loops import Loop
-from .mechanism.mechanism import Mechanism
-from .mechanism.springs import SpringDamper
-from .simulate import integrate, simulate
-from .solution import Solution
-from .study.compare import compare
-from .study.reference import reference_problem, reference_solution
-from .view.meshcat import export_html, replay
+if TYPE_CHECKING:
+    from .certificate import Certificate
+    from .dae.consistency import consistent_initial_velocity
+    from .dae.events import Event
+    from .dae.problem import HessenbergProblem
+    from .errors import (
+        AssemblyError,
+        FormatError,
+        InputError,
+        MissingExtraError,
+        PinconsistError,
+        SingularSystemError,
+        UserFunctionError,
+    )
+    from .formats.catalogue import load, models
+    from .mechanism.assembly import Assembly, assemble
+    from .mechanism.drive import Drive
+    from .mechanism.forces import ConstantTorque, JointDamping, JointFriction, Torque
+    from .mechanism.loops import Loop
+    from .mechanism.mechanism import Mechanism
+    from .mechanism.springs import SpringDamper
+    from .simulation import integrate, simulate
+    from .solution import Solution
+    from .study.compare import compare
+    from .study.reference import reference_problem, reference_solution
+    from .view.meshcat import export_html, replay
+    from .view.plots import plot_comparison, plot_solution
 
 __version__ = "0.1.0"
 
+_WHERE = {
+    "certificate": ("Certificate",),
+    "dae.consistency": ("consistent_initial_velocity",),
+    "dae.events": ("Event",),
+    "dae.problem": ("HessenbergProblem",),
+    "errors": (
+        "AssemblyError",
+        "FormatError",
+        "InputError",
+        "MissingExtraError",
+        "PinconsistError",
+        "SingularSystemError",
+        "UserFunctionError",
+    ),
+    "formats.catalogue": ("load", "models"),
+    "mechanism.assembly": ("Assembly", "assemble"),
+    "mechanism.drive": ("Drive",),
+    "mechanism.forces": ("ConstantTorque", "JointDamping", "JointFriction", "Torque"),
+    "mechanism.loops": ("Loop",),
+    "mechanism.mechanism": ("Mechanism",),
+    "mechanism.springs": ("SpringDamper",),
+    "simulation": ("integrate", "simulate"),
+    "solution": ("Solution",),
+    "study.compare": ("compare",),
+    "study.reference": ("reference_problem", "reference_solution"),
+    "view.meshcat": ("export_html", "replay"),
+    "view.plots": ("plot_comparison", "plot_solution"),
+}
+_MODULE_OF = {name: module for module, names in _WHERE.items() for name in names}
+__all__ = sorted(_MODULE_OF)
+
 _logging.getLogger(__name__).addHandler(_logging.NullHandler())  # silent unless the application listens
 
-__all__ = [
-    "Assembly",
-    "AssemblyError",
-    "ConstantTorque",
-    "Drive",
-    "Event",
-    "FormatError",
-    "HessenbergProblem",
-    "InputError",
-    "JointDamping",
-    "JointFriction",
-    "Loop",
-    "Mechanism",
-    "MissingExtraError",
-    "PinconsistError",
-    "SingularSystemError",
-    "Solution",
-    "SpringDamper",
-    "Torque",
-    "UserFunctionError",
-    "assemble",
-    "compare",
-    "consistent_initial_velocity",
-    "export_html",
-    "integrate",
-    "load",
-    "models",
-    "reference_problem",
-    "reference_solution",
-    "replay",
-    "simulate",
-]
+
+def __getattr__(name: str):
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(_import_module(f".{_MODULE_OF[name]}", __name__), name)
+    return value
+
+
+def __dir__():
+    return [*globals(), *__all__]

@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[1] / "pinconsist"
 FILES = {path.relative_to(ROOT).as_posix(): path for path in sorted(ROOT.rglob("*.py"))}
 TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
 
-# Which part may import which. simulate.py and study join dae and mechanism into runs; mechanism knows nothing of dae
+# Which part may import which. simulation.py and study join dae and mechanism into runs; mechanism knows nothing of dae
 # (it answers the protocol Index3System without importing it), the certificate only how to solve for accelerations.
 MAY_IMPORT = {
     "errors": set(),
@@ -17,11 +17,11 @@ MAY_IMPORT = {
     "mechanism": {"errors"},
     "certificate": {"dae", "mechanism", "errors"},
     "solution": {"certificate", "errors"},
-    "simulate": {"dae", "mechanism", "solution", "errors"},
+    "simulation": {"dae", "mechanism", "solution", "errors"},
     "formats": {"mechanism", "errors"},
     "view": {"mechanism", "errors"},
-    "study": {"dae", "mechanism", "errors", "simulate", "solution"},
-    "cli": {"simulate", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"},
+    "study": {"dae", "mechanism", "errors", "simulation", "solution"},
+    "cli": {"simulation", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"},
 }
 DAE_SEEN_BY = {"certificate": {"newton"}, "cli": set()}
 OPTIONAL = {"meshcat", "matplotlib", "rich", "typer", "yaml", "defusedxml", "coal"}

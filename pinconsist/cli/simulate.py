@@ -129,7 +129,7 @@ def simulate(
 
 def run(mech, span, **options):
     """Simulate, with a progress bar where somebody may watch it; Ctrl-C returns what was reached."""
-    from ..simulate import simulate as simulate_mechanism
+    from ..simulation import simulate as simulate_mechanism
 
     with Progress(*span) if output.on_terminal() else nullcontext() as progress:
         return simulate_mechanism(mech, span, callback=progress, **options)

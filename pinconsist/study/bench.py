@@ -14,7 +14,7 @@ from ..errors import AssemblyError, InputError, PinconsistError
 from ..formats.catalogue import load
 from ..mechanism.assembly import assemble
 from ..mechanism.system import MechanismSystem
-from ..simulate import simulate
+from ..simulation import simulate
 
 SPEED = {"crank": 12.0}  # rad/s, the timing scene
 

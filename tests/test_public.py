@@ -1,0 +1,33 @@
+"""The public names, listed once more so that they change only on purpose; and that they are loaded lazily."""
+
+import subprocess
+import sys
+
+import pinconsist as pc
+
+NAMES = """
+Assembly AssemblyError Certificate ConstantTorque Drive Event FormatError HessenbergProblem InputError JointDamping
+JointFriction Loop Mechanism MissingExtraError PinconsistError SingularSystemError Solution SpringDamper Torque
+UserFunctionError assemble compare consistent_initial_velocity export_html integrate load models plot_comparison
+plot_solution reference_problem reference_solution replay simulate
+""".split()
+
+
+def test_public_names():
+    assert sorted(pc.__all__) == sorted(NAMES)
+    for name in NAMES:
+        assert getattr(pc, name).__doc__, name
+        assert name in dir(pc)
+
+
+def test_importing_loads_no_scipy_and_no_viewer():
+    heavy = ("scipy", "pinocchio", "yaml", "typer", "matplotlib", "meshcat")
+    code = f"import sys, pinconsist; print([m for m in {heavy} if m in sys.modules])"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert printed.strip() == "[]"
+
+
+def test_the_function_simulate_is_not_hidden_by_a_module():
+    code = "import pinconsist.simulation, pinconsist as pc; print(callable(pc.simulate), callable(pc.integrate))"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert printed.strip() == "True True"
