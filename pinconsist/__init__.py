@@ -5,35 +5,6 @@ The public names below are loaded when they are first used, so that importing th
 
 import logging as _logging
 from importlib import import_module as _import_module
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from .certificate import Certificate
-    from .dae.consistency import consistent_initial_velocity
-    from .dae.events import Event
-    from .dae.problem import HessenbergProblem
-    from .errors import (
-        AssemblyError,
-        FormatError,
-        InputError,
-        MissingExtraError,
-        PinconsistError,
-        SingularSystemError,
-        UserFunctionError,
-    )
-    from .formats.catalogue import load, models
-    from .mechanism.assembly import Assembly, assemble
-    from .mechanism.drive import Drive
-    from .mechanism.forces import ConstantTorque, JointDamping, JointFriction, Torque
-    from .mechanism.loops import Loop
-    from .mechanism.mechanism import Mechanism
-    from .mechanism.springs import SpringDamper
-    from .simulation import integrate, simulate
-    from .solution import Solution
-    from .study.compare import compare
-    from .study.reference import reference_problem, reference_solution
-    from .view.meshcat import export_html, replay
-    from .view.plots import plot_comparison, plot_solution
 
 __version__ = "0.1.0"
 

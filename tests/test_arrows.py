@@ -20,7 +20,7 @@ MAY_IMPORT = {
     "simulation": {"dae", "mechanism", "solution", "errors"},
     "formats": {"mechanism", "errors"},
     "view": {"mechanism", "errors"},
-    "study": {"dae", "mechanism", "errors", "simulation", "solution"},
+    "study": {"dae", "mechanism", "formats", "errors", "simulation", "solution"},
     "cli": {"simulation", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"},
 }
 DAE_SEEN_BY = {"certificate": {"newton"}, "cli": set()}
