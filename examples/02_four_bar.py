@@ -18,4 +18,4 @@ def main() -> float:
 
 
 if __name__ == "__main__":
-    print(f"{main():.4f} rad")  # -1.0290 rad
+    print(f"{main():.4f} rad")  # 4.1433 rad

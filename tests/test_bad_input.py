@@ -263,7 +263,7 @@ def test_general_problem_off_its_constraint_or_not_finite():
         pendulum(p0=1.1 * P0)
     with pytest.raises(pc.InputError, match="F is not finite at t = 0"):
         pendulum(F=lambda t, p, v: np.array([0.0, nan]))
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(pc.UserFunctionError, match="G of the problem raised ZeroDivisionError"):
         pendulum(G=lambda t, p, v: 1 / 0)
 
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, UserFunctionError
 
 
 class Index3System(Protocol):
@@ -113,8 +113,9 @@ class HessenbergProblem:
         for name, function in given.items():
             if not (callable(function) or (function is None and "_" in name)):
                 raise InputError(f"HessenbergProblem: {name} must be callable, got {type(function).__name__}")
-        self.U, self.F, self.G, self.R = U, F, G, R
-        self._R_p, self._R_t, self._U_p, self._U_v = R_p, R_t, U_p, U_v
+        self.U, self.F, self.G, self.R, self._R_p, self._R_t, self._U_p, self._U_v = (
+            _guarded(name, function) for name, function in given.items()
+        )
         self.npos = self.nx = self.nv = self.nc = 0
 
     def at(self, t, p, v) -> HessenbergProblem:
@@ -215,6 +216,20 @@ class HessenbergProblem:
         if self._U_v is not None:
             return np.asarray(self._U_v(t, p, v), float)
         return _columns(lambda x: np.asarray(self.U(t, p, x), float), v)
+
+
+def _guarded(name, function):
+    """The user's function, with its exceptions told as ours."""
+    if function is None:
+        return None
+
+    def call(t, *state):
+        try:
+            return function(t, *state)
+        except Exception as error:
+            raise UserFunctionError(f"{name} of the problem", t, error) from error
+
+    return call
 
 
 def _columns(function, x):
