@@ -10,7 +10,6 @@ __version__ = "0.1.0"
 
 _WHERE = {
     "certificate": ("Certificate",),
-    "dae.consistency": ("consistent_initial_velocity",),
     "dae.events": ("Event",),
     "dae.problem": ("HessenbergProblem",),
     "errors": (
@@ -29,7 +28,7 @@ _WHERE = {
     "mechanism.loops": ("Loop",),
     "mechanism.mechanism": ("Mechanism",),
     "mechanism.springs": ("SpringDamper",),
-    "simulation": ("integrate", "simulate"),
+    "simulation": ("consistent_initial_velocity", "integrate", "simulate"),
     "solution": ("Solution",),
     "study.compare": ("compare",),
     "study.reference": ("reference_problem", "reference_solution"),

@@ -25,7 +25,7 @@ class Certificate:
         |J v + Φ_t|, m/s or rad/s. Raw BDF (``exact``, ``initial``) leaves O(hᵏ) here by its nature.
     force : float
         |Jᵀλ - Jᵀλ*| over the largest |Jᵀλ*|, λ* being the multiplier of the differential equation at the same q, v.
-        For a general problem, G for Jᵀ.
+        For a general problem, G for Jᵀ. Rows of the one-step start, whose λ is λ* by construction, do not count.
     force_first : float
         The same at the first step of the multistep method.
     energy_error : float or None
@@ -53,7 +53,22 @@ class Certificate:
         ]
         if self.energy_error is not None:
             lines.append(f"energy balance         {self.energy_error:9.2e}  of the largest kinetic energy")
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"look here: {concern}" for concern in self.concerns)])
+
+    @property
+    def concerns(self) -> list[str]:
+        """What a person should look at before believing the solution; empty where nothing stands out."""
+        found = []
+        if self.position > 1e-8:
+            found.append(f"a loop gapes by {self.position:.1e}")
+        if self.force > 0.01:
+            found.append("the constraint forces are off by more than 1 %: tighten rtol, or a force jumps within a step")
+        if self.energy_error is not None and self.energy_error > 0.01:
+            found.append(
+                "the energy balance misses more than 1 %: tighten rtol, or a force or a drive jumps (restart there "
+                "by an event), or the rows are too few to see the work of the forces"
+            )
+        return found
 
 
 def certify(solution, mechanism=None) -> Certificate:
@@ -118,13 +133,14 @@ def _certificate(solution, labels, phi, rho, forces, exact, balance, energy):
         i, row = np.unravel_index(np.argmax(phi), phi.shape)
         where = f"{labels[row]} at t = {solution.t[i]:.6g}"
     scale = np.max(np.abs(exact), initial=0.0) or 1.0
-    first = 1 + int(np.argmax(solution.order > 0)) if (solution.order > 0).any() else 1
+    multistep = 1 + np.flatnonzero(solution.order > 0)  # empty with t_eval: then all rows count
+    error = error[multistep] if len(multistep) else error
     return Certificate(
         position=float(np.max(phi, initial=0.0)),
         position_at=where,
         velocity=float(np.max(np.abs(rho), initial=0.0)),
         force=float(np.max(error, initial=0.0) / scale),
-        force_first=float(np.max(error[first : first + 1], initial=0.0) / scale),
+        force_first=float(np.max(error[:1], initial=0.0) / scale),
         energy_error=balance,
         energy=energy,
     )

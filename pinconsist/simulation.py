@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from .dae import consistency as paper
 from .dae import integrate as dae
 from .dae.bdf import MAX_ORDER
-from .dae.consistency import MODES
 from .dae.events import as_events
 from .dae.problem import HessenbergProblem
 from .dae.record import Wishes
@@ -158,7 +158,7 @@ def integrate(
     span = _span(t_span)
     plan = _method(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
-    system = _system(system, span[0], p0, v0)
+    system = system_of(system, span[0], p0, v0)
     phi = system.evaluate(span[0], p0, v0, np.zeros(system.nv))[1]
     size = np.max(np.abs(phi), initial=0.0)
     if not size <= 1e-6 * (1.0 + np.max(np.abs(p0), initial=0.0)):
@@ -172,7 +172,36 @@ def integrate(
     return Solution.from_trajectory(trajectory, system, plan)
 
 
-def _system(system, t0, p0, v0):
+def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:
+    """The paper's numerically consistent initial velocity for implicit Euler with this step.
+
+    One trial step gives p₁, v₁; then v₀ := v(0) - B₁ (v₁ - v(0)) with B₁ = M₁⁻¹ J₁ᵀ (J₁ M₁⁻¹ J₁ᵀ)⁻¹ J₁, a change of
+    O(step), after which the first multiplier is right to O(step) instead of O(1).
+
+    Parameters
+    ----------
+    system : Mechanism or HessenbergProblem or Index3System
+    t0 : float
+        Start, s.
+    p0, v0 : array
+        Exact (consistent) initial values.
+    step : float
+        The step that will be taken, s; negative backwards.
+
+    Returns
+    -------
+    ndarray, shape (nv,)
+
+    References
+    ----------
+    C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), sections 3 and 4.
+    """
+    p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
+    return paper.consistent_initial_velocity(system_of(system, t0, p0, v0), t0, p0, v0, step)
+
+
+def system_of(system, t0, p0, v0):
+    """The Index3System of a Mechanism or HessenbergProblem at a state; anything else is one already, or InputError."""
     if isinstance(system, Mechanism):
         if p0.shape != (system.nq,) or v0.shape != (system.nv,):
             raise InputError(
@@ -211,8 +240,8 @@ def _span(t_span):
 def _method(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps) -> dae.Method:
     if method not in ("BDF", "ImplicitEuler"):
         raise InputError(f"unknown method {method!r}; known are 'BDF' and 'ImplicitEuler'")
-    if consistency not in MODES:
-        raise InputError(f"unknown consistency {consistency!r}; known are {', '.join(map(repr, MODES))}")
+    if consistency not in paper.MODES:
+        raise InputError(f"unknown consistency {consistency!r}; known are {', '.join(map(repr, paper.MODES))}")
     highest = MAX_ORDER if step is not None else MAX_ADAPTIVE_ORDER
     if isinstance(max_order, bool) or not isinstance(max_order, int | np.integer) or not 1 <= max_order <= highest:
         raise InputError(f"max_order must be a whole number from 1 to {highest}, got {max_order!r}")

@@ -16,7 +16,7 @@ from .errors import FormatError, InputError
 FORMAT = 1
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Solution:
     """What a simulation reached. Rows are times; arrays are read-only.
 
@@ -83,15 +83,21 @@ class Solution:
         for array in arrays:
             array.setflags(write=False)
         t, q, v, lam, h, order = arrays
+        scene = getattr(system, "mechanism", None)
+        about = {"forces": len(scene.forces)} if scene else {}
         return cls(
-            t=t, q=q, v=v, lam=lam, h=h, order=order, system=system, method=plan.describe(),
-            scene=getattr(getattr(system, "mechanism", None), "name", ""),
+            t=t, q=q, v=v, lam=lam, h=h, order=order, system=system, method=plan.describe() | about,
+            scene=scene.name if scene else "",
             success=trajectory.status >= 0, sol=trajectory.dense,
             t_events=[np.array([row[0] for row in rows]) for rows in trajectory.events],
             q_events=[np.array([row[1] for row in rows]) for rows in trajectory.events],
             v_events=[np.array([row[2] for row in rows]) for rows in trajectory.events],
             **{name: getattr(trajectory, name) for name in _OUTCOME},
         )  # fmt: skip
+
+    def __repr__(self):
+        first = self.message.split(". ")[0]
+        return f"Solution of {self.scene or 'a problem'}: {len(self.t)} rows, {self.nsteps} steps, {first!r}"
 
     @property
     def y(self) -> np.ndarray:
@@ -104,10 +110,22 @@ class Solution:
         Parameters
         ----------
         mechanism : Mechanism, optional
-            Needed for a solution read from a file.
+            Needed for a solution read from a file: the mechanism with the forces of the run, those given to
+            ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`).
+
+        Raises
+        ------
+        InputError
+            No mechanism, or one with another number of forces than the run had.
         """
         if mechanism is None and self.system is None:
             raise InputError("a solution read from a file is checked with its mechanism: sol.check(mechanism)")
+        forces = self.method.get("forces")
+        if mechanism is not None and forces not in (None, len(mechanism.forces)):
+            raise InputError(
+                f"the run had {forces} forces beside the model's own, this mechanism has {len(mechanism.forces)}: "
+                "give it those of simulate(forces=...) by mechanism.with_forces(...)"
+            )
         return certify(self, mechanism)
 
     def summary(self) -> str:
@@ -119,9 +137,10 @@ class Solution:
             lines.append(f"t = {self.t[0]:g} … {self.t[-1]:g} s in {self.nsteps} steps{rejected}")
         taken = np.abs(self.h[self.h != 0])
         if len(taken):
-            counts = np.bincount(self.order)
-            orders = ", ".join(f"{count} of order {k}" for k, count in enumerate(counts) if k and count)
-            lines.append(f"steps {taken.min():.3g} … {taken.max():.3g} s; {orders}")
+            counts = np.bincount(self.order[self.h != 0])
+            orders = [f"{count} of order {k}" for k, count in enumerate(counts) if k and count]
+            orders += [f"{counts[0]} by the one-step start"] if counts[0] else []
+            lines.append(f"steps {taken.min():.3g} … {taken.max():.3g} s: {', '.join(orders)}")
         lines.append(f"{self.nfev} residuals, {self.njev} Newton matrices, {self.nlu} factorisations")
         return "\n".join(lines)
 

@@ -117,9 +117,7 @@ def test_only_the_mechanism_files_of_the_loops_name_pinocchios_constraints():
 @pytest.mark.parametrize("name", [name for name in FILES if part_of(name) != "cli"])
 def test_optional_packages_are_imported_where_they_are_used(name):
     top = {
-        module.split(".")[0]
-        for node in at_import(TREES[name])
-        for module, _ in imports(name, ast.Module([node], []))
+        module.split(".")[0] for node in at_import(TREES[name]) for module, _ in imports(name, ast.Module([node], []))
     }
     assert top & OPTIONAL <= TOP_LEVEL_ALLOWED.get(name, set())
 

@@ -94,7 +94,7 @@ def test_report_of_a_doubled_loop_names_the_copy():
     assert len(result.redundant) == 6 and len(named) == 2
     for (_, row), combination in result.redundant.items():
         if combination:  # x of one loop is x of the other
-            ((_, partner), factor), = combination.items()
+            (((_, partner), factor),) = combination.items()
             assert partner == row and factor == pytest.approx(1.0, abs=1e-9)
 
 

@@ -113,11 +113,23 @@ def test_shapes_of_the_models_can_be_built(name):
 def test_closure_replaces_the_kind_of_every_loop_but_distances(robot):
     assert [loop.kind for loop in load("five_bar", closure="point").loops] == ["point"]
     path = robot(
-        CHAIN, "loops: [{name: s, kind: distance, frame1: c, length: 1e-1}, {name: t, kind: frame, frame1: b}]"
+        CHAIN,
+        "loops: [{name: s, kind: distance, frame1: c, length: 1e-1}, "
+        "{name: t, kind: frame, frame1: b, axis: [0, 1, 0]}]",
     )
     assert [loop.kind for loop in load(path, closure="hinge").loops] == ["distance", "hinge"]
     with pytest.raises(InputError, match=r"distance.*not one of point, frame, hinge"):
         load("four_bar", closure="distance")
+    with pytest.raises(InputError, match="'s': a hinge needs its axis"):
+        load(robot(CHAIN, "loops: [{name: s, kind: frame, frame1: c}]"), closure="hinge")
+
+
+def test_a_loop_file_of_another_name_is_not_overlooked_in_silence(robot, caplog):
+    path = robot(CHAIN)
+    (path.parent / "closures.yaml").write_text("loops: []")
+    with caplog.at_level("WARNING", logger="pinconsist"):
+        assert load(path).loops == ()
+    assert "closures.yaml" in caplog.text and "loops=" in caplog.text
 
 
 # URDF -----------------------------------------------------------------------------------------------------------------

@@ -196,8 +196,11 @@ def test_energy_balance_counts_the_work_of_forces(damping):
         np.testing.assert_allclose(certificate.energy, sol.v[:, 0] ** 2, rtol=1e-12)  # I = 2
         errors.append(certificate.energy_error)
     assert errors[0] < 1e-6 and errors[0] / errors[1] == pytest.approx(16.0, rel=0.1)  # the spline of the power
-    undriven = dataclasses.replace(sol, system=None).check(spinner(damping))  # the same motion, without the drive
-    assert undriven.energy_error > 0.1
+    stored = dataclasses.replace(sol, system=None)
+    with pytest.raises(pc.InputError, match=r"1 forces .*with_forces"):
+        stored.check(spinner(damping))
+    undriven = stored.check(spinner(damping).with_forces(np.zeros(1)))  # the same motion, without the drive
+    assert undriven.energy_error > 0.1 and "energy balance" in " ".join(undriven.concerns)
 
 
 def test_energy_of_a_falling_linkage_is_conserved_with_its_order():

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import AssemblyError, InputError, SingularSystemError
+from ..errors import AssemblyError, SingularSystemError
 from . import bdf
 from .newton import EPS, KKT, Newton
 
@@ -97,8 +97,6 @@ def consistent_initial_velocity(system, t0, p0, v0, h):
     ----------
     C. Arévalo, ETNA 34 (2008), sections 3 and 4.
     """
-    if not system.nv:
-        raise InputError("a HessenbergProblem learns its sizes from a state: pass problem.at(t0, p0, v0)")
     k = 1
     Z = np.zeros((k + 3, system.nx + system.nv + system.nc))
     Z[0] = bdf.table_row(system, p0, p0, v0, np.zeros(system.nc))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,8 @@ from ..errors import FormatError, InputError
 from ..mechanism.loops import ROW_NAMES
 from ..mechanism.mechanism import Mechanism
 from .reading import alike
+
+log = logging.getLogger(__name__)
 
 CLOSURES = tuple(kind for kind in ROW_NAMES if kind != "distance")
 _READABLE = "what can be read now is URDF (.urdf), with a loop file (.yaml) beside it or given by loops="
@@ -55,6 +58,8 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
     path, name = _find(source)
     loop_path = _loop_file(path) if loops is None else Path(loops)
     record = loopfile.LoopFile() if loop_path is None else loopfile.read(loop_path)
+    if loop_path is None:
+        _tell_overlooked(path)
     model, geometry = urdf.read(
         path, name=name, joint_types=record.joint_types, free_flyer=free_flyer, package_dirs=package_dirs
     )
@@ -105,6 +110,16 @@ def _find(source):
         raise FormatError(f"files of kind {path.suffix or 'without suffix'!r} cannot be read; {_READABLE}", path=path)
     name = path.stem if path.stem != "robot" else path.resolve().parent.name
     return path, name
+
+
+def _tell_overlooked(path):
+    """Warn of YAML files beside a robot without a loop file: most likely one of them was meant."""
+    others = sorted(each.name for each in (*path.parent.glob("*.yaml"), *path.parent.glob("*.yml")))
+    if others:
+        log.warning(
+            "%s has no loop file (%s.yaml or robot.yaml) and is read as a plain tree; name one by loops= if it is %s",
+            path, path.stem, " or ".join(others),
+        )  # fmt: skip
 
 
 def _loop_file(path):

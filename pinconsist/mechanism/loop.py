@@ -35,7 +35,7 @@ class Loop:
     rpy1, rpy2 : tuple of 3 float
         Orientation of each anchor in its frame, URDF's roll, pitch, yaw, rad.
     axis : tuple of 3 float
-        Hinge axis, the same components in both anchors.
+        Hinge axis, the same components in both anchors; needed by ``kind="hinge"``.
     length : float or None
         Distance L > 0 held by ``kind="distance"``, m.
 
@@ -53,7 +53,7 @@ class Loop:
     rpy1: tuple[float, float, float] = (0.0, 0.0, 0.0)
     xyz2: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy2: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    axis: tuple[float, float, float] | None = None
     length: float | None = None
 
     def __post_init__(self):
@@ -62,7 +62,9 @@ class Loop:
         for field in ("name", "frame1", "frame2"):
             if not isinstance(getattr(self, field), str):
                 raise InputError(f"loop {self.name!r}: {field} must be a name, got {getattr(self, field)!r}")
-        for field in ("xyz1", "rpy1", "xyz2", "rpy2", "axis"):
+        if self.kind == "hinge" and self.axis is None:
+            raise InputError(f"loop {self.name!r}: a hinge needs its axis, for instance axis = (0, 1, 0)")
+        for field in ("xyz1", "rpy1", "xyz2", "rpy2", *(("axis",) if self.axis is not None else ())):
             object.__setattr__(self, field, _triple(getattr(self, field), f"loop {self.name!r}: {field}"))
         if self.kind == "hinge" and not 1e-100 < max(map(abs, self.axis)) < 1e100:
             raise InputError(f"loop {self.name!r}: the hinge axis is the zero vector, or immense: {self.axis}")

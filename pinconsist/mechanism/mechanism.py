@@ -43,7 +43,8 @@ class Mechanism:
     loops : sequence of Loop and Drive
         Loop closures and driven joints; none is allowed (a plain tree).
     forces : sequence
-        Force objects, arrays of shape (nv,) (constant joint torques) or callables ``f(t, q, v) -> (nv,)``.
+        Force objects, constant joint torques by name (joint → N·m or N) or as an array (nv,), or callables
+        ``f(t, q, v) -> (nv,)``.
     name : str
         By which messages and files speak of it.
     guess : mapping or array, optional
@@ -83,7 +84,8 @@ class Mechanism:
         if twice:
             raise InputError(f"two loops are named {twice[0]!r}; reactions and reports need different names")
         LoopRows(model, self.loops)  # checks frames and bodies
-        put(self, "forces", tuple(as_force(force, model.nv) for force in self.forces))
+        forces = [self.velocity(each) if isinstance(each, Mapping) else each for each in self.forces]
+        put(self, "forces", tuple(as_force(force, model.nv) for force in forces))
         put(self, "guess", self.configuration({} if self.guess is None else self.guess))
         for joint in self.actuated:
             self.joint_index(joint)
@@ -118,8 +120,13 @@ class Mechanism:
         """(loop, row) of each multiplier."""
         return [(loop.name, row) for loop in self.loops for row in loop.rows]
 
+    def columns(self, joint: str) -> slice:
+        """Where a joint's numbers stand in v, in τ and in the columns of J."""
+        start = self.model.idx_vs[i := self.joint_index(joint)]
+        return slice(start, start + self.model.nvs[i])
+
     def joint_index(self, joint: str) -> int:
-        """Index of a joint in the model; InputError names the joints that exist."""
+        """Index of a joint in ``model.joints`` (its place in v: :meth:`columns`); InputError names those there are."""
         if joint not in self.joints:
             known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
             near = ", ".join(similar(joint, self.joints)) if len(self.joints) > 12 else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +14,8 @@ from ..dae.start import integrate_index1
 from ..errors import InputError
 from ..mechanism.forces import Torque
 from ..mechanism.loops import GROUND, Loop
-from ..mechanism.mechanism import Mechanism
+from ..mechanism.mechanism import Mechanism, finite_array
+from ..simulation import system_of
 
 
 @dataclass(frozen=True)
@@ -58,12 +60,43 @@ def reference_problem(name: str) -> ReferenceProblem:
     return ReferenceProblem(name, system, t0, p0, v0, exact)
 
 
-def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13):
-    """(t, p, v, λ) at `times` by scipy's DOP853 on the index-1 equations, projected at each of them.
+class Reference(NamedTuple):
+    """Rows of a reference solution: t (n,), q (n, nq), v (n, nv), lam (n, nc)."""
 
-    Independent of the package's BDF: it shares the equations, not the method.
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    lam: np.ndarray
+
+
+def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> Reference:
+    """The answer of scipy's DOP853 on the index-1 equations, projected at each of the times.
+
+    It shares the equations with :func:`pinconsist.simulate`, and the one-step method of its first few rows, but not
+    the BDF.
+
+    Parameters
+    ----------
+    system : Mechanism or HessenbergProblem or Index3System
+    t0 : float
+        Start, s.
+    p0, v0 : array
+        Consistent initial values, for instance ``sol.q[0], sol.v[0]``.
+    times : array
+        Times of the rows, from `t0` on in one direction.
+    rtol, atol : float
+        scipy's tolerances.
+
+    Returns
+    -------
+    Reference
+        With the multipliers of all rows of a mechanism, as ``sol.lam`` has them.
     """
-    return integrate_index1(system, t0, p0, v0, times, rtol, atol)
+    p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
+    system = system_of(system, t0, p0, v0)
+    rows = integrate_index1(system, t0, p0, v0, finite_array(times, "times"), rtol, atol)
+    t, p, v, lam = (np.array(column) for column in zip(*rows, strict=True))
+    return Reference(t, p, v, system.full_history(p, lam) if hasattr(system, "full_history") else lam)
 
 
 def _problem51():
