@@ -91,6 +91,9 @@ def _print_inventory(mech):
     mass = sum(inertia.mass for inertia in list(mech.model.inertias)[1:])
     count = output.counted(len(mech.joints), "moving body").replace("bodys", "bodies")
     print(f"{mech.name}: {count}, {mass:.4g} kg in all, nq = {mech.nq}, nv = {mech.nv}")
+    massless = [n for n, body in zip(mech.joints, list(mech.model.inertias)[1:], strict=True) if body.mass == 0.0]
+    if massless:
+        print(f"bodies without mass, at joints: {', '.join(massless)}")
     if mech.actuated:
         print(f"motors: {', '.join(mech.actuated)}")
     print()

@@ -64,6 +64,8 @@ def compare(
     print(f"{result.name}, BDF of order {order}: error of the multipliers, largest component{start}\n")
     for run in result.runs:
         _print_run(run, order, names)
+    if not any(run.v_given.any() for run in result.runs):
+        print("from rest exact values are nearly consistent; --with-velocity JOINT=VALUE shows more\n")
     if plot:
         print(f"written: {plot}")
     return output.FINE

@@ -94,6 +94,7 @@ class Newton:
         self._kkt = KKT(nv, nc)
         self._rhs = np.zeros((nv + nc, 3), order="F")
         self._dynamics, self._constraint, self._hidden = self._rhs[:nv, 0], self._rhs[nv:, 1], self._rhs[nv:, 2]
+        self._raw = np.array([1.0, 1.0, 0.0])
         self._contraction, self._measured_at, self._trust = 1.0, 1.0, 0
 
     def attempt(self, t, base, psi, predicted, c, weight, tol) -> Attempt:
@@ -123,7 +124,8 @@ class Newton:
         nx, nv = system.nx, system.nv
         psi_x, psi_v = psi[:nx], psi[nx : nx + nv]
         weights = _paired(weight, nx, nv)
-        raw = np.array([1.0, 1.0 / c, 0.0])  # the second column is solved for positions, c times the velocities
+        raw = self._raw
+        raw[1] = 1.0 / c  # the second column is solved for positions, c times the velocities
         x = predicted[nx:].copy()
         v, m = x[:nv], x[nv:]
         m *= c
@@ -150,7 +152,8 @@ class Newton:
             before, x = x, x - steps.dot(raw)
             v, m = x[:nv], x[nv:]
             sizes = steps[:nv, :2] * weights
-            size = sqrt(np.vdot(sizes, sizes) / nv)
+            sizes = sizes.ravel("K")
+            size = sqrt(sizes.dot(sizes) / nv)
             if not isfinite(size):
                 return Attempt(predicted, p, iteration, "the residual is not finite")
             p, xi = system.position(t, base, psi_x, c, v)

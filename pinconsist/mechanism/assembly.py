@@ -264,8 +264,9 @@ def _not_closed(mechanism, guess, best, open_loops, fixed, t):
         what = f"the loops cannot close together{held}, though each can alone; left open: {listed}"
     let_go = ", let the held joints go" if fixed else ""
     return AssemblyError(
-        f"{mechanism.name}: {what}; the worst is {named[0][0]!r}. Try another guess{let_go}, load with "
-        'closure="point", or take mechanism.reanchored(), which moves the anchors to the best fit',
+        f"{mechanism.name}: {what}; the worst is {named[0][0]!r}. Check lengths, units and anchors; try "
+        f'another guess{let_go}, load with closure="point", or take mechanism.reanchored(), which moves the anchors '
+        "to the best fit",
         gaps=dict(named),
         q=best,
     )
