@@ -79,6 +79,13 @@ class Solution:
         lam = trajectory.lam
         if hasattr(system, "full_multipliers"):
             lam = system.full_history(trajectory.p, lam)
+            if opened := system.opened(trajectory.p):
+                i, gap, (loop, row) = opened
+                trajectory.status = -1
+                trajectory.message = (
+                    f"loop {loop!r} row {row} depends on other rows at the start and left the system, but gapes by "
+                    f"{gap:.1e} at t = {trajectory.t[i]:.6g}: the start is a singular position. Start elsewhere"
+                )
         arrays = [np.array(a) for a in (trajectory.t, trajectory.p, trajectory.v, lam, trajectory.h, trajectory.order)]
         for array in arrays:
             array.setflags(write=False)

@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
+from scenes import bricard, n_four_bar
 from zoo import FourBar, G, SliderCrank, reduced_solution
 
 import pinconsist as pc
@@ -237,3 +238,19 @@ def test_kept_rows_are_as_many_as_the_rank():
     mech = pc.load("four_bar")
     system = MechanismSystem(mech, pc.assemble(mech).q)
     assert (system.nc, system.rows.nc) == (2, 5)
+
+
+def test_a_start_at_a_singular_position_is_refused(monkeypatch):
+    """A parallelogram with all bars in line: rank 1 here, 2 nearby. Were it not noticed, the run would say so."""
+    mech, in_line = n_four_bar(1), np.array([-np.pi / 2, np.pi / 2, -np.pi / 2])
+    with pytest.raises(pc.SingularSystemError, match=r"singular position.*B1.*rank 1 here and 2 nearby") as caught:
+        pc.simulate(mech, (0.0, 1.0), in_line)
+    assert caught.value.names == ("B1",)
+    monkeypatch.setattr("pinconsist.mechanism.system.NEARBY", 0.0)
+    sol = pc.simulate(mech, (0.0, 1.0), in_line)
+    assert not sol.success and "gapes" in sol.message and "'B1'" in sol.message
+
+
+def test_rows_that_always_depend_are_no_singular_position():
+    """Bricard's loop has rank 4 of 5 in every closed configuration."""
+    assert pc.simulate(bricard(), (0.0, 0.1)).success

@@ -10,12 +10,17 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import SingularSystemError
+from .assembly import LoopSolver
 from .forces import ConstantTorque, JointDamping, model_forces
 from .kept_rows import KeptRows
 from .loops import LoopRows
 from .mechanism import Mechanism
 from .rank import independent_rows
 
+NEARBY = 1e-3
+"""How far, in rad and m, the rank of the loops is looked at from a position with dependent rows."""
+GAPING = 1e-6
+"""Gap, m or rad, at which a row that left the system is taken to have been needed."""
 MASSLESS = 1e-14
 """Inertia of a free motion, relative to the largest, below which it counts as none."""
 
@@ -173,6 +178,19 @@ class MechanismSystem:
             return full
         return np.array([self.full_multipliers(q, row) for q, row in zip(configurations, lam, strict=True)])
 
+    def opened(self, configurations):
+        """(index, gap, row) of the first configuration in which a dropped row gapes, or None.
+
+        It happens where rows that depend on others at the start do not later on.
+        """
+        if self._dropped_are_zero or self.nc == self.rows.nc:
+            return None
+        for i, q in enumerate(configurations):
+            phi = np.abs(self.loop_rows(q)[0])
+            if phi.max() > GAPING and not self._moving:
+                return i, float(phi.max()), self.rows.labels[int(np.argmax(phi))]
+        return None
+
     def _structurally_zero(self, rows, q) -> bool:
         """Whether these rows of J vanish everywhere, as out-of-plane rows do: looked at in three random places."""
         rng = np.random.default_rng(0)
@@ -180,11 +198,16 @@ class MechanismSystem:
         return not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
 
     def require_regular(self, q) -> None:
-        """Raise SingularSystemError, naming the joints, if some motion that the loops allow has no inertia at `q`."""
+        """Raise SingularSystemError where the equations have no unique solution at `q`.
+
+        Either some motion that the loops allow has no inertia, or `q` is a singular position: rows that depend on
+        others here do not in closed configurations nearby, and the motion branches.
+        """
         free = _null_space(self.loop_rows(q)[1][self.kept])
         inertia, motions = np.linalg.eigh(free.T @ self.mass_matrix(q) @ free)
         weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
         if not weightless.any():
+            self._require_lasting_rank(q, free)
             return
         names = self._joints_in(free @ motions[:, weightless])
         raise SingularSystemError(
@@ -193,6 +216,24 @@ class MechanismSystem:
             f"mechanism.with_armature({{{names[0]!r}: 1e-6}})",
             names=names,
         )
+
+    def _require_lasting_rank(self, q, free) -> None:
+        if self._dropped_are_zero or not free.size:
+            return
+        solver, everything = LoopSolver(self.mechanism), np.ones(self.nv, dtype=bool)
+        rng = np.random.default_rng(0)
+        for _ in range(3):
+            motion = free @ rng.standard_normal(free.shape[1])
+            nearby, _ = solver.close(pin.integrate(self.model, q, NEARBY * motion / np.linalg.norm(motion)), everything)
+            rank = len(independent_rows(self.loop_rows(nearby)[1]))
+            if rank > self.nc:
+                loops = tuple(dict.fromkeys(self.rows.labels[row][0] for row in range(self.rows.nc)))
+                raise SingularSystemError(
+                    f"{self.mechanism.name}: a singular position: the loops ({', '.join(loops)}) have rank {self.nc} "
+                    f"here and {rank} nearby, so that the motion branches and the forces are not determined. Start a "
+                    "little away from it; running through one is no problem",
+                    names=loops,
+                )
 
     def _joints_in(self, motion):
         share = np.abs(motion).max(axis=1)
