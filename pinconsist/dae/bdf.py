@@ -23,6 +23,7 @@ import numpy as np
 from .newton import rounding_weights
 
 MAX_ORDER = 6
+MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
 GAMMA = np.concatenate(([0.0], np.cumsum(1.0 / np.arange(1, MAX_ORDER + 1))))
 
 
@@ -68,9 +69,9 @@ def rescale(k: int, factor: float) -> np.ndarray:
     """(k+1, k+1): leads Z[:k+1] to the differences for step factor·h of the same interpolating polynomial."""
     steps = factor * np.arange(k + 1)  # new grid points, in old steps back from t_n
     nodes = np.ones((k + 1, k + 1))  # row i: Newton basis at t_n - steps[i] h
-    for j in range(1, k + 1):
-        nodes[:, j] = nodes[:, j - 1] * (j - 1 - steps) / j
-    return differences(k) @ nodes
+    j = np.arange(k)
+    np.cumprod((j - steps[:, None]) / (j + 1), axis=1, out=nodes[:, 1:])
+    return differences(k).dot(nodes)
 
 
 def interpolate(k: int, s) -> np.ndarray:
@@ -92,6 +93,24 @@ def recenter(system, base, new_base, Z, rows: int) -> None:
     past = D @ Z[:rows, :nx]
     moved = [system.difference(new_base, system.integrate(base, xi)) for xi in past]
     Z[:rows, :nx] = D @ np.array(moved)
+
+
+def turning_coordinates(system, p):
+    """(joints, nx) of zeros and ones: the tangent coordinates that turn each joint, those that come back after 2π."""
+    joints, nx = {}, system.nx
+    if system.vector_like:
+        return np.zeros((0, nx))
+    p = system.integrate(p, 0.3 + 0.01 * np.arange(nx))  # where every number of a quaternion moves with each of them
+    for i, turn in enumerate(2 * np.pi * np.eye(nx)):
+        if np.abs(system.difference(p, system.integrate(p, turn))).max() < 1e-6:
+            moved = np.abs(system.integrate(p, 0.1 * turn) - p) > 1e-6
+            joints.setdefault(int(np.argmax(moved)), np.zeros(nx))[i] = 1.0
+    return np.array(list(joints.values())).reshape(-1, nx)
+
+
+def fastest_turn(turns, rate) -> float:
+    """Largest angular speed (or angle) of the joints that turn, from the tangent velocity (or vector)."""
+    return float(np.sqrt((turns @ rate**2).max(initial=0.0)))
 
 
 def formula_step(newton, t, h, k, base, Z):

@@ -9,6 +9,9 @@ from scipy.optimize import brentq
 
 from ..errors import InputError
 
+SAME_TIME = 1e-13  # relative: events closer than that happen at once
+NUDGE = 1e-6  # of a step
+
 
 @dataclass(frozen=True)
 class Event:
@@ -70,45 +73,69 @@ class EventWatch:
         self.found = [[] for _ in events]
         self._values = [0.0] * len(events)
 
-    def restart(self, t, p, v, lam) -> None:
-        """Take the signs at a new start; an event that is zero there is not found again."""
-        lam = self._finish(p, lam)
-        self._values = [float(event.function(t, p, v, lam)) for event in self.events]
+    def restart(self, t, p, v, lam, fired=()) -> None:
+        """Take the signs at a new start; an event that is zero there, as those that just fired, is not found again."""
+        self._values = self._signs(t, p, v, lam)
+        for i in fired:
+            self._values[i] = 0.0  # what rounding leaves of it has no meaning
 
-    def first(self, segment):
-        """Record the events of a step in order of time; stop at, and return, the first one that changes the run.
+    def first(self, segment, times):
+        """Record the events of a step in order of time; stop at the first that changes the run.
+
+        `times` are where the signs are looked at, up to the end of the segment.
 
         Returns
         -------
-        (Event, t, whether to stop) or None
+        (indices of the events at that time, t, whether to stop) or None
         """
-        p, v, lam = segment(segment.end)
-        lam = self._finish(p, lam)
-        after = [float(event.function(segment.end, p, v, lam)) for event in self.events]
-        hits = []
-        for i, (event, g0, g1) in enumerate(zip(self.events, self._values, after, strict=True)):
-            rises, falls = g0 < 0 <= g1 and event.direction >= 0, g0 > 0 >= g1 and event.direction <= 0
-            if rises or falls:
-                hits.append((self._locate(event, segment, g1), i))
-        self._values = after
-        sign = 1.0 if segment.end >= segment.t_old else -1.0
-        for t, i in sorted(hits, key=lambda hit: sign * hit[0]):
+        begin = segment.t_old
+        for end in times:
+            values, self._values = self._values, self._signs(end, *segment(end))
+            beside = begin + NUDGE * (end - begin)
+            leaving = self._signs(beside, *segment(beside)) if 0.0 in values else values
+            hits = []
+            for i, event in enumerate(self.events):
+                g0, g1 = values[i] or leaving[i], self._values[i]
+                rises, falls = g0 < 0 <= g1 and event.direction >= 0, g0 > 0 >= g1 and event.direction <= 0
+                if rises or falls:
+                    hits.append((self._locate(event, segment, begin if values[i] else beside, end, g1), i))
+            if hits and (change := self._happen(segment, sorted(hits, key=lambda hit: (abs(hit[0] - begin), hit[1])))):
+                return change
+            begin = end
+        return None
+
+    def _happen(self, segment, hits):
+        """Record `hits`, (t, index) in the order of time, up to the first that changes the run."""
+        stop_at, final = None, False
+        for t, i in hits:
+            if stop_at is not None and not _at_once(t, stop_at):
+                break
             event = self.events[i]
             p, v, lam = segment(t)
             self.found[i].append((t, p, v, self._finish(p, lam)))
-            enough = event.terminal and len(self.found[i]) >= int(event.terminal)
+            enough = bool(event.terminal) and len(self.found[i]) >= int(event.terminal)
             if enough or event.apply is not None:
-                return event, t, bool(enough)
-        return None
+                stop_at, final = t if stop_at is None else stop_at, final or enough
+        if stop_at is None:
+            return None
+        return [i for t, i in hits if _at_once(t, stop_at)], stop_at, final
 
-    def _locate(self, event, segment, g_end) -> float:
+    def _signs(self, t, p, v, lam):
+        lam = self._finish(p, lam)
+        return [float(event.function(t, p, v, lam)) for event in self.events]
+
+    def _locate(self, event, segment, begin, end, g_end) -> float:
         if g_end == 0.0:
-            return segment.end
+            return end
 
         def g(t):
             p, v, lam = segment(t)
             return float(event.function(t, p, v, self._finish(p, lam)))
 
-        if g(segment.t_old) == 0.0 or g(segment.t_old) * g_end > 0:
-            return segment.end  # the interpolant's sign at its old end is lost in rounding
-        return brentq(g, segment.t_old, segment.end, xtol=4e-16 * max(1.0, abs(segment.end)), rtol=1e-14)
+        if g(begin) == 0.0 or g(begin) * g_end > 0:
+            return end  # the interpolant's sign at its old end is lost in rounding
+        return brentq(g, begin, end, xtol=4e-16 * max(1.0, abs(end)), rtol=1e-14)
+
+
+def _at_once(t1, t2) -> bool:
+    return abs(t1 - t2) <= SAME_TIME * max(1.0, abs(t1))

@@ -129,20 +129,23 @@ def _march(stepper, t_span, p, v, method, record, watch):
         while True:
             watched = rows and (watch.events or record.needs_segments)
             segment = stepper.segment() if watched else None
-            hit = watch.first(segment) if watched and watch.events else None
+            hit = watch.first(segment, [row[0] for row in rows]) if watched and watch.events else None
             if hit is None:
                 record.stretch(rows, segment, stepper.used)
             else:
-                event, t, final = hit
+                fired, t, final = hit
+                events = [watch.events[i] for i in fired]
                 p, v, lam = segment(t)
                 inside = [row for row in rows if (row[0] - t) * stepper.h < 0]
                 record.stretch([*inside, (t, p, v, lam)], segment, stepper.used)
                 if final:
-                    raise Stop(STOPPED, f"stopped by the event {event.name or 'without a name'} at t = {t:.6g}")
-                p, v = _after_event(stepper.system, event, t, p, v)
+                    names = " and ".join(event.name or "without a name" for event in events if event.terminal)
+                    raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
+                for event in (event for event in events if event.apply is not None):
+                    p, v = _after_event(stepper.system, event, t, p, v)
                 lam = solve_acceleration(stepper.system, t, p, v)[1]
                 record.jump(t, p, v, lam)
-                watch.restart(t, p, v, lam)
+                watch.restart(t, p, v, lam, fired)
                 break
             t = stepper.t
             if t == t_end:
@@ -160,9 +163,13 @@ def _after_event(system, event, t, p, v):
     """The state that an event's `apply` makes, put on the constraints."""
     changed = event.apply(t, p.copy(), v.copy())
     if changed is not None:
-        p, v = changed if isinstance(changed, tuple) else (p, changed)
-    p, v = np.array(p, float), np.array(v, float)
-    if p.shape != (system.npos,) or v.shape != (system.nv,) or not np.isfinite(np.concatenate((p, v))).all():
+        p, v = changed if isinstance(changed, tuple) and len(changed) == 2 else (p, changed)
+    try:
+        p, v = np.array(p, float), np.array(v, float)
+        good = p.shape == (system.npos,) and v.shape == (system.nv,) and np.isfinite(np.concatenate((p, v))).all()
+    except (TypeError, ValueError):
+        good = False
+    if not good:
         raise InputError(
             f"apply of the event {event.name!r} must return v, shape ({system.nv},), or (q, v), all finite; "
             f"it returned {changed!r} at t = {t:.6g}"

@@ -66,11 +66,12 @@ def integrate_index1(system, t0, p0, v0, times, rtol, atol, budget=None):
         scipy gives up.
     """
     states, t, p, v, evaluations = [], t0, p0, v0, 0
+    turns = bdf.turning_coordinates(system, p0)
     for target in times:
         while t != target:
             stop = target
             if not system.vector_like:  # stay well inside one chart
-                turn = np.max(np.abs(v), initial=0.0) * abs(target - t)
+                turn = bdf.fastest_turn(turns, system.rate(t, p, v)) * abs(target - t)
                 stop = t + (target - t) / max(1, int(np.ceil(turn / MAX_TURN)))
                 stop = target if abs(target - stop) < 1e-14 * max(1.0, abs(target)) else stop
             f = right_hand_side(system, p)
@@ -130,9 +131,10 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
     states : list of (t, p, v, λ), oldest first
     """
     rtol, atol = max(1e-2 * control.tightest[0], 1e-13), 1e-2 * control.tightest[1]
-    solver = DOP853(
-        right_hand_side(system, p0), t0, chart_state(system, p0, p0, v0), t_end, rtol=rtol, atol=max(atol, 1e-14)
-    )
+    f, y0, atol = right_hand_side(system, p0), chart_state(system, p0, p0, v0), max(atol, 1e-14)
+    turns = bdf.turning_coordinates(system, p0)
+    speed = bdf.fastest_turn(turns, system.rate(t0, p0, v0))
+    solver = DOP853(f, t0, y0, t_end, rtol=rtol, atol=atol, max_step=MAX_TURN / speed if speed else np.inf)
     pieces, longest = [], 0.0
     for _ in range(6):  # scipy starts with a careful step: go on while its steps grow
         reason = solver.step()
@@ -140,7 +142,7 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
             raise PinconsistError(f"no start at t = {t0:.6g}: {reason}")
         pieces.append(solver.dense_output())
         grows, longest = abs(solver.step_size) > 1.5 * longest, abs(solver.step_size)
-        turned = not system.vector_like and np.max(np.abs(solver.y[: system.nx]), initial=0.0) > MAX_TURN
+        turned = bdf.fastest_turn(turns, solver.y[: system.nx]) > MAX_TURN
         if solver.status == "finished" or turned or not grows:
             break
 
@@ -157,8 +159,12 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
             if error <= 0.5:
                 break
             h *= max(0.05, 0.8 * (0.25 / error) ** (1.0 / (k + 1)))
-    h = np.copysign(min(abs(h), control.max_step), h)
-    times, rows = sample(h)
+    shortest = 16.0 * np.spacing(max(abs(t0), abs(t_end)))  # times must differ
+    h = np.copysign(max(min(abs(h), control.max_step), shortest), h)
+    if abs(reach) >= shortest:
+        times, rows = sample(h)
+    else:
+        h, times, rows = t_end - t0, np.array([t0, t_end]), np.array([_dense(pieces, t0), _dense(pieces, t_end)])
     states = [(t0, p0, v0, solve_acceleration(system, t0, p0, v0)[1])]
     for t, y in zip(times[1:], rows[1:], strict=True):
         p = y[: system.nx] if system.vector_like else system.integrate(p0, y[: system.nx])

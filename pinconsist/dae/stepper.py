@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import SingularSystemError
+from ..errors import PinconsistError, SingularSystemError
 from . import bdf, consistency, start
 from .dense import Segment
 from .newton import EPS, Newton
@@ -37,6 +37,7 @@ class Stepper:
         self.system, self.method, self.control = system, method, method.control
         self.control.fit(system)
         self.newton = Newton(system, correct=method.consistency == "every-step")
+        self._begun = False
 
     def begin(self, t, p, v, t_end):
         """Start, or start again after a discontinuity, with a full-order history.
@@ -50,25 +51,34 @@ class Stepper:
         self.control.restart()
         if method.step is not None:
             steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
+            if self._begun and abs(t_end - t) > 1e-3 * method.step:
+                steps = max(steps, method.order)  # after an event, too few rows would make a poor interpolant
             self.h, self.k = (t_end - t) / steps, method.order
             states = start.equidistant_history(system, t, p, v, self.h, min(self.k, steps + 1))
             self._start, self._steps, self._taken = t, steps, len(states) - 1
         else:
             self.k, self._taken = method.order, 0
             self.h, states = start.adaptive_history(system, t, p, v, t_end, self.k, self.control, method.first_step)
+        if abs(states[-1][0] - t_end) <= 1e-9 * abs(self.h):
+            states[-1] = (t_end, *states[-1][1:])  # else a step of a few spacings of t would be left
+        self.t, self.p = states[-1][:2]
+        self._turns = None if system.vector_like else bdf.turning_coordinates(system, p)
+        if self._turns is not None and (too_fast := self._turns_too_far(states[-1][2])):
+            raise PinconsistError(f"no start at t = {t:.6g}: {too_fast}")
         self.base, filled = start.fill_table(system, states, self.k)
         if method.consistency == "initial":
             self._make_consistent(filled, states)
         self.Z = np.zeros((bdf.MAX_ORDER + 3, filled.shape[1]))
         self.Z[: len(filled)] = filled
-        self.t, self.p = states[-1][:2]
         self.t_old, self.y, self.used = states[0][0], self.Z[0].copy(), (self.h, 0)
-        self._points, self._choice = len(states), (self.h, self.k)
+        self._points, self._choice, self._begun = len(states), (self.h, self.k), True
         return states
 
     def advance(self, t_end) -> str:
         """One accepted step towards `t_end`; returns why there is none, or an empty string."""
         system, control = self.system, self.control
+        if self._turns is not None and (too_fast := self._turns_too_far(self.velocity_and_multipliers()[0])):
+            return too_fast
         while True:
             t_next = self._next_time(t_end)
             h, k, Z = self.h, self.k, self.Z
@@ -98,6 +108,8 @@ class Stepper:
     def prepare_next(self) -> None:
         """Change to the step and order that the control chose; the last step's segment is gone after this."""
         h, k = self._choice
+        if self._turns is not None and self.method.step is None:
+            h = np.copysign(min(abs(h), self._longest_step(self.velocity_and_multipliers()[0], k)), h)
         if h != self.h:
             self.rescale(h, k)
         self.k = k
@@ -118,16 +130,34 @@ class Stepper:
         self.Z[: k + 1] = bdf.rescale(k, h / self.h).dot(self.Z[: k + 1])
         self.h = float(h)
 
+    def _longest_step(self, v, k) -> float:
+        """The step with which the k+2 intervals that a chart spans stay below half a turn of every joint."""
+        speed = bdf.fastest_turn(self._turns, self.system.rate(self.t, self.p, v))
+        return bdf.MAX_CHART_TURN / ((k + 2) * speed) if speed else np.inf
+
+    def _turns_too_far(self, v) -> str:
+        """Why a fixed step is too long for the charts, or an empty string."""
+        if self.method.step is None:
+            return ""
+        longest = self._longest_step(v, self.k)
+        if abs(self.h) <= longest:
+            return ""
+        return (
+            f"a joint turns so fast that the {self.k + 2} steps which order {self.k} looks back on make half a turn, "
+            f"and the charts of rotations end there; take step <= {longest:.3g} s"
+        )
+
     def _next_time(self, t_end):
         """The time of the next step; the last steps of a variable run are fitted to the end."""
         if self.method.step is not None:
             return self._start + (self._taken + 1) * self.h if self._taken + 1 < self._steps else t_end
         left = (t_end - self.t) / self.h
-        if left < 1.0 + 1e-9:
-            self.rescale(t_end - self.t, self.k)
-            self.control.restart()
-            return t_end
-        return self.t + self.h
+        if left >= 2.0:
+            return self.t + self.h
+        last = left < 1.0 + 1e-9
+        self.rescale((t_end - self.t) / (1 if last else 2), self.k)  # two equal steps: no tiny last one
+        self.control.restart()
+        return t_end if last else self.t + self.h
 
     def _rounding_error(self, t, step, weight) -> float:
         """The error that rounding leaves in this step: beside a singular position smaller steps cannot lower it."""
