@@ -31,7 +31,7 @@ class Certificate:
     energy_error : float or None
         |E(t) - E(0) - work of the forces| over the largest kinetic energy; None for a general problem. The work is
         the integral of a cubic spline through the power at the recorded rows, which limits what can be seen when
-        forces act and rows are few. The work of an event's jump is not known and shows as an error.
+        forces act and rows are few. What an event's jump changes counts as work.
     energy : ndarray or None
         Kinetic plus potential energy of each row, J.
     """
@@ -106,19 +106,19 @@ def _certify_mechanism(solution, mechanism):
         energy.append(kinetic[-1] + pin.computePotentialEnergy(model, data, q))
         power.append(system.torque(t, q, v) @ v - lam @ moving)  # what drives put in counts
     power, energy = np.array(power), np.array(energy)
-    work = _work(solution.t, power)
+    work = _work(solution.t, power, energy)
     scale = max(kinetic) or np.ptp(energy) or 1.0
     balance = float(np.max(np.abs(energy - energy[0] - work)) / scale)
     labels = [f"loop {loop!r} row {row}" for loop, row in mechanism.row_labels]
     return _certificate(solution, labels, phi, rho, forces, exact, balance, energy)
 
 
-def _work(t, power):
-    """∫ power dt up to each row; an event leaves two rows at one time, between which the spline is cut."""
+def _work(t, power, energy):
+    """∫ power dt up to each row; at an event, which leaves two rows at one time, what it changes counts as work."""
     work, cuts = np.zeros(len(t)), [0, *(np.flatnonzero(np.diff(t) == 0.0) + 1), len(t)]
     for start, stop in pairwise(cuts):
         if start:
-            work[start:] = work[start - 1]
+            work[start:] = work[start - 1] + energy[start] - energy[start - 1]
         if stop - start > 1:
             sign = 1.0 if t[stop - 1] > t[start] else -1.0
             spline = CubicSpline(sign * t[start:stop], sign * power[start:stop]).antiderivative()

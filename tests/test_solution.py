@@ -7,6 +7,7 @@ import zipfile
 import numpy as np
 import pinocchio as pin
 import pytest
+from scenes import bricard
 
 import pinconsist as pc
 from pinconsist.solution import Solution
@@ -258,3 +259,32 @@ def test_too_few_steps_is_a_failure_that_keeps_what_was_reached():
     sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), step=0.01, max_steps=20)
     assert (sol.success, sol.status) == (False, -1) and "max_steps = 20" in sol.message
     assert 0.15 < sol.t[-1] < 0.3 and sol.check().position < 1e-10
+
+
+def falling(bounce):
+    """A point mass above the ground with an impact at z = 0."""
+    model = pin.Model()
+    slide = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "height")
+    model.appendBodyToJoint(slide, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    impact = pc.Event(lambda t, q, v, lam: q[0], direction=-1, apply=lambda t, q, v: -bounce * v)
+    return pc.simulate(pc.Mechanism(model), (0.0, 1.0), {"height": 1.0}, events=impact)
+
+
+def test_an_impact_is_no_error_of_the_energy_balance():
+    sol = falling(0.5)
+    assert len(sol.t_events[0]) == 2 and np.ptp(sol.check().energy) > 10.0
+    assert sol.check().energy_error < 1e-9
+
+
+def test_steps_add_up_to_the_times_also_at_events():
+    sol = falling(0.5)
+    np.testing.assert_allclose(sol.t[0] + np.cumsum(sol.h), sol.t[1:], rtol=1e-14)
+    assert (sol.h == 0.0).sum() == 2
+
+
+def test_an_interrupted_start_with_redundant_rows_has_empty_rows():
+    def interrupt(t, q, v, lam):
+        raise KeyboardInterrupt
+
+    sol = pc.simulate(bricard(), (0.0, 1.0), t_eval=[0.5, 1.0], callback=interrupt)
+    assert sol.status == 1 and sol.lam.shape == (0, 5)

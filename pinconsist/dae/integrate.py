@@ -131,13 +131,13 @@ def _march(stepper, t_span, p, v, method, record, watch):
             segment = stepper.segment() if watched else None
             hit = watch.first(segment, [row[0] for row in rows]) if watched and watch.events else None
             if hit is None:
-                record.stretch(rows, segment, stepper.used)
+                record.stretch(rows, segment, stepper.used[1])
             else:
                 fired, t, final = hit
                 events = [watch.events[i] for i in fired]
                 p, v, lam = segment(t)
                 inside = [row for row in rows if (row[0] - t) * stepper.h < 0]
-                record.stretch([*inside, (t, p, v, lam)], segment, stepper.used)
+                record.stretch([*inside, (t, p, v, lam)], segment, stepper.used[1])
                 if final:
                     names = " and ".join(event.name or "without a name" for event in events if event.terminal)
                     raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")

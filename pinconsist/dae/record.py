@@ -66,8 +66,8 @@ class Record:
                 self._pending.pop()
         self._call_back(t, p, v, lam)
 
-    def stretch(self, rows, segment, used) -> None:
-        """States (t, p, v, λ) reached by steps of `used` = (h, order), and the interpolant over them."""
+    def stretch(self, rows, segment, order) -> None:
+        """States (t, p, v, λ) reached by steps of this order, and the interpolant over them."""
         if not rows:
             return
         end = rows[-1][0]
@@ -75,8 +75,9 @@ class Record:
         if self.wishes.dense:
             self._segments.append(segment.until(end))
         if self._pending is None:
-            self._rows += rows
-            self._steps += [used] * len(rows)
+            for row in rows:
+                self._steps.append((row[0] - self._rows[-1][0], order))
+                self._rows.append(row)
         while self._pending and self._sign * (self._pending[-1] - end) <= 0:
             t = self._pending.pop()
             self._rows.append((t, *segment(t)))

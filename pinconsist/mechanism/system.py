@@ -60,13 +60,19 @@ class MechanismSystem:
         self._laws = [force for force in forces if not isinstance(force, ConstantTorque | JointDamping)]
         self._forced = bool(forces)
         self._M, self._f_q, self._f_v = self.data.M, self.data.dtau_dq, self.data.dtau_dv  # live views of the workspace
+        self._planar = any(joint.shortname() == "JointModelPlanar" for joint in self.model.joints)
         self._moving, self._J = self.rows.moving, None
 
     def integrate(self, p, xi):
         return p + xi if self.vector_like else pin.integrate(self.model, p, xi)
 
     def difference(self, p0, p1):
-        return p1 - p0 if self.vector_like else pin.difference(self.model, p0, p1)
+        if self.vector_like:
+            return p1 - p0
+        xi = pin.difference(self.model, p0, p1)
+        if self._planar:  # Pinocchio's logarithm of SE(2) is off by up to 5e-13
+            xi += pin.difference(self.model, pin.integrate(self.model, p0, xi), p1)
+        return xi
 
     def rate(self, t, p, v):
         return v
@@ -176,18 +182,19 @@ class MechanismSystem:
             full = np.zeros((len(lam), self.rows.nc))
             full[:, self.kept] = lam
             return full
-        return np.array([self.full_multipliers(q, row) for q, row in zip(configurations, lam, strict=True)])
+        full = [self.full_multipliers(q, row) for q, row in zip(configurations, lam, strict=True)]
+        return np.array(full).reshape(len(lam), self.rows.nc)
 
     def opened(self, configurations):
         """(index, gap, row) of the first configuration in which a dropped row gapes, or None.
 
         It happens where rows that depend on others at the start do not later on.
         """
-        if self._dropped_are_zero or self.nc == self.rows.nc:
+        if self._dropped_are_zero or self.nc == self.rows.nc or self._moving:
             return None
         for i, q in enumerate(configurations):
             phi = np.abs(self.loop_rows(q)[0])
-            if phi.max() > GAPING and not self._moving:
+            if phi.max() > GAPING + 100 * phi[self.kept].max(initial=0.0):  # interpolated rows gape in all alike
                 return i, float(phi.max()), self.rows.labels[int(np.argmax(phi))]
         return None
 
