@@ -62,8 +62,8 @@ def _print_robots(rows, until):
     output.table(
         ("robot", "loops", "rtol", "steps>", "largest gap [m]>", "energy error>", "step [us]>", "outcome"),
         [
-            (row["robot"], row["closure"], f"{row['rtol']:g}", row["steps"], f"{row['gap']:.1e}",
-             f"{row['energy_error']:.1e}", f"{1e6 * row['step_time']:.0f}", row["status"])
+            (row["robot"], row["closure"], f"{row['rtol']:g}" if row["rtol"] else "default", row["steps"],
+             f"{row['gap']:.1e}", f"{row['energy_error']:.1e}", f"{1e6 * row['step_time']:.0f}", row["status"])
             for row in rows
         ],
         title=f"robots released from rest, {until:g} s",

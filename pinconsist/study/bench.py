@@ -87,6 +87,7 @@ class RobotRun:
     robot, closure : str
         Name; how its loops are closed: "as written", "point" or "re-anchored".
     rtol : float
+        0 stands for the default tolerances.
     status : str
         "done", or the message of a failure.
     steps : int
@@ -108,10 +109,11 @@ class RobotRun:
     step_time: float = 0.0
 
 
-def robots(folder, until=0.5, tolerances=(1e-6, 1e-7)):
+def robots(folder, until=0.5, tolerances=(None, 1e-7)):
     """Simulate every robot of a folder (one sub-folder each) from rest; yields a :class:`RobotRun` at a time.
 
-    A robot whose loops cannot close as written is run with point closures and re-anchored.
+    A robot whose loops cannot close as written is run with point closures and re-anchored. A tolerance of None means
+    the default ones.
     """
     found = sorted(path.parent for path in Path(folder).glob("*/*.urdf"))
     if not found:
@@ -134,9 +136,10 @@ def _variants(path):
 
 
 def _run(name, closure, mech, tol, until):
+    options, tol = ({}, 0.0) if tol is None else ({"rtol": tol, "atol": tol}, tol)
     start = time.perf_counter()
     try:
-        sol = simulate(mech, (0.0, until), rtol=tol, atol=tol)
+        sol = simulate(mech, (0.0, until), **options)
     except PinconsistError as error:
         return RobotRun(name, closure, tol, str(error))
     elapsed = time.perf_counter() - start

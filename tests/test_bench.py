@@ -1,0 +1,35 @@
+"""The measuring commands measure something that can be believed; the figures themselves are not tested."""
+
+from pathlib import Path
+
+import pytest
+
+from pinconsist.errors import InputError
+from pinconsist.study.bench import overhead, robots
+
+ROBOTS = Path(__file__).parents[2] / "shared" / "robots"
+
+
+def test_overhead_counts_steps_residuals_and_times():
+    (row,) = overhead(tolerances=(1e-5,), repeats=1)
+    assert row.steps > 500 and 1.0 < row.residuals < 2.7
+    assert row.ratio == pytest.approx(row.step_time / row.bare_time) and row.ratio > 1.0
+
+
+def test_a_folder_of_one_robot(tmp_path):
+    (tmp_path / "bar").mkdir()
+    urdf = Path(__file__).parents[1] / "models" / "four_bar.urdf"
+    for suffix in (".urdf", ".yaml"):
+        (tmp_path / "bar" / f"four_bar{suffix}").write_text(urdf.with_suffix(suffix).read_text())
+    run, tight = robots(tmp_path, until=0.1)
+    assert (run.robot, run.closure, run.status, run.rtol, tight.rtol) == ("bar", "as written", "done", 0.0, 1e-7)
+    assert run.steps > 5 and run.gap < 1e-12 and run.energy_error < 1e-5 and run.step_time > 0.0
+    with pytest.raises(InputError, match="no folder"):
+        list(robots(tmp_path / "bar"))
+
+
+@pytest.mark.skipif(not ROBOTS.is_dir(), reason="the folder of real robots is not beside the project")
+def test_what_cannot_close_runs_in_two_other_ways():
+    runs = [run for run in robots(ROBOTS, until=0.01) if run.robot == "kangaroo_like"]
+    assert [run.closure for run in runs] == ["point", "point", "re-anchored", "re-anchored"]
+    assert all(run.status == "done" and run.gap < 1e-8 for run in runs)
