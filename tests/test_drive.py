@@ -92,3 +92,11 @@ def test_bad_drives_are_named():
     model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
     with pytest.raises(pc.InputError, match="3 degrees of freedom"):
         pc.Mechanism(model, [pc.Drive("motor", "ball", np.sin)])
+
+
+def test_more_drives_than_the_linkage_has_freedom_are_refused():
+    """One of the two would leave the system as a dependent row, and its curve would be missed in silence."""
+    mech = pc.load("slider_crank")
+    two = [pc.Drive("motor", "crank", lambda t: -1.0 + t), pc.Drive("press", "rod", lambda t: 1.2843049058942417)]
+    with pytest.raises(pc.SingularSystemError, match=r"drives motor, press are more"):
+        pc.simulate(mech.with_loops(*mech.loops, *two), (0.0, 1.0))

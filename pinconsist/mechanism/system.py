@@ -207,9 +207,11 @@ class MechanismSystem:
     def require_regular(self, q) -> None:
         """Raise SingularSystemError where the equations have no unique solution at `q`.
 
-        Either some motion that the loops allow has no inertia, or `q` is a singular position: rows that depend on
-        others here do not in closed configurations nearby, and the motion branches.
+        There are more drives than free motions; or some motion that the loops allow has no inertia; or `q` is a
+        singular position: rows that depend on others here do not in closed configurations nearby, and the motion
+        branches.
         """
+        self._require_free_drives(q)
         free = _null_space(self.loop_rows(q)[1][self.kept])
         inertia, motions = np.linalg.eigh(free.T @ self.mass_matrix(q) @ free)
         weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
@@ -223,6 +225,19 @@ class MechanismSystem:
             f"mechanism.with_armature({{{names[0]!r}: 1e-6}})",
             names=names,
         )
+
+    def _require_free_drives(self, q) -> None:
+        drives = [loop.name for loop in self.rows.loops if loop.kind == "drive"]
+        if not drives:
+            return
+        J = self.loop_rows(q)[1]
+        anchored = [row for row, (name, _) in enumerate(self.rows.labels) if name not in drives]
+        if self.nc < len(independent_rows(J[anchored])) + len(drives):
+            raise SingularSystemError(
+                f"{self.mechanism.name}: the drives {', '.join(drives)} are more than the loops leave free (or a dead "
+                "centre, where they cannot move it): their motions contradict each other. Drive fewer joints",
+                names=tuple(drives),
+            )
 
     def _require_lasting_rank(self, q, free) -> None:
         if self._dropped_are_zero or not free.size:
