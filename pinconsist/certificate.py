@@ -102,12 +102,12 @@ def _certify_mechanism(solution, mechanism):
         rho.append(J @ v + moving)
         forces.append(J.T @ lam)
         exact.append(J[system.kept].T @ solve_acceleration(system, t, q, v)[1])
-        kinetic.append(pin.computeKineticEnergy(model, data, q, v) + 0.5 * v @ (model.armature * v))
+        kinetic.append(pin.computeKineticEnergy(model, data, q, v))  # rotor inertia included
         energy.append(kinetic[-1] + pin.computePotentialEnergy(model, data, q))
         power.append(system.torque(t, q, v) @ v - lam @ moving)  # what drives put in counts
     power, energy = np.array(power), np.array(energy)
     work = _work(solution.t, power, energy)
-    scale = max(kinetic) or np.ptp(energy) or 1.0
+    scale = max(max(kinetic), 1e-6 * np.abs(energy).max()) or 1.0  # at rest there is nothing but rounding
     balance = float(np.max(np.abs(energy - energy[0] - work)) / scale)
     labels = [f"loop {loop!r} row {row}" for loop, row in mechanism.row_labels]
     return _certificate(solution, labels, phi, rho, forces, exact, balance, energy)

@@ -79,12 +79,13 @@ class Solution:
         lam = trajectory.lam
         if hasattr(system, "full_multipliers"):
             lam = system.full_history(trajectory.p, lam)
-            if opened := system.opened(trajectory.p):
+            if opened := system.opened(trajectory.t, trajectory.p):
                 i, gap, (loop, row) = opened
                 trajectory.status = -1
                 trajectory.message = (
-                    f"loop {loop!r} row {row} depends on other rows at the start and left the system, but gapes by "
-                    f"{gap:.1e} at t = {trajectory.t[i]:.6g}: the start is a singular position. Start elsewhere"
+                    f"loop {loop!r} row {row} depends on other rows at the start and left the system, but the loops "
+                    f"gape by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
+                    "Start elsewhere, or from a state just before"
                 )
         arrays = [np.array(a) for a in (trajectory.t, trajectory.p, trajectory.v, lam, trajectory.h, trajectory.order)]
         for array in arrays:
@@ -105,6 +106,10 @@ class Solution:
     def __repr__(self):
         first = self.message.split(". ")[0]
         return f"Solution of {self.scene or 'a problem'}: {len(self.t)} rows, {self.nsteps} steps, {first!r}"
+
+    def __getstate__(self):
+        """Without system and dense output, which hold Pinocchio's workspaces; `check` then wants a mechanism."""
+        return self.__dict__ | {"system": None, "sol": None}
 
     @property
     def y(self) -> np.ndarray:
@@ -127,6 +132,8 @@ class Solution:
         """
         if mechanism is None and self.system is None:
             raise InputError("a solution read from a file is checked with its mechanism: sol.check(mechanism)")
+        if not len(self.t):
+            raise InputError("the solution has no rows to check")
         forces = self.method.get("forces")
         if mechanism is not None and forces not in (None, len(mechanism.forces)):
             raise InputError(

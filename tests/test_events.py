@@ -366,3 +366,10 @@ def test_an_interrupt_in_an_event_returns_what_was_reached():
 def test_max_steps_with_t_eval_keeps_the_rows_reached():
     sol = pc.simulate(bead(), (0.0, 1.0), v0=(0.0, 2.0), step=0.01, t_eval=[0.0, 0.1, 0.9], max_steps=20)
     assert (sol.status, sol.nsteps) == (-1, 20) and sol.t.tolist() == [0.0, 0.1]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.zeros(2), "x"])
+def test_an_event_that_is_no_number_ends_the_run_with_its_name(value):
+    event = pc.Event(lambda t, q, v, lam: value if t > 0.5 else 1.0, name="latch")
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), events=event)
+    assert not sol.success and "'latch'" in sol.message and 0.3 < sol.t[-1] <= 0.6

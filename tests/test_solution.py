@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import pickle
 import zipfile
 
 import numpy as np
@@ -288,3 +289,24 @@ def test_an_interrupted_start_with_redundant_rows_has_empty_rows():
 
     sol = pc.simulate(bricard(), (0.0, 1.0), t_eval=[0.5, 1.0], callback=interrupt)
     assert sol.status == 1 and sol.lam.shape == (0, 5)
+
+
+def test_rotor_inertia_counts_once_and_rest_is_no_alarm():
+    geared = pc.load("four_bar").with_armature({"crank": 5.0})
+    assert pc.simulate(geared, (0.0, 1.0), rtol=1e-9, atol=1e-11).check().energy_error < 1e-6
+    still = pc.load("planar_pendulum")
+    hanging = pc.simulate(still, (0.0, 1.0), {still.joints[0]: np.pi / 2})
+    assert hanging.check().energy_error < 1e-6 and not hanging.check().concerns
+
+
+def test_solutions_travel_between_processes():
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 0.1), dense_output=True)
+    copy = pickle.loads(pickle.dumps(sol))
+    np.testing.assert_array_equal(copy.lam, sol.lam)
+    assert copy.message == sol.message and copy.check(mech).position == sol.check().position
+
+
+def test_a_solution_without_rows_cannot_be_checked():
+    with pytest.raises(pc.InputError, match="no rows"):
+        pc.simulate(pc.load("four_bar"), (0.0, 1.0), t_eval=[1.0], max_steps=5).check()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from scipy.optimize import brentq
 
-from ..errors import InputError
+from ..errors import InputError, UserFunctionError
 
 SAME_TIME = 1e-13  # relative: events closer than that happen at once
 NUDGE = 1e-6  # of a step
@@ -122,7 +122,7 @@ class EventWatch:
 
     def _signs(self, t, p, v, lam):
         lam = self._finish(p, lam)
-        return [float(event.function(t, p, v, lam)) for event in self.events]
+        return [_value(event, t, p, v, lam) for event in self.events]
 
     def _locate(self, event, segment, begin, end, g_end) -> float:
         if g_end == 0.0:
@@ -130,7 +130,7 @@ class EventWatch:
 
         def g(t):
             p, v, lam = segment(t)
-            return float(event.function(t, p, v, self._finish(p, lam)))
+            return _value(event, t, p, v, self._finish(p, lam))
 
         if g(begin) == 0.0 or g(begin) * g_end > 0:
             return end  # the interpolant's sign at its old end is lost in rounding
@@ -139,3 +139,14 @@ class EventWatch:
 
 def _at_once(t1, t2) -> bool:
     return abs(t1 - t2) <= SAME_TIME * max(1.0, abs(t1))
+
+
+def _value(event, t, p, v, lam) -> float:
+    """The event's function at a state, as a number that can have a sign."""
+    try:
+        value = float(event.function(t, p, v, lam))
+        if value != value:
+            raise ValueError("it returned NaN")
+    except Exception as error:
+        raise UserFunctionError(f"the event {event.name!r}", t, error) from error
+    return value

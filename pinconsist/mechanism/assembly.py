@@ -128,7 +128,7 @@ def velocity_on_constraints(mechanism: Mechanism, q, v=None, t: float = 0.0) -> 
     """
     solver = LoopSolver(mechanism, t)
     _, J = solver.rows(q)
-    kept = independent_rows(J)
+    kept = independent_rows(J, solver.loop_rows.turns)
     J = J[kept]
     M = pin.crba(mechanism.model, mechanism.model.createData(), q)
     M = np.triu(M) + np.triu(M, 1).T
@@ -220,7 +220,7 @@ class LoopSolver:
 
 def _report(mechanism, solver, guess, q, v, gaps, iterations):
     _, J = solver.rows(q)
-    kept, labels = independent_rows(J), mechanism.row_labels
+    kept, labels = independent_rows(J, solver.loop_rows.turns), mechanism.row_labels
     redundant = {
         labels[row]: {labels[i]: value for i, value in combination.items()}
         for row, combination in dependencies(J, kept).items()

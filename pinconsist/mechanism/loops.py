@@ -34,6 +34,9 @@ from .loop import GROUND, ROW_NAMES, Loop
 __all__ = ["GROUND", "ROW_NAMES", "Loop", "LoopRows", "anchor_constraint", "similar"]
 
 
+TURNING = ("rx", "ry", "rz", "tilt1", "tilt2")  # rows in rad
+
+
 class LoopRows:
     """The rows of several loops on one model, evaluated together. Private to systems and assembly.
 
@@ -53,6 +56,7 @@ class LoopRows:
         for loop in self.loops:
             self.slices[loop.name] = slice(start, start := start + len(loop.rows))
         self.closures = [_KINDS[loop.kind](model, loop) for loop in self.loops]
+        self.turns = np.array([row in TURNING for _, row in self.labels], dtype=bool)
         self.moving = any(closure.moving for closure in self.closures)
 
     def evaluate(self, data: pin.Data, q=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

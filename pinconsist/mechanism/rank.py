@@ -9,10 +9,27 @@ RANK_TOLERANCE = 1e-8
 """Relative to the largest pivot. Real robots have honest ratios down to 1e-5, redundant rows stay below 1e-12."""
 
 
-def independent_rows(J) -> np.ndarray:
-    """Indices, ascending, of a largest set of well-conditioned independent rows of J, by pivoted QR of Jᵀ."""
+NO_LENGTH = 1e-13  # m; rows that are all shorter are rounding
+
+
+def row_scales(J, turns) -> np.ndarray:
+    """Natural size of each row: 1 where `turns` (rad), else the largest norm of the rows in m, the loops' size."""
+    norms, scales = np.linalg.norm(J, axis=1), np.ones(len(J))
+    lengths = norms[~turns]
+    if lengths.max(initial=0.0) > NO_LENGTH:
+        scales[~turns] = lengths.max()
+    return scales
+
+
+def independent_rows(J, turns) -> np.ndarray:
+    """Indices, ascending, of a largest set of well-conditioned independent rows of J, by pivoted QR of Jᵀ.
+
+    `turns` marks the rows in rad; they and the rows in m are brought to one scale first, so that the choice does not
+    depend on the size of the mechanism.
+    """
     if not J.size:
         return np.zeros(0, dtype=int)
+    J = J / row_scales(J, turns)[:, None]
     R, pivots = qr(J.T, mode="r", pivoting=True)
     diagonal = np.abs(np.diagonal(R))
     if diagonal[0] == 0.0:

@@ -15,12 +15,12 @@ from .forces import ConstantTorque, JointDamping, model_forces
 from .kept_rows import KeptRows
 from .loops import LoopRows
 from .mechanism import Mechanism
-from .rank import independent_rows
+from .rank import independent_rows, row_scales
 
 NEARBY = 1e-3
 """How far, in rad and m, the rank of the loops is looked at from a position with dependent rows."""
 GAPING = 1e-6
-"""Gap, m or rad, at which a row that left the system is taken to have been needed."""
+"""Gap, relative to the mechanism's size, at which a row that left the system is taken to have been needed."""
 MASSLESS = 1e-14
 """Inertia of a free motion, relative to the largest, below which it counts as none."""
 
@@ -46,7 +46,8 @@ class MechanismSystem:
         self.rows = LoopRows(self.model, mechanism.loops)
         self.vector_like = self.model.nq == self.model.nv  # else some joint turns on SO(2), SO(3), SE(2) or SE(3)
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
-        self.kept = independent_rows(self.loop_rows(q)[1])
+        J = self.loop_rows(q)[1]
+        self.kept, self._sizes = independent_rows(J, self.rows.turns), row_scales(J, self.rows.turns)
         self.nc = len(self.kept)
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self._kept_rows = self.kept_rows.evaluate
@@ -185,17 +186,17 @@ class MechanismSystem:
         full = [self.full_multipliers(q, row) for q, row in zip(configurations, lam, strict=True)]
         return np.array(full).reshape(len(lam), self.rows.nc)
 
-    def opened(self, configurations):
+    def opened(self, times, configurations):
         """(index, gap, row) of the first configuration in which a dropped row gapes, or None.
 
-        It happens where rows that depend on others at the start do not later on.
+        It happens where the kept rows lose their rank on the way, or the start was a singular position.
         """
-        if self._dropped_are_zero or self.nc == self.rows.nc or self._moving:
+        if self._dropped_are_zero or self.nc == self.rows.nc:
             return None
-        for i, q in enumerate(configurations):
-            phi = np.abs(self.loop_rows(q)[0])
+        for i, (t, q) in enumerate(zip(times, configurations, strict=True)):
+            phi = np.abs(self.loop_rows(q, t)[0]) / self._sizes
             if phi.max() > GAPING + 100 * phi[self.kept].max(initial=0.0):  # interpolated rows gape in all alike
-                return i, float(phi.max()), self.rows.labels[int(np.argmax(phi))]
+                return i, float((phi * self._sizes).max()), self.rows.labels[int(np.argmax(phi))]
         return None
 
     def _structurally_zero(self, rows, q) -> bool:
@@ -232,7 +233,7 @@ class MechanismSystem:
             return
         J = self.loop_rows(q)[1]
         anchored = [row for row, (name, _) in enumerate(self.rows.labels) if name not in drives]
-        if self.nc < len(independent_rows(J[anchored])) + len(drives):
+        if self.nc < len(independent_rows(J[anchored], self.rows.turns[anchored])) + len(drives):
             raise SingularSystemError(
                 f"{self.mechanism.name}: the drives {', '.join(drives)} are more than the loops leave free (or a dead "
                 "centre, where they cannot move it): their motions contradict each other. Drive fewer joints",
@@ -247,7 +248,7 @@ class MechanismSystem:
         for _ in range(3):
             motion = free @ rng.standard_normal(free.shape[1])
             nearby, _ = solver.close(pin.integrate(self.model, q, NEARBY * motion / np.linalg.norm(motion)), everything)
-            rank = len(independent_rows(self.loop_rows(nearby)[1]))
+            rank = len(independent_rows(self.loop_rows(nearby)[1], self.rows.turns))
             if rank > self.nc:
                 loops = tuple(dict.fromkeys(self.rows.labels[row][0] for row in range(self.rows.nc)))
                 raise SingularSystemError(

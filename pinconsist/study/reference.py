@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ..dae.problem import HessenbergProblem
 from ..dae.start import integrate_index1
-from ..errors import InputError
+from ..errors import InputError, PinconsistError
 from ..mechanism.forces import Torque
 from ..mechanism.loops import GROUND, Loop
 from ..mechanism.mechanism import Mechanism, finite_array
@@ -96,6 +96,8 @@ def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> 
     system = system_of(system, t0, p0, v0)
     rows = integrate_index1(system, t0, p0, v0, finite_array(times, "times"), rtol, atol)
     t, p, v, lam = (np.array(column) for column in zip(*rows, strict=True))
+    if hasattr(system, "opened") and (opened := system.opened(t, p)):
+        raise PinconsistError(f"no reference: the loops gape by {opened[1]:.1e} at t = {t[opened[0]]:.6g}")
     return Reference(t, p, v, system.full_history(p, lam) if hasattr(system, "full_history") else lam)
 
 
