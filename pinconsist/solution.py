@@ -76,18 +76,18 @@ class Solution:
     @classmethod
     def from_trajectory(cls, trajectory, system, plan) -> Solution:
         """The solution of a trajectory, with the multipliers of all constraint rows."""
-        lam = trajectory.lam
-        if hasattr(system, "full_multipliers"):
-            lam = system.full_history(trajectory.p, lam)
-            if opened := system.opened(trajectory.t, trajectory.p):
-                i, gap, (loop, row) = opened
-                trajectory.status = -1
-                trajectory.message = (
-                    f"loop {loop!r} row {row} depends on other rows at the start and left the system, but the loops "
-                    f"gape by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
-                    "Start elsewhere, or from a state just before"
-                )
-        arrays = [np.array(a) for a in (trajectory.t, trajectory.p, trajectory.v, lam, trajectory.h, trajectory.order)]
+        if hasattr(system, "opened") and (opened := system.opened(trajectory.t, trajectory.p)):
+            i, gap, (loop, row) = opened
+            trajectory.status = -1
+            trajectory.message = (
+                f"loop {loop!r} row {row} depends on other rows at the start and left the system, but the loops "
+                f"gape by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
+                "Start elsewhere, or from a state just before"
+            )
+        arrays = [
+            np.array(a)
+            for a in (trajectory.t, trajectory.p, trajectory.v, trajectory.lam, trajectory.h, trajectory.order)
+        ]
         for array in arrays:
             array.setflags(write=False)
         t, q, v, lam, h, order = arrays

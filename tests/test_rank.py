@@ -3,10 +3,11 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from scenes import n_four_bar
+from scenes import bricard, n_four_bar
 
 import pinconsist as pc
 from pinconsist.mechanism.rank import independent_rows, row_scales
+from pinconsist.mechanism.system import MechanismSystem
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e3])
@@ -41,3 +42,47 @@ def test_a_reference_whose_loops_open_is_none(monkeypatch):
     in_line = np.array([-np.pi / 2, np.pi / 2, -np.pi / 2])
     with pytest.raises(pc.PinconsistError, match="no reference: the loops gape"):
         pc.reference_solution(n_four_bar(1), 0.0, in_line, np.zeros(3), [0.5, 1.0], rtol=1e-8)
+
+
+def bennett(size):
+    """Bennett's 4R linkage closed by a hinge: five rows of rank two."""
+    twist, ratio = 0.7, 0.6
+    other = np.arcsin(ratio * np.sin(twist))
+    links = [
+        pin.SE3(pin.rpy.rpyToMatrix(angle, 0, 0), np.array([length * size, 0, 0]))
+        for length, angle in ((ratio, other), (1.0, twist), (ratio, other), (1.0, twist))
+    ]
+    model, last = pin.Model(), 0
+    for i in range(3):
+        last = model.addJoint(last, pin.JointModelRZ(), links[i], f"j{i}")
+        inertia = np.diag([0.1, 0.2, 0.3]) * size**2
+        model.appendBodyToJoint(last, pin.Inertia(1.0, np.array([0.3, 0.1, 0.05]) * size, inertia), pin.SE3.Identity())
+    model.addFrame(pin.Frame("tip", last, 0, links[3], pin.FrameType.OP_FRAME))
+    loop = pc.Loop("loop", "hinge", "universe", "tip", axis=(0, 0, 1))
+    return pc.Mechanism(model, [loop], guess=[1.0, 3.45541751, -1.0])
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-2, 1e-6])
+def test_a_turning_bennett_linkage_is_the_same_at_every_size(size):
+    """Time goes with the root of the size; the kept rows change on the way, and the loop stays closed."""
+    unit = np.sqrt(size)
+    sol = pc.simulate(bennett(size), (0.0, 4 * unit), v0={"j0": 6.0 / unit}, rtol=1e-8, atol=(1e-8, 1e-8 / unit))
+    large = pc.simulate(bennett(1.0), (0.0, 4.0), v0={"j0": 6.0}, rtol=1e-9, atol=1e-9)
+    assert sol.success and sol.check().position < 1e-9  # tilts of micrometre links are known to eps over their size
+    np.testing.assert_allclose(sol.q[-1], large.q[-1], atol=2e-5)
+
+
+def test_rows_are_chosen_again_on_the_way_and_nothing_jumps():
+    """Bricard's mechanism over a full swing: P3 at t = 10 s is the benchmark's, whichever rows were kept."""
+    mech = bricard()
+    sol = pc.simulate(mech, (0.0, 10.0), rtol=1e-8, atol=1e-8, dense_output=True)
+    assert (sol.system.kept != MechanismSystem(mech, sol.q[0]).kept).any()
+    data = mech.model.createData()
+    pin.framesForwardKinematics(mech.model, data, sol.q[-1])
+    p3 = data.oMf[mech.model.getFrameId("P3")].translation
+    np.testing.assert_allclose(p3, (0.9999999638063, -1.0002690126962, 0.9997309511199), atol=1e-5)
+    assert sol.check().force < 1e-5 and sol.check().energy_error < 1e-5 and sol.check().position < 1e-12
+    for i in range(10, len(sol.t), 25):  # multipliers of all rows do not know which were kept
+        q, _, lam = sol.sol(sol.t[i])
+        np.testing.assert_allclose(q, sol.q[i], atol=1e-12)
+        np.testing.assert_allclose(lam, sol.lam[i], atol=1e-7 * np.abs(sol.lam).max())

@@ -38,6 +38,11 @@ class Segment:
         p = y[:nx] if self.system.vector_like else self.system.integrate(self.base, y[:nx])
         return p, y[nx : nx + nv], y[nx + nv :]
 
+    def finished(self, t: float):
+        """(p, v, λ) with the multipliers as the user sees them, by the rows that were kept in this step."""
+        p, v, lam = self(t)
+        return p, v, self.system.full_multipliers(p, lam) if hasattr(self.system, "full_multipliers") else lam
+
 
 class DenseOutput:
     """The solution at any time of the run.
@@ -46,8 +51,8 @@ class DenseOutput:
     single rows.
     """
 
-    def __init__(self, segments, finish=None):
-        self.segments, self._finish = tuple(segments), finish
+    def __init__(self, segments):
+        self.segments = tuple(segments)
         first, last = self.segments[0].t_old, self.segments[-1].end
         self.t_min, self.t_max, self._forward = min(first, last), max(first, last), last >= first
         self._ends = np.array([segment.end for segment in self.segments])
@@ -63,5 +68,4 @@ class DenseOutput:
     def _at(self, t):
         sign = 1.0 if self._forward else -1.0
         index = min(int(np.searchsorted(sign * self._ends, sign * t)), len(self.segments) - 1)
-        p, v, lam = self.segments[index](t)
-        return (p, v, lam) if self._finish is None else (p, v, self._finish(p, lam))
+        return self.segments[index].finished(t)

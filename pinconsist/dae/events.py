@@ -69,7 +69,7 @@ class EventWatch:
     """
 
     def __init__(self, events, finish):
-        self.events, self._finish = events, finish
+        self.events, self.finish = events, finish
         self.found = [[] for _ in events]
         self._values = [0.0] * len(events)
 
@@ -112,7 +112,7 @@ class EventWatch:
                 break
             event = self.events[i]
             p, v, lam = segment(t)
-            self.found[i].append((t, p, v, self._finish(p, lam)))
+            self.found[i].append((t, p, v, self.finish(p, lam)))
             enough = bool(event.terminal) and len(self.found[i]) >= int(event.terminal)
             if enough or event.apply is not None:
                 stop_at, final = t if stop_at is None else stop_at, final or enough
@@ -121,7 +121,7 @@ class EventWatch:
         return [i for t, i in hits if _at_once(t, stop_at)], stop_at, final
 
     def _signs(self, t, p, v, lam):
-        lam = self._finish(p, lam)
+        lam = self.finish(p, lam)
         return [_value(event, t, p, v, lam) for event in self.events]
 
     def _locate(self, event, segment, begin, end, g_end) -> float:
@@ -130,7 +130,7 @@ class EventWatch:
 
         def g(t):
             p, v, lam = segment(t)
-            return _value(event, t, p, v, self._finish(p, lam))
+            return _value(event, t, p, v, self.finish(p, lam))
 
         if g(begin) == 0.0 or g(begin) * g_end > 0:
             return end  # the interpolant's sign at its old end is lost in rounding

@@ -16,6 +16,8 @@ from .record import FAILED, STOPPED, SUCCESS, Record, Stop, Wishes
 from .stepper import Stepper
 from .stepsize import ErrorControl, FixedStep
 
+ROWS_WATCHED = 5  # steps after which the choice of constraint rows is looked at
+
 
 @dataclass
 class Method:
@@ -45,6 +47,8 @@ class Trajectory:
     ----------
     t, p, v, lam : ndarray
         (n,), (n, npos), (n, nv), (n, nc).
+    system : Index3System
+        The system at the end: other rows may be kept than at the start.
     status : int
         0 end reached, 1 stopped by an event or a callback, -1 failed.
     message : str
@@ -64,6 +68,7 @@ class Trajectory:
     p: np.ndarray
     v: np.ndarray
     lam: np.ndarray
+    system: object
     status: int
     message: str
     nsteps: int = 0
@@ -115,7 +120,7 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
         status, message = FAILED, f"{error} (reached t = {record.reached:.6g})"
     newton = stepper.newton
     return Trajectory(
-        *record.arrays(system), status=status, message=message, nsteps=record.nsteps,
+        *record.arrays(stepper.system), system=stepper.system, status=status, message=message, nsteps=record.nsteps,
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
         dense=record.dense(), events=watch.found, h=record.steps()[0], order=record.steps()[1],
     )  # fmt: skip
@@ -152,11 +157,28 @@ def _march(stepper, t_span, p, v, method, record, watch):
                 return
             if method.max_steps is not None and record.nsteps >= method.max_steps:
                 raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {t:.6g} of {t_end:.6g}")
+            if record.nsteps % ROWS_WATCHED == 0 and _choose_rows(stepper, record, watch):
+                p, v = stepper.p, stepper.velocity_and_multipliers()[0]
+                break
             stepper.prepare_next()
             failure = stepper.advance(t_end)
+            if failure and _choose_rows(stepper, record, watch):
+                p, v = stepper.p, stepper.velocity_and_multipliers()[0]
+                break
             if failure:
                 raise Stop(FAILED, explain(stepper, failure))
             rows = [(stepper.t, stepper.p, *stepper.velocity_and_multipliers())]
+
+
+def _choose_rows(stepper, record, watch) -> bool:
+    """Keep other constraint rows where the kept ones have become a poor choice; the run then begins again there."""
+    choose = getattr(stepper.system, "reselected", None)
+    fresh = choose(stepper.p) if choose else None
+    if fresh is None:
+        return False
+    stepper.change_system(fresh)
+    record.wishes.finish = watch.finish = fresh.full_multipliers
+    return True
 
 
 def _after_event(system, event, t, p, v):

@@ -61,7 +61,7 @@ class Record:
     def first(self, t, p, v, lam) -> None:
         """The initial row."""
         if self._pending is None or (self._pending and self._pending[-1] == t):
-            self._rows.append((t, p, v, lam))
+            self._keep(t, p, v, lam)
             if self._pending:
                 self._pending.pop()
         self._call_back(t, p, v, lam)
@@ -77,10 +77,10 @@ class Record:
         if self._pending is None:
             for row in rows:
                 self._steps.append((row[0] - self._rows[-1][0], order))
-                self._rows.append(row)
+                self._keep(*row)
         while self._pending and self._sign * (self._pending[-1] - end) <= 0:
             t = self._pending.pop()
-            self._rows.append((t, *segment(t)))
+            self._keep(t, *segment(t))
         self.reached = end
         for row in rows:
             self._call_back(*row)
@@ -88,13 +88,17 @@ class Record:
     def jump(self, t, p, v, lam) -> None:
         """The state after an event: a second row at the same time."""
         if self._pending is None:
-            self._rows.append((t, p, v, lam))
+            self._keep(t, p, v, lam)
             self._steps.append((0.0, 0))
+
+    def _keep(self, t, p, v, lam) -> None:
+        self._rows.append((t, p, v, self.wishes.finish(p, lam)))  # now: other rows may be kept later
 
     def arrays(self, system):
         """t, p, v, λ as arrays."""
         if not self._rows:
-            return np.zeros(0), np.zeros((0, system.npos)), np.zeros((0, system.nv)), np.zeros((0, system.nc))
+            nc = getattr(system, "n_multipliers", system.nc)
+            return np.zeros(0), np.zeros((0, system.npos)), np.zeros((0, system.nv)), np.zeros((0, nc))
         return tuple(np.array(column, dtype=float) for column in zip(*self._rows, strict=True))
 
     def steps(self):
@@ -104,7 +108,7 @@ class Record:
 
     def dense(self):
         """The continuous solution, if wished for."""
-        return DenseOutput(self._segments, self.wishes.finish) if self._segments else None
+        return DenseOutput(self._segments) if self._segments else None
 
     def _call_back(self, t, p, v, lam):
         callback = self.wishes.callback

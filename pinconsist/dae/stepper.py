@@ -39,6 +39,12 @@ class Stepper:
         self.newton = Newton(system, correct=method.consistency == "every-step")
         self._begun = False
 
+    def change_system(self, system) -> None:
+        """Go on with another system of the same sizes, from the next :meth:`begin` on; the work is counted on."""
+        before, self.system = self.newton, system
+        self.newton = Newton(system, before.correct)
+        self.newton.nfev, self.newton.njev, self.newton.nlu = before.nfev, before.njev, before.nlu
+
     def begin(self, t, p, v, t_end):
         """Start, or start again after a discontinuity, with a full-order history.
 

@@ -34,7 +34,7 @@ from .loop import GROUND, ROW_NAMES, Loop
 __all__ = ["GROUND", "ROW_NAMES", "Loop", "LoopRows", "anchor_constraint", "similar"]
 
 
-TURNING = ("rx", "ry", "rz", "tilt1", "tilt2")  # rows in rad
+TURNING = ("rx", "ry", "rz", "tilt1", "tilt2", "motor")  # rows in rad; a drive is measured by its own joint
 
 
 class LoopRows:

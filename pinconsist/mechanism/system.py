@@ -21,6 +21,8 @@ NEARBY = 1e-3
 """How far, in rad and m, the rank of the loops is looked at from a position with dependent rows."""
 GAPING = 1e-6
 """Gap, relative to the mechanism's size, at which a row that left the system is taken to have been needed."""
+FADED = 0.2
+"""Smallest singular value of the kept rows, relative to that of all rows, at which others are chosen."""
 MASSLESS = 1e-14
 """Inertia of a free motion, relative to the largest, below which it counts as none."""
 
@@ -48,7 +50,7 @@ class MechanismSystem:
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
         J = self.loop_rows(q)[1]
         self.kept, self._sizes = independent_rows(J, self.rows.turns), row_scales(J, self.rows.turns)
-        self.nc = len(self.kept)
+        self.nc, self.n_multipliers = len(self.kept), self.rows.nc
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self._kept_rows = self.kept_rows.evaluate
         self._dropped_are_zero = self._structurally_zero(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
@@ -185,6 +187,17 @@ class MechanismSystem:
             return full
         full = [self.full_multipliers(q, row) for q, row in zip(configurations, lam, strict=True)]
         return np.array(full).reshape(len(lam), self.rows.nc)
+
+    def reselected(self, q):
+        """The same system with other rows kept, where those kept here have become a poor choice at `q`; else None."""
+        if self._dropped_are_zero or self.nc == self.rows.nc:
+            return None
+        J = self.loop_rows(q)[1] / self._sizes[:, None]
+        strongest = np.linalg.svd(J, compute_uv=False)[self.nc - 1]
+        if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > FADED * strongest:
+            return None
+        fresh = MechanismSystem(self.mechanism, q)
+        return fresh if fresh.nc == self.nc and (fresh.kept != self.kept).any() else None
 
     def opened(self, times, configurations):
         """(index, gap, row) of the first configuration in which a dropped row gapes, or None.
