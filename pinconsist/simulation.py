@@ -107,7 +107,7 @@ def simulate(
     system.require_regular(assembly.q)
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
     trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes)
-    return Solution.from_trajectory(trajectory, trajectory.system, plan)
+    return Solution.from_trajectory(trajectory, plan)
 
 
 def integrate(
@@ -169,7 +169,7 @@ def integrate(
         )
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
     trajectory = dae.integrate(system, span, p0, v0, plan, wishes)
-    return Solution.from_trajectory(trajectory, trajectory.system, plan)
+    return Solution.from_trajectory(trajectory, plan)
 
 
 def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:

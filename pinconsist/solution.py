@@ -74,8 +74,9 @@ class Solution:
     system: object = field(default=None, repr=False, compare=False)
 
     @classmethod
-    def from_trajectory(cls, trajectory, system, plan) -> Solution:
-        """The solution of a trajectory, with the multipliers of all constraint rows."""
+    def from_trajectory(cls, trajectory, plan) -> Solution:
+        """The solution of a trajectory made by a method; a failure if a row that left the system opened."""
+        system = trajectory.system
         if hasattr(system, "opened") and (opened := system.opened(trajectory.t, trajectory.p)):
             i, gap, (loop, row) = opened
             trajectory.status = -1

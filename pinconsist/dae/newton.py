@@ -240,7 +240,3 @@ def solve_acceleration(system, t, p, v):
         raise SingularSystemError(f"the equations of motion are singular at t = {t:.6g} ([[M, -G], [W, 0]])")
     x = kkt.solve(rhs)
     return x[: system.nv], x[system.nv :]
-
-
-def _rms(x) -> float:
-    return sqrt(x.dot(x) / len(x)) if len(x) else 0.0

@@ -175,8 +175,7 @@ class LoopSolver:
         """Mask of the velocities that may move."""
         free = np.ones(self.model.nv, dtype=bool)
         for joint in names:
-            start = self.model.idx_vs[i := self.mechanism.joint_index(joint)]
-            free[start : start + self.model.nvs[i]] = False
+            free[self.mechanism.columns(joint)] = False
         return free
 
     def close(self, guess, free):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError, SingularSystemError
+from ..errors import InputError
 from .drive import Drive
 from .forces import Force, as_force
 from .loops import Loop, LoopRows, similar
@@ -189,11 +189,10 @@ class Mechanism:
         if not isinstance(armature, Mapping):
             raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
         for joint, value in armature.items():
-            start = model.idx_vs[i := self.joint_index(joint)]
             value = finite_array(value, f"armature of joint {joint!r}")
             if value.shape or value < 0:
                 raise InputError(f"armature of joint {joint!r} must be one number, not negative, got {value}")
-            model.armature[start : start + model.nvs[i]] += value
+            model.armature[self.columns(joint)] += value
         return replace(self, model=model)
 
     def reanchored(self, q=None) -> Mechanism:
@@ -244,9 +243,3 @@ def check_model(model: pin.Model) -> None:
             raise InputError(f"the inertia of the body at joint {name!r} is not finite")
         if inertia.mass < 0:
             raise InputError(f"the body at joint {name!r} has negative mass {inertia.mass:g} kg")
-
-
-def require_regular(names, what: str) -> None:
-    """Raise SingularSystemError for joints whose accelerations nothing determines."""
-    if names:
-        raise SingularSystemError(what, names=tuple(names))

@@ -177,20 +177,9 @@ class MechanismSystem:
         _, J = self.loop_rows(q)
         return np.linalg.lstsq(J.T, J[self.kept].T @ lam, rcond=1e-10)[0]
 
-    def full_history(self, configurations, lam):
-        """:meth:`full_multipliers` for every row of a run, shape (n, nc)."""
-        if self.nc == self.rows.nc:
-            return lam
-        if self._dropped_are_zero:
-            full = np.zeros((len(lam), self.rows.nc))
-            full[:, self.kept] = lam
-            return full
-        full = [self.full_multipliers(q, row) for q, row in zip(configurations, lam, strict=True)]
-        return np.array(full).reshape(len(lam), self.rows.nc)
-
     def reselected(self, q):
         """The same system with other rows kept, where those kept here have become a poor choice at `q`; else None."""
-        if self._dropped_are_zero or self.nc == self.rows.nc:
+        if self._dropped_are_zero:
             return None
         J = self.loop_rows(q)[1] / self._sizes[:, None]
         strongest = np.linalg.svd(J, compute_uv=False)[self.nc - 1]
@@ -204,7 +193,7 @@ class MechanismSystem:
 
         It happens where the kept rows lose their rank on the way, or the start was a singular position.
         """
-        if self._dropped_are_zero or self.nc == self.rows.nc:
+        if self._dropped_are_zero:
             return None
         for i, (t, q) in enumerate(zip(times, configurations, strict=True)):
             phi = np.abs(self.loop_rows(q, t)[0]) / self._sizes
@@ -214,6 +203,8 @@ class MechanismSystem:
 
     def _structurally_zero(self, rows, q) -> bool:
         """Whether these rows of J vanish everywhere, as out-of-plane rows do: looked at in three random places."""
+        if not len(rows):
+            return True
         rng = np.random.default_rng(0)
         places = [pin.integrate(self.model, q, rng.uniform(-1, 1, self.nv)) for _ in range(3)]
         return not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
@@ -273,12 +264,8 @@ class MechanismSystem:
 
     def _joints_in(self, motion):
         share = np.abs(motion).max(axis=1)
-        model = self.model
-        return tuple(
-            model.names[j]
-            for j in range(1, model.njoints)
-            if share[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]].max(initial=0.0) > 0.1 * share.max()
-        )
+        mechanism, least = self.mechanism, 0.1 * share.max()
+        return tuple(j for j in mechanism.joints if share[mechanism.columns(j)].max(initial=0.0) > least)
 
 
 def _null_space(J):

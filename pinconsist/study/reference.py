@@ -98,7 +98,9 @@ def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> 
     t, p, v, lam = (np.array(column) for column in zip(*rows, strict=True))
     if hasattr(system, "opened") and (opened := system.opened(t, p)):
         raise PinconsistError(f"no reference: the loops gape by {opened[1]:.1e} at t = {t[opened[0]]:.6g}")
-    return Reference(t, p, v, system.full_history(p, lam) if hasattr(system, "full_history") else lam)
+    if hasattr(system, "full_multipliers"):
+        lam = np.array([system.full_multipliers(*row) for row in zip(p, lam, strict=True)])
+    return Reference(t, p, v, lam)
 
 
 def _problem51():
