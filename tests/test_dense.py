@@ -129,7 +129,7 @@ def test_with_t_eval_nothing_is_kept_of_the_steps(monkeypatch, options):
     sol = run("crank_rocker", T=2.0, t_eval=[0.0, 1.0, 2.0], **options)
     (record,) = records
     kept = [value for value in vars(record).values() if isinstance(value, list)]
-    assert sol.nsteps > 100 and sum(map(len, kept)) == 3
+    assert sol.nsteps > 100 and sum(map(len, kept)) <= 3 and len(sol.t) == 3
 
 
 def test_dense_output_of_a_stopped_run_ends_where_it_stopped():

@@ -213,7 +213,7 @@ def test_what_apply_returns_is_put_on_the_constraints():
     jump = int(np.flatnonzero(np.diff(sol.t) == 0.0)[0])
     np.testing.assert_allclose(sol.q[jump + 1], sol.q[jump], atol=1e-12)
     np.testing.assert_allclose(sol.v[jump + 1], sol.v[jump], atol=1e-12)
-    assert sol.check().velocity < 1e-12 and np.abs(sol.lam + 4.0).max() < 1e-4
+    assert sol.check().velocity < 1e-9 and np.abs(sol.lam + 4.0).max() < 1e-4  # a twentieth of rtol |v|
 
 
 @pytest.mark.parametrize("returned", [(1.0, 2.0, 3.0), np.array([np.nan, 0.0]), (np.zeros(2), np.zeros(3)), "stop"])

@@ -23,6 +23,7 @@ import numpy as np
 from .newton import rounding_weights
 
 MAX_ORDER = 6
+ROWS = MAX_ORDER + 3  # of a table: ∇⁰y to ∇ᵏ⁺²y, and zeros
 MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
 GAMMA = np.concatenate(([0.0], np.cumsum(1.0 / np.arange(1, MAX_ORDER + 1))))
 
@@ -49,13 +50,13 @@ def predictor(k: int) -> np.ndarray:
 
 @cache
 def advance(k: int) -> np.ndarray:
-    """(k+3, k+3): leads Z[:k+3], whose last row holds y_{n+1} minus its prediction, to the table at n+1."""
-    T = np.zeros((k + 3, k + 3))
+    """(ROWS, ROWS): leads a table whose row k+2 holds y_{n+1} minus its prediction to the table at n+1."""
+    T = np.zeros((ROWS, ROWS))
     for j in range(k + 1):
         T[j, j : k + 1] = 1.0
         T[j, k + 2] = 1.0
     T[k + 1, k + 2] = 1.0
-    T[k + 2, k + 1 :] = (-1.0, 1.0)
+    T[k + 2, k + 1 : k + 3] = (-1.0, 1.0)
     return _frozen(T)
 
 
@@ -67,11 +68,20 @@ def differences(k: int) -> np.ndarray:
 
 def rescale(k: int, factor: float) -> np.ndarray:
     """(k+1, k+1): leads Z[:k+1] to the differences for step factor·h of the same interpolating polynomial."""
-    steps = factor * np.arange(k + 1)  # new grid points, in old steps back from t_n
-    nodes = np.ones((k + 1, k + 1))  # row i: Newton basis at t_n - steps[i] h
-    j = np.arange(k)
-    np.cumprod((j - steps[:, None]) / (j + 1), axis=1, out=nodes[:, 1:])
-    return differences(k).dot(nodes)
+    return _rescaling(k).dot(factor ** np.arange(k + 1))
+
+
+@cache
+def _rescaling(k: int) -> np.ndarray:
+    """(k+1, k+1, k+1): :func:`rescale` as polynomials of its factor, lowest power first."""
+    nodes = np.zeros((k + 1, k + 1, k + 1))  # [i, j]: Newton's basis polynomial j at i new steps back from t_n
+    for i in range(k + 1):
+        polynomial = np.ones(1)
+        nodes[i, 0, 0] = 1.0
+        for j in range(k):
+            polynomial = np.convolve(polynomial, (j, -i)) / (j + 1)
+            nodes[i, j + 1, : j + 2] = polynomial
+    return _frozen(np.tensordot(differences(k), nodes, 1))
 
 
 def interpolate(k: int, s) -> np.ndarray:

@@ -30,7 +30,7 @@ def kkt_at(system, t, p, v) -> KKT:
     _, _, G, _ = system.evaluate(t, p, v, zero_v)
     kkt = KKT(system.nv, system.nc)
     W = system.linearize(t, p, v, zero_v, zero_c, 0.0, kkt.A)
-    if not kkt.factorise(G, W):
+    if kkt.solve_new(G, W, 1.0, np.zeros(system.nv + system.nc)) is None:
         raise SingularSystemError(f"the equations of motion are singular at t = {t:.6g}")
     return kkt
 

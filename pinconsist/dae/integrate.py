@@ -13,10 +13,11 @@ from .events import EventWatch
 from .explain import explain
 from .newton import solve_acceleration
 from .record import FAILED, STOPPED, SUCCESS, Record, Stop, Wishes
-from .stepper import Stepper
+from .stepper import NO_STEP, Stepper
 from .stepsize import ErrorControl, FixedStep
 
 ROWS_WATCHED = 5  # steps after which the choice of constraint rows is looked at
+RESTARTED = 20  # steps that a run must have made before it may begin again where a step fails
 
 
 @dataclass
@@ -118,23 +119,23 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
         if record.nsteps == 0:  # nothing was reached that could be lost
             raise
         status, message = FAILED, f"{error} (reached t = {record.reached:.6g})"
-    newton = stepper.newton
+    newton, rows = stepper.newton, record.arrays(stepper.system)
+    h, order = record.steps(rows[0])
     return Trajectory(
-        *record.arrays(stepper.system), system=stepper.system, status=status, message=message, nsteps=record.nsteps,
+        *rows, system=stepper.system, status=status, message=message, nsteps=record.nsteps,
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
-        dense=record.dense(), events=watch.found, h=record.steps()[0], order=record.steps()[1],
+        dense=record.dense(), events=watch.found, h=h, order=order,
     )  # fmt: skip
 
 
 def _march(stepper, t_span, p, v, method, record, watch):
-    t, t_end = t_span
+    (t, t_end), watched = t_span, bool(watch.events) or record.needs_segments
     while t != t_end:  # once, and again after every event that changes the state
-        states = stepper.begin(t, p, v, t_end)
+        states, begun = stepper.begin(t, p, v, t_end), record.nsteps
         rows = states[1:]
         while True:
-            watched = rows and (watch.events or record.needs_segments)
-            segment = stepper.segment() if watched else None
-            hit = watch.first(segment, [row[0] for row in rows]) if watched and watch.events else None
+            segment = stepper.segment() if watched and rows else None
+            hit = watch.first(segment, [row[0] for row in rows]) if segment is not None and watch.events else None
             if hit is None:
                 record.stretch(rows, segment, stepper.used[1])
             else:
@@ -162,7 +163,8 @@ def _march(stepper, t_span, p, v, method, record, watch):
                 break
             stepper.prepare_next()
             failure = stepper.advance(t_end)
-            if failure and _choose_rows(stepper, record, watch):
+            spoilt = failure == NO_STEP and record.nsteps > begun + RESTARTED  # the history, perhaps
+            if failure and (_choose_rows(stepper, record, watch) or spoilt):
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
                 break
             if failure:
@@ -177,7 +179,8 @@ def _choose_rows(stepper, record, watch) -> bool:
     if fresh is None:
         return False
     stepper.change_system(fresh)
-    record.wishes.finish = watch.finish = fresh.full_multipliers
+    watch.finish = fresh.full_multipliers
+    record.finish_by(fresh.full_multipliers)
     return True
 
 

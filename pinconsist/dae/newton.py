@@ -1,15 +1,16 @@
 """Scaled modified Newton on the KKT block matrix: what stands between a predictor and a converged step.
 
-Unknowns of one step are v and m = c λ; the position follows from v by p = base ⊕ (ψ_ξ + c U). The residuals
+Unknowns of one step are v and λ; the position follows from v by p = base ⊕ (ψ_ξ + c U). The residuals
 
-    r₁ = c f(t, p, v, (v - ψ_v)/c) - G m,        r₂ = Φ(t, p)/c
+    r₁ = c (f(t, p, v, (v - ψ_v)/c) - G λ),        r₂ = Φ(t, p)/c
 
 belong to the matrix
 
-    K = [ A  -G ]      A = M + c ∂f/∂v + c² ∂f/∂p
-        [ W   0 ]
+    K = [ A  -c G ]      A = M + c ∂f/∂v + c² ∂f/∂p
+        [ W    0  ]
 
-whose condition does not depend on the step size (the raw index-3 matrix grows like h⁻³).
+whose condition, once its last columns are scaled, does not depend on the step size (the raw index-3 matrix grows like
+h⁻³); elimination with row pivots does not see the scale of a column.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from dataclasses import dataclass
 from math import isfinite, sqrt
 
 import numpy as np
-from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.linalg.lapack import dgesv, dgetrs
 
 from ..errors import PinconsistError, SingularSystemError
+from .foresight import Foresight
 
 EPS = np.finfo(float).eps
 MAX_ITERATIONS = 10
 FRESH_RATE = 0.4  # a slower contraction asks for a new and complete matrix
-TRUST = 10  # steps for which a measured contraction is believed
 STAGNANT = 0.7  # and a slower one than this, close to the solution, is rounding
 
 
@@ -39,40 +40,43 @@ class Attempt:
         [ξ | v | λ] at the new time, ξ in the chart at `base`; corrected where asked.
     p : ndarray
         The position itself.
+    change : ndarray or None
+        y minus its prediction.
+    size : float
+        The larger of the root mean squares of the weighted changes of ξ and of v.
     failure : str
         Empty, or why there is no solution.
     """
 
     y: np.ndarray
     p: np.ndarray
-    iterations: int
+    change: np.ndarray | None = None
+    size: float = 0.0
     failure: str = ""
 
 
 class KKT:
-    """The block matrix [[A, -G], [W, 0]] of one system: workspace, factors, solutions.
+    """The block matrix [[A, -c G], [W, 0]] of one system: workspace, factors, solutions.
 
     Attributes
     ----------
     A : ndarray
-        The upper left block, to be filled before :meth:`factorise`.
+        The upper left block, to be filled before :meth:`solve_new`.
     """
 
     def __init__(self, nv: int, nc: int):
-        self.A = np.zeros((nv, nv))
         self._K = np.zeros((nv + nc, nv + nc), order="F")
-        self._A, self._minus_G, self._W = self._K[:nv, :nv], self._K[:nv, nv:], self._K[nv:, :nv]
+        self.A, self._minus_cG, self._W = self._K[:nv, :nv], self._K[:nv, nv:], self._K[nv:, :nv]
 
-    def factorise(self, G, W) -> bool:
-        """Fill in G and W and factorise; False where the matrix is singular."""
-        self._A[:] = self.A
-        np.negative(G, out=self._minus_G)
+    def solve_new(self, G, W, c, rhs):
+        """Fill in c G and W, factorise and solve as :meth:`solve`; None where the matrix is singular."""
+        np.multiply(G, -c, self._minus_cG)
         self._W[:] = W
-        self._lu, self._pivots, info = dgetrf(self._K)
-        return info == 0
+        self._lu, self._pivots, x, info = dgesv(self._K, rhs)
+        return x if info == 0 else None
 
     def solve(self, rhs):
-        """K⁻¹ rhs; rhs has shape (nv+nc,) or (nv+nc, columns)."""
+        """K⁻¹ rhs with the last factors; rhs has shape (nv+nc,) or (nv+nc, columns)."""
         return dgetrs(self._lu, self._pivots, rhs)[0]
 
 
@@ -94,16 +98,18 @@ class Newton:
         self._kkt = KKT(nv, nc)
         self._rhs = np.zeros((nv + nc, 3), order="F")
         self._dynamics, self._constraint, self._hidden = self._rhs[:nv, 0], self._rhs[nv:, 1], self._rhs[nv:, 2]
-        self._raw = np.array([1.0, 1.0, 0.0])
-        self._contraction, self._measured_at, self._trust = 1.0, 1.0, 0
+        self._parts = np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 1.0]])  # of the three solutions in p, and in v and λ
+        if not correct:
+            self._parts[2, 1] = 0.0
+        self.foresight = Foresight()
 
     def attempt(self, t, base, psi, predicted, c, weight, tol) -> Attempt:
         """Solve one step.
 
         One factorisation serves three right-hand sides: (r₁, 0) for the dynamics, (0, r₂) for the constraint, whose
-        rounding noise eps/c is judged only by the position change it makes, and (0, ρ) for the correction. Where the
-        contraction measured lately promises that one iteration is enough for the dynamics, only the constraint is
-        evaluated once more, and closed.
+        rounding noise eps/c is judged only by the position change it makes, and (0, ρ) for the correction. What
+        :class:`~pinconsist.dae.foresight.Foresight` remembers of the last steps may promise that one iteration is
+        enough; then only the constraint is evaluated once more, and closed, or nothing at all.
 
         Parameters
         ----------
@@ -120,79 +126,83 @@ class Newton:
         tol : float
             Stop when the root mean squares of the weighted increments to come are estimated below this.
         """
-        system, kkt = self.system, self._kkt
+        system, kkt, foresight = self.system, self._kkt, self.foresight
         nx, nv = system.nx, system.nv
-        psi_x, psi_v = psi[:nx], psi[nx : nx + nv]
-        weights = _paired(weight, nx, nv)
-        raw = self._raw
-        raw[1] = 1.0 / c  # the second column is solved for positions, c times the velocities
-        x = predicted[nx:].copy()
-        v, m = x[:nv], x[nv:]
-        m *= c
+        psi_x, parts = psi[:nx], self._parts
+        parts[1, 0] = 1.0 / c  # the second column is solved for positions, c times the velocities
+        if not self.correct:
+            parts[1, 1] = parts[1, 0]
+        x = predicted[nx:]
+        v, lam = x[:nv], x[nv:]
         last, rate, slow = 0.0, 0.0, False
+        a = (v - psi[nx : nx + nv]) / c
         p, xi = system.position(t, base, psi_x, c, v)
         for iteration in range(1, MAX_ITERATIONS + 1):
-            a = v - psi_v
-            a /= c
             f, phi, G, rho = system.evaluate(t, p, v, a)
-            np.multiply(f, c, out=self._dynamics)
-            self._dynamics -= G.dot(m)
+            f -= G.dot(lam)
+            np.multiply(f, c, self._dynamics)
             self._constraint[:] = phi
             self._hidden[:] = rho
             self.nfev += 1
             if iteration == 1 or slow:
-                W = system.linearize(t, p, v, a, m, c, kkt.A)
+                W = system.linearize(t, p, v, a, lam, c, kkt.A)
                 if slow:  # the turning of the constraint forces, left out at first, is what slows Newton down
-                    kkt.A -= c * system.force_gradient(t, p, v, m)
+                    kkt.A -= c**2 * system.force_gradient(t, p, v, lam)
                 self.njev += 1
                 self.nlu += 1
-                if not kkt.factorise(G, W):
-                    return Attempt(predicted, p, iteration, "the KKT matrix is singular")
-            steps = kkt.solve(self._rhs)
-            before, x = x, x - steps.dot(raw)
-            v, m = x[:nv], x[nv:]
-            sizes = steps[:nv, :2] * weights
-            sizes = sizes.ravel("K")
-            size = sqrt(sizes.dot(sizes) / nv)
-            if not isfinite(size):
-                return Attempt(predicted, p, iteration, "the residual is not finite")
-            p, xi = system.position(t, base, psi_x, c, v)
-            if iteration == 1 and self._is_enough(size, c, tol):
-                return self._close(t, base, psi_x, c, p, x)
+                steps = kkt.solve_new(G, W, c, self._rhs)
+                if steps is None:
+                    return Attempt(predicted, p, failure="the KKT matrix is singular")
+            else:
+                steps = kkt.solve(self._rhs)
+            moves = steps.dot(parts)
+            raw = v - moves[:nv, 0]
+            p, xi = system.position(t, base, psi_x, c, raw)
+            if iteration == 1:
+                y = np.concatenate((xi, x - moves[:, 1]))
+                change = y - predicted
+                e = change[: nx + nv] * weight
+                size = sqrt(e.dot(e) / nv)
+                if self.correct and foresight.one_is_enough(size, c, tol):
+                    if not foresight.stays_closed(size, c, tol):
+                        y, p = self._close(t, base, psi_x, c, p, raw, y, weight, size)
+                        change = y - predicted
+                    return Attempt(y, p, change, size)
+            increments = (steps[:nv, :2] * _paired(weight, nx, nv)).ravel("K")
+            size = sqrt(increments.dot(increments) / nv)
             if iteration > 1:
                 rate = size / last
+            if not isfinite(size):
+                whose = _culprits(system, t, base, v)
+                return Attempt(predicted, p, failure=f"the residual is not finite{whose}")
             if iteration == 2:
-                self._contraction = max(rate, 0.3 * self._contraction)
-                self._measured_at, self._trust = c, TRUST
+                foresight.measured(rate, c)
             settled = size <= tol or (iteration > 1 and rate < 1.0 and size * rate / (1.0 - rate) <= tol)
             if settled or (rate > STAGNANT and _at_floor(steps[:nv], v, p)):
-                if self.correct:  # in place of W⁻¹Φ/c the step that leaves ρ = 0
-                    x = before - steps.dot(_CORRECTED)
-                x[nv:] /= c
-                return Attempt(np.concatenate((xi, x)), p, iteration)
+                y = np.concatenate((xi, x - moves[:, 1]))
+                change = y - predicted
+                e = change[: nx + nv] * weight
+                return Attempt(y, p, change, sqrt(e.dot(e) / nv))
             if rate > 2.0 and iteration > 2:
-                return Attempt(predicted, p, iteration, "Newton diverged")
+                return Attempt(predicted, p, failure="Newton diverged")
             slow = rate > FRESH_RATE or size * rate ** (MAX_ITERATIONS - iteration) > tol
             last = size
-        return Attempt(predicted, p, iteration, "Newton did not converge")
+            x = x - steps.dot(parts[:, 0])
+            v, lam = x[:nv], x[nv:]
+            a = (v - psi[nx : nx + nv]) / c
+        return Attempt(predicted, p, failure="Newton did not converge")
 
-    def _is_enough(self, size, c, tol) -> bool:
-        """Whether the contraction, which grows like c², promises that the first increment was the last that counts."""
-        self._trust -= 1
-        return self.correct and self._trust >= 0 and self._contraction * (c / self._measured_at) ** 2 * size <= tol
-
-    def _close(self, t, base, psi_x, c, p, x) -> Attempt:
-        """Close the loops at the new position and take ρ out: the dynamics need no second look."""
-        system, nv = self.system, self.system.nv
-        self._constraint[:], self._hidden[:] = system.constraint(t, p, system.rate(t, p, x[:nv]))
+    def _close(self, t, base, psi_x, c, p, raw, y, weight, size):
+        """(y, p) with the loops closed at the new position and ρ taken out: the dynamics need no second look."""
+        system, nx, nv = self.system, self.system.nx, self.system.nv
+        v = y[nx : nx + nv]
+        phi, rho = system.constraint(t, p, system.rate(t, p, v))
+        self._constraint[:], self._hidden[:] = phi, rho
         steps = self._kkt.solve(self._rhs[:, 1:])
-        p, xi = system.position(t, base, psi_x, c, x[:nv] - steps[:nv, 0] / c)
-        x -= steps[:, 1]
-        x[nv:] /= c
-        return Attempt(np.concatenate((xi, x)), p, 1)
-
-
-_CORRECTED = np.array([1.0, 0.0, 1.0])
+        gap = np.max(np.abs(phi), initial=0.0) / (1.0 + np.max(np.abs(p), initial=0.0))
+        self.foresight.looked(gap, steps[:nv, 1] * weight[nx:], v * weight[nx:], size, c)
+        p, xi = system.position(t, base, psi_x, c, raw - steps[:nv, 0] / c)
+        return np.concatenate((xi, y[nx:] - steps[:, 1])), p
 
 
 def _paired(weight, nx, nv):
@@ -207,6 +217,13 @@ def _at_floor(steps, v, p) -> bool:
     step, moved = (np.max(np.abs(steps[:, i]), initial=0.0) for i in (0, 1))
     scale = np.max(np.abs(v), initial=0.0) + step
     return step <= 1e-9 * scale and moved <= 1e4 * EPS * (1.0 + np.max(np.abs(p), initial=0.0))
+
+
+def _culprits(system, t, p, v) -> str:
+    """The forces that are not finite at a state, for a message, where the system can tell."""
+    tell = getattr(system, "not_finite", None)
+    names = tell(t, p, v) if tell else ()
+    return f" ({', '.join(map(repr, names))} at t = {t:.9g})" if names else ""
 
 
 def rounding_weights(system, y):
@@ -233,10 +250,10 @@ def solve_acceleration(system, t, p, v):
     rhs = -np.concatenate((f0, system.acceleration_bias(t, p, v)))
     if not np.isfinite(rhs).all():
         raise PinconsistError(
-            f"the equations of motion are not finite at t = {t:.6g}: "
+            f"the equations of motion are not finite at t = {t:.6g}{_culprits(system, t, p, v)}: "
             "a force or a user's function returns NaN or infinity"
         )
-    if not kkt.factorise(G, W):
+    x = kkt.solve_new(G, W, 1.0, rhs)
+    if x is None:
         raise SingularSystemError(f"the equations of motion are singular at t = {t:.6g} ([[M, -G], [W, 0]])")
-    x = kkt.solve(rhs)
     return x[: system.nv], x[system.nv :]

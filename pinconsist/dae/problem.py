@@ -53,11 +53,11 @@ class Index3System(Protocol):
         The arrays are the caller's to change, and valid until the next call.
         """
 
-    def linearize(self, t, p, v, a, m, c, A):
-        """Fill A = M + c ∂f/∂v + c² ∂f/∂p, (nv, nv), and return W, (nc, nv), at the point evaluated last. m = c λ."""
+    def linearize(self, t, p, v, a, lam, c, A):
+        """Fill A = M + c ∂f/∂v + c² ∂f/∂p, (nv, nv), and return W, (nc, nv), at the point evaluated last."""
 
-    def force_gradient(self, t, p, v, m):
-        """∂(G m)/∂ξ, (nv, nv) in velocity columns, where :meth:`linearize` leaves it out; else zero."""
+    def force_gradient(self, t, p, v, lam):
+        """∂(G λ)/∂ξ, (nv, nv) in velocity columns, where :meth:`linearize` leaves it out; else zero."""
 
     def constraint(self, t, p, rate):
         """(Φ, ρ), each (nc,): the constraint, and the hidden one ρ = Φ_p U + Φ_t with U = `rate`."""
@@ -166,19 +166,19 @@ class HessenbergProblem:
         rho = self._hidden(t, p, self.rate(t, p, v))
         return a - self.F(t, p, v), np.asarray(self.R(t, p), float), np.asarray(self.G(t, p, v), float), rho
 
-    def linearize(self, t, p, v, a, m, c, A):
+    def linearize(self, t, p, v, a, lam, c, A):
         E = np.linalg.inv(np.eye(self.nx) - c * self._jacobian_U_p(t, p, v))
         U_v = E @ self._jacobian_U_v(t, p, v)
 
         def force(p, v):
-            return c * np.asarray(self.F(t, p, v), float) + np.asarray(self.G(t, p, v), float) @ m
+            return np.asarray(self.F(t, p, v), float) + np.asarray(self.G(t, p, v), float) @ lam
 
         A[:] = np.eye(self.nv)
         if c:
-            A -= _columns(lambda x: force(p, x), v) + c * _columns(lambda x: force(x, v), p) @ U_v
+            A -= c * _columns(lambda x: force(p, x), v) + c**2 * _columns(lambda x: force(x, v), p) @ U_v
         return self._jacobian_R_p(t, p) @ U_v
 
-    def force_gradient(self, t, p, v, m):
+    def force_gradient(self, t, p, v, lam):
         return 0.0  # linearize has it
 
     def constraint(self, t, p, rate):

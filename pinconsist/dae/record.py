@@ -30,7 +30,7 @@ class Wishes:
     callback : callable or None
         ``callback(t, p, v, lam)`` after every accepted step; a true value stops the run.
     finish : callable
-        ``finish(p, lam)``: the multipliers as the user sees them.
+        ``finish(p, lam)``: the multipliers as the user sees them, of one row or a stack of rows.
     """
 
     t_eval: np.ndarray | None = None
@@ -55,13 +55,13 @@ class Record:
         self.wishes, self.reached, self.nsteps = wishes, t_span[0], 0
         self.needs_segments = wishes.dense or wishes.t_eval is not None
         self._sign = 1.0 if t_span[1] >= t_span[0] else -1.0
-        self._rows, self._steps, self._segments = [], [], []
+        self._rows, self._orders, self._segments, self._finished = [], [], [], []
         self._pending = None if wishes.t_eval is None else list(wishes.t_eval[::-1])
 
     def first(self, t, p, v, lam) -> None:
         """The initial row."""
         if self._pending is None or (self._pending and self._pending[-1] == t):
-            self._keep(t, p, v, lam)
+            self._rows.append((t, p, v, lam))
             if self._pending:
                 self._pending.pop()
         self._call_back(t, p, v, lam)
@@ -74,37 +74,45 @@ class Record:
         self.nsteps += len(rows)
         if self.wishes.dense:
             self._segments.append(segment.until(end))
+        self.reached = end
         if self._pending is None:
-            for row in rows:
-                self._steps.append((row[0] - self._rows[-1][0], order))
-                self._keep(*row)
+            self._orders += [order] * len(rows)
+            self._rows += rows
         while self._pending and self._sign * (self._pending[-1] - end) <= 0:
             t = self._pending.pop()
-            self._keep(t, *segment(t))
-        self.reached = end
-        for row in rows:
-            self._call_back(*row)
+            self._rows.append((t, *segment(t)))
+        if self.wishes.callback is not None:
+            for row in rows:
+                self._call_back(*row)
 
     def jump(self, t, p, v, lam) -> None:
         """The state after an event: a second row at the same time."""
         if self._pending is None:
-            self._keep(t, p, v, lam)
-            self._steps.append((0.0, 0))
+            self._rows.append((t, p, v, lam))
+            self._orders.append(0)
 
-    def _keep(self, t, p, v, lam) -> None:
-        self._rows.append((t, p, v, self.wishes.finish(p, lam)))  # now: other rows may be kept later
+    def finish_by(self, finish) -> None:
+        """Complete the multipliers recorded so far; those to come are completed by `finish`."""
+        if self._rows:
+            t, *states = zip(*self._rows, strict=True)
+            p, v, lam = (np.concatenate(column).reshape(len(t), -1) for column in states)  # faster than np.array
+            self._finished.append((np.array(t), p, v, self.wishes.finish(p, lam)))
+            self._rows = []
+        self.wishes.finish = finish
 
     def arrays(self, system):
         """t, p, v, λ as arrays."""
-        if not self._rows:
+        self.finish_by(None)
+        if not self._finished:
             nc = getattr(system, "n_multipliers", system.nc)
             return np.zeros(0), np.zeros((0, system.npos)), np.zeros((0, system.nv)), np.zeros((0, nc))
-        return tuple(np.array(column, dtype=float) for column in zip(*self._rows, strict=True))
+        return tuple(map(np.concatenate, zip(*self._finished, strict=True)))
 
-    def steps(self):
-        """Step and order by which each row was reached; empty where rows are not steps."""
-        steps = np.array(self._steps).reshape(-1, 2)
-        return steps[:, 0], steps[:, 1].astype(int)
+    def steps(self, t):
+        """Step and order by which each of the rows at times `t` was reached; empty where rows are not steps."""
+        if self._pending is not None:
+            return np.zeros(0), np.zeros(0, int)
+        return np.diff(t), np.array(self._orders, dtype=int)
 
     def dense(self):
         """The continuous solution, if wished for."""

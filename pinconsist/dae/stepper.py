@@ -9,6 +9,7 @@ from . import bdf, consistency, start
 from .dense import Segment
 from .newton import EPS, Newton
 
+NO_STEP = "the error test fails at any step size"
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
 
 
@@ -55,6 +56,7 @@ class Stepper:
         """
         system, method = self.system, self.method
         self.control.restart()
+        self.newton.foresight.forget()
         if method.step is not None:
             steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
             if self._begun and abs(t_end - t) > 1e-3 * method.step:
@@ -74,7 +76,7 @@ class Stepper:
         self.base, filled = start.fill_table(system, states, self.k)
         if method.consistency == "initial":
             self._make_consistent(filled, states)
-        self.Z = np.zeros((bdf.MAX_ORDER + 3, filled.shape[1]))
+        self.Z = np.zeros((bdf.ROWS, filled.shape[1]))
         self.Z[: len(filled)] = filled
         self.t_old, self.y, self.used = states[0][0], self.Z[0].copy(), (self.h, 0)
         self._points, self._choice, self._begun = len(states), (self.h, self.k), True
@@ -96,16 +98,17 @@ class Stepper:
                 if smaller is None:
                     return step.failure
             else:
-                d = step.y - predicted
-                error = control.error(system, d, k, weight)
+                d = step.change
+                error = control.error(step, k)
                 if error <= 1.0 or error <= self._rounding_error(t_next, step, weight):
                     break
                 smaller, self.k = control.after_rejection(system, Z, d, k, h, error, weight)
+            self.newton.foresight.forget()
             if abs(smaller) < SMALLEST * np.spacing(abs(self.t)):
-                return step.failure or "the error test fails at any step size"
+                return step.failure or NO_STEP
             self.rescale(smaller, k)
         Z[k + 2] = d
-        Z[: k + 3] = bdf.advance(k).dot(Z[: k + 3])
+        self.Z = Z = bdf.advance(k).dot(Z)
         self.t_old, self.t, self.p, self.y, self.used, self._points = self.t, t_next, step.p, step.y, (h, k), k + 1
         self._taken += 1
         self._choice = control.next_step(system, Z, k, h, error, weight)
@@ -170,7 +173,7 @@ class Stepper:
         system, k = self.system, self.k
         noise = np.zeros(len(weight))
         noise[system.nx :] = 2.0 ** (k + 1) * _velocity_rounding(system, t, step.p, step.y[system.nx :][: system.nv])
-        return self.control.error(system, noise, k, weight)
+        return self.control.error_in(system, noise, k, weight)
 
     def _make_consistent(self, Z, states):
         system, k = self.system, self.k
