@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
-import pinocchio as pin
-from scipy.interpolate import CubicSpline
 
 from .dae.newton import solve_acceleration
+from .energy import energy_of
 from .mechanism.system import MechanismSystem
 
 
@@ -29,11 +27,10 @@ class Certificate:
     force_first : float
         The same at the first step of the multistep method.
     energy_error : float or None
-        |E(t) - E(0) - work of the forces| over the largest kinetic energy; None for a general problem. The work is
-        the integral of a cubic spline through the power at the recorded rows, which limits what can be seen when
-        forces act and rows are few. What an event's jump changes counts as work.
+        |E(t) - E(0) - work of the forces| over the largest kinetic energy, see :class:`~pinconsist.energy.Energy`;
+        None for a general problem.
     energy : ndarray or None
-        Kinetic plus potential energy of each row, J.
+        Kinetic, potential and elastic energy of each row, J.
     """
 
     position: float
@@ -88,45 +85,24 @@ def _certify_problem(solution, system):
         forces.append(G @ lam)
         exact.append(G @ solve_acceleration(system, t, p, v)[1])
     labels = [system.describe_row(row) for row in range(system.nc)]
-    return _certificate(solution, labels, phi, rho, forces, exact, None, None)
+    return _certificate(solution, labels, phi, rho, forces, exact, None)
 
 
 def _certify_mechanism(solution, mechanism):
-    system = MechanismSystem(mechanism, solution.q[0])
-    model, data = system.model, system.model.createData()
-    phi, rho, forces, exact, energy, power, kinetic = [], [], [], [], [], [], []
+    system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
+    phi, rho, forces, exact = [], [], [], []
     for t, q, v, lam in zip(solution.t, solution.q, solution.v, solution.lam, strict=True):
         gap, J = system.loop_rows(q, t)
-        moving = system.rows.time_rate(t)
         phi.append(gap)
-        rho.append(J @ v + moving)
+        rho.append(J @ v + system.rows.time_rate(t, q))
         forces.append(J.T @ lam)
         exact.append(J[system.kept].T @ solve_acceleration(system, t, q, v)[1])
-        kinetic.append(pin.computeKineticEnergy(model, data, q, v))  # rotor inertia included
-        energy.append(kinetic[-1] + pin.computePotentialEnergy(model, data, q))
-        power.append(system.torque(t, q, v) @ v - lam @ moving)  # what drives put in counts
-    power, energy = np.array(power), np.array(energy)
-    work = _work(solution.t, power, energy)
-    scale = max(max(kinetic), 1e-6 * np.abs(energy).max()) or 1.0  # at rest there is nothing but rounding
-    balance = float(np.max(np.abs(energy - energy[0] - work)) / scale)
+    energy = energy_of(solution, mechanism)
     labels = [f"loop {loop!r} row {row}" for loop, row in mechanism.row_labels]
-    return _certificate(solution, labels, phi, rho, forces, exact, balance, energy)
+    return _certificate(solution, labels, phi, rho, forces, exact, energy)
 
 
-def _work(t, power, energy):
-    """∫ power dt up to each row; at an event, which leaves two rows at one time, what it changes counts as work."""
-    work, cuts = np.zeros(len(t)), [0, *(np.flatnonzero(np.diff(t) == 0.0) + 1), len(t)]
-    for start, stop in pairwise(cuts):
-        if start:
-            work[start:] = work[start - 1] + energy[start] - energy[start - 1]
-        if stop - start > 1:
-            sign = 1.0 if t[stop - 1] > t[start] else -1.0
-            spline = CubicSpline(sign * t[start:stop], sign * power[start:stop]).antiderivative()
-            work[start:stop] += spline(sign * t[start:stop]) - spline(sign * t[start])
-    return work
-
-
-def _certificate(solution, labels, phi, rho, forces, exact, balance, energy):
+def _certificate(solution, labels, phi, rho, forces, exact, energy):
     phi, error = np.abs(phi), np.abs(np.subtract(forces, exact))
     where = ""
     if phi.size:
@@ -141,6 +117,6 @@ def _certificate(solution, labels, phi, rho, forces, exact, balance, energy):
         velocity=float(np.max(np.abs(rho), initial=0.0)),
         force=float(np.max(error, initial=0.0) / scale),
         force_first=float(np.max(error[:1], initial=0.0) / scale),
-        energy_error=balance,
-        energy=energy,
+        energy_error=None if energy is None else energy.balance_error,
+        energy=None if energy is None else energy.total,
     )

@@ -52,6 +52,27 @@ class AssemblyError(PinconsistError):
         return _rebuild, (type(self), self.args, {"gaps": self.gaps, "q": self.q})
 
 
+class EquilibriumError(PinconsistError):
+    """No configuration was found in which the forces balance.
+
+    Attributes
+    ----------
+    q : ndarray or None
+        Where the search ended, shape (nq,).
+    residual : float
+        What is not balanced there, N·m or N.
+    names : tuple[str, ...]
+        The joints that are pushed.
+    """
+
+    def __init__(self, message: str, *, q=None, residual: float = 0.0, names: tuple = ()):
+        super().__init__(message)
+        self.q, self.residual, self.names = q, residual, tuple(names)
+
+    def __reduce__(self):
+        return _rebuild, (type(self), self.args, {"q": self.q, "residual": self.residual, "names": self.names})
+
+
 class SingularSystemError(PinconsistError):
     """The equations of motion have no unique solution at a configuration.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from .dae import consistency as paper
@@ -14,6 +12,7 @@ from .dae.problem import HessenbergProblem
 from .dae.record import Wishes
 from .dae.stepsize import ErrorControl, FixedStep
 from .errors import InputError
+from .mechanism.acting import acting
 from .mechanism.assembly import assemble
 from .mechanism.mechanism import Mechanism, finite_array
 from .mechanism.system import MechanismSystem
@@ -99,11 +98,11 @@ def simulate(
     SingularSystemError
         Some joint can move without any inertia.
     """
-    mech = _with_forces(mech, forces)
+    mech = acting(mech, forces, "simulate")
     span = _span(t_span)
     plan = _method(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
     assembly = assemble(mech, q0, v0, t=span[0])
-    system = MechanismSystem(mech, assembly.q)
+    system = MechanismSystem(mech, assembly.q, span[0])
     system.require_regular(assembly.q)
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
     trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes)
@@ -209,7 +208,7 @@ def system_of(system, t0, p0, v0):
             )
         if np.max(np.abs(system.configuration(p0) - p0)) > 1e-8:
             raise InputError(f"{system.name}: p0 has a quaternion or a (cos, sin) pair that is not of unit length")
-        built = MechanismSystem(system, p0)
+        built = MechanismSystem(system, p0, t0)
         built.require_regular(p0)
         return built
     if isinstance(system, HessenbergProblem):
@@ -217,17 +216,6 @@ def system_of(system, t0, p0, v0):
     if hasattr(system, "evaluate") and hasattr(system, "linearize"):
         return system
     raise InputError(f"cannot integrate a {type(system).__name__}; give a Mechanism or a HessenbergProblem")
-
-
-def _with_forces(mech, forces):
-    if not isinstance(mech, Mechanism):
-        raise InputError(f"simulate needs a Mechanism, got {type(mech).__name__}; see pinconsist.load()")
-    if callable(forces) or hasattr(forces, "torque") or hasattr(forces, "bind"):
-        forces = (forces,)
-    elif not isinstance(forces, Iterable):
-        raise InputError(f"forces must be a sequence of forces, got {forces!r}")
-    forces = tuple(forces)
-    return mech.with_forces(*forces) if forces else mech
 
 
 def _span(t_span):

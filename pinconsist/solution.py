@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from .certificate import Certificate, certify
+from .energy import Energy, energy_of
 from .errors import FormatError, InputError
+from .mechanism.reactions import Reaction, reaction
 
 FORMAT = 1
 
@@ -131,17 +133,62 @@ class Solution:
         InputError
             No mechanism, or one with another number of forces than the run had.
         """
+        self._require_scene(mechanism, "check")
+        return certify(self, mechanism)
+
+    def energy(self, mechanism=None) -> Energy:
+        """Energies of the rows, power and work of each force, and their balance: see :class:`~pinconsist.Energy`.
+
+        Parameters
+        ----------
+        mechanism : Mechanism, optional
+            As in :meth:`check`.
+
+        Raises
+        ------
+        InputError
+            No mechanism, one with another number of forces than the run had, or a general problem.
+        """
+        self._require_scene(mechanism, "energy")
+        mechanism = mechanism or getattr(self.system, "mechanism", None)
+        if mechanism is None:
+            raise InputError("a general problem does not say what its energy is; a mechanism does")
+        return energy_of(self, mechanism)
+
+    def reaction(self, loop: str, mechanism=None, *, axes: str = "world") -> Reaction:
+        """What a loop does to its bodies: force and moment on body 2, or a motor's torque; see :class:`Reaction`.
+
+        Parameters
+        ----------
+        loop : str
+            Name of a loop, drive, coupling or constraint of the mechanism.
+        mechanism : Mechanism, optional
+            Needed for a solution read from a file: the mechanism that was simulated.
+        axes : {"world", "anchor"}
+            In which force and moment are given: world axes, or those of the loop's anchor 1.
+
+        Raises
+        ------
+        InputError
+            No such loop; no mechanism, another one, or a general problem; other axes.
+        """
+        mechanism = mechanism or getattr(self.system, "mechanism", None)
+        if mechanism is None:
+            where = "a solution read from a file needs its mechanism here: sol.reaction(loop, mechanism)"
+            raise InputError(where if self.system is None else "a general problem has no loops with reactions")
+        return reaction(mechanism, loop, self.t, self.q, self.lam, axes)
+
+    def _require_scene(self, mechanism, method):
         if mechanism is None and self.system is None:
-            raise InputError("a solution read from a file is checked with its mechanism: sol.check(mechanism)")
+            raise InputError(f"a solution read from a file needs its mechanism here: sol.{method}(mechanism)")
         if not len(self.t):
-            raise InputError("the solution has no rows to check")
+            raise InputError(f"the solution has no rows to {'check' if method == 'check' else 'have an energy'}")
         forces = self.method.get("forces")
         if mechanism is not None and forces not in (None, len(mechanism.forces)):
             raise InputError(
                 f"the run had {forces} forces beside the model's own, this mechanism has {len(mechanism.forces)}: "
                 "give it those of simulate(forces=...) by mechanism.with_forces(...)"
             )
-        return certify(self, mechanism)
 
     def summary(self) -> str:
         """A few lines for a person."""

@@ -1,4 +1,4 @@
-"""Benchmark mechanisms built as a user would build them, from rigid bodies, joints, loops and springs."""
+"""Answers of the benchmarks among the shipped scenes, and further mechanisms, built from bodies and joints."""
 
 from __future__ import annotations
 
@@ -7,11 +7,7 @@ import pinocchio as pin
 
 import pinconsist as pc
 
-ANDREWS_Q0 = (
-    -0.0617138900142764496, 0.0, 0.455279819163070380, 0.222668390165885885,
-    0.487364979543842550, -0.222668390165885885, 1.23054744454982119,
-)  # fmt: skip
-# absolute angles (β, Θ, γ, Φ, δ, Ω, ε) and their rates at t = 0.03 s; multipliers there
+# the benchmark's angles (β, Θ, γ, Φ, δ, Ω, ε) and their rates at t = 0.03 s; multipliers there
 ANDREWS_END = (
     15.8107711951532, -15.7563710584113, 0.0408222401196, -0.5347301163421,
     0.5244099658800, 0.5347301163421, 1.0480807410419,
@@ -41,75 +37,15 @@ def add_point(model, joint, name, x, y, z=0.0):
     model.addFrame(pin.Frame(name, joint, 0, at(x, y, z), pin.FrameType.OP_FRAME))
 
 
-def andrews():
-    """Andrews' squeezing mechanism: seven bodies in the x-y plane, three loops, one spring, a motor torque.
-
-    Joint angles are the benchmark's (β, Θ, γ, Φ, δ, Ω, ε) in another order: Φ and Ω follow the bodies they hang on.
-    """
-    d, da, e, ea, rr, ra = 0.028, 0.0115, 0.02, 0.01421, 0.007, 0.00092
-    ss, sa, sb, sc, sd = 0.035, 0.01874, 0.01043, 0.018, 0.02
-    ta, tb, u, ua, ub, zf, zt, fa = 0.02308, 0.00916, 0.04, 0.01228, 0.00449, 0.02, 0.04, 0.01421
-    A, B, C = (-0.06934, -0.00227), (-0.03635, 0.03273), (0.014, 0.072, 0.0)
-    model, turn = pin.Model(), pin.JointModelRZ()
-    model.gravity.setZero()
-    k1 = add_body(model, 0, turn, at(0, 0), "beta", 0.04325, (ra, 0, 0), 2.194e-6)
-    k2 = add_body(model, k1, turn, at(rr, 0), "theta", 0.00365, (-da, 0, 0), 4.410e-7)
-    k3 = add_body(model, 0, turn, at(*B), "gamma", 0.02373, (sb, -sa, 0), 5.255e-6)
-    k5 = add_body(model, 0, turn, at(*A), "delta", 0.07050, (ta, tb, 0), 1.169e-5)
-    k4 = add_body(model, k5, turn, at(zt, 0), "phi", 0.00706, (0, -(e - ea), 0), 5.667e-7)
-    k7 = add_body(model, 0, turn, at(*A), "epsilon", 0.05498, (-ub, -ua, 0), 1.912e-5)
-    k6 = add_body(model, k7, turn, at(0, -u), "omega", 0.00706, (zf - fa, 0, 0), 5.667e-7)
-    add_point(model, k2, "E2", -d, 0)
-    add_point(model, k3, "E3", 0, -ss)
-    add_point(model, k3, "D", sd, -sc)
-    add_point(model, k4, "E4", 0, -e)
-    add_point(model, k6, "E6", zf, 0)
-    loops = [pc.Loop(f"E{i}", "point", "E2", f"E{i}") for i in (3, 4, 6)]
-    spring = pc.SpringDamper("D", "universe", stiffness=4530.0, length=0.07785, xyz2=C)
-    motor = np.zeros(7)
-    motor[0] = 0.033
-    guess = dict(zip(("beta", "theta", "gamma", "phi", "delta", "omega", "epsilon"), ANDREWS_Q0, strict=True))
-    return pc.Mechanism(model, loops, [spring, motor], name="andrews", guess=guess)
+ANDREWS_JOINTS = ("beta", "theta", "gamma", "phi", "delta", "omega", "epsilon")
+"""In the benchmark's order."""
 
 
-ANDREWS_ORDER = [0, 1, 2, 4, 3, 6, 5]  # the benchmark's order of the mechanism's columns
-
-
-def bricard():
-    """A04 Bricard: five rods of 1 m and 1 kg (boxes 1 × 0.1 × 0.1), six hinges, redundant at all times."""
-    points = np.array([(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)], float)
-    axes = "yzxyzx"
-    model = pin.Model()
-    model.gravity.linear = np.array([0, -9.81, 0])
-    joints = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
-    last = 0
-    for i in range(5):
-        along = points[i + 1] - points[i]
-        inertia = np.eye(3) * (1 + 0.01) / 12 - np.outer(along, along) * (1.01 - 0.02) / 12
-        place = at(*(points[i] - (points[i - 1] if i else 0)))
-        last = add_body(model, last, joints[axes[i]](), place, f"hinge{i}", 1.0, along / 2, inertia)
-        add_point(model, last, f"P{i + 1}", *along)
-    loop = pc.Loop("hinge5", "hinge", "P5", "universe", xyz2=(0, 0, 1), axis=(1, 0, 0))
-    return pc.Mechanism(model, [loop], name="bricard")
-
-
-def n_four_bar(n):
-    """A02: n four-bars of rods 1 m, 1 kg side by side, 2n + 1 rods; vertical at q = 0, gravity along -y."""
-    model, turn = pin.Model(), pin.JointModelRZ()
-    model.gravity.linear = np.array([0, -9.81, 0])
-    inertia, loops = 1.0 / 12, []
-    cranks = [add_body(model, 0, turn, at(0, 0), "crank0", 1.0, (0, 0.5, 0), inertia)]
-    last, length = cranks[0], (0, 1)
-    for i in range(n):  # the coupler chain hangs on the first crank, each further crank closes a loop
-        last = add_body(model, last, turn, at(*length), f"coupler{i}", 1.0, (0.5, 0, 0), inertia)
-        length = (1, 0)
-        add_point(model, last, f"B{i + 1}", 1, 0)
-    add_point(model, cranks[0], "B0", 0, 1)
-    for i in range(1, n + 1):
-        crank = add_body(model, 0, turn, at(i, 0), f"crank{i}", 1.0, (0, 0.5, 0), inertia)
-        add_point(model, crank, f"C{i}", 0, 1)
-        loops.append(pc.Loop(f"B{i}", "point", f"B{i}", f"C{i}"))
-    return pc.Mechanism(model, loops, name=f"{n}-four-bar")
+def on_stage(model, q, frame):
+    """Pose of a frame in the axes of the link `stage`, those of the benchmark that a scene stands for."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    return data.oMf[model.getFrameId("stage")].actInv(data.oMf[model.getFrameId(frame)])
 
 
 def heavy_top():

@@ -257,6 +257,9 @@ def test_fixed_spherical_and_unbounded_joints():
     np.testing.assert_allclose(result.q[start : start + 2], [np.cos(0.7), np.sin(0.7)], atol=1e-15)
     with pytest.raises(pc.InputError, match=r"'ball'.*length zero"):
         pc.assemble(mech, {"ball": np.zeros(4)})
+    for joint, turnless in (("float", [1.0, 2, 3, 0, 0, 0, 0]), ("glide", [1.0, 2, 0, 0]), ("turn", [0.0, 0.0])):
+        with pytest.raises(pc.InputError, match=rf"'{joint}'.*length zero"):
+            pc.assemble(mech, {joint: turnless})
 
 
 def test_trees_and_empty_models():

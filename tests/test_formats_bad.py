@@ -33,7 +33,7 @@ BAD_URDF = {
     "two roots": (A + B + C + joint(), "'a' and 'c' are both without a parent"),
     "cycle": (A + B + C + joint("j", "b", "c") + joint("k", "c", "b"), "link 'b': .*cycle"),
     "cycle of all": (A + B + joint() + joint("k", "b", "a"), "link 'a': .*cycle"),
-    "mimic": (A + B + joint(inside='<mimic joint="x"/>'), "joint 'j': mimic joints cannot be read yet"),
+    "mimic": (A + B + joint(inside='<mimic joint="x"/>'), "joint 'j': mimic: there is no joint 'x' to follow"),
     "zero axis": (A + B + joint(inside='<axis xyz="0 0 0"/>'), "joint 'j': the axis is the zero vector"),
     "axis count": (A + B + joint(inside='<axis xyz="0 1"/>'), "joint 'j': axis: xyz='0 1' is not 3 finite numbers"),
     "origin": (A + B + joint(inside='<origin xyz="0 nan 0"/>'), "joint 'j': origin: xyz='0 nan 0'"),
@@ -88,8 +88,8 @@ def test_sources_that_are_not_there(tmp_path, robot):
         load("four_bra")
     with pytest.raises(FormatError, match=r"missing\.urdf: no such file"):
         load(tmp_path / "missing.urdf")
-    with pytest.raises(FormatError, match=r"'\.sdf' cannot be read; what can be read now is URDF"):
-        load("scene.sdf")
+    with pytest.raises(FormatError, match=r"'\.step' cannot be read; what can be read is URDF"):
+        load("scene.step")
     with pytest.raises(FormatError, match=r"one \.urdf file is needed, this has 0"):
         load(tmp_path)
     with pytest.raises(InputError, match="got int"):
@@ -119,7 +119,7 @@ BAD_LOOPS = {
     "key twice": ("description: a\ndescription: b", "'description' stands twice"),
     "deep": ("loops: " + "[" * 5000, "not usable YAML"),
     "key": ("loop: []", "'loop' is not known; near it: loops"),
-    "forces": ("forces: {}", "'forces' is not known"),
+    "forces": ("forces: {}", "forces: a list is needed, not {}"),
     "loop key": (
         "loops: [{name: n, kind: point, frame: c}]",
         "loop 1 'n': the key 'frame' is not known; near it: frame2, frame1",
@@ -154,7 +154,7 @@ BAD_LOOPS = {
     "joint types": ("joint_name: [j, j]\njoint_type: [FIXED, FIXED]", "joint_type: 2 types for 1 different joints"),
     "joint": (
         "joint_name: [i]\njoint_type: [FIXED]",
-        "joint 'i': there is no joint of this name to fix; there are: j, k",
+        "joint 'i': there is no joint of this name to replace; there are: j, k",
     ),
     "joint 2": ("joint_name: [i]\njoint_type: [SPHERICAL]", "joint 'i': there is no movable joint of this name"),
 }

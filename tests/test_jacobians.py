@@ -1,24 +1,29 @@
 """Every derivative against finite differences, at open configurations, on a tree with every kind of joint."""
 
+from itertools import combinations
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from bodies import frame_pose, mixed_tree, random_state
 
 import pinconsist as pc
-from pinconsist.mechanism.forces import as_force, model_forces
+from pinconsist.mechanism.kept_rows import KeptRows
 from pinconsist.mechanism.loops import ROW_NAMES, LoopRows
 from pinconsist.mechanism.system import MechanismSystem
 
 KINDS = tuple(ROW_NAMES)
 PAIRS = [("arm", "wheel"), ("arm", "universe"), ("universe", "puck"), ("raft", "arm0"), ("raft", "wheel")]
-AXIS = (0.3, -0.5, 0.8)
+AXIS, AXIS2 = (0.3, -0.5, 0.8), (0.9, 0.2, -0.4)
+E = np.array(AXIS) / np.linalg.norm(AXIS)
+TRANSLATIONAL = {"distance": 1, "slider": 2, "cylinder": 2, "plane": 1}  # leading rows without rotation; else 3
 
 
 def loop_of(kind, frame1, frame2, **fields):
     length = {"length": 0.7} if kind == "distance" else {}
     offsets = {"xyz1": (0.1, -0.2, 0.3), "rpy1": (0.4, 0.1, -0.6), "xyz2": (-0.3, 0.2, 0.1), "rpy2": (-0.2, 0.5, 0.3)}
-    return pc.Loop(f"{kind} {frame1} {frame2}", kind, frame1, frame2, axis=AXIS, **length, **(offsets | fields))
+    axes = {"axis": AXIS, "axis2": AXIS2}
+    return pc.Loop(f"{kind} {frame1} {frame2}", kind, frame1, frame2, **axes, **length, **(offsets | fields))
 
 
 def loop_open_by(model, q, kind, frame1, frame2, gap):
@@ -26,6 +31,17 @@ def loop_open_by(model, q, kind, frame1, frame2, gap):
     loop = loop_of(kind, frame1, frame2)
     anchor = frame_pose(model, q, frame2).actInv(frame_pose(model, q, frame1) * loop.placement1 * gap)
     return loop_of(kind, frame1, frame2, xyz2=anchor.translation, rpy2=pin.rpy.matrixToRpy(anchor.rotation))
+
+
+def closed_gap(kind, rng):
+    """A pose of anchor 2 seen from anchor 1 that closes a loop of this kind, anywhere in what it leaves free."""
+    slide, angle, cross = rng.uniform(-0.5, 0.5), rng.uniform(-2, 2), np.cross(E, rng.normal(size=3))
+    turn = np.eye(3) if kind in ("point", "frame", "slider") else pin.exp3(angle * E)
+    if kind == "universal":  # any turn that leaves the two axes perpendicular
+        across, a = cross / np.linalg.norm(cross), np.array(AXIS2) / np.linalg.norm(AXIS2)
+        turn = turn @ pin.Quaternion.FromTwoVectors(a, across).matrix() @ pin.exp3(1.3 * a)
+    shift = {"slider": slide * E, "cylinder": slide * E, "plane": cross, "distance": 0.7 * E}.get(kind, np.zeros(3))
+    return pin.SE3(turn, shift)
 
 
 def evaluate(rows, q):
@@ -102,16 +118,23 @@ def test_rows_are_the_documented_ones(kind):
     gap = (frame_pose(model, q, "raft") * loop.placement1).actInv(frame_pose(model, q, "arm") * loop.placement2)
     d, R = gap.translation, gap.rotation
     phi, _ = evaluate(LoopRows(model, [loop]), q)
-    if kind == "distance":
-        np.testing.assert_allclose(phi, [(d @ d - 0.49) / 1.4], atol=1e-14)
-        return
-    np.testing.assert_allclose(phi[:3], d, atol=1e-14)
-    if kind == "frame":
-        np.testing.assert_allclose(phi[3:], pin.log3(R), atol=1e-14)
-    if kind == "hinge":
-        e = np.array(AXIS) / np.linalg.norm(AXIS)
-        angle = np.arccos(e @ R @ e)
-        assert np.linalg.norm(phi[3:]) == pytest.approx(2 * np.sin(angle / 2), abs=1e-12)
+    u1 = np.cross(E, [1.0, 0.0, 0.0])  # x is the coordinate axis farthest from E
+    u1 /= np.linalg.norm(u1)
+    across = np.array([u1, np.cross(E, u1)])
+    angle, turned_about = np.arccos(E @ R @ E), np.cross(E, R @ E)
+    chord = 2 * np.sin(angle / 2) * across @ turned_about / np.linalg.norm(turned_about)
+    a = R @ AXIS2 / np.linalg.norm(AXIS2)
+    expected = {
+        "point": [d],
+        "frame": [d, pin.log3(R)],
+        "hinge": [d, chord],
+        "distance": [[(d @ d - 0.49) / 1.4]],
+        "slider": [across @ d, pin.log3(R)],
+        "cylinder": [across @ d, chord],
+        "plane": [[E @ d], chord],
+        "universal": [d, [E @ a]],
+    }[kind]
+    np.testing.assert_allclose(phi, np.concatenate(expected), atol=1e-13)
 
 
 @pytest.mark.parametrize("pair", PAIRS, ids="-".join)
@@ -119,7 +142,9 @@ def test_rows_are_the_documented_ones(kind):
 def test_acceleration_bias_of_open_loops_is_exact_in_the_translational_rows(kind, pair):
     model, rng = mixed_tree(), np.random.default_rng(4)
     rows = LoopRows(model, [loop_of(kind, *pair)])
-    translational = slice(0, 1 if kind == "distance" else 3)
+    translational = slice(0, TRANSLATIONAL.get(kind, 3))
+    if kind == "universal":  # its last row is no logarithm either
+        translational = slice(0, 4)
     for _ in range(3):
         q, v = random_state(model, rng)
         expected = along_motion(model, rows, q, v)[translational]
@@ -128,18 +153,39 @@ def test_acceleration_bias_of_open_loops_is_exact_in_the_translational_rows(kind
 
 
 @pytest.mark.parametrize("pair", PAIRS, ids="-".join)
-@pytest.mark.parametrize("kind", ["frame", "hinge"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_acceleration_bias_of_closed_loops_is_exact_in_all_rows(kind, pair):
-    """Also for velocities off the constraints; the hinge is turned about its axis."""
+    """Also for velocities off the constraints, wherever the loop may have slid and turned."""
     model, rng = mixed_tree(), np.random.default_rng(5)
-    axis = np.array(AXIS) / np.linalg.norm(AXIS)
-    for angle in (0.0, 2.0):
+    for _ in range(2):
         q, v = random_state(model, rng)
-        turn = pin.exp3(angle * axis) if kind == "hinge" else np.eye(3)
-        rows = LoopRows(model, [loop_open_by(model, q, kind, *pair, pin.SE3(turn, np.zeros(3)))])
+        rows = LoopRows(model, [loop_open_by(model, q, kind, *pair, closed_gap(kind, rng))])
         assert np.abs(evaluate(rows, q)[0]).max() < 1e-13
         expected = along_motion(model, rows, q, v)
         np.testing.assert_allclose(bias_of(rows, q, v), expected, atol=1e-8 * (1 + np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids="-".join)
+@pytest.mark.parametrize("kind", KINDS)
+def test_kept_rows_are_the_exact_rows_where_the_loop_is_closed(kind, pair):
+    """Every selection of rows; and their Φ has J for its derivative there, which is what Newton needs."""
+    model, rng = mixed_tree(), np.random.default_rng(11)
+    q, _ = random_state(model, rng)
+    rows, data = LoopRows(model, [loop_open_by(model, q, kind, *pair, closed_gap(kind, rng))]), model.createData()
+    exact = evaluate(rows, q)
+    for kept in (kept for n in range(1, rows.nc + 1) for kept in combinations(range(rows.nc), n)):
+        kept_rows = KeptRows(model, rows, np.array(kept))
+
+        def at(x, kept_rows=kept_rows):
+            pin.computeJointJacobians(model, data, p := pin.integrate(model, q, x))
+            return kept_rows.evaluate(data, p, 0.0)
+
+        phi, J = at(np.zeros(model.nv))
+        np.testing.assert_allclose(phi, exact[0][list(kept)], atol=1e-13)
+        np.testing.assert_allclose(J, exact[1][list(kept)], atol=1e-12)
+        if len(kept) in (1, rows.nc):
+            slope = differences(lambda x, at=at: np.array(at(x)[0]), np.zeros(model.nv))
+            np.testing.assert_allclose(J, slope, atol=1e-9 * (1 + np.abs(J).max()))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
@@ -193,52 +239,10 @@ def spring_gradient(t, q, v):
     return by_q, by_v
 
 
-FORCES = {
-    "damping": pc.JointDamping(np.array([0.1, 2.0, 0.0])),
-    "friction": pc.JointFriction(np.array([0.5, 0.0, 3.0])),
-    "wide friction": pc.JointFriction(np.array([0.5, 1.0, 3.0]), width=0.5),
-    "constant": pc.ConstantTorque(np.array([1.0, 2.0, 3.0])),
-    "law": pc.Torque(spring),
-    "law with gradient": pc.Torque(spring, spring_gradient),
-}
-
-
-@pytest.mark.parametrize("v", [[0.0, 0.0, 0.0], [1e-3, -5e-3, 2e-2], [0.4, -1.0, 30.0]])
-@pytest.mark.parametrize("name", FORCES)
-def test_derivatives_of_forces(name, v):
-    force, t, q, v = FORCES[name], 0.3, np.array([0.2, -1.0, 0.5]), np.array(v)
-    by_q, by_v = force.derivatives(t, q, v)
-    size = 1 + np.abs(force.torque(t, q, v)).max() * (100 if name == "friction" else 1)
-    expected = differences(lambda x: force.torque(t, q, x), v, 1e-5)
-    np.testing.assert_allclose(np.zeros((3, 3)) if by_v is None else by_v, expected, atol=1e-6 * size)
-    if name == "law":
-        assert by_q is None  # left out of Newton's matrix, as documented
-    else:
-        expected = differences(lambda x: force.torque(t, x, v), q, 1e-5)
-        np.testing.assert_allclose(np.zeros((3, 3)) if by_q is None else by_q, expected, atol=1e-6 * size)
-
-
-def test_friction_of_fast_joints_is_finite():
-    with np.errstate(all="raise"):
-        by_v = FORCES["friction"].derivatives(0.0, np.zeros(3), np.array([1e9, 1.0, -1e300]))[1]
-    assert np.abs(by_v).max() < 1e-200
-
-
-def test_the_models_own_damping_and_friction_become_forces():
-    model = mixed_tree()
-    assert model_forces(model) == ()
-    model.damping[2], model.upperDryFrictionLimit[3] = 0.5, 0.25
-    damping, friction = model_forces(model)
-    assert damping.coefficients[2] == 0.5 and friction.coefficients[3] == 0.25
-    model.damping[2] = 9.0
-    assert damping.coefficients[2] == 0.5  # a copy
-    assert as_force(damping, model.nv) is damping
-
-
-def newton_matrix(system, t, p, v, a, m, c):
+def newton_matrix(system, t, p, v, a, lam, c):
     rho = system.evaluate(t, p, v, a)[3]
     A = np.full((system.nv, system.nv), np.nan)
-    W = np.array(system.linearize(t, p, v, a, m, c, A))
+    W = np.array(system.linearize(t, p, v, a, lam, c, A))
     np.testing.assert_allclose(rho, system.constraint(t, p, system.rate(t, p, v))[1], atol=1e-12)
     return A, W
 
@@ -251,7 +255,7 @@ def test_newton_matrix_of_a_vector_like_mechanism(c):
     model.upperDryFrictionLimit[:] = [0.0, 0.4, 0.0]
     model.armature[:] = [0.1, 0.0, 0.3]
     (loop,) = pc.load("crank_rocker").loops
-    forces = [FORCES["law with gradient"], np.array([1.0, 2.0, 3.0])]
+    forces = [pc.Torque(spring, spring_gradient), np.array([1.0, 2.0, 3.0])]
     mech = pc.Mechanism(model, [loop], forces=forces)
     start = pc.assemble(pc.Mechanism(model, [loop]), {"crank": 0.7})
     system = MechanismSystem(mech, start.q)
@@ -352,7 +356,8 @@ DERIVATIVES = {
 @pytest.mark.parametrize("given", DERIVATIVES)
 def test_hessenberg_problem_derivatives(given):
     """ρ, γ, W and A of the general form, with and without derivatives by the user."""
-    t, p, v, a, m, c = 0.7, np.array([0.6, -0.8]), np.array([1.2, -0.5]), np.array([0.3, 0.9]), np.array([0.4]), 0.03
+    t, p, v, a, c = 0.7, np.array([0.6, -0.8]), np.array([1.2, -0.5]), np.array([0.3, 0.9]), 0.03
+    lam = np.array([13.0])
     functions = {name: getattr(Moving, name) for name in DERIVATIVES[given]}
     problem = pc.HessenbergProblem(Moving.U, Moving.F, Moving.G, Moving.R, **functions).at(t, p, v)
     rate = Moving.U(t, p, v)
@@ -366,9 +371,9 @@ def test_hessenberg_problem_derivatives(given):
         at, _ = problem.position(t, p, psi, c, v)
         np.testing.assert_allclose(at, psi + c * Moving.U(t, at, v), atol=1e-15)  # the implicit equation is solved
         f, phi, G, _ = problem.evaluate(t, at, v, (v - psi_v) / c)
-        return np.concatenate((c * f - G @ m, phi / c))
+        return np.concatenate((c * (f - G @ lam), phi / c))
 
     expected = differences(residuals, v)
-    A, W = newton_matrix(problem, t, p, v, a, m, c)
+    A, W = newton_matrix(problem, t, p, v, a, lam, c)
     np.testing.assert_allclose(A, expected[:2], atol=2e-7)
     np.testing.assert_allclose(W, expected[2:], atol=2e-7)

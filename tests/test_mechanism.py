@@ -5,7 +5,6 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
-from scenes import bricard, n_four_bar
 from zoo import FourBar, G, SliderCrank, reduced_solution
 
 import pinconsist as pc
@@ -159,7 +158,7 @@ def test_joint_damping_and_friction_of_the_model_act():
     assert abs(sol.v[-1, 0]) < 1e-6  # stopped after v0 I / f = 4 s
 
 
-@pytest.mark.parametrize("torque", [np.array([2.0]), lambda t, q, v: [2.0], pc.ConstantTorque(np.array([2.0]))])
+@pytest.mark.parametrize("torque", [np.array([2.0]), lambda t, q, v: [2.0], pc.JointTorque({"hinge": 2.0})])
 def test_torques_act(torque):
     model = pin.Model()
     hinge = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "hinge")
@@ -242,7 +241,7 @@ def test_kept_rows_are_as_many_as_the_rank():
 
 def test_a_start_at_a_singular_position_is_refused(monkeypatch):
     """A parallelogram with all bars in line: rank 1 here, 2 nearby. Were it not noticed, the run would say so."""
-    mech, in_line = n_four_bar(1), np.array([-np.pi / 2, np.pi / 2, -np.pi / 2])
+    mech, in_line = pc.load("n_four_bar_1"), np.array([np.pi / 2, -np.pi / 2, np.pi / 2])
     with pytest.raises(pc.SingularSystemError, match=r"singular position.*B1.*rank 1 here and 2 nearby") as caught:
         pc.simulate(mech, (0.0, 1.0), in_line)
     assert caught.value.names == ("B1",)
@@ -253,4 +252,4 @@ def test_a_start_at_a_singular_position_is_refused(monkeypatch):
 
 def test_rows_that_always_depend_are_no_singular_position():
     """Bricard's loop has rank 4 of 5 in every closed configuration."""
-    assert pc.simulate(bricard(), (0.0, 0.1)).success
+    assert pc.simulate(pc.load("bricard"), (0.0, 0.1)).success

@@ -6,10 +6,12 @@ import sys
 import pinconsist as pc
 
 NAMES = """
-Assembly AssemblyError Certificate ConstantTorque Drive Event FormatError HessenbergProblem InputError JointDamping
-JointFriction Loop Mechanism MissingExtraError PinconsistError SingularSystemError Solution SpringDamper Torque
-UserFunctionError assemble compare consistent_initial_velocity export_html integrate load models plot_comparison
-plot_solution reference_problem reference_solution replay simulate
+Assembly AssemblyError Certificate Constraint Coupling Drive Energy Equilibrium EquilibriumError Event FormatError
+HessenbergProblem InputError InverseDynamics JointDamping JointFriction JointSpring JointTorque Linearization Loop
+Mechanism MissingExtraError Modes Motion PinconsistError Reaction Servo SingularSystemError Solution SpringDamper
+Torque UserFunctionError Wrench assemble compare consistent_initial_velocity equilibrium export_html integrate
+inverse_dynamics linearize load models plot_comparison plot_solution reference_problem reference_solution replay
+simulate write
 """.split()
 
 

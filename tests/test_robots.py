@@ -122,3 +122,55 @@ def test_falls_from_rest_with_closed_loops_and_constant_energy(name, h, drift):
     assert np.abs(coarse - fine[::2]).max() < 1e-4 * size
     rows = range(2, len(fine) - 2, 10)
     np.testing.assert_allclose(forces_from_motion(mech, runs[1], rows), fine[rows], atol=1e-4 * size)
+
+
+def not_carried(mech, found):
+    """(largest joint force, largest net force in space) that is left with loops cut and their reactions put on instead.
+
+    By Newton and Euler on the open tree with the wrenches that ``reaction`` gives; J is not looked at.
+    """
+    model, data, rest = mech.model, mech.model.createData(), np.zeros(mech.nv)
+    pin.framesForwardKinematics(model, data, found.q)
+    outside, ground, forces = [pin.Force.Zero() for _ in range(model.njoints)], np.zeros(3), np.zeros(mech.nv)
+    for loop in mech.loops:
+        reaction = found.reaction(loop.name)
+        if reaction.force is None:
+            forces += reaction.joint_forces[0]
+            continue
+        at = (data.oMf[model.getFrameId(loop.frame2)] * loop.placement2).translation
+        wrench = pin.Force(reaction.force[0], reaction.moment[0] + np.cross(at, reaction.force[0]))
+        for frame, sign in ((loop.frame1, -1), (loop.frame2, 1)):
+            joint = model.frames[model.getFrameId(frame)].parentJoint
+            if joint:
+                outside[joint] += data.oMi[joint].actInv(sign * wrench)
+            else:
+                ground += sign * wrench.linear
+    forces += sum((force.bind(model).torque(0.0, found.q, rest) for force in mech.forces), np.zeros(mech.nv))
+    torques = pin.rnea(model, data, found.q, rest, rest, outside)
+    roots = [joint for joint in range(1, model.njoints) if model.parents[joint] == 0]
+    held = sum((data.oMi[joint].act(data.f[joint]).linear for joint in roots), -ground)
+    weight = sum(inertia.mass for inertia in model.inertias[1:]) * model.gravity.linear
+    size = max(np.abs(weight).max(), np.abs(found.lam).max())
+    return np.abs(torques - forces).max() / size, np.abs(held + weight).max() / size
+
+
+@pytest.mark.parametrize("name", [*KNOWN, "kangaroo_like", "cassie", "cassie_v2"])
+def test_reactions_balance_the_weight(name):
+    """The cut mechanism rests under the reactions of its loops. Kangaroo's motors are held: without them it slides."""
+    if name.startswith("cassie") and name not in KNOWN:
+        try:
+            mech = pc.load(name)
+        except pc.MissingExtraError as missing:
+            pytest.skip(str(missing))
+    else:
+        mech = load(name, closure="point") if name == "kangaroo_like" else load(name)
+    if name == "kangaroo_like":
+        q = pc.assemble(mech).q
+        place = [mech.model.idx_qs[mech.joint_index(joint)] for joint in mech.actuated]
+        held = [pc.Drive(f"hold {j}", j, pc.Motion(float(q[i]))) for j, i in zip(mech.actuated, place, strict=True)]
+        mech = mech.with_loops(*mech.loops, *held)
+        found = pc.equilibrium(mech, q)
+    else:
+        found = pc.equilibrium(mech)
+    assert max(not_carried(mech, found)) < 1e-12
+    assert (found.stiffness >= 0).all() and np.abs(found.lam).max() > 0.01

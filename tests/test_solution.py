@@ -8,7 +8,6 @@ import zipfile
 import numpy as np
 import pinocchio as pin
 import pytest
-from scenes import bricard
 
 import pinconsist as pc
 from pinconsist.solution import Solution
@@ -287,7 +286,7 @@ def test_an_interrupted_start_with_redundant_rows_has_empty_rows():
     def interrupt(t, q, v, lam):
         raise KeyboardInterrupt
 
-    sol = pc.simulate(bricard(), (0.0, 1.0), t_eval=[0.5, 1.0], callback=interrupt)
+    sol = pc.simulate(pc.load("bricard"), (0.0, 1.0), t_eval=[0.5, 1.0], callback=interrupt)
     assert sol.status == 1 and sol.lam.shape == (0, 5)
 
 

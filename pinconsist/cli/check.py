@@ -105,8 +105,12 @@ def _print_inventory(mech):
 
 
 def _ends(loop):
-    """What a loop joins: two frames, or a joint and its drive."""
-    return (loop.joint, "along a curve") if loop.kind == "drive" else (loop.frame1, loop.frame2)
+    """What a loop joins: two frames, a joint and its drive, two joints, or what a function of the user's says."""
+    if loop.kind == "drive":
+        return loop.joint, "along a curve"
+    if loop.kind == "coupling":
+        return loop.joint, loop.other
+    return ("a function", "") if loop.kind == "constraint" else (loop.frame1, loop.frame2)
 
 
 def _print(mech, before, assembly, singular):

@@ -78,11 +78,11 @@ class Scene:
 
     def record(self, run_file) -> dict:
         """As plain values for a run's file; paths as seen from it, so that both can be moved together."""
-        from ..formats.catalogue import models
+        from ..formats.catalogue import is_built_in
 
         folder = Path(run_file).absolute().parent
         about = asdict(self)
-        about["source"] = self.source if self.source in models() else os.path.relpath(self.source, folder)
+        about["source"] = self.source if is_built_in(self.source) else os.path.relpath(self.source, folder)
         about["loops"] = self.loops and os.path.relpath(self.loops, folder)
         about["package_dirs"] = [os.path.relpath(each, folder) for each in self.package_dirs]
         return about
@@ -90,11 +90,11 @@ class Scene:
     @classmethod
     def recorded(cls, about: dict, run_file) -> Scene:
         """The scene that :meth:`record` described."""
-        from ..formats.catalogue import models
+        from ..formats.catalogue import is_built_in
 
         folder = Path(run_file).absolute().parent
         about = dict(about)
-        if about["source"] not in models():
+        if not is_built_in(about["source"]):
             about["source"] = os.path.normpath(folder / about["source"])
         about["loops"] = about["loops"] and os.path.normpath(folder / about["loops"])
         about["package_dirs"] = [os.path.normpath(folder / each) for each in about["package_dirs"]]

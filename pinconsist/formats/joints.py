@@ -1,4 +1,16 @@
-"""Joints replaced by others: the `joint_name` and `joint_type` of robot.yaml."""
+"""Joints replaced by others: `joint_name` and `joint_type` of robot.yaml, `joints: {name: {type: …}}` of our own files.
+
+================= ==================================================================================================
+type              what the joint becomes
+================= ==================================================================================================
+SPHERICAL         a ball joint, a quaternion in q
+TRANSLATION       free to move along all axes, without turning
+UJOINT_AB         two hinges, about the axes A and B (of X, Y, Z) of the joint frame; CARDAN is an older UJOINT_XY
+HELICAL p         a screw about the axis of the revolute joint that it replaces, p metres to the radian
+UNBOUNDED         a revolute joint that stores cosine and sine of its angle and does not count its turns
+FIXED             none: held at zero
+================= ==================================================================================================
+"""
 
 from __future__ import annotations
 
@@ -7,33 +19,30 @@ import re
 import pinocchio as pin
 
 from ..errors import FormatError
-from .reading import near, shown
+from ..mechanism.rebuild import rebuilt
+from .reading import finite, near, shown
 
 _AXES = {"X": pin.JointModelRX, "Y": pin.JointModelRY, "Z": pin.JointModelRZ}
+_SCREWS = {"RX": pin.JointModelHX, "RY": pin.JointModelHY, "RZ": pin.JointModelHZ}
 _UNIVERSAL = re.compile("UJOINT_([XYZ])([XYZ])")
-_PER_VELOCITY = (
-    "armature",
-    "damping",
-    "lowerDryFrictionLimit",
-    "upperDryFrictionLimit",
-    "lowerEffortLimit",
-    "upperEffortLimit",
-    "lowerVelocityLimit",
-    "upperVelocityLimit",
-    "rotorInertia",
-    "rotorGearRatio",
-)
-_PER_COORDINATE = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
+_HELICAL = re.compile(r"HELICAL (\S+)")
 
 
-def check_type(joint_type: object) -> str:
-    """SPHERICAL, FIXED or UJOINT_AB in capitals; FormatError for all else."""
-    text = str(joint_type).upper()
-    universal = _UNIVERSAL.fullmatch(text)
-    if text in ("SPHERICAL", "FIXED") or (universal and universal[1] != universal[2]):
+def check_type(joint_type: object, element: str = "") -> str:
+    """The type in capitals, or FormatError."""
+    text = " ".join(str(joint_type).upper().split())
+    text = "UJOINT_XY" if text == "CARDAN" else text
+    universal, helical = _UNIVERSAL.fullmatch(text), _HELICAL.fullmatch(text)
+    if (
+        text in ("SPHERICAL", "TRANSLATION", "UNBOUNDED", "FIXED")
+        or (universal and universal[1] != universal[2])
+        or (helical and finite(helical[1]))
+    ):
         return text
     raise FormatError(
-        f"the joint type {shown(joint_type)} is not one of SPHERICAL, FIXED, UJOINT_AB (A, B different axes of X, Y, Z)"
+        f"the joint type {shown(joint_type)} is not one of SPHERICAL, TRANSLATION, UJOINT_AB (A, B different axes of "
+        "X, Y, Z), HELICAL p (metres to the radian, not zero), UNBOUNDED, FIXED",
+        element=element,
     )
 
 
@@ -55,7 +64,7 @@ def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
     model : pin.Model
         The model as read; not changed.
     types : dict[str, str]
-        Joint name → SPHERICAL or UJOINT_AB.
+        Joint name → SPHERICAL, TRANSLATION, UJOINT_AB or HELICAL p.
 
     Raises
     ------
@@ -70,40 +79,28 @@ def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
             )
         if model.nvs[model.getJointId(name)] != 1:
             raise FormatError("only hinges and sliders can be replaced", element=f"joint {name!r}")
-    new = pin.Model()
-    new.name, new.gravity = model.name, model.gravity
-    new.inertias[0] = model.inertias[0]
-    moved = [0]  # old joint → new joint that carries its body
-    for old in range(1, model.njoints):
-        name = model.names[old]
-        parent, place = moved[model.parents[old]], model.jointPlacements[old]
-        for part, joint in _parts(name, types.get(name), model.joints[old]):
-            if new.existJointName(part):
-                raise FormatError("another joint has the name of a new one", element=f"joint {part!r}")
-            parent = new.addJoint(parent, joint, place, part)
-            place = pin.SE3.Identity()
-            _copy_values(model, old, new, parent, name in types)
-        new.inertias[parent] = model.inertias[old]
-        moved.append(parent)
-    for frame in list(model.frames)[1:]:
-        joint = moved[frame.parentJoint]
-        new.addFrame(pin.Frame(frame.name, joint, frame.parentFrame, frame.placement, frame.type, frame.inertia), False)
-    return new
+    parts = {name: _parts(name, kind, model.joints[model.getJointId(name)]) for name, kind in types.items()}
+    names = [name for name in model.names if name not in types] + [part for some in parts.values() for part, _ in some]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise FormatError("another joint has the name of a new one", element=f"joint {twice[0]!r}")
+    return rebuilt(model, parts)
 
 
-def _parts(name, joint_type, own):
-    if joint_type is None:
-        return [(name, own)]
-    if joint_type == "SPHERICAL":
+def _parts(name, kind, own):
+    if kind == "SPHERICAL":
         return [(name, pin.JointModelSpherical())]
-    return [(part, _AXES[part[-1]]()) for part in new_names(name, joint_type)]
+    if kind == "TRANSLATION":
+        return [(name, pin.JointModelTranslation())]
+    if helical := _HELICAL.fullmatch(kind):
+        return [(name, _screw(name, own, float(helical[1])))]
+    return [(part, _AXES[part[-1]]()) for part in new_names(name, kind)]
 
 
-def _copy_values(model, old, new, joint, is_replaced):
-    here, there = model.idx_vs[old], new.idx_vs[joint]
-    for key in _PER_VELOCITY:
-        getattr(new, key)[there : there + new.nvs[joint]] = getattr(model, key)[here : here + model.nvs[old]]
-    if not is_replaced:
-        here, there = model.idx_qs[old], new.idx_qs[joint]
-        for key in _PER_COORDINATE:
-            getattr(new, key)[there : there + new.nqs[joint]] = getattr(model, key)[here : here + model.nqs[old]]
+def _screw(name, own, pitch):
+    which = own.shortname().removeprefix("JointModel")
+    if which == "RevoluteUnaligned":
+        return pin.JointModelHelicalUnaligned(own.extract().axis, pitch)
+    if which in _SCREWS:
+        return _SCREWS[which](pitch)
+    raise FormatError("only a revolute joint can be made helical", element=f"joint {name!r}")

@@ -1,13 +1,13 @@
 """Loop files: what closes a tree, in YAML, in two conventions.
 
-The project's own has ``loops``, a list of mappings with the fields of :class:`~pinconsist.mechanism.loops.Loop`, and
-``description``, ``guess``, ``actuated``. The other is the ``robot.yaml`` of the example-parallel-robots collection:
-``closed_loop`` (pairs of frames), ``type`` (3d or 6d), ``name_mot``, ``joint_name`` and ``joint_type``.
+The project's own has ``loops`` and ``forces``, lists of records (:mod:`pinconsist.formats.loop_records`,
+:mod:`pinconsist.formats.force_records`), ``description``, ``guess``, ``actuated``, and what
+:mod:`pinconsist.formats.model_settings` reads. The other is the ``robot.yaml`` of the example-parallel-robots
+collection: ``closed_loop`` (pairs of frames), ``type`` (3d or 6d), ``name_mot``, ``joint_name`` and ``joint_type``.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,14 +15,20 @@ from pathlib import Path
 import yaml
 
 from ..errors import FormatError, InputError
+from ..mechanism.coupling import Coupling
+from ..mechanism.drive import Drive
 from ..mechanism.loops import Loop
+from .force_records import force_element, force_record
 from .joints import check_type, new_names
-from .reading import finite, near, read_bytes, shown
+from .loop_records import loop_element, loop_record
+from .model_settings import KEYS as SETTINGS
+from .model_settings import ModelSettings, model_settings
+from .reading import near, read_bytes, shown
+from .records import known_keys, name, number_or_numbers
 
 MAX_BYTES = 1_000_000
-_OWN_KEYS = ("description", "loops", "guess", "actuated")
+_OWN_KEYS = ("description", "loops", "forces", "guess", "actuated", *SETTINGS)
 _ROBOT_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
-_LOOP_KEYS = tuple(each.name for each in dataclasses.fields(Loop))
 _KINDS = {"3d": "point", "6d": "frame"}
 _log = logging.getLogger(__name__)
 
@@ -33,23 +39,29 @@ class LoopFile:
 
     Attributes
     ----------
-    loops : tuple of Loop
-        The loop closures.
+    loops : tuple of Loop, Coupling and Drive
+        What closes, couples and drives.
+    forces : tuple
+        Records of :mod:`pinconsist.mechanism.forces`.
     actuated : tuple of str
         Motorised joints, by the names they have after replacement.
     guess : dict
         Joint name → value, or list of values, from where assembly starts.
     joint_types : dict[str, str]
-        Joints to replace: name → SPHERICAL, FIXED or UJOINT_AB.
+        Joints to replace: name → type, see :mod:`pinconsist.formats.joints`.
+    settings : ModelSettings
+        What else is said of the tree.
     description : str
         One line for lists of models.
     """
 
-    loops: tuple[Loop, ...] = ()
+    loops: tuple[Loop | Coupling | Drive, ...] = ()
+    forces: tuple = ()
     actuated: tuple[str, ...] = ()
     guess: dict = field(default_factory=dict)
     joint_types: dict[str, str] = field(default_factory=dict)
     description: str = ""
+    settings: ModelSettings = field(default_factory=ModelSettings)
 
 
 def read(path) -> LoopFile:
@@ -77,22 +89,37 @@ def read(path) -> LoopFile:
 
 
 def check(record: LoopFile, model, path) -> None:
-    """Raise FormatError for frames and joints of a loop file that a model does not have."""
-    frames = [frame.name for frame in model.frames]
+    """Raise FormatError for frames and joints of a loop file that a model does not have, or not of that kind."""
+    frames, joints = [frame.name for frame in model.frames], tuple(model.names)[1:]
     for number, loop in enumerate(record.loops, start=1):
-        for frame in (loop.frame1, loop.frame2):
-            if frame not in frames:
-                reason = f"the model has no frame {frame!r}{near(frame, frames)}"
-            elif frames.count(frame) > 1:
-                reason = f"the name {frame!r} belongs to a link and to a joint; rename one of them"
-            else:
-                continue
-            raise FormatError(reason, path=path, element=_element(number, loop.name))
-    joints = tuple(model.names)[1:]
+        element = loop_element(number, loop.name)
+        if isinstance(loop, Loop):
+            for frame in (loop.frame1, loop.frame2):
+                _check_frame(frame, frames, path, element)
+        else:
+            for joint in (loop.joint, loop.other) if isinstance(loop, Coupling) else (loop.joint,):
+                _check_joint(joint, joints, path, element)
+    for number, force in enumerate(record.forces, start=1):
+        try:
+            force.bind(model)
+        except InputError as error:
+            raise FormatError(str(error), path=path, element=force_element(number, force)) from error
     for element, names in (("guess", record.guess), ("actuated joints", record.actuated)):
-        for name in names:
-            if name not in joints:
-                raise FormatError(f"the model has no joint {name!r}{near(name, joints)}", path=path, element=element)
+        for joint in names:
+            _check_joint(joint, joints, path, element)
+
+
+def _check_frame(frame, frames, path, element):
+    if frame not in frames:
+        raise FormatError(f"the model has no frame {frame!r}{near(frame, frames)}", path=path, element=element)
+    if frames.count(frame) > 1:
+        reason = f"the name {frame!r} belongs to a link and to a joint; rename one of them"
+        raise FormatError(reason, path=path, element=element)
+
+
+def _check_joint(joint, joints, path, element):
+    if joint not in joints:
+        raise FormatError(f"the model has no joint {joint!r}{near(joint, joints)}", path=path, element=element)
 
 
 class _PlainLoader(yaml.SafeLoader):
@@ -126,43 +153,24 @@ def _parsed(content):
 
 
 def _own(record):
-    _known(record, _OWN_KEYS, "")
+    known_keys(record, _OWN_KEYS, "")
     loops = []
     for number, entry in enumerate(_list(record, "loops"), start=1):
-        loop = _own_loop(number, entry)
+        loop = loop_record(number, entry)
         if loop.name in (other.name for other in loops):
-            raise FormatError("another loop has this name", element=_element(number, loop.name))
+            raise FormatError("another loop has this name", element=loop_element(number, loop.name))
         loops.append(loop)
+    forces = tuple(force_record(number, entry) for number, entry in enumerate(_list(record, "forces"), start=1))
     guess = record.get("guess") or {}
     if not isinstance(guess, dict):
         raise FormatError("it must map joint names to values", element="guess")
-    guess = {joint: _guess_value(joint, value) for joint, value in guess.items()}
+    guess = {joint: number_or_numbers(value, f"guess: {joint}") for joint, value in guess.items()}
     description = record.get("description", "")
     if not isinstance(description, str):
         raise FormatError(f"a line of text is needed, not {shown(description)}", element="description")
-    return LoopFile(tuple(loops), tuple(_names(record, "actuated")), guess, {}, description)
-
-
-def _own_loop(number, entry):
-    if not isinstance(entry, dict):
-        raise FormatError(f"keys such as name, kind, frame1 are needed, not {shown(entry)}", element=_element(number))
-    element = _element(number, entry.get("name"))
-    _known(entry, _LOOP_KEYS, element)
-    fields = {}
-    for key in _LOOP_KEYS:
-        value = entry.get(key)
-        if value is None:
-            if key in ("name", "kind", "frame1"):
-                raise FormatError(f"{key!r} is missing", element=element)
-        elif key in ("name", "kind", "frame1", "frame2"):
-            fields[key] = _name(value, f"{element}: {key}")
-        elif key == "length":
-            fields[key] = _number(value, f"{element}: {key}")
-        elif isinstance(value, list) and len(value) == 3:
-            fields[key] = tuple(_number(each, f"{element}: {key}") for each in value)
-        else:
-            raise FormatError(f"three numbers are needed, not {shown(value)}", element=f"{element}: {key}")
-    return _made(element, fields)
+    actuated = tuple(_names(record, "actuated"))
+    settings, types = model_settings(record)
+    return LoopFile(tuple(loops), forces, actuated, guess, types, description, settings)
 
 
 def _robot(record, path):
@@ -176,20 +184,19 @@ def _robot(record, path):
     loops = []
     for number, pair in enumerate(pairs, start=1):
         if not isinstance(pair, list) or len(pair) != 2:
-            raise FormatError(f"a pair of frame names is needed, not {shown(pair)}", element=_element(number))
-        frames = [_name(frame, _element(number)) for frame in pair]
-        name = _pair_name(*frames, [loop.name for loop in loops])
+            raise FormatError(f"a pair of frame names is needed, not {shown(pair)}", element=loop_element(number))
+        frames = [name(frame, loop_element(number)) for frame in pair]
+        element = loop_element(number, title := _pair_name(*frames, [loop.name for loop in loops]))
         kind = str(kinds[number - 1]).lower() if kinds else "6d"
         if kind not in _KINDS:
-            raise FormatError(f"the type {shown(kind)} is neither 3d nor 6d", element=_element(number, name))
-        element = _element(number, name)
-        loops.append(_made(element, dict(name=name, kind=_KINDS[kind], frame1=frames[0], frame2=frames[1])))
+            raise FormatError(f"the type {shown(kind)} is neither 3d nor 6d", element=element)
+        loops.append(Loop(title, _KINDS[kind], *frames))
     joints, types = _names(record, "joint_name"), _list(record, "joint_type")
     if len(joints) != len(types) or len(set(joints)) != len(joints):
         raise FormatError(f"{len(types)} types for {len(set(joints))} different joints", element="joint_type")
     joint_types = {joint: check_type(kind) for joint, kind in zip(joints, types, strict=True)}
-    actuated = [new for name in _names(record, "name_mot") for new in new_names(name, joint_types.get(name, ""))]
-    return LoopFile(tuple(loops), tuple(actuated), {}, joint_types, "")
+    actuated = [new for motor in _names(record, "name_mot") for new in new_names(motor, joint_types.get(motor, ""))]
+    return LoopFile(tuple(loops), actuated=tuple(actuated), joint_types=joint_types)
 
 
 def _pair_name(frame1, frame2, taken):
@@ -197,24 +204,6 @@ def _pair_name(frame1, frame2, taken):
     short = frame1[:-1].rstrip("_-. ") if frame1[:-1] == frame2[:-1] else ""
     name = short if short and short not in taken else f"{frame1}-{frame2}"
     return name if name not in taken else f"{name} ({len(taken) + 1})"
-
-
-def _made(element, fields):
-    try:
-        return Loop(**fields)
-    except InputError as error:
-        reason = str(error).removeprefix(f"loop {fields['name']!r}: ")
-        raise FormatError(reason, element=element) from error
-
-
-def _element(number, name=None):
-    return f"loop {number} {name!r}" if isinstance(name, str) else f"loop {number}"
-
-
-def _known(record, keys, element):
-    for key in record:
-        if key not in keys:
-            raise FormatError(f"the key {shown(key)} is not known{near(key, keys)}", element=element)
 
 
 def _list(record, key):
@@ -227,23 +216,4 @@ def _list(record, key):
 
 
 def _names(record, key):
-    return [_name(value, key) for value in _list(record, key)]
-
-
-def _name(value, element):
-    if not isinstance(value, str) or not value:
-        raise FormatError(f"a name is needed, not {shown(value)} (quote names that look like numbers)", element=element)
-    return value
-
-
-def _guess_value(joint, value):
-    if isinstance(value, list):
-        return [_number(each, f"guess: {joint}") for each in value]
-    return _number(value, f"guess: {joint}")
-
-
-def _number(value, element):
-    number = finite(value)
-    if number is None:
-        raise FormatError(f"a finite number is needed, not {shown(value)}", element=element)
-    return number
+    return [name(value, key) for value in _list(record, key)]

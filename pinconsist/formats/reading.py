@@ -8,6 +8,9 @@ from pathlib import Path
 
 from ..errors import FormatError
 
+LARGEST = 1e30
+"""No number of a scene is larger, but for limits: products of some such numbers still have room in a float."""
+
 
 def read_bytes(path: Path, limit: int) -> bytes:
     """The content of a regular file of at most `limit` bytes, or FormatError."""
@@ -46,12 +49,18 @@ def shown(value: object) -> str:
     return text if len(text) <= 80 else text[:77] + "…"
 
 
-def finite(value: object) -> float | None:
-    """A number from a number or its text; None where it is neither, or not finite."""
+def finite(value: object, largest: float = LARGEST) -> float | None:
+    """A number from a number or its text; None where it is neither, not finite, or larger than any scene needs."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         return None
     try:
         number = float(value)
     except (ValueError, OverflowError):
         return None
-    return number if math.isfinite(number) else None
+    return number if math.isfinite(number) and abs(number) <= largest else None
+
+
+def bound(*values: object) -> str:
+    """The end of a message about values that are no finite numbers: the largest there may be, if that is the reason."""
+    immense = any(finite(value) is None and finite(value, math.inf) is not None for value in values)
+    return f" (they go up to {LARGEST:g})" if immense else ""

@@ -13,7 +13,8 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from ..errors import FormatError
-from .reading import finite, near, shown
+from .reading import near
+from .xml_reading import child, named, numbers, text
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 UNLIMITED = 1e300
@@ -59,17 +60,9 @@ def checked(raw: Element, name: str) -> tuple[Element, list[tuple[str, str]]]:
 
 
 def _named(raw, tag):
-    found = {}
-    for number, node in enumerate(raw.findall(tag), start=1):
-        name = node.get("name", "")
-        element = f"{tag} {name!r}"
-        if not name.strip():
-            raise FormatError("it has no name", element=f"{tag} number {number}")
-        if name in found:
-            raise FormatError(f"two {tag}s have this name", element=element)
-        if name == "universe":
-            raise FormatError("'universe' is the name of the ground here; give it another", element=element)
-        found[name] = node
+    found = named(raw, tag)
+    if "universe" in found:
+        raise FormatError("'universe' is the name of the ground here; give it another", element=f"{tag} 'universe'")
     return found
 
 
@@ -86,18 +79,18 @@ def _link(robot, name, node, colours):
 
 def _inertial(out, node, element):
     _origin(out, node, element)
-    mass = _numbers(_child(node, "mass", element), "value", f"{element}: mass")[0]
+    mass = numbers(child(node, "mass", element), "value", f"{element}: mass")[0]
     if mass < 0:
         raise FormatError(f"the mass is negative: {mass:g} kg", element=element)
-    SubElement(out, "mass", value=_text(mass))
-    inertia = _child(node, "inertia", element)
-    values = [_numbers(inertia, key, f"{element}: inertia")[0] for key in _INERTIA]
+    SubElement(out, "mass", value=text(mass))
+    inertia = child(node, "inertia", element)
+    values = [numbers(inertia, key, f"{element}: inertia")[0] for key in _INERTIA]
     xx, xy, xz, yy, yz, zz = values
     scale = max(map(abs, values)) or 1.0
     smallest = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) / scale)[0]
     if smallest < -1e-9:  # files round
         raise FormatError(f"a principal inertia is negative: {smallest * scale:.3g} kg m²", element=element)
-    SubElement(out, "inertia", {key: _text(value) for key, value in zip(_INERTIA, values, strict=True)})
+    SubElement(out, "inertia", {key: text(value) for key, value in zip(_INERTIA, values, strict=True)})
 
 
 def _shape(link, tag, node, element, colours):
@@ -108,18 +101,18 @@ def _shape(link, tag, node, element, colours):
         return
     element = f"{element}: {solid.tag}"
     if solid.tag == "mesh":
-        sizes = {"scale": _numbers(solid, "scale", element, 3, (1.0, 1.0, 1.0))}
+        sizes = {"scale": numbers(solid, "scale", element, 3, (1.0, 1.0, 1.0))}
         extra = {"filename": solid.get("filename", "")}
         if not extra["filename"]:
             raise FormatError("attribute 'filename' is missing", element=element)
     else:
-        sizes = {key: _numbers(solid, key, element, count) for key, count in _SHAPES[solid.tag].items()}
+        sizes = {key: numbers(solid, key, element, count) for key, count in _SHAPES[solid.tag].items()}
         extra = {}
         if min(min(size) for size in sizes.values()) < 0:
             raise FormatError("a size is negative", element=element)
     out = SubElement(link, tag)
     _origin(out, node, element)
-    solid_attributes = {key: _text(*size) for key, size in sizes.items()} | extra
+    solid_attributes = {key: text(*size) for key, size in sizes.items()} | extra
     SubElement(SubElement(out, "geometry"), solid.tag, solid_attributes)
     material = node.find("material") if tag == "visual" else None
     if material is not None:
@@ -138,7 +131,7 @@ def _colours(raw):
 
 def _colour(node, element):
     colour = node.find("color")
-    return None if colour is None else _text(*_numbers(colour, "rgba", f"{element}: color", 4))
+    return None if colour is None else text(*numbers(colour, "rgba", f"{element}: color", 4))
 
 
 def _joint(robot, name, node, links):
@@ -146,13 +139,9 @@ def _joint(robot, name, node, links):
     kind = node.get("type", "")
     if kind not in JOINT_TYPES:
         raise FormatError(f"type {kind!r} is not one of {', '.join(JOINT_TYPES)}", element=element)
-    if node.find("mimic") is not None:
-        raise FormatError(
-            "mimic joints cannot be read yet; remove <mimic> and couple the joints otherwise", element=element
-        )
     ends = []
     for end in ("parent", "child"):
-        link = _child(node, end, element).get("link", "")
+        link = child(node, end, element).get("link", "")
         if link not in links:
             raise FormatError(f"its {end} link {link!r} does not exist{near(link, links)}", element=element)
         ends.append(link)
@@ -167,21 +156,21 @@ def _joint(robot, name, node, links):
     _axis(joint, node, kind, element)
     dynamics = node.find("dynamics")
     if dynamics is not None:
-        given = {key: _numbers(dynamics, key, f"{element}: dynamics", 1, (0.0,)) for key in ("damping", "friction")}
-        SubElement(joint, "dynamics", {key: _text(*value) for key, value in given.items()})
+        given = {key: numbers(dynamics, key, f"{element}: dynamics", 1, (0.0,)) for key in ("damping", "friction")}
+        SubElement(joint, "dynamics", {key: text(*value) for key, value in given.items()})
     return () if kind == "planar" else _limit(joint, node, kind, element)
 
 
 def _axis(joint, node, kind, element):
     axis = node.find("axis")
-    x, y, z = (1.0, 0.0, 0.0) if axis is None else _numbers(axis, "xyz", f"{element}: axis", 3, (1.0, 0.0, 0.0))
+    x, y, z = (1.0, 0.0, 0.0) if axis is None else numbers(axis, "xyz", f"{element}: axis", 3, (1.0, 0.0, 0.0))
     length = math.hypot(x, y, z)
     if length == 0:
         raise FormatError("the axis is the zero vector", element=element)
     axis = (x / length, y / length, z / length)
     if kind == "planar" and axis != (0.0, 0.0, 1.0):  # Pinocchio ignores the axis of a planar joint
         raise FormatError('planar joints can be read only with <axis xyz="0 0 1"/>, motion in x-y', element=element)
-    SubElement(joint, "axis", xyz=_text(*axis))
+    SubElement(joint, "axis", xyz=text(*axis))
 
 
 def _limit(joint, node, kind, element):
@@ -190,24 +179,24 @@ def _limit(joint, node, kind, element):
     limit = Element("limit") if limit is None else limit
     element = f"{element}: limit"
     given = {
-        key: _numbers(limit, key, element, 1, (default,))
+        key: numbers(limit, key, element, 1, (default,), math.inf)
         for key, default in (("lower", 0.0), ("upper", 0.0), ("effort", UNLIMITED), ("velocity", UNLIMITED))
     }
-    SubElement(joint, "limit", {key: _text(*value) for key, value in given.items()})
+    SubElement(joint, "limit", {key: text(*value) for key, value in given.items()})
     return [key for key in ("lower", "upper") if kind == "continuous" or key not in limit.attrib]
 
 
 def _check_tree(links, joints):
     parent_of = {}
     for joint in joints:
-        parent, child = joint.find("parent").get("link"), joint.find("child").get("link")
-        if child in parent_of:
+        parent, link = joint.find("parent").get("link"), joint.find("child").get("link")
+        if link in parent_of:
             raise FormatError(
-                f"it is the child of two joints, {parent_of[child][1]!r} and {joint.get('name')!r}. URDF holds a tree: "
-                "keep one of them and close the loop in a loop file",
-                element=f"link {child!r}",
+                f"it is the child of two joints, {parent_of[link][1]!r} and {joint.get('name')!r}. URDF holds a tree: "
+                "keep one of them and close the loop by a <loop_joint> or in a loop file",
+                element=f"link {link!r}",
             )
-        parent_of[child] = parent, joint.get("name")
+        parent_of[link] = parent, joint.get("name")
     roots = [link for link in links if link not in parent_of]
     if len(roots) > 1:
         raise FormatError(f"the links {roots[0]!r} and {roots[1]!r} are both without a parent; join them by a joint")
@@ -222,34 +211,9 @@ def _check_tree(links, joints):
         reached.update(path)
 
 
-def _child(node, tag, element):
-    child = node.find(tag)
-    if child is None:
-        raise FormatError(f"<{tag}> is missing", element=element)
-    return child
-
-
 def _origin(out, node, element):
     origin = node.find("origin")
     if origin is not None:
         zero = (0.0, 0.0, 0.0)
-        given = {key: _numbers(origin, key, f"{element}: origin", 3, zero) for key in ("xyz", "rpy")}
-        SubElement(out, "origin", {key: _text(*value) for key, value in given.items()})
-
-
-def _numbers(node, key, element, count=1, default=None):
-    text = node.get(key)
-    if text is None:
-        if default is None:
-            raise FormatError(f"attribute {key!r} is missing", element=element)
-        return default
-    values = [finite(word) for word in text.split()]
-    if len(values) != count or None in values:
-        what = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise FormatError(f"{key}={shown(text)} is not {what}", element=element)
-    return tuple(values)
-
-
-def _text(*values):
-    # numbers below the smallest normal one trip other parsers, and mean zero
-    return " ".join(repr(value) if abs(value) > 1e-300 else "0" for value in values)
+        given = {key: numbers(origin, key, f"{element}: origin", 3, zero) for key in ("xyz", "rpy")}
+        SubElement(out, "origin", {key: text(*value) for key, value in given.items()})

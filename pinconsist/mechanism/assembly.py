@@ -135,7 +135,7 @@ def velocity_on_constraints(mechanism: Mechanism, q, v=None, t: float = 0.0) -> 
     start = mechanism.velocity({} if v is None else v)
     held = ~solver.free_columns(v if isinstance(v, Mapping) else {})
     E = np.vstack((J, np.eye(mechanism.nv)[held]))
-    target = np.concatenate((-solver.loop_rows.time_rate(t)[kept], start[held]))
+    target = np.concatenate((-solver.loop_rows.time_rate(t, q)[kept], start[held]))
     nv, ne = mechanism.nv, len(E)
     scale = np.abs(M).max(initial=0.0) or 1.0
     K = np.block([[M / scale, E.T], [E, np.zeros((ne, ne))]])

@@ -9,11 +9,13 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import InputError, UserFunctionError
+from .coordinate import Coordinate, nearest
+from .differences import first, second
 
 STEP = 1e-3  # s, of the difference quotients that stand in for missing derivatives
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Drive:
     """Drive a joint along q_joint = curve(t). Stands among the loops of a mechanism.
 
@@ -25,10 +27,11 @@ class Drive:
     joint : str
         A joint of one degree of freedom.
     curve : callable
-        ``curve(t)``, rad or m, twice differentiable.
+        ``curve(t)``, rad or m, twice differentiable; a :class:`Motion` where plain numbers do.
     rate, acceleration : callable, optional
-        Its derivatives. Without them, sixth-order differences over 1 ms, good to about 1e-12 and 1e-9 of the curve's
-        size: the multipliers inherit that.
+        Its derivatives. Default: the methods ``rate`` and ``acceleration`` of a curve that has them, as a Motion does;
+        else sixth-order differences over 1 ms, good to about 1e-12 and 1e-9 of the curve's size: the multipliers
+        inherit that.
     """
 
     name: str
@@ -50,45 +53,33 @@ class Drive:
 class DriveRow:
     """The row of a drive on a model."""
 
-    rotates, moving = False, True
+    moving, steady, turns = True, True, (True,)  # a row in rad or m: measured by its own joint
 
     def __init__(self, model, drive: Drive):
         self.loop = drive
-        if drive.joint not in list(model.names)[1:]:
-            raise InputError(f"drive {drive.name!r}: the model has no joint {drive.joint!r}")
-        joint = model.getJointId(drive.joint)
-        self._q, self._pair = model.idx_qs[joint], model.nqs[joint] == 2
-        if model.nvs[joint] != 1:
-            raise InputError(
-                f"drive {drive.name!r}: joint {drive.joint!r} has {model.nvs[joint]} degrees of freedom; "
-                "only joints with one can be driven"
-            )
+        self._joint = Coordinate(model, drive.joint, f"drive {drive.name!r}", "driven")
+        self._period = 2.0 * np.pi if self._joint.wraps else None
+        self._rate = drive.rate or getattr(drive.curve, "rate", None)
+        self._acceleration = drive.acceleration or getattr(drive.curve, "acceleration", None)
         self._J = np.zeros((1, model.nv))
-        self._J[0, model.idx_vs[joint]] = 1.0
+        self._J[0, self._joint.column] = 1.0
 
     def evaluate(self, data, q, t):
         """Φ and J."""
-        target = self._call(self.loop.curve, t)
-        if self._pair:  # the joint stores (cos, sin)
-            c, s = q[self._q : self._q + 2]
-            gap = np.arctan2(s * np.cos(target) - c * np.sin(target), c * np.cos(target) + s * np.sin(target))
-        else:
-            gap = q[self._q] - target
-        return np.array([gap]), self._J.copy()
+        gap = self._joint.value(q) - self._call(self.loop.curve, t)
+        return np.array([nearest(gap, self._period)]), self._J.copy()
 
-    def rate(self, t):
+    def rate(self, t, q):
         """Φ_t."""
-        if self.loop.rate is not None:
-            return -np.array([self._call(self.loop.rate, t)])
-        f = [self._call(self.loop.curve, t + i * STEP) for i in (-3, -2, -1, 1, 2, 3)]
-        return -np.dot([-1, 9, -45, 45, -9, 1], f).reshape(1) / (60 * STEP)
+        if self._rate is not None:
+            return -np.array([self._call(self._rate, t)])
+        return -first(lambda s: self._call(self.loop.curve, t + s), STEP).reshape(1)
 
-    def acceleration_bias(self, data, t):
+    def acceleration_bias(self, data, t, q, v):
         """Φ_tt; J is constant."""
-        if self.loop.acceleration is not None:
-            return -np.array([self._call(self.loop.acceleration, t)])
-        f = [self._call(self.loop.curve, t + i * STEP) for i in (-3, -2, -1, 0, 1, 2, 3)]
-        return -np.dot([2, -27, 270, -490, 270, -27, 2], f).reshape(1) / (180 * STEP**2)
+        if self._acceleration is not None:
+            return -np.array([self._call(self._acceleration, t)])
+        return -second(lambda s: self._call(self.loop.curve, t + s), STEP).reshape(1)
 
     def _call(self, function, t) -> float:
         try:

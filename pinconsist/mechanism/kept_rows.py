@@ -1,9 +1,12 @@
 """The rows that a system integrates, as fast as Python can ask Pinocchio for them.
 
-Where a loop is closed (d = 0, R = 1) the exact Jacobian of :mod:`pinconsist.mechanism.loops` is a selection of the
-rows of Pinocchio's own, and Φ has the zeros of Pinocchio's own position error. Newton's solution is closed, so both
-pairs have the same solution; the selection costs no arithmetic. Only what the kept rows need is evaluated: a hinge
-whose tilts cannot occur (a planar loop) costs what a point costs.
+Where a loop is closed the exact Jacobian of :mod:`pinconsist.mechanism.loops` is a selection of the rows of
+Pinocchio's own constraints or a fixed linear map of them, and Φ has the zeros of the same rows of Pinocchio's own
+position errors. Newton's solution is closed, so both pairs have the same solution; the selection costs no arithmetic.
+Only what the kept rows need is evaluated: a hinge whose tilts cannot occur (a planar loop) costs what a point costs.
+
+What an axis of body 2 does is read from a point on it, 1 m from the anchor: R axis2 = d(that point) − d(anchor).
+Distances, drives, couplings and constraints of the user's own are no such maps; they are evaluated as they stand.
 """
 
 from __future__ import annotations
@@ -11,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from .loops import LoopRows, anchor_constraint
+from .loop_rows import Place, Turn
+from .loops import LoopRows, anchor_constraint, point_constraint
 
 
 class KeptRows:
@@ -27,30 +31,38 @@ class KeptRows:
     """
 
     def __init__(self, model: pin.Model, rows: LoopRows, kept):
-        self.model, self._rows, self._kept = model, rows, kept
-        self._models, self._datas, indices, size, selects = (
-            pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData(), [], 0, True,
-        )  # fmt: skip
+        self.model = model
+        self._models, self._datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
+        self._pieces, size = [], 0  # what gives the rows in their order, from Pinocchio's rows stacked
         for closure in rows.closures:
             start = rows.slices[closure.loop.name].start
-            local = [row - start for row in kept if 0 <= row - start < len(closure.loop.rows)]
+            local = [row - start for row in kept if 0 <= row - start < len(closure.turns)]
             if not local:
                 continue
-            if closure.moving:
-                selects = False
+            if not isinstance(getattr(closure, "place", None), Place):
+                self._pieces.append(_Exact(closure, local))
                 continue
-            rotates = max(local) > 2
-            selects &= closure.loop.kind == "frame" or (closure.loop.kind in ("point", "hinge") and not rotates)
-            self._models.append(pin.ConstraintModel(anchor_constraint(model, closure, rotates)))
-            indices += [size + row for row in local]
-            size += 6 if rotates else 3
-        if not selects:  # tilts, distances, drives: the exact rows
-            self.evaluate = self._evaluate_exact
+            constraints, matrix = _near_closed(model, closure, local)
+            for constraint in constraints:
+                self._models.append(pin.ConstraintModel(constraint))
+            self._add_mapped(matrix, size)
+            size += matrix.shape[1]
         for constraint in self._models:
             self._datas.append(constraint.createData())
-        self._pairs = list(zip(self._models, self._datas, strict=True))
-        self._values = [data.extract() for data in self._datas]  # references, which calc refreshes
-        self._index = _as_slice(np.array(indices, dtype=int))
+        self._pairs = [(one.extract(), data.extract()) for one, data in zip(self._models, self._datas, strict=True)]
+        self._values = [data.constraint_position_error for _, data in self._pairs]  # views, which calc refreshes
+        if self._pieces:
+            self.evaluate = self._fastest()
+
+    def _add_mapped(self, matrix, offset):
+        """Rows ``matrix @ (Pinocchio's rows from offset on)``; selections that follow each other become one."""
+        if not _selects(matrix):
+            self._pieces.append(_Map(matrix, offset))
+            return
+        indices = offset + np.argmax(matrix, axis=1)
+        if self._pieces and isinstance(self._pieces[-1], _Selection):
+            indices = np.concatenate((self._pieces.pop().indices, indices))
+        self._pieces.append(_Selection(indices))
 
     @property
     def constraints(self):
@@ -59,27 +71,95 @@ class KeptRows:
 
     def evaluate(self, data: pin.Data, q, t):
         """(Φ, J), shapes (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`."""
-        values = self._values
-        if not values:
-            return np.zeros(0), np.zeros((0, self.model.nv))
+        return np.zeros(0), np.zeros((0, self.model.nv))
+
+    def _fastest(self):
+        """The leanest function that evaluates these rows."""
+        if len(self._pieces) > 1 or self.model.nv == 1 or not isinstance(self._pieces[0], _Selection):
+            return self._evaluate_pieces
+        self._index = self._pieces[0].compact()
+        return self._evaluate_one if len(self._values) == 1 else self._evaluate_selection
+
+    def _evaluate_one(self, data, q, t):
+        constraint, constraint_data = self._pairs[0]
+        constraint.calc(self.model, data, constraint_data)
+        J = constraint.jacobian(self.model, data, constraint_data)
+        return self._values[0][self._index], J[self._index]
+
+    def _evaluate_selection(self, data, q, t):
+        phi, J = self._pinocchios(data)
+        return phi[self._index], J[self._index]
+
+    def _evaluate_pieces(self, data, q, t):
+        phi, J = self._pinocchios(data) if self._values else (None, None)
+        if len(self._pieces) == 1:
+            return self._pieces[0].rows(data, q, t, phi, J)
+        values, jacobians = zip(*[piece.rows(data, q, t, phi, J) for piece in self._pieces], strict=True)
+        return np.concatenate(values), np.concatenate(jacobians)
+
+    def _pinocchios(self, data):
         for constraint, constraint_data in self._pairs:
             constraint.calc(self.model, data, constraint_data)
         J = pin.getConstraintsJacobian(self.model, data, self._models, self._datas)
-        if len(values) == 1:
-            phi = values[0].constraint_position_error
-        else:
-            phi = np.concatenate([value.constraint_position_error for value in values])
-        return phi[self._index], J[self._index]
-
-    def _evaluate_exact(self, data, q, t):
-        phi, J = self._rows.evaluate(data, q, t)
-        return phi[self._kept], J[self._kept]
+        return np.concatenate(self._values), J.reshape(-1, self.model.nv)  # Pinocchio gives one column flat
 
 
-def _as_slice(indices):
-    """A slice where the indices are equidistant (a view instead of a copy), else the indices themselves."""
-    steps = set(np.diff(indices).tolist())
-    if len(indices) and len(steps) <= 1:
-        step = steps.pop() if steps else 1
-        return slice(int(indices[0]), int(indices[-1]) + 1, step)
-    return indices
+class _Selection:
+    """Some of Pinocchio's rows."""
+
+    def __init__(self, indices):
+        self.indices = indices
+
+    def compact(self):
+        """The indices; as a slice where they are equidistant, which gives a view instead of a copy."""
+        steps = set(np.diff(self.indices).tolist())
+        if len(steps) > 1:
+            return self.indices
+        return slice(int(self.indices[0]), int(self.indices[-1]) + 1, steps.pop() if steps else 1)
+
+    def rows(self, data, q, t, phi, J):
+        return phi[self.indices], J[self.indices]
+
+
+class _Map:
+    """Fixed linear combinations of Pinocchio's rows."""
+
+    def __init__(self, matrix, offset):
+        self.matrix, self.stretch = matrix, slice(offset, offset + matrix.shape[1])
+
+    def rows(self, data, q, t, phi, J):
+        return self.matrix.dot(phi[self.stretch]), self.matrix.dot(J[self.stretch])
+
+
+class _Exact:
+    """Rows that Pinocchio's constraints do not give."""
+
+    def __init__(self, closure, local):
+        self.closure, self.all = closure, len(local) == len(closure.turns)
+        self.local = np.array(local)
+
+    def rows(self, data, q, t, phi, J):
+        phi, J = self.closure.evaluate(data, q, t)
+        return (phi, J) if self.all else (phi[self.local], J[self.local])
+
+
+def _near_closed(model, closure, local):
+    """Pinocchio's constraints behind the rows `local` of a loop, and the matrix that makes these from them."""
+    place, turn = closure.place, closure.turn
+    n = len(place.directions)
+    if turn is None or max(local) < n:
+        return [point_constraint(model, closure)], place.directions[local]
+    if isinstance(turn, Turn) and n == 3:
+        return [anchor_constraint(model, closure)], np.eye(6)[local]
+    if isinstance(turn, Turn):
+        matrix = np.zeros((n + 3, 9))
+        matrix[:n, :3], matrix[n:, 6:] = place.directions, np.eye(3)
+        return [point_constraint(model, closure), anchor_constraint(model, closure)], matrix[local]
+    matrix = np.zeros((n + len(turn.directions), 6))
+    matrix[:n, :3], matrix[n:, :3], matrix[n:, 3:] = place.directions, -turn.directions, turn.directions
+    return [point_constraint(model, closure), point_constraint(model, closure, turn.axis2)], matrix[local]
+
+
+def _selects(matrix) -> bool:
+    """Whether every row picks one column as it stands."""
+    return bool(np.isin(matrix, (0.0, 1.0)).all() and (matrix.sum(axis=1) == 1.0).all())

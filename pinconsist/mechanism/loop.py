@@ -14,7 +14,19 @@ ROW_NAMES = {
     "frame": ("x", "y", "z", "rx", "ry", "rz"),
     "hinge": ("x", "y", "z", "tilt1", "tilt2"),
     "distance": ("length",),
+    "slider": ("across1", "across2", "rx", "ry", "rz"),
+    "cylinder": ("across1", "across2", "tilt1", "tilt2"),
+    "plane": ("normal", "tilt1", "tilt2"),
+    "universal": ("x", "y", "z", "cross"),
 }
+AXES = {
+    "hinge": ("axis",),
+    "slider": ("axis",),
+    "cylinder": ("axis",),
+    "plane": ("axis",),
+    "universal": ("axis", "axis2"),
+}
+"""Kinds that have a direction, and the fields that hold it."""
 GROUND = "universe"
 
 
@@ -26,7 +38,7 @@ class Loop:
     ----------
     name : str
         Name by which reports, errors and reactions speak of the loop.
-    kind : {"point", "frame", "hinge", "distance"}
+    kind : {"point", "frame", "hinge", "distance", "slider", "cylinder", "plane", "universal"}
         What the closure holds together; see the table of :mod:`pinconsist.mechanism.loops`.
     frame1, frame2 : str
         Names of frames of the model; ``"universe"`` is the ground.
@@ -35,14 +47,17 @@ class Loop:
     rpy1, rpy2 : tuple of 3 float
         Orientation of each anchor in its frame, URDF's roll, pitch, yaw, rad.
     axis : tuple of 3 float
-        Hinge axis, the same components in both anchors; needed by ``kind="hinge"``.
+        A direction of any length. The axis of a hinge, slider or cylinder, and the normal of a plane: the same
+        components in both anchors. Of a universal, the axis that belongs to body 1, in anchor 1.
+    axis2 : tuple of 3 float
+        Of a universal, the axis that belongs to body 2, in anchor 2; held perpendicular to ``axis``.
     length : float or None
         Distance L > 0 held by ``kind="distance"``, m.
 
     Raises
     ------
     InputError
-        Unknown kind, numbers that are not finite or of the wrong count, a missing or useless length.
+        Unknown kind, numbers that are not finite or of the wrong count, a missing or useless axis or length.
     """
 
     name: str
@@ -55,6 +70,7 @@ class Loop:
     rpy2: tuple[float, float, float] = (0.0, 0.0, 0.0)
     axis: tuple[float, float, float] | None = None
     length: float | None = None
+    axis2: tuple[float, float, float] | None = None
 
     def __post_init__(self):
         if not isinstance(self.kind, str) or self.kind not in ROW_NAMES:
@@ -62,12 +78,21 @@ class Loop:
         for field in ("name", "frame1", "frame2"):
             if not isinstance(getattr(self, field), str):
                 raise InputError(f"loop {self.name!r}: {field} must be a name, got {getattr(self, field)!r}")
-        if self.kind == "hinge" and self.axis is None:
-            raise InputError(f"loop {self.name!r}: a hinge needs its axis, for instance axis = (0, 1, 0)")
-        for field in ("xyz1", "rpy1", "xyz2", "rpy2", *(("axis",) if self.axis is not None else ())):
+        for field in AXES.get(self.kind, ()):
+            if getattr(self, field) is None:
+                needs = "its axis, for instance axis = (0, 1, 0)"
+                if field == "axis2":
+                    needs = "the axis of its body 2 too, for instance axis2 = (1, 0, 0)"
+                raise InputError(f"loop {self.name!r}: a {self.kind} needs {needs}")
+        given = [field for field in ("axis", "axis2") if getattr(self, field) is not None]
+        for field in ("xyz1", "rpy1", "xyz2", "rpy2", *given):
             object.__setattr__(self, field, _triple(getattr(self, field), f"loop {self.name!r}: {field}"))
-        if self.kind == "hinge" and not 1e-100 < max(map(abs, self.axis)) < 1e100:
-            raise InputError(f"loop {self.name!r}: the hinge axis is the zero vector, or immense: {self.axis}")
+        for field in AXES.get(self.kind, ()):
+            if not 1e-100 < max(map(abs, getattr(self, field))) < 1e100:
+                raise InputError(
+                    f"loop {self.name!r}: the {self.kind} {field} is the zero vector, or immense: "
+                    f"{getattr(self, field)}"
+                )
         if self.kind == "distance":
             length = self.length
             if isinstance(length, str | bool) or not np.isscalar(length) or not 0 < length < np.inf:

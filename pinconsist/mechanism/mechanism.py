@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .drive import Drive
-from .forces import Force, as_force
-from .loops import Loop, LoopRows, similar
+from .checks import normalized
+from .forces import Force, as_force, bound_forces
+from .loops import RECORDS, Loop, LoopRows, similar
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,11 @@ class Mechanism:
     ----------
     model : pin.Model
         The tree; copied, never changed.
-    loops : sequence of Loop and Drive
-        Loop closures and driven joints; none is allowed (a plain tree).
+    loops : sequence of Loop, Drive, Coupling and Constraint
+        Loop closures, driven and coupled joints, constraints of your own; none is allowed (a plain tree).
     forces : sequence
-        Force objects, constant joint torques by name (joint → N·m or N) or as an array (nv,), or callables
-        ``f(t, q, v) -> (nv,)``.
+        Records of :mod:`pinconsist.mechanism.forces`; joint torques by name (joint → N·m or N, or a function of
+        time) or as an array (nv,); callables ``f(t, q, v) -> (nv,)``.
     name : str
         By which messages and files speak of it.
     guess : mapping or array, optional
@@ -77,15 +77,15 @@ class Mechanism:
         put(self, "model", model)
         for several in ("loops", "forces", "actuated"):
             put(self, several, _sequence(getattr(self, several), several))
-        if not all(isinstance(loop, Loop | Drive) for loop in self.loops):
-            raise InputError(f"loops= needs Loop and Drive objects, got {self.loops!r}")
+        if not all(isinstance(loop, RECORDS) for loop in self.loops):
+            raise InputError(f"loops= needs Loop, Drive, Coupling and Constraint objects, got {self.loops!r}")
         names = [loop.name for loop in self.loops]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"two loops are named {twice[0]!r}; reactions and reports need different names")
         LoopRows(model, self.loops)  # checks frames and bodies
-        forces = [self.velocity(each) if isinstance(each, Mapping) else each for each in self.forces]
-        put(self, "forces", tuple(as_force(force, model.nv) for force in forces))
+        put(self, "forces", tuple(as_force(force) for force in self.forces))
+        bound_forces(model, self.forces)  # checks joints, frames and sizes
         put(self, "guess", self.configuration({} if self.guess is None else self.guess))
         for joint in self.actuated:
             self.joint_index(joint)
@@ -112,7 +112,7 @@ class Mechanism:
 
     @property
     def anchored_loops(self) -> tuple[Loop, ...]:
-        """The loops that join two anchors; drives do not."""
+        """The loops that join two anchors; drives, couplings and constraints of the user's own do not."""
         return tuple(loop for loop in self.loops if isinstance(loop, Loop))
 
     @property
@@ -138,11 +138,7 @@ class Mechanism:
         """A full configuration (nq,) from joint name → value (rest from `base`, default neutral), or from an array."""
         start = pin.neutral(self.model) if base is None else np.array(base, float)
         q = self._fill(values, start, "idx_qs", "nqs", "configuration")
-        for joint in range(1, self.model.njoints):  # quaternions and (cos, sin) pairs must have unit length
-            part = q[(i := self.model.idx_qs[joint]) : i + self.model.nqs[joint]]
-            if self.model.nqs[joint] > self.model.nvs[joint] and not np.any(part):
-                raise InputError(f"{self.name}: joint {self.model.names[joint]!r} has an orientation of length zero")
-        return pin.normalize(self.model, q)
+        return normalized(self.model, q, self.name)
 
     def velocity(self, values) -> np.ndarray:
         """A full velocity (nv,) from joint name → value (rest zero), or from an array."""
@@ -194,6 +190,56 @@ class Mechanism:
                 raise InputError(f"armature of joint {joint!r} must be one number, not negative, got {value}")
             model.armature[self.columns(joint)] += value
         return replace(self, model=model)
+
+    def lock(self, joints, q=None) -> Mechanism:
+        """The same mechanism with joints fixed where they stand; their bodies become one with their parents'.
+
+        What the locked joints leave nothing to do goes with them: loops of which both anchors then sit on one body
+        (they must be closed), couplings of two locked joints, forces of locked joints. A user's own torques and
+        constraints still see the whole state, the locked joints at rest.
+
+        Parameters
+        ----------
+        joints : str or sequence of str
+        q : mapping or array, optional
+            Where they are locked: joint name → value (others from ``guess``), or a configuration (nq,). Default
+            ``guess``, of which the rest is the new guess.
+
+        Raises
+        ------
+        InputError
+            Unknown joints; all of them; a loop that would stay open; a joint that a drive moves, or one of two
+            coupled joints alone.
+        """
+        from .lock import lock
+
+        return lock(self, joints, q)
+
+    def reduced(self, q=None) -> Mechanism:
+        """The same motion with fewer joints and rows, for speed and for reading; its guess is the assembled `q`.
+
+        Joints that the loops hold still are locked. Loops that follow from the others are dropped, the last ones
+        first, and a frame, hinge or universal whose turning rows follow from the others becomes a point. Both are
+        judged by the rank in a few closed configurations, along a random walk from the assembled one; what was done
+        goes to the log. Motion, and the joint forces Jᵀλ of all loops together, stay; how the load is shared among
+        redundant loops is lost. A loop that is redundant elsewhere may be what guides a mechanism through a singular
+        position: a reduced mechanism may branch there, and a run that meets one says so.
+
+        Parameters
+        ----------
+        q : mapping or array, optional
+            From where assembly starts, as for :func:`~pinconsist.assemble`.
+
+        Raises
+        ------
+        AssemblyError
+            The loops do not close.
+        InputError
+            They leave no motion.
+        """
+        from .reduce import reduced
+
+        return reduced(self, q)
 
     def reanchored(self, q=None) -> Mechanism:
         """The same mechanism with every loop's anchor 2 moved to where anchor 1 fits best.

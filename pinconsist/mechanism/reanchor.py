@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from .assembly import CLOSED, LoopSolver, impossible_alone
+from .loop_rows import blocks
 from .mechanism import Mechanism
 
 
@@ -51,12 +52,14 @@ def _moved_anchors(mechanism, q, names):
 
 
 def _moved_anchor(model, data, loop):
-    """The loop with anchor 2 where anchor 1 is; its orientation too, unless only points are held."""
+    """The loop with anchor 2 at the nearest pose that closes it; a distance gets the length that is there."""
     pose1 = data.oMf[model.getFrameId(loop.frame1)] * loop.placement1
     pose2 = data.oMf[model.getFrameId(loop.frame2)]
-    anchor = pose2.actInv(pose1)
+    gap = pose1.actInv(pose2 * loop.placement2)
     if loop.kind == "distance":
-        far = (pose2 * loop.placement2).translation
-        return replace(loop, length=float(np.linalg.norm(far - pose1.translation)))
-    rpy = loop.rpy2 if loop.kind == "point" else tuple(pin.rpy.matrixToRpy(anchor.rotation))
+        return replace(loop, length=float(np.linalg.norm(gap.translation)))
+    place, turn = blocks(loop)
+    closed = pin.SE3(gap.rotation if turn is None else turn.closest(gap.rotation), place.closest(gap.translation))
+    anchor = pose2.actInv(pose1 * closed)
+    rpy = loop.rpy2 if turn is None else tuple(pin.rpy.matrixToRpy(anchor.rotation))
     return replace(loop, xyz2=tuple(anchor.translation), rpy2=rpy)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ..errors import SingularSystemError
+from ..errors import PinconsistError, SingularSystemError
 from .assembly import LoopSolver
-from .forces import ConstantTorque, JointDamping, model_forces
+from .forces import SteadyTorque, ViscousDamping, bound_forces
 from .kept_rows import KeptRows
 from .loops import LoopRows
 from .mechanism import Mechanism
@@ -35,6 +35,8 @@ class MechanismSystem:
     mechanism : Mechanism
     q : ndarray, shape (nq,)
         A closed configuration; the kept rows are chosen there.
+    t : float
+        Its time, s.
 
     Attributes
     ----------
@@ -42,8 +44,8 @@ class MechanismSystem:
         Indices of the kept rows among all rows of the loops.
     """
 
-    def __init__(self, mechanism: Mechanism, q):
-        self.mechanism, self.model = mechanism, mechanism.model
+    def __init__(self, mechanism: Mechanism, q, t: float = 0.0):
+        self.mechanism, self.model, self._start = mechanism, mechanism.model, t
         self.data = self.model.createData()
         self.rows = LoopRows(self.model, mechanism.loops)
         self.vector_like = self.model.nq == self.model.nv  # else some joint turns on SO(2), SO(3), SE(2) or SE(3)
@@ -54,13 +56,13 @@ class MechanismSystem:
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self._kept_rows = self.kept_rows.evaluate
         self._dropped_are_zero = self._structurally_zero(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
-        forces = [*model_forces(self.model), *mechanism.forces]
-        forces = [force.bind(self.model) if hasattr(force, "bind") else force for force in forces]
-        constant = [f.value for f in forces if isinstance(f, ConstantTorque)]
+        self._forces = bound_forces(self.model, mechanism.forces)
+        forces = self._forces.values()
+        constant = [force.value for force in forces if isinstance(force, SteadyTorque)]
         self._constant = sum(constant) if constant else None
-        damping = [f.coefficients for f in forces if isinstance(f, JointDamping)]
+        damping = [force.coefficients for force in forces if isinstance(force, ViscousDamping)]
         self._damping = sum(damping) if damping else None
-        self._laws = [force for force in forces if not isinstance(force, ConstantTorque | JointDamping)]
+        self._laws = [force for force in forces if not isinstance(force, SteadyTorque | ViscousDamping)]
         self._forced = bool(forces)
         self._M, self._f_q, self._f_v = self.data.M, self.data.dtau_dq, self.data.dtau_dv  # live views of the workspace
         self._planar = any(joint.shortname() == "JointModelPlanar" for joint in self.model.joints)
@@ -96,15 +98,15 @@ class MechanismSystem:
         self._J = J
         rho = J.dot(v)
         if self._moving:
-            rho += self.rows.time_rate(t)[self.kept]
+            rho += self.rows.time_rate(t, p)[self.kept]
         return f, phi, J.T, rho
 
-    def linearize(self, t, p, v, a, m, c, A):
+    def linearize(self, t, p, v, a, lam, c, A):
         if c == 0.0:
             A[:] = self.mass_matrix(p)
             return self._J
         pin.computeRNEADerivatives(self.model, self.data, p, v, a)
-        np.multiply(self._f_q, c, out=A)
+        np.multiply(self._f_q, c, A)
         A += self._f_v
         A *= c
         A += self._M
@@ -118,12 +120,12 @@ class MechanismSystem:
                 A -= c**2 * tau_q
         return self._J
 
-    def force_gradient(self, t, p, v, m):
-        """∂(Jᵀm)/∂q, shape (nv, nv), by forward differences: wanted only where Newton is slow."""
+    def force_gradient(self, t, p, v, lam):
+        """∂(Jᵀλ)/∂q, shape (nv, nv), by forward differences: wanted only where Newton is slow."""
 
         def force(q):
             pin.computeJointJacobians(self.model, self.data, q)
-            return self._kept_rows(self.data, q, t)[1].T @ m
+            return self._kept_rows(self.data, q, t)[1].T @ lam
 
         at, step = force(p), 1e-7
         return np.column_stack([(force(self.integrate(p, step * e)) - at) / step for e in np.eye(self.nv)])
@@ -132,11 +134,11 @@ class MechanismSystem:
         pin.computeJointJacobians(self.model, self.data, p)
         phi, J = self._kept_rows(self.data, p, t)
         rho = J.dot(rate)
-        return phi, rho + self.rows.time_rate(t)[self.kept] if self._moving else rho
+        return phi, rho + self.rows.time_rate(t, p)[self.kept] if self._moving else rho
 
     def acceleration_bias(self, t, p, v):
         pin.forwardKinematics(self.model, self.data, p, v, np.zeros(self.nv))
-        return self.rows.acceleration_bias(self.data, t)[self.kept]
+        return self.rows.acceleration_bias(self.data, t, p, v)[self.kept]
 
     def position_scale(self, p):
         return np.abs(p) if self.vector_like else np.ones(self.nx)
@@ -156,26 +158,46 @@ class MechanismSystem:
             tau += law.torque(t, q, v)
         return tau
 
+    def not_finite(self, t, q, v) -> tuple[str, ...]:
+        """Labels of the forces whose torque or derivatives are not finite at a state that is."""
+        if not np.isfinite(np.concatenate((q, v))).all():
+            return ()
+
+        def finite(force):
+            parts = (force.torque(t, q, v), *force.derivatives(t, q, v))
+            return all(np.isfinite(part).all() for part in parts if part is not None)
+
+        return tuple(label for label, force in self._forces.items() if not finite(force))
+
     def mass_matrix(self, q):
         """M(q), shape (nv, nv)."""
         return np.array(pin.crba(self.model, self.data, q))
 
-    def loop_rows(self, q, t: float = 0.0):
-        """Φ and J of all rows at `q`, dropped ones included; `t` matters to drives only, and to Φ only."""
+    def loop_rows(self, q, t: float | None = None):
+        """Φ and J of all rows at `q`, dropped ones included; without `t` at the time at which the rows were chosen.
+
+        J depends on time only in constraints of the user's own, Φ in drives too.
+        """
         pin.computeJointJacobians(self.model, self.data, q)
-        phi, J = self.rows.evaluate(self.data, q, t)
+        phi, J = self.rows.evaluate(self.data, q, self._start if t is None else t)
         return np.array(phi), np.array(J)
 
     def full_multipliers(self, q, lam):
-        """λ of all rows, shape (nc,): the one of smallest norm with the same joint forces Jᵀλ."""
+        """λ of all rows, shape (nc,): the one of smallest norm with the same joint forces Jᵀλ. Stacks of rows, too.
+
+        Rows whose J depends on time keep the λ that they have.
+        """
         if self.nc == self.rows.nc:
             return lam
-        if self._dropped_are_zero:
-            full = np.zeros(self.rows.nc)
-            full[self.kept] = lam
-            return full
-        _, J = self.loop_rows(q)
-        return np.linalg.lstsq(J.T, J[self.kept].T @ lam, rcond=1e-10)[0]
+        if lam.ndim > 1 and not self._dropped_are_zero:
+            return np.array([self.full_multipliers(*row) for row in zip(q, lam, strict=True)])
+        full = np.zeros((*lam.shape[:-1], self.rows.nc))
+        full[..., self.kept] = lam
+        if not self._dropped_are_zero:
+            steady = self.rows.steady
+            J = self.loop_rows(q)[1][steady]
+            full[steady] = np.linalg.lstsq(J.T, J.T @ full[steady], rcond=1e-10)[0]
+        return full
 
     def reselected(self, q):
         """The same system with other rows kept, where those kept here have become a poor choice at `q`; else None."""
@@ -185,7 +207,7 @@ class MechanismSystem:
         strongest = np.linalg.svd(J, compute_uv=False)[self.nc - 1]
         if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > FADED * strongest:
             return None
-        fresh = MechanismSystem(self.mechanism, q)
+        fresh = MechanismSystem(self.mechanism, q, self._start)
         return fresh if fresh.nc == self.nc and (fresh.kept != self.kept).any() else None
 
     def opened(self, times, configurations):
@@ -207,7 +229,10 @@ class MechanismSystem:
             return True
         rng = np.random.default_rng(0)
         places = [pin.integrate(self.model, q, rng.uniform(-1, 1, self.nv)) for _ in range(3)]
-        return not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
+        try:
+            return not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
+        except PinconsistError:  # a user's own constraint need not be defined there
+            return False
 
     def require_regular(self, q) -> None:
         """Raise SingularSystemError where the equations have no unique solution at `q`.
@@ -247,7 +272,7 @@ class MechanismSystem:
     def _require_lasting_rank(self, q, free) -> None:
         if self._dropped_are_zero or not free.size:
             return
-        solver, everything = LoopSolver(self.mechanism), np.ones(self.nv, dtype=bool)
+        solver, everything = LoopSolver(self.mechanism, self._start), np.ones(self.nv, dtype=bool)
         rng = np.random.default_rng(0)
         for _ in range(3):
             motion = free @ rng.standard_normal(free.shape[1])

@@ -112,7 +112,7 @@ def _subject(subject, q0, v0):
     problem = reference_problem(subject)
     t0, p0, v0 = problem.t0, problem.p0, problem.v0
     is_mechanism = isinstance(problem.system, Mechanism)
-    system = MechanismSystem(problem.system, p0) if is_mechanism else problem.system.at(t0, p0, v0)
+    system = MechanismSystem(problem.system, p0, t0) if is_mechanism else problem.system.at(t0, p0, v0)
     return problem.name, system, t0, p0, v0, lambda times: np.array([problem.exact(t)[2] for t in times])
 
 

@@ -14,8 +14,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ..errors import MissingExtraError
+from ..files import written_whole
 from ..mechanism.mechanism import Mechanism
-from .files import written_whole
 from .scene import ASPECT, scene
 
 FOREVER = 10**9

@@ -1,0 +1,130 @@
+"""The energy of a solution: what is stored, what each force brings in, and whether the balance holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicSpline
+
+from .mechanism.forces import bound_forces
+from .mechanism.forces.label import unused
+from .mechanism.loops import LoopRows
+
+EVENTS = "events"
+"""Where ``work`` has what the jumps at events change."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Energy:
+    """Energies, J, and powers, W, of the n rows of a solution; arrays have shape (n,).
+
+    Attributes
+    ----------
+    t : ndarray
+        Times, s.
+    kinetic : ndarray
+        Of the bodies and rotors.
+    potential : ndarray
+        In the field of gravity.
+    elastic : ndarray
+        In all springs, the sum of ``stored``.
+    total : ndarray
+        Their sum.
+    stored : dict[str, ndarray]
+        Elastic energy of each spring.
+    power : dict[str, ndarray]
+        What each force brings into ``total``, positive where it makes it grow: τ·v, without what a spring stores (so
+        that of a spring its damper is left, and of a damper the power is negative). Of each drive, and of each
+        constraint that moves, -λ·Φ_t: of a drive, motor torque times speed. All add up to d(total)/dt.
+    work : dict[str, ndarray]
+        Integral of each power from the first row on, by a cubic spline through the rows, which limits what can be
+        seen where rows are few. ``"events"`` is what jumps at events changed.
+    error : ndarray
+        ``total`` less its first value less all work.
+    """
+
+    t: np.ndarray
+    kinetic: np.ndarray
+    potential: np.ndarray
+    elastic: np.ndarray
+    total: np.ndarray
+    stored: dict[str, np.ndarray]
+    power: dict[str, np.ndarray]
+    work: dict[str, np.ndarray]
+    error: np.ndarray
+
+    @property
+    def balance_error(self) -> float:
+        """The largest ``error`` over the largest kinetic energy (at rest, over a millionth of the total)."""
+        scale = max(self.kinetic.max(), 1e-6 * np.abs(self.total).max()) or 1.0  # at rest there is only rounding
+        return float(np.abs(self.error).max() / scale)
+
+    def __str__(self):
+        parts = {"kinetic": self.kinetic, "potential": self.potential, "elastic": self.elastic, "total": self.total}
+        width = max(len(name) for name in (*parts, *(f"work of {name}" for name in self.work)))
+        lines = [f"{'energy, J':{width}} {'start':>12} {'end':>12}"]
+        lines += [f"{name:{width}} {values[0]:12.5g} {values[-1]:12.5g}" for name, values in parts.items()]
+        lines += [f"{f'work of {name}':{width}} {'':12} {values[-1]:12.5g}" for name, values in self.work.items()]
+        return "\n".join([*lines, f"{'balance error':{width}} {'':12} {self.error[-1]:12.2g}"])
+
+    __repr__ = __str__
+
+
+def energy_of(solution, mechanism) -> Energy:
+    """Measure the energies and powers of a solution of a mechanism."""
+    model, data = mechanism.model, mechanism.model.createData()
+    forces, rows = bound_forces(model, mechanism.forces), LoopRows(model, mechanism.loops)
+    springs = [label for label, force in forces.items() if hasattr(force, "stored")]
+    movers = {}
+    for closure in rows.closures:
+        if closure.moving:
+            movers[unused(closure.loop.name, (*forces, *movers))] = rows.slices[closure.loop.name]
+    t, n = solution.t, len(solution.t)
+    kinetic, potential = np.zeros((2, n))
+    stored, power = np.zeros((n, len(springs))), np.zeros((n, len(forces) + len(movers)))
+    for i, (time, q, v, lam) in enumerate(zip(t, solution.q, solution.v, solution.lam, strict=True)):
+        kinetic[i] = pin.computeKineticEnergy(model, data, q, v)  # rotor inertia included
+        potential[i] = pin.computePotentialEnergy(model, data, q)
+        for column, (label, force) in enumerate(forces.items()):
+            power[i, column] = force.torque(time, q, v) @ v
+            if label in springs:
+                stored[i, springs.index(label)], rate = force.stored(q, v)
+                power[i, column] += rate
+        if movers:
+            brought = -lam * rows.time_rate(time, q)
+            power[i, len(forces) :] = [brought[part].sum() for part in movers.values()]
+    elastic = stored.sum(axis=1)
+    total = kinetic + potential + elastic
+    work = _integrals(t, power)
+    names = (*forces, *movers)
+    works = dict(zip(names, work.T, strict=True))
+    jumps = _jumps(t, total)
+    if jumps.any():
+        works[unused(EVENTS, names)] = jumps
+    return Energy(
+        t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total,
+        stored=dict(zip(springs, stored.T, strict=True)), power=dict(zip(names, power.T, strict=True)), work=works,
+        error=total - total[0] - work.sum(axis=1) - jumps,
+    )  # fmt: skip
+
+
+def _integrals(t, power):
+    """∫ power dt up to each row, shape of `power` (n, columns); events leave two rows at one time."""
+    work, cuts = np.zeros(power.shape), [0, *(np.flatnonzero(np.diff(t) == 0.0) + 1), len(t)]
+    for start, stop in pairwise(cuts):
+        if start:
+            work[start:] = work[start - 1]
+        if stop - start > 1:
+            sign = 1.0 if t[stop - 1] > t[start] else -1.0
+            spline = CubicSpline(sign * t[start:stop], sign * power[start:stop]).antiderivative()
+            work[start:stop] += spline(sign * t[start:stop]) - spline(sign * t[start])
+    return work
+
+
+def _jumps(t, total):
+    """What the events up to each row have changed."""
+    change = np.diff(total, prepend=total[:1])
+    return np.cumsum(np.where(np.diff(t, prepend=np.nan) == 0.0, change, 0.0))

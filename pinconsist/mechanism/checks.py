@@ -1,0 +1,173 @@
+"""Checks that the records of forces and motions share: of their fields, of names on a model, of users' functions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import inf, isfinite
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError, UserFunctionError
+
+UNIT = 1e-9
+"""How far from unit length an orientation may be."""
+
+
+def put(record, **values) -> None:
+    """Set fields of a frozen record."""
+    for name, value in values.items():
+        object.__setattr__(record, name, value)
+
+
+def number(value, what: str, least: float = -inf, above: float = -inf) -> float:
+    """A finite float from what a user gave, at least `least` and greater than `above`; else InputError."""
+    try:
+        if isinstance(value, str | bytes | bool | np.bool_) or _ndim(value):
+            raise TypeError
+        result = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be a number, got {value!r}") from None
+    if not isfinite(result):
+        raise InputError(f"{what} has a number that is not finite: {value!r}")
+    if result < least or result <= above:
+        bound = f"at least {least:g}" if result < least else f"greater than {above:g}"
+        raise InputError(f"{what} must be {bound}, got {result:g}")
+    return result
+
+
+def numbers(values, what: str, least: float = -inf) -> tuple[float, ...]:
+    """A tuple of finite floats from a sequence of numbers; else InputError."""
+    if isinstance(values, str | bytes | Mapping) or _ndim(values) != 1:
+        raise InputError(f"{what} must be a sequence of numbers, got {values!r}")
+    return tuple(number(each, what, least) for each in values)
+
+
+def triple(values, what: str) -> tuple[float, float, float]:
+    """Three finite floats; else InputError."""
+    result = numbers(values, what)
+    if len(result) != 3:
+        raise InputError(f"{what} needs three numbers, got {values!r}")
+    return result
+
+
+def name(value, what: str) -> str:
+    """The name of a joint or frame; else InputError."""
+    if not isinstance(value, str) or not value:
+        raise InputError(f"{what} must be a name, got {value!r}")
+    return value
+
+
+def amounts(values, what: str, least: float = -inf, functions: bool = False):
+    """Joint name → number, or → one number for each of its velocities; or a tuple of numbers for the whole velocity.
+
+    With `functions`, a function of time may stand for a joint's numbers.
+    """
+    if not isinstance(values, Mapping):
+        return numbers(values, what, least)
+
+    def amount(joint, value):
+        if functions and callable(value):
+            return value
+        of_joint = f"{what} of joint {name(joint, f'{what}: a joint')!r}"
+        return number(value, of_joint, least) if _ndim(value) == 0 else numbers(value, of_joint, least)
+
+    return {joint: amount(joint, value) for joint, value in values.items()}
+
+
+def joint_index(model, joint: str, what: str) -> int:
+    """The index of a joint; InputError with near names where the model has none of this name."""
+    names = list(model.names)[1:]
+    if joint not in names:
+        raise InputError(f"{what}: the model has no joint {joint!r}{_near(joint, names)}")
+    return model.getJointId(joint)
+
+
+def frame_of(model, frame: str, what: str):
+    """The frame of a name; InputError where there is none, or several."""
+    names = [each.name for each in model.frames]
+    if frame not in names:
+        raise InputError(f"{what}: the model has no frame {frame!r}{_near(frame, names)}")
+    if names.count(frame) > 1:
+        raise InputError(f"{what}: the model has several frames named {frame!r}")
+    return model.frames[model.getFrameId(frame)]
+
+
+def normalized(model, q, who: str) -> np.ndarray:
+    """A configuration with its quaternions and (cos, sin) pairs at unit length; InputError where one has none."""
+    q = pin.normalize(model, q)
+    for joint in range(1, model.njoints if not pin.isNormalized(model, q, UNIT) else 0):
+        part = slice(i := model.idx_qs[joint], i + model.nqs[joint])
+        alone = pin.neutral(model)
+        alone[part] = q[part]
+        if not pin.isNormalized(model, alone, UNIT):
+            raise InputError(f"{who}: joint {model.names[joint]!r} has an orientation of length zero")
+    return q
+
+
+def spread(model, values, what: str, alike: bool = False) -> np.ndarray:
+    """`amounts` on a model, shape (nv,); with `alike` one number counts for each velocity of its joint."""
+    if not isinstance(values, Mapping):
+        if len(values) != model.nv:
+            raise InputError(
+                f"{what} needs {model.nv} numbers, one for each joint velocity; got shape ({len(values)},)"
+            )
+        return np.array(values)
+    full = np.zeros(model.nv)
+    for joint, value in values.items():
+        i = joint_index(model, joint, what)
+        start, size = model.idx_vs[i], model.nvs[i]
+        if not (np.size(value) == size or (alike and np.ndim(value) == 0)):
+            raise InputError(f"{what}: joint {joint!r} needs {size} number(s), got {np.size(value)}")
+        full[start : start + size] = value
+    return full
+
+
+def called(function, what: str, t: float, *state):
+    """What a user's function returns, its exceptions told as ours."""
+    try:
+        return function(t, *state)
+    except Exception as error:
+        raise UserFunctionError(what, t, error) from error
+
+
+def returned(function, what: str, shape: tuple, t: float, *state) -> np.ndarray:
+    """The float array of this shape that a user's function returns; InputError where it returns another."""
+    value = called(function, what, t, *state)
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind not in "biuf":
+            raise TypeError("complex numbers" if array.dtype.kind == "c" else f"{value!r}")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} returned no numbers at t = {t:.6g}: {error}") from None
+    if array.shape != shape:
+        wanted = str(shape) if shape else "one number"
+        raise InputError(f"{what} returned shape {array.shape} at t = {t:.6g}; it must return {wanted}")
+    return array.astype(float, copy=False)
+
+
+def read_only(array):
+    """A view that a user's function cannot write to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def function_name(function) -> str:
+    """A function for messages."""
+    return getattr(function, "__qualname__", None) or repr(function)
+
+
+def _ndim(value) -> int:
+    """Dimensions of an array; 0 of what is none, -1 of nested sequences that do not match."""
+    try:
+        return np.ndim(value)
+    except ValueError:
+        return -1
+
+
+def _near(wanted, names) -> str:
+    import difflib
+
+    near = difflib.get_close_matches(str(wanted), sorted(set(names)), n=4, cutoff=0.5)
+    return f"; near it: {', '.join(near)}" if near else ""

@@ -1,0 +1,102 @@
+"""Loops from Pinocchio's own constraint models, told by their class names and read by their attributes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError
+from .loop import GROUND, Loop
+
+_ANCHORS = {"PointAnchorConstraintModel": "point", "FrameAnchorConstraintModel": "frame"}
+_LEGACY, _LEGACY_KINDS = "RigidConstraintModel", {"CONTACT_3D": "point", "CONTACT_6D": "frame"}
+_MUST_VANISH = (
+    "desired_constraint_offset",
+    "desired_constraint_velocity",
+    "desired_constraint_acceleration",
+    "desired_contact_velocity",
+    "desired_contact_acceleration",
+)
+
+
+def loops_of(constraint_models, model: pin.Model) -> tuple[tuple[Loop, ...], pin.Model]:
+    """Loops that hold together what Pinocchio's constraint models do.
+
+    Parameters
+    ----------
+    constraint_models : sequence
+        Point and frame anchors, the legacy rigid constraints in 3D and 6D, and these behind the common constraint
+        model. Baumgarte gains have no effect: loops stay closed without. The anchors keep their order; a constraint
+        without a name is called by its place, ``loop1``.
+    model : pin.Model
+        The model they belong to; not changed.
+
+    Returns
+    -------
+    tuple of Loop
+    pin.Model
+        The model; a copy with a frame more for each joint that carries an anchor and no frame of a name of its own.
+
+    Raises
+    ------
+    InputError
+        Other kinds of constraint, compliance, desired offsets or motions.
+    """
+    loops = []
+    for number, constraint in enumerate(constraint_models, start=1):
+        if hasattr(constraint, "extract"):
+            constraint = constraint.extract()
+        name = getattr(constraint, "name", "") or f"loop{number}"
+        if name in (loop.name for loop in loops):
+            name = f"{name} ({number})"
+        kind = _kind(constraint, name)
+        _require_rigid_and_at_rest(constraint, name)
+        fields = {}
+        for end in (1, 2):
+            joint = getattr(constraint, f"joint{end}_id")
+            if not 0 <= joint < model.njoints:
+                raise InputError(f"constraint {name!r}: the model has no joint number {joint}")
+            model, frame = _with_frame_on(joint, model)
+            place = model.frames[model.getFrameId(frame)].placement.actInv(getattr(constraint, f"joint{end}_placement"))
+            fields[f"frame{end}"] = frame
+            fields[f"xyz{end}"], fields[f"rpy{end}"] = place.translation, pin.rpy.matrixToRpy(place.rotation)
+        loops.append(Loop(name, kind, **fields))
+    return tuple(loops), model
+
+
+def _kind(constraint, name):
+    which = type(constraint).__name__
+    kind = _ANCHORS.get(which)
+    if which == _LEGACY:
+        which = f"{which} of type {constraint.type}"
+        kind = _LEGACY_KINDS.get(str(constraint.type))
+    if kind is None:
+        raise InputError(
+            f"constraint {name!r}: a {which} cannot be read as a loop; {', '.join(_ANCHORS)} and {_LEGACY} in 3D or 6D "
+            "can. Limits, friction and contact are not modelled as constraints here (see help(pinconsist.Loop))"
+        )
+    return kind
+
+
+def _require_rigid_and_at_rest(constraint, name):
+    for attribute in _MUST_VANISH:
+        value = getattr(constraint, attribute, 0.0)
+        if np.any(getattr(value, "vector", value)):
+            raise InputError(f"constraint {name!r}: its {attribute} is not zero; a loop is closed, and at rest")
+    if np.any(constraint.retrieveCompliance()):
+        raise InputError(f"constraint {name!r}: it is compliant; a loop is rigid, a SpringDamper is not")
+
+
+def _with_frame_on(joint, model):
+    """The model and the name of a frame on this joint that no other frame has; a copy gets one if there is none."""
+    if joint == 0:
+        return model, GROUND
+    names = [frame.name for frame in model.frames]
+    own = [frame.name for frame in model.frames if frame.parentJoint == joint and names.count(frame.name) == 1]
+    if own:
+        return model, model.names[joint] if model.names[joint] in own else own[0]
+    model, name = model.copy(), model.names[joint]
+    while name in names:
+        name += "_origin"
+    model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME), False)
+    return model, name

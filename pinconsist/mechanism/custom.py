@@ -1,0 +1,166 @@
+"""A user's own constraint Φ(t, q) = 0, with or without its Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError, UserFunctionError
+from .differences import first, second
+
+TIME_STEP = 1e-3
+"""Of the difference quotients in time, s."""
+REACH = 10.0
+"""How many times its `step` a constraint is moved where its curvature along the motion is wanted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """A constraint of your own, Φ(t, q) = 0. Stands among the loops of a mechanism.
+
+    Its multipliers λ are the generalised forces Jᵀλ divided by the rows of J: N·m where Φ is an angle in rad, N where
+    it is a length in m. Scale Φ to one of these: loops count as closed at |Φ| < 1e-10.
+
+    Parameters
+    ----------
+    name : str
+    function : callable
+        ``function(t, q) -> array (size,)``, smooth, for every configuration q (nq,) that assembly may try. Called with
+        read-only arrays, and a little beyond the span in time.
+    size : int
+        Number of rows.
+    jacobian : callable, optional
+        ``jacobian(t, q) -> array (size, nv)``, ∂Φ/∂q in the tangent space of q: the velocities' columns. Without it,
+        sixth-order differences, six calls of `function` for each of the nv columns, good to about 1e-12 of Φ's terms:
+        the multipliers inherit that.
+    rate : callable, optional
+        ``rate(t, q) -> array (size,)``, ∂Φ/∂t. Without it, sixth-order differences over 1 ms, good to about 1e-12.
+    moving : bool
+        False promises that Φ does not depend on t, which saves its derivatives in time.
+    rows : sequence of str, optional
+        Names of the rows for reports. Default "0", "1", ….
+    step : float
+        Displacement of the difference quotients, rad or m: about a thousandth of the length over which Φ bends.
+
+    Raises
+    ------
+    InputError
+        Arguments that cannot be used; while it runs, wrong shapes and numbers that are not finite.
+    UserFunctionError
+        One of the functions raised an exception.
+    """
+
+    name: str
+    function: Callable
+    size: int
+    jacobian: Callable | None = None
+    rate: Callable | None = None
+    moving: bool = True
+    rows: tuple[str, ...] | None = None
+    step: float = 1e-3
+
+    kind: ClassVar[str] = "constraint"
+
+    def __post_init__(self):
+        if not isinstance(self.name, str):
+            raise InputError(f"constraint {self.name!r}: its name must be a text")
+        for field in ("function", "jacobian", "rate"):
+            function = getattr(self, field)
+            if not (callable(function) or (function is None and field != "function")):
+                raise InputError(f"constraint {self.name!r}: {field} must be a function of (t, q), got {function!r}")
+        if isinstance(self.size, bool) or not isinstance(self.size, int | np.integer) or self.size < 1:
+            raise InputError(f"constraint {self.name!r}: size must be a positive whole number, got {self.size!r}")
+        if self.rate is not None and not self.moving:
+            raise InputError(f"constraint {self.name!r}: it has a rate, so it cannot promise moving=False")
+        if isinstance(self.step, str | bool) or not np.isscalar(self.step) or not 0 < self.step < np.inf:
+            raise InputError(f"constraint {self.name!r}: step must be a positive number, got {self.step!r}")
+        rows = tuple(map(str, range(self.size))) if self.rows is None else self.rows
+        if isinstance(rows, str) or len(rows := tuple(rows)) != self.size or not all(isinstance(r, str) for r in rows):
+            raise InputError(f"constraint {self.name!r}: rows needs {self.size} names, got {self.rows!r}")
+        object.__setattr__(self, "rows", rows)
+
+
+class ConstraintRows:
+    """The rows of a user's constraint on a model."""
+
+    def __init__(self, model: pin.Model, constraint: Constraint):
+        self.model, self.loop = model, constraint
+        self.moving, self.steady = constraint.moving, not constraint.moving
+        self.turns = (True,) * constraint.size  # measured as they are
+        self._units = np.eye(model.nv)
+
+    def evaluate(self, data, q, t):
+        """Φ and J."""
+        return self._phi(t, q), self._jacobian(t, q)
+
+    def rate(self, t, q):
+        """Φ_t."""
+        if not self.moving:
+            return np.zeros(self.loop.size)
+        if self.loop.rate is not None:
+            return self._call("rate", t, q, (self.loop.size,))
+        return first(lambda s: self._phi(t + s, q), TIME_STEP)
+
+    def acceleration_bias(self, data, t, q, v):
+        """J̇ v + d(Φ_t)/dt of the motion that keeps the velocity v."""
+        if not self.moving and (self._phi(t + TIME_STEP, q) != self._phi(t, q)).any():
+            raise InputError(
+                f"constraint {self.loop.name!r} promises moving=False, but Φ changes with time at t = {t:.6g}"
+            )
+        fastest = np.max(np.abs(v), initial=0.0)
+        if not (fastest or self.moving):
+            return np.zeros(self.loop.size)
+        step = TIME_STEP if self.moving else np.inf
+        step = min(step, REACH * self.loop.step / fastest) if fastest else step
+
+        def place(s):
+            return pin.integrate(self.model, q, s * v)
+
+        if self.loop.jacobian is not None and (self.loop.rate is not None or not self.moving):
+            return first(lambda s: self._jacobian(t + s, x := place(s)) @ v + self.rate(t + s, x), step)
+        return second(lambda s: self._phi(t + s, place(s)), step)
+
+    def _phi(self, t, q):
+        return self._call("function", t, q, (self.loop.size,))
+
+    def _jacobian(self, t, q):
+        if self.loop.jacobian is not None:
+            return self._call("jacobian", t, q, (self.loop.size, self.model.nv))
+        columns = [
+            first(lambda s, unit=unit: self._phi(t, pin.integrate(self.model, q, s * unit)), self.loop.step)
+            for unit in self._units
+        ]
+        return np.column_stack(columns)
+
+    def _call(self, field, t, q, shape):
+        q = q.view()
+        q.flags.writeable = False
+        try:
+            value = getattr(self.loop, field)(t, q)
+        except Exception as error:
+            raise UserFunctionError(f"the {field} of constraint {self.loop.name!r}", t, error) from error
+        try:
+            value = np.asarray(value)
+            if value.dtype.kind not in "biuf":
+                raise TypeError(f"got {value.dtype}")
+            value = np.array(value, float)
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"constraint {self.loop.name!r}: its {field} returned no numbers at t = {t:.6g}: {error}"
+            ) from None
+        if value.shape != shape:
+            raise InputError(
+                f"constraint {self.loop.name!r}: its {field} returned shape {value.shape} at t = {t:.6g}; it must "
+                f"return {shape}" + (", a column for each joint velocity" if len(shape) == 2 else "")
+            )
+        if not np.isfinite(value).all():
+            raise InputError(
+                f"constraint {self.loop.name!r}: its {field} returned a number that is not finite at t = {t:.6g}, "
+                f"q = {np.array2string(q, precision=4, threshold=12)}; it must be defined for every q that assembly or "
+                "Newton's iteration may try"
+            )
+        return value

@@ -1,0 +1,151 @@
+"""Torques at joints: by name, constant or as functions of time, and a user's own law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import InputError
+from ..checks import amounts, called, function_name, joint_index, put, read_only, returned, spread
+from .label import label
+
+
+@dataclass(frozen=True)
+class JointTorque:
+    """Torques at joints, constant or as functions of time.
+
+    Parameters
+    ----------
+    torques : mapping or sequence of nv numbers
+        Of joints by name, N·m (or N): a number, a number for each velocity of the joint, or a function of time that
+        returns one or the other, for instance a :class:`Motion`. Or constant torques at every joint velocity.
+
+    Raises
+    ------
+    InputError
+        Impossible numbers; on a model, unknown joints and wrong sizes; while it runs, a function that returns
+        something else.
+    UserFunctionError
+        A function raised an exception.
+    """
+
+    torques: Mapping[str, float | tuple | Callable] | tuple[float, ...]
+
+    def __post_init__(self):
+        put(self, torques=amounts(self.torques, "JointTorque", functions=True))
+
+    @property
+    def label(self) -> str:
+        """By what name energy reports and messages speak of it."""
+        return label("torque", self.torques)
+
+    def bind(self, model) -> SteadyTorque | _TorqueCurves:
+        """The force on one model."""
+        if not isinstance(self.torques, Mapping):
+            return SteadyTorque(spread(model, self.torques, "JointTorque"))
+        curves = {joint: torque for joint, torque in self.torques.items() if callable(torque)}
+        constant = {joint: torque for joint, torque in self.torques.items() if joint not in curves}
+        value = spread(model, constant, "JointTorque")
+        return _TorqueCurves(model, value, curves) if curves else SteadyTorque(value)
+
+
+class SteadyTorque:
+    """Constant torques on a model; systems add up several of them."""
+
+    def __init__(self, value):
+        self.value = value
+
+    def torque(self, t, q, v):
+        return self.value
+
+    def derivatives(self, t, q, v):
+        return None, None
+
+
+class _TorqueCurves:
+    """Torques of which some are functions of time, on a model."""
+
+    def __init__(self, model, constant, curves):
+        self._constant, self._curves = constant, []
+        for joint, curve in curves.items():
+            i = joint_index(model, joint, "JointTorque")
+            size, start = model.nvs[i], model.idx_vs[i]
+            shape = () if size == 1 else (size,)
+            self._curves.append((curve, slice(start, start + size), shape, f"the torque of joint {joint!r}"))
+
+    def torque(self, t, q, v):
+        tau = self._constant.copy()
+        for curve, columns, shape, what in self._curves:
+            tau[columns] = returned(curve, what, shape, t)
+        return tau
+
+    def derivatives(self, t, q, v):
+        return None, None
+
+
+@dataclass(frozen=True, eq=False)
+class Torque:
+    """A user's own law τ = f(t, q, v).
+
+    Parameters
+    ----------
+    function : callable
+        ``f(t, q, v) -> array (nv,)``; called with read-only arrays.
+    gradient : callable, optional
+        ``g(t, q, v) -> (∂τ/∂q, ∂τ/∂v)`` in the tangent space, either may be None. Without it the velocity part is
+        taken by finite differences, and the position part is left out of Newton's matrix (never of the residual).
+
+    Raises
+    ------
+    InputError
+        While it runs: wrong shapes, complex numbers.
+    UserFunctionError
+        A function raised an exception.
+    """
+
+    function: Callable
+    gradient: Callable | None = None
+
+    def __post_init__(self):
+        for field in ("function", "gradient"):
+            given = getattr(self, field)
+            if not (callable(given) or (given is None and field == "gradient")):
+                raise InputError(f"Torque: {field} must be a function of (t, q, v), got {given!r}")
+
+    @property
+    def label(self) -> str:
+        """By what name energy reports and messages speak of it."""
+        return f"torque {function_name(self.function)}"
+
+    def torque(self, t, q, v):
+        what = f"the torque function {function_name(self.function)}"
+        return returned(self.function, what, v.shape, t, read_only(q), read_only(v))
+
+    def derivatives(self, t, q, v):
+        if self.gradient is not None:
+            return self._given_gradient(t, q, v)
+        at = self.torque(t, q, v)
+        columns = np.empty((len(v), len(v)))
+        for i, step in enumerate(1e-7 * (1.0 + np.abs(v))):
+            moved = v.copy()
+            moved[i] += step
+            columns[:, i] = (self.torque(t, q, moved) - at) / step
+        return None, columns
+
+    def _given_gradient(self, t, q, v):
+        what = f"the gradient {function_name(self.gradient)}"
+        parts = called(self.gradient, what, t, read_only(q), read_only(v))
+        shape = (len(v), len(v))
+        if isinstance(parts, tuple | list) and len(parts) == 2:
+            bad = [part for part in parts if part is not None and np.shape(part) != shape]
+            wrong = f"shape {np.shape(bad[0])}" if bad else ""
+        else:
+            wrong = repr(parts)
+        if wrong:
+            raise InputError(
+                f"{what} returned {wrong} at t = {t:.6g}; it must return two matrices of shape {shape}, "
+                "(∂τ/∂q, ∂τ/∂v), or None for either"
+            )
+        return tuple(parts)

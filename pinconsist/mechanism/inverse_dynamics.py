@@ -1,0 +1,170 @@
+"""Inverse dynamics: the motor torques that driven joints need for a motion that they determine. No integration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import AssemblyError, InputError, SingularSystemError
+from .acting import acting
+from .assembly import assemble
+from .drive import Drive
+from .mechanism import Mechanism, finite_array
+from .rank import row_scales
+from .reactions import Reaction, reaction
+from .system import MechanismSystem
+from .variations import TangentSpace, bias, closed_near, joints_in, locked, step_sizes
+
+WIDEST = 0.05  # rad, or lengths of the mechanism, by which a prediction may miss before the way is halved
+HALVINGS = 30
+DETERMINED = 1e-8  # smallest singular value of J, of the largest, with which drives still hold every joint
+
+
+@dataclass(frozen=True, eq=False)
+class InverseDynamics:
+    """A motion and what it takes. Rows are times.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        Whose motion it is, with all forces that act.
+    t : ndarray, shape (n,)
+        s.
+    q, v, a : ndarray, shapes (n, nq), (n, nv), (n, nv)
+        Configurations, velocities, accelerations.
+    lam : ndarray, shape (n, nc)
+        Multipliers of all rows; those of smallest norm where loops have redundant rows.
+    torques : dict[str, ndarray]
+        Drive → its motor torque, shape (n,), N·m (or N), positive along the joint's velocity.
+    """
+
+    mechanism: Mechanism = field(repr=False)
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    lam: np.ndarray
+    torques: dict[str, np.ndarray]
+
+    def __post_init__(self):
+        locked(self.t, self.q, self.v, self.a, self.lam, *self.torques.values())
+
+    def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
+        """What a loop does to its bodies over the motion; see :meth:`Solution.reaction`."""
+        return reaction(self.mechanism, loop, self.t, self.q, self.lam, axes)
+
+
+def inverse_dynamics(mechanism, times, q=None, *, forces=()) -> InverseDynamics:
+    """Motor torques of a chain whose drives determine its motion.
+
+    At each time the loops and the drives give the configuration, their derivatives the velocity and the acceleration,
+    and the equations of motion what the loops and the motors carry. Between the times the configuration is followed,
+    in smaller steps where it turns fast, so that it stays on its branch.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With a :class:`Drive` for each motion that its loops leave free.
+    times : array, shape (n,)
+        s.
+    q : mapping or array, optional
+        Where to start at the first time, as in :func:`assemble`. Default: the mechanism's guess.
+    forces : sequence
+        Forces on top, as in :func:`simulate`; dry friction, damping and all others act with the motion's velocities.
+
+    Returns
+    -------
+    InverseDynamics
+
+    Raises
+    ------
+    SingularSystemError
+        The drives leave some joints free, or are at a dead centre; more drives than free motions, contradicting each
+        other. Says which joints, and when.
+    AssemblyError
+        The loops cannot follow the drives: says when and carries the last configuration.
+    InputError
+        Arguments that cannot be used.
+    """
+    mechanism = acting(mechanism, forces, "inverse_dynamics")
+    times = np.atleast_1d(finite_array(times, "times"))
+    if times.ndim != 1 or not times.size:
+        raise InputError(f"times must be a sequence of times, got shape {times.shape}")
+    if not any(isinstance(loop, Drive) for loop in mechanism.loops):
+        raise InputError(
+            f"{mechanism.name} has no driven joint; add drives: mechanism.with_loops(*mechanism.loops, Drive(...))"
+        )
+    start = assemble(mechanism, q, t=times[0]).q
+    system = MechanismSystem(mechanism, start, times[0])
+    state, rows = _state(system, times[0], start), []
+    for t in times:
+        state = _follow(system, state, t)
+        rows.append((*state, _multipliers(system, *state)))
+    t, q, v, a, lam = (np.array(column) for column in zip(*rows, strict=True))
+    torques = {drive.name: lam[:, system.rows.slices[drive.name].start] for drive in _drives(mechanism)}
+    return InverseDynamics(mechanism, t, q, v, a, lam, torques)
+
+
+def _drives(mechanism):
+    return [loop for loop in mechanism.loops if isinstance(loop, Drive)]
+
+
+def _state(system, t, q):
+    """(t, q, v, a) of the motion that loops and drives determine at a closed configuration."""
+    J, sizes = system.loop_rows(q, t)[1], step_sizes(system, q)
+    scales = row_scales(J, system.rows.turns)
+    U, s, Vt = np.linalg.svd(J / scales[:, None] * sizes)
+    rank, name = int(np.count_nonzero(s > DETERMINED * s[0])), system.mechanism.name
+    if rank < system.nv:
+        names = joints_in(system.mechanism, sizes[:, None] * Vt[rank:].T)
+        raise SingularSystemError(
+            f"{name}: loops and drives do not determine the motion of {', '.join(names)} at t = {t:.6g} s: drive or "
+            "lock as many joints as check's mobility says, or keep away from dead centres",
+            names=names,
+        )
+    drives = [drive.name for drive in _drives(system.mechanism)]
+    shares = [np.max(np.abs(U[system.rows.slices[name], rank:]), initial=0.0) for name in drives]
+    twice = tuple(name for name, share in zip(drives, shares, strict=True) if share > DETERMINED)
+    if twice:
+        raise SingularSystemError(
+            f"{name}: the drives {', '.join(twice)} are more than the loops leave free: they contradict each other, "
+            "or share their torque in any way they like. Drive fewer joints",
+            names=twice,
+        )
+
+    def solve(rate):
+        return -sizes * (Vt.T @ (U[:, :rank].T @ (rate / scales) / s))
+
+    v = solve(system.rows.time_rate(t, q))
+    return t, q, v, solve(bias(system, t, q, v))
+
+
+def _follow(system, state, t):
+    """The state at another time, on the same branch: predicted by the Taylor series, in steps that predict well."""
+    h = t - state[0]
+    smallest = abs(h) / 2**HALVINGS
+    while state[0] != t:
+        now, q, v, a = state
+        sizes = step_sizes(system, q)
+        if not abs(h) > smallest:
+            raise AssemblyError(
+                f"{system.mechanism.name}: the loops cannot follow the drives beyond t = {now:.6g} s: they are out of "
+                "reach, or at a dead centre",
+                q=q,
+            )
+        ahead = t if abs(t - now) <= abs(h) else now + h
+        move = (ahead - now) * v + (ahead - now) ** 2 / 2 * a
+        predicted = system.integrate(q, move)
+        found = closed_near(system, ahead, predicted) if np.max(np.abs(move) / sizes) < 1.0 else None
+        if found is None or np.max(np.abs(system.difference(predicted, found)) / sizes) > WIDEST:
+            h /= 2
+        else:
+            state, h = _state(system, ahead, found), 2 * h
+    return state
+
+
+def _multipliers(system, t, q, v, a):
+    carried = pin.rnea(system.model, system.data, q, v, a) - system.torque(t, q, v)
+    return TangentSpace(system, q, t).multipliers(carried)

@@ -1,0 +1,214 @@
+"""Small motions about a state, in the coordinates that the loops leave free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import SingularSystemError
+from .acting import acting
+from .assembly import assemble
+from .differences import first
+from .mechanism import finite_array
+from .modes import Modes, modes
+from .statics import equilibrium
+from .system import MASSLESS, MechanismSystem
+from .variations import (
+    SMOOTH,
+    TangentSpace,
+    along,
+    bias,
+    by_position,
+    by_velocity,
+    joints_in,
+    locked,
+    step_sizes,
+    velocity_names,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """The equations mass·y'' + damping·y' + stiffness·y = 0 of small variations y about a state.
+
+    The y are the variations of as many joints as the loops leave free, all others follow: δq = Z y to first order.
+    About a state that moves they are seen from the moving state (which matters to joints that turn in space only), and
+    the coefficients are those of the instant: exponentials are solutions where these stay constant.
+
+    Attributes
+    ----------
+    t : float
+        s.
+    q, v, a, lam : ndarray
+        The state, its acceleration and its multipliers: shapes (nq,), (nv,), (nv,), (nc,). In an equilibrium v and a
+        vanish.
+    coordinates : tuple of str, length n
+        The joints whose variations the y are; ``ball[0]`` is the first velocity of a joint that has several.
+    Z : ndarray, shape (nv, n)
+        What each y moves, in joint velocities.
+    mass, damping, stiffness : ndarray, shape (n, n)
+        ZᵀMZ; damping and gyroscopic terms; stiffness of the forces, the weight, the constraint forces (geometric
+        stiffness) and, where it moves, of the curvature of the constraints. SI.
+    """
+
+    t: float
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    lam: np.ndarray
+    coordinates: tuple[str, ...]
+    Z: np.ndarray
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    _sizes: np.ndarray = field(repr=False)
+    _scale: float = field(repr=False)
+
+    def __post_init__(self):
+        locked(self.q, self.v, self.a, self.lam, self.Z, self.mass, self.damping, self.stiffness)
+
+    @property
+    def A(self) -> np.ndarray:
+        """The matrix of the first-order form (y, y')' = A (y, y'), shape (2n, 2n).
+
+        Raises
+        ------
+        SingularSystemError
+            Some of the motions have no inertia; :meth:`modes` deals with those.
+        """
+        n = len(self.mass)
+        scaled = self._sizes[:, None] * self.mass * self._sizes
+        inertia = np.linalg.eigvalsh(scaled)
+        if n and inertia[0] <= MASSLESS * inertia[-1]:
+            raise SingularSystemError("some motions that the loops allow have no inertia: there is no state matrix A")
+        below = -np.linalg.solve(self.mass, np.hstack((self.stiffness, self.damping)))
+        return np.block([[np.zeros((n, n)), np.eye(n)], [below[:, :n], below[:, n:]]])
+
+    def modes(self) -> Modes:
+        """Natural frequencies, damping ratios and shapes; see :class:`Modes`."""
+        return modes(self)
+
+
+def linearize(mechanism, q=None, v=None, *, forces=(), t: float = 0.0) -> Linearization:
+    """Linearise a mechanism on its constraints.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    q : mapping or array, optional
+        Configuration, closed as by :func:`assemble`. Default: the equilibrium that :func:`equilibrium` finds.
+    v : mapping or array, optional
+        Velocity, put on the constraints as by :func:`assemble`. Default: rest, or what drives make of it.
+    forces : sequence
+        Forces on top, as in :func:`simulate`.
+    t : float
+        Time at which forces and drives are looked at, s.
+
+    Returns
+    -------
+    Linearization
+
+    Raises
+    ------
+    EquilibriumError
+        No `q` was given and no equilibrium was found.
+    AssemblyError
+        The loops cannot be closed, or do not allow `v`.
+    SingularSystemError
+        A motion without inertia is pushed: no acceleration balances it.
+    InputError
+        Arguments that cannot be used.
+
+    Notes
+    -----
+    Varied are Φ, its rates J v + Φ_t and J a + γ, and M a + nle - τ - Jᵀλ. Of δv and δa the coordinates' part is y' and
+    y'', the rest follows from the rates. Projected by Zᵀ, which takes δλ away, the last variation is that of the
+    equations of motion in minimal coordinates, exactly.
+    """
+    mechanism, t = acting(mechanism, forces, "linearize"), float(finite_array(t, "t"))
+    if q is None:
+        q = equilibrium(mechanism, t=t).q
+    state = assemble(mechanism, q, v, t=t)
+    q, v = state.q, state.v
+    system = MechanismSystem(mechanism, q, t)
+    space, sizes = TangentSpace(system, q, t), step_sizes(system, q)
+    Z, M = space.Z, np.triu(system.mass_matrix(q))
+    M += np.triu(M, 1).T
+    a, lam, scale = _acceleration(system, space, t, q, v, M)
+    K = by_position(system, t, q, v, a, lam, Z)
+    C = by_velocity(system, t, q, v, a)
+    velocity, from_velocity, from_position = _follow(system, space, t, q, v, a, sizes)
+    return Linearization(
+        t, q, v, a, lam,
+        tuple(velocity_names(mechanism)[i] for i in space.coordinates), Z,
+        mass=Z.T @ M @ Z,
+        damping=Z.T @ (C @ Z + M @ from_velocity),
+        stiffness=Z.T @ (K + C @ velocity + M @ from_position),
+        _sizes=sizes[space.coordinates], _scale=scale,
+    )  # fmt: skip
+
+
+def _acceleration(system, space, t, q, v, M):
+    """(a, λ, size of the forces) of the equations of motion; M may be singular."""
+    Z = space.Z
+    given = -space.P @ bias(system, t, q, v)
+    push = pin.nonLinearEffects(system.model, system.data, q, v) - system.torque(t, q, v)
+    inertia, motions = np.linalg.eigh(Z.T @ M @ Z)
+    load = motions.T @ (Z.T @ (push + M @ given))
+    scale = np.max(np.abs(Z).T @ (np.abs(push) + np.abs(M) @ np.abs(given)), initial=0.0)
+    weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
+    if (np.abs(load[weightless]) > 1e-8 * scale).any():
+        names = joints_in(system.mechanism, Z @ motions[:, weightless])
+        raise SingularSystemError(
+            f"{system.mechanism.name}: joints {', '.join(names)} can move without any inertia, and are pushed: this "
+            "is neither an equilibrium nor has it an acceleration. Linearise at an equilibrium, or give the massless "
+            f"links an inertia: mechanism.with_armature({{{names[0]!r}: 1e-6}})",
+            names=names,
+        )
+    load[weightless], inertia[weightless] = 0.0, 1.0
+    a = given - Z @ (motions @ (load / inertia))
+    carried = M @ a + push
+    return a, space.multipliers(carried), float(np.max(np.abs(carried), initial=0.0))
+
+
+def _follow(system, space, t, q, v, a, sizes):
+    """δv = Z y' + V y and δa = Z y'' + A₁ y' + A₀ y: (V, A₁, A₀), each (nv, n).
+
+    The tangent vectors of rotations at q ⊕ δq are seen from another frame than those at q: with
+    δv = δq' + T(v) δq, the coordinates of δv are y' + (T(v) δq)[coordinates].
+    """
+    Z, P, nv = space.Z, space.P, system.nv
+    if not (v.any() or a.any()):
+        return np.zeros_like(Z), np.zeros_like(Z), np.zeros_like(Z)
+
+    def hidden(dq):
+        x = system.integrate(q, dq)
+        return system.loop_rows(x, t)[1] @ v + system.rows.time_rate(t, x)
+
+    def pulled(dq):
+        x = system.integrate(q, dq)
+        return system.loop_rows(x, t)[1] @ a + bias(system, t, x, v)
+
+    def coordinates_of(vectors):
+        return Z @ vectors[space.coordinates]
+
+    turn_v, turn_a = _frame_turn(system, q, v), _frame_turn(system, q, a)
+    by_v = along(lambda dv: bias(system, t, q, v + dv), np.eye(nv), np.maximum(np.abs(v), sizes))
+    by_q = along(pulled, Z, SMOOTH * sizes)
+    velocity = coordinates_of(turn_v @ Z) - P @ along(hidden, Z, SMOOTH * sizes)
+    from_velocity = coordinates_of(turn_v @ Z) - P @ (by_v @ Z)
+    from_position = coordinates_of(turn_v @ (velocity - turn_v @ Z) + turn_a @ Z) - P @ (by_q + by_v @ velocity)
+    return velocity, from_velocity, from_position
+
+
+def _frame_turn(system, q, v):
+    """T with v + T δq the velocity, in its own frame, of q ⊕ δq when q moves with v and δq stays; (nv, nv)."""
+    if system.vector_like:
+        return np.zeros((system.nv, system.nv))
+
+    def seen(dq):
+        return pin.dIntegrate(system.model, q, dq, pin.ArgumentPosition.ARG0) @ v
+
+    return np.column_stack([first(lambda s, e=e: seen(s * e), SMOOTH) for e in np.eye(system.nv)])

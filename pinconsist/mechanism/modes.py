@@ -1,0 +1,147 @@
+"""Natural frequencies and mode shapes of a linearised mechanism, massless directions included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh
+
+from ..errors import SingularSystemError
+from .system import MASSLESS
+from .variations import locked
+
+NOISE = 1e-10  # of the stiffness and of the forces: what cannot be told from zero
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Solutions shape · exp(eigenvalue · t) of a :class:`Linearization`, the slowest first.
+
+    Of a conjugate pair the one that turns forwards is given; aperiodic motions stand for themselves, a motion that
+    nothing resists has the eigenvalue zero.
+
+    Attributes
+    ----------
+    eigenvalues : ndarray of complex, shape (m,)
+        1/s; a positive real part grows.
+    shapes : ndarray, shape (nv, m)
+        δq of each mode in joint velocities, its largest entry 1; real without damping.
+    massless : int
+        Motions without inertia, whose frequencies are infinite and left out. They follow the others without delay.
+    """
+
+    eigenvalues: np.ndarray
+    shapes: np.ndarray
+    massless: int
+
+    def __post_init__(self):
+        locked(self.eigenvalues, self.shapes)
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Natural frequencies |eigenvalue|, rad/s; that of a damped oscillation is the imaginary part."""
+        return np.abs(self.eigenvalues)
+
+    @property
+    def hertz(self) -> np.ndarray:
+        """Natural frequencies, Hz."""
+        return self.frequencies / (2 * np.pi)
+
+    @property
+    def damping_ratios(self) -> np.ndarray:
+        """-Re/|eigenvalue|: 0 undamped, 1 decays without oscillation, below 0 grows; NaN at eigenvalue zero."""
+        with np.errstate(invalid="ignore"):
+            return np.where(self.eigenvalues == 0, np.nan, 0.0 - self.eigenvalues.real / self.frequencies)
+
+    def __str__(self):
+        lines = [f"{'Hz':>12} {'rad/s':>12} {'damping':>9}"]
+        rows = zip(self.hertz, self.frequencies, self.damping_ratios, strict=True)
+        lines += [f"{hertz:12.6g} {omega:12.6g} {ratio:9.4f}" for hertz, omega, ratio in rows]
+        if self.massless:
+            lines.append(f"{self.massless} more without inertia: infinite frequency")
+        return "\n".join(lines)
+
+
+def modes(linear) -> Modes:
+    """The finite modes of a linearisation.
+
+    Motions without inertia are condensed: those without damping follow at once, those with damping are of first
+    order.
+
+    Raises
+    ------
+    SingularSystemError
+        A motion has neither inertia nor damping nor stiffness: anything is a solution.
+    """
+    S = linear._sizes
+    M, C, K = (S[:, None] * each * S for each in (linear.mass, linear.damping, linear.stiffness))
+    noise = NOISE * (np.max(np.abs(K), initial=0.0) + linear._scale * np.max(S, initial=0.0))
+    inertia, axes = np.linalg.eigh(M)
+    count = int(np.count_nonzero(inertia <= MASSLESS * inertia.max(initial=0.0)))
+    light, heavy = axes[:, :count], axes[:, count:]
+    conservative = not C.any() and np.abs(K - K.T).max(initial=0.0) <= noise
+    solve = _undamped if conservative else _damped
+    values, shapes, massless = solve(M, C, K, heavy, light, noise)
+    order = np.argsort(np.abs(values), kind="stable")
+    shapes = linear.Z @ (S[:, None] * shapes)[:, order]
+    largest = np.argmax(np.abs(shapes), axis=0)
+    return Modes(values[order], shapes / shapes[largest, range(len(order))], massless)
+
+
+def _undamped(M, C, K, heavy, light, noise):
+    """ω² from a symmetric eigenvalue problem; a falling motion has a growing and a decaying part."""
+    T = heavy - light @ _held(light.T @ K @ light, light.T @ K @ heavy, noise)
+    squares, vectors = eigh(T.T @ K @ T, heavy.T @ M @ heavy)
+    shapes = T @ vectors
+    squares[_idle(K, shapes, noise)] = 0.0
+    falling = squares < 0
+    roots = np.sqrt(np.abs(squares))
+    values = np.concatenate((np.where(falling, roots, 1j * roots), -roots[falling]))
+    return values, np.hstack((shapes, shapes[:, falling])), light.shape[1]
+
+
+def _damped(M, C, K, heavy, light, noise):
+    """The pencil E z' = F z of z = (y, y' of what has inertia, y of what has none), its infinite part taken out."""
+
+    def parts(A):
+        return heavy.T @ A @ heavy, heavy.T @ A @ light, light.T @ A @ heavy, light.T @ A @ light
+
+    (C11, C12, C21, C22), (K11, K12, K21, K22) = parts(C), parts(K)
+    n, m = len(C11), len(C22)
+    inertia, damping = heavy.T @ M @ heavy, np.max(np.abs(C)) or 1.0
+    E = np.block([
+        [np.eye(n), np.zeros((n, n + m))],
+        [np.zeros((n, n)), inertia / inertia.max(initial=1e-300), C12 / inertia.max(initial=1e-300)],
+        [np.zeros((m, 2 * n)), C22 / damping],
+    ])  # fmt: skip
+    F = np.block([
+        [np.zeros((n, n)), np.eye(n), np.zeros((n, m))],
+        [-np.hstack((K11, C11, K12)) / inertia.max(initial=1e-300)],
+        [-np.hstack((K21, C21, K22)) / damping],
+    ])  # fmt: skip
+    U, s, Vt = np.linalg.svd(E)
+    rank = int(np.count_nonzero(s > 1e-12 * s.max(initial=0.0)))
+    U1, U2, V1, V2 = U[:, :rank], U[:, rank:], Vt[:rank].T, Vt[rank:].T
+    T = V1 - V2 @ _held(U2.T @ F @ V2, U2.T @ F @ V1, noise / damping)
+    values, vectors = np.linalg.eig(U1.T @ F @ T / s[:rank, None])
+    z = T @ vectors
+    shapes = heavy @ z[:n] + light @ z[2 * n :]
+    idle = np.flatnonzero(_idle(K, shapes, noise))
+    values[idle] = 0.0
+    nullity = int(np.count_nonzero(np.linalg.svd(K, compute_uv=False) <= noise))
+    kept = values.imag >= 0
+    kept[[i for i in idle if kept[i]][nullity:]] = False  # zero is a double root: a place and a speed
+    return values[kept], shapes[:, kept], m - (rank - 2 * n)
+
+
+def _idle(K, shapes, noise):
+    """Which motions meet no stiffness."""
+    return np.linalg.norm(K @ shapes, axis=0) <= noise * np.linalg.norm(shapes, axis=0)
+
+
+def _held(stiffness, load, noise):
+    """stiffness⁻¹ load of motions that nothing but the stiffness resists."""
+    if np.linalg.svd(stiffness, compute_uv=False).min(initial=np.inf) <= noise:
+        raise SingularSystemError("a motion has neither inertia nor damping nor stiffness: anything is a solution")
+    return np.linalg.solve(stiffness, load)

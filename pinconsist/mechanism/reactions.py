@@ -1,0 +1,128 @@
+"""What a loop does to its bodies: multipliers read as force and moment, torque, and joint forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError
+from .loop import Loop
+from .loops import LoopRows
+from .mechanism import Mechanism
+from .names import near
+
+AXES = ("world", "anchor")
+
+
+@dataclass(frozen=True, eq=False)
+class Reaction:
+    """What one loop did over a run. Rows are the rows of the solution; arrays are read-only.
+
+    Attributes
+    ----------
+    loop, kind : str
+        Name and kind of the loop.
+    axes : str
+        ``"world"``, or ``"anchor"``: the axes of anchor 1, in which the loop's rows are written.
+    t : ndarray, shape (n,)
+        Times, s.
+    force : ndarray, shape (n, 3), or None
+        On body 2 (that of ``frame2``) at anchor 2, N; body 1 takes the opposite there. None for drives, couplings and
+        constraints of the user's own, which have no anchors.
+    moment : ndarray, shape (n, 3), or None
+        On body 2 about anchor 2, N·m; body 1 takes the opposite.
+    torque : ndarray, shape (n,), or None
+        Of a drive, what the motor gives to its joint, positive along the joint's velocity, N·m (N if it slides). Of
+        a coupling, what `joint` receives; `other` receives -dq_joint/dq_other times it.
+    joint_forces : ndarray, shape (n, nv)
+        Jᵀλ: what the loop adds to the right-hand side of the equations of motion, of every kind.
+    """
+
+    loop: str
+    kind: str
+    axes: str
+    t: np.ndarray = field(repr=False)
+    force: np.ndarray | None = field(repr=False)
+    moment: np.ndarray | None = field(repr=False)
+    torque: np.ndarray | None = field(repr=False)
+    joint_forces: np.ndarray = field(repr=False)
+
+    def __str__(self):
+        parts = {"force [N]": self.force, "moment [N·m]": self.moment, "torque [N·m or N]": self.torque}
+        largest = [
+            f"{name} up to {np.linalg.norm(part.reshape(len(part), -1), axis=1).max(initial=0.0):.4g}"
+            for name, part in parts.items()
+            if part is not None
+        ]
+        size = np.abs(self.joint_forces).max(initial=0.0)
+        return f"{self.kind} {self.loop!r}: {', '.join(largest) or f'joint forces up to {size:.4g}'}"
+
+
+def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") -> Reaction:
+    """The reaction of one loop at given states.
+
+    The wrench on body 2 is (∂Φ/∂twist of body 2)ᵀ λ, from the rows' own derivatives.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    name : str
+        Name of a loop, drive, coupling or constraint.
+    t, q, lam : ndarray, shapes (n,), (n, nq), (n, nc)
+        Times, configurations and the multipliers of all rows.
+    axes : {"world", "anchor"}
+        In which force and moment are given.
+
+    Raises
+    ------
+    InputError
+        No such loop; arrays of another mechanism's sizes; other axes.
+    """
+    if axes not in AXES:
+        raise InputError(f"reaction: axes={axes!r} is not one of {', '.join(map(repr, AXES))}")
+    names = [loop.name for loop in mechanism.loops]
+    if name not in names:
+        others = near(name, names) or (f"; the loops are {', '.join(names)}" if names else "; it has none")
+        raise InputError(f"{mechanism.name}: no loop {name!r}{others}")
+    if q.shape[1:] != (mechanism.nq,) or lam.shape[1:] != (mechanism.nc,):
+        raise InputError(
+            f"the solution has {q.shape[1]} position numbers and {lam.shape[1]} multipliers, mechanism "
+            f"{mechanism.name!r} has {mechanism.nq} and {mechanism.nc}: it is not the one that was simulated"
+        )
+    model, loop = mechanism.model, mechanism.loops[names.index(name)]
+    data, own = model.createData(), LoopRows(model, mechanism.loops).slices[name]
+    (closure,) = LoopRows(model, (loop,)).closures
+    lam = lam[:, own]
+    wrenches, joint_forces = np.empty((len(t), 6)), np.empty((len(t), model.nv))
+    for i in range(len(t)):
+        pin.computeJointJacobians(model, data, q[i])
+        joint_forces[i] = closure.evaluate(data, q[i], t[i])[1].T @ lam[i]
+        if isinstance(loop, Loop):
+            wrenches[i] = _wrench(closure, data, lam[i], axes)
+    anchored, torque = isinstance(loop, Loop), lam[:, 0].copy() if loop.kind in ("drive", "coupling") else None
+    return Reaction(
+        loop=name,
+        kind=loop.kind,
+        axes=axes,
+        t=_read_only(t),
+        force=_read_only(wrenches[:, :3]) if anchored else None,
+        moment=_read_only(wrenches[:, 3:]) if anchored else None,
+        torque=None if torque is None else _read_only(torque),
+        joint_forces=_read_only(joint_forces),
+    )
+
+
+def _wrench(closure, data, lam, axes):
+    """[force, moment] on body 2 at anchor 2."""
+    pose1, pose2 = data.oMi[closure.joint1] * closure.place1, data.oMi[closure.joint2] * closure.place2
+    gap, twist = pose1.actInv(pose2), np.eye(6)
+    wrench = closure.rows(gap.translation, gap.rotation, twist[:3], twist[3:])[1].T @ lam
+    return wrench if axes == "anchor" else (wrench.reshape(2, 3) @ pose1.rotation.T).ravel()
+
+
+def _read_only(array):
+    array = array.view()
+    array.setflags(write=False)
+    return array

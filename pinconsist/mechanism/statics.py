@@ -1,0 +1,272 @@
+"""Equilibrium: where a mechanism rests under its forces, what its loops then carry, and whether it would stay there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import EquilibriumError, SingularSystemError
+from .acting import acting
+from .assembly import assemble
+from .mechanism import Mechanism, finite_array
+from .reactions import Reaction, reaction
+from .system import MechanismSystem
+from .variations import TangentSpace, by_position, closed_near, joints_in, locked, step_sizes
+
+MAX_ITERATIONS = 200
+MAX_NUDGES = 20
+FLOOR = 1e-14  # of the forces that balance: rounding
+BALANCED = 1e-9  # where rounding allows no less, this is still an equilibrium
+NEUTRAL = 1e-10  # of the stiffness: what cannot be told from zero
+LONGEST = 0.5  # rad, or lengths of the mechanism, in one iteration
+NUDGE = 0.05
+NEARBY = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A configuration in which all forces balance.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        Whose equilibrium it is, with all forces that act.
+    t : float
+        When, s.
+    q : ndarray, shape (nq,)
+        Closed configuration.
+    lam : ndarray, shape (nc,)
+        Multipliers of all rows, those of smallest norm where rows are redundant; signs, frames and units:
+        :mod:`pinconsist.mechanism.loops`.
+    residual : float
+        Largest entry of |g - τ - Jᵀλ|, N·m or N.
+    stiffness : ndarray, shape (mobility,)
+        Eigenvalues, ascending, of the symmetric part of the stiffness on the displacements that the loops allow, of
+        unit length in joint coordinates, N·m/rad (or N/m). What cannot be told from zero is zero.
+    neutral : tuple of str
+        Joints of the displacements that nothing resists and nothing drives: those of no stiffness.
+    iterations : int
+        Newton steps.
+    """
+
+    mechanism: Mechanism = field(repr=False)
+    t: float
+    q: np.ndarray
+    lam: np.ndarray
+    residual: float
+    stiffness: np.ndarray
+    neutral: tuple[str, ...]
+    iterations: int
+
+    def __post_init__(self):
+        locked(self.q, self.lam, self.stiffness)
+
+    @property
+    def stable(self) -> bool:
+        """Every small displacement that the loops allow is resisted: all of `stiffness` is positive.
+
+        Where forces have no potential (followers, a servo of one joint on another) this excludes falling over, not
+        flutter; see :meth:`Linearization.modes`.
+        """
+        return bool((self.stiffness > 0).all())
+
+    def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
+        """What a loop does to its bodies here, in one row; see :meth:`Solution.reaction`."""
+        return reaction(self.mechanism, loop, np.array([self.t]), self.q[None], self.lam[None], axes)
+
+    def __str__(self):
+        if not len(self.stiffness):
+            return f"rigid, forces balance to {self.residual:.1e}"
+        least = self.stiffness[0]
+        kind = "stable" if least > 0 else "neutral" if least == 0 else "unstable"
+        unheld = f", nothing resists {', '.join(self.neutral)}" if self.neutral else ""
+        return f"{kind} equilibrium, smallest stiffness {least:.6g}{unheld}; forces balance to {self.residual:.1e}"
+
+
+def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = True) -> Equilibrium:
+    """Find a closed configuration in which g(q) = τ(t, q, 0) + Jᵀλ.
+
+    Newton's method on the configurations that the loops allow: each step is taken in their tangent space with the
+    stiffness of forces, weight and constraint forces, and closed again. With ``stable`` it goes downhill: negative
+    curvature is turned round, steps that take work from outside are halved, and a resting point that is not stable
+    is left. The mass matrix is not looked at: massless links do no harm.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        All of its forces act, as they are at rest; dry friction, which is smoothed, then vanishes. Drives hold their
+        joints where they are at time `t`.
+    q : mapping or array, optional
+        Where to start, as in :func:`assemble`. Default: the mechanism's guess.
+    forces : sequence
+        Forces on top, as in :func:`simulate`.
+    t : float
+        Time at which forces and drives are looked at, s.
+    stable : bool
+        False: go to the equilibrium that Newton's method finds from `q`, of either kind.
+
+    Returns
+    -------
+    Equilibrium
+
+    Raises
+    ------
+    EquilibriumError
+        None was found: what still pushes, on which joints; carries the configuration.
+    AssemblyError
+        The loops cannot be closed.
+    SingularSystemError
+        It is at a singular position, where the forces in the loops are not determined.
+    InputError
+        Arguments that cannot be used.
+    """
+    mechanism = acting(mechanism, forces, "equilibrium")
+    t = float(finite_array(t, "t"))
+    start = assemble(mechanism, q, t=t).q
+    system = MechanismSystem(mechanism, start, t)
+    place, iterations, nudges = _Place(system, t, start), 0, 0
+    while True:
+        K = place.stiffness()
+        following = None if place.is_balanced(FLOOR) else place.downhill(K) if stable else place.newton(K)
+        if place.is_settled(following):
+            if not (stable and place.falls(K) and nudges < MAX_NUDGES):
+                break
+            place, nudges = place.nudged(K), nudges + 1
+        elif following is None:
+            why = "no step goes further down" if stable else "Newton's method sticks; try stable=True or another start"
+            raise _not_found(place, K, why)
+        elif iterations == MAX_ITERATIONS:
+            raise _not_found(place, K, f"still moving after {MAX_ITERATIONS} steps")
+        else:
+            place, iterations = following, iterations + 1
+    _require_regular(place)
+    return place.result(K, iterations)
+
+
+class _Place:
+    """A closed configuration and the forces there.
+
+    Z is an orthonormal basis of what the loops allow, in units of `sizes`; push = Zᵀ(g - τ) is what is not balanced.
+    """
+
+    def __init__(self, system, t, q):
+        self.system, self.t, self.q = system, t, q
+        self.sizes = step_sizes(system, q)
+        space, rest = TangentSpace(system, q, t), np.zeros(system.nv)
+        self.Z = self.sizes[:, None] * np.linalg.qr(space.Z / self.sizes[:, None])[0]
+        weight, applied = pin.rnea(system.model, system.data, q, rest, rest), system.torque(t, q, rest)
+        self.load = weight - applied
+        self.lam = space.multipliers(self.load)
+        self.residual = float(np.max(np.abs(self.load - space.J.T @ self.lam)))
+        self.push = self.Z.T @ self.load
+        terms = self.sizes * (np.abs(weight) + np.abs(applied) + np.abs(space.J).T @ np.abs(self.lam))
+        mass = sum(inertia.mass for inertia in system.model.inertias)
+        self.scale = np.max(terms) + self.sizes.max() * mass * np.linalg.norm(system.model.gravity.linear)
+
+    def is_balanced(self, tolerance) -> bool:
+        return bool((np.abs(self.push) <= tolerance * self.scale).all())
+
+    def is_settled(self, following) -> bool:
+        """Whether the forces balance as well as rounding allows: the step to `following` brings no more."""
+        stuck = following is None or np.linalg.norm(following.push) > 0.5 * np.linalg.norm(self.push)
+        return self.is_balanced(FLOOR) or (self.is_balanced(BALANCED) and stuck)
+
+    def stiffness(self):
+        """Of the displacements Z, shape (n, n); symmetric in equilibrium if the forces have a potential."""
+        rest = np.zeros(self.system.nv)
+        return self.Z.T @ by_position(self.system, self.t, self.q, rest, rest, self.lam, self.Z)
+
+    def spectrum(self, K):
+        """Eigenvalues and vectors of the symmetric part, and what of it cannot be told from zero."""
+        noise = NEUTRAL * (np.max(np.abs(K), initial=0.0) + self.scale)
+        return *np.linalg.eigh((K + K.T) / 2), noise
+
+    def falls(self, K) -> bool:
+        values, _, noise = self.spectrum(K)
+        return bool((values < -noise).any())
+
+    def nudged(self, K):
+        """A place a little down the steepest fall."""
+        dq = self.Z @ self.spectrum(K)[1][:, 0]
+        return self._moved(NUDGE * dq / np.max(np.abs(dq) / self.sizes)) or self
+
+    def downhill(self, K):
+        """The next place on the way down, or None."""
+        values, vectors, noise = self.spectrum(K)
+        steep = np.linalg.norm(self.push)
+        if (values > noise).all():
+            y = -np.linalg.solve(K, self.push)
+        else:
+            y = -vectors @ (vectors.T @ self.push / np.maximum(np.abs(values), max(noise, steep / LONGEST)))
+        dq = self._shortened(self.Z @ y)
+        slope = self.load @ dq
+        for _ in range(40):
+            new = self._moved(dq)
+            if new is not None:
+                way = self.system.difference(self.q, new.q)
+                work = (self.load + new.load) @ way / 2  # what the displacement takes from outside
+                if work <= 1e-4 * slope or np.linalg.norm(new.push) <= 0.5 * steep:
+                    return new
+            dq, slope = dq / 2, slope / 2
+        return None
+
+    def newton(self, K):
+        """The next place of Newton's method, with steps halved until they bring less push; or None."""
+        y = -np.linalg.lstsq(K, self.push, rcond=1e-12)[0]
+        dq, share = self._shortened(self.Z @ y), 1.0
+        for _ in range(40):
+            new = self._moved(dq)
+            if new is not None and np.linalg.norm(new.push) <= (1 - 1e-4 * share) * np.linalg.norm(self.push):
+                return new
+            dq, share = dq / 2, share / 2
+        return None
+
+    def _shortened(self, dq):
+        return dq * min(1.0, LONGEST / max(np.max(np.abs(dq) / self.sizes), 1e-300))
+
+    def _moved(self, dq):
+        q = closed_near(self.system, self.t, self.system.integrate(self.q, dq))
+        return None if q is None else _Place(self.system, self.t, q)
+
+    def result(self, K, iterations) -> Equilibrium:
+        values, vectors, noise = self.spectrum(K)
+        idle = np.abs(values) <= noise
+        neutral = joints_in(self.system.mechanism, self.Z @ vectors[:, idle]) if idle.any() else ()
+        mechanism, values = self.system.mechanism, np.where(idle, 0.0, values)
+        return Equilibrium(mechanism, self.t, self.q, self.lam, self.residual, values, neutral, iterations)
+
+
+def _require_regular(place) -> None:
+    """Raise SingularSystemError where rows that depend on others at this place do not in its neighbourhood."""
+    system, rng = place.system, np.random.default_rng(0)
+    rank = system.nv - place.Z.shape[1]
+    if rank == system.rows.nc:
+        return
+    for _ in range(3):
+        move = place.Z @ rng.standard_normal(place.Z.shape[1])
+        nearby = closed_near(
+            system, place.t, system.integrate(place.q, NEARBY * move / max(np.linalg.norm(move), 1e-300))
+        )
+        if nearby is not None and system.nv - TangentSpace(system, nearby, place.t).Z.shape[1] > rank:
+            name = system.mechanism.name
+            raise SingularSystemError(
+                f"{name}: the forces balance at a singular position: the motion branches there, and what the loops "
+                "carry is not determined. Change a length a little, or look for another equilibrium",
+                names=tuple(loop.name for loop in system.mechanism.loops),
+            )
+
+
+def _not_found(place, K, why) -> EquilibriumError:
+    mechanism = place.system.mechanism
+    values, vectors, noise = place.spectrum(K)
+    unheld = vectors.T @ place.push * (values <= noise)
+    size = float(np.linalg.norm(place.push))
+    runs_away = np.linalg.norm(unheld) > 0.5 * size
+    names = joints_in(mechanism, place.Z @ (vectors @ unheld if runs_away else place.push))
+    cause = "nothing there holds against it: lock the joint, or add a spring" if runs_away else "start nearer to it"
+    return EquilibriumError(
+        f"{mechanism.name}: no equilibrium found, {why}; {size:.3g} N·m (or N) are left on {', '.join(names)}. {cause}",
+        q=place.q, residual=size, names=names,
+    )  # fmt: skip

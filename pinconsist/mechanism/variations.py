@@ -1,0 +1,145 @@
+"""First variations of a mechanism's equations at a state: what statics and linearisation are made of.
+
+A variation δq lives in the tangent space of the configurations, as velocities do. Those that the loops allow are
+δq = Z y, where the y are the variations of a few joints themselves: Z has a unit row for each of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import qr, solve_triangular
+
+from .differences import first
+from .rank import RANK_TOLERANCE, independent_rows, row_scales
+
+SMOOTH = 5e-3
+"""Step of the differences of kinematics, rad, or in units of the mechanism's length: errors near 1e-13."""
+NARROW = 1e-4
+"""Step of the differences of forces, which may have small widths of their own: errors near 1e-11."""
+MOTOR_WEIGHT = 10.0
+"""How much more readily a motorised joint is taken as a coordinate."""
+
+
+class TangentSpace:
+    """The variations that the loops allow at a configuration.
+
+    Attributes
+    ----------
+    J : ndarray, shape (nc, nv)
+        All rows of the loops.
+    Z : ndarray, shape (nv, n)
+        Basis of the null space of J with a unit row for each coordinate.
+    coordinates : ndarray of int, shape (n,)
+        The entries of δq that are the coordinates y.
+    P : ndarray, shape (nv, nc)
+        A right inverse of J that leaves the coordinates alone: J P r = r in the range of J, P[coordinates] = 0.
+    """
+
+    def __init__(self, system, q, t: float = 0.0):
+        self.J = system.loop_rows(q, t)[1]
+        kept = independent_rows(self.J, system.rows.turns)
+        nv, rank = system.nv, len(kept)
+        Q, R = qr(self.J[kept].T) if rank else (np.eye(nv), np.zeros((nv, 0)))
+        free, P = Q[:, rank:], np.zeros((nv, len(self.J)))
+        P[:, kept] = Q[:, :rank] @ solve_triangular(R[:rank], np.eye(rank), trans="T")
+        self.coordinates = _coordinates(system.mechanism, free)
+        self.Z = np.linalg.solve(free[self.coordinates].T, free.T).T
+        self.Z[self.coordinates] = np.eye(nv - rank)
+        self.P = P - self.Z @ P[self.coordinates]
+
+    def multipliers(self, load) -> np.ndarray:
+        """λ of smallest norm whose Jᵀλ is the part of `load` (nv,) that the loops can carry, shape (nc,)."""
+        rank = len(self.J.T) - self.Z.shape[1]
+        U, s, Vt = np.linalg.svd(self.J, full_matrices=False)
+        return U[:, :rank] @ (Vt[:rank] @ load / s[:rank])
+
+
+def _coordinates(mechanism, free):
+    """The joint velocities that describe the free ones best, motorised ones first."""
+    if not free.size:
+        return np.zeros(0, dtype=int)
+    weights = np.ones(len(free))
+    for joint in mechanism.actuated:
+        weights[mechanism.columns(joint)] = MOTOR_WEIGHT
+    pivots = qr(free.T * weights, mode="r", pivoting=True)[1]
+    return np.sort(pivots[: free.shape[1]])
+
+
+def velocity_names(mechanism) -> tuple[str, ...]:
+    """A name for each entry of v: the joint's, numbered where it has several: ``ball[0]``."""
+    names = []
+    for joint in mechanism.joints:
+        size = len(range(mechanism.nv)[mechanism.columns(joint)])
+        names += [joint] if size == 1 else [f"{joint}[{i}]" for i in range(size)]
+    return tuple(names)
+
+
+def joints_in(mechanism, variations) -> tuple[str, ...]:
+    """The joints that take a good share in any of the columns of `variations`, (nv,) or (nv, n)."""
+    share = np.abs(variations).reshape(mechanism.nv, -1)
+    share = (share / np.maximum(share.max(axis=0), 1e-300)).max(axis=1)
+    return tuple(joint for joint in mechanism.joints if share[mechanism.columns(joint)].max(initial=0.0) > 0.3)
+
+
+def locked(*arrays):
+    """Make arrays read-only, as results have them."""
+    for array in arrays:
+        array.setflags(write=False)
+
+
+def step_sizes(system, q) -> np.ndarray:
+    """How much of each joint velocity counts as one radian, shape (nv,): 1 for turns, the model's length for shifts."""
+    model, loops = system.model, system.mechanism.anchored_loops
+    arms = [place.translation for place in model.jointPlacements] + [inertia.lever for inertia in model.inertias]
+    arms += [place.translation for loop in loops for place in (loop.placement1, loop.placement2)]
+    length = max(float(np.linalg.norm(arm)) for arm in arms) or 1.0
+    columns = pin.computeJointJacobians(model, model.createData(), q).reshape(6, -1)
+    return np.where(np.linalg.norm(columns[3:], axis=0) > 1e-9, 1.0, length)
+
+
+def along(function, directions, steps) -> np.ndarray:
+    """d function(ε z)/dε at ε = 0 for each column z of `directions`, as columns; `steps` (nv,) is how far to go."""
+    columns = []
+    for z in directions.T:
+        step = 1.0 / np.max(np.abs(z) / steps)
+        columns.append(first(lambda s, z=z: function(s * z), step))
+    return np.column_stack(columns) if columns else np.zeros((len(function(np.zeros(len(directions)))), 0))
+
+
+def by_position(system, t, q, v, a, lam, Z) -> np.ndarray:
+    """∂(M a + nle - τ - Jᵀλ)/∂q Z with λ held, shape (nv, n): stiffness, the geometric one of Jᵀλ included."""
+    data, sizes = system.model.createData(), step_sizes(system, q)
+    pin.computeRNEADerivatives(system.model, data, q, v, a)
+    loads = along(lambda dq: system.loop_rows(system.integrate(q, dq), t)[1].T @ lam, Z, SMOOTH * sizes)
+    forces = along(lambda dq: system.torque(t, system.integrate(q, dq), v), Z, NARROW * sizes)
+    return data.dtau_dq @ Z - forces - loads
+
+
+def by_velocity(system, t, q, v, a) -> np.ndarray:
+    """∂(M a + nle - τ)/∂v, shape (nv, nv): gyroscopic and damping terms."""
+    data, steps = system.model.createData(), NARROW * (step_sizes(system, q) + np.abs(v))
+    pin.computeRNEADerivatives(system.model, data, q, v, a)
+    return data.dtau_dv - along(lambda dv: system.torque(t, q, v + dv), np.eye(system.nv), steps)
+
+
+def bias(system, t, q, v) -> np.ndarray:
+    """γ with J a + γ = 0 for the accelerations that the loops allow, of all rows, shape (nc,)."""
+    pin.forwardKinematics(system.model, system.data, q, v, np.zeros(system.nv))
+    return system.rows.acceleration_bias(system.data, t, q, v)
+
+
+def closed_near(system, t, q):
+    """The closed configuration that Gauss-Newton steps reach from a nearby `q`; None where they do not."""
+    last = np.inf
+    for _ in range(30):
+        phi, J = system.loop_rows(q, t)
+        scales = row_scales(J, system.rows.turns)
+        size = np.max(np.abs(phi) / scales, initial=0.0)
+        if size <= 1e-15 or (size <= RANK_TOLERANCE and size > 0.5 * last):  # by that much dependent rows may gape
+            return q
+        dq = np.linalg.lstsq(J / scales[:, None], -phi / scales, rcond=RANK_TOLERANCE)[0]
+        if not (np.isfinite(dq).all() and np.max(np.abs(dq) / step_sizes(system, q)) < 1.0):
+            return None
+        q, last = system.integrate(q, dq), size
+    return None

@@ -1,0 +1,144 @@
+"""MJCF scenes with every word that we read, as texts between <mujoco> tags."""
+
+ROD = '<geom type="capsule" size="0.05" fromto="0 0 0 0.5 0.1 0.2"/>'
+BRICK = '<inertial pos="0.1 0.2 -0.3" euler="10 20 30" mass="2" diaginertia="0.1 0.2 0.25"/>'
+
+
+def world(*bodies, rest=""):
+    return f"<worldbody>{''.join(bodies)}</worldbody>{rest}"
+
+
+def body(inside, attributes=""):
+    return f"<body {attributes}>{inside}</body>"
+
+
+def chain(*levels):
+    """A world of nested bodies, each hung on the one before: (attributes, what stands inside)."""
+    start = "".join(f'<body pos="0.3 -0.1 0.2" {attributes}>{inside}' for attributes, inside in levels)
+    return world(start + "</body>" * len(levels))
+
+
+TURNS = {
+    "quat": 'quat="1 2 3 4"',
+    "axisangle": 'axisangle="1 2 3 40"',
+    "xyaxes": 'xyaxes="1 2 3 0 1 0.5"',
+    "zaxis": 'zaxis="1 -2 3"',
+    "zaxis down": 'zaxis="0 0 -1"',
+    "euler": 'euler="10 20 30"',
+}
+JOINTS = {
+    "hinge": '<joint axis="1 2 3" pos="0.1 0.2 0.3" ref="20" damping="0.3" armature="0.1"/>',
+    "slide": '<joint type="slide" axis="1 2 -3" pos="0.1 0.2 0.3" ref="0.2" stiffness="3" springref="0.5"/>',
+    "ball": '<joint type="ball" pos="0.1 0.2 0.3" damping="0.2" armature="0.1"/>',
+    "three hinges": '<joint axis="1 0 0"/><joint axis="0 1 0" pos="0.1 0 0"/><joint pos="0 0.2 0"/>',
+    "slides and ball": '<joint type="slide" axis="1 0 0"/><joint type="slide"/><joint type="ball" pos="0 0 1"/>',
+    "hinge and slide": '<joint axis="0 1 0" ref="30" stiffness="2"/><joint type="slide" axis="0 1 0" ref="-0.3"/>',
+}
+GEOMS = {
+    "sphere": '<geom size="0.1" mass="2"/>',
+    "capsule": '<geom type="capsule" size="0.1 0.3" euler="10 20 30" pos="1 2 3"/>',
+    "cylinder": '<geom type="cylinder" size="0.1 0.3" zaxis="1 2 3" density="300"/>',
+    "ellipsoid": '<geom type="ellipsoid" size="0.1 0.2 0.3" quat="1 2 3 4" pos="0 1 0"/>',
+    "box": '<geom type="box" size="0.1 0.2 0.3" xyaxes="1 1 0 0 1 1" mass="3"/>',
+    "box by ends": '<geom type="box" size="0.1" fromto="0 1 0 0.5 0.1 0.2"/>',
+    "ellipsoid by ends": '<geom type="ellipsoid" size="0.1" fromto="0 1 0 0.5 0.1 0.2"/>',
+    "cylinder by ends": '<geom type="cylinder" size="0.1" fromto="0 1 0 0.5 0.1 0.2"/>',
+    "several": ROD + '<geom size="0.1" pos="0.2 0 0"/><geom size="1" mass="0"/><geom size="1" density="0"/>',
+}
+SKEW = '<joint axis="1 1 0"/>'
+CLASSES = f"""
+<default>
+  <joint damping="1" axis="0 1 0"/><geom density="500"/>
+  <default class="a">
+    <joint type="slide"/>
+    <default class="b"><joint damping="2"/><geom size="0.2 0.3 0.4"/></default>
+  </default>
+</default>
+<default>
+  <joint armature="0.1"/>
+  <default class="c"><geom mass="2" axisangle="1 2 3 40"/></default>
+</default>
+<worldbody>
+  <body childclass="a">
+    <joint/>{ROD}
+    <body>
+      <joint/>{BRICK}
+      <body childclass="b" pos="1 0 0"><joint/><joint class="main" axis="1 0 0"/><geom type="box" size="0.5"/></body>
+    </body>
+    <frame childclass="c" pos="1 2 3">
+      <body><joint axis="1 2 3"/><geom type="box" size="0.1 0.2 0.3" euler="10 20 30"/></body>
+    </frame>
+  </body>
+</worldbody>"""
+FRAMES = f"""
+<worldbody>
+  <frame pos="1 2 3" euler="10 20 30">
+    <frame quat="1 2 0 0">
+      <body pos="1 0 0" axisangle="1 0 0 20">
+        {JOINTS["hinge"]}
+        <frame pos="0 0 1" euler="0 30 0">
+          <joint axis="1 0 0" pos="0.1 0 0"/>{ROD}<site name="s" pos="1 0 0" euler="1 2 3"/>
+          <body><joint/>{ROD}</body>
+        </frame>
+        <joint type="slide"/>
+      </body>
+    </frame>
+  </frame>
+</worldbody>"""
+ORDER = f"""
+<worldbody>
+  <body>
+    <body><joint name="c"/>{ROD}</body>{ROD}<joint name="a"/>
+    <frame><body><joint name="d"/>{ROD}</body><joint name="b" axis="1 0 0"/></frame>
+  </body>
+</worldbody>"""
+FREE = body(BRICK + "<freejoint/>" + body(JOINTS["hinge"] + ROD, 'euler="5 6 7"'), 'pos="1 2 3" euler="10 20 30"')
+ARMS = world(
+    '<site name="w" pos="0 0 1" euler="40 0 0"/>',
+    body('<joint name="l"/>' + ROD, 'name="a" euler="10 20 30"'),
+    body(f'<joint name="r" type="slide" ref="0.1"/>{ROD}<site name="s" pos="0 1 0"/>', 'name="b" pos="1 0 0"'),
+    rest="<equality>{}</equality>",
+)
+LOOSE = world(
+    body('<joint type="ball"/>' + ROD, 'name="a" pos="1 2 3" euler="10 20 30"'),
+    body('<joint type="ball"/>' + ROD, 'name="b" pos="3 1 0" euler="30 0 10"'),
+    rest="<equality>{}</equality>",
+)
+RELPOSE = 'anchor="1 2 3" relpose="3 2 1 1 2 3 4"'
+POLYCOEF = 'polycoef="0.1 2 0.3 -0.1 0.2"'
+
+ZOO = {
+    "free": world(FREE),
+    "free with damping": world(body('<joint type="free" damping="0.4"/>' + BRICK)),
+    "radian": '<compiler angle="radian"/>' + chain(('euler="0.1 0.2 0.3"', '<joint ref="0.4"/>' + ROD)),
+    "welded bodies": chain(("", SKEW + ROD), (TURNS["quat"], ROD), (TURNS["zaxis"], BRICK), ("", "<joint/>" + ROD)),
+    "full inertia": chain(
+        ("", SKEW + "<joint/>" + '<inertial pos="1 2 3" mass="2" fullinertia="0.2 0.3 0.4 0.01 0.02 0.03"/>')
+    ),
+    "inertiafromgeom": '<compiler inertiafromgeom="true"/>' + chain(("", SKEW + BRICK + ROD), ("", "<joint/>" + BRICK)),
+    "groups": '<compiler inertiagrouprange="1 2"/>'
+    + chain(("", '<joint/><geom size="0.1" group="1"/><geom size="0.3" pos="1 0 0"/>')),
+    "bounds": '<compiler boundmass="40" boundinertia="0.5"/>' + chain(("", SKEW + ROD)),
+    "bound mass of an empty body": '<compiler boundmass="1" boundinertia="0.1"/>' + chain(("", SKEW)),
+    "balance": '<compiler balanceinertia="true"/>' + chain(("", SKEW + BRICK.replace("0.25", "0.5"))),
+    "total mass": '<compiler settotalmass="7"/>' + chain(("", ROD), ("", SKEW + BRICK)),
+    "gravity": '<option gravity="1 2 3"/>' + chain(('gravcomp="0.3"', SKEW + ROD), ('gravcomp="2"', BRICK)),
+    "classes": CLASSES,
+    "frames": FRAMES,
+    "several worlds": world(body('<joint name="a"/>' + ROD)) + world() + world(body('<joint name="b"/>' + BRICK)),
+    "order": ORDER,
+    "connect": ARMS.format('<connect body1="a" body2="b" anchor="1 2 3"/><connect body1="b" anchor="1 2 3"/>'),
+    "connect sites": ARMS.format('<connect site1="s" site2="w"/><connect site1="w" site2="s" active="false"/>'),
+    "weld": LOOSE.format('<weld body1="a" body2="b"/><weld body1="b" anchor="1 0 2" torquescale="0.3"/>'),
+    "weld posed": LOOSE.format(f'<weld body1="a" body2="b" {RELPOSE}/><weld body1="world" body2="a"/>'),
+    "weld sites": ARMS.format('<weld site1="s" site2="w"/>'),
+    "joint": ARMS.format(f'<joint joint1="l" joint2="r" {POLYCOEF}/><joint joint1="r"/>'),
+}
+ZOO |= {f"joint {kind}": chain(("", joint + ROD), ('euler="5 6 7"', joint + BRICK)) for kind, joint in JOINTS.items()}
+ZOO |= {f"turn {kind}": chain((turn, SKEW + ROD), (turn, "<joint/>" + BRICK)) for kind, turn in TURNS.items()}
+ZOO |= {f"geom {kind}": chain(("", SKEW + "<joint/>" + geom)) for kind, geom in GEOMS.items()}
+ZOO |= {
+    f"eulerseq {sequence}": f'<compiler eulerseq="{sequence}"/>'
+    + chain((TURNS["euler"], SKEW + BRICK), (TURNS["euler"], JOINTS["ball"] + BRICK))
+    for sequence in ("xyz", "XYZ", "zyx", "zXz", "XyZ")
+}

@@ -1,0 +1,102 @@
+"""Files spoilt at random: whatever is done to a valid file, it is read as a Mechanism, or refused by an error of ours
+that names the file. Nothing else comes out, and no mechanism of numbers that are none.
+"""
+
+import logging
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from fuzz_seeds import LOOP_FILE, MJCF, PLAIN_URDF, ROBOT_YAML, SDF, URDF
+from hypothesis import HealthCheck, given, settings, strategies
+from mutations import mutated_xml, mutated_yaml
+
+import pinconsist as pc
+
+EXAMPLES = 150
+
+
+def fuzzed(test):
+    """A Hypothesis test over a source of random numbers; the same examples every time."""
+    quiet = (HealthCheck.function_scoped_fixture, HealthCheck.too_slow)
+    return settings(max_examples=EXAMPLES, deadline=None, derandomize=True, database=None, suppress_health_check=quiet)(
+        given(strategies.randoms(use_true_random=False))(test)
+    )
+
+
+@pytest.fixture(autouse=True)
+def silence(capfd):
+    """No log, so that it does not count as printed; and no parser below us prints anything."""
+    logger = logging.getLogger("pinconsist")
+    logger.setLevel(logging.CRITICAL)
+    yield
+    logger.setLevel(logging.NOTSET)
+    assert capfd.readouterr() == ("", "")
+
+
+def outcome(path):
+    """Load a file; anything but a mechanism of finite numbers or an error of ours that names the file escapes."""
+    try:
+        mech = pc.load(path)
+    except pc.PinconsistError as error:
+        assert path.stem in str(error), str(error)
+        return error
+    model, data = mech.model, mech.model.createData()
+    rest = np.zeros(mech.nv)
+    numbers = (mech.guess, pin.crba(model, data, mech.guess), pin.rnea(model, data, mech.guess, rest, rest))
+    assert all(np.isfinite(each).all() for each in numbers)
+    return mech
+
+
+@fuzzed
+def test_urdf(tmp_path, rng):
+    path = tmp_path / "scene.urdf"
+    path.write_bytes(mutated_xml(URDF, rng))
+    outcome(path)
+
+
+@fuzzed
+def test_loop_file(tmp_path, rng):
+    (tmp_path / "scene.urdf").write_text(PLAIN_URDF)
+    (tmp_path / "scene.yaml").write_bytes(mutated_yaml(LOOP_FILE, rng))
+    outcome(tmp_path / "scene.urdf")
+
+
+@fuzzed
+def test_robot_yaml(tmp_path, rng):
+    (tmp_path / "scene.urdf").write_text(PLAIN_URDF)
+    (tmp_path / "scene.yaml").write_bytes(mutated_yaml(ROBOT_YAML, rng))
+    outcome(tmp_path / "scene.urdf")
+
+
+@fuzzed
+def test_sdf(tmp_path, rng):
+    path = tmp_path / "scene.sdf"
+    path.write_bytes(mutated_xml(SDF, rng))
+    outcome(path)
+
+
+@fuzzed
+def test_mjcf(tmp_path, rng):
+    path = tmp_path / "scene.xml"
+    path.write_bytes(mutated_xml(MJCF, rng))
+    outcome(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "loops"),
+    [
+        ("scene.urdf", URDF, None),
+        ("scene.urdf", PLAIN_URDF, LOOP_FILE),
+        ("scene.urdf", PLAIN_URDF, ROBOT_YAML),
+        ("scene.sdf", SDF, None),
+        ("scene.xml", MJCF, None),
+    ],
+)
+def test_what_is_spoilt_is_valid_and_closes(tmp_path, name, text, loops):
+    (tmp_path / name).write_text(text)
+    if loops:
+        (tmp_path / "scene.yaml").write_text(loops)
+    mech = outcome(tmp_path / name)
+    assert isinstance(mech, pc.Mechanism) and mech.loops
+    assert pc.assemble(mech).largest_gap[1] < 1e-10
