@@ -258,3 +258,19 @@ def test_differences_of_planar_joints_are_good_to_rounding():
     for angle in (1e-5, 1e-4, 1e-3, 1e-2):
         xi = np.array([0.5, -0.7, 1.0]) * angle
         np.testing.assert_allclose(system.difference(p, system.integrate(p, xi)), xi, atol=3e-16)
+
+
+@pytest.mark.parametrize("joint", [pin.JointModelRUBZ(), pin.JointModelSpherical()])
+@pytest.mark.parametrize("tol", [1e-4, 1e-8])
+def test_a_wheel_spun_up_from_rest_stays_within_its_charts(joint, tol):
+    """Angle t²/2 by a constant torque: error control alone would take steps of several turns."""
+    model = pin.Model()
+    scenes.add_body(model, 0, joint, scenes.at(0, 0), "wheel", 1.0, (0, 0, 0), np.diag([0.3, 0.4, 0.2]))
+    torque = np.zeros(model.nv)
+    torque[-1] = 0.2
+    sol = pc.simulate(pc.Mechanism(model, forces=[torque]), (0.0, 5.0), rtol=tol, atol=tol)
+    assert sol.success and sol.nsteps < 100 and sum(sol.rejected.values()) == 0
+    angles = sol.t**2 / 2
+    found = pin.integrate(model, pin.neutral(model), angles[-1] * (torque > 0))
+    np.testing.assert_allclose(np.abs(found @ sol.q[-1]), 1.0, atol=1e-12)  # a quaternion and its opposite are one
+    np.testing.assert_allclose(sol.v[:, -1], sol.t, atol=1e-12)

@@ -151,6 +151,8 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
         return times, np.array([_dense(pieces, t) for t in times])
 
     reach = (solver.t - t0) / (k + 1)
+    while bdf.fastest_turn(turns, _dense(pieces, t0 + (k + 1) * reach)[: system.nx]) > MAX_TURN:
+        reach *= 0.7  # from rest the one-step method may turn a joint far in one step
     h = reach if first_step is None else np.copysign(min(abs(first_step), abs(reach)), reach)
     if first_step is None:
         for _ in range(4):

@@ -122,6 +122,16 @@ class Stepper:
         if h != self.h:
             self.rescale(h, k)
         self.k = k
+        if self._turns is not None and self.method.step is None:
+            self._slow_down()
+
+    def _slow_down(self) -> None:
+        """Shorten the step where the velocity it leads to would turn a joint beyond its chart."""
+        nx, nv, h = self.system.nx, self.system.nv, self.h
+        while self._longest_step(self.Z[: self.k + 1, nx : nx + nv].sum(axis=0), self.k) < (1.0 - 1e-9) * abs(self.h):
+            self.rescale(0.7 * self.h, self.k)
+        if self.h != h:
+            self.control.restart()
 
     def segment(self) -> Segment:
         """The interpolant of the last accepted step (or of the starting history)."""

@@ -42,6 +42,8 @@ class MechanismSystem:
     ----------
     kept : ndarray of int
         Indices of the kept rows among all rows of the loops.
+    dropped_are_zero : bool
+        Whether the other rows vanish everywhere, as out-of-plane rows do.
     """
 
     def __init__(self, mechanism: Mechanism, q, t: float = 0.0):
@@ -55,7 +57,7 @@ class MechanismSystem:
         self.nc, self.n_multipliers = len(self.kept), self.rows.nc
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self._kept_rows = self.kept_rows.evaluate
-        self._dropped_are_zero = self._structurally_zero(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
+        self.dropped_are_zero = self._structurally_zero(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
         self._forces = bound_forces(self.model, mechanism.forces)
         forces = self._forces.values()
         constant = [force.value for force in forces if isinstance(force, SteadyTorque)]
@@ -189,11 +191,11 @@ class MechanismSystem:
         """
         if self.nc == self.rows.nc:
             return lam
-        if lam.ndim > 1 and not self._dropped_are_zero:
+        if lam.ndim > 1 and not self.dropped_are_zero:
             return np.array([self.full_multipliers(*row) for row in zip(q, lam, strict=True)])
         full = np.zeros((*lam.shape[:-1], self.rows.nc))
         full[..., self.kept] = lam
-        if not self._dropped_are_zero:
+        if not self.dropped_are_zero:
             steady = self.rows.steady
             J = self.loop_rows(q)[1][steady]
             full[steady] = np.linalg.lstsq(J.T, J.T @ full[steady], rcond=1e-10)[0]
@@ -201,7 +203,7 @@ class MechanismSystem:
 
     def reselected(self, q):
         """The same system with other rows kept, where those kept here have become a poor choice at `q`; else None."""
-        if self._dropped_are_zero:
+        if self.dropped_are_zero:
             return None
         J = self.loop_rows(q)[1] / self._sizes[:, None]
         strongest = np.linalg.svd(J, compute_uv=False)[self.nc - 1]
@@ -215,7 +217,7 @@ class MechanismSystem:
 
         It happens where the kept rows lose their rank on the way, or the start was a singular position.
         """
-        if self._dropped_are_zero:
+        if self.dropped_are_zero:
             return None
         for i, (t, q) in enumerate(zip(times, configurations, strict=True)):
             phi = np.abs(self.loop_rows(q, t)[0]) / self._sizes
@@ -270,7 +272,7 @@ class MechanismSystem:
             )
 
     def _require_lasting_rank(self, q, free) -> None:
-        if self._dropped_are_zero or not free.size:
+        if self.dropped_are_zero or not free.size:
             return
         solver, everything = LoopSolver(self.mechanism, self._start), np.ones(self.nv, dtype=bool)
         rng = np.random.default_rng(0)

@@ -60,6 +60,9 @@ def reference_problem(name: str) -> ReferenceProblem:
     return ReferenceProblem(name, system, t0, p0, v0, exact)
 
 
+PLACES = 100  # of a reference in which the choice of constraint rows is looked at
+
+
 class Reference(NamedTuple):
     """Rows of a reference solution: t (n,), q (n, nq), v (n, nv), lam (n, nc)."""
 
@@ -93,14 +96,26 @@ def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> 
         With the multipliers of all rows of a mechanism, as ``sol.lam`` has them.
     """
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
-    system = system_of(system, t0, p0, v0)
-    rows = integrate_index1(system, t0, p0, v0, finite_array(times, "times"), rtol, atol)
-    t, p, v, lam = (np.array(column) for column in zip(*rows, strict=True))
-    if hasattr(system, "opened") and (opened := system.opened(t, p)):
-        raise PinconsistError(f"no reference: the loops gape by {opened[1]:.1e} at t = {t[opened[0]]:.6g}")
+    system, times = system_of(system, t0, p0, v0), np.atleast_1d(finite_array(times, "times"))
     if hasattr(system, "full_multipliers"):
-        lam = np.array([system.full_multipliers(*row) for row in zip(p, lam, strict=True)])
-    return Reference(t, p, v, lam)
+        rows = _rows_of_loops(system, t0, p0, v0, times, rtol, atol)
+    else:
+        rows = integrate_index1(system, t0, p0, v0, times, rtol, atol)
+    return Reference(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _rows_of_loops(system, t, p, v, times, rtol, atol):
+    """The rows of a mechanism; its constraint rows are chosen again on the way where those kept become a poor choice."""
+    rows, longest = [], abs(times[-1] - t) / PLACES if len(times) else 0.0
+    for target in times:
+        stops = 1 if system.dropped_are_zero else max(1, int(np.ceil(abs(target - t) / longest))) if longest else 1
+        for stop in np.linspace(t, target, stops + 1)[1:]:
+            ((t, p, v, lam),) = integrate_index1(system, t, p, v, [stop], rtol, atol)
+            if opened := system.opened([t], [p]):
+                raise PinconsistError(f"no reference: the loops gape by {opened[1]:.1e} at t = {t:.6g}")
+            full, system = system.full_multipliers(p, lam), system.reselected(p) or system
+        rows.append((t, p, v, full))
+    return rows
 
 
 def _problem51():
