@@ -515,3 +515,10 @@ def test_a_force_that_is_not_finite_is_named(case, step):
 def test_a_force_that_is_not_finite_at_the_start_is_named():
     with pytest.raises(pc.PinconsistError, match=r"not finite at t = 0 .'torque slide' at t = 0"):
         pc.simulate(slider(), (0.0, 0.5), forces=[{"slide": lambda t: nan}])
+
+
+def test_one_force_may_stand_for_itself():
+    mech = pc.load("four_bar")
+    alone = pc.simulate(mech, (0.0, 0.5), forces={"crank": 2.0}, step=0.01)
+    listed = pc.simulate(mech, (0.0, 0.5), forces=[{"crank": 2.0}], step=0.01)
+    np.testing.assert_array_equal(alone.q, listed.q)

@@ -105,7 +105,7 @@ def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> 
 
 
 def _rows_of_loops(system, t, p, v, times, rtol, atol):
-    """The rows of a mechanism; its constraint rows are chosen again on the way where those kept become a poor choice."""
+    """The rows of a mechanism; other constraint rows are kept on the way where those kept become a poor choice."""
     rows, longest = [], abs(times[-1] - t) / PLACES if len(times) else 0.0
     for target in times:
         stops = 1 if system.dropped_are_zero else max(1, int(np.ceil(abs(target - t) / longest))) if longest else 1
