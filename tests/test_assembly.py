@@ -2,6 +2,7 @@
 
 import pickle
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -323,3 +324,18 @@ def test_bad_input(case):
     call, message = BAD[case]
     with pytest.raises(pc.InputError, match=message):
         call(pc.load("four_bar"))
+
+
+def test_loops_that_contradict_a_little_close_with_a_warning():
+    """The same point twice, 6 nm apart, as rounded numbers of files have it; 60 nm is refused."""
+    mech = pc.load("four_bar")
+    (loop,) = mech.loops
+
+    def doubled(gap):
+        return mech.with_loops(loop, replace(loop, name="again", xyz2=(loop.xyz2[0] + gap, *loop.xyz2[1:])))
+
+    with pytest.warns(UserWarning, match=r"'(again|coupler_rocker)' closes only to 2\.\de-09"):
+        assembly = pc.assemble(doubled(6e-9))
+    assert 2e-9 < assembly.largest_gap[1] <= 3e-9 and assembly.mobility == 1  # half of it each, along skewed axes
+    with pytest.raises(pc.AssemblyError, match="cannot close together"):
+        pc.assemble(doubled(6e-8))

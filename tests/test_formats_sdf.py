@@ -1,6 +1,7 @@
 """SDF files against hand calculation, closed forms and the same scene in URDF."""
 
 import pickle
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -625,10 +626,13 @@ def test_cassie_is_closed_as_it_comes_and_closes_again(name):
     rng = np.random.default_rng(0)
     # The right foot of cassie_v2 is a four-bar whose axes the file rounds to five digits, 1e-6 rad from parallel:
     # elsewhere it closes to a few nm only.
-    tolerance = 1e-8 if name == "cassie_v2" else 1e-10
-    for _ in range(5):
-        guess = pin.integrate(mech.model, mech.guess, rng.uniform(-1, 1, mech.nv))
-        assert pc.assemble(mech, guess, tolerance=tolerance).largest_gap[1] < tolerance
+    gaps = []
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*contradict each other a little")
+        for _ in range(5):
+            guess = pin.integrate(mech.model, mech.guess, rng.uniform(-1, 1, mech.nv))
+            gaps.append(pc.assemble(mech, guess).largest_gap[1])
+    assert max(gaps) < (1e-8 if name == "cassie_v2" else 1e-10)
 
 
 @pytest.mark.parametrize(("name", "speed"), [("cassie", 5.0), ("cassie_v2", 0.5)])

@@ -6,6 +6,7 @@ near the end; it needs no mass matrix and does not mind redundant rows.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -17,7 +18,8 @@ from .loops import LoopRows
 from .mechanism import Mechanism, finite_array
 from .rank import dependencies, independent_rows
 
-CLOSED = 1e-10  # m or rad
+CLOSED = 1e-10  # m or rad; what rounding leaves is far below
+NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little
 MAX_ITERATIONS = 200
 RESTARTS = 8
 
@@ -61,7 +63,7 @@ class Assembly:
 
 
 def assemble(
-    mechanism: Mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance: float = CLOSED
+    mechanism: Mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance: float = NEARLY
 ) -> Assembly:
     """Find a closed configuration near a guess, and put a velocity on the constraints.
 
@@ -79,7 +81,7 @@ def assemble(
     t : float
         Time at which drives are looked at, s.
     tolerance : float
-        Largest |Φ| of a closed loop, m and rad.
+        Largest |Φ| of a closed loop, m and rad. Loops close to rounding where they can; above 1e-10 a warning says so.
 
     Returns
     -------
@@ -112,6 +114,7 @@ def assemble(
     open_loops = {name: gap for name, gap in gaps.items() if not gap <= tolerance}
     if open_loops:
         raise _not_closed(mechanism, guess, best, open_loops, fixed, t)
+    _tell_nearly(mechanism, gaps, tolerance)
     return _report(mechanism, solver, guess, best, v, gaps, iterations)
 
 
@@ -235,6 +238,17 @@ def _report(mechanism, solver, guess, q, v, gaps, iterations):
         moved=float(np.max(np.abs(pin.difference(mechanism.model, guess, q)), initial=0.0)),
         iterations=iterations,
     )
+
+
+def _tell_nearly(mechanism, gaps, tolerance):
+    nearly = {name: gap for name, gap in gaps.items() if gap > CLOSED}
+    if nearly and tolerance <= NEARLY:
+        worst = max(nearly, key=nearly.get)
+        warnings.warn(
+            f"{mechanism.name}: the loops contradict each other a little: {worst!r} closes only to "
+            f"{nearly[worst]:.1e} m or rad. Most likely the numbers of the file are rounded",
+            stacklevel=3,
+        )
 
 
 def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
