@@ -15,6 +15,7 @@ from .errors import InputError
 from .mechanism.acting import acting
 from .mechanism.assembly import assemble
 from .mechanism.mechanism import Mechanism, finite_array
+from .mechanism.regular import require_regular
 from .mechanism.system import MechanismSystem
 from .solution import Solution
 
@@ -103,7 +104,7 @@ def simulate(
     plan = _method(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps)
     assembly = assemble(mech, q0, v0, t=span[0])
     system = MechanismSystem(mech, assembly.q, span[0])
-    system.require_regular(assembly.q)
+    require_regular(system, assembly.q)
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
     trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes)
     return Solution.from_trajectory(trajectory, plan)
@@ -209,7 +210,7 @@ def system_of(system, t0, p0, v0):
         if np.max(np.abs(system.configuration(p0) - p0)) > 1e-8:
             raise InputError(f"{system.name}: p0 has a quaternion or a (cos, sin) pair that is not of unit length")
         built = MechanismSystem(system, p0, t0)
-        built.require_regular(p0)
+        require_regular(built, p0)
         return built
     if isinstance(system, HessenbergProblem):
         return system.at(t0, p0, v0)

@@ -59,10 +59,11 @@ def _gaps(mech, q) -> dict[str, float]:
 
 def _singular(mech, q) -> str:
     """Why the equations are singular at a configuration; empty if they are regular."""
+    from ..mechanism.regular import require_regular
     from ..mechanism.system import MechanismSystem
 
     try:
-        MechanismSystem(mech, q).require_regular(q)
+        require_regular(MechanismSystem(mech, q), q)
     except SingularSystemError as error:
         return str(error)
     return ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import isfinite
 from typing import ClassVar
 
 import numpy as np
@@ -83,6 +84,9 @@ class DriveRow:
 
     def _call(self, function, t) -> float:
         try:
-            return float(function(t))
+            value = float(function(t))
         except Exception as error:
             raise UserFunctionError(f"the curve of drive {self.loop.name!r}", t, error) from error
+        if not isfinite(value):
+            raise InputError(f"the curve of drive {self.loop.name!r}, or a derivative of it, is {value} at t = {t:.6g}")
+        return value

@@ -14,7 +14,8 @@ from .differences import first
 from .mechanism import finite_array
 from .modes import Modes, modes
 from .statics import equilibrium
-from .system import MASSLESS, MechanismSystem
+from .regular import MASSLESS
+from .system import MechanismSystem
 from .variations import (
     SMOOTH,
     TangentSpace,

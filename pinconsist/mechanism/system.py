@@ -9,22 +9,17 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ..errors import PinconsistError, SingularSystemError
-from .assembly import LoopSolver
+from ..errors import PinconsistError
 from .forces import SteadyTorque, ViscousDamping, bound_forces
 from .kept_rows import KeptRows
 from .loops import LoopRows
 from .mechanism import Mechanism
 from .rank import independent_rows, row_scales
 
-NEARBY = 1e-3
-"""How far, in rad and m, the rank of the loops is looked at from a position with dependent rows."""
 GAPING = 1e-6
 """Gap, relative to the mechanism's size, at which a row that left the system is taken to have been needed."""
 FADED = 0.2
 """Smallest singular value of the kept rows, relative to that of all rows, at which others are chosen."""
-MASSLESS = 1e-14
-"""Inertia of a free motion, relative to the largest, below which it counts as none."""
 
 
 class MechanismSystem:
@@ -42,12 +37,14 @@ class MechanismSystem:
     ----------
     kept : ndarray of int
         Indices of the kept rows among all rows of the loops.
+    chosen_at : float
+        Time at which they were chosen, s.
     dropped_are_zero : bool
         Whether the other rows vanish everywhere, as out-of-plane rows do.
     """
 
     def __init__(self, mechanism: Mechanism, q, t: float = 0.0):
-        self.mechanism, self.model, self._start = mechanism, mechanism.model, t
+        self.mechanism, self.model, self.chosen_at = mechanism, mechanism.model, t
         self.data = self.model.createData()
         self.rows = LoopRows(self.model, mechanism.loops)
         self.vector_like = self.model.nq == self.model.nv  # else some joint turns on SO(2), SO(3), SE(2) or SE(3)
@@ -181,7 +178,7 @@ class MechanismSystem:
         J depends on time only in constraints of the user's own, Φ in drives too.
         """
         pin.computeJointJacobians(self.model, self.data, q)
-        phi, J = self.rows.evaluate(self.data, q, self._start if t is None else t)
+        phi, J = self.rows.evaluate(self.data, q, self.chosen_at if t is None else t)
         return np.array(phi), np.array(J)
 
     def full_multipliers(self, q, lam):
@@ -209,7 +206,7 @@ class MechanismSystem:
         strongest = np.linalg.svd(J, compute_uv=False)[self.nc - 1]
         if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > FADED * strongest:
             return None
-        fresh = MechanismSystem(self.mechanism, q, self._start)
+        fresh = MechanismSystem(self.mechanism, q, self.chosen_at)
         return fresh if fresh.nc == self.nc and (fresh.kept != self.kept).any() else None
 
     def opened(self, times, configurations):
@@ -235,68 +232,3 @@ class MechanismSystem:
             return not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
         except PinconsistError:  # a user's own constraint need not be defined there
             return False
-
-    def require_regular(self, q) -> None:
-        """Raise SingularSystemError where the equations have no unique solution at `q`.
-
-        There are more drives than free motions; or some motion that the loops allow has no inertia; or `q` is a
-        singular position: rows that depend on others here do not in closed configurations nearby, and the motion
-        branches.
-        """
-        self._require_free_drives(q)
-        free = _null_space(self.loop_rows(q)[1][self.kept])
-        inertia, motions = np.linalg.eigh(free.T @ self.mass_matrix(q) @ free)
-        weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
-        if not weightless.any():
-            self._require_lasting_rank(q, free)
-            return
-        names = self._joints_in(free @ motions[:, weightless])
-        raise SingularSystemError(
-            f"{self.mechanism.name}: joints {', '.join(names)} can move without any inertia: the mass matrix is "
-            "singular and the loops do not cure it. Give the massless links an inertia, or add rotor inertia, "
-            f"mechanism.with_armature({{{names[0]!r}: 1e-6}})",
-            names=names,
-        )
-
-    def _require_free_drives(self, q) -> None:
-        drives = [loop.name for loop in self.rows.loops if loop.kind == "drive"]
-        if not drives:
-            return
-        J = self.loop_rows(q)[1]
-        anchored = [row for row, (name, _) in enumerate(self.rows.labels) if name not in drives]
-        if self.nc < len(independent_rows(J[anchored], self.rows.turns[anchored])) + len(drives):
-            raise SingularSystemError(
-                f"{self.mechanism.name}: the drives {', '.join(drives)} are more than the loops leave free (or a dead "
-                "centre, where they cannot move it): their motions contradict each other. Drive fewer joints",
-                names=tuple(drives),
-            )
-
-    def _require_lasting_rank(self, q, free) -> None:
-        if self.dropped_are_zero or not free.size:
-            return
-        solver, everything = LoopSolver(self.mechanism, self._start), np.ones(self.nv, dtype=bool)
-        rng = np.random.default_rng(0)
-        for _ in range(3):
-            motion = free @ rng.standard_normal(free.shape[1])
-            nearby, _ = solver.close(pin.integrate(self.model, q, NEARBY * motion / np.linalg.norm(motion)), everything)
-            rank = len(independent_rows(self.loop_rows(nearby)[1], self.rows.turns))
-            if rank > self.nc:
-                loops = tuple(dict.fromkeys(self.rows.labels[row][0] for row in range(self.rows.nc)))
-                raise SingularSystemError(
-                    f"{self.mechanism.name}: a singular position: the loops ({', '.join(loops)}) have rank {self.nc} "
-                    f"here and {rank} nearby, so that the motion branches and the forces are not determined. Start a "
-                    "little away from it; running through one is no problem",
-                    names=loops,
-                )
-
-    def _joints_in(self, motion):
-        share = np.abs(motion).max(axis=1)
-        mechanism, least = self.mechanism, 0.1 * share.max()
-        return tuple(j for j in mechanism.joints if share[mechanism.columns(j)].max(initial=0.0) > least)
-
-
-def _null_space(J):
-    if not len(J):
-        return np.eye(J.shape[1])
-    _, s, Vt = np.linalg.svd(J)
-    return Vt[np.count_nonzero(s > 1e-10 * s[0]) :].T

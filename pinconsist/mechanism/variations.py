@@ -17,6 +17,8 @@ SMOOTH = 5e-3
 """Step of the differences of kinematics, rad, or in units of the mechanism's length: errors near 1e-13."""
 NARROW = 1e-4
 """Step of the differences of forces, which may have small widths of their own: errors near 1e-11."""
+TURNING_AXES = ("JointModelSphericalZYX", "JointModelUniversal", "JointModelComposite", "JointModelEllipsoid")
+"""Joints whose axes depend on their own position, which Pinocchio's derivatives of rnea leave out."""
 MOTOR_WEIGHT = 10.0
 """How much more readily a motorised joint is taken as a coordinate."""
 
@@ -110,17 +112,29 @@ def along(function, directions, steps) -> np.ndarray:
 def by_position(system, t, q, v, a, lam, Z) -> np.ndarray:
     """∂(M a + nle - τ - Jᵀλ)/∂q Z with λ held, shape (nv, n): stiffness, the geometric one of Jᵀλ included."""
     data, sizes = system.model.createData(), step_sizes(system, q)
-    pin.computeRNEADerivatives(system.model, data, q, v, a)
+    if _has_turning_axes(system.model):
+        carried = along(lambda dq: pin.rnea(system.model, data, system.integrate(q, dq), v, a), Z, SMOOTH * sizes)
+    else:
+        pin.computeRNEADerivatives(system.model, data, q, v, a)
+        carried = data.dtau_dq @ Z
     loads = along(lambda dq: system.loop_rows(system.integrate(q, dq), t)[1].T @ lam, Z, SMOOTH * sizes)
     forces = along(lambda dq: system.torque(t, system.integrate(q, dq), v), Z, NARROW * sizes)
-    return data.dtau_dq @ Z - forces - loads
+    return carried - forces - loads
 
 
 def by_velocity(system, t, q, v, a) -> np.ndarray:
     """∂(M a + nle - τ)/∂v, shape (nv, nv): gyroscopic and damping terms."""
     data, steps = system.model.createData(), NARROW * (step_sizes(system, q) + np.abs(v))
+    forces = along(lambda dv: system.torque(t, q, v + dv), np.eye(system.nv), steps)
+    if _has_turning_axes(system.model):  # the differences of a quadratic function are exact, whatever the step
+        widths = step_sizes(system, q) + np.abs(v)
+        return along(lambda dv: pin.rnea(system.model, data, q, v + dv, a), np.eye(system.nv), widths) - forces
     pin.computeRNEADerivatives(system.model, data, q, v, a)
-    return data.dtau_dv - along(lambda dv: system.torque(t, q, v + dv), np.eye(system.nv), steps)
+    return data.dtau_dv - forces
+
+
+def _has_turning_axes(model) -> bool:
+    return any(joint.shortname() in TURNING_AXES for joint in model.joints)
 
 
 def bias(system, t, q, v) -> np.ndarray:

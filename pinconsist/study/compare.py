@@ -13,6 +13,7 @@ from ..dae.stepsize import FixedStep
 from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assemble
 from ..mechanism.mechanism import Mechanism, finite_array
+from ..mechanism.regular import require_regular
 from ..mechanism.system import MechanismSystem
 from .reference import reference_problem
 
@@ -100,7 +101,7 @@ def _subject(subject, q0, v0):
     if isinstance(subject, Mechanism):
         assembly = assemble(subject, q0, v0)
         system = MechanismSystem(subject, assembly.q)
-        system.require_regular(assembly.q)
+        require_regular(system, assembly.q)
 
         def multipliers(times):
             rows = integrate_index1(system, 0.0, assembly.q, assembly.v, times, 1e-13, 1e-13)

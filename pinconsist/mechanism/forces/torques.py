@@ -131,7 +131,8 @@ class Torque:
         for i, step in enumerate(1e-7 * (1.0 + np.abs(v))):
             moved = v.copy()
             moved[i] += step
-            columns[:, i] = (self.torque(t, q, moved) - at) / step
+            with np.errstate(invalid="ignore"):  # infinite torques are told by who asked for them
+                columns[:, i] = (self.torque(t, q, moved) - at) / step
         return None, columns
 
     def _given_gradient(self, t, q, v):
@@ -139,8 +140,8 @@ class Torque:
         parts = called(self.gradient, what, t, read_only(q), read_only(v))
         shape = (len(v), len(v))
         if isinstance(parts, tuple | list) and len(parts) == 2:
-            bad = [part for part in parts if part is not None and np.shape(part) != shape]
-            wrong = f"shape {np.shape(bad[0])}" if bad else ""
+            given = [np.asarray(part) for part in parts if part is not None]
+            wrong = next((wrong for part in given if (wrong := _wrong(part, shape))), "")
         else:
             wrong = repr(parts)
         if wrong:
@@ -149,3 +150,12 @@ class Torque:
                 "(∂τ/∂q, ∂τ/∂v), or None for either"
             )
         return tuple(parts)
+
+
+def _wrong(matrix, shape) -> str:
+    """What is wrong with a user's matrix, or an empty string."""
+    if matrix.shape != shape:
+        return f"shape {matrix.shape}"
+    if matrix.dtype.kind not in "biuf":
+        return "complex numbers" if matrix.dtype.kind == "c" else "no numbers"
+    return "" if np.isfinite(matrix).all() else "a number that is not finite"
