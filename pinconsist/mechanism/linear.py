@@ -13,8 +13,8 @@ from .assembly import assemble
 from .differences import first
 from .mechanism import finite_array
 from .modes import Modes, modes
-from .statics import equilibrium
 from .regular import MASSLESS
+from .statics import equilibrium
 from .system import MechanismSystem
 from .variations import (
     SMOOTH,
