@@ -518,3 +518,12 @@ def test_a_nearly_massless_rod(mass):
     sol = pc.simulate(light, (0.0, 1.0), v0={"crank": 10.0})
     q, _, _ = zoo.reduced_solution(zoo.SliderCrank((0.6, mass, 1.0)), sol.q[0], 10.0, np.array([0.0, 1.0]))
     assert sol.status == 0 and np.abs(sol.q[-1] - q[-1]).max() < 1e-3
+
+
+def test_a_velocity_that_grows_beyond_bounds_ends_the_run():
+    """v' = v² has a pole at t = 1: no step leads over it."""
+    model = pin.Model()
+    scenes.add_body(model, 0, pin.JointModelPX(), scenes.at(0, 0, 0), "slider", 1.0, (0, 0, 0), 1.0)
+    sol = pc.simulate(pc.Mechanism(model, forces=[lambda t, q, v: v**2]), (0.0, 2.0), v0=[1.0])
+    assert not sol.success and 0.999 < sol.t[-1] < 1.0 and "at any step size at t = 0.99999" in sol.message
+    np.testing.assert_allclose(sol.v[sol.t < 0.9, 0], 1.0 / (1.0 - sol.t[sol.t < 0.9]), rtol=1e-4)

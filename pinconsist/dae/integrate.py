@@ -13,11 +13,10 @@ from .events import EventWatch
 from .explain import explain
 from .newton import solve_acceleration
 from .record import FAILED, STOPPED, SUCCESS, Record, Stop, Wishes
-from .stepper import NO_STEP, Stepper
+from .stepper import Stepper
 from .stepsize import ErrorControl, FixedStep
 
 ROWS_WATCHED = 5  # steps after which the choice of constraint rows is looked at
-RESTARTED = 20  # steps that a run must have made before it may begin again where a step fails
 
 
 @dataclass
@@ -131,7 +130,7 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
 def _march(stepper, t_span, p, v, method, record, watch):
     (t, t_end), watched = t_span, bool(watch.events) or record.needs_segments
     while t != t_end:  # once, and again after every event that changes the state
-        states, begun = stepper.begin(t, p, v, t_end), record.nsteps
+        states = stepper.begin(t, p, v, t_end)
         rows = states[1:]
         while True:
             segment = stepper.segment() if watched and rows else None
@@ -163,8 +162,7 @@ def _march(stepper, t_span, p, v, method, record, watch):
                 break
             stepper.prepare_next()
             failure = stepper.advance(t_end)
-            spoilt = failure == NO_STEP and record.nsteps > begun + RESTARTED  # the history, perhaps
-            if failure and (_choose_rows(stepper, record, watch) or spoilt):
+            if failure and _choose_rows(stepper, record, watch):
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
                 break
             if failure:

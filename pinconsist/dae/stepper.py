@@ -9,7 +9,6 @@ from . import bdf, consistency, start
 from .dense import Segment
 from .newton import EPS, Newton
 
-NO_STEP = "the error test fails at any step size"
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
 
 
@@ -105,7 +104,7 @@ class Stepper:
                 smaller, self.k = control.after_rejection(system, Z, d, k, h, error, weight)
             self.newton.foresight.forget()
             if abs(smaller) < SMALLEST * np.spacing(abs(self.t)):
-                return step.failure or NO_STEP
+                return step.failure or "the error test fails at any step size"
             self.rescale(smaller, k)
         Z[k + 2] = d
         self.Z = Z = bdf.advance(k).dot(Z)
