@@ -52,7 +52,17 @@ _WHERE = {
     "study.compare": ("compare",),
     "study.reference": ("reference_problem", "reference_solution"),
     "view.meshcat": ("export_html", "replay"),
-    "view.plots": ("plot_comparison", "plot_solution"),
+    "view.plots": (
+        "plot_comparison",
+        "plot_drift",
+        "plot_energy",
+        "plot_multipliers",
+        "plot_phase",
+        "plot_solution",
+        "plot_steps",
+        "plot_trajectory",
+        "plot_work_precision",
+    ),
 }
 _MODULE_OF = {name: module for module, names in _WHERE.items() for name in names}
 __all__ = sorted(_MODULE_OF)

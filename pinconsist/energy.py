@@ -55,11 +55,12 @@ class Energy:
     power: dict[str, np.ndarray]
     work: dict[str, np.ndarray]
     error: np.ndarray
+    _terms: float
 
     @property
     def balance_error(self) -> float:
-        """The largest ``error`` over the largest kinetic energy (at rest, over a millionth of the total)."""
-        scale = max(self.kinetic.max(), 1e-6 * np.abs(self.total).max()) or 1.0  # at rest there is only rounding
+        """The largest ``error`` over the largest kinetic energy (at rest, a millionth of the weights' energies)."""
+        scale = max(self.kinetic.max(), 1e-6 * self._terms) or 1.0  # at rest there is only rounding
         return float(np.abs(self.error).max() / scale)
 
     def __str__(self):
@@ -108,7 +109,16 @@ def energy_of(solution, mechanism) -> Energy:
         t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total,
         stored=dict(zip(springs, stored.T, strict=True)), power=dict(zip(names, power.T, strict=True)), work=works,
         error=total - total[0] - work.sum(axis=1) - jumps,
+        _terms=max(np.abs(total).max(), elastic.max(), _weights(model, data, solution.q[0])),
     )  # fmt: skip
+
+
+def _weights(model, data, q) -> float:
+    """The sizes of what the potential energy is the sum of, added up, J."""
+    pin.forwardKinematics(model, data, q)
+    bodies = zip(data.oMi, model.inertias, strict=True)
+    heights = [inertia.mass * np.linalg.norm(pose.act(inertia.lever)) for pose, inertia in bodies]
+    return float(sum(heights) * np.linalg.norm(model.gravity.linear))
 
 
 def _integrals(t, power):

@@ -192,6 +192,13 @@ def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:
     -------
     ndarray, shape (nv,)
 
+    Raises
+    ------
+    InputError
+        Wrong sizes, NaN, or something that cannot be integrated.
+    SingularSystemError
+        The trial step fails, or the equations of motion are singular.
+
     References
     ----------
     C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), sections 3 and 4.

@@ -13,7 +13,9 @@ import numpy as np
 from .certificate import Certificate, certify
 from .energy import Energy, energy_of
 from .errors import FormatError, InputError
+from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
+from .skips import skipped
 
 FORMAT = 1
 
@@ -48,7 +50,9 @@ class Solution:
     t_events, q_events, v_events : list of ndarray
         Times and states at which each event occurred.
     method : dict
-        How it was made: order, step, consistency, tolerances.
+        How it was made: order, step, consistency, tolerances, what was skipped.
+    scene : str
+        Name of the mechanism; empty for a general problem.
     system
         The system that was integrated (None if read from a file).
     """
@@ -95,7 +99,7 @@ class Solution:
             array.setflags(write=False)
         t, q, v, lam, h, order = arrays
         scene = getattr(system, "mechanism", None)
-        about = {"forces": len(scene.forces)} if scene else {}
+        about = {"skipped": skipped(trajectory)} | ({"forces": len(scene.forces)} if scene else {})
         return cls(
             t=t, q=q, v=v, lam=lam, h=h, order=order, system=system, method=plan.describe() | about,
             scene=scene.name if scene else "",
@@ -131,7 +135,7 @@ class Solution:
         Raises
         ------
         InputError
-            No mechanism, or one with another number of forces than the run had.
+            No mechanism, another one, or one with another number of forces than the run had.
         """
         self._require_scene(mechanism, "check")
         return certify(self, mechanism)
@@ -147,7 +151,7 @@ class Solution:
         Raises
         ------
         InputError
-            No mechanism, one with another number of forces than the run had, or a general problem.
+            No mechanism, another one, one with another number of forces than the run had, or a general problem.
         """
         self._require_scene(mechanism, "energy")
         mechanism = mechanism or getattr(self.system, "mechanism", None)
@@ -172,6 +176,7 @@ class Solution:
         InputError
             No such loop; no mechanism, another one, or a general problem; other axes.
         """
+        self._require_mechanism(mechanism)
         mechanism = mechanism or getattr(self.system, "mechanism", None)
         if mechanism is None:
             where = "a solution read from a file needs its mechanism here: sol.reaction(loop, mechanism)"
@@ -183,11 +188,26 @@ class Solution:
             raise InputError(f"a solution read from a file needs its mechanism here: sol.{method}(mechanism)")
         if not len(self.t):
             raise InputError(f"the solution has no rows to {'check' if method == 'check' else 'have an energy'}")
+        self._require_mechanism(mechanism)
         forces = self.method.get("forces")
         if mechanism is not None and forces not in (None, len(mechanism.forces)):
             raise InputError(
                 f"the run had {forces} forces beside the model's own, this mechanism has {len(mechanism.forces)}: "
                 "give it those of simulate(forces=...) by mechanism.with_forces(...)"
+            )
+
+    def _require_mechanism(self, mechanism):
+        """Raise InputError for something given that cannot be the mechanism of the run."""
+        if mechanism is None:
+            return
+        if not isinstance(mechanism, Mechanism):
+            raise InputError(f"a Mechanism is needed to read the solution, got {type(mechanism).__name__}")
+        sizes = self.q.shape[1], self.v.shape[1], self.lam.shape[1]
+        if sizes != (mechanism.nq, mechanism.nv, mechanism.nc):
+            raise InputError(
+                f"the solution has {sizes[0]} position numbers, {sizes[1]} velocities and {sizes[2]} multipliers, "
+                f"mechanism {mechanism.name!r} has {mechanism.nq}, {mechanism.nv} and {mechanism.nc}: it is not the "
+                "one that was simulated"
             )
 
     def summary(self) -> str:
@@ -204,6 +224,8 @@ class Solution:
             orders += [f"{counts[0]} by the one-step start"] if counts[0] else []
             lines.append(f"steps {taken.min():.3g} … {taken.max():.3g} s: {', '.join(orders)}")
         lines.append(f"{self.nfev} residuals, {self.njev} Newton matrices, {self.nlu} factorisations")
+        if skips := self.method.get("skipped"):
+            lines.append(f"skipped: {', '.join(skips)}")
         return "\n".join(lines)
 
     def save(self, file) -> Path:

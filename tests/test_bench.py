@@ -1,9 +1,11 @@
 """The measuring commands measure something that can be believed; the figures themselves are not tested."""
 
+import json
 from pathlib import Path
 
 import pytest
 
+from pinconsist.cli import main
 from pinconsist.errors import InputError
 from pinconsist.study.bench import overhead, robots
 
@@ -23,6 +25,9 @@ def test_a_folder_of_one_robot(tmp_path):
         (tmp_path / "bar" / f"four_bar{suffix}").write_text(urdf.with_suffix(suffix).read_text())
     run, tight = robots(tmp_path, until=0.1)
     assert (run.robot, run.closure, run.status, run.rtol, tight.rtol) == ("bar", "as written", "done", 0.0, 1e-7)
+    closing = run.assembly
+    assert closing == tight.assembly and closing.from_neutral in (True, False)
+    assert closing.tried == 20 and 15 <= closing.closed <= 20 and closing.time > 0.0
     assert run.steps > 5 and run.gap < 1e-12 and run.energy_error < 1e-5 and run.step_time > 0.0
     with pytest.raises(InputError, match="no folder"):
         list(robots(tmp_path / "bar"))
@@ -30,6 +35,35 @@ def test_a_folder_of_one_robot(tmp_path):
 
 @pytest.mark.skipif(not ROBOTS.is_dir(), reason="the folder of real robots is not beside the project")
 def test_what_cannot_close_runs_in_two_other_ways():
-    runs = [run for run in robots(ROBOTS, until=0.01) if run.robot == "kangaroo_like"]
+    runs = [run for run in robots(ROBOTS, until=0.01, tries=1) if run.robot == "kangaroo_like"]
     assert [run.closure for run in runs] == ["point", "point", "re-anchored", "re-anchored"]
     assert all(run.status == "done" and run.gap < 1e-8 for run in runs)
+
+
+def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
+    figure = tmp_path / "bench.png"
+    options = ["--tol", "1e-4", "--tol", "1e-6", "--repeats", "1", "--method", "LSODA"]
+    with pytest.raises(SystemExit) as end:
+        main(["bench", "--scene", "problem51", "--until", "0.2", *options, "--plot", str(figure), "--json"])
+    assert end.value.code == 0 and figure.stat().st_size > 1000
+    (study,) = json.loads(capsys.readouterr().out)["scenes"]
+    assert (
+        study["scene"] == "problem51" and study["until"] == 0.2 and study["versions"].keys() == {"pinconsist", "scipy"}
+    )
+    assert {point["method"] for point in study["points"]} == {"pinconsist BDF", "scipy LSODA, index 1"}
+    assert all(point["status"] == "done" and point["q"] < 1e-2 for point in study["points"])
+
+
+def test_the_command_prints_tables(capsys):
+    with pytest.raises(SystemExit):
+        main(
+            ["bench", "--scene", "problem51", "--until", "0.2", "--tol", "1e-5", "--repeats", "1", "--method", "MuJoCo"]
+        )
+    text = capsys.readouterr().out
+    assert "time at equal error" in text and "MuJoCo implicitfast, soft loops" in text and "1.00" in text
+
+
+def test_the_command_refuses_what_it_does_not_know(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["bench", "--scene", "problem51", "--method", "nonsense"])
+    assert end.value.code == 2 and "no method 'nonsense'" in capsys.readouterr().err

@@ -176,6 +176,9 @@ def test_json_is_all_there_is_on_stdout(run):
         (["check", "four_bar", "--at", "nobody=1"], "no joint 'nobody'"),
         (["replay", "nowhere.npz"], "nowhere.npz: no such file"),
         (["replay", "four_bar", "--scene", "five_bar"], "--scene"),
+        (["replay", "four_bar", "--trace", "couple"], "no frame 'couple' to trace; near it: coupler"),
+        (["replay", "four_bar", "--speed", "0"], "--speed 0.0"),
+        (["simulate", "four_bar", "--forces"], "give --html"),
         (["replay", "four_bar", "--html", "nowhere/x.html"], "there is no folder"),
     ],
 )
@@ -320,6 +323,17 @@ def test_replay_finds_the_scene_of_a_run_again(run, torn, monkeypatch):
     assert "it has 3 numbers in a configuration" in run("replay", "run.npz", "--scene", "five_bar")[2]
 
 
+def test_a_page_shows_forces_and_paths_that_are_asked_for(run):
+    look = ("--forces", "--trace", "coupler_tip", "--trace", "crank", "--speed", 0.5)
+    assert run("simulate", "four_bar", "--until", 0.2, "--out", "run.npz", "--html", "page.html", *look)[0] == 0
+    assert run("replay", "run.npz", "--html", "again.html", *look)[0] == 0
+    pages = [Path(name).read_text(encoding="utf-8") for name in ("page.html", "again.html")]
+    for text in pages:
+        assert "path of coupler_tip" in text and "path of crank" in text and "m of arrow is" in text
+        assert '"clock":[0.0,0.5,0.4]' in text
+    assert pages[0] == pages[1]
+
+
 def test_replay_of_a_scene_simulates_it(run):
     code, out, _ = run("replay", "planar_pendulum", "--html", "play.html", "--speed", 2)
     assert code == 0 and "t = 0 … 5 s" in out
@@ -329,9 +343,9 @@ def test_replay_opens_the_browser(run, monkeypatch):
     shown = []
     monkeypatch.setattr("webbrowser.get", lambda: None)
     monkeypatch.setattr("pinconsist.view.meshcat.replay", lambda mech, sol, **options: shown.append(options))
-    code, out, _ = run("replay", "planar_pendulum", "--loop")
+    code, out, _ = run("replay", "planar_pendulum", "--once", "--forces", "--trace", "pendulum_tip")
     assert code == 0 and "open in your browser" in out
-    assert shown == [{"speed": 1.0, "loop": True, "open_browser": True}]
+    assert shown == [{"speed": 1.0, "traces": ["pendulum_tip"], "forces": True, "loop": False, "open_browser": True}]
 
 
 def test_replay_without_a_browser_serves_the_page_until_interrupted(run, monkeypatch):

@@ -100,3 +100,46 @@ def test_more_drives_than_the_linkage_has_freedom_are_refused():
     two = [pc.Drive("motor", "crank", lambda t: -1.0 + t), pc.Drive("press", "rod", lambda t: 1.2843049058942417)]
     with pytest.raises(pc.SingularSystemError, match=r"drives motor, press are more"):
         pc.simulate(mech.with_loops(*mech.loops, *two), (0.0, 1.0))
+
+
+def test_derivatives_that_contradict_their_curve_are_refused():
+    arm = pc.load("slider_crank")
+    curve = pc.Motion(start=0.3, speed=2.0, amplitude=0.1, frequency=1.0)
+
+    def assembled(**given):
+        return pc.assemble(arm.with_loops(*arm.loops, pc.Drive("motor", "crank", **given)), t=0.4).v
+
+    right = assembled(curve=curve)
+    np.testing.assert_allclose(assembled(curve=lambda t: curve(t), rate=curve.rate), right)
+    with pytest.raises(pc.InputError, match=r"drive 'motor': its rate is .* at t = 0\.4, which is not how its curve"):
+        assembled(curve=curve, rate=lambda t: 1.01 * curve.rate(t))
+    with pytest.raises(pc.InputError, match=r"its acceleration is .* not how its rate"):
+        assembled(curve=curve, acceleration=lambda t: -curve.acceleration(t))
+    with pytest.raises(pc.InputError, match=r"the rate of drive 'motor' is nan at t = 0\.4"):
+        assembled(curve=curve, rate=lambda t: np.nan)
+
+
+@pytest.mark.parametrize("frequency", [1.0, 1e3, 1e6])
+def test_right_derivatives_are_not_refused(frequency):
+    """At corners, at the border of where the curve is defined, and on any scale of time."""
+    arm, shake = pc.load("slider_crank"), pc.Motion(0.3, amplitude=0.1 / frequency, frequency=frequency, phase=1.0)
+
+    def from_zero_on(t):
+        if t < 0:
+            raise ValueError("too early")
+        return shake(t)
+
+    drives = (
+        pc.Drive("motor", "crank", shake, shake.rate, shake.acceleration),
+        pc.Drive("motor", "crank", from_zero_on, shake.rate, shake.acceleration),
+        pc.Drive("motor", "crank", lambda t: 0.3 + max(t, 0.0), lambda t: 1.0 * (t >= 0), lambda t: 0.0),
+        pc.Drive("motor", "crank", lambda t: 0.3 + 0.5 * max(t, 0.0) ** 2, lambda t: max(t, 0.0), lambda t: 1.0),
+    )
+    for drive in drives:
+        pc.assemble(arm.with_loops(*arm.loops, drive))
+
+
+@pytest.mark.parametrize("fields", [{"name": 3}, {"joint": None}])
+def test_names_of_drives_are_texts(fields):
+    with pytest.raises(pc.InputError, match="must be a name"):
+        pc.Drive(**({"name": "motor", "joint": "crank", "curve": pc.Motion()} | fields))

@@ -189,3 +189,15 @@ def test_it_prints_as_a_table():
         "energy, J", "kinetic", "potential", "elastic", "total", "work of damping slide", "balance error",
     ]  # fmt: skip
     assert f"{energy.total[0]:12.5g} {energy.total[-1]:12.5g}" in lines[4]
+
+
+def test_rest_where_the_weights_cancel_is_no_alarm():
+    """Two rods of a triangle on the ground, one above and one below zero: nothing moves, the total is zero."""
+    model, last = pin.Model(), 0
+    for i, place in enumerate((1.0, -1.0)):
+        last = model.addJoint(last, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0, 0, place])), f"j{i}")
+        model.appendBodyToJoint(last, pin.Inertia(1.0, np.array([0.0, 0, -0.5]), np.eye(3) / 12), pin.SE3.Identity())
+    model.addFrame(pin.Frame("tip", last, 0, pin.SE3(np.eye(3), np.array([0.0, 0, -1])), pin.FrameType.OP_FRAME))
+    held = pc.Loop("held", "point", "tip", xyz2=(0.0, 0.0, -0.96))
+    sol = pc.simulate(pc.Mechanism(model, [held]), (0.0, 0.3), {"j0": 0.2})
+    assert np.abs(sol.energy().total).max() < 2.0 and sol.energy().balance_error < 1e-6 and not sol.check().concerns

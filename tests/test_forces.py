@@ -522,3 +522,15 @@ def test_one_force_may_stand_for_itself():
     alone = pc.simulate(mech, (0.0, 0.5), forces={"crank": 2.0}, step=0.01)
     listed = pc.simulate(mech, (0.0, 0.5), forces=[{"crank": 2.0}], step=0.01)
     np.testing.assert_array_equal(alone.q, listed.q)
+
+
+def test_a_class_is_no_force():
+    with pytest.raises(pc.InputError, match=r"not the class Wrench: give Wrench\(…\)"):
+        pc.load("four_bar").with_forces(pc.Wrench)
+
+
+def test_a_gradient_may_be_lists():
+    law = pc.Torque(lambda t, q, v: -0.1 * v, lambda t, q, v: (None, (-0.1 * np.eye(3)).tolist()))
+    plain = pc.Torque(lambda t, q, v: -0.1 * v, lambda t, q, v: (None, -0.1 * np.eye(3)))
+    one, other = (pc.simulate(pc.load("four_bar"), (0.0, 0.1), forces=[force]) for force in (law, plain))
+    np.testing.assert_array_equal(one.q, other.q)

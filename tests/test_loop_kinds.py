@@ -498,3 +498,23 @@ def test_missing_axes_are_named(case):
     call, message = AXES[case]
     with pytest.raises(pc.InputError, match=message):
         call()
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        (
+            "jacobian",
+            lambda t, q: [[2.0, 0.0, 0.0]],
+            r"jacobian is not the derivative .* column 0 is \[2\.\], .* \[1\.\]",
+        ),
+        ("jacobian", lambda t, q: [[1.0, 1e-2, 0.0]], "column 1 is"),
+        ("rate", lambda t, q: [1.0], r"rate is not the derivative .* it is \[1\.\], differences give \[-1\.\]"),
+    ],
+)
+def test_derivatives_of_ones_own_constraint_that_are_wrong_are_refused(given):
+    field, function, message = given
+    linkage = pc.load("four_bar")
+    own = pc.Constraint("own", lambda t, q: [q[0] + 1.0 - t], 1, **{field: function})
+    with pytest.raises(pc.InputError, match=message):
+        pc.simulate(linkage.with_loops(*linkage.loops, own), (0.0, 0.1))

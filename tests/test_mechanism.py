@@ -253,3 +253,60 @@ def test_a_start_at_a_singular_position_is_refused(monkeypatch):
 def test_rows_that_always_depend_are_no_singular_position():
     """Bricard's loop has rank 4 of 5 in every closed configuration."""
     assert pc.simulate(pc.load("bricard"), (0.0, 0.1)).success
+
+
+def test_pinocchios_mimic_joints_are_refused():
+    model = pin.Model()
+    for name in ("a", "b"):
+        joint = model.addJoint(0 if name == "a" else 1, pin.JointModelRY(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3(np.eye(3), np.array([1.0, 0, 0])))
+    mimic = pin.transformJointIntoMimic(model, 1, 2, 2.0, 0.1)
+    with pytest.raises(pc.InputError, match=r"joint 'b' .* mimic joints.* Coupling"):
+        pc.load(mimic)
+
+
+def test_a_mechanism_is_not_loaded_again_without_its_loops():
+    with pytest.raises(pc.InputError, match="'four_bar' is a Mechanism already"):
+        pc.load(pc.load("four_bar"))
+
+
+@pytest.mark.parametrize("dirs", [3, (3,)])
+def test_package_dirs_are_folders(dirs):
+    with pytest.raises(pc.InputError, match="package_dirs= needs folders"):
+        pc.load("four_bar", package_dirs=dirs)
+
+
+def _misplaced(model):
+    place = model.jointPlacements[2]
+    place.translation = np.array([np.nan, 0.0, 0.0])
+    model.jointPlacements[2] = place
+
+
+def _stretched(model):
+    place = model.jointPlacements[2]
+    place.rotation = 1.01 * np.eye(3)
+    model.jointPlacements[2] = place
+
+
+def _without_gravity(model):
+    model.gravity.linear = np.array([0.0, 0.0, np.inf])
+
+
+def _lightened(model):
+    model.armature[1] = -1.0
+
+
+@pytest.mark.parametrize(
+    "spoil, message",
+    [
+        (_misplaced, "the placement of joint 'coupler' is not finite"),
+        (_stretched, "the placement of joint 'coupler' .* its rotation matrix is none"),
+        (_without_gravity, "the gravity of model .* is not finite"),
+        (_lightened, "the armature of joint 'coupler' is negative"),
+    ],
+)
+def test_models_with_impossible_numbers_are_refused(spoil, message):
+    model = pc.load("four_bar").model.copy()
+    spoil(model)
+    with pytest.raises(pc.InputError, match=message):
+        pc.Mechanism(model)

@@ -10,7 +10,8 @@ Assembly AssemblyError Certificate Constraint Coupling Drive Energy Equilibrium 
 HessenbergProblem InputError InverseDynamics JointDamping JointFriction JointSpring JointTorque Linearization Loop
 Mechanism MissingExtraError Modes Motion PinconsistError Reaction Servo SingularSystemError Solution SpringDamper
 Torque UserFunctionError Wrench assemble compare consistent_initial_velocity equilibrium export_html integrate
-inverse_dynamics linearize load models plot_comparison plot_solution reference_problem reference_solution replay
+inverse_dynamics linearize load models plot_comparison plot_drift plot_energy plot_multipliers plot_phase
+plot_solution plot_steps plot_trajectory plot_work_precision reference_problem reference_solution replay
 simulate write
 """.split()
 

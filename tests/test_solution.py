@@ -309,3 +309,12 @@ def test_solutions_travel_between_processes():
 def test_a_solution_without_rows_cannot_be_checked():
     with pytest.raises(pc.InputError, match="no rows"):
         pc.simulate(pc.load("four_bar"), (0.0, 1.0), t_eval=[1.0], max_steps=5).check()
+
+
+@pytest.mark.parametrize("method", ["check", "energy", "reaction"])
+def test_another_mechanism_than_the_one_of_the_run_is_refused(run, method):
+    first = ("tip",) if method == "reaction" else ()
+    with pytest.raises(pc.InputError, match="not the one that was simulated"):
+        getattr(run, method)(*first, pc.load("chain_5"))
+    with pytest.raises(pc.InputError, match="a Mechanism is needed to read the solution, got str"):
+        getattr(run, method)(*first, "four_bar")

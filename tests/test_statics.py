@@ -524,3 +524,31 @@ def test_drives_that_do_not_fit():
     for times in ([], [[0.0, 1.0]], [0.0, np.inf]):
         with pytest.raises(pc.InputError, match="times"):
             pc.inverse_dynamics(plain.with_loops(*plain.loops, rocker), times)
+
+
+def one_body(*joints):
+    """A body on joints one after the other, the massless ones before the last."""
+    model, last = pin.Model(), 0
+    for i, joint in enumerate(joints):
+        last = model.addJoint(last, joint, pin.SE3.Identity(), f"j{i}")
+    model.appendBodyToJoint(
+        last, pin.Inertia(1.3, np.array([0.05, 0.1, -0.2]), np.diag([0.1, 0.2, 0.15])), scenes.at(0, 0)
+    )
+    return pc.Mechanism(model)
+
+
+def test_joints_whose_axes_turn_with_themselves():
+    """Pinocchio's derivatives of rnea are wrong for these; the same joints built of hinges have the answers."""
+    x, y = np.eye(3)[:2]
+    together = pin.JointModelComposite()
+    for joint in (pin.JointModelRX(), pin.JointModelRY()):
+        together.addJoint(joint)
+    hinges = pc.linearize(one_body(pin.JointModelRX(), pin.JointModelRY()), [0.4, 0.7], [1.0, -2.0])
+    for joint in (pin.JointModelUniversal(x, y), together):
+        found = pc.linearize(one_body(joint), [0.4, 0.7], [1.0, -2.0])
+        for name in ("mass", "damping", "stiffness", "a"):
+            np.testing.assert_allclose(getattr(found, name), getattr(hinges, name), atol=1e-10)
+    hanging = [
+        pc.linearize(one_body(joint)).modes() for joint in (pin.JointModelSpherical(), pin.JointModelSphericalZYX())
+    ]
+    np.testing.assert_allclose(hanging[0].hertz, hanging[1].hertz, atol=1e-9)

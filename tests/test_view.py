@@ -3,7 +3,6 @@
 import json
 import logging
 import re
-import shutil
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -12,17 +11,20 @@ from urllib.request import urlopen
 import numpy as np
 import pinocchio as pin
 import pytest
+from browser import needs_browser, reported
 
+from pinconsist import load
 from pinconsist.errors import InputError, MissingExtraError
 from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.mechanism import Geometry, Mechanism
 from pinconsist.view import export_html, plot_comparison, plot_solution, replay
-from pinconsist.view.motion import MAX_FRAMES, body_poses, resample
-from pinconsist.view.scene import plane_normal, scene
+from pinconsist.view.camera import plane_normal
+from pinconsist.view.motion import MAX_FRAMES, Run, body_poses, playing_times
+from pinconsist.view.scene import scene
 from pinconsist.view.shapes import simple_shapes, skeleton
+from pinconsist.view.visuals import visuals
 
 LENGTH = 0.7
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 INERTIA = '<inertial><mass value="1"/><origin xyz=".3 0 0"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 MESHES = f"""<robot name="r"><link name="base"/>
@@ -57,6 +59,13 @@ def swing(times):
     """A made-up motion of two_links at any times."""
     times = np.asarray(times, float)
     return SimpleNamespace(t=times, q=np.column_stack((np.sin(2 * times), 0.5 - 0.8 * times)))
+
+
+def resample(mech, sol, speed, fps):
+    """Frames' times and configurations."""
+    run = Run.of(mech, sol)
+    clock = playing_times([run], speed, fps)
+    return clock, run.at(clock * speed).q
 
 
 def read(page):
@@ -170,7 +179,7 @@ def test_links_reach_from_joint_to_joint_and_anchor():
 def test_a_distance_loop_shows_as_a_bar_between_its_anchors():
     mech = two_links().with_loops(Loop("bar", "distance", "tip", xyz2=(0.0, 0.0, -2.0), length=1.3))
     sol = swing(np.linspace(0, 1, 51))
-    commands = scene(mech, sol, speed=1, fps=50, traces=(), repetitions=1)["commands"]
+    commands = scene(mech, sol, speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
     (animation,) = [command for command in commands if command["type"] == "set_animation"]
     (clip,) = [each["clip"] for each in animation["animations"] if each["path"] == "/loops/bar"]
     tip = LENGTH * sum(np.array([np.cos(angle), 0, -np.sin(angle)]) for angle in np.cumsum(sol.q[30]))
@@ -192,7 +201,7 @@ def meshed(tmp_path, hand):
 def test_missing_meshes_fall_back_with_one_warning(tmp_path, caplog, hand):
     mech = meshed(tmp_path, hand)
     with caplog.at_level(logging.WARNING, "pinconsist"):
-        commands = scene(mech, swing([0, 1]), speed=1, fps=50, traces=(), repetitions=1)["commands"]
+        commands = scene(mech, swing([0, 1]), speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
     (record,) = caplog.records
     assert "2 mesh" in record.getMessage() and f"{hand}.stl" in record.getMessage()
     drawn = [(command["path"], command["object"]) for command in commands if command["type"] == "set_object"]
@@ -203,13 +212,39 @@ def test_missing_meshes_fall_back_with_one_warning(tmp_path, caplog, hand):
     assert hand_forms == {"CylinderGeometry", "SphereGeometry"}
 
 
+INERTIAL = "<inertial><mass>1</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia></inertial>"
+BESIDE = {
+    "robot.urdf": MESHES.replace("HAND.stl", "arm.stl").replace("HAND.dae", "arm.stl"),
+    "relative.urdf": re.sub("package://parts/[A-Za-z]+.[a-z]+", "parts/arm.stl", MESHES),
+    "robot.sdf": f"""<sdf version="1.7"><model name="m"><link name="arm">{INERTIAL}
+<visual name="v"><geometry><mesh><uri>parts/arm.stl</uri></mesh></geometry></visual></link>
+<joint name="j" type="revolute"><parent>world</parent><child>arm</child><axis><xyz>0 1 0</xyz></axis></joint>
+</model></sdf>""",
+    "robot.xml": """<mujoco><compiler meshdir="parts"/><asset><mesh name="arm" file="arm.stl"/></asset><worldbody>
+<body><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><joint type="hinge" axis="0 1 0"/>
+<geom type="mesh" mesh="arm"/></body></worldbody></mujoco>""",
+}
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_meshes_beside_a_robots_file_are_shown(tmp_path, caplog, name):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "arm.stl").write_text(STL)
+    (tmp_path / name).write_text(BESIDE[name])
+    with caplog.at_level(logging.WARNING, "pinconsist"):
+        shapes = visuals(load(tmp_path / name))
+    assert not caplog.records
+    assert {shape.geometry["type"] for shape in shapes} == {"BufferGeometry"}
+    assert {shape.node for shape in shapes} == ({1, 2} if name.endswith("urdf") else {1})
+
+
 def test_replay_serves_the_page_on_the_loopback_interface(monkeypatch):
     seen = []
     monkeypatch.setattr("webbrowser.open", lambda address: seen.append(urlopen(address).read()) or True)
-    address = replay(two_links(), swing(np.linspace(0, 0.2, 5)))
+    address = replay(two_links(), swing(np.linspace(0, 0.2, 5)), loop=False)
     assert address.startswith("http://127.0.0.1:") and b"<title>two links</title>" in seen[0]
     assert b'"repetitions":1}' in seen[0]
-    assert b'"repetitions":1}' not in urlopen(replay(two_links(), swing([0, 1]), loop=True, open_browser=False)).read()
+    assert b'"repetitions":1}' not in urlopen(replay(two_links(), swing([0, 1]), open_browser=False)).read()
 
 
 def test_what_is_missing_is_named(tmp_path, monkeypatch):
@@ -228,40 +263,19 @@ def test_importing_the_view_loads_no_viewer():
     assert done.stdout.strip() in ("set()", "{'coal'}")  # Pinocchio itself may bring coal
 
 
-WATCH = """<script>
-const report = {errors: []};
-window.addEventListener("error", event => report.errors.push(String(event.message)));
-console.error = (...words) => report.errors.push(words.join(" "));
-</script>"""
-ASK = """<script>
+POSES = """
 const body = () => viewer.scene_tree.find(["bodies", "lower"]).object;
 const pose = () => [...body().position.toArray(), ...body().quaternion.toArray()];
-setTimeout(() => {
-  report.playing = viewer.animator.playing && viewer.animator.time > 0;
-  report.moved = pose();
-  viewer.animator.pause();
-  report.sought = {};
-  for (const time of [0, 0.4, 0.8]) { viewer.animator.seek(time); report.sought[time] = pose(); }
-  viewer.capture_image();
-  document.title = JSON.stringify(report);
-}, 1000);
-</script></body>"""
+report.moved = pose();
+report.sought = {};
+for (const time of [0, 0.4, 0.8]) { viewer.animator.seek(time); report.sought[time] = pose(); }
+"""
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no chromium, chromium-browser or google-chrome found")
+@needs_browser
 def test_page_moves_in_a_browser(tmp_path):
     mech, sol = two_links(), swing(np.linspace(0, 5, 501))
-    page = export_html(mech, sol, tmp_path / "swing.html", fps=50)
-    text = page.read_text(encoding="utf-8").replace("<head>", "<head>" + WATCH, 1)
-    page.write_text(ASK.join(text.rsplit("</body>", 1)), encoding="utf-8")
-    flags = "--headless --no-sandbox --disable-quic --no-first-run --disable-background-networking --disable-sync"
-    flags += " --disable-component-update --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
-    flags += f" --virtual-time-budget=4000 --dump-dom --user-data-dir={tmp_path / 'profile'}"
-    command = [BROWSER, *flags.split(), page.as_uri()]
-    dom = subprocess.run(command, capture_output=True, text=True, timeout=60).stdout
-    found = re.search(r"<title>(\{.*?)</title>", dom)
-    assert found, "the page did not come to its end in the browser"
-    report = json.loads(found[1])
+    report = reported(export_html(mech, sol, tmp_path / "swing.html", fps=50), POSES, tmp_path)
     assert report["errors"] == [] and report["playing"]
     assert not np.allclose(report["moved"], report["sought"]["0"], atol=1e-3)
     data = mech.model.createData()

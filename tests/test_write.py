@@ -323,3 +323,8 @@ def test_settings_change_what_they_name(tmp_path):
     assert (model.armature[0], model.damping[0], model.upperDryFrictionLimit[0]) == (0.5, 0.25, 2)
     np.testing.assert_array_equal(model.gravity.linear, [0, -1, 0])
     assert replace(pc.Mechanism(model), name="x").name == "x"
+
+
+def test_the_path_is_a_path():
+    with pytest.raises(pc.InputError, match="needs the path of a file, got 3"):
+        pc.write(pc.load("four_bar"), 3)

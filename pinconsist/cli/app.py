@@ -12,26 +12,33 @@ from typing import Annotated
 import typer
 
 from ..errors import PinconsistError
-from . import bench, check, compare, models, replay, simulate
+from . import bench, check, compare, models, plot, replay, simulate, stress
 from .output import EXIT_CODES, INTERRUPTED, WRONG_INPUT, print_error
 
 OVERVIEW = """\
-pinconsist simulates closed-chain mechanisms, with constraint forces that are right from the first step on.
+pinconsist simulates closed-chain mechanisms, with constraint forces that are
+right from the first step on.
 
-  pinconsist models                                   the built-in scenes
-  pinconsist check four_bar                           loops, rank, mobility, closed configuration
-  pinconsist simulate four_bar --html run.html        simulate 5 s, certify it, write a page that plays it
-  pinconsist replay four_bar                          simulate 5 s and play them in the browser
-  pinconsist compare problem51 --step 0.01 0.001      force errors from exact and from consistent initial values
-  pinconsist bench --overhead                         what a step costs on this machine
+  pinconsist models                               the built-in scenes
+  pinconsist check four_bar                       loops, rank, mobility
+  pinconsist simulate four_bar --html run.html    5 s, certified, and a page
+  pinconsist simulate four_bar --out run.npz      save the run
+  pinconsist plot run.npz --what drift,energy     draw it
+  pinconsist replay run.npz                       play it in the browser
+  pinconsist compare problem51 --step 0.01 0.001  exact and consistent starts
+  pinconsist bench --overhead                     what a step costs here
+  pinconsist stress                               what was tried to break it
 
-A scene is a built-in name, a .urdf file, or a folder that holds one. Each command explains itself:
-pinconsist COMMAND --help"""
+A scene is a built-in name, a .urdf, .sdf or .xml (MJCF) file, or a folder that
+holds one .urdf. Each command explains itself: pinconsist COMMAND --help"""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 SEVERAL = {"--step": NUMBER, "--at": re.compile(r"[^-].*=.*"), "--with-velocity": re.compile(r"[^-].*=.*")}
 
 app = typer.Typer(
-    add_completion=False, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog=EXIT_CODES,
 )
 for command, function in (
     ("simulate", simulate.simulate),
@@ -39,7 +46,9 @@ for command, function in (
     ("check", check.check),
     ("models", models.models),
     ("replay", replay.replay),
+    ("plot", plot.plot),
     ("bench", bench.bench),
+    ("stress", stress.stress),
 ):
     app.command(command, epilog=EXIT_CODES)(function)
 

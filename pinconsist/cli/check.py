@@ -9,6 +9,7 @@ import typer
 from ..errors import AssemblyError, SingularSystemError
 from . import output, scene
 
+NOTHING = 1e-15  # rad or m, of a joint that stands at zero
 LINES, TERMS = 12, 4  # of redundant rows, and of the rows each depends on
 
 
@@ -24,7 +25,10 @@ def check(
 ) -> int:
     """Say what a scene is: bodies, loops, rank, redundant rows, mobility, and its closed configuration.
 
-    Example: pinconsist check robot.urdf --closure point
+    At a position of your choice by --at, also a singular one, where more rows
+    depend on each other, the mobility is larger, and the exit code is 2.
+
+    Example: pinconsist check four_bar --at crank=pi/2
     """
     from ..mechanism.assembly import assemble
 
@@ -94,9 +98,9 @@ def _print_inventory(mech):
     print(f"{mech.name}: {count}, {mass:.4g} kg in all, nq = {mech.nq}, nv = {mech.nv}")
     massless = [n for n, body in zip(mech.joints, list(mech.model.inertias)[1:], strict=True) if body.mass == 0.0]
     if massless:
-        print(f"bodies without mass, at joints: {', '.join(massless)}")
+        output.paragraph(f"bodies without mass, at joints: {', '.join(massless)}", hanging="  ")
     if mech.actuated:
-        print(f"motors: {', '.join(mech.actuated)}")
+        output.paragraph(f"motors: {', '.join(mech.actuated)}", hanging="  ")
     print()
     if mech.loops:
         rows = [(loop.name, loop.kind, len(loop.rows), *_ends(loop)) for loop in mech.loops]
@@ -121,7 +125,7 @@ def _print(mech, before, assembly, singular):
         print(f"rows: {assembly.rows}, of which {assembly.rank} independent and {dropped} redundant")
     print(f"mobility: {assembly.mobility}")
     for line in _redundant_lines(assembly.redundant):
-        print(f"  {line}")
+        output.paragraph(line, indent="  ", hanging="    ")
     if mech.loops:
         first, (where, gap) = _worst_first(before)[0], assembly.largest_gap
         print(f"largest gap at the guess: {first[1]:.3g} m or rad, in loop {first[0]!r}")
@@ -134,7 +138,8 @@ def _print(mech, before, assembly, singular):
 
 
 def _shown(value) -> str:
-    return " ".join(f"{each:.9g}" for each in (value if isinstance(value, list) else [value]))
+    values = value if isinstance(value, list) else [value]
+    return " ".join(f"{each if abs(each) > NOTHING else 0.0:.9g}" for each in values)
 
 
 def _redundant_lines(redundant) -> list[str]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import sys
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,9 +16,10 @@ from ..errors import AssemblyError, InputError, MissingExtraError
 FINE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 EXIT_CODES = (
     "Exit codes: 0 fine; 1 the integration failed (what was reached is saved); "
-    "2 wrong input, or the loops cannot close; 130 interrupted (what was reached is saved)."
+    "2 wrong input, loops that cannot close, or a singular position; 130 interrupted (what was reached is saved)."
 )
 WIDTH = 160  # of tables that go to a file or a pipe
+PLAIN_WIDTH = 80  # of text that goes there
 NAME_WIDTH = 16  # to which a narrow terminal may squeeze a column of text
 
 
@@ -44,6 +47,13 @@ def table(columns, rows, *, title=None):
         console.print(grid, crop=False)
     lines = [line.rstrip() for line in drawn.get().splitlines()]
     print("\n".join([*([title] if title else []), *filter(None, lines), ""]))
+
+
+def paragraph(text, *, indent="", hanging=""):
+    """Print a text in lines that fit the terminal, or 80 columns; words stay whole."""
+    width = min(shutil.get_terminal_size().columns, WIDTH) if sys.stdout.isatty() else PLAIN_WIDTH
+    options = {"break_long_words": False, "break_on_hyphens": False}
+    print(textwrap.fill(text, width, initial_indent=indent, subsequent_indent=indent + hanging, **options))
 
 
 def print_error(error):

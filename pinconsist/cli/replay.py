@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from ..errors import FormatError, InputError
-from . import output, scene
+from . import output, scene, shown
 from .simulate import exit_code, run
 
 SECONDS = 5.0
@@ -26,8 +26,10 @@ def replay(
         str | None,
         typer.Option("--scene", metavar="SCENE", help="Scene of a saved run, where it is not the one recorded."),
     ] = None,
-    speed: Annotated[float, typer.Option(metavar="FACTOR", help="2 plays twice as fast, 0.1 in slow motion.")] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Play again and again.")] = False,
+    forces: shown.Forces = False,
+    traces: shown.Traces = None,
+    speed: shown.Speed = 1.0,
+    loop: Annotated[bool, typer.Option("--loop/--once", help="Play again and again, or once.")] = True,
     html: Annotated[
         str | None, typer.Option(metavar="FILE.html", help="Write the page instead of opening a browser.")
     ] = None,
@@ -37,7 +39,7 @@ def replay(
 ) -> int:
     """Play a saved run, or a scene, in the browser.
 
-    Example: pinconsist replay run.npz --speed 0.5
+    Example: pinconsist replay run.npz --forces --trace coupler_tip --speed 0.5
     """
     output.require_writable(html)
     if Path(source).suffix == ".npz":
@@ -47,16 +49,18 @@ def replay(
         if scene_of_run:
             raise InputError("--scene says of which scene a saved run (.npz) is; a scene itself needs none")
         mech = scene.Scene(source).load()
+        shown.require_drawable(mech, traces, speed)
         sol = run(mech, (0.0, SECONDS))
         code = exit_code(sol)
+    look = {"speed": speed, "traces": traces or (), "forces": forces}
     print(f"{mech.name}: t = {sol.t[0]:g} … {sol.t[-1]:g} s, {len(sol.t)} rows; {sol.message}")
     if html:
         from ..view.meshcat import export_html
 
-        output.written(html, lambda: export_html(mech, sol, html, speed=speed))
+        output.written(html, lambda: export_html(mech, sol, html, **look))
         print(f"written: {html}")
         return code
-    _show(mech, sol, speed, loop, no_browser)
+    _show(mech, sol, look, loop, no_browser)
     return code
 
 
@@ -81,7 +85,7 @@ def _saved(file, given):
     return mech, sol
 
 
-def _show(mech, sol, speed, loop, no_browser):
+def _show(mech, sol, look, loop, no_browser):
     from ..view.meshcat import replay as show
 
     try:
@@ -89,7 +93,7 @@ def _show(mech, sol, speed, loop, no_browser):
     except webbrowser.Error:
         no_browser = True
         print("no browser was found here")
-    address = show(mech, sol, speed=speed, loop=loop, open_browser=not no_browser)
+    address = show(mech, sol, **look, loop=loop, open_browser=not no_browser)
     if not no_browser:
         print("the page is open in your browser, and plays on without this command")
         return

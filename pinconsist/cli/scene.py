@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from dataclasses import asdict, dataclass, field
+from math import pi
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +15,7 @@ import typer
 from ..errors import InputError
 from .output import counted
 
+PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")
 PANEL = "Scene"
 START = "Start"
 
@@ -22,14 +25,18 @@ def _option(*names, panel=PANEL, **more):
 
 
 Source = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A built-in scene (see: pinconsist models), a .urdf file, or its folder.")
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        help="A built-in scene (see: pinconsist models), a .urdf, .sdf or .xml (MJCF) file, or a folder of a .urdf.",
+    ),
 ]
 Loops = Annotated[
     str | None, _option("--loops", metavar="FILE", help="Loop file (YAML). Default: the one beside the .urdf.")
 ]
 Closure = Annotated[
     str | None,
-    _option("--closure", metavar="KIND", help="Close every loop by this kind instead: point, hinge or frame."),
+    _option("--closure", metavar="KIND", help="Close every loop by this kind instead, such as point, hinge or frame."),
 ]
 FreeFlyer = Annotated[bool, _option("--free-flyer", help="Let the root link float instead of fixing it to the ground.")]
 PackageDirs = Annotated[
@@ -42,7 +49,8 @@ At = Annotated[
     list[str] | None,
     _option(
         "--at", metavar="JOINT=VALUE ...", panel=START,
-        help="Start with these joints here, in rad or m; the others follow. Several numbers: joint=0,0,0,1.",
+        help="Start with these joints here, in rad or m, such as 0.3 or pi/2; the others follow. Several "
+        "numbers: joint=0,0,0,1.",
     ),
 ]  # fmt: skip
 WithVelocity = Annotated[
@@ -112,10 +120,21 @@ def joint_values(texts, option: str) -> dict[str, list[float]]:
         if joint in values:
             raise InputError(f"{option} names joint {joint!r} twice")
         try:
-            values[joint] = [float(each) for each in numbers.split(",")]
+            values[joint] = [_number(each) for each in numbers.split(",")]
         except ValueError:
             raise InputError(f"{option} {text}: {numbers!r} is not a number") from None
     return values
+
+
+def _number(text) -> float:
+    """A number, also in parts of pi: singular positions are exact or none."""
+    match = PARTS_OF_PI.fullmatch(text.replace(" ", ""))
+    if not match:
+        return float(text)
+    sign, times, over = match.groups()
+    if over and float(over) == 0.0:
+        raise ValueError(text)
+    return float(f"{sign}1") * float(times or 1) * pi / float(over or 1)
 
 
 def by_joint(mech, vector, *, velocity=False) -> dict:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
-from . import output, scene
+from . import output, scene, shown
 from .progress import Progress
 
 METHOD, FILES = "Method", "Results"
@@ -70,6 +70,9 @@ def simulate(
     html: Annotated[
         str | None, typer.Option(metavar="FILE.html", help="Write a page that plays it.", rich_help_panel=FILES)
     ] = None,
+    forces: shown.Forces = False,
+    traces: shown.Traces = None,
+    speed: shown.Speed = 1.0,
     plot: Annotated[
         str | None, typer.Option(metavar="FILE.png", help="Draw it over time (or .pdf, .svg).", rich_help_panel=FILES)
     ] = None,
@@ -89,12 +92,14 @@ def simulate(
         raise InputError("two of --out, --html and --plot name the same file")
     output.require_writable(*files)
     output.require_figure(plot)
+    shown.require_page(html, forces, traces, speed)
     from ..mechanism.assembly import assemble
 
     q0 = scene.joint_values(at, "--at")
     v0 = scene.joint_values(with_velocity, "--with-velocity")
     what = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
     mech = what.load()
+    shown.require_drawable(mech, traces, speed)
     assembly = assemble(mech, q0 or None, v0 or None)
     scene.tell_moved(mech, q0, assembly)
     if not as_json:
@@ -115,7 +120,7 @@ def simulate(
     if html:
         from ..view.meshcat import export_html
 
-        output.written(html, lambda: export_html(mech, sol, html))
+        output.written(html, lambda: export_html(mech, sol, html, speed=speed, traces=traces or (), forces=forces))
     if plot:
         from ..view.plots import plot_solution
 

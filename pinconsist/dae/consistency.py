@@ -61,12 +61,14 @@ def project_position(system, t, p, v):
         return p
     last = np.inf
     for _ in range(20):
-        _, phi, _, _ = system.evaluate(t, p, v, np.zeros(system.nv))
+        _, phi, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
         size = np.max(np.abs(phi))
-        if size <= EPS or (size <= 1e-13 * (1.0 + np.max(np.abs(p))) and size >= 0.5 * last):
+        rounding = 1e-13 * (1.0 + np.max(np.abs(p))) * (1.0 + np.max(np.abs(G)))
+        if size <= EPS or (size <= rounding and size >= 0.5 * last):
             return p
         step = velocity_shift(system, t, p, v, phi)
-        move = system.rate(t, p, v) - system.rate(t, p, v - step)
+        small = 1e-4 * (1.0 + np.max(np.abs(v))) / np.max(np.abs(step))  # not so small that v rounds it away
+        move = (system.rate(t, p, v) - system.rate(t, p, v - small * step)) / small
         p, last = system.integrate(p, -move), size
     raise AssemblyError(f"the position could not be put on the constraint: |Φ| = {last:.3g} remains")
 

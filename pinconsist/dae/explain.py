@@ -41,7 +41,9 @@ def _weakest_row(stepper):
     system.evaluate(stepper.t, stepper.p, v, np.zeros(system.nv))
     unused = np.empty((system.nv, system.nv))
     W = np.array(system.linearize(stepper.t, stepper.p, v, np.zeros(system.nv), 0.0 * lam, 0.0, unused))
-    W = W / np.maximum(np.linalg.norm(W, axis=1, keepdims=True), 1e-300)
+    lengths = np.linalg.norm(W, axis=1, keepdims=True)
+    if lengths.min() > 1e-4 * lengths.max():  # a row that fades away is what is looked for, not a matter of units
+        W = W / np.maximum(lengths, 1e-300)
     if not np.isfinite(W).all():
         return 1.0, ""
     U, s, _ = np.linalg.svd(W)

@@ -22,12 +22,18 @@ import numpy as np
 from scipy.linalg.lapack import dgesv, dgetrs
 
 from ..errors import PinconsistError, SingularSystemError
-from .foresight import Foresight
+from .foresight import HIDDEN, Foresight
+from .reuse import Reuse
 
 EPS = np.finfo(float).eps
 MAX_ITERATIONS = 10
 FRESH_RATE = 0.4  # a slower contraction asks for a new and complete matrix
+STALE_FACTOR = 0.3  # of the stopping size for a kept matrix: what linear convergence leaves is felt by the multipliers
 STAGNANT = 0.7  # and a slower one than this, close to the solution, is rounding
+
+
+class NotFiniteError(PinconsistError):
+    """The equations of motion have a number that is not finite."""
 
 
 @dataclass(slots=True)
@@ -73,11 +79,18 @@ class KKT:
         np.multiply(G, -c, self._minus_cG)
         self._W[:] = W
         self._lu, self._pivots, x, info = dgesv(self._K, rhs)
+        self._c = c
         return x if info == 0 else None
 
-    def solve(self, rhs):
-        """K⁻¹ rhs with the last factors; rhs has shape (nv+nc,) or (nv+nc, columns)."""
-        return dgetrs(self._lu, self._pivots, rhs)[0]
+    def solve(self, rhs, c=None):
+        """K⁻¹ rhs with the last factors; rhs has shape (nv+nc,) or (nv+nc, columns).
+
+        With another c than the factors', the unknowns that K multiplies with c G are scaled to it.
+        """
+        x = dgetrs(self._lu, self._pivots, rhs)[0]
+        if c is not None and c != self._c:
+            x[len(self.A) :] *= self._c / c
+        return x
 
 
 class Newton:
@@ -101,7 +114,12 @@ class Newton:
         self._parts = np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 1.0]])  # of the three solutions in p, and in v and λ
         if not correct:
             self._parts[2, 1] = 0.0
-        self.foresight = Foresight()
+        self._foresight, self._reuse = Foresight(), Reuse(nv)
+
+    def forget(self) -> None:
+        """The last steps say nothing of the next: one was rejected, or the run begins anew."""
+        self._foresight.forget()
+        self._reuse.forget()
 
     def attempt(self, t, base, psi, predicted, c, weight, tol) -> Attempt:
         """Solve one step.
@@ -109,7 +127,8 @@ class Newton:
         One factorisation serves three right-hand sides: (r₁, 0) for the dynamics, (0, r₂) for the constraint, whose
         rounding noise eps/c is judged only by the position change it makes, and (0, ρ) for the correction. What
         :class:`~pinconsist.dae.foresight.Foresight` remembers of the last steps may promise that one iteration is
-        enough; then only the constraint is evaluated once more, and closed, or nothing at all.
+        enough; then only the constraint is evaluated once more, and closed, or nothing at all. Large systems go on with
+        the matrix of an earlier step as long as :class:`~pinconsist.dae.reuse.Reuse` finds that it pays.
 
         Parameters
         ----------
@@ -126,7 +145,7 @@ class Newton:
         tol : float
             Stop when the root mean squares of the weighted increments to come are estimated below this.
         """
-        system, kkt, foresight = self.system, self._kkt, self.foresight
+        system, kkt, foresight, reuse = self.system, self._kkt, self._foresight, self._reuse
         nx, nv = system.nx, system.nv
         psi_x, parts = psi[:nx], self._parts
         parts[1, 0] = 1.0 / c  # the second column is solved for positions, c times the velocities
@@ -137,6 +156,7 @@ class Newton:
         last, rate, slow = 0.0, 0.0, False
         a = (v - psi[nx : nx + nv]) / c
         p, xi = system.position(t, base, psi_x, c, v)
+        stale = reuse.pays(c)
         for iteration in range(1, MAX_ITERATIONS + 1):
             f, phi, G, rho = system.evaluate(t, p, v, a)
             f -= G.dot(lam)
@@ -144,17 +164,20 @@ class Newton:
             self._constraint[:] = phi
             self._hidden[:] = rho
             self.nfev += 1
-            if iteration == 1 or slow:
+            if slow or not (stale or iteration > 1):
                 W = system.linearize(t, p, v, a, lam, c, kkt.A)
-                if slow:  # the turning of the constraint forces, left out at first, is what slows Newton down
+                if slow and not stale:  # the turning of the constraint forces, left out at first, slows Newton down
                     kkt.A -= c**2 * system.force_gradient(t, p, v, lam)
+                stale = False
+                reuse.made(c)
                 self.njev += 1
                 self.nlu += 1
                 steps = kkt.solve_new(G, W, c, self._rhs)
                 if steps is None:
                     return Attempt(predicted, p, failure="the KKT matrix is singular")
             else:
-                steps = kkt.solve(self._rhs)
+                steps = kkt.solve(self._rhs, c)
+            reuse.iterated()
             moves = steps.dot(parts)
             raw = v - moves[:nv, 0]
             p, xi = system.position(t, base, psi_x, c, raw)
@@ -163,7 +186,7 @@ class Newton:
                 change = y - predicted
                 e = change[: nx + nv] * weight
                 size = sqrt(e.dot(e) / nv)
-                if self.correct and foresight.one_is_enough(size, c, tol):
+                if self.correct and not stale and foresight.one_is_enough(size, c, tol):
                     if not foresight.stays_closed(size, c, tol):
                         y, p = self._close(t, base, psi_x, c, p, raw, y, weight, size)
                         change = y - predicted
@@ -175,11 +198,15 @@ class Newton:
             if not isfinite(size):
                 whose = _culprits(system, t, base, v)
                 return Attempt(predicted, p, failure=f"the residual is not finite{whose}")
-            if iteration == 2:
+            if iteration == 2 and not stale:
                 foresight.measured(rate, c)
-            settled = size <= tol or (iteration > 1 and rate < 1.0 and size * rate / (1.0 - rate) <= tol)
-            if settled or (rate > STAGNANT and _at_floor(steps[:nv], v, p)):
+            to_come = size if iteration == 1 else size * rate / (1.0 - rate) if rate < 1.0 else np.inf
+            settled = min(size, to_come) <= (STALE_FACTOR * tol if stale else tol)
+            if settled or (rate > STAGNANT and not stale and _at_floor(steps[:nv], v, p)):
                 y = np.concatenate((xi, x - moves[:, 1]))
+                # an old matrix takes ρ out only but for a part that is about as large as the rate
+                if stale and self.correct and rate * _rms(steps[:nv, 2] * weight[nx:]) > HIDDEN * tol:
+                    y, p = self._close(t, base, psi_x, c, p, raw, y, weight)
                 change = y - predicted
                 e = change[: nx + nv] * weight
                 return Attempt(y, p, change, sqrt(e.dot(e) / nv))
@@ -192,15 +219,17 @@ class Newton:
             a = (v - psi[nx : nx + nv]) / c
         return Attempt(predicted, p, failure="Newton did not converge")
 
-    def _close(self, t, base, psi_x, c, p, raw, y, weight, size):
+    def _close(self, t, base, psi_x, c, p, raw, y, weight, size=None):
         """(y, p) with the loops closed at the new position and ρ taken out: the dynamics need no second look."""
         system, nx, nv = self.system, self.system.nx, self.system.nv
         v = y[nx : nx + nv]
         phi, rho = system.constraint(t, p, system.rate(t, p, v))
         self._constraint[:], self._hidden[:] = phi, rho
-        steps = self._kkt.solve(self._rhs[:, 1:])
-        gap = np.max(np.abs(phi), initial=0.0) / (1.0 + np.max(np.abs(p), initial=0.0))
-        self.foresight.looked(gap, steps[:nv, 1] * weight[nx:], v * weight[nx:], size, c)
+        steps = self._kkt.solve(self._rhs[:, 1:], c)
+        self._reuse.iterated()
+        if size is not None:  # the increment of a matrix of this step: what Foresight reckons with
+            gap = np.max(np.abs(phi), initial=0.0) / (1.0 + np.max(np.abs(p), initial=0.0))
+            self._foresight.looked(gap, steps[:nv, 1] * weight[nx:], v * weight[nx:], size, c)
         p, xi = system.position(t, base, psi_x, c, raw - steps[:nv, 0] / c)
         return np.concatenate((xi, y[nx:] - steps[:, 1])), p
 
@@ -210,6 +239,10 @@ def _paired(weight, nx, nv):
     if nx == nv:
         return weight.reshape(2, nv)[::-1].T
     return np.column_stack((weight[nx:], np.full(nv, weight[:nx].max(initial=0.0))))
+
+
+def _rms(x) -> float:
+    return sqrt(x.dot(x) / len(x))
 
 
 def _at_floor(steps, v, p) -> bool:
@@ -249,7 +282,7 @@ def solve_acceleration(system, t, p, v):
     W = system.linearize(t, p, v, np.zeros(system.nv), np.zeros(system.nc), 0.0, kkt.A)
     rhs = -np.concatenate((f0, system.acceleration_bias(t, p, v)))
     if not np.isfinite(rhs).all():
-        raise PinconsistError(
+        raise NotFiniteError(
             f"the equations of motion are not finite at t = {t:.6g}{_culprits(system, t, p, v)}: "
             "a force or a user's function returns NaN or infinity"
         )

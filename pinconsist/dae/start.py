@@ -14,7 +14,7 @@ from scipy.integrate import DOP853, solve_ivp
 from ..errors import PinconsistError
 from . import bdf
 from .consistency import project_position, project_velocity
-from .newton import solve_acceleration
+from .newton import NotFiniteError, solve_acceleration
 
 log = logging.getLogger(__name__)
 
@@ -36,7 +36,11 @@ def right_hand_side(system, base):
     def f(t, y):
         p = y[:nx] if system.vector_like else system.integrate(base, y[:nx])
         v = y[nx:]
-        a, _ = solve_acceleration(system, t, p, v)
+        with np.errstate(over="ignore", invalid="ignore"):
+            try:
+                a, _ = solve_acceleration(system, t, p, v)
+            except NotFiniteError:  # a step far too long for a stiff force: scipy takes a shorter one
+                return np.full(len(y), np.nan)
         return np.concatenate((system.chart_rate(base, p, system.rate(t, p, v)), a))
 
     return f

@@ -55,7 +55,7 @@ class Stepper:
         """
         system, method = self.system, self.method
         self.control.restart()
-        self.newton.foresight.forget()
+        self.newton.forget()
         if method.step is not None:
             steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
             if self._begun and abs(t_end - t) > 1e-3 * method.step:
@@ -102,7 +102,7 @@ class Stepper:
                 if error <= 1.0 or error <= self._rounding_error(t_next, step, weight):
                     break
                 smaller, self.k = control.after_rejection(system, Z, d, k, h, error, weight)
-            self.newton.foresight.forget()
+            self.newton.forget()
             if abs(smaller) < SMALLEST * np.spacing(abs(self.t)):
                 return step.failure or "the error test fails at any step size"
             self.rescale(smaller, k)

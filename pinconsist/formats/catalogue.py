@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 
@@ -65,6 +66,9 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
     check_closure(closure)
     if isinstance(package_dirs, (str, os.PathLike)):
         package_dirs = (package_dirs,)
+    package_dirs = tuple(package_dirs) if isinstance(package_dirs, Iterable) else (package_dirs,)
+    if not all(isinstance(folder, (str, os.PathLike)) for folder in package_dirs):
+        raise InputError(f"package_dirs= needs folders, got {package_dirs!r}")
     if not isinstance(source, (str, os.PathLike)):
         from . import pinocchio_model
 
@@ -72,7 +76,9 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
             raise InputError("free_flyer= is for files; a model in memory has its root joint already")
         return pinocchio_model.read(source, loops=() if loops is None else loops, closure=closure)
     if not (loops is None or isinstance(loops, (str, os.PathLike))):
-        raise InputError(f"loops= needs the path of a loop file, got {type(loops).__name__}")
+        raise InputError(
+            f"loops= needs the path of a loop file, got {type(loops).__name__}; records go by load(…).with_loops(…)"
+        )
     options = {"loops": loops, "closure": closure, "free_flyer": free_flyer, "package_dirs": package_dirs}
     if written := _member(source):
         from . import urdf_scene
@@ -87,7 +93,18 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
 
 
 def models() -> dict[str, str]:
-    """The built-in models: name → one line of description; ``<n>`` in a name stands for a number of your choice."""
+    """The built-in models.
+
+    Returns
+    -------
+    dict[str, str]
+        Name → one line of description; ``<n>`` in a name stands for a number of your choice.
+
+    Raises
+    ------
+    FormatError
+        A damaged installation: a loop file among the models that cannot be read.
+    """
     from . import families, loopfile
 
     files = {path.stem: loopfile.read(loop_file(path)).description for path in _built_in().values()}

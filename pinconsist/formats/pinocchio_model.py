@@ -27,6 +27,8 @@ def read(source, *, loops=(), closure=None) -> Mechanism:
     InputError
         Something else, or constraints that are no loops.
     """
+    if isinstance(source, Mechanism):
+        raise InputError(f"{source.name!r} is a Mechanism already; its with_loops() gives it other loops")
     model = source if isinstance(source, pin.Model) else getattr(source, "model", None)
     if not isinstance(model, pin.Model):
         raise InputError(f"load needs a model's name, a path, a pin.Model or a RobotWrapper, got {_what(source)}")

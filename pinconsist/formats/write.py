@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from pathlib import Path
 
@@ -49,6 +50,8 @@ def write(mechanism: Mechanism, path) -> Path:
     """
     if not isinstance(mechanism, Mechanism):
         raise InputError(f"write needs a Mechanism, got {type(mechanism).__name__}")
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"write needs the path of a file, got {path!r}")
     path = Path(path)
     path = path if path.suffix == ".urdf" else path.with_name(path.name + ".urdf")
     if not path.parent.is_dir():

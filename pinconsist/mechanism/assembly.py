@@ -110,6 +110,7 @@ def assemble(
         best, iterations = solver.close(guess, solver.free_columns(names))
         if solver.size(best) <= tolerance:
             break
+    solver.loop_rows.check_derivatives(t, best)
     gaps = solver.gaps(best)
     open_loops = {name: gap for name, gap in gaps.items() if not gap <= tolerance}
     if open_loops:
@@ -118,7 +119,7 @@ def assemble(
     return _report(mechanism, solver, guess, best, v, gaps, iterations)
 
 
-def velocity_on_constraints(mechanism: Mechanism, q, v=None, t: float = 0.0) -> np.ndarray:
+def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
     """A velocity with J v + Φ_t = 0 at a closed configuration, shape (nv,).
 
     A mapping joint → value keeps these joints' velocities and lets the others follow (least kinetic energy);
@@ -129,16 +130,18 @@ def velocity_on_constraints(mechanism: Mechanism, q, v=None, t: float = 0.0) -> 
     AssemblyError
         The named velocities contradict the loops.
     """
-    solver = LoopSolver(mechanism, t)
+    mechanism, model, t = solver.mechanism, solver.model, solver.t
     _, J = solver.rows(q)
     kept = independent_rows(J, solver.loop_rows.turns)
     J = J[kept]
-    M = pin.crba(mechanism.model, mechanism.model.createData(), q)
-    M = np.triu(M) + np.triu(M, 1).T
     start = mechanism.velocity({} if v is None else v)
     held = ~solver.free_columns(v if isinstance(v, Mapping) else {})
     E = np.vstack((J, np.eye(mechanism.nv)[held]))
     target = np.concatenate((-solver.loop_rows.time_rate(t, q)[kept], start[held]))
+    if not (start.any() or target.any()):  # rest
+        return start
+    M = pin.crba(model, solver.data, q)
+    M = np.triu(M) + np.triu(M, 1).T
     nv, ne = mechanism.nv, len(E)
     scale = np.abs(M).max(initial=0.0) or 1.0
     K = np.block([[M / scale, E.T], [E, np.zeros((ne, ne))]])
@@ -229,7 +232,7 @@ def _report(mechanism, solver, guess, q, v, gaps, iterations):
     }
     return Assembly(
         q=q,
-        v=velocity_on_constraints(mechanism, q, v, solver.t),
+        v=velocity_on_constraints(solver, q, v),
         gaps=gaps,
         rows=len(J),
         rank=len(kept),

@@ -9,13 +9,15 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError, UserFunctionError
-from .differences import first, second
+from ..errors import InputError, PinconsistError, UserFunctionError
+from .differences import first, is_slope, second
 
 TIME_STEP = 1e-3
 """Of the difference quotients in time, s."""
 REACH = 10.0
 """How many times its `step` a constraint is moved where its curvature along the motion is wanted."""
+CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)
+"""Parts of these steps over which given derivatives are compared with their function."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,8 @@ class Constraint:
     Raises
     ------
     InputError
-        Arguments that cannot be used; while it runs, wrong shapes and numbers that are not finite.
+        Arguments that cannot be used; a Jacobian or rate that is not that of `function` where a run starts; while it
+        runs, wrong shapes and numbers that are not finite.
     UserFunctionError
         One of the functions raised an exception.
     """
@@ -123,6 +126,33 @@ class ConstraintRows:
         if self.loop.jacobian is not None and (self.loop.rate is not None or not self.moving):
             return first(lambda s: self._jacobian(t + s, x := place(s)) @ v + self.rate(t + s, x), step)
         return second(lambda s: self._phi(t + s, place(s)), step)
+
+    def check_derivatives(self, t, q) -> None:
+        """Raise InputError where a given Jacobian or rate is not that of the function."""
+        if self.loop.jacobian is not None:
+            J, steps = self._jacobian(t, q), [self.loop.step * part for part in CHECKED_OVER]
+            for i, unit in enumerate(self._units):
+
+                def along(s, unit=unit):
+                    return self._phi(t, pin.integrate(self.model, q, s * unit))
+
+                self._check_slope("jacobian", f"column {i}", J[:, i], along, steps, np.abs(J).max(axis=1))
+        if self.loop.rate is not None:
+            steps = [TIME_STEP * part for part in CHECKED_OVER]
+            self._check_slope("rate", "it", self.rate(t, q), lambda s: self._phi(t + s, q), steps)
+
+    def _check_slope(self, field, part, given, function, steps, size=0.0):
+        try:
+            if is_slope(given, function, steps, size):
+                return
+            found = first(function, steps[1])
+        except PinconsistError:  # it need not be defined so far away
+            return
+        raise InputError(
+            f"constraint {self.loop.name!r}: its {field} is not the derivative of its function: {part} is "
+            f"{np.array2string(given, precision=6)}, differences give {np.array2string(found, precision=6)}. "
+            "Correct it, or leave it out: differences then stand in"
+        )
 
     def _phi(self, t, q):
         return self._call("function", t, q, (self.loop.size,))

@@ -9,11 +9,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError, UserFunctionError
+from ..errors import InputError, PinconsistError, UserFunctionError
 from .coordinate import Coordinate, nearest
-from .differences import first, second
+from .differences import first, is_slope, second
 
 STEP = 1e-3  # s, of the difference quotients that stand in for missing derivatives
+CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps over which given derivatives are compared with their function
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,15 @@ class Drive:
     rate, acceleration : callable, optional
         Its derivatives. Default: the methods ``rate`` and ``acceleration`` of a curve that has them, as a Motion does;
         else sixth-order differences over 1 ms, good to about 1e-12 and 1e-9 of the curve's size: the multipliers
-        inherit that.
+        inherit that. Given ones are compared with the curve where a run starts.
+
+    Raises
+    ------
+    InputError
+        Names or functions that are none; on a model, a joint that is not there or has several degrees of freedom; a
+        rate or an acceleration that contradicts the curve, numbers that are not finite.
+    UserFunctionError
+        One of the functions raised an exception.
     """
 
     name: str
@@ -45,6 +54,9 @@ class Drive:
     rows: ClassVar[tuple[str, ...]] = ("motor",)
 
     def __post_init__(self):
+        for field in ("name", "joint"):
+            if not isinstance(getattr(self, field), str):
+                raise InputError(f"drive {self.name!r}: {field} must be a name, got {getattr(self, field)!r}")
         for field in ("curve", "rate", "acceleration"):
             function = getattr(self, field)
             if not (callable(function) or (function is None and field != "curve")):
@@ -67,26 +79,46 @@ class DriveRow:
 
     def evaluate(self, data, q, t):
         """Φ and J."""
-        gap = self._joint.value(q) - self._call(self.loop.curve, t)
+        gap = self._joint.value(q) - self._curve(t)
         return np.array([nearest(gap, self._period)]), self._J.copy()
 
     def rate(self, t, q):
         """Φ_t."""
         if self._rate is not None:
-            return -np.array([self._call(self._rate, t)])
-        return -first(lambda s: self._call(self.loop.curve, t + s), STEP).reshape(1)
+            return -np.array([self._call("rate", self._rate, t)])
+        return -first(lambda s: self._curve(t + s), STEP).reshape(1)
 
     def acceleration_bias(self, data, t, q, v):
         """Φ_tt; J is constant."""
         if self._acceleration is not None:
-            return -np.array([self._call(self._acceleration, t)])
-        return -second(lambda s: self._call(self.loop.curve, t + s), STEP).reshape(1)
+            return -np.array([self._call("acceleration", self._acceleration, t)])
+        return -second(lambda s: self._curve(t + s), STEP).reshape(1)
 
-    def _call(self, function, t) -> float:
+    def check_derivatives(self, t, q) -> None:
+        """Raise InputError where a given rate is not that of the curve, or an acceleration not that of the rate."""
+        pairs = ("rate", self._rate, "curve", self.loop.curve), ("acceleration", self._acceleration, "rate", self._rate)
+        for name, given, of, function in pairs:
+            if given is None or function is None:
+                continue
+            slope = self._call(name, given, t)
+            try:
+                right = is_slope(slope, lambda s, of=of, f=function: self._call(of, f, t + s), CHECKED_OVER)
+            except PinconsistError:  # it need not be defined beyond the span
+                continue
+            if not right:
+                raise InputError(
+                    f"drive {self.loop.name!r}: its {name} is {slope:.6g} at t = {t:.6g}, which is not how its {of} "
+                    "changes there. Correct it, or leave it out: differences then stand in"
+                )
+
+    def _curve(self, t) -> float:
+        return self._call("curve", self.loop.curve, t)
+
+    def _call(self, field, function, t) -> float:
         try:
             value = float(function(t))
         except Exception as error:
-            raise UserFunctionError(f"the curve of drive {self.loop.name!r}", t, error) from error
+            raise UserFunctionError(f"the {field} of drive {self.loop.name!r}", t, error) from error
         if not isfinite(value):
-            raise InputError(f"the curve of drive {self.loop.name!r}, or a derivative of it, is {value} at t = {t:.6g}")
+            raise InputError(f"the {field} of drive {self.loop.name!r} is {value} at t = {t:.6g}; it must be finite")
         return value

@@ -94,6 +94,12 @@ class LoopRows:
         parts = [closure.rate(t, q) if closure.moving else np.zeros(len(closure.turns)) for closure in self.closures]
         return np.concatenate(parts) if parts else np.zeros(0)
 
+    def check_derivatives(self, t: float, q) -> None:
+        """Raise InputError where derivatives that a user gave contradict the functions they belong to."""
+        for closure in self.closures:
+            if hasattr(closure, "check_derivatives"):
+                closure.check_derivatives(t, q)
+
     def acceleration_bias(self, data: pin.Data, t: float = 0.0, q=None, v=None) -> np.ndarray:
         """J̇ v and the like from Φ's dependence on time, shape (nc,), at a closed configuration.
 

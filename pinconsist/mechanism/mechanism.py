@@ -12,6 +12,7 @@ from ..errors import InputError
 from .checks import normalized
 from .forces import Force, as_force, bound_forces
 from .loops import RECORDS, Loop, LoopRows, similar
+from .model_checks import check_model
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,7 @@ class Mechanism:
         return replace(self, forces=(*self.forces, *forces))
 
     def with_gravity(self, gravity) -> Mechanism:
-        """The same mechanism under another gravity vector, m/s², in world axes."""
+        """The same mechanism under another gravity vector (3,), m/s², in world axes; InputError if it is none."""
         model = self.model.copy()
         gravity = finite_array(gravity, "gravity")
         if gravity.shape != (3,):
@@ -180,7 +181,7 @@ class Mechanism:
         return replace(self, model=model)
 
     def with_armature(self, armature: Mapping[str, float]) -> Mechanism:
-        """The same mechanism with rotor inertia added to joints by name, kg·m² (or kg)."""
+        """With rotor inertia added: joint name → kg·m² (or kg), not negative. InputError: unknown joint, no number."""
         model = self.model.copy()
         if not isinstance(armature, Mapping):
             raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
@@ -269,23 +270,3 @@ def finite_array(value, what: str) -> np.ndarray:
     if not np.isfinite(array).all():
         raise InputError(f"{what} has a number that is not finite (NaN or infinity)")
     return array
-
-
-def check_model(model: pin.Model) -> None:
-    """Refuse a model that makes Pinocchio's algorithms silently wrong, or whose inertias are impossible."""
-    if model.nv == 0:
-        raise InputError(f"model {model.name!r} has no joints: nothing can move")
-    for joint in range(2, model.njoints):
-        ancestors = set(model.supports[joint - 1])
-        if model.parents[joint] not in ancestors:
-            raise InputError(
-                f"the joints of model {model.name!r} are not in depth-first order: {model.names[joint]!r} follows "
-                f"{model.names[joint - 1]!r} but hangs on {model.names[model.parents[joint]]!r}. Pinocchio's crba and "
-                "derivative algorithms are then silently wrong; add each branch completely before the next one"
-            )
-    for name, inertia in zip(model.names, model.inertias, strict=True):
-        numbers = np.concatenate(([inertia.mass], inertia.lever, inertia.inertia.ravel()))
-        if not np.isfinite(numbers).all():
-            raise InputError(f"the inertia of the body at joint {name!r} is not finite")
-        if inertia.mass < 0:
-            raise InputError(f"the body at joint {name!r} has negative mass {inertia.mass:g} kg")

@@ -52,7 +52,7 @@ class Reaction:
     def __str__(self):
         parts = {"force [N]": self.force, "moment [N·m]": self.moment, "torque [N·m or N]": self.torque}
         largest = [
-            f"{name} up to {np.linalg.norm(part.reshape(len(part), -1), axis=1).max(initial=0.0):.4g}"
+            f"{name} up to {np.linalg.norm(np.atleast_2d(part.T), axis=0).max(initial=0.0):.4g}"
             for name, part in parts.items()
             if part is not None
         ]
@@ -78,7 +78,7 @@ def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") ->
     Raises
     ------
     InputError
-        No such loop; arrays of another mechanism's sizes; other axes.
+        No such loop; other axes.
     """
     if axes not in AXES:
         raise InputError(f"reaction: axes={axes!r} is not one of {', '.join(map(repr, AXES))}")
@@ -86,11 +86,6 @@ def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") ->
     if name not in names:
         others = near(name, names) or (f"; the loops are {', '.join(names)}" if names else "; it has none")
         raise InputError(f"{mechanism.name}: no loop {name!r}{others}")
-    if q.shape[1:] != (mechanism.nq,) or lam.shape[1:] != (mechanism.nc,):
-        raise InputError(
-            f"the solution has {q.shape[1]} position numbers and {lam.shape[1]} multipliers, mechanism "
-            f"{mechanism.name!r} has {mechanism.nq} and {mechanism.nc}: it is not the one that was simulated"
-        )
     model, loop = mechanism.model, mechanism.loops[names.index(name)]
     data, own = model.createData(), LoopRows(model, mechanism.loops).slices[name]
     (closure,) = LoopRows(model, (loop,)).closures

@@ -1,4 +1,4 @@
-"""Measurements: what a step costs beside Pinocchio's own calls, and how a folder of robots runs."""
+"""Measurements: what a step costs beside Pinocchio's own calls, and how robots assemble and run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import AssemblyError, InputError, PinconsistError
-from ..formats.catalogue import load
+from ..formats.catalogue import is_built_in, load
 from ..mechanism.assembly import assemble
 from ..mechanism.system import MechanismSystem
 from ..simulation import simulate
@@ -79,6 +79,26 @@ def _bare_calls(system, q, count=2000) -> float:
 
 
 @dataclass(frozen=True)
+class Assemblies:
+    """How often the loops of a robot close.
+
+    Attributes
+    ----------
+    from_neutral : bool
+        Whether they do from q = 0.
+    closed, tried : int
+        From random guesses, every velocity coordinate of q = 0 moved by up to 1 rad or m.
+    time : float
+        Median wall time of those that closed, s.
+    """
+
+    from_neutral: bool
+    closed: int
+    tried: int
+    time: float
+
+
+@dataclass(frozen=True)
 class RobotRun:
     """One robot, released from rest under gravity.
 
@@ -97,6 +117,7 @@ class RobotRun:
         Of the largest kinetic energy.
     step_time : float
         Wall time of an accepted step, s.
+    assembly : Assemblies
     """
 
     robot: str
@@ -107,21 +128,54 @@ class RobotRun:
     gap: float = 0.0
     energy_error: float = 0.0
     step_time: float = 0.0
+    assembly: Assemblies | None = None
 
 
-def robots(folder, until=0.5, tolerances=(None, 1e-7)):
-    """Simulate every robot of a folder (one sub-folder each) from rest; yields a :class:`RobotRun` at a time.
+def robots(source, until=0.5, tolerances=(None, 1e-7), tries=20):
+    """Assemble and simulate robots from rest; yields a :class:`RobotRun` at a time.
 
     A robot whose loops cannot close as written is run with point closures and re-anchored. A tolerance of None means
     the default ones.
+
+    Parameters
+    ----------
+    source : str or path
+        A folder with one sub-folder for each robot, or a robot that :func:`pinconsist.load` knows by name.
+    until : float
+        s.
+    tolerances : sequence of float or None
+    tries : int
+        Random guesses from which each is assembled.
     """
-    found = sorted(path.parent for path in Path(folder).glob("*/*.urdf"))
+    if isinstance(source, str) and is_built_in(source):
+        found = {source: source}
+    else:
+        found = {path.parent.name: path.parent for path in sorted(Path(source).glob("*/*.urdf"))}
     if not found:
-        raise InputError(f"no folder with a .urdf file in {folder}")
-    for path in found:
+        raise InputError(f"no folder with a .urdf file in {source}")
+    for name, path in found.items():
         for closure, mech in _variants(path):
+            closing = assemblies(mech, tries)
             for tol in tolerances:
-                yield _run(path.name, closure, mech, tol, until)
+                yield _run(name, closure, mech, tol, until, closing)
+
+
+def assemblies(mech, tries, seed=0) -> Assemblies:
+    """Assemble a mechanism from q = 0 and from random guesses around it."""
+    rng, neutral, times = np.random.default_rng(seed), pin.neutral(mech.model), []
+
+    def closes(q):
+        start = time.perf_counter()
+        try:
+            assemble(mech, q)
+        except AssemblyError:
+            return False
+        times.append(time.perf_counter() - start)
+        return True
+
+    from_neutral, _ = closes(neutral), times.clear()
+    closed = sum(closes(pin.integrate(mech.model, neutral, rng.uniform(-1.0, 1.0, mech.nv))) for _ in range(tries))
+    return Assemblies(from_neutral, closed, tries, float(np.median(times)) if times else np.nan)
 
 
 def _variants(path):
@@ -135,17 +189,17 @@ def _variants(path):
     return [("as written", mech)]
 
 
-def _run(name, closure, mech, tol, until):
+def _run(name, closure, mech, tol, until, closing):
     options, tol = ({}, 0.0) if tol is None else ({"rtol": tol, "atol": tol}, tol)
     start = time.perf_counter()
     try:
         sol = simulate(mech, (0.0, until), **options)
     except PinconsistError as error:
-        return RobotRun(name, closure, tol, str(error))
+        return RobotRun(name, closure, tol, str(error), assembly=closing)
     elapsed = time.perf_counter() - start
     gap, energy = _largest_gap(mech, sol.q), sol.check().energy_error
     status = "done" if sol.success else sol.message
-    return RobotRun(name, closure, tol, status, sol.nsteps, gap, energy, elapsed / max(sol.nsteps, 1))
+    return RobotRun(name, closure, tol, status, sol.nsteps, gap, energy, elapsed / max(sol.nsteps, 1), closing)
 
 
 def _largest_gap(mech, configurations) -> float:

@@ -86,6 +86,19 @@ def compare(subject, steps, *, order=1, count=6, q0=None, v0=None) -> Comparison
     Returns
     -------
     Comparison
+
+    Raises
+    ------
+    InputError
+        Arguments that cannot be used; a system without constraints, which has no multipliers.
+    AssemblyError
+        The loops of a mechanism cannot be closed.
+    PinconsistError
+        A run or the reference fails.
+
+    References
+    ----------
+    C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), section 5.
     """
     steps = np.atleast_1d(finite_array(steps, "steps"))
     if steps.size == 0 or (steps <= 0).any():

@@ -44,6 +44,15 @@ class ReferenceProblem:
 def reference_problem(name: str) -> ReferenceProblem:
     """The problems of Arévalo (2008) by name: ``"problem51"`` and ``"problem52"``.
 
+    Parameters
+    ----------
+    name : {"problem51", "problem52"}
+
+    Returns
+    -------
+    ReferenceProblem
+        With ``system``, ``t0``, ``p0``, ``v0`` and ``exact(t) -> (p, v, lam)``.
+
     Raises
     ------
     InputError
@@ -94,6 +103,13 @@ def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> 
     -------
     Reference
         With the multipliers of all rows of a mechanism, as ``sol.lam`` has them.
+
+    Raises
+    ------
+    InputError
+        Wrong sizes, NaN, or something that cannot be integrated.
+    PinconsistError
+        scipy's integrator fails, or redundant rows of the loops part on the way.
     """
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
     system, times = system_of(system, t0, p0, v0), np.atleast_1d(finite_array(times, "times"))

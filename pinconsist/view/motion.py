@@ -1,8 +1,9 @@
-"""The motion that is shown: a solution at even steps of playing time, and where that puts every body."""
+"""The motion that is shown: solutions at even steps of playing time, and where that puts every body."""
 
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
@@ -16,62 +17,105 @@ MAX_FRAMES = 3000
 log = logging.getLogger(__name__)
 
 
-def resample(mech: Mechanism, sol, speed: float, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Configurations at even steps of playing time, interpolated on the manifold.
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A solution to be shown, checked; ``elapsed`` counts from its first row, forward or backward in time."""
 
-    The frames follow the rows of the solution: a solution that runs backward in time is shown backward.
+    title: str
+    mech: Mechanism
+    elapsed: np.ndarray  # (n,), s, never falling
+    t: np.ndarray  # (n,)
+    q: np.ndarray  # (n, nq)
+    lam: np.ndarray | None  # (n, nc), where they were asked for
+
+    @classmethod
+    def of(cls, mech: Mechanism, sol, title: str = "", *, with_lam: bool = False) -> Run:
+        """The run of a solution.
+
+        Parameters
+        ----------
+        mech : Mechanism
+            Whose configurations they are.
+        sol : object
+            With ``t``, shape (n,), s, monotone, steps of any size, and ``q``, shape (n, nq).
+        title : str
+            By which it is told from others.
+        with_lam : bool
+            Whether ``lam``, shape (n, nc), is needed too.
+
+        Raises
+        ------
+        InputError
+            Not a solution of this mechanism: sizes that do not fit, times that run both ways, numbers that are not
+            finite.
+        """
+        if not isinstance(mech, Mechanism):
+            raise InputError(f"a replay needs a Mechanism, got {type(mech).__name__}")
+        needed = ("t", "q", "lam") if with_lam else ("t", "q")
+        absent = [name for name in needed if not hasattr(sol, name)]
+        if absent:
+            raise InputError(f"a replay of {mech.name!r} needs a solution; {type(sol).__name__} has no {absent[0]}")
+        t, q = finite_array(sol.t, "the solution's t"), finite_array(sol.q, "the solution's q")
+        if t.ndim != 1 or not t.size or q.shape != (t.size, mech.nq):
+            raise InputError(
+                f"a replay of {mech.name!r} needs t of shape (n,), n ≥ 1, and q of shape (n, {mech.nq}); "
+                f"got {t.shape} and {q.shape}"
+            )
+        lam = finite_array(sol.lam, "the solution's lam") if with_lam else None
+        if with_lam and lam.shape != (t.size, mech.nc):
+            raise InputError(f"forces of {mech.name!r} need lam of shape ({t.size}, {mech.nc}), got {lam.shape}")
+        elapsed = np.abs(t - t[0])
+        if np.any(np.diff(elapsed) < 0):
+            raise InputError("the solution's times run both forward and backward")
+        return cls(title, mech, elapsed, t, q, lam)
+
+    def at(self, elapsed: np.ndarray) -> Run:
+        """The run at other times, shape (m,); at rest after its end. Configurations follow the manifold."""
+        if self.t.size == 1:
+            rows = np.zeros(len(elapsed), int)
+            return Run(self.title, self.mech, elapsed, self.t[rows], self.q[rows], _rows(self.lam, rows))
+        after = np.clip(np.searchsorted(self.elapsed, elapsed, side="right"), 1, self.t.size - 1)
+        step = self.elapsed[after] - self.elapsed[after - 1]
+        share = np.where(step > 0, (elapsed - self.elapsed[after - 1]) / np.where(step > 0, step, 1.0), 1.0).clip(0, 1)
+        pairs = zip(self.q[after - 1], self.q[after], share, strict=True)
+        q = np.array([pin.interpolate(self.mech.model, *pair) for pair in pairs])
+        t, lam = (
+            None if x is None else x[after - 1] + (share * (x[after] - x[after - 1]).T).T for x in (self.t, self.lam)
+        )
+        return Run(self.title, self.mech, elapsed, t, q, lam)
+
+
+def _rows(array, rows):
+    return None if array is None else array[rows]
+
+
+def playing_times(runs, speed: float, fps: float) -> np.ndarray:
+    """Even steps of playing time, s, from 0 to the end of the longest run, shape (m,).
 
     Parameters
     ----------
-    mech : Mechanism
-        Whose configurations they are.
-    sol : object
-        With ``t``, shape (n,), s, monotone, steps of any size, and ``q``, shape (n, nq).
+    runs : sequence of Run
+        What is played.
     speed : float
         Seconds of motion per second of playing.
     fps : float
         Frames per second of playing; lowered where the motion would have more than 3000 frames.
 
-    Returns
-    -------
-    clock : ndarray, shape (m,)
-        Playing time, s, from 0.
-    q : ndarray, shape (m, nq)
-
     Raises
     ------
     InputError
-        Sizes that do not fit, times that run both ways, numbers that are not finite, `speed` or `fps` not positive.
+        `speed` or `fps` not positive.
     """
     for name, value in (("speed", speed), ("fps", fps)):
-        if not (np.isfinite(value) and value > 0):
+        if isinstance(value, str) or not (np.isfinite(value) and value > 0):
             raise InputError(f"{name} needs a positive number, got {value!r}")
-    t, q = finite_array(sol.t, "the solution's t"), finite_array(sol.q, "the solution's q")
-    if t.ndim != 1 or not t.size or q.shape != (t.size, mech.nq):
-        raise InputError(
-            f"a replay of {mech.name!r} needs t of shape (n,), n ≥ 1, and q of shape (n, {mech.nq}); "
-            f"got {t.shape} and {q.shape}"
-        )
-    elapsed = np.abs(t - t[0])
-    if np.any(np.diff(elapsed) < 0):
-        raise InputError("the solution's times run both forward and backward")
-    duration = elapsed[-1] / speed
+    duration = max(run.elapsed[-1] for run in runs) / speed
     frames = ceil(duration * fps * (1 - 1e-12)) + 1
     if frames > MAX_FRAMES:
-        log.info("replay of %s: %.4g frames per second instead of %g", mech.name, (MAX_FRAMES - 1) / duration, fps)
+        name = runs[0].mech.name
+        log.info("replay of %s: %.4g frames per second instead of %g", name, (MAX_FRAMES - 1) / duration, fps)
         frames = MAX_FRAMES
-    clock = np.linspace(0.0, duration, frames)
-    after = np.clip(np.searchsorted(elapsed, clock * speed, side="right"), 1, max(t.size - 1, 1))
-    rows = [_between(mech.model, elapsed, q, k, now) for k, now in zip(after, clock * speed, strict=True)]
-    return clock, np.array(rows)
-
-
-def _between(model, elapsed, q, k, now):
-    if elapsed.size == 1:
-        return q[0]
-    step = elapsed[k] - elapsed[k - 1]
-    share = min(max((now - elapsed[k - 1]) / step, 0.0), 1.0) if step > 0 else 1.0
-    return pin.interpolate(model, q[k - 1], q[k], share)
+    return np.linspace(0.0, duration, frames)
 
 
 def anchors(model: pin.Model, loop: Loop) -> tuple[tuple[int, pin.SE3], tuple[int, pin.SE3]]:

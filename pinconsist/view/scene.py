@@ -1,186 +1,187 @@
-"""A replay as meshcat's commands: shapes, camera, light and animation, as plain numbers and names."""
+"""A replay as meshcat's commands: one or several runs side by side, with their traces and forces, and a legend."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
-import pinocchio as pin
 
 from ..errors import InputError
-from ..mechanism.mechanism import Mechanism
-from .motion import body_poses, in_world, resample
-from .shapes import Shape, bars, buffer, simple_shapes, skeleton
+from ..mechanism.names import near
+from .arrows import ARROW, Pull, arrow, pulls, scale_of
+from .camera import camera, floor, plane_normal, surroundings, view_axes, y_up
+from .commands import Node, animation, at_start, drawn, line, placed
+from .motion import Run, body_poses, in_world, playing_times
+from .shapes import CLOSED, Shape, ball, bars, simple_shapes, skeleton
+from .side_by_side import runs_of
 
-FIELD_OF_VIEW = 40.0  # degrees, vertical
-ASPECT = 1.3  # width to height of the narrowest pane that the camera is fitted to; the page steps back in others
-TRACE, FLOOR = 0xD50000, 0xC4CAD2
+TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
+SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
+SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its plate", "distance": "at its bar's end"}
+GAP = 0.3  # between neighbours, in sizes of the scene
 
 
-def scene(mech: Mechanism, sol, *, speed: float, fps: float, traces, repetitions: int) -> dict:
-    """The replay: meshcat's ``commands`` in their order, and the ``target`` of the camera in axes with y up."""
+@dataclass(eq=False)
+class Copy:
+    """What is drawn of one run, in the axes of its own world."""
+
+    run: Run
+    path: str
+    bodies: np.ndarray  # (m, njoints, 7), world poses of the joints
+    bones: np.ndarray  # (m, k, 3), points of the skeleton
+    skin: list[Shape]  # what the robot file brings
+    pulls: list[Pull]
+    nodes: list[Node] = field(default_factory=list)
+    things: list[dict] = field(default_factory=list)
+    body: np.ndarray | None = None  # (k, 3), encloses the mechanism
+    cloud: np.ndarray | None = None  # (k, 3), encloses all that is drawn, arrows too
+
+    @property
+    def size(self) -> float:
+        return float(np.linalg.norm(np.ptp(self.bones.reshape(-1, 3), axis=0)))
+
+
+def scene(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetitions: int) -> dict:
+    """The replay as a page needs it; parameters as in :func:`pinconsist.export_html`.
+
+    Returns
+    -------
+    dict
+        ``commands`` in their order, ``target`` of the camera, ``clock`` (time at the start, seconds
+        of motion per second of playing, duration of playing), ``titles`` with the places at which they stand, and
+        ``legend``: color and text each. Places are in axes with y up.
+    """
     from .visuals import visuals  # and with it coal, only when something is shown
 
-    unknown = [name for name in traces if not mech.model.existFrame(name)]
-    if unknown:
-        raise InputError(f"{mech.name}: no frame {unknown[0]!r} to trace")
-    clock, q = resample(mech, sol, speed, fps)
-    bodies = body_poses(mech.model, q)
-    skin, bones = visuals(mech), skeleton(mech, bodies)
-    size = float(np.linalg.norm(np.ptp(bones.reshape(-1, 3), axis=0))) or 1.0
-    shapes = skin + simple_shapes(mech, bodies, size, {shape.node for shape in skin})
-    poses = np.concatenate([bodies, *(bar[:, None] for bar in bars(mech, bodies))], axis=1)
-    lines = {name: _path(mech, name, bodies) for name in traces}
+    runs, traces = runs_of(mech, sol, with_lam=forces), _names(traces)
+    for run in runs:
+        require_frames(run.mech, traces)
+    clock = playing_times(runs, speed, fps)
+    skins = {id(run.mech): run.mech for run in runs}
+    skins = {key: visuals(each) for key, each in skins.items()}
+    copies = []
+    for number, run in enumerate(runs):
+        now = run.at(clock * speed)
+        bodies = body_poses(run.mech.model, now.q)
+        path = f"/{number + 1} {_part(run.title)}" if len(runs) > 1 else ""
+        acting = pulls(now, bodies) if forces else []
+        copies.append(Copy(run, path, bodies, skeleton(run.mech, bodies), skins[id(run.mech)], acting))
+    size = max(copy.size for copy in copies) or 1.0
+    scale = scale_of([pull for copy in copies for pull in copy.pulls], size)
+    for copy in copies:
+        _draw(copy, size, traces, scale)
 
-    some = np.unique(np.linspace(0, len(q) - 1, 100).astype(int))
-    cloud = [in_world(poses[some, shape.node], shape.points) for shape in shapes]
-    cloud = np.concatenate([points.reshape(-1, 3) for points in (bones[some], *cloud)])
-    normal = plane_normal(bones)
-    camera, target = _camera(cloud, normal, size)
-    nodes = node_paths(mech)
-    out = [_object(f"{nodes[shape.node]}/{k}", shape) for k, shape in enumerate(shapes)]
-    out += [_line(f"/traces/{_part(name)}", "Line", points, TRACE) for name, points in lines.items()]
-    out += [*_surroundings(size), *camera, *([_floor(cloud, size)] if normal is None else [])]
-    out += [_placed(path, pose) for path, pose in zip(nodes[1:], poses[0, 1:], strict=True)]
+    normal = _common_normal([plane_normal(copy.bones) for copy in copies])
+    axes = view_axes(normal)
+    offsets = _offsets([copy.cloud for copy in copies], axes[0], size)
+    cloud, ground = (
+        np.concatenate([each + offset for each, offset in zip(clouds, offsets, strict=True)])
+        for clouds in ([copy.cloud for copy in copies], [copy.body for copy in copies])
+    )
+    look, target = camera(cloud, axes, size)
+    out = [thing for copy in copies for thing in copy.things]
+    out += [placed(copy.path, offset) for copy, offset in zip(copies, offsets, strict=True) if copy.path]
+    out += [*surroundings(size), *look, *([floor(ground, size)] if normal is None else [])]
+    nodes = [node for copy in copies for node in copy.nodes]
+    out += map(at_start, nodes)
     if len(clock) > 1:
-        out.append(_animation(nodes, clock, poses, repetitions))
-    return {"commands": out, "target": target}
+        out.append(animation(nodes, clock, repetitions))
+    first, last = runs[0].t[[0, -1]]
+    titles = [
+        {"text": copy.run.title, "at": y_up(_below(copy.body, axes, size) + offset)}
+        for copy, offset in zip(copies, offsets, strict=True)
+        if copy.run.title
+    ]
+    return {
+        "commands": out,
+        "target": target,
+        "clock": [first, speed * (-1.0 if last < first else 1.0), float(clock[-1])],
+        "titles": titles,
+        "legend": _legend(runs, traces, forces, scale),
+    }
 
 
-def node_paths(mech: Mechanism) -> list[str]:
-    """Path in the viewer of the ground, of each joint's body and of each bar of a distance loop."""
-    joints = [f"/bodies/{_part(name)}" for name in mech.joints]
-    bars = [f"/loops/{_part(loop.name)}" for loop in mech.anchored_loops if loop.kind == "distance"]
-    return ["/ground", *joints, *bars]
+def _names(traces) -> tuple[str, ...]:
+    if isinstance(traces, str):
+        raise InputError(f"traces needs a sequence of frame names, like traces=[{traces!r}]")
+    return tuple(dict.fromkeys(traces))
+
+
+def require_frames(mech, traces):
+    """Raise InputError for a name that is no frame of the mechanism."""
+    names = [frame.name for frame in mech.model.frames]
+    for name in traces:
+        if name not in names:
+            raise InputError(f"{mech.name}: no frame {name!r} to trace{near(name, names)}")
 
 
 def _part(name: str) -> str:
     return name.replace("/", "∕") or "unnamed"  # a slash would split the path
 
 
-def _path(mech, name, bodies) -> np.ndarray:
-    frame = mech.model.frames[mech.model.getFrameId(name)]
-    return in_world(bodies[:, frame.parentJoint], [frame.placement.translation])[:, 0]
+def _draw(copy: Copy, size: float, traces, scale):
+    """Fill in nodes, things and cloud of a copy."""
+    mech, bodies = copy.run.mech, copy.bodies
+    poses = np.concatenate([bodies, *(bar[:, None] for bar in bars(mech, bodies))], axis=1)
+    rods = [loop.name for loop in mech.anchored_loops if loop.kind == "distance"]
+    paths = [f"{copy.path}/ground", *(f"{copy.path}/bodies/{_part(name)}" for name in mech.joints)]
+    paths += [f"{copy.path}/loops/{_part(name)}" for name in rods]
+    shapes = copy.skin + simple_shapes(mech, bodies, size, {shape.node for shape in copy.skin})
+    some = np.unique(np.linspace(0, len(bodies) - 1, 100).astype(int))
+    cloud = [copy.bones[some], *(in_world(poses[some, shape.node], shape.points) for shape in shapes)]
+    copy.nodes = [Node(path, poses[:, k]) for k, path in enumerate(paths) if k]
+    for number, name in enumerate(traces):
+        frame, color = mech.model.frames[mech.model.getFrameId(name)], TRACES[number % len(TRACES)]
+        points = in_world(bodies[:, frame.parentJoint], [frame.placement.translation])[:, 0]
+        shapes.append(ball(frame.parentJoint, frame.placement.translation, 0.009 * size, color=color, on_top=True))
+        copy.things.append(line(f"{copy.path}/traces/{_part(name)}", "Line", points, color))
+        cloud.append(points[some])
+    copy.body = np.concatenate([points.reshape(-1, 3) for points in cloud])
+    cloud = [copy.body]
+    copy.things += [drawn(f"{paths[shape.node]}/{k}", shape) for k, shape in enumerate(shapes)]
+    for pull in copy.pulls if scale else ():
+        parts, tips = arrow(f"{copy.path}/forces/{_part(pull.loop)}", pull, scale, size)
+        for node, shape in parts:
+            copy.nodes.append(node)
+            copy.things.append(drawn(f"{node.path}/0", shape))
+        cloud.append(tips[some])
+    copy.cloud = np.concatenate(cloud)
 
 
-def plane_normal(bones: np.ndarray) -> np.ndarray | None:
-    """Normal, towards the viewer, of the plane along which all points, shape (n, k, 3), move; None if there is none.
-
-    The points may lie in different parallel planes. A scene at rest, or that moves along a line, is planar if all
-    its points lie in one plane.
-    """
-    steps = (bones - bones.mean(axis=0)).reshape(-1, 3)
-    places = (bones - bones.mean(axis=(0, 1))).reshape(-1, 3)
-    scale = np.linalg.norm(places, axis=1).max()
-    for spread, least in ((steps, 1e-9 * scale), (places, 0.0)):
-        _, widths, directions = np.linalg.svd(spread, full_matrices=False)
-        if len(widths) == 3 and widths[0] > least and widths[1] > 1e-3 * widths[0]:
-            if widths[2] > 1e-4 * widths[1]:
-                return None
-            normal = directions[2]
-            return normal * np.sign(normal @ [1.0, -2.0, 4.0])  # so that x, else y, points right and z, else y, up
-    return None
+def _common_normal(normals) -> np.ndarray | None:
+    """The normal of all; None where one moves in space or they differ."""
+    first = normals[0]
+    same = all(each is not None and first is not None and abs(each @ first) > 1 - 1e-6 for each in normals)
+    return first if same else None
 
 
-def _camera(cloud: np.ndarray, normal, size: float) -> tuple[list[dict], list[float]]:
-    """Camera and light that show a cloud of points, shape (k, 3), as a whole; and where the camera looks."""
-    back = np.array([0.9, -1.2, 0.7]) if normal is None else normal
-    back = back / np.linalg.norm(back)
-    right = np.array([-back[1], back[0], 0.0]) if np.hypot(*back[:2]) > 1e-6 else np.array([1.0, 0.0, 0.0])
-    right /= np.linalg.norm(right)
-    axes = np.array([right, np.cross(back, right), back])
+def _offsets(clouds, right: np.ndarray, size: float) -> list[np.ndarray]:
+    """Where the copies stand: in a row to the viewer's right, the first where its world is."""
+    offsets, edge = [], None
+    for cloud in clouds:
+        along = cloud @ right
+        shift = 0.0 if edge is None else edge + GAP * size - along.min()
+        edge = along.max() + shift
+        offsets.append(shift * right)
+    return offsets
+
+
+def _below(cloud: np.ndarray, axes: np.ndarray, size: float) -> np.ndarray:
+    """The point under the middle of a cloud, as the viewer sees it."""
     seen = cloud @ axes.T
-    middle, half = (seen.max(0) + seen.min(0)) / 2, np.ptp(seen, axis=0) / 2
-    margin = 1.2
-    distance = half[2] + margin * max(half[1], half[0] / ASPECT, 0.05 * size) / np.tan(np.radians(FIELD_OF_VIEW) / 2)
-    target = middle @ axes
-    lens, fill = "/Cameras/default/rotated/<object>", "/Lights/FillLight/<object>"
-    out = [
-        _set(lens, "fov", FIELD_OF_VIEW),
-        _set(lens, "near", distance / 1000),
-        _set(lens, "far", distance * 100),
-        _set(lens, "position", _y_up(target + distance * back)),
-        _set(fill, "position", (back + 0.6 * axes[1] - 0.5 * right).tolist()),
-        _set(fill, "intensity", 0.6),
-    ]
-    return out, _y_up(target)
+    middle = (seen.max(0) + seen.min(0)) / 2
+    return np.array([middle[0], seen[:, 1].min() - 0.06 * size, middle[2]]) @ axes
 
 
-def _y_up(point) -> list[float]:
-    x, y, z = map(float, point)
-    return [x, z, -y]
-
-
-def _surroundings(size: float) -> list[dict]:
-    return [
-        _set("/Lights/PointLightNegativeX", "visible", False),  # these two stand at fixed places and reach 10 m
-        _set("/Lights/PointLightPositiveX", "visible", False),
-        _set("/Background", "top_color", [0.98, 0.985, 0.99]),
-        _set("/Background", "bottom_color", [0.86, 0.885, 0.91]),
-        _set("/Axes", "scale", [0.2 * size] * 3),
-        _set("/Grid", "visible", False),  # of fixed size, and seen edge-on in planar scenes
-    ]
-
-
-def _floor(cloud: np.ndarray, size: float) -> dict:
-    low, high = cloud.min(0), cloud.max(0)
-    cell = 10.0 ** np.round(np.log10(size / 5))
-    x0, y0 = np.floor(low[:2] / cell) - 2
-    x1, y1 = np.ceil(high[:2] / cell) + 2
-    along_y = [[(x * cell, y0 * cell), (x * cell, y1 * cell)] for x in np.arange(x0, x1 + 1)]
-    along_x = [[(x0 * cell, y * cell), (x1 * cell, y * cell)] for y in np.arange(y0, y1 + 1)]
-    ends = np.array(along_y + along_x).reshape(-1, 2)
-    return _line("/floor", "LineSegments", np.column_stack((ends, np.full(len(ends), low[2]))), FLOOR)
-
-
-def _object(path: str, shape: Shape) -> dict:
-    material = {
-        "uuid": f"{path} material",
-        "type": "MeshPhongMaterial",
-        "color": shape.color,
-        "shininess": 20,
-        "flatShading": "data" in shape.geometry,  # a mesh shares corners between faces that meet at an edge
-        "side": 2,
-        "opacity": shape.opacity,
-        "transparent": shape.opacity < 1,
-        "depthTest": not shape.on_top,
-    }
-    matrix = shape.placement.homogeneous.T.ravel().tolist()
-    thing = {"uuid": path, "type": "Mesh", "matrix": matrix, "renderOrder": int(shape.on_top)}
-    return _three(path, thing, shape.geometry, material)
-
-
-def _line(path: str, kind: str, points: np.ndarray, color: int) -> dict:
-    material = {"uuid": f"{path} material", "type": "LineBasicMaterial", "color": color}
-    return _three(path, {"uuid": path, "type": kind}, buffer(points), material)
-
-
-def _three(path, thing, geometry, material) -> dict:
-    geometry = {**geometry, "uuid": f"{path} geometry"}
-    thing = {**thing, "geometry": geometry["uuid"], "material": material["uuid"]}
-    kind = {"version": 4.5, "type": "Object"}
-    whole = {"metadata": kind, "geometries": [geometry], "materials": [material], "object": thing}
-    return {"type": "set_object", "path": path, "object": whole}
-
-
-def _set(path: str, name: str, value) -> dict:
-    return {"type": "set_property", "path": path, "property": name, "value": value}
-
-
-def _placed(path: str, pose) -> dict:
-    matrix = pin.XYZQUATToSE3(np.array(pose)).homogeneous.T.ravel().tolist()
-    return {"type": "set_transform", "path": path, "matrix": matrix}
-
-
-def _animation(nodes, clock, poses, repetitions) -> dict:
-    digits = 7 - int(np.floor(np.log10(np.abs(poses[..., :3]).max() or 1.0)))
-    times, places, turns = clock.round(6).tolist(), poses[..., :3].round(digits), poses[..., 3:].round(7)
-    animations = []
-    for node, path in enumerate(nodes):
-        if node == 0:
-            continue
-        tracks = [
-            {"name": ".position", "type": "vector3", "times": times, "values": places[:, node].ravel().tolist()},
-            {"name": ".quaternion", "type": "quaternion", "times": times, "values": turns[:, node].ravel().tolist()},
-        ]
-        animations.append({"path": path, "clip": {"name": "default", "fps": 1, "tracks": tracks}})
-    options = {"play": True, "repetitions": repetitions}
-    return {"type": "set_animation", "path": "", "animations": animations, "options": options}
+def _legend(runs, traces, forces: bool, scale) -> list[dict]:
+    out = [{"color": TRACES[k % len(TRACES)], "text": f"path of {name}"} for k, name in enumerate(traces)]
+    kinds = {loop.kind for run in runs for loop in run.mech.anchored_loops}
+    if kinds:
+        seats = dict.fromkeys(seat for kind, seat in SEATS.items() if kind in kinds)
+        out.append({"color": CLOSED, "text": f"loop: closed where its core sits {', '.join(seats)}"})
+    if scale:
+        text = f"force of a loop on its second body (its first, where that is the ground): {scale.text}"
+        out.append({"color": ARROW, "text": text})
+    elif forces:
+        out.append({"color": ARROW, "text": "no loop pulls here"})
+    return out

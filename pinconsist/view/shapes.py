@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
+from ..mechanism.loop import Loop
 from ..mechanism.mechanism import Mechanism
 from .motion import anchors, bar_poses, in_world, turn_from_y
 
@@ -144,7 +145,7 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
     fixed += [place.translation for loop in mech.anchored_loops for j, place in anchors(mech.model, loop) if j == 0]
     if 0 not in covered:
         out += _ground(fixed, radius)
-    return out + _closures(mech, radius)
+    return out + _closures(mech, poses, radius)
 
 
 def _body(joint: int, ends, radius: float) -> list[Shape]:
@@ -186,16 +187,35 @@ def _ground(points, radius: float) -> list[Shape]:
     return blocks + [cylinder(0, *pair, 0.45 * radius, color=RAIL) for pair in pairs]
 
 
-def _closures(mech: Mechanism, radius: float) -> list[Shape]:
-    """Anchor 1 as a clear shell, anchor 2 as a red core: closed is a core inside its shell."""
+def _closures(mech: Mechanism, poses: np.ndarray, radius: float) -> list[Shape]:
+    """Anchor 1 as a clear shell, anchor 2 as a red core: closed is a core inside its shell, on its rail or plate."""
     out, bar = [], mech.model.njoints
     for loop in mech.anchored_loops:
         (joint1, place1), (joint2, place2) = anchors(mech.model, loop)
         shell = ball(joint1, place1.translation, SHELL * radius, color=CLOSED, opacity=0.35)
         core = ball(joint2, place2.translation, 0.55 * SHELL * radius, color=CLOSED)
-        out += [replace(shape, on_top=True) for shape in (shell, core)]
+        guide = _guide(loop, poses, (joint1, place1), (joint2, place2), radius)
+        out += [replace(shape, on_top=True) for shape in (shell, core, *guide)]
         if loop.kind == "distance":
             half = np.array([0.0, loop.length / 2, 0.0])
             out.append(cylinder(bar, -half, half, 0.6 * radius, color=JOINT))
             bar += 1
     return out
+
+
+def _guide(loop: Loop, poses: np.ndarray, first, second, radius: float) -> list[Shape]:
+    """Along what anchor 2 may move on body 1: the rail of a slider or cylinder, the plate of a plane."""
+    if loop.kind not in ("slider", "cylinder", "plane"):
+        return []
+    (joint1, place1), (joint2, place2) = first, second
+    axis = place1.rotation @ (np.array(loop.axis) / np.linalg.norm(loop.axis))
+    start, end = (in_world(poses[:, joint1], [place1.translation + shift])[:, 0] for shift in (np.zeros(3), axis))
+    away = in_world(poses[:, joint2], [place2.translation])[:, 0] - start
+    along = np.einsum("ij,ij->i", away, end - start)
+    if loop.kind == "plane":
+        reach = np.linalg.norm(away - along[:, None] * (end - start), axis=1).max() + SHELL * radius
+        ends = [place1.translation + shift * radius * axis for shift in (-0.1, 0.1)]
+        return [cylinder(joint1, *ends, reach, color=CLOSED, opacity=0.2)]
+    low, high = min(along.min(), 0.0) - SHELL * radius, max(along.max(), 0.0) + SHELL * radius
+    ends = [place1.translation + way * axis for way in (low, high)]
+    return [cylinder(joint1, *ends, 0.3 * radius, color=CLOSED)]

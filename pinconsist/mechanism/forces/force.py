@@ -30,6 +30,8 @@ class Force(Protocol):
 
 def as_force(force) -> Force:
     """A force from what a user may give: a Force, joint torques by name or as an array, or a callable f(t, q, v)."""
+    if isinstance(force, type):
+        raise InputError(f"a force must be an object, not the class {force.__name__}: give {force.__name__}(…)")
     if hasattr(force, "bind") or (hasattr(force, "torque") and hasattr(force, "derivatives")):
         return force
     if isinstance(force, Mapping):

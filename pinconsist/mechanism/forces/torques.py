@@ -149,7 +149,7 @@ class Torque:
                 f"{what} returned {wrong} at t = {t:.6g}; it must return two matrices of shape {shape}, "
                 "(∂τ/∂q, ∂τ/∂v), or None for either"
             )
-        return tuple(parts)
+        return tuple(None if part is None else np.asarray(part, float) for part in parts)
 
 
 def _wrong(matrix, shape) -> str:

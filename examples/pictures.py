@@ -1,0 +1,232 @@
+"""The pictures of the gallery, made by the examples themselves: python examples/pictures.py [FOLDER [NAME ...]].
+
+A still of the page that `pinconsist.export_html` writes (by a headless Chromium) beside a curve of the run.
+"""
+
+import importlib.util
+import io
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+import pinconsist as pc
+
+HERE = Path(__file__).parent
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+FLAGS = "--headless --no-sandbox --disable-quic --no-first-run --disable-background-networking --hide-scrollbars"
+FLAGS += " --disable-sync --disable-component-update --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
+WIDE, HIGH, MARGIN = 690, 600, 20  # pixels of a still
+PLAIN = "<style>.dg, #notes { display: none !important; }</style>"
+STOP = "setTimeout(() => {{ viewer.animator.pause(); viewer.animator.seek({time}); }}, 500);"
+LOOK = {
+    "font.size": 10,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
+BLUE, ORANGE = "#0072b2", "#d55e00"
+
+
+def still(mech, sol, time, traces, forces):
+    """The mechanism at a time, as its page shows it: an array of pixels."""
+    if BROWSER is None:
+        raise SystemExit("the stills need chromium, chromium-browser or google-chrome")
+    with tempfile.TemporaryDirectory() as folder:
+        page, shot = Path(folder) / "page.html", Path(folder) / "shot.png"
+        pc.export_html(mech, sol, page, traces=traces, forces=forces)
+        text = page.read_text(encoding="utf-8").rsplit("</body>", 1)
+        page.write_text(f"{PLAIN}<script>{STOP.format(time=time)}</script></body>".join(text), encoding="utf-8")
+        options = f"--window-size={WIDE},{HIGH} --virtual-time-budget=3000 --screenshot={shot}"
+        command = [BROWSER, *FLAGS.split(), *options.split(), f"--user-data-dir={folder}/user", page.as_uri()]
+        subprocess.run(command, capture_output=True, timeout=120)
+        return cropped(np.array(Image.open(shot).convert("RGB")))
+
+
+def cropped(pixels):
+    """What is dark enough to be no grid line, with a margin around it."""
+    rows, columns = (np.flatnonzero((pixels.min(axis=2) < 170).any(axis=axis)) for axis in (1, 0))
+    top, left = max(rows[0] - MARGIN, 0), max(columns[0] - MARGIN, 0)
+    return pixels[top : rows[-1] + MARGIN, left : columns[-1] + MARGIN]
+
+
+def joint(mech, sol, name):
+    """The values of a joint of one degree of freedom over time."""
+    return sol.q[:, mech.model.idx_qs[mech.joint_index(name)]]
+
+
+def height(mech, sol, frame):
+    """Of a frame over time, m."""
+    import pinocchio as pin
+
+    data, index, heights = mech.model.createData(), mech.model.getFrameId(frame), []
+    for q in sol.q:
+        pin.framesForwardKinematics(mech.model, data, q)
+        heights.append(data.oMf[index].translation[2])
+    return heights
+
+
+def force(sol, loop):
+    """Size of a loop's force over time, N."""
+    return np.linalg.norm(sol.reaction(loop).force, axis=1)
+
+
+def four_bar(axes, mech, sol):
+    axes.plot(sol.t, force(sol, mech.loops[0].name), color=BLUE)
+    return "force in the loop  [N]"
+
+
+def slider_crank(axes, mech, sol):
+    axes.plot(sol.t, sol.reaction("motor").torque, color=BLUE)
+    return "motor torque  [N·m]"
+
+
+def own_mechanism(axes, mech, sol):
+    axes.plot(sol.t, -sol.lam[:, 0], color=BLUE)
+    return "tension of the bar  [N]"
+
+
+def latch(axes, mech, sol):
+    axes.plot(sol.t, np.abs(joint(mech, sol, "hinge")), color=BLUE)
+    return "angle of the rod from the catch on  [rad]"
+
+
+def pendulum(axes, mech, sol):
+    axes.plot(sol.t, sol.lam[:, 0], "o-", color=BLUE, markersize=3, label="BDF")
+    axes.plot(sol.t, -4 * (1 + sol.t) ** 2, "--", color=ORANGE, label="exact")
+    axes.legend(frameon=False)
+    return "multiplier  [N]"
+
+
+def andrews(axes, mech, sol):
+    for loop, dash in zip(mech.loops, ("-", "--", ":"), strict=True):
+        axes.plot(1e3 * sol.t, force(sol, loop.name), dash, label=loop.name)
+    axes.legend(frameon=False)
+    axes.set_xlabel("t  [ms]")
+    return "forces in the loops  [N]"
+
+
+def bricard(axes, mech, sol):
+    axes.plot(sol.t, height(mech, sol, "P3"), color=BLUE)
+    return "height of P3  [m]"
+
+
+def delta(axes, mech, sol):
+    for i, dash in enumerate(("-", "--", ":"), start=1):
+        axes.plot(sol.t, sol.reaction(f"motor{i}").torque, dash, label=f"motor {i}")
+    axes.margins(y=0.2)
+    axes.legend(frameon=False, loc="upper center", ncols=3, handlelength=1.5, columnspacing=1.0)
+    return "motor torques  [N·m]"
+
+
+def cassie(axes, mech, sol):
+    for side, dash in (("left", "-"), ("right", "--")):
+        axes.plot(sol.t, force(sol, f"{side}-plantar-foot-joint"), dash, label=side)
+    axes.legend(frameon=False)
+    return "force in the feet's loops  [N]"
+
+
+def gripper(axes, mech, sol):
+    axes.plot(sol.t, np.degrees(joint(mech, sol, "left_crank")), color=BLUE)
+    return "left crank, up to the contact  [°]"
+
+
+def strandbeest(axes, mech, sol):
+    axes.plot(sol.t, height(mech, sol, "foot"), color=BLUE)
+    return "height of the foot  [m]"
+
+
+def car_axis(axes, mech, sol):
+    axes.plot(sol.t, sol.q[:, 1], color=BLUE, label="left end")
+    axes.plot(sol.t, sol.q[:, 3], "--", color=ORANGE, label="right end")
+    axes.legend(frameon=False)
+    return "height of the axis"
+
+
+def ensemble(axes, mech, solutions):
+    angles = np.array([np.pi / 2 - sol.q[:, 0] for sol in solutions])
+    axes.plot(solutions[0].t, angles.T, color="#b0b4b8", linewidth=0.7)
+    axes.plot(solutions[0].t, angles.mean(axis=0), color=BLUE, linewidth=2, label="mean")
+    axes.legend(frameon=False)
+    return "angle from hanging  [rad]"
+
+
+def linearisation(axes, mech, sol):
+    modes, rest = pc.linearize(mech, sol.q[0]).modes(), sol.q[0, 0]
+    axes.plot(sol.t, sol.q[:, 0] - rest, color=BLUE, label="nonlinear")
+    s = modes.eigenvalues[0]
+    axes.plot(sol.t, (0.2 / s.imag * np.exp(s * sol.t)).imag, "--", color=ORANGE, label="its mode")
+    axes.legend(frameon=False)
+    return "crank beside its equilibrium  [rad]"
+
+
+FIGURES = {  # curve, time of the still or None, traces in it
+    "02_four_bar": (four_bar, 1.0, ("coupler_tip",)),
+    "03_driven_slider_crank": (slider_crank, 0.05, ()),
+    "04_own_mechanism": (own_mechanism, 0.3, ("left_tip", "right_tip")),
+    "05_events": (latch, 0.3, ("ball",)),
+    "06_pendulum": (pendulum, None, ()),
+    "07_andrews": (andrews, 0.012, ()),
+    "08_bricard": (bricard, 0.7, ("P3",)),
+    "09_delta_robot": (delta, 0.3, ("platform",)),
+    "10_cassie": (cassie, 0.15, ()),
+    "11_gripper": (gripper, 1.0, ()),
+    "12_strandbeest": (strandbeest, 0.1, ("foot",)),
+    "13_own_dae": (car_axis, None, ()),
+    "14_ensemble": (ensemble, None, ()),
+    "15_linearisation": (linearisation, 0.5, ()),
+}
+
+
+ARROWS = {"02_four_bar", "04_own_mechanism", "12_strandbeest"}  # stills with the forces of the loops
+
+
+def example(name):
+    """The module of an example."""
+    spec = importlib.util.spec_from_file_location(name, HERE / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def figure_of(name):
+    """The figure of an example."""
+    result = example(name).run()
+    if name not in FIGURES:
+        return pc.plot_comparison(result.runs)
+    mech, sol = result[0], result[-1]
+    curve, time, traces = FIGURES[name]
+    with matplotlib.rc_context(LOOK):
+        figure = Figure(figsize=(8.0, 3.3), layout="constrained")
+        if time is None:
+            axes = figure.subplots()
+        else:
+            left, axes = figure.subplots(1, 2)
+            left.imshow(still(mech, sol, time, traces, forces=name in ARROWS))
+            left.set_axis_off()
+        axes.set_xlabel("t  [s]")
+        axes.set_title(curve(axes, mech, sol), loc="left", fontsize=10)
+    return figure
+
+
+def make(name, folder) -> Path:
+    """Write the picture of an example, in few colours to keep it small."""
+    image = io.BytesIO()
+    figure_of(name).savefig(image, format="png", dpi=100)
+    path = Path(folder) / f"{name}.png"
+    Image.open(image).convert("RGB").quantize(256, kmeans=1, dither=Image.Dither.NONE).save(path, optimize=True)
+    return path
+
+
+if __name__ == "__main__":
+    folder, *names = sys.argv[1:] or [HERE / "pictures"]
+    for each in names or ["01_exact_and_consistent", *FIGURES]:
+        made = make(each, folder)
+        print(f"{made}: {made.stat().st_size / 1000:.0f} kB")

@@ -1,0 +1,29 @@
+"""Other integrators of the same equations, one file each, written as their own documentation writes it."""
+
+from __future__ import annotations
+
+from .casadi_idas import CasadiIdas
+from .constraint_dynamics import ScipyIvp
+from .exudyn_alpha import ExudynAlpha
+from .ida import Ida
+from .mujoco_soft import Mujoco
+from .own import Own
+from .solve_dae_ggl import SolveDae
+
+OWN = "pinconsist BDF"
+"""What the others are measured against."""
+
+
+def peers() -> list:
+    """Every method that can be measured, installed or not, the package's own first."""
+    return [
+        Own("BDF", 5),
+        *(Own("BDF", order) for order in (2, 3)),
+        Own("ImplicitEuler", 1),
+        *(ScipyIvp(method) for method in ("DOP853", "LSODA", "Radau")),
+        *(SolveDae(method) for method in ("BDF", "Radau")),
+        *(Ida(form) for form in ("GGL", "index 1")),
+        CasadiIdas(),
+        *(ExudynAlpha(index) for index in (3, 2)),
+        Mujoco(),
+    ]

@@ -1,0 +1,130 @@
+"""What every method is given to solve, what it gives back, and the interface of a method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+
+from ...mechanism.mechanism import Mechanism
+from ...mechanism.system import MechanismSystem
+
+STEPS = (1000, 4000, 16000, 64000)
+"""Steps of the methods that have no error control, for each of four tolerances."""
+
+
+class Rows(NamedTuple):
+    """A solution: t (n,), q (n, nq), v (n, nv), lam (n, nc) of all rows of the loops, at minimum norm."""
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    lam: np.ndarray
+
+
+@dataclass(frozen=True)
+class Problem:
+    """An initial value problem of a mechanism, from a state that satisfies its constraints.
+
+    Attributes
+    ----------
+    name, description : str
+    mechanism : Mechanism
+    span : (float, float)
+        s.
+    q0, v0 : ndarray
+    """
+
+    name: str
+    description: str
+    mechanism: Mechanism
+    span: tuple[float, float]
+    q0: np.ndarray
+    v0: np.ndarray
+
+    @cached_property
+    def system(self) -> MechanismSystem:
+        """The equations that all methods on Pinocchio evaluate, by the same calls as the package's own."""
+        return MechanismSystem(self.mechanism, self.q0, self.span[0])
+
+    def multipliers(self, q, kept) -> np.ndarray:
+        """λ of all rows from λ of the kept ones, for stacks."""
+        return self.system.full_multipliers(np.asarray(q), np.asarray(kept))
+
+    def multipliers_of_forces(self, q, forces) -> np.ndarray:
+        """λ of all rows from the joint forces Jᵀλ, for stacks."""
+        solved = [
+            np.linalg.lstsq(self.system.loop_rows(row)[1].T, force, rcond=1e-10)[0]
+            for row, force in zip(q, forces, strict=True)
+        ]
+        return np.array(solved)
+
+
+class Peer:
+    """One method.
+
+    Attributes
+    ----------
+    name : str
+    package : str
+        As pip knows it.
+    module : str
+        As Python imports it.
+    fixed_step : bool
+        The tolerance chooses among :data:`STEPS` numbers of steps.
+    """
+
+    name = package = module = ""
+    fixed_step = False
+
+    def missing(self) -> str | None:
+        """Why the method is not there, or None."""
+        if find_spec(self.module) is None:
+            return f"{self.package} is not installed: pip install 'pinconsist[peers]'"
+        return None
+
+    def version(self) -> str:
+        """Of the package."""
+        try:
+            return version(self.package)
+        except PackageNotFoundError:
+            return "?"
+
+    def can(self, problem: Problem) -> str | None:
+        """Why the method cannot do this problem, or None."""
+        if not problem.system.vector_like:
+            return "configurations that are no vectors (unit quaternions, cos and sin)"
+        return None
+
+    def prepare(self, problem: Problem, tol: float) -> tuple[Callable, Callable]:
+        """(solve, read): ``solve()`` is what is timed, ``read(its result, thin) -> Rows`` is not.
+
+        ``thin(n)`` gives the indices of the steps that are looked at.
+        """
+        raise NotImplementedError
+
+    def run(self, problem: Problem, tol: float) -> Rows:
+        """All steps of a run."""
+        solve, read = self.prepare(problem, tol)
+        return read(solve(), np.arange)
+
+
+def number_of_steps(tol) -> int:
+    """Steps of a method without error control: four times as many for every factor 100 in the tolerance from 1e-3."""
+    return round(STEPS[0] * 4.0 ** (-np.log10(tol) / 2 - 1.5))
+
+
+def needs_plain_joints(problem: Problem) -> str | None:
+    """A reason where some joint is not a hinge or slider along a coordinate axis."""
+    known = {f"JointModel{kind}{axis}" for kind in "RP" for axis in "XYZ"}
+    other = {joint.shortname() for joint in list(problem.mechanism.model.joints)[1:]} - known
+    return f"joints of kind {', '.join(sorted(other))}" if other else None
+
+
+class SolverFailed(Exception):
+    """A method gave up; its message says why."""

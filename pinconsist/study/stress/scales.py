@@ -1,0 +1,148 @@
+"""Masses, lengths, stiffnesses and speeds of any size, on a four-bar whose answer follows from one of ordinary size."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+
+from ...mechanism.assembly import assemble
+from ...mechanism.forces import JointDamping, JointSpring
+from ...mechanism.loops import Loop
+from ...mechanism.mechanism import Mechanism
+from ...simulation import simulate
+from ..reference import reference_solution
+from .case import EITHER, HELD, MAX_STEPS, Case, Figure, completed, largest, relative
+from .scenes import MASSES, NAMES, START, add_frame, four_bar
+
+UNTIL = 1.0
+BEFORE_DEAD_CENTRE = 0.3
+"""Until when no rod is lined up with another, s: a heavy rocker whips a light crank through its dead centre."""
+RTOL = 1e-7
+GROWTH = 1e3
+"""Of the tolerance, that an end error may have."""
+
+
+def cases():
+    """Yield the cases."""
+    for exponent in (2, 4, 6, 8):
+        for sign in (1, -1):
+            for part in range(3):
+                ratio = 10.0 ** (sign * exponent)
+                yield Case("mass ratio", f"{NAMES[part]} times {ratio:.0e}", partial(_mass, part, ratio))
+        whipped = f"rocker times {10.0**exponent:.0e}, through the crank's dead centre"
+        yield Case("mass ratio", whipped, partial(_whipped, 10.0**exponent), EITHER)
+    for exponent in (-6, -5, -4, -3, -2, -1, 1, 2, 3):
+        yield Case("length", f"all lengths times {10.0**exponent:.0e}", partial(_length, 10.0**exponent))
+    for exponent in range(4, 11):
+        for damped in (True, False):
+            kind = "with damper" if damped else "undamped"
+            check = partial(_stiffness, 10.0**exponent, damped)
+            expected = HELD if damped else EITHER  # an undamped one may well need more steps than there are
+            yield Case(
+                "stiffness", f"coupler on a spring of {10.0**exponent:.0e} N/m, {kind}", check, expected, "steps"
+            )
+    for speed in (1.0, 1e2, 1e4, 1e6):
+        yield Case("speed", f"crank at {speed:.0e} rad/s, two turns", partial(_speed, speed))
+    for speed in (1e2, 1e4):
+        yield Case("speed", f"top on a pivot loop at {speed:.0e} rad/s, 10 turns", partial(_top, speed))
+    yield Case("speed", "crank at 1e+12 rad/s for a second", _hopeless, EITHER, "max_steps|step")
+
+
+def _against(sol, rows, scale=1.0, time=1.0):
+    """Figures of the last row against a reference of unit size whose forces are `scale`, times `time` as large."""
+    error_v = relative(sol.v[-1] * time, rows.v[-1])
+    error_l = largest(sol.lam[-1] / scale - rows.lam[-1]) / largest(rows.lam[-1])
+    return [
+        Figure("error of q", relative(sol.q[-1], rows.q[-1]), GROWTH * RTOL),
+        Figure("error of v, relative", error_v, GROWTH * RTOL),
+        Figure("error of λ, relative", error_l, 10 * GROWTH * RTOL),
+    ]
+
+
+def _reference(mech, q0, v0, until):
+    start = assemble(mech, q0, v0)
+    return reference_solution(mech, 0.0, start.q, start.v, [0.0, until], rtol=1e-12, atol=1e-12)
+
+
+def _mass(part, ratio):
+    """One body much heavier or lighter than the others, against scipy."""
+    masses = [mass * (ratio if i == part else 1.0) for i, mass in enumerate(MASSES)]
+    mech, until = four_bar(masses=masses), BEFORE_DEAD_CENTRE
+    sol = completed(simulate(mech, (0.0, until), START, rtol=RTOL, atol=RTOL, max_steps=MAX_STEPS))
+    return _against(sol, _reference(mech, START, None, until))
+
+
+def _whipped(ratio):
+    """The light crank reaches thousands of rad/s for a moment, and no energy must be made there."""
+    mech = four_bar(masses=[*MASSES[:2], MASSES[2] * ratio])
+    sol = completed(simulate(mech, (0.0, UNTIL), START, rtol=RTOL, atol=RTOL, max_steps=MAX_STEPS))
+    proof = sol.check()
+    return [Figure("energy error", proof.energy_error, 1e-3), Figure("loop gap [m]", proof.position, 1e-8)]
+
+
+def _length(size):
+    """Under the same gravity all angles are the same at times √size: only the numbers are other ones."""
+    slow = np.sqrt(size)
+    tolerances = {"rtol": RTOL, "atol": (RTOL, RTOL / slow)}
+    sol = completed(simulate(four_bar(size=size), (0.0, UNTIL * slow), START, max_steps=MAX_STEPS, **tolerances))
+    return _against(sol, _reference(four_bar(), START, None, UNTIL), time=slow)
+
+
+def _stiffness(stiffness, damped):
+    """A coupler that gives: the motion of the rigid one up to what its load, about 100 N, stretches it."""
+    until = BEFORE_DEAD_CENTRE
+    rows = _reference(four_bar(), START, None, until)
+    forces = [JointSpring("give", stiffness)]
+    if damped:
+        forces.append(JointDamping({"give": 2 * np.sqrt(stiffness)}))
+    mech = four_bar(forces=forces, give="give")
+    start = START | {"give": 0.0}
+    sol = completed(simulate(mech, (0.0, until), start, rtol=RTOL, atol=RTOL, max_steps=MAX_STEPS))
+    angles = sol.q[-1][[0, 1, 3]]
+    proof = sol.check()
+    return [
+        Figure("angles against the rigid coupler's", largest(angles - rows.q[-1]), 1e3 / stiffness + GROWTH * RTOL),
+        Figure("constraint forces", proof.force, 1e-2),
+        Figure("loop gap [m]", proof.position, 1e-8),
+    ]
+
+
+def _speed(speed):
+    """Without gravity all speeds give one path; forces grow with the square."""
+    mech, turns = four_bar(gravity=0.0), 4 * np.pi
+    tolerances = {"rtol": RTOL, "atol": (RTOL, RTOL * speed)}
+    sol = completed(simulate(mech, (0.0, turns / speed), START, {"crank": speed}, max_steps=MAX_STEPS, **tolerances))
+    return _against(sol, _reference(mech, START, {"crank": 1.0}, turns), scale=speed**2, time=1.0 / speed)
+
+
+def _top(speed):
+    """A free body, round about its axis, on a pivot: without gravity axis and angular momentum stand still."""
+    model = pin.Model()
+    model.gravity.setZero()
+    free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "top")
+    body = pin.Inertia(1.0, np.array([0.0, 0.0, 0.3]), np.diag([0.02, 0.02, 0.03]))
+    model.appendBodyToJoint(free, body, pin.SE3.Identity())
+    add_frame(model, free, "pivot", pin.SE3.Identity())
+    mech = Mechanism(model, [Loop("pivot", "point", "pivot")])
+    spin = np.array([0.0, 0.0, 0.0, 0.3 * speed, 0.1 * speed, speed])
+    sol = completed(
+        simulate(mech, (0.0, 20 * np.pi / speed), None, spin, rtol=RTOL, atol=(RTOL, RTOL * speed), max_steps=MAX_STEPS)
+    )
+    about_pivot = np.diag([0.11, 0.11, 0.03])
+    momenta = [pin.Quaternion(q[3:7]).matrix() @ about_pivot @ v[3:] for q, v in zip(sol.q, sol.v, strict=True)]
+    proof = sol.check()
+    size = largest(momenta[0])
+    return [
+        Figure("angular momentum, relative", largest(np.subtract(momenta, momenta[0])) / size, GROWTH * RTOL),
+        Figure("energy error", proof.energy_error, GROWTH * RTOL),
+        Figure("loop gap [m]", proof.position, 1e-8),
+    ]
+
+
+def _hopeless():
+    """More turns than steps are allowed: it must end, and say so."""
+    mech = four_bar(gravity=0.0)
+    completed(simulate(mech, (0.0, 1.0), START, {"crank": 1e12}, max_steps=200))
+    return [Figure("a success with fewer steps than turns", 1.0, 0.5)]

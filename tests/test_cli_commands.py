@@ -1,0 +1,175 @@
+"""Commands found by guessing: plot, models, check at a position of one's own, and what every command has."""
+
+from __future__ import annotations
+
+import json
+import re
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinconsist
+from pinconsist.cli import main
+from pinconsist.cli.app import OVERVIEW, app
+from pinconsist.cli.scene import joint_values
+
+COMMANDS = [command.name for command in app.registered_commands]
+KANGAROO = Path(__file__).resolve().parents[2] / "shared" / "robots" / "kangaroo_like"
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    """Run the command line in an empty folder, 80 columns wide → exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(each) for each in arguments])
+        return end.value.code, *capsys.readouterr()
+
+    return call
+
+
+def test_the_overview_names_every_command_and_fits_80_columns():
+    assert max(map(len, OVERVIEW.splitlines())) <= 80
+    assert set(re.findall(r"^  pinconsist (\w+)", OVERVIEW, re.MULTILINE)) == set(COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_help_has_an_example_and_the_exit_codes(run, command):
+    code, out, _ = run(command, "--help")
+    assert code == 0 and f"Example: pinconsist {command}" in out and "Exit codes: 0 fine" in out
+    assert max(map(len, out.splitlines())) <= 80
+    assert out.count("pinconsist ") >= 2 and ("--json" in out or command == "replay")
+
+
+def test_the_overall_help_has_the_exit_codes(run):
+    assert "Exit codes: 0 fine" in run("--help")[1]
+
+
+def test_plot_of_a_saved_run(run):
+    run("simulate", "four_bar", "--until", 0.2, "--out", "run.npz")
+    code, out, err = run("plot", "run.npz", "--what", "multipliers, energy,drift", "--out", "lam.svg")
+    assert (code, err) == (0, "") and out.startswith("four_bar: t = 0 … 0.2 s") and out.endswith("written: lam.svg\n")
+    assert "<svg" in Path("lam.svg").read_text()
+
+
+def test_plot_of_a_scene_simulates_it_and_names_the_file_after_it(run):
+    code, out, _ = run("plot", "planar_pendulum", "--what", "phase", "--until", 0.5, "--json")
+    told = json.loads(out)
+    assert code == 0 and told["files"] == {"out": "planar_pendulum.png"} and told["t"] == [0, 0.5]
+    assert Path("planar_pendulum.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["four_bar", "--what", "forces"], "there is no picture 'forces'; there are trajectory, multipliers"),
+        (["four_bar", "--what", ""], "there is no picture ''"),
+        (["four_bar", "--out", "x.doc"], "must end in one of"),
+        (["four_bar", "--out", "nowhere/x.png"], "there is no folder"),
+        (["four_bar", "--scene", "five_bar"], "--scene"),
+        (["run.npz", "--until", "1"], "--until"),
+        (["nowhere.npz"], "nowhere.npz: no such file"),
+        (["four_barr"], "four_bar"),
+    ],
+)
+def test_plots_that_cannot_be(run, arguments, message):
+    code, _, err = run("plot", *arguments)
+    assert code == 2 and err.startswith("pinconsist: error: ") and message in err and not list(Path().iterdir())
+
+
+def test_a_picture_that_a_run_does_not_have_leaves_no_file(run):
+    code, _, err = run("plot", "planar_pendulum", "--what", "drift")
+    assert code == 2 and "no constraints" in err and not list(Path().iterdir())
+
+
+def test_a_plot_of_an_interrupted_run_is_drawn(run, monkeypatch):
+    def interrupted(mech, span, **options):
+        def stop(t, q, v, lam):
+            if t > 0.5:
+                raise KeyboardInterrupt
+
+        return simulate(mech, span, **options | {"callback": stop})
+
+    simulate = pinconsist.simulate
+    monkeypatch.setattr("pinconsist.simulation.simulate", interrupted)
+    code, out, _ = run("plot", "four_bar", "--out", "part.png")
+    assert code == 130 and "interrupted at t = 0.5" in out and Path("part.png").stat().st_size
+
+
+def test_models_lists_families_and_the_robots_that_are_installed(run, monkeypatch):
+    told = json.loads(run("models", "--json")[1])
+    assert {"chain_<n>", "four_bar"} <= told["models"].keys()
+    for robot in told["robots"]:
+        assert pinconsist.load(robot).nv > 0
+
+    def missing(name):
+        raise pinconsist.MissingExtraError(name)
+
+    monkeypatch.setattr("pinconsist.formats.robots.robot_file", missing)
+    assert json.loads(run("models", "--json")[1])["robots"] == []
+    out = run("models")[1]
+    assert "robots that can be had by: pip install 'pinconsist[robots]'\n  cassie, " in out and "which is" not in out
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("pi", pi), ("-pi/2", -pi / 2), ("2pi/3", 2 * pi / 3), ("+.5*pi", pi / 2), ("1e-3", 1e-3)],
+)
+def test_joint_values_may_be_parts_of_pi(text, value):
+    assert joint_values([f"a={text}"], "--at") == {"a": [value]}
+    assert joint_values([f"a=1,{text}"], "--at") == {"a": [1.0, value]}
+
+
+@pytest.mark.parametrize("text", ["pie", "pi/0", "pi/", "pi pi", "2**pi", ""])
+def test_other_words_are_no_joint_values(text):
+    with pytest.raises(pinconsist.InputError, match="is not a number"):
+        joint_values([f"a={text}"], "--at")
+
+
+LEVEL = ("--at", "crank0=pi/2", "crank1=pi/2", "crank2=pi/2")
+
+
+def test_check_at_a_singular_position(run):
+    """All bars in line: no loop row but those along z is left, and the bars can fold three ways."""
+    code, out, err = run("check", "n_four_bar_2", *LEVEL)
+    assert code == 2 and "rank 2 here and 4 nearby" in err
+    assert "rows: 10, of which 2 independent and 8 redundant\nmobility: 3\n" in out
+    assert "redundant: (B1 x, y, tilt1, tilt2) = 0 for every motion" in out
+    told = json.loads(run("check", "n_four_bar_2", *LEVEL, "--json")[1])
+    assert (told["rank"], told["mobility"], told["regular"]) == (2, 3, False)
+    assert np.isclose(told["q"]["crank0"], pi / 2)
+
+
+def test_check_names_the_rows_a_redundant_row_depends_on(run):
+    """Bricard: five rows of rank four, so that one row is a combination of the others; the factors are the columns'."""
+    told = json.loads(run("check", "bricard", "--json")[1])
+    assert (told["rows"], told["rank"], told["mobility"]) == (5, 4, 1)
+    (redundant,) = told["redundant"]
+    mech = pinconsist.load("bricard")
+    names = [row for _, row in mech.row_labels]
+    q = pinconsist.assemble(mech).q
+    J = finite_differences(mech, q)
+    combined = sum(term["factor"] * J[names.index(term["row"])] for term in redundant["depends_on"])
+    np.testing.assert_allclose(J[names.index(redundant["row"])], combined, atol=1e-7)
+
+
+def finite_differences(mech, q, step=1e-6):
+    from pinconsist.mechanism.system import MechanismSystem
+
+    system = MechanismSystem(mech, q)
+    columns = [
+        (system.loop_rows(q + step * e)[0] - system.loop_rows(q - step * e)[0]) / (2 * step) for e in np.eye(mech.nv)
+    ]
+    return np.array(columns).T
+
+
+@pytest.mark.skipif(not KANGAROO.is_dir(), reason="the robots are not here")
+def test_check_of_a_leg_with_many_redundant_rows(run):
+    code, out, _ = run("check", KANGAROO, "--reanchor")
+    assert code == 0 and "rows: 66, of which 53 independent and 13 redundant\nmobility: 10\n" in out
+    assert max(map(len, out.splitlines())) <= 80

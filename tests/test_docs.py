@@ -1,0 +1,94 @@
+"""The theory page's code does what the page says; and everything public says its shapes, units, errors."""
+
+import doctest
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+import pinconsist as pc
+from pinconsist.dae.problem import Index3System
+from pinconsist.mechanism.forces import Force
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [page for page in sorted((ROOT / "docs").glob("*.md")) if ">>>" in page.read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_code_on_the_pages(page):
+    text = re.sub(r"^```\w*$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE)  # else expected as output
+    test = doctest.DocTestParser().get_doctest(text, {}, page.name, str(page), 0)
+    assert len(test.examples) > 5
+    report = []
+    doctest.DocTestRunner().run(test, out=report.append)
+    assert not report, "".join(report)
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "examples" / "README.md"], ids=lambda page: page.name)
+def test_links_and_files_named_on_the_pages_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#]+)\)", text):
+        assert target.startswith("http") or (page.parent / target).is_file(), target
+    for path in re.findall(r"`(pinconsist/[\w/]+\.py)`", text):
+        assert (ROOT / path).is_file(), path
+
+
+def sections(doc):
+    """The headings of a numpy-style docstring."""
+    return set(re.findall(r"^(\w+)\n-+$", inspect.cleandoc(doc), flags=re.MULTILINE))
+
+
+def own_members(cls):
+    """Public methods and properties that a class itself defines."""
+    for name, member in vars(cls).items():
+        function = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+        if not name.startswith("_") and inspect.isfunction(function):
+            yield name, function, isinstance(member, property)
+
+
+CLASSES = [name for name in pc.__all__ if inspect.isclass(getattr(pc, name))]
+FUNCTIONS = [name for name in pc.__all__ if name not in CLASSES]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_functions_say_what_they_take_and_give(name):
+    function = getattr(pc, name)
+    documented = inspect.cleandoc(function.__doc__)
+    for other in re.findall(r"[Pp]arameters (?:and errors )?as :func:`(\w+)`", documented):
+        documented += "\n\n" + inspect.cleandoc(getattr(pc, other).__doc__)
+    found = sections(documented)
+    parameters = inspect.signature(function).parameters
+    assert "Parameters" in found or not parameters
+    for parameter in parameters:
+        assert re.search(rf"^[\w, \\*]*\b{parameter}\b|`{parameter}`", documented, flags=re.MULTILINE), parameter
+    assert {"Returns", "Raises"} <= found
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_classes_say_what_they_hold(name):
+    cls = getattr(pc, name)
+    documented = inspect.cleandoc(cls.__doc__)
+    if issubclass(cls, Exception):
+        assert documented and ("Attributes" in documented or "__init__" not in vars(cls))
+        return
+    assert sections(documented) & {"Parameters", "Attributes"}
+    for field in inspect.signature(cls).parameters:
+        assert field.startswith("_") or re.search(rf"\b{field}\b", documented), field
+
+
+PROTOCOLS = (Index3System, Force)  # these say once what the members of all that follow them do
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_methods_and_properties_say_what_they_do(name):
+    for member, function, is_property in own_members(getattr(pc, name)):
+        known = any(member in vars(protocol) or f"``{member}(" in protocol.__doc__ for protocol in PROTOCOLS)
+        documented = function.__doc__ or (member if known else "")
+        assert documented, f"{name}.{member}"
+        own = inspect.getsource(function).replace(documented, "")
+        if "raise InputError" in own and function.__doc__ and member != "at":  # that is called by integrate
+            assert "Raises" in sections(documented) or "Error" in documented, f"{name}.{member}"
+        if "Parameters" in sections(documented) and not is_property:
+            for parameter in list(inspect.signature(function).parameters)[1:]:
+                assert re.search(rf"\b{parameter}\b", documented), f"{name}.{member}({parameter})"

@@ -1,0 +1,203 @@
+"""Pictures of a solution: each shows the numbers it should, in lines that differ also where colours do not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import pinconsist as pc
+from pinconsist.view.plots import PICTURES
+
+pytest.importorskip("matplotlib")
+
+
+@pytest.fixture(scope="module")
+def rocker():
+    return pc.load("crank_rocker")
+
+
+@pytest.fixture(scope="module")
+def sol(rocker):
+    return pc.simulate(rocker, (0, 0.5), v0={"crank": 12})
+
+
+def named(axis):
+    """Label → line, of the lines in the legend."""
+    return {line.get_label(): line for line in axis.lines if not line.get_label().startswith("_")}
+
+
+def test_trajectory_shows_q_and_v(sol):
+    q, v = pc.plot_trajectory(sol).axes
+    for axis, values in ((q, sol.q), (v, sol.v)):
+        assert list(named(axis)) == ["crank", "coupler", "rocker"]
+        for k, line in enumerate(named(axis).values()):
+            np.testing.assert_array_equal(line.get_ydata(), values[:, k])
+
+
+def test_multipliers_are_magnified_and_zero_rows_are_no_clutter(sol):
+    whole, first = pc.plot_multipliers(sol).axes
+    assert set(named(whole)) == {"rocker_ground x", "rocker_ground z", "3 zero throughout"}
+    np.testing.assert_array_equal(named(whole)["rocker_ground x"].get_ydata(), sol.lam[:, 0])
+    same = next(line for line in first.lines if line.get_label() == "rocker_ground x")
+    np.testing.assert_array_equal(same.get_ydata(), sol.lam[:21, 0])
+    assert same.get_linestyle() == named(whole)["rocker_ground x"].get_linestyle()
+
+
+def test_drift_is_that_of_the_certificate(sol, rocker):
+    gaps, rates = (axis.lines[0].get_ydata() for axis in pc.plot_drift(sol).axes)
+    certificate = sol.check()
+    assert np.nanmax(gaps) == pytest.approx(certificate.position, rel=1e-6)
+    assert np.nanmax(rates) == pytest.approx(certificate.velocity, rel=1e-6)
+
+
+def test_drift_of_plain_bdf_is_seen_in_the_velocities(rocker):
+    step = {"step": 0.005, "max_order": 1}
+    exact = pc.simulate(rocker, (0, 0.1), v0={"crank": 12}, consistency="exact", **step)
+    largest = [np.nanmax(axis.lines[0].get_ydata()) for axis in pc.plot_drift(exact).axes]
+    assert largest[0] < 1e-8 < 1e-3 < largest[1]
+
+
+def test_drift_of_a_general_problem_and_of_a_drive(rocker):
+    case = pc.reference_problem("problem52")
+    made = pc.integrate(case.system, (case.t0, case.t0 + 0.1), case.p0, case.v0, step=0.01, max_order=1)
+    assert np.nanmax(pc.plot_drift(made).axes[0].lines[0].get_ydata()) < 1e-9
+    turning = pc.Drive("motor", "crank", lambda t: 3.0 * t, lambda t: 3.0, lambda t: 0.0)
+    driven = rocker.with_loops(*rocker.loops, turning)
+    driven = pc.simulate(driven, (0, 0.2))
+    rates = [np.nanmax(line.get_ydata()) for line in pc.plot_drift(driven).axes[1].lines]
+    assert len(rates) == 2 and max(rates) < 1e-5  # Φ_t of the drive is in: 3 rad/s without it
+
+
+def test_of_many_loops_the_worst_are_shown():
+    mech = pc.load("n_four_bar_14")
+    worst = [named(axis) for axis in pc.plot_drift(pc.simulate(mech, (0, 0.05), v0={"crank0": 1})).axes]
+    assert [len(lines) for lines in worst] == [12, 12]
+
+
+def test_energy_is_the_solutions_own(sol, rocker):
+    parts, error = pc.plot_energy(sol).axes
+    energy = sol.energy()
+    assert list(named(parts)) == ["kinetic", "potential", "total"]
+    np.testing.assert_array_equal(named(parts)["kinetic"].get_ydata(), energy.kinetic)
+    np.testing.assert_array_equal(error.lines[0].get_ydata(), energy.error)
+    damped = rocker.with_forces(pc.JointDamping({"crank": 0.1}))
+    parts, _ = pc.plot_energy(pc.simulate(damped, (0, 0.1), v0={"crank": 12})).axes
+    work = next(line for label, line in named(parts).items() if label.startswith("work of"))
+    assert work.get_ydata()[-1] < 0
+
+
+def test_steps_and_orders(sol):
+    steps, orders = pc.plot_steps(sol).axes
+    np.testing.assert_array_equal(steps.lines[0].get_ydata(), np.abs(sol.h))
+    np.testing.assert_array_equal(orders.lines[0].get_ydata(), sol.order)
+    assert steps.get_yscale() == "log" and "one-step start" in named(orders)
+
+
+def test_steps_leave_the_jumps_of_events_out():
+    def bounce(t, q, v):
+        return -v
+
+    event = pc.Event(lambda t, q, v, lam: q[0] - 1.7, apply=bounce)
+    sol = pc.simulate(pc.load("planar_pendulum"), (0, 2), events=[event])
+    assert (sol.h == 0).any()
+    assert len(pc.plot_steps(sol).axes[0].lines[0].get_ydata()) == np.count_nonzero(sol.h)
+
+
+def test_phase_portrait_pairs_each_joint_with_its_velocity(sol):
+    axes = pc.plot_phase(sol).axes
+    assert [axis.get_title(loc="left") for axis in axes] == ["crank", "coupler", "rocker"]
+    np.testing.assert_array_equal(axes[2].lines[0].get_xydata(), np.column_stack((sol.q[:, 2], sol.v[:, 2])))
+    assert axes[2].lines[1].get_xydata().tolist() == [[sol.q[0, 2], sol.v[0, 2]]]
+
+
+def test_phase_portrait_behind_joints_of_several_freedoms():
+    """In Stewart's platform q and v have different columns for one joint."""
+    mech = pc.load("stewart_platform")
+    sol = pc.simulate(mech, (0, 0.02))
+    model = mech.model
+    for axis in pc.plot_phase(sol).axes:
+        if axis.lines:
+            j = model.getJointId(axis.get_title(loc="left"))
+            np.testing.assert_array_equal(axis.lines[0].get_xdata(), sol.q[:, model.idx_qs[j]])
+            np.testing.assert_array_equal(axis.lines[0].get_ydata(), sol.v[:, model.idx_vs[j]])
+
+
+def test_all_pictures_under_each_other(sol, tmp_path):
+    figure = pc.plot_solution(sol, tmp_path / "all.png", what=list(PICTURES))
+    assert len(figure.axes) == 5 * 2 + 3
+    assert [path.name for path in tmp_path.iterdir()] == ["all.png"]
+
+
+def test_lines_differ_in_grey(sol):
+    """Within a panel no two lines share both dash and marker."""
+    for axis in pc.plot_solution(sol, what=["trajectory", "multipliers", "energy"]).axes:
+        looks = [(line.get_linestyle(), line.get_marker()) for line in named(axis).values()]
+        assert len(set(looks)) == len(looks)
+
+
+def test_twelve_lines_differ_in_grey():
+    t = np.linspace(0, 1, 5)
+    q = np.outer(t, range(1, 13))
+    axis = pc.plot_trajectory(SimpleNamespace(t=t, q=q, v=q, lam=np.zeros((5, 0)))).axes[0]
+    assert len({(line.get_linestyle(), line.get_marker()) for line in axis.lines}) == 12
+
+
+def test_a_saved_run_needs_its_mechanism_for_some(sol, rocker, tmp_path):
+    stored = pc.Solution.load(sol.save(tmp_path / "run.npz"))
+    for plot in (pc.plot_drift, pc.plot_energy):
+        with pytest.raises(pc.InputError, match="needs the mechanism"):
+            plot(stored)
+        assert plot(stored, mech=rocker).axes
+    assert list(named(pc.plot_trajectory(stored).axes[0])) == ["q1", "q2", "q3"]
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        (["forces"], "no picture 'forces'; there are trajectory, multipliers"),
+        ([], "names no picture"),
+    ],
+)
+def test_unknown_pictures_are_refused(sol, what, message):
+    with pytest.raises(pc.InputError, match=message):
+        pc.plot_solution(sol, what=what)
+
+
+def test_what_a_solution_does_not_have_is_said(rocker):
+    sampled = pc.simulate(rocker, (0, 0.1), t_eval=[0, 0.05, 0.1])
+    with pytest.raises(pc.InputError, match="t_eval"):
+        pc.plot_steps(sampled)
+    tree = pc.simulate(pc.load("double_pendulum"), (0, 0.1))
+    for plot, message in ((pc.plot_multipliers, "no multipliers"), (pc.plot_drift, "no drift")):
+        with pytest.raises(pc.InputError, match=message):
+            plot(tree)
+    assert len(pc.plot_solution(tree).axes) == 2
+    with pytest.raises(pc.InputError, match="no rows"):
+        pc.plot_trajectory(SimpleNamespace(t=[], q=[], v=[], lam=[]))
+    with pytest.raises(pc.InputError, match="columns of q"):
+        pc.plot_trajectory(tree, mech=rocker)
+
+
+def test_work_precision_sorts_by_error_and_leaves_out_what_failed(tmp_path):
+    series = {"BDF": ([0.1, 0.4, 0.2, np.nan], [1e-2, 1e-6, 1e-4, 1e-8]), "Radau": ([1.0], [1e-5])}
+    (axis,) = pc.plot_work_precision(series, tmp_path / "wp.pdf").axes
+    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
+    assert named(axis)["BDF"].get_xydata().tolist() == [[1e-6, 0.4], [1e-4, 0.2], [1e-2, 0.1]]
+    assert Path(tmp_path / "wp.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(
+    ("series", "message"),
+    [
+        ({}, "at least one label"),
+        ({"a": ([1, 2], [1])}, "'a' has times of shape"),
+        ({"a": 3}, "'a' needs two rows"),
+        ({"a": ([0.0], [1.0])}, "'a' has no point"),
+    ],
+)
+def test_work_precision_of_nothing_is_refused(series, message):
+    with pytest.raises(pc.InputError, match=message):
+        pc.plot_work_precision(series)

@@ -1,0 +1,311 @@
+"""What a replay says beside the motion: forces as arrows, paths, and several solutions side by side."""
+
+import re
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from browser import needs_browser, reported
+
+import pinconsist as pc
+from pinconsist.mechanism.loops import Loop
+from pinconsist.view.scene import scene
+
+PLAIN = {"speed": 1.0, "fps": 50, "traces": (), "forces": False, "repetitions": 1}
+WEIGHT = 3.0  # kg
+
+
+def shown(mech, sol, **options):
+    return scene(mech, sol, **PLAIN | options)
+
+
+def track(page, path, name):
+    """Values of one track of the animation, a row for each frame."""
+    (animation,) = [each for each in page["commands"] if each["type"] == "set_animation"]
+    (clip,) = [each["clip"] for each in animation["animations"] if each["path"] == path]
+    values = {each["name"]: each["values"] for each in clip["tracks"]}
+    return np.reshape(values[name], (len(clip["tracks"][0]["times"]), -1))
+
+
+def arrow(page, path):
+    """Start and vector of an arrow at every frame, from its shaft and head: (n, 3) each."""
+    start, neck = track(page, f"{path}/shaft", ".position"), track(page, f"{path}/head", ".position")
+    turns = [pin.Quaternion(row).matrix()[:, 1] for row in track(page, f"{path}/head", ".quaternion")]
+    (head,) = [each["object"]["geometries"][0]["height"] for each in drawn(page, f"{path}/head")]
+    tip = neck + turns * (head * track(page, f"{path}/head", ".scale")[:, :1])
+    np.testing.assert_allclose(
+        turns, [pin.Quaternion(row).matrix()[:, 1] for row in track(page, f"{path}/shaft", ".quaternion")]
+    )
+    np.testing.assert_allclose(start + turns * track(page, f"{path}/shaft", ".scale")[:, 1:2], neck, atol=1e-5)
+    return start, tip - start
+
+
+def drawn(page, start):
+    return [each for each in page["commands"] if each["type"] == "set_object" and each["path"].startswith(start)]
+
+
+def stated(page):
+    """Newtons per metre, and the force at which arrows are cut, as the legend says."""
+    (text,) = [each["text"] for each in page["legend"] if each["text"].startswith("force")]
+    metres, newtons = map(float, re.search(r"(\S+) m of arrow is (\S+) N", text).groups())
+    cut = re.search(r"cut at (\S+) N", text)
+    return newtons / metres, float(cut[1]) if cut else np.inf
+
+
+def shift(page, path):
+    """By how much all below a path is shifted."""
+    (matrix,) = [each["matrix"] for each in page["commands"] if (each["type"], each["path"]) == ("set_transform", path)]
+    return np.reshape(matrix, (4, 4))[3, :3]
+
+
+def hanging(first=True):
+    """A weight on a rope to the ceiling, of which it is body 1 or body 2."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "weight")
+    model.appendBodyToJoint(joint, pin.Inertia(WEIGHT, np.array([0, 0, -0.1]), 0.01 * np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("hook", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    ends = ("hook", "universe") if first else ("universe", "hook")
+    place = {"xyz2" if first else "xyz1": (0.2, 0.0, 1.0)}
+    return pc.Mechanism(model, (Loop("rope", "distance", *ends, length=1.0, **place),), name="hanging")
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_the_arrow_of_a_hanging_weight_points_up_and_is_as_long_as_said(first):
+    mech = hanging(first)
+    sol = pc.simulate(mech, (0.0, 0.1), q0=np.array([0.2, 0, 0, 0, 0, 0, 1]))
+    page = shown(mech, sol, forces=True)
+    start, vector = arrow(page, "/forces/rope")
+    np.testing.assert_allclose(vector * stated(page)[0], [[0, 0, WEIGHT * 9.81]] * 6, rtol=1e-4, atol=1e-4)
+    hook = [0.2, 0.0, 1.0 if first else 0.0]  # anchor 2, where reactions are given
+    np.testing.assert_allclose(start, [hook] * 6, atol=1e-6)
+
+
+def test_arrows_are_the_reactions_and_great_ones_are_cut_as_said():
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 1.0), step=0.02, method="ImplicitEuler", v0={"crank": 6.0})
+    page = shown(mech, sol, forces=True)
+    force, (per_metre, most) = sol.reaction("coupler_rocker").force, stated(page)
+    newtons = np.linalg.norm(force, axis=1, keepdims=True)
+    assert (newtons > most).any() and (newtons < most).any()
+    start, vector = arrow(page, "/forces/coupler_rocker")
+    np.testing.assert_allclose(vector * per_metre, force * np.minimum(1, most / newtons), rtol=5e-3, atol=1e-3)
+    data = mech.model.createData()
+    for row in (0, 20, 50):
+        pin.framesForwardKinematics(mech.model, data, sol.q[row])
+        tip = data.oMf[mech.model.getFrameId("rocker_tip")].translation
+        np.testing.assert_allclose(start[row], tip, atol=1e-6)
+
+
+def test_forces_are_drawn_where_there_are_some():
+    mech = pc.load("double_pendulum").with_loops()
+    sol = SimpleNamespace(t=np.linspace(0, 1, 5), q=np.zeros((5, mech.nq)), lam=np.zeros((5, mech.nc)))
+    page = shown(mech, sol, forces=True)
+    assert not drawn(page, "/forces") and "no loop pulls here" in [each["text"] for each in page["legend"]]
+    four_bar = pc.load("four_bar")
+    still = SimpleNamespace(t=np.zeros(1), q=np.zeros((1, 3)), lam=np.full((1, four_bar.nc), 7.0))
+    assert len(drawn(shown(four_bar, still, forces=True), "/forces")) == 2
+    assert not drawn(shown(four_bar, still), "/forces")
+    for lam in ({}, {"lam": np.zeros((1, 2))}, {"lam": np.full((1, four_bar.nc), np.nan)}):
+        with pytest.raises(pc.InputError, match="lam"):
+            shown(four_bar, SimpleNamespace(t=still.t, q=still.q, **lam), forces=True)
+
+
+def test_paths_follow_their_frames_each_in_its_color():
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 0.5))
+    page = shown(mech, sol, traces=["coupler", "coupler_tip"])
+    paths = [each["object"] for each in drawn(page, "/traces/")]
+    assert [each["text"] for each in page["legend"][:2]] == ["path of coupler", "path of coupler_tip"]
+    assert [each["color"] for each in page["legend"][:2]] == [each["materials"][0]["color"] for each in paths]
+    points = np.reshape(paths[1]["geometries"][0]["data"]["attributes"]["position"]["array"], (-1, 3))
+    data = mech.model.createData()
+    pin.framesForwardKinematics(mech.model, data, sol.q[-1])
+    np.testing.assert_allclose(points[-1], data.oMf[mech.model.getFrameId("coupler_tip")].translation, atol=1e-6)
+    with pytest.raises(pc.InputError, match=r"no frame 'couplr' to trace; near it: .*coupler"):
+        shown(mech, sol, traces=["couplr"])
+    with pytest.raises(pc.InputError, match=re.escape("traces=['coupler']")):
+        shown(mech, sol, traces="coupler")
+
+
+def exact_and_consistent(until=0.1):
+    mech = pc.load("four_bar")
+    options = {"step": 0.005, "method": "ImplicitEuler", "v0": {"crank": 6.0}}
+    return mech, [pc.simulate(mech, (0.0, until), consistency=mode, **options) for mode in ("exact", "every-step")]
+
+
+def test_exact_stands_beside_consistent_in_one_scale():
+    mech, sols = exact_and_consistent()
+    page = shown(mech, sols, forces=True, speed=0.1)  # a frame every 2 ms
+    assert [each["text"] for each in page["titles"]] == ["exact", "every-step"]
+    per_metre, most = stated(page)
+    for path, sol in zip(("/1 exact", "/2 every-step"), sols, strict=True):
+        vector = arrow(page, f"{path}/forces/coupler_rocker")[1]
+        force = sol.reaction("coupler_rocker").force
+        for row, frame in ((0, 0), (2, 5), (4, 10)):
+            assert np.linalg.norm(force[row]) < most
+            np.testing.assert_allclose(vector[frame] * per_metre, force[row], rtol=1e-3, atol=1e-3)
+    assert not shift(page, "/1 exact").any()
+    right = shift(page, "/2 every-step")
+    ends = [mech.model.frames[mech.model.getFrameId(name)] for name in ("coupler", "rocker")]
+    assert len(ends) == 2 and right[0] > 2 * 0.5 and not right[1:].any()  # the scene moves in the x-z plane
+    first, second = (np.array(each["at"]) for each in page["titles"])
+    np.testing.assert_allclose(second - first, right, atol=0.1 * right[0])
+
+
+def test_titles_tell_solutions_apart():
+    mech, other = pc.load("four_bar"), pc.load("planar_pendulum")
+    one, two = pc.simulate(mech, (0.0, 0.1)), pc.simulate(other, (0.0, 0.1))
+    titles = lambda *pair: [each["text"] for each in shown(*pair)["titles"]]  # noqa: E731
+    assert titles(mech, one) == titles([mech], one) == titles(mech, [one]) == []
+    assert titles([mech, other], [one, two]) == ["four_bar", "planar_pendulum"]
+    assert titles(mech, (one, one)) == ["1", "2"]
+    assert titles(mech, {"before": one, "after/now": one}) == ["before", "after/now"]
+
+
+def test_a_scene_in_space_beside_one_in_a_plane_is_seen_from_aside():
+    scenes = [pc.load("four_bar"), pc.load("bricard")]
+    sols = [pc.simulate(mech, (0.0, 0.1)) for mech in scenes]
+    floors = [len(drawn(shown(*pair), "/floor")) for pair in ((scenes[0], sols[0]), (scenes, sols))]
+    assert floors == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("mechs", "count", "message"),
+    [(1, 0, "empty"), (2, 1, "2 mechanisms for 1 solution"), (2, 3, "2 mechanisms for 3")],
+)
+def test_lists_that_do_not_fit_are_refused(mechs, count, message):
+    mech = pc.load("planar_pendulum")
+    sol = SimpleNamespace(t=np.zeros(1), q=np.zeros((1, mech.nq)))
+    with pytest.raises(pc.InputError, match=message):
+        shown([mech] * mechs if mechs > 1 else mech, [sol] * count)
+    with pytest.raises(pc.InputError, match="needs a Mechanism, got str"):
+        shown("planar_pendulum", sol)
+    with pytest.raises(pc.InputError, match="needs a solution; int has no t"):
+        shown(mech, [sol, 3])
+
+
+def test_the_shorter_of_two_rests_at_its_end():
+    mech = pc.load("planar_pendulum")
+    runs = [SimpleNamespace(t=np.array([0, end]), q=np.array([[0.0] * mech.nq, [end] * mech.nq])) for end in (0.4, 1.0)]
+    page = shown(mech, runs)
+    short, long = (track(page, f"/{k} {k}/bodies/{mech.joints[0]}", ".quaternion") for k in (1, 2))
+    np.testing.assert_allclose(short[:21], long[:21], atol=1e-6)
+    np.testing.assert_allclose(short[21:], np.tile(short[20], (30, 1)), atol=1e-6)
+    assert np.abs(long[50] - long[20]).max() > 0.1
+
+
+def test_what_a_loop_leaves_free_is_drawn_as_rail_or_plate():
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "block")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("block", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    q = np.zeros((3, 7))
+    q[:, 6], q[:, 0] = 1.0, (-1.0, 0.0, 2.0)
+    sol = SimpleNamespace(t=np.arange(3.0), q=q)
+    for kind, axis, seat in (
+        ("slider", (5, 0, 0), "rail"),
+        ("cylinder", (5, 0, 0), "rail"),
+        ("plane", (0, 0, 1), "plate"),
+    ):
+        mech = pc.Mechanism(model, (Loop("guide", kind, "universe", "block", axis=axis),))
+        page = shown(mech, sol)
+        (guide,) = [
+            each["object"]
+            for each in drawn(page, "/ground/")
+            if each["object"]["geometries"][0]["type"] == "CylinderGeometry"
+            and not each["object"]["materials"][0]["depthTest"]
+        ]
+        form, matrix = guide["geometries"][0], np.reshape(guide["object"]["matrix"], (4, 4)).T
+        if seat == "rail":
+            np.testing.assert_allclose(np.abs(matrix[:3, 1]), [1, 0, 0], atol=1e-9)
+            assert matrix[0, 3] == pytest.approx(0.5) and 3.0 < form["height"] < 3.3
+        else:
+            np.testing.assert_allclose(np.abs(matrix[:3, 1]), [0, 0, 1], atol=1e-9)
+            assert form["radiusTop"] == form["radiusBottom"] > 2.0
+        assert any(seat in each["text"] for each in page["legend"])
+
+
+def test_the_time_that_is_told_runs_with_the_rows():
+    mech = pc.load("planar_pendulum")
+    sol = SimpleNamespace(t=np.array([3.0, 1.0]), q=np.zeros((2, mech.nq)))
+    assert shown(mech, sol, speed=0.5)["clock"] == [3.0, -0.5, 4.0]
+
+
+def test_nothing_of_the_view_is_loaded_by_a_simulation():
+    code = """if True:
+        import sys, pinconsist as pc
+        sol = pc.simulate(pc.load("delta_robot"), (0.0, 0.01))
+        sol.check()
+        print([name for name in sys.modules if name.startswith(("pinconsist.view", "meshcat", "matplotlib"))])"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_machine_without_free_ports_is_told(monkeypatch):
+    def refuse(*_):
+        raise OSError("address already in use")
+
+    mech = pc.load("planar_pendulum")
+    sol = SimpleNamespace(t=np.zeros(1), q=np.zeros((1, mech.nq)))
+    monkeypatch.setattr("http.server.ThreadingHTTPServer", refuse)
+    with pytest.raises(pc.InputError, match=r"127\.0\.0\.1.*already in use.*export_html"):
+        pc.replay(mech, sol, open_browser=False)
+
+
+QUESTIONS = """
+const at = path => {
+  const thing = viewer.scene_tree.find(path).object;
+  thing.updateWorldMatrix(true, false);
+  return thing.matrixWorld.toArray();
+};
+report.frames = {};
+for (const time of [0, 0.5]) {
+  viewer.animator.time_scrubber.setValue(time);
+  follow();
+  report.frames[time] = {time: document.getElementById("time").textContent};
+  for (const run of ["1 exact", "2 every-step"]) {
+    report.frames[time][run] = at([run, "forces", "coupler_rocker", "shaft"]);
+  }
+}
+report.trace = viewer.scene_tree.find(["1 exact", "traces", "coupler_tip", "<object>"]).object.type;
+report.notes = document.getElementById("notes").innerText;
+report.titles = titles.map(title => {
+  const box = title.element.getBoundingClientRect();
+  return [title.element.textContent, (box.left + box.right) / 2, box.top];
+});
+const pixel = path => {
+  const seen = target.clone().setFromMatrixPosition(viewer.scene_tree.find(path).object.matrixWorld);
+  seen.project(viewer.camera);
+  return [(1 + seen.x) / 2 * canvas.clientWidth, (1 - seen.y) / 2 * canvas.clientHeight];
+};
+report.feet = ["1 exact", "2 every-step"].map(run => ["crank", "rocker"].map(name => pixel([run, "bodies", name])));
+"""
+
+
+@needs_browser
+def test_forces_paths_and_two_runs_move_in_a_browser(tmp_path):
+    mech, sols = exact_and_consistent(0.2)
+    options = {"forces": True, "traces": ["coupler_tip"], "speed": 0.1}
+    report = reported(pc.export_html(mech, sols, tmp_path / "two.html", **options), QUESTIONS, tmp_path)
+    page = shown(mech, sols, **options)
+    assert report["errors"] == [] and report["playing"] and report["trace"] == "Line"
+    assert "path of coupler_tip" in report["notes"] and "m of arrow is" in report["notes"]
+    assert [title for title, *_ in report["titles"]] == ["exact", "every-step"]
+    for (_, x, y), ((x1, y1), (x2, y2)) in zip(report["titles"], report["feet"], strict=True):
+        assert x1 < x < x2 and max(y1, y2) < y < max(y1, y2) + 100  # each under its own linkage
+    for seconds, row in (("0", 0), ("0.5", 10)):
+        frame = report["frames"][seconds]
+        assert float(frame["time"].split()[2]) == pytest.approx(0.1 * float(seconds))
+        for run, sol in zip(("1 exact", "2 every-step"), sols, strict=True):
+            matrix = np.reshape(frame[run], (4, 4)).T
+            pull = sol.reaction("coupler_rocker").force[row]
+            matrix[:3] = matrix[[0, 2, 1]] * [[1], [-1], [1]]  # from axes with y up
+            np.testing.assert_allclose(
+                matrix[:3, 1] / np.linalg.norm(matrix[:3, 1]), pull / np.linalg.norm(pull), atol=1e-3
+            )
+            start, _ = arrow(page, f"/{run}/forces/coupler_rocker")
+            frames = round(50 * float(seconds))
+            np.testing.assert_allclose(matrix[:3, 3], start[frames] + shift(page, f"/{run}"), atol=1e-4)
