@@ -20,6 +20,7 @@ from .rank import dependencies, independent_rows
 
 CLOSED = 1e-10  # m or rad; what rounding leaves is far below
 NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little
+NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relative to the largest
 MAX_ITERATIONS = 200
 RESTARTS = 8
 
@@ -150,9 +151,15 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
     miss = np.abs(E @ result - target)
     if miss.max(initial=0.0) > 1e-8 * (1.0 + np.abs(target).max(initial=0.0)):
         names = ", ".join(v) if isinstance(v, Mapping) else ""
+        s = np.linalg.svd(J, compute_uv=False)
         raise AssemblyError(
             f"{mechanism.name}: the loops do not allow the velocities given for {names} "
-            f"(they miss each other by {miss.max():.3g} rad/s or m/s); name fewer joints"
+            f"(they miss each other by {miss.max():.3g} rad/s or m/s); "
+            + (
+                "loop rows are nearly dependent here: a singular position is close, start a little away from it"
+                if len(s) and s[-1] < NEARLY_SINGULAR * s[0]
+                else "name fewer joints"
+            )
         )
     return result
 

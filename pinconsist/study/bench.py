@@ -173,8 +173,10 @@ def assemblies(mech, tries, seed=0) -> Assemblies:
         times.append(time.perf_counter() - start)
         return True
 
-    from_neutral, _ = closes(neutral), times.clear()
-    closed = sum(closes(pin.integrate(mech.model, neutral, rng.uniform(-1.0, 1.0, mech.nv))) for _ in range(tries))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # loops of rounded files that close to some nm only
+        from_neutral, _ = closes(neutral), times.clear()
+        closed = sum(closes(pin.integrate(mech.model, neutral, rng.uniform(-1.0, 1.0, mech.nv))) for _ in range(tries))
     return Assemblies(from_neutral, closed, tries, float(np.median(times)) if times else np.nan)
 
 
