@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
+from .mechanism.constraints.loops import LoopRows
 from .mechanism.forces import bound_forces
 from .mechanism.forces.label import unused
-from .mechanism.loops import LoopRows
 
 EVENTS = "events"
 """Where ``work`` has what the jumps at events change."""

@@ -31,7 +31,7 @@ class Solution:
     q, v, lam : ndarray, shapes (n, nq), (n, nv), (n, nc)
         Configurations, velocities, multipliers. ``lam[0]`` is the multiplier of the differential equation at the
         start; with redundant rows, the multipliers of smallest norm. Signs, frames and units:
-        :mod:`pinconsist.mechanism.loops`.
+        :mod:`pinconsist.mechanism.constraints.loops`.
     success : bool
         True unless the integration failed (a run stopped by an event or a callback is a success, as in scipy).
     status : int

@@ -111,13 +111,13 @@ def test_only_the_mechanism_files_of_the_loops_name_pinocchios_constraints():
     for name, tree in TREES.items():
         found = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute) and "Constraint" in node.attr}
         found |= {alias for module, _ in imports(name) if (alias := module.split(".")[-1]) and "Constraint" in alias}
-        found -= {"Constraint", "ConstraintRows"}  # the users' own Φ, mechanism/custom.py
+        found -= {"Constraint", "ConstraintRows"}  # the users' own Φ, mechanism/constraints/custom.py
         if found:
             named[name] = found
     peer = "study/peers/constraint_dynamics.py"  # Pinocchio's own solver, as its users call it
-    assert set(named) <= {"mechanism/loops.py", "mechanism/kept_rows.py", peer}, named
+    assert set(named) <= {"mechanism/constraints/loops.py", "mechanism/constraints/kept_rows.py", peer}, named
     anchors = {name for name, found in named.items() if any("Anchor" in each for each in found)}
-    assert anchors == {"mechanism/loops.py"}
+    assert anchors == {"mechanism/constraints/loops.py"}
 
 
 @pytest.mark.parametrize("name", [name for name in FILES if part_of(name) != "cli"])

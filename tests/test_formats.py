@@ -11,7 +11,7 @@ from urdf_texts import CHAIN, A, B, C, joint, write
 
 from pinconsist.errors import FormatError, InputError
 from pinconsist.formats import load, models
-from pinconsist.mechanism.loops import LoopRows
+from pinconsist.mechanism.constraints.loops import LoopRows
 
 ROBOTS = Path(__file__).parents[2] / "shared" / "robots"
 needs_robots = pytest.mark.skipif(not ROBOTS.is_dir(), reason="the public robots are not beside the repository")

@@ -9,8 +9,8 @@ import pytest
 from bodies import frame_pose
 
 import pinconsist as pc
-from pinconsist.mechanism.loops import LoopRows
-from pinconsist.mechanism.motion import Motion
+from pinconsist.mechanism.constraints.loops import LoopRows
+from pinconsist.mechanism.constraints.motion import Motion
 from pinconsist.view.visuals import visuals
 
 FOUR_BAR = Path(__file__).parent / "data" / "four_bar.xml"

@@ -13,7 +13,7 @@ from sdf_texts import BAR, CHAIN, A, B, C, axis, joint, link, write
 
 import pinconsist as pc
 from pinconsist.formats.robots import ROBOTS, robot_file
-from pinconsist.mechanism.loops import LoopRows
+from pinconsist.mechanism.constraints.loops import LoopRows
 from pinconsist.view.visuals import visuals
 
 FOUR_BAR = Path(__file__).parent / "data" / "four_bar.sdf"

@@ -11,8 +11,8 @@ from pinocchio.robot_wrapper import RobotWrapper
 from urdf_texts import BAR, CHAIN, A, B, C, joint, write
 
 import pinconsist as pc
-from pinconsist.mechanism.coupling import Coupling
-from pinconsist.mechanism.loops import LoopRows
+from pinconsist.mechanism.constraints.coupling import Coupling
+from pinconsist.mechanism.constraints.loops import LoopRows
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"

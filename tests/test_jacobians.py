@@ -8,8 +8,8 @@ import pytest
 from bodies import frame_pose, mixed_tree, random_state
 
 import pinconsist as pc
-from pinconsist.mechanism.kept_rows import KeptRows
-from pinconsist.mechanism.loops import ROW_NAMES, LoopRows
+from pinconsist.mechanism.constraints.kept_rows import KeptRows
+from pinconsist.mechanism.constraints.loops import ROW_NAMES, LoopRows
 from pinconsist.mechanism.system import MechanismSystem
 
 KINDS = tuple(ROW_NAMES)

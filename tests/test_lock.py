@@ -11,8 +11,8 @@ from bodies import mixed_tree, random_state
 from scenes import add_body, add_point, at
 
 import pinconsist as pc
-from pinconsist.mechanism.coupling import Coupling
-from pinconsist.mechanism.custom import Constraint
+from pinconsist.mechanism.constraints.coupling import Coupling
+from pinconsist.mechanism.constraints.custom import Constraint
 from pinconsist.mechanism.system import MechanismSystem
 
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"
@@ -172,7 +172,7 @@ def test_own_constraints_see_the_whole_configuration():
 
 
 def each_rows(mech, q):
-    from pinconsist.mechanism.loops import LoopRows
+    from pinconsist.mechanism.constraints.loops import LoopRows
 
     data = mech.model.createData()
     pin.computeJointJacobians(mech.model, data, q)

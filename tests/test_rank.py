@@ -6,7 +6,7 @@ import pytest
 from scenes import on_stage
 
 import pinconsist as pc
-from pinconsist.mechanism.rank import independent_rows, row_scales
+from pinconsist.mechanism.constraints.rank import independent_rows, row_scales
 from pinconsist.mechanism.system import MechanismSystem
 
 

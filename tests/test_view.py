@@ -15,7 +15,7 @@ from browser import needs_browser, reported
 
 from pinconsist import load
 from pinconsist.errors import InputError, MissingExtraError
-from pinconsist.mechanism.loops import Loop
+from pinconsist.mechanism.constraints.loops import Loop
 from pinconsist.mechanism.mechanism import Geometry, Mechanism
 from pinconsist.view import export_html, plot_comparison, plot_solution, replay
 from pinconsist.view.camera import plane_normal

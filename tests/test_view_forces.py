@@ -11,7 +11,7 @@ import pytest
 from browser import needs_browser, reported
 
 import pinconsist as pc
-from pinconsist.mechanism.loops import Loop
+from pinconsist.mechanism.constraints.loops import Loop
 from pinconsist.view.scene import scene
 
 PLAIN = {"speed": 1.0, "fps": 50, "traces": (), "forces": False, "repetitions": 1}

@@ -12,9 +12,9 @@ from urdf_texts import A, B, joint
 from urdf_texts import write as write_urdf
 
 import pinconsist as pc
-from pinconsist.mechanism.coupling import Coupling
-from pinconsist.mechanism.custom import Constraint
-from pinconsist.mechanism.loops import LoopRows
+from pinconsist.mechanism.constraints.coupling import Coupling
+from pinconsist.mechanism.constraints.custom import Constraint
+from pinconsist.mechanism.constraints.loops import LoopRows
 from pinconsist.mechanism.system import MechanismSystem
 
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"

@@ -17,7 +17,7 @@ from __future__ import annotations
 import logging
 import re
 
-from ..mechanism.loops import Loop
+from ..mechanism.constraints.loops import Loop
 
 _ONSHAPE = re.compile(r"(closing_.+)_([12])")
 _COLLECTION = re.compile(r"(closedloop.*?)_?([AB])(_?[36]D)?", re.IGNORECASE)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from scipy.optimize import brentq
 
 from ..errors import InputError
-from ..mechanism.loop import GROUND, Loop
+from ..mechanism.constraints.loop import GROUND, Loop
 from .loopfile import LoopFile
 
 MOST = 2000

@@ -12,7 +12,7 @@ Each has ``kind`` and the fields of the record of :mod:`pinconsist.mechanism.for
       - {kind: wrench, frame: tip, force: [0, 0, -10], axes: world}
 
 Where code takes a number or a function of time, a file takes a number or the fields of a
-:class:`~pinconsist.mechanism.motion.Motion`.
+:class:`~pinconsist.mechanism.constraints.motion.Motion`.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ import re
 import pinocchio as pin
 
 from ..errors import FormatError
-from ..mechanism.rebuild import rebuilt
+from ..mechanism.editing.rebuild import rebuilt
 from .reading import finite, near, shown
 
 _AXES = {"X": pin.JointModelRX, "Y": pin.JointModelRY, "Z": pin.JointModelRZ}

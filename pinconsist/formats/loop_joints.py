@@ -33,7 +33,7 @@ import logging
 from xml.etree.ElementTree import Element
 
 from ..errors import FormatError, InputError
-from ..mechanism.loops import Loop
+from ..mechanism.constraints.loops import Loop
 from .reading import near
 from .xml_reading import child, named, numbers
 

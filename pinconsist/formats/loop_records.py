@@ -1,8 +1,8 @@
 """The records under ``loops`` in a loop file: loop closures, couplings and drives.
 
-A closure has the fields of :class:`~pinconsist.mechanism.loop.Loop`, ``kind: coupling`` those of
-:class:`~pinconsist.mechanism.coupling.Coupling`, and ``kind: drive`` a joint and the fields of a
-:class:`~pinconsist.mechanism.motion.Motion`::
+A closure has the fields of :class:`~pinconsist.mechanism.constraints.loop.Loop`, ``kind: coupling`` those of
+:class:`~pinconsist.mechanism.constraints.coupling.Coupling`, and ``kind: drive`` a joint and the fields of a
+:class:`~pinconsist.mechanism.constraints.motion.Motion`::
 
     loops:
       - {name: tip, kind: hinge, frame1: coupler_tip, frame2: rocker_tip, axis: [0, 1, 0]}
@@ -15,10 +15,10 @@ from __future__ import annotations
 import dataclasses
 
 from ..errors import FormatError
-from ..mechanism.coupling import Coupling
-from ..mechanism.drive import Drive
-from ..mechanism.loop import ROW_NAMES, Loop
-from ..mechanism.motion import Motion
+from ..mechanism.constraints.coupling import Coupling
+from ..mechanism.constraints.drive import Drive
+from ..mechanism.constraints.loop import ROW_NAMES, Loop
+from ..mechanism.constraints.motion import Motion
 from .reading import shown
 from .records import known_keys, mapping, motion, name, record_of
 

@@ -15,9 +15,9 @@ from pathlib import Path
 import yaml
 
 from ..errors import FormatError, InputError
-from ..mechanism.coupling import Coupling
-from ..mechanism.drive import Drive
-from ..mechanism.loops import Loop
+from ..mechanism.constraints.coupling import Coupling
+from ..mechanism.constraints.drive import Drive
+from ..mechanism.constraints.loops import Loop
 from .force_records import force_element, force_record
 from .joints import check_type, new_names
 from .loop_records import loop_element, loop_record

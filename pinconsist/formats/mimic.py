@@ -5,7 +5,7 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element
 
 from ..errors import FormatError
-from ..mechanism.coupling import Coupling
+from ..mechanism.constraints.coupling import Coupling
 from .reading import near
 from .xml_reading import numbers
 

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
-from ..mechanism.rebuild import rebuilt
+from ..mechanism.editing.rebuild import rebuilt
 from .joints import check_type
 from .reading import near, shown
 from .records import known_keys, mapping, name, number_or_numbers, numbers

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pinocchio as pin
 
 from ..errors import InputError
-from ..mechanism.constraint_models import loops_of
+from ..mechanism.constraints.constraint_models import loops_of
 from ..mechanism.mechanism import Mechanism
 from .closure import closed_by
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from ..errors import FormatError, InputError
-from ..mechanism.motion import Motion
+from ..mechanism.constraints.motion import Motion
 from .reading import bound, finite, near, shown
 
 

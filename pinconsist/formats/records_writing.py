@@ -6,11 +6,11 @@ import dataclasses
 from collections.abc import Mapping
 
 from ..errors import InputError
-from ..mechanism.coupling import Coupling
-from ..mechanism.drive import Drive
+from ..mechanism.constraints.coupling import Coupling
+from ..mechanism.constraints.drive import Drive
+from ..mechanism.constraints.loop import Loop
+from ..mechanism.constraints.motion import Motion
 from ..mechanism.forces import JointDamping, JointFriction, JointTorque
-from ..mechanism.loop import Loop
-from ..mechanism.motion import Motion
 from .force_records import KINDS as FORCES
 
 _BY_JOINT = {JointDamping: "coefficients", JointFriction: "coefficients", JointTorque: "torques"}

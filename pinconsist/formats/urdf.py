@@ -15,8 +15,8 @@ from xml.etree.ElementTree import tostring
 import pinocchio as pin
 
 from ..errors import FormatError
-from ..mechanism.coupling import Coupling
-from ..mechanism.loops import Loop
+from ..mechanism.constraints.coupling import Coupling
+from ..mechanism.constraints.loops import Loop
 from ..mechanism.mechanism import Geometry
 from .joints import replaced
 from .loop_joints import loop_joints

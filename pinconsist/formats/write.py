@@ -12,7 +12,7 @@ import yaml
 
 from ..errors import FormatError, InputError
 from ..files import written_whole
-from ..mechanism.loops import LoopRows
+from ..mechanism.constraints.loops import LoopRows
 from ..mechanism.mechanism import Mechanism
 from . import urdf_scene
 from .records_writing import force_entries, loop_entries

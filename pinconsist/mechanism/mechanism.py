@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from ..errors import InputError
 from .checks import normalized
+from .constraints.loops import RECORDS, Loop, LoopRows, similar
 from .forces import Force, as_force, bound_forces
-from .loops import RECORDS, Loop, LoopRows, similar
 from .model_checks import check_model
 
 
@@ -212,7 +212,7 @@ class Mechanism:
             Unknown joints; all of them; a loop that would stay open; a joint that a drive moves, or one of two
             coupled joints alone.
         """
-        from .lock import lock
+        from .editing.lock import lock
 
         return lock(self, joints, q)
 
@@ -238,7 +238,7 @@ class Mechanism:
         InputError
             They leave no motion.
         """
-        from .reduce import reduced
+        from .editing.reduce import reduced
 
         return reduced(self, q)
 
@@ -248,7 +248,7 @@ class Mechanism:
         Starts assembly at `q` (default ``guess``); the loops that cannot close there get their second anchor moved
         by the remaining gap, and a warning lists each move. Loops that close stay as they are.
         """
-        from .reanchor import reanchor
+        from .editing.reanchor import reanchor
 
         return reanchor(self, q)
 

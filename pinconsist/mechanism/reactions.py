@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .loop import Loop
-from .loops import LoopRows
+from .constraints.loop import Loop
+from .constraints.loops import LoopRows
 from .mechanism import Mechanism
 from .names import near
 

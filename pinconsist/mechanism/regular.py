@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from ..errors import SingularSystemError
 from .assembly import LoopSolver
-from .rank import independent_rows
+from .constraints.rank import independent_rows
 
 NEARBY = 1e-3
 """How far, in rad and m, the rank of the loops is looked at from a position with dependent rows."""

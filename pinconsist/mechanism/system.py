@@ -10,11 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import PinconsistError
+from .constraints.kept_rows import KeptRows
+from .constraints.loops import LoopRows
+from .constraints.rank import independent_rows, row_scales
 from .forces import SteadyTorque, ViscousDamping, bound_forces
-from .kept_rows import KeptRows
-from .loops import LoopRows
 from .mechanism import Mechanism
-from .rank import independent_rows, row_scales
 
 GAPING = 1e-6
 """Gap, relative to the mechanism's size, at which a row that left the system is taken to have been needed."""

@@ -12,8 +12,8 @@ import pinocchio as pin
 from ..dae.problem import HessenbergProblem
 from ..dae.start import integrate_index1
 from ..errors import InputError, PinconsistError
+from ..mechanism.constraints.loops import GROUND, Loop
 from ..mechanism.forces import Torque
-from ..mechanism.loops import GROUND, Loop
 from ..mechanism.mechanism import Mechanism, finite_array
 from ..simulation import system_of
 

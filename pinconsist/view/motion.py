@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from ..mechanism.loops import Loop
+from ..mechanism.constraints.loops import Loop
 from ..mechanism.mechanism import Mechanism, finite_array
 
 MAX_FRAMES = 3000

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
-from ..mechanism.loop import Loop
+from ..mechanism.constraints.loop import Loop
 from ..mechanism.mechanism import Mechanism
 from .motion import anchors, bar_poses, in_world, turn_from_y
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import pinocchio as pin
 
-from ...mechanism.loop import GROUND, Loop
+from ...mechanism.constraints.loop import GROUND, Loop
 from .couplings import coupled_joints
 from .joints import Joint
 from .poses import WORLD

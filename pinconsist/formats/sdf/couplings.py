@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...errors import FormatError
-from ...mechanism.coupling import Coupling
+from ...mechanism.constraints.coupling import Coupling
 from ..reading import near
 from .joints import Joint
 

@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError, InputError
-from ...mechanism.coupling import Coupling
+from ...mechanism.constraints.coupling import Coupling
+from ...mechanism.constraints.loops import Loop
 from ...mechanism.forces import JointSpring
-from ...mechanism.loops import Loop
 from ...mechanism.mechanism import Geometry, Mechanism
 from .. import loopfile
 from ..closure import closed_by

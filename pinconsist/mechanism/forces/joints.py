@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..checks import amounts, name, number, put, spread
-from ..coordinate import Coordinate, nearest
+from ..constraints.coordinate import Coordinate, nearest
 from .label import label
 
 FRICTION_WIDTH = 1e-2

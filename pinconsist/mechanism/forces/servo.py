@@ -9,8 +9,8 @@ import numpy as np
 
 from ...errors import InputError
 from ..checks import name, number, put, returned
-from ..coordinate import Coordinate, nearest
-from ..differences import first
+from ..constraints.coordinate import Coordinate, nearest
+from ..constraints.differences import first
 
 TURN = 2.0 * np.pi
 STEP = 1e-3  # s, of the differences that stand in for a missing rate

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ...errors import InputError
 from ..checks import frame_of, name, number, put, triple
-from ..loop import GROUND
+from ..constraints.loop import GROUND
 from .points import Points
 
 SHORTEST = 1e-9

@@ -11,8 +11,8 @@ import pinocchio as pin
 from ...errors import AssemblyError, InputError
 from ...formats.catalogue import is_built_in, load
 from ...mechanism.assembly import assemble
+from ...mechanism.constraints.loops import Loop
 from ...mechanism.forces import JointSpring
-from ...mechanism.loops import Loop
 from ...mechanism.mechanism import Mechanism
 from ..reference import reference_problem
 from .problem import Problem

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...dae.events import Event
 from ...mechanism.assembly import assemble
-from ...mechanism.custom import Constraint
-from ...mechanism.drive import Drive
+from ...mechanism.constraints.custom import Constraint
+from ...mechanism.constraints.drive import Drive
 from ...mechanism.forces import JointFriction, JointTorque, Torque
 from ...simulation import simulate
 from ..reference import reference_solution

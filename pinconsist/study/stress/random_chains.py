@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import PinconsistError
-from ...mechanism.loops import GROUND, Loop
+from ...mechanism.constraints.loops import GROUND, Loop
 from ...mechanism.mechanism import Mechanism
 from ...mechanism.system import MechanismSystem
 from ...simulation import simulate

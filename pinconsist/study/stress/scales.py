@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ...mechanism.assembly import assemble
+from ...mechanism.constraints.loops import Loop
 from ...mechanism.forces import JointDamping, JointSpring
-from ...mechanism.loops import Loop
 from ...mechanism.mechanism import Mechanism
 from ...simulation import simulate
 from ..reference import reference_solution

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ...mechanism.loops import Loop
+from ...mechanism.constraints.loops import Loop
 from ...mechanism.mechanism import Mechanism
 
 GRAVITY = 9.81

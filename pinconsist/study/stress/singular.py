@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from ...formats.catalogue import load
-from ...mechanism.loops import Loop
+from ...mechanism.constraints.loops import Loop
 from ...mechanism.system import MechanismSystem
 from ...simulation import simulate
 from .case import EITHER, HELD, MAX_STEPS, REFUSED, Case, Figure, completed, largest, relative

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
-from ...mechanism.loops import GROUND, Loop
+from ...mechanism.constraints.loops import GROUND, Loop
 from ...mechanism.mechanism import Mechanism
 from ...simulation import integrate, simulate
 from ..reference import reference_problem

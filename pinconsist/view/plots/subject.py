@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
-from ...mechanism.loops import LoopRows
+from ...mechanism.constraints.loops import LoopRows
 
 SYMBOLS = {"q": "q", "v": "v", "lam": "λ"}
 

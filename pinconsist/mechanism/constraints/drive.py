@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError, PinconsistError, UserFunctionError
+from ...errors import InputError, PinconsistError, UserFunctionError
 from .coordinate import Coordinate, nearest
 from .differences import first, is_slope, second
 

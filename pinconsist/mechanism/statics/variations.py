@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import qr, solve_triangular
 
-from .differences import first
-from .rank import RANK_TOLERANCE, independent_rows, row_scales
+from ..constraints.differences import first
+from ..constraints.rank import RANK_TOLERANCE, independent_rows, row_scales
 
 SMOOTH = 5e-3
 """Step of the differences of kinematics, rad, or in units of the mechanism's length: errors near 1e-13."""

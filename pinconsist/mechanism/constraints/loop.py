@@ -1,4 +1,4 @@
-"""Loop: the record by which a user closes a loop. What its rows mean stands in :mod:`pinconsist.mechanism.loops`."""
+"""Loop: the record by which a user closes a loop. Its rows: :mod:`pinconsist.mechanism.constraints.loops`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError
+from ...errors import InputError
 
 ROW_NAMES = {
     "point": ("x", "y", "z"),
@@ -39,7 +39,7 @@ class Loop:
     name : str
         Name by which reports, errors and reactions speak of the loop.
     kind : {"point", "frame", "hinge", "distance", "slider", "cylinder", "plane", "universal"}
-        What the closure holds together; see the table of :mod:`pinconsist.mechanism.loops`.
+        What the closure holds together; see the table of :mod:`pinconsist.mechanism.constraints.loops`.
     frame1, frame2 : str
         Names of frames of the model; ``"universe"`` is the ground.
     xyz1, xyz2 : tuple of 3 float

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from ..errors import SingularSystemError
-from .acting import acting
-from .assembly import assemble
-from .differences import first
-from .mechanism import finite_array
+from ...errors import SingularSystemError
+from ..acting import acting
+from ..assembly import assemble
+from ..constraints.differences import first
+from ..mechanism import finite_array
+from ..regular import MASSLESS
+from ..system import MechanismSystem
+from .equilibrium import equilibrium
 from .modes import Modes, modes
-from .regular import MASSLESS
-from .statics import equilibrium
-from .system import MechanismSystem
 from .variations import (
     SMOOTH,
     TangentSpace,

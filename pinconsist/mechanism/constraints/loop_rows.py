@@ -3,7 +3,7 @@
 ``d`` and ``R`` are position and rotation of anchor 2 in the axes of anchor 1; ``linear`` (3, n) and ``angular`` (3, n)
 the derivatives by n coordinates of ``d`` and of the turning of body 2 against body 1, both in these axes; ``dd`` and
 ``ddd`` the time derivatives of ``d``; ``spin`` and ``spin_rate`` the relative angular velocity, and its derivative as
-body 1 sees it. What each block means stands in the table of :mod:`pinconsist.mechanism.loops`.
+body 1 sees it. What each block means stands in the table of :mod:`pinconsist.mechanism.constraints.loops`.
 """
 
 from __future__ import annotations

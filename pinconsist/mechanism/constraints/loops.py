@@ -37,13 +37,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError
+from ...errors import InputError
+from ..names import near, similar
 from .coupling import Coupling, CouplingRow
 from .custom import Constraint, ConstraintRows
 from .drive import Drive, DriveRow
 from .loop import GROUND, ROW_NAMES, Loop
 from .loop_rows import blocks
-from .names import near, similar
 
 __all__ = ["GROUND", "RECORDS", "ROW_NAMES", "Loop", "LoopRows", "anchor_constraint", "point_constraint", "similar"]
 
@@ -117,7 +117,7 @@ class AnchoredRows:
     Attributes
     ----------
     place, turn
-        Blocks of :mod:`pinconsist.mechanism.loop_rows`; `turn` may be None.
+        Blocks of :mod:`pinconsist.mechanism.constraints.loop_rows`; `turn` may be None.
     """
 
     moving, steady = False, True

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from ..errors import EquilibriumError, SingularSystemError
-from .acting import acting
-from .assembly import assemble
-from .mechanism import Mechanism, finite_array
-from .reactions import Reaction, reaction
-from .system import MechanismSystem
+from ...errors import EquilibriumError, SingularSystemError
+from ..acting import acting
+from ..assembly import assemble
+from ..mechanism import Mechanism, finite_array
+from ..reactions import Reaction, reaction
+from ..system import MechanismSystem
 from .variations import TangentSpace, by_position, closed_near, joints_in, locked, step_sizes
 
 MAX_ITERATIONS = 200
@@ -39,7 +39,7 @@ class Equilibrium:
         Closed configuration.
     lam : ndarray, shape (nc,)
         Multipliers of all rows, those of smallest norm where rows are redundant; signs, frames and units:
-        :mod:`pinconsist.mechanism.loops`.
+        :mod:`pinconsist.mechanism.constraints.loops`.
     residual : float
         Largest entry of |g - τ - Jᵀλ|, N·m or N.
     stiffness : ndarray, shape (mobility,)

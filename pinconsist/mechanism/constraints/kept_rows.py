@@ -1,6 +1,6 @@
 """The rows that a system integrates, as fast as Python can ask Pinocchio for them.
 
-Where a loop is closed the exact Jacobian of :mod:`pinconsist.mechanism.loops` is a selection of the rows of
+Where a loop is closed the exact Jacobian of :mod:`pinconsist.mechanism.constraints.loops` is a selection of the rows of
 Pinocchio's own constraints or a fixed linear map of them, and Φ has the zeros of the same rows of Pinocchio's own
 position errors. Newton's solution is closed, so both pairs have the same solution; the selection costs no arithmetic.
 Only what the kept rows need is evaluated: a hinge whose tilts cannot occur (a planar loop) costs what a point costs.

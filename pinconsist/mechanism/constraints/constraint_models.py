@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError
+from ...errors import InputError
 from .loop import GROUND, Loop
 
 _ANCHORS = {"PointAnchorConstraintModel": "point", "FrameAnchorConstraintModel": "frame"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from math import cos, pi, sin
 
-from .checks import number
+from ..checks import number
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError
+from ...errors import InputError
 from .coordinate import Coordinate, nearest
 
 TURN = 2.0 * math.pi

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError
-from .assembly import CLOSED
-from .coupling import Coupling
-from .custom import Constraint
-from .drive import Drive
-from .forces import JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Torque, Wrench
-from .loop import Loop
-from .loops import LoopRows
-from .mechanism import Mechanism
+from ...errors import InputError
+from ..assembly import CLOSED
+from ..constraints.coupling import Coupling
+from ..constraints.custom import Constraint
+from ..constraints.drive import Drive
+from ..constraints.loop import Loop
+from ..constraints.loops import LoopRows
+from ..forces import JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Torque, Wrench
+from ..mechanism import Mechanism
 from .rebuild import rebuilt
 
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError
-from .assembly import CLOSED, LoopSolver, assemble
-from .drive import Drive
-from .mechanism import Mechanism
-from .rank import independent_rows
+from ...errors import InputError
+from ..assembly import CLOSED, LoopSolver, assemble
+from ..constraints.drive import Drive
+from ..constraints.rank import independent_rows
+from ..mechanism import Mechanism
 
 PLACES = 5
 """Closed configurations, beside the first, in which joints and rows are looked at."""

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from .assembly import CLOSED, LoopSolver, impossible_alone
-from .loop_rows import blocks
-from .mechanism import Mechanism
+from ..assembly import CLOSED, LoopSolver, impossible_alone
+from ..constraints.loop_rows import blocks
+from ..mechanism import Mechanism
 
 
 def reanchor(mechanism: Mechanism, q=None) -> Mechanism:

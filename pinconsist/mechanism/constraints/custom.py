@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError, PinconsistError, UserFunctionError
+from ...errors import InputError, PinconsistError, UserFunctionError
 from .differences import first, is_slope, second
 
 TIME_STEP = 1e-3

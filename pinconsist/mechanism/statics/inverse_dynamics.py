@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from ..errors import AssemblyError, InputError, SingularSystemError
-from .acting import acting
-from .assembly import assemble
-from .drive import Drive
-from .mechanism import Mechanism, finite_array
-from .rank import row_scales
-from .reactions import Reaction, reaction
-from .system import MechanismSystem
+from ...errors import AssemblyError, InputError, SingularSystemError
+from ..acting import acting
+from ..assembly import assemble
+from ..constraints.drive import Drive
+from ..constraints.rank import row_scales
+from ..mechanism import Mechanism, finite_array
+from ..reactions import Reaction, reaction
+from ..system import MechanismSystem
 from .variations import TangentSpace, bias, closed_near, joints_in, locked, step_sizes
 
 WIDEST = 0.05  # rad, or lengths of the mechanism, by which a prediction may miss before the way is halved

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ..errors import InputError
-from .names import near
+from ...errors import InputError
+from ..names import near
 
 
 class Coordinate:

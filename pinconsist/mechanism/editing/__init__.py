@@ -1,0 +1,1 @@
+"""Mechanisms made from mechanisms: joints locked, what is immobile left out, anchors moved."""

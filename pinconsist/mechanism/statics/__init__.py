@@ -1,0 +1,1 @@
+"""Rest and small motions: equilibria, linearisation, modes, inverse dynamics."""
