@@ -9,7 +9,7 @@ import typer
 
 from ..errors import InputError
 from . import output, scene
-from .replay import SECONDS, _saved
+from .replay import SECONDS, saved_run
 from .simulate import exit_code, run
 
 
@@ -55,7 +55,7 @@ def plot(
         if name not in PICTURES:
             raise InputError(f"--what {what}: there is no picture {name!r}; there are {', '.join(PICTURES)}")
     if of_run:
-        mech, sol = _saved(source, scene_of_run)
+        mech, sol = saved_run(source, scene_of_run)
         code = output.FINE
     else:
         mech = scene.Scene(source).load()

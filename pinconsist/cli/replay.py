@@ -43,7 +43,7 @@ def replay(
     """
     output.require_writable(html)
     if Path(source).suffix == ".npz":
-        mech, sol = _saved(source, scene_of_run)
+        mech, sol = saved_run(source, scene_of_run)
         code = output.FINE
     else:
         if scene_of_run:
@@ -64,7 +64,7 @@ def replay(
     return code
 
 
-def _saved(file, given):
+def saved_run(file, given):
     """Mechanism and solution of a saved run."""
     from ..solution import Solution
 
