@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,6 +11,7 @@ import numpy as np
 from .certificate import Certificate, certify
 from .energy import Energy, energy_of
 from .errors import FormatError, InputError
+from .files import written_whole
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
 from .skips import skipped
@@ -233,14 +232,8 @@ class Solution:
         path = Path(file)
         path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
         about = {name: getattr(self, name) for name in _ABOUT} | {"format": FORMAT}
-        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                np.savez(stream, about=np.array(json.dumps(about)), **{name: getattr(self, name) for name in _ARRAYS})
-            os.replace(temporary, path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        with written_whole(path) as stream:
+            np.savez(stream, about=np.array(json.dumps(about)), **{name: getattr(self, name) for name in _ARRAYS})
         return path
 
     @classmethod

@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "energy": {"mechanism", "errors"},
     "certificate": {"dae", "mechanism", "energy", "errors"},
     "skips": set(),
-    "solution": {"certificate", "energy", "skips", "mechanism", "errors"},
+    "solution": {"certificate", "energy", "skips", "mechanism", "files", "errors"},
     "simulation": {"dae", "mechanism", "solution", "errors"},
     "files": set(),
     "formats": {"mechanism", "files", "errors"},
