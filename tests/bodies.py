@@ -45,3 +45,21 @@ def frame_pose(model, q, name):
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
     return data.oMf[model.getFrameId(name)]
+
+
+def differences(function, x, step=1e-4):
+    """Fourth-order central differences, columns."""
+    columns = []
+    for i in range(len(x)):
+        at = [function(x + s * step * np.eye(len(x))[i]) for s in (-2, -1, 1, 2)]
+        columns.append((at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * step))
+    return np.column_stack(columns)
+
+
+def circles_meet(p, r, q, s, left):
+    """Where circles of radii r about p and s about q meet in the plane, on the left of p → q or on its right."""
+    along = q - p
+    n = np.linalg.norm(along)
+    x = (r**2 - s**2 + n**2) / (2 * n)
+    across = np.sqrt(r**2 - x**2) * np.array([-along[1], along[0]]) / n
+    return p + x * along / n + (across if left else -across)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zoo
+from bodies import circles_meet
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj
 
@@ -114,19 +115,12 @@ def platform():
 def stride():
     """The foot by intersections of circles about known points, at the example's 121 times."""
 
-    def meet(p, r, q, s, left):
-        along = q - p
-        n = np.linalg.norm(along)
-        x = (r**2 - s**2 + n**2) / (2 * n)
-        across = np.sqrt(r**2 - x**2) * np.array([-along[1], along[0]]) / n
-        return p + x * along / n + (across if left else -across)
-
     path, pivot = [], np.array([-0.38, -0.078])
     for turn in np.linspace(0, 2 * np.pi, 121):
         crank = 0.15 * np.array([np.cos(turn), np.sin(turn)])
-        Q, S = meet(crank, 0.5, pivot, 0.415, False), meet(crank, 0.619, pivot, 0.393, True)
-        T = meet(meet(pivot, 0.401, Q, 0.558, True), 0.394, S, 0.367, False)
-        path.append(meet(T, 0.657, S, 0.49, False))
+        Q, S = circles_meet(crank, 0.5, pivot, 0.415, False), circles_meet(crank, 0.619, pivot, 0.393, True)
+        T = circles_meet(circles_meet(pivot, 0.401, Q, 0.558, True), 0.394, S, 0.367, False)
+        path.append(circles_meet(T, 0.657, S, 0.49, False))
     return np.ptp(np.array(path)[:, 0])
 
 

@@ -7,22 +7,13 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import frame_pose, mixed_tree, random_state
+from bodies import differences, frame_pose, mixed_tree, random_state
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
 from pinconsist.mechanism.forces import as_force, bound_forces, model_forces
 
 nan = float("nan")
-
-
-def differences(function, x, step=1e-4):
-    """Fourth-order central differences, columns."""
-    columns = []
-    for i in range(len(x)):
-        at = [function(x + s * step * np.eye(len(x))[i]) for s in (-2, -1, 1, 2)]
-        columns.append((at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * step))
-    return np.column_stack(columns)
 
 
 def bound(model, force):

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import frame_pose, mixed_tree, random_state
+from bodies import differences, frame_pose, mixed_tree, random_state
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.kept_rows import KeptRows
@@ -49,15 +49,6 @@ def evaluate(rows, q):
     pin.computeJointJacobians(rows.model, data, q)
     phi, J = rows.evaluate(data)
     return np.array(phi), np.array(J)
-
-
-def differences(function, x, step=1e-4):
-    """Fourth-order central differences, columns."""
-    columns = []
-    for i in range(len(x)):
-        at = [function(x + s * step * np.eye(len(x))[i]) for s in (-2, -1, 1, 2)]
-        columns.append((at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * step))
-    return np.column_stack(columns)
 
 
 def along_motion(model, rows, q, v, step=1e-4):

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
+from bodies import circles_meet
 from scenes import ANDREWS_JOINTS, on_stage
 
 import pinconsist as pc
@@ -251,18 +252,11 @@ def test_governor_settles_at_porters_angle(speed):
 def jansen_foot(phi):
     """The foot for a crank angle from x to z, by circles about known points (numbers in m)."""
 
-    def meet(p, r, q, s, left):
-        along = q - p
-        n = np.linalg.norm(along)
-        x = (r**2 - s**2 + n**2) / (2 * n)
-        across = np.sqrt(r**2 - x**2) * np.array([-along[1], along[0]]) / n
-        return p + x * along / n + (across if left else -across)
-
     pivot, pin_ = np.array([-0.38, -0.078]), 0.15 * np.array([np.cos(phi), np.sin(phi)])
-    Q, S = meet(pin_, 0.5, pivot, 0.415, False), meet(pin_, 0.619, pivot, 0.393, True)
-    R = meet(pivot, 0.401, Q, 0.558, True)
-    T = meet(R, 0.394, S, 0.367, False)
-    return meet(T, 0.657, S, 0.49, False)
+    Q, S = circles_meet(pin_, 0.5, pivot, 0.415, False), circles_meet(pin_, 0.619, pivot, 0.393, True)
+    R = circles_meet(pivot, 0.401, Q, 0.558, True)
+    T = circles_meet(R, 0.394, S, 0.367, False)
+    return circles_meet(T, 0.657, S, 0.49, False)
 
 
 def test_jansen_walks():

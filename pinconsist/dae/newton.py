@@ -49,7 +49,7 @@ class Attempt:
     change : ndarray or None
         y minus its prediction.
     size : float
-        The larger of the root mean squares of the weighted changes of ξ and of v.
+        :func:`weighted_size` of the change.
     failure : str
         Empty, or why there is no solution.
     """
@@ -181,11 +181,10 @@ class Newton:
             moves = steps.dot(parts)
             raw = v - moves[:nv, 0]
             p, xi = system.position(t, base, psi_x, c, raw)
+            y = np.concatenate((xi, x - moves[:, 1]))
             if iteration == 1:
-                y = np.concatenate((xi, x - moves[:, 1]))
                 change = y - predicted
-                e = change[: nx + nv] * weight
-                size = sqrt(e.dot(e) / nv)
+                size = weighted_size(change, weight, nv)
                 if self.correct and not stale and foresight.one_is_enough(size, c, tol):
                     if not foresight.stays_closed(size, c, tol):
                         y, p = self._close(t, base, psi_x, c, p, raw, y, weight, size)
@@ -203,13 +202,11 @@ class Newton:
             to_come = size if iteration == 1 else size * rate / (1.0 - rate) if rate < 1.0 else np.inf
             settled = min(size, to_come) <= (STALE_FACTOR * tol if stale else tol)
             if settled or (rate > STAGNANT and not stale and _at_floor(steps[:nv], v, p)):
-                y = np.concatenate((xi, x - moves[:, 1]))
                 # an old matrix takes ρ out only but for a part that is about as large as the rate
                 if stale and self.correct and rate * _rms(steps[:nv, 2] * weight[nx:]) > HIDDEN * tol:
                     y, p = self._close(t, base, psi_x, c, p, raw, y, weight)
                 change = y - predicted
-                e = change[: nx + nv] * weight
-                return Attempt(y, p, change, sqrt(e.dot(e) / nv))
+                return Attempt(y, p, change, weighted_size(change, weight, nv))
             if rate > 2.0 and iteration > 2:
                 return Attempt(predicted, p, failure="Newton diverged")
             slow = rate > FRESH_RATE or size * rate ** (MAX_ITERATIONS - iteration) > tol
@@ -232,6 +229,12 @@ class Newton:
             self._foresight.looked(gap, steps[:nv, 1] * weight[nx:], v * weight[nx:], size, c)
         p, xi = system.position(t, base, psi_x, c, raw - steps[:nv, 0] / c)
         return np.concatenate((xi, y[nx:] - steps[:, 1])), p
+
+
+def weighted_size(change, weight, nv) -> float:
+    """√(Σ (weight·change)² / nv) over [ξ | v]: not below the root mean square of either part, where nx = nv."""
+    e = change[: len(weight)] * weight
+    return sqrt(e.dot(e) / nv)
 
 
 def _paired(weight, nx, nv):

@@ -28,11 +28,8 @@ class Reuse:
     def __init__(self, nv: int):
         self.possible, self._price = nv >= WORTH, nv / WORTH
         self._c, self._paused = None, 0
-        self._cost, self._steps, self._first = (
-            0.0,
-            0,
-            0.0,
-        )  # since the matrix was made; cost of the step it was made for
+        self._cost, self._steps = 0.0, 0  # since the matrix was made
+        self._first = 0.0  # cost of the step that it was made for
         self._iterations, self._kept = 0, False  # of the step being made
 
     def forget(self) -> None:

@@ -116,12 +116,13 @@ class Stepper:
     def prepare_next(self) -> None:
         """Change to the step and order that the control chose; the last step's segment is gone after this."""
         h, k = self._choice
-        if self._turns is not None and self.method.step is None:
+        charted = self._turns is not None and self.method.step is None
+        if charted:
             h = np.copysign(min(abs(h), self._longest_step(self.velocity_and_multipliers()[0], k)), h)
         if h != self.h:
             self.rescale(h, k)
         self.k = k
-        if self._turns is not None and self.method.step is None:
+        if charted:
             self._slow_down()
 
     def _slow_down(self) -> None:

@@ -7,13 +7,12 @@ corrected, and a test on them would only react to their rounding floor.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import sqrt
 
 import numpy as np
 
 from ..errors import InputError
 from . import bdf
-from .newton import rounding_weights
+from .newton import rounding_weights, weighted_size
 
 NEWTON_FACTOR = 3e-3  # of the error test; keeps loop gaps down for 3 % more residuals
 SAFETY = 0.8  # 0.9 rejects twice as often: as many residuals, larger errors
@@ -99,13 +98,12 @@ class ErrorControl:
         return weight, NEWTON_FACTOR
 
     def error(self, step, k) -> float:
-        """Local error of an attempt of order k over its tolerance: the larger root mean square of the two parts."""
+        """Local error of an attempt of order k over its tolerance, in the norm of ``newton.weighted_size``."""
         return bdf.error_constant(k) * step.size
 
     def error_in(self, system, d, k, weight) -> float:
         """The same from ∇ᵏ⁺¹y or what stands for it."""
-        e = d[: len(weight)] * weight
-        return bdf.error_constant(k) * sqrt(e.dot(e) / system.nv)
+        return bdf.error_constant(k) * weighted_size(d, weight, system.nv)
 
     def error_of(self, system, rows, k) -> float:
         """The same from k+2 equidistant rows [ξ | v], oldest first."""
