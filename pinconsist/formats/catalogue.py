@@ -113,7 +113,9 @@ def models() -> dict[str, str]:
 
 def is_built_in(source) -> bool:
     """Whether `source` is a name by which :func:`load` knows a scene, and no path."""
-    return isinstance(source, str) and (source in _built_in() or source in ROBOTS or _member(source) is not None)
+    from . import families
+
+    return isinstance(source, str) and (source in _built_in() or source in ROBOTS or families.found(source) is not None)
 
 
 def _member(source):

@@ -55,7 +55,13 @@ class Family:
 
 
 def member(name: str) -> Scene | None:
-    """The scene of a name such as ``chain_16``, or None where the name has not this form.
+    """The scene of a name such as ``chain_16``, or None where the name has not this form; raises as :func:`found`."""
+    known = found(name)
+    return known and known[0].build(name, known[1])
+
+
+def found(name: str) -> tuple[Family, int] | None:
+    """The family and the number in a name such as ``chain_16``, or None where the name has not this form.
 
     Raises
     ------
@@ -68,7 +74,7 @@ def member(name: str) -> Scene | None:
     family, n = FAMILIES[match[1]], int(match[2]) if len(match[2]) < 10 else MOST + 1
     if not family.least <= n <= MOST:
         raise InputError(f"{match[1]}_<n> needs a number from {family.least} to {MOST}, got {match[2]}")
-    return family.build(name, n)
+    return family, n
 
 
 def listed() -> dict[str, str]:

@@ -88,6 +88,14 @@ def read(path) -> LoopFile:
         raise FormatError(error.reason, path=path, element=error.element) from error.__cause__
 
 
+def beside_scene(loops, kind: str) -> LoopFile:
+    """The loop file named for a scene that is no URDF, empty if none is; it cannot replace joints."""
+    record = LoopFile() if loops is None else read(loops)
+    if record.joint_types:
+        raise FormatError(f"joints can be replaced in URDF scenes only; change the {kind} file", path=loops)
+    return record
+
+
 def check(record: LoopFile, model, path) -> None:
     """Raise FormatError for frames and joints of a loop file that a model does not have, or not of that kind."""
     frames, joints = [frame.name for frame in model.frames], tuple(model.names)[1:]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from pathlib import Path
 
 from ..errors import FormatError
+from ..mechanism.names import near as alike
 
 LARGEST = 1e30
 """No number of a scene is larger, but for limits: products of some such numbers still have room in a float."""
@@ -35,12 +35,6 @@ def near(name: object, names) -> str:
     names = sorted(set(names))
     listed = f"; there are: {', '.join(names[:12])}{', …' if len(names) > 12 else ''}" if names else ""
     return alike(name, names) or listed
-
-
-def alike(name: object, names) -> str:
-    """The end of a message about an unknown name: what it may have meant, if anything."""
-    close = difflib.get_close_matches(str(name), list(names), n=4, cutoff=0.5)
-    return f"; near it: {', '.join(close)}" if close else ""
 
 
 def shown(value: object) -> str:

@@ -23,9 +23,8 @@ from .loop_joints import loop_joints
 from .mimic import couplings
 from .reading import near, read_bytes
 from .urdf_tree import checked
-from .xml_reading import parsed
+from .xml_reading import MAX_BYTES, parsed
 
-MAX_BYTES = 50_000_000
 _ROOT_JOINT = "root_joint"
 _AS_WRITTEN = {"FIXED": "fixed", "UNBOUNDED": "continuous"}
 """Joints that are replaced by another type in the URDF text."""

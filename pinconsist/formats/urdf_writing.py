@@ -13,9 +13,9 @@ import pinocchio as pin
 
 from ..errors import InputError
 from .model_settings import VALUES
+from .urdf_tree import UNLIMITED
 from .xml_reading import text
 
-UNLIMITED = 1e300
 _REVOLUTE, _SLIDING = "revolute", "prismatic"
 _TURNING = ("RX", "RY", "RZ", "RevoluteUnaligned")
 _UNBOUNDED = ("RUBX", "RUBY", "RUBZ", "RevoluteUnboundedUnaligned")

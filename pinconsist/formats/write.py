@@ -58,9 +58,10 @@ def write(mechanism: Mechanism, path) -> Path:
         raise InputError(f"{path}: there is no folder {path.parent}")
     urdf, scene = _content(mechanism, path.stem)
     try:
-        if _read_back(urdf, scene, path.stem).joints != mechanism.joints:
-            scene["joint_order"] = list(mechanism.joints)
         back = _read_back(urdf, scene, path.stem)
+        if back.joints != mechanism.joints:
+            scene["joint_order"] = list(mechanism.joints)
+            back = _read_back(urdf, scene, path.stem)
     except FormatError as error:
         raise InputError(f"{mechanism.name} cannot be written as a URDF that reads back: {error.reason}") from error
     _require_same(mechanism, back)

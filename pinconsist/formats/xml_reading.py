@@ -10,6 +10,9 @@ from defusedxml.ElementTree import fromstring
 from ..errors import FormatError
 from .reading import LARGEST, bound, finite, shown
 
+MAX_BYTES = 50_000_000
+"""No scene's file is larger."""
+
 
 def parsed(content: bytes) -> Element:
     """The root element of an XML document without document types and entities, or FormatError."""

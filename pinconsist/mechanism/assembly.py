@@ -142,7 +142,6 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
     if not (start.any() or target.any()):  # rest
         return start
     M = pin.crba(model, solver.data, q)
-    M = np.triu(M) + np.triu(M, 1).T
     nv, ne = mechanism.nv, len(E)
     scale = np.abs(M).max(initial=0.0) or 1.0
     K = np.block([[M / scale, E.T], [E, np.zeros((ne, ne))]])

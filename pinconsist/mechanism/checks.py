@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError, UserFunctionError
+from .names import near
 
 UNIT = 1e-9
 """How far from unit length an orientation may be."""
@@ -79,7 +80,7 @@ def joint_index(model, joint: str, what: str) -> int:
     """The index of a joint; InputError with near names where the model has none of this name."""
     names = list(model.names)[1:]
     if joint not in names:
-        raise InputError(f"{what}: the model has no joint {joint!r}{_near(joint, names)}")
+        raise InputError(f"{what}: the model has no joint {joint!r}{near(joint, names)}")
     return model.getJointId(joint)
 
 
@@ -87,7 +88,7 @@ def frame_of(model, frame: str, what: str):
     """The frame of a name; InputError where there is none, or several."""
     names = [each.name for each in model.frames]
     if frame not in names:
-        raise InputError(f"{what}: the model has no frame {frame!r}{_near(frame, names)}")
+        raise InputError(f"{what}: the model has no frame {frame!r}{near(frame, names)}")
     if names.count(frame) > 1:
         raise InputError(f"{what}: the model has several frames named {frame!r}")
     return model.frames[model.getFrameId(frame)]
@@ -164,10 +165,3 @@ def _ndim(value) -> int:
         return np.ndim(value)
     except ValueError:
         return -1
-
-
-def _near(wanted, names) -> str:
-    import difflib
-
-    near = difflib.get_close_matches(str(wanted), sorted(set(names)), n=4, cutoff=0.5)
-    return f"; near it: {', '.join(near)}" if near else ""

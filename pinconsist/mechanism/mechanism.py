@@ -10,9 +10,10 @@ import pinocchio as pin
 
 from ..errors import InputError
 from .checks import normalized
-from .constraints.loops import RECORDS, Loop, LoopRows, similar
+from .constraints.loops import RECORDS, Loop, LoopRows
 from .forces import Force, as_force, bound_forces
 from .model_checks import check_model
+from .names import similar
 
 
 @dataclass(frozen=True)

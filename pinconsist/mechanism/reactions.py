@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
+from .checks import read_only
 from .constraints.loop import Loop
 from .constraints.loops import LoopRows
 from .mechanism import Mechanism
@@ -87,25 +88,24 @@ def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") ->
         others = near(name, names) or (f"; the loops are {', '.join(names)}" if names else "; it has none")
         raise InputError(f"{mechanism.name}: no loop {name!r}{others}")
     model, loop = mechanism.model, mechanism.loops[names.index(name)]
-    data, own = model.createData(), LoopRows(model, mechanism.loops).slices[name]
-    (closure,) = LoopRows(model, (loop,)).closures
-    lam = lam[:, own]
+    data, rows, anchored = model.createData(), LoopRows(model, mechanism.loops), isinstance(loop, Loop)
+    closure, lam = rows.closures[names.index(name)], lam[:, rows.slices[name]]
     wrenches, joint_forces = np.empty((len(t), 6)), np.empty((len(t), model.nv))
     for i in range(len(t)):
         pin.computeJointJacobians(model, data, q[i])
         joint_forces[i] = closure.evaluate(data, q[i], t[i])[1].T @ lam[i]
-        if isinstance(loop, Loop):
+        if anchored:
             wrenches[i] = _wrench(closure, data, lam[i], axes)
-    anchored, torque = isinstance(loop, Loop), lam[:, 0].copy() if loop.kind in ("drive", "coupling") else None
+    torque = lam[:, 0].copy() if loop.kind in ("drive", "coupling") else None
     return Reaction(
         loop=name,
         kind=loop.kind,
         axes=axes,
-        t=_read_only(t),
-        force=_read_only(wrenches[:, :3]) if anchored else None,
-        moment=_read_only(wrenches[:, 3:]) if anchored else None,
-        torque=None if torque is None else _read_only(torque),
-        joint_forces=_read_only(joint_forces),
+        t=read_only(t),
+        force=read_only(wrenches[:, :3]) if anchored else None,
+        moment=read_only(wrenches[:, 3:]) if anchored else None,
+        torque=None if torque is None else read_only(torque),
+        joint_forces=read_only(joint_forces),
     )
 
 
@@ -115,9 +115,3 @@ def _wrench(closure, data, lam, axes):
     gap, twist = pose1.actInv(pose2), np.eye(6)
     wrench = closure.rows(gap.translation, gap.rotation, twist[:3], twist[3:])[1].T @ lam
     return wrench if axes == "anchor" else (wrench.reshape(2, 3) @ pose1.rotation.T).ravel()
-
-
-def _read_only(array):
-    array = array.view()
-    array.setflags(write=False)
-    return array

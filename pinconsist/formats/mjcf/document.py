@@ -12,9 +12,8 @@ from xml.etree.ElementTree import Element
 
 from ...errors import FormatError
 from ..reading import near, read_bytes, shown
-from ..xml_reading import parsed
+from ..xml_reading import MAX_BYTES, parsed
 
-MAX_BYTES = 50_000_000
 MOST_FILES = 200
 _READ = ("compiler", "option", "default", "asset", "worldbody", "equality", "tendon", "actuator", "keyframe")
 _WITHOUT_EFFECT = ("size", "statistic", "visual", "extension", "custom", "deformable", "contact", "sensor")

@@ -33,9 +33,7 @@ def load(path: Path, name: str, *, loops, closure, free_flyer, package_dirs) -> 
     """
     if free_flyer:
         raise InputError("free_flyer= is not for MJCF, which says itself what floats: give the body a <freejoint/>")
-    record = loopfile.LoopFile() if loops is None else loopfile.read(loops)
-    if record.joint_types:
-        raise FormatError("joints can be replaced in URDF scenes only; change the MJCF file", path=loops)
+    record = loopfile.beside_scene(loops, "MJCF")
     try:
         with np.errstate(all="ignore"):  # what is not finite is found and named
             scene = _read(path, name, package_dirs)

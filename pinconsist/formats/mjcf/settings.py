@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
@@ -12,8 +11,6 @@ from ...errors import FormatError
 from ..reading import near, shown
 from .document import check_attributes
 from .values import TURNS, flag, keyword, number, vector
-
-log = logging.getLogger(__name__)
 
 MAIN = "main"
 _FLAGS = ("gravity", "spring", "damper", "frictionloss", "equality", "constraint", "passive")

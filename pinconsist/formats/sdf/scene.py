@@ -19,14 +19,13 @@ from .. import loopfile
 from ..closure import closed_by
 from ..reading import read_bytes
 from ..urdf_tree import checked
-from ..xml_reading import parsed
+from ..xml_reading import MAX_BYTES, parsed
 from .closing import Net, closures
 from .couplings import couplings
 from .model import build
 from .shapes import in_urdf, inertias, weightless
 from .tree import read_tree
 
-MAX_BYTES = 50_000_000
 _log = logging.getLogger(__name__)
 
 
@@ -60,9 +59,7 @@ class SdfScene:
 
 def load(path: Path, name: str, *, loops, closure, free_flyer, package_dirs) -> Mechanism:
     """See :func:`pinconsist.load`. A loop file beside an SDF file is read only if `loops` names it."""
-    record = loopfile.LoopFile() if loops is None else loopfile.read(loops)
-    if record.joint_types:
-        raise FormatError("joints can be replaced in URDF scenes only; change the SDF file", path=loops)
+    record = loopfile.beside_scene(loops, "SDF")
     scene = read(path, name=name, free_flyer=free_flyer, package_dirs=package_dirs)
     model = record.settings.applied(scene.model, loops)
     loopfile.check(record, model, loops)

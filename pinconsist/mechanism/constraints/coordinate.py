@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ...errors import InputError
-from ..names import near
+from ..checks import joint_index
 
 
 class Coordinate:
@@ -34,9 +34,7 @@ class Coordinate:
     """
 
     def __init__(self, model, joint: str, whose: str, purpose: str):
-        if joint not in list(model.names)[1:]:
-            raise InputError(f"{whose}: the model has no joint {joint!r}{near(joint, list(model.names)[1:])}")
-        index = model.getJointId(joint)
+        index = joint_index(model, joint, whose)
         if model.nvs[index] != 1:
             raise InputError(
                 f"{whose}: joint {joint!r} has {model.nvs[index]} degrees of freedom; "

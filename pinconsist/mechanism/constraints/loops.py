@@ -38,14 +38,14 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
-from ..names import near, similar
+from ..checks import frame_of
 from .coupling import Coupling, CouplingRow
 from .custom import Constraint, ConstraintRows
 from .drive import Drive, DriveRow
 from .loop import GROUND, ROW_NAMES, Loop
 from .loop_rows import blocks
 
-__all__ = ["GROUND", "RECORDS", "ROW_NAMES", "Loop", "LoopRows", "anchor_constraint", "point_constraint", "similar"]
+__all__ = ["GROUND", "RECORDS", "ROW_NAMES", "Loop", "LoopRows", "anchor_constraint", "point_constraint"]
 
 RECORDS = (Loop, Drive, Coupling, Constraint)
 """What may stand among the loops of a mechanism."""
@@ -183,12 +183,7 @@ def point_constraint(model, closure, shift=None):
 
 
 def _anchor(model, loop, frame_name, offset):
-    if not model.existFrame(frame_name):
-        others = near(frame_name, [frame.name for frame in model.frames])
-        raise InputError(f"loop {loop.name!r}: the model has no frame {frame_name!r}{others}")
-    if sum(frame.name == frame_name for frame in model.frames) > 1:
-        raise InputError(f"loop {loop.name!r}: the model has several frames named {frame_name!r}")
-    frame = model.frames[model.getFrameId(frame_name)]
+    frame = frame_of(model, frame_name, f"loop {loop.name!r}")
     return frame.parentJoint, frame.placement * offset
 
 

@@ -17,19 +17,20 @@ def reanchor(mechanism: Mechanism, q=None) -> Mechanism:
     """See :meth:`Mechanism.reanchored`."""
     best = mechanism.guess if q is None else mechanism.configuration(q, base=mechanism.guess)
     result, everything = mechanism, np.ones(mechanism.nv, dtype=bool)
-    best, _ = LoopSolver(result).close(best, everything)
-    to_move = impossible_alone(mechanism, best, LoopSolver(result).gaps(best), {})
+    solver = LoopSolver(result)
+    best, _ = solver.close(best, everything)
+    to_move = impossible_alone(mechanism, best, solver.gaps(best), {})
     to_move = {loop.name for loop in mechanism.anchored_loops} & to_move.keys()
     while True:  # first the loops that cannot close alone; then, if the others do not follow, those too
-        gaps = LoopSolver(result).gaps(best)
+        gaps = solver.gaps(best)
         gaps = {loop.name: gaps[loop.name] for loop in mechanism.anchored_loops}  # a drive has no anchor to move
         worst = max(gaps.values(), default=0.0)
         to_move = to_move or {name: gap for name, gap in gaps.items() if worst > CLOSED and gap > 1e-3 * worst}
         if not to_move:
             break
         result = replace(result, loops=_moved_anchors(result, best, to_move))
-        to_move = set()
-        best, _ = LoopSolver(result).close(best, everything)
+        to_move, solver = set(), LoopSolver(result)
+        best, _ = solver.close(best, everything)
     pairs = zip(mechanism.loops, result.loops, strict=True)
     moves = [_move(before, after) for before, after in pairs if before != after]
     if moves:

@@ -135,8 +135,7 @@ def linearize(mechanism, q=None, v=None, *, forces=(), t: float = 0.0) -> Linear
     q, v = state.q, state.v
     system = MechanismSystem(mechanism, q, t)
     space, sizes = TangentSpace(system, q, t), step_sizes(system, q)
-    Z, M = space.Z, np.triu(system.mass_matrix(q))
-    M += np.triu(M, 1).T
+    Z, M = space.Z, system.mass_matrix(q)
     a, lam, scale = _acceleration(system, space, t, q, v, M)
     K = by_position(system, t, q, v, a, lam, Z)
     C = by_velocity(system, t, q, v, a)
