@@ -75,7 +75,8 @@ def simulate(
     events : Event or function, or sequence of them, optional
         See :class:`Event`; plain functions ``g(t, q, v, lam)`` may carry ``terminal``, ``direction``, ``apply``.
     callback : callable, optional
-        ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run.
+        ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run. A callback with an attribute
+        ``order`` finds the order of the step there (0: of the one-step start).
     consistency : {"every-step", "initial", "exact"}
         ``"every-step"``: every accepted step is put on the hidden constraint, multipliers have full order
         throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing

@@ -250,6 +250,22 @@ def test_a_callback_stops_the_run(step):
     assert sol.check().position < 1e-10
 
 
+@pytest.mark.parametrize("t_eval", [None, [0.5, 1.0]])
+def test_a_callback_that_has_room_for_it_is_told_the_order(t_eval):
+    class Watch:
+        order = None
+
+        def __init__(self):
+            self.seen = []
+
+        def __call__(self, t, q, v, lam):
+            self.seen.append(self.order)
+
+    watch, mech = Watch(), pc.load("four_bar")
+    pc.simulate(mech, (0.0, 1.0), t_eval=t_eval, callback=watch)
+    assert watch.seen == [None, *pc.simulate(mech, (0.0, 1.0)).order]  # the initial row has none
+
+
 def test_reaching_the_end_is_status_zero_even_if_the_callback_fires_there():
     sol = pc.simulate(pc.load("four_bar"), (0.0, 0.05), step=0.01, callback=lambda t, q, v, lam: t >= 0.05)
     assert sol.success and sol.t[-1] == 0.05

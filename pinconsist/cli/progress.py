@@ -14,6 +14,7 @@ class Progress:
     def __init__(self, start: float, end: float):
         self.start, self.end = start, end
         self.steps, self.bar, self.last_t = -1, None, start  # the first call is the initial row
+        self.order = 0  # of the step; set by the run before each call
         self.next_update = time.monotonic() + PATIENCE
 
     def __enter__(self):
@@ -31,7 +32,8 @@ class Progress:
             self.next_update = now + PERIOD
             if self.bar is None:
                 self._open()
-            self.bar.update(self.task, completed=abs(t - self.start), t=t, steps=self.steps, step=step)
+            told = {"t": t, "steps": self.steps, "step": step, "order": self.order}
+            self.bar.update(self.task, completed=abs(t - self.start), **told)
         return False
 
     def _open(self):
@@ -41,13 +43,13 @@ class Progress:
 
         self.bar = Bar(
             TextColumn("t = {task.fields[t]:.4g} of {task.fields[end]:g} s"),
-            BarColumn(bar_width=20),
-            TextColumn("{task.fields[steps]} steps, now {task.fields[step]:.2g} s,"),
+            BarColumn(bar_width=12),
+            TextColumn("{task.fields[steps]} steps, now {task.fields[step]:.2g} s, order {task.fields[order]},"),
             TimeRemainingColumn(),
             TextColumn("left"),
             console=Console(stderr=True),
             transient=True,
         )
         total = abs(self.end - self.start)
-        self.task = self.bar.add_task("", total=total, t=self.start, end=self.end, steps=0, step=0.0)
+        self.task = self.bar.add_task("", total=total, t=self.start, end=self.end, steps=0, step=0.0, order=0)
         self.bar.start()

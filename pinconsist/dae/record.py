@@ -28,7 +28,8 @@ class Wishes:
         Keep the interpolants.
     events : tuple of Event
     callback : callable or None
-        ``callback(t, p, v, lam)`` after every accepted step; a true value stops the run.
+        ``callback(t, p, v, lam)`` after every accepted step; a true value stops the run. Its attribute ``order``,
+        if it has one, is set to the order of the step first.
     finish : callable
         ``finish(p, lam)``: the multipliers as the user sees them, of one row or a stack of rows.
     """
@@ -82,6 +83,8 @@ class Record:
             t = self._pending.pop()
             self._rows.append((t, *segment(t)))
         if self.wishes.callback is not None:
+            if hasattr(self.wishes.callback, "order"):
+                self.wishes.callback.order = order
             for row in rows:
                 self._call_back(*row)
 
