@@ -30,13 +30,13 @@ class Progress:
         now = time.monotonic()
         if now >= self.next_update:
             self.next_update = now + PERIOD
-            if self.bar is None:
-                self._open()
             told = {"t": t, "steps": self.steps, "step": step, "order": self.order}
+            if self.bar is None:
+                self._open(told)
             self.bar.update(self.task, completed=abs(t - self.start), **told)
         return False
 
-    def _open(self):
+    def _open(self, told):
         from rich.console import Console
         from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as Bar
@@ -51,5 +51,5 @@ class Progress:
             transient=True,
         )
         total = abs(self.end - self.start)
-        self.task = self.bar.add_task("", total=total, t=self.start, end=self.end, steps=0, step=0.0, order=0)
+        self.task = self.bar.add_task("", total=total, end=self.end, **told)
         self.bar.start()
