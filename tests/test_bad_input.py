@@ -84,6 +84,8 @@ DESCRIBE = {
     "one force": (lambda: changed(forces=max), "forces= needs a sequence"),
     "motor": (lambda: changed(actuated=["crnk"]), "no joint 'crnk'"),
     "motors": (lambda: changed(actuated="crank"), "actuated= needs a sequence"),
+    "duration": (lambda: changed(duration=-1), "duration needs a positive number of seconds, got -1"),
+    "durations": (lambda: changed(duration=[1, 2]), r"duration needs a positive number of seconds, got \[1, 2\]"),
     "guess": (lambda: changed(guess={"crank": [1, 2]}), r"configuration of joint 'crank' needs 1 number\(s\), got 2"),
     "complex guess": (lambda: changed(guess=np.array([1j, 0, 0])), "configuration: expected numbers"),
     "kind": (lambda: loop("pin"), "loop 'tip': unknown kind 'pin'; known are point, frame, hinge, distance"),

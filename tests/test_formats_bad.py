@@ -141,6 +141,8 @@ BAD_LOOPS = {
     ),
     "length": ("loops: [{name: n, kind: distance, frame1: c}]", "loop 1 'n': .*needs length > 0"),
     "name": ("loops: [{name: 12, kind: point, frame1: c}]", "loop 1: name: a name is needed, not 12"),
+    "no duration": ("duration: 0", "duration: a positive number of seconds is needed, not 0"),
+    "durations": ("duration: [1, 2]", r"duration: a positive number of seconds is needed, not \[1, 2\]"),
     "guess": ("guess: {jk: 1}", "guess: the model has no joint 'jk'"),
     "guess value": ("guess: {j: up}", "guess: j: a finite number is needed, not 'up'"),
     "guess size": ("guess: {j: [1, 2]}", r"configuration of joint 'j' needs 1 number\(s\), got 2"),

@@ -39,6 +39,12 @@ def test_every_field_of_a_loop_reaches_the_loop(robot):
     assert (loop.xyz1, loop.rpy1, loop.xyz2, loop.rpy2) == ((1, 2, 0.3), (4, 5, 6), (7, 8, 9), (1, 0, 1))
 
 
+def test_duration(robot):
+    assert load(robot(CHAIN, "duration: 0.03")).duration == 0.03
+    assert load(robot(CHAIN, "guess: {k: 1.5}")).duration == load("four_bar").duration == 5.0
+    assert load("andrews").duration == 0.03
+
+
 def test_guess_and_actuated(robot):
     mech = load(robot(CHAIN, "guess: {k: 1.5}\nactuated: [k]"))
     assert mech.actuated == ("k",)

@@ -34,6 +34,7 @@ def equations(mech, t, q, v):
 
 def require_same(mech, back, seed=0):
     assert (back.joints, back.nq, back.actuated) == (mech.joints, mech.nq, mech.actuated)
+    assert back.duration == mech.duration
     assert back.loops == mech.loops or any(loop.kind == "drive" for loop in mech.loops)  # drives compare by identity
     np.testing.assert_allclose(back.guess, mech.guess, atol=1e-15)
     rng = np.random.default_rng(seed)

@@ -1,9 +1,10 @@
 """Loop files: what closes a tree, in YAML, in two conventions.
 
 The project's own has ``loops`` and ``forces``, lists of records (:mod:`pinconsist.formats.loop_records`,
-:mod:`pinconsist.formats.force_records`), ``description``, ``guess``, ``actuated``, and what
-:mod:`pinconsist.formats.model_settings` reads. The other is the ``robot.yaml`` of the example-parallel-robots
-collection: ``closed_loop`` (pairs of frames), ``type`` (3d or 6d), ``name_mot``, ``joint_name`` and ``joint_type``.
+:mod:`pinconsist.formats.force_records`), ``description``, ``guess``, ``actuated``, ``duration`` (for how long commands
+simulate that are not told otherwise, s; 5 where it is not said), and what :mod:`pinconsist.formats.model_settings`
+reads. The other is the ``robot.yaml`` of the example-parallel-robots collection: ``closed_loop`` (pairs of frames),
+``type`` (3d or 6d), ``name_mot``, ``joint_name`` and ``joint_type``.
 """
 
 from __future__ import annotations
@@ -18,16 +19,17 @@ from ..errors import FormatError, InputError
 from ..mechanism.constraints.coupling import Coupling
 from ..mechanism.constraints.drive import Drive
 from ..mechanism.constraints.loops import Loop
+from ..mechanism.mechanism import Mechanism
 from .force_records import force_element, force_record
 from .joints import check_type, new_names
 from .loop_records import loop_element, loop_record
 from .model_settings import KEYS as SETTINGS
 from .model_settings import ModelSettings, model_settings
-from .reading import near, read_bytes, shown
+from .reading import finite, near, read_bytes, shown
 from .records import known_keys, name, number_or_numbers
 
 MAX_BYTES = 1_000_000
-_OWN_KEYS = ("description", "loops", "forces", "guess", "actuated", *SETTINGS)
+_OWN_KEYS = ("description", "loops", "forces", "guess", "actuated", "duration", *SETTINGS)
 _ROBOT_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _KINDS = {"3d": "point", "6d": "frame"}
 _log = logging.getLogger(__name__)
@@ -53,6 +55,8 @@ class LoopFile:
         What else is said of the tree.
     description : str
         One line for lists of models.
+    duration : float
+        How long its motion is worth a look, s.
     """
 
     loops: tuple[Loop | Coupling | Drive, ...] = ()
@@ -62,6 +66,7 @@ class LoopFile:
     joint_types: dict[str, str] = field(default_factory=dict)
     description: str = ""
     settings: ModelSettings = field(default_factory=ModelSettings)
+    duration: float = Mechanism.duration
 
 
 def read(path) -> LoopFile:
@@ -178,7 +183,10 @@ def _own(record):
         raise FormatError(f"a line of text is needed, not {shown(description)}", element="description")
     actuated = tuple(_names(record, "actuated"))
     settings, types = model_settings(record)
-    return LoopFile(tuple(loops), forces, actuated, guess, types, description, settings)
+    duration = finite(given := record.get("duration", Mechanism.duration))
+    if duration is None or not duration > 0:
+        raise FormatError(f"a positive number of seconds is needed, not {shown(given)}", element="duration")
+    return LoopFile(tuple(loops), forces, actuated, guess, types, description, settings, duration)
 
 
 def _robot(record, path):

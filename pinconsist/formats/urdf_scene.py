@@ -41,6 +41,7 @@ def load(path: Path, name: str, *, loops, closure, free_flyer, package_dirs, wri
             guess=record.guess,
             actuated=record.actuated,
             geometry=scene.geometry,
+            duration=record.duration,
         )
     except InputError as error:
         raise FormatError(str(error), path=loop_path or path) from error

@@ -27,9 +27,10 @@ def write(mechanism: Mechanism, path) -> Path:
 
     Both are written whole or not at all, over what was there, after having been read back and compared: the tree in
     the order of its joints, inertias, joint types, damping, friction and rotor inertia (armature), limits of hinges and
-    sliders, gravity, loops, couplings and drives, forces, guess, motorised joints, and the shapes of URDF scenes. Mesh
-    files stay where they are: files elsewhere are found again by ``load(..., package_dirs=...)``. Frames keep their
-    names and places; those of joints that had none, and the links of joints without a body frame, come in addition.
+    sliders, gravity, loops, couplings and drives, forces, guess, motorised joints, duration, and the shapes of URDF
+    scenes. Mesh files stay where they are: files elsewhere are found again by ``load(..., package_dirs=...)``. Frames
+    keep their names and places; those of joints that had none, and the links of joints without a body frame, come in
+    addition.
 
     Parameters
     ----------
@@ -94,6 +95,8 @@ def _content(mechanism, name):
     ):
         if value:
             scene[key] = value
+    if mechanism.duration != Mechanism.duration:
+        scene["duration"] = mechanism.duration
     return urdf, scene
 
 

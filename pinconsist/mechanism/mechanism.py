@@ -55,6 +55,8 @@ class Mechanism:
         Names of motorised joints, for information.
     geometry : Geometry, optional
         Shapes for replays.
+    duration : float
+        How long its motion is worth a look, s: for how long commands simulate that are not told otherwise.
 
     Raises
     ------
@@ -69,6 +71,7 @@ class Mechanism:
     guess: np.ndarray | None = None
     actuated: tuple[str, ...] = ()
     geometry: Geometry | None = field(default=None, repr=False)
+    duration: float = 5.0
 
     def __post_init__(self):
         if not isinstance(self.model, pin.Model):
@@ -91,6 +94,10 @@ class Mechanism:
         put(self, "guess", self.configuration({} if self.guess is None else self.guess))
         for joint in self.actuated:
             self.joint_index(joint)
+        duration = finite_array(self.duration, "duration")
+        if duration.shape or not duration > 0:
+            raise InputError(f"duration needs a positive number of seconds, got {self.duration!r}")
+        put(self, "duration", float(duration))
 
     @property
     def nq(self) -> int:

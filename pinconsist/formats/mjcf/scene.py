@@ -51,6 +51,7 @@ def load(path: Path, name: str, *, loops, closure, free_flyer, package_dirs) -> 
             guess=scene.guess | record.guess,
             actuated=tuple(dict.fromkeys((*scene.actuated, *record.actuated))),
             geometry=scene.geometry,
+            duration=record.duration,
         )
     except InputError as error:
         raise FormatError(str(error), path=path) from error

@@ -72,6 +72,7 @@ def load(path: Path, name: str, *, loops, closure, free_flyer, package_dirs) -> 
             guess=scene.guess | record.guess,
             actuated=record.actuated,
             geometry=scene.geometry,
+            duration=record.duration,
         )
     except InputError as error:
         raise FormatError(str(error), path=path) from error
