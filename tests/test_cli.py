@@ -348,6 +348,14 @@ def test_replay_opens_the_browser(run, monkeypatch):
     assert shown == [{"speed": 1.0, "traces": ["pendulum_tip"], "forces": True, "loop": False, "open_browser": True}]
 
 
+def test_commands_run_for_the_duration_of_the_scene(run):
+    assert json.loads(run("simulate", "andrews", "--json")[1])["run"]["t"] == [0.0, 0.03]
+    assert json.loads(run("simulate", "andrews", "--from", 1, "--json")[1])["run"]["t"] == [1.0, 1.03]
+    assert json.loads(run("plot", "andrews", "--json")[1])["t"] == [0.0, 0.03]
+    assert "t = 0 … 0.03 s" in run("replay", "andrews", "--html", "page.html")[1]
+    assert '"clock":[0.0,0.01,3.0]' in Path("page.html").read_text()  # slowed, to last three seconds
+
+
 def test_replay_without_a_browser_serves_the_page_until_interrupted(run, monkeypatch):
     def interrupt(_):
         raise KeyboardInterrupt

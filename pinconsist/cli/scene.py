@@ -60,6 +60,13 @@ WithVelocity = Annotated[
         help="Start with these joint velocities, in rad/s or m/s; the others follow. Default: rest.",
     ),
 ]  # fmt: skip
+Until = Annotated[
+    float | None,
+    _option(
+        "--until", metavar="SECONDS", panel=START,
+        help="Time at the end. Default: the scene's own duration, 5 s where it says none.",
+    ),
+]  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import floor, log10
 from typing import Annotated
 
 import typer
@@ -19,13 +20,23 @@ Traces = Annotated[
     ),
 ]
 Speed = Annotated[
-    float, typer.Option(metavar="FACTOR", help="2 plays twice as fast, 0.1 in slow motion.", rich_help_panel=PANEL)
-]
+    float | None,
+    typer.Option(
+        metavar="FACTOR", rich_help_panel=PANEL,
+        help="2 plays twice as fast, 0.1 in slow motion. Default: 1, or what makes less than a second last some.",
+    ),
+]  # fmt: skip
+
+
+def pace(speed, sol) -> float:
+    """Seconds of motion per second of playing: `speed`, else real time, or less where that would be over at once."""
+    length = abs(sol.t[-1] - sol.t[0])
+    return speed if speed is not None else 10.0 ** floor(log10(length)) if 0 < length < 1 else 1.0
 
 
 def require_drawable(mech, traces, speed):
     """Raise InputError before a long run, not after it, for a --trace of no frame or a useless --speed."""
-    if not 0 < speed < float("inf"):
+    if speed is not None and not 0 < speed < float("inf"):
         raise InputError(f"--speed {speed}: needs a positive number")
     if traces:
         from ..view.scene import require_frames
@@ -35,7 +46,7 @@ def require_drawable(mech, traces, speed):
 
 def require_page(html, forces, traces, speed):
     """Raise InputError for options of a page that is not asked for."""
-    given = {"--forces": forces, "--trace": traces, "--speed": speed != 1.0}
+    given = {"--forces": forces, "--trace": traces, "--speed": speed is not None}
     without = [name for name, each in given.items() if each]
     if without and not html:
         raise InputError(f"{without[0]} says how the page of --html looks; give --html FILE.html too")

@@ -27,9 +27,7 @@ def simulate(
     start: Annotated[
         float, typer.Option("--from", metavar="SECONDS", help="Time at the start.", rich_help_panel=scene.START)
     ] = 0.0,
-    until: Annotated[
-        float, typer.Option("--until", metavar="SECONDS", help="Time at the end.", rich_help_panel=scene.START)
-    ] = 5.0,
+    until: scene.Until = None,
     at: scene.At = None,
     with_velocity: scene.WithVelocity = None,
     step: Annotated[
@@ -72,7 +70,7 @@ def simulate(
     ] = None,
     forces: shown.Forces = False,
     traces: shown.Traces = None,
-    speed: shown.Speed = 1.0,
+    speed: shown.Speed = None,
     plot: Annotated[
         str | None, typer.Option(metavar="FILE.png", help="Draw it over time (or .pdf, .svg).", rich_help_panel=FILES)
     ] = None,
@@ -100,6 +98,7 @@ def simulate(
     what = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
     mech = what.load()
     shown.require_drawable(mech, traces, speed)
+    until = start + mech.duration if until is None else until
     assembly = assemble(mech, q0 or None, v0 or None)
     scene.tell_moved(mech, q0, assembly)
     if not as_json:
@@ -120,7 +119,8 @@ def simulate(
     if html:
         from ..view.meshcat import export_html
 
-        output.written(html, lambda: export_html(mech, sol, html, speed=speed, traces=traces or (), forces=forces))
+        look = {"speed": shown.pace(speed, sol), "traces": traces or (), "forces": forces}
+        output.written(html, lambda: export_html(mech, sol, html, **look))
     if plot:
         from ..view.plots import plot_solution
 
