@@ -106,7 +106,7 @@ def test_forces_are_drawn_where_there_are_some():
     assert not drawn(page, "/forces") and "no loop pulls here" in [each["text"] for each in page["legend"]]
     four_bar = pc.load("four_bar")
     still = SimpleNamespace(t=np.zeros(1), q=np.zeros((1, 3)), lam=np.full((1, four_bar.nc), 7.0))
-    assert len(drawn(shown(four_bar, still, forces=True), "/forces")) == 2
+    assert len(drawn(shown(four_bar, still, forces=True), "/forces")) == 4  # a shaft, a ring, and their heads
     assert not drawn(shown(four_bar, still), "/forces")
     for lam in ({}, {"lam": np.zeros((1, 2))}, {"lam": np.full((1, four_bar.nc), np.nan)}):
         with pytest.raises(pc.InputError, match="lam"):

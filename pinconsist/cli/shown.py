@@ -11,7 +11,10 @@ from ..errors import InputError
 
 PANEL = "Page"
 Forces = Annotated[
-    bool, typer.Option("--forces", help="Draw the force of every loop as an arrow.", rich_help_panel=PANEL)
+    bool,
+    typer.Option(
+        "--forces", help="Draw forces and moments of loops, and torques of motors, as arrows.", rich_help_panel=PANEL
+    ),
 ]
 Traces = Annotated[
     list[str] | None,

@@ -1,4 +1,4 @@
-"""The loops' forces as arrows: which force is drawn where, how long, and how that is said."""
+"""Forces as straight arrows, moments as arrows that turn about their axis: how long they are, and how that is said."""
 
 from __future__ import annotations
 
@@ -6,66 +6,44 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mechanism.reactions import reaction
+from .actions import FORCE, MOMENT, Action
 from .commands import Node
-from .motion import Run, anchors, in_world, turn_from_y
-from .shapes import Shape, cylinder
+from .motion import turn_from
+from .shapes import Shape, cylinder, ring
 
-ARROW = 0x6A1B9A
-COMMON, LONGEST = 0.25, 0.5  # lengths in sizes of the scene: of an arrow that a quarter exceeds, and the most drawn
+COLORS = {FORCE: 0x6A1B9A, MOMENT: 0x1B5E20}
+UNITS = {FORCE: "N", MOMENT: "N·m"}
+COMMON = {FORCE: 0.25, MOMENT: 0.08}  # sizes of the scene: length or radius that a quarter of the arrows exceeds
+LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # the most that is drawn
+RADIUS, HEAD = 0.006, 0.05  # of a shaft; length of a head; in sizes of the scene
+ARC = 1.5 * np.pi  # of a ring, rad
+TUBE, TIP = 0.05, 0.4  # thickness of a ring and length of its head, in its radii
 LEAST = 1e-5  # of a scale; three.js cannot invert a transformation of scale 0
-
-
-@dataclass(frozen=True, eq=False)
-class Pull:
-    """The force of one loop over the frames."""
-
-    loop: str
-    points: np.ndarray  # (m, 3), m, where it acts
-    forces: np.ndarray  # (m, 3), N, world axes
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How long arrows are: ``metres`` for each newton, none longer than ``most``; ``text`` says so to a person."""
+    """How large arrows are: ``metres`` for each N or N·m, none more than ``most``; ``text`` says so to a person."""
 
     metres: float
     most: float
     text: str
 
 
-def pulls(run: Run, poses: np.ndarray) -> list[Pull]:
-    """Forces of all loops, each on the loop's body 2, or on its body 1 where the other is the ground.
+def scale_of(kind: str, actions: list[Action], size: float) -> Scale | None:
+    """One scale for all forces, or moments, of a picture; None where there are none.
 
-    Parameters
-    ----------
-    run : Run
-        With multipliers, at the frames' times.
-    poses : ndarray, shape (m, njoints, 7)
-        World poses of the joints.
+    Common ones show well by it. Great ones, as of wrong multipliers at the start or near dead centres, are cut.
     """
-    out = []
-    for loop in run.mech.anchored_loops:
-        joint, place = anchors(run.mech.model, loop)[1]
-        points = in_world(poses[:, joint], [place.translation])[:, 0]
-        force = reaction(run.mech, loop.name, run.t, run.q, run.lam).force
-        out.append(Pull(loop.name, points, force if joint else -force))
-    return out
-
-
-def scale_of(all_pulls: list[Pull], size: float) -> Scale | None:
-    """One scale for all arrows of a picture; None where no loop pulls.
-
-    Common forces show well by it. Great ones, as of wrong multipliers at the start or near dead centres, are cut.
-    """
-    newtons = np.concatenate([np.linalg.norm(pull.forces, axis=1) for pull in all_pulls] or [np.zeros(0)])
-    if not newtons.max(initial=0.0) > 1e-12:
+    sizes = np.concatenate([action.sizes for action in actions if action.kind == kind] or [np.zeros(0)])
+    if not sizes.max(initial=0.0) > 1e-12:
         return None
-    common = np.percentile(newtons[newtons > 1e-6 * newtons.max()], 75)
-    per_metre, most = _round(common / (COMMON * size)), LONGEST * size
-    length = 10.0 ** np.floor(np.log10(COMMON * size))
-    cut = f", longer ones cut at {most * per_metre:.3g} N" if newtons.max() > most * per_metre else ""
-    return Scale(1 / per_metre, most, f"{length:g} m of arrow is {length * per_metre:.3g} N{cut}")
+    common, unit = np.percentile(sizes[sizes > 1e-6 * sizes.max()], 75), UNITS[kind]
+    per_metre, most = _round(common / (COMMON[kind] * size)), LONGEST[kind] * size
+    length = 10.0 ** np.floor(np.log10(COMMON[kind] * size))
+    what = "m of arrow" if kind == FORCE else "m of radius"
+    cut = f", larger ones cut at {most * per_metre:.3g} {unit}" if sizes.max() > most * per_metre else ""
+    return Scale(1 / per_metre, most, f"{length:g} {what} is {length * per_metre:.3g} {unit}{cut}")
 
 
 def _round(value: float) -> float:
@@ -74,23 +52,45 @@ def _round(value: float) -> float:
     return float(min((1, 2, 5, 10), key=lambda step: abs(np.log(value / (step * power)))) * power)
 
 
-def arrow(path: str, pull: Pull, scale: Scale, size: float) -> tuple[list[tuple[Node, Shape]], np.ndarray]:
-    """Shaft and head with their shapes; and the tips, shape (m, 3). A short arrow is thinner too."""
-    newtons = np.linalg.norm(pull.forces, axis=1)
-    lengths = np.minimum(newtons * scale.metres, scale.most)
-    along = pull.forces / np.where(newtons > 0, newtons, 1.0)[:, None]
-    along[newtons == 0] = (0.0, 1.0, 0.0)
-    radius, head = 0.006 * size, 0.05 * size
-    thin = np.minimum(1.0, lengths / (2 * head))  # keeps the head at half the arrow, at most
-    turns = np.array([turn_from_y(each).coeffs() for each in along])
-    necks = pull.points + along * (lengths - head * thin)[:, None]
-    shaft = np.column_stack((thin, lengths - head * thin, thin)).clip(LEAST)
-    pointed = cylinder(0, np.zeros(3), (0.0, head, 0.0), 2.4 * radius, color=ARROW, on_top=True)
+def arrow(path: str, action: Action, scale: Scale, size: float) -> tuple[list[tuple[Node, list[Shape]]], np.ndarray]:
+    """The moving parts of an action's arrow with their shapes; and points around it, shape (m, k, 3)."""
+    sizes = action.sizes
+    reach = np.minimum(sizes * scale.metres, scale.most)
+    along = action.vectors / np.where(sizes > 0, sizes, 1.0)[:, None]
+    along[sizes == 0] = (0.0, 1.0, 0.0)
+    draw = _straight if action.kind == FORCE else _turning
+    return draw(path, action.points, along, reach, size)
+
+
+def _straight(path, points, along, reach, size):
+    """Shaft and head; a short arrow is thinner too."""
+    radius, head = RADIUS * size, HEAD * size
+    thin = np.minimum(1.0, reach / (2 * head))  # keeps the head at half the arrow, at most
+    turns = np.array([turn_from((0, 1, 0), each).coeffs() for each in along])
+    necks = points + along * (reach - head * thin)[:, None]
+    shaft = np.column_stack((thin, reach - head * thin, thin)).clip(LEAST)
+    look = {"color": COLORS[FORCE], "on_top": True}
+    pointed = cylinder(0, np.zeros(3), (0.0, head, 0.0), 2.4 * radius, **look)
     pointed.geometry["radiusTop"] = 0.0
-    return [
+    heads = Node(f"{path}/head", np.hstack((necks, turns)), np.repeat(thin[:, None], 3, axis=1).clip(LEAST))
+    parts = [
         (
-            Node(f"{path}/shaft", np.hstack((pull.points, turns)), shaft),
-            cylinder(0, np.zeros(3), (0.0, 1.0, 0.0), radius, color=ARROW, on_top=True),
+            Node(f"{path}/shaft", np.hstack((points, turns)), shaft),
+            [cylinder(0, np.zeros(3), (0.0, 1.0, 0.0), radius, **look)],
         ),
-        (Node(f"{path}/head", np.hstack((necks, turns)), np.repeat(thin[:, None], 3, axis=1).clip(LEAST)), pointed),
-    ], pull.points + along * lengths[:, None]
+        (heads, [pointed]),
+    ]
+    return parts, (points + along * reach[:, None])[:, None]
+
+
+def _turning(path, points, along, reach, size):
+    """Three quarters of a ring about the axis with a head at its end, right-handed; the radius is the size."""
+    turns = np.array([turn_from((0, 0, 1), each).coeffs() for each in along])
+    look = {"color": COLORS[MOMENT], "on_top": True}
+    end = np.array([np.cos(ARC), np.sin(ARC), 0.0])
+    onward = np.array([-end[1], end[0], 0.0])
+    pointed = cylinder(0, end, end + TIP * onward, 2.6 * TUBE, **look)
+    pointed.geometry["radiusTop"] = 0.0
+    node = Node(f"{path}/turn", np.hstack((points, turns)), np.repeat(reach[:, None], 3, axis=1).clip(LEAST))
+    around = points[:, None] + reach[:, None, None] * np.vstack((np.eye(3), -np.eye(3)))
+    return [(node, [ring(0, ARC, TUBE, **look), pointed])], around

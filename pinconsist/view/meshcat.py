@@ -31,8 +31,9 @@ def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces
     mech : Mechanism or sequence of Mechanism
         The scene; one for all solutions, or one for each.
     sol : Solution, or sequence of solutions, or mapping of titles to solutions
-        What is played; several stand side by side, in one scale and at one pace. Needed are ``t``, shape (n,), s,
-        monotone, and ``q``, shape (n, nq); for forces also ``lam``, shape (n, nc). Rows are played in their order.
+        What is played, its rows in their order; several stand side by side, in one scale and at one pace. Needed are
+        ``t``, shape (n,), s, monotone, and ``q``, shape (n, nq); for forces also ``lam``, shape (n, nc), and for
+        those of servos and joint torques ``v``, shape (n, nv).
     file : path
         The page; written whole or not at all.
     speed : float
@@ -42,8 +43,11 @@ def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces
     traces : sequence of str
         Frames of the model whose paths are drawn.
     forces : bool
-        Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 where body 2 is the ground): those
-        of :meth:`Solution.reaction`. The page says how many newtons a length is, and at which force arrows are cut.
+        Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 where body 2 is the ground), and
+        its moment as an arrow that turns about its axis: those of :meth:`Solution.reaction`. So are the torques of
+        drives and couplings, and of the mechanism's servos and joint torques together, on joints of one degree of
+        freedom; where the joint slides they are forces. The page says how many newtons a length is, and where arrows
+        are cut.
 
     Returns
     -------

@@ -26,10 +26,11 @@ class Run:
     elapsed: np.ndarray  # (n,), s, never falling
     t: np.ndarray  # (n,)
     q: np.ndarray  # (n, nq)
-    lam: np.ndarray | None  # (n, nc), where they were asked for
+    lam: np.ndarray | None = None  # (n, nc), where they were asked for
+    v: np.ndarray | None = None  # (n, nv), where they were asked for
 
     @classmethod
-    def of(cls, mech: Mechanism, sol, title: str = "", *, with_lam: bool = False) -> Run:
+    def of(cls, mech: Mechanism, sol, title: str = "", *, needs=()) -> Run:
         """The run of a solution.
 
         Parameters
@@ -40,8 +41,8 @@ class Run:
             With ``t``, shape (n,), s, monotone, steps of any size, and ``q``, shape (n, nq).
         title : str
             By which it is told from others.
-        with_lam : bool
-            Whether ``lam``, shape (n, nc), is needed too.
+        needs : sequence of str
+            What else is needed: ``lam``, shape (n, nc), and ``v``, shape (n, nv).
 
         Raises
         ------
@@ -51,8 +52,7 @@ class Run:
         """
         if not isinstance(mech, Mechanism):
             raise InputError(f"a replay needs a Mechanism, got {type(mech).__name__}")
-        needed = ("t", "q", "lam") if with_lam else ("t", "q")
-        absent = [name for name in needed if not hasattr(sol, name)]
+        absent = [name for name in ("t", "q", *needs) if not hasattr(sol, name)]
         if absent:
             raise InputError(f"a replay of {mech.name!r} needs a solution; {type(sol).__name__} has no {absent[0]}")
         t, q = finite_array(sol.t, "the solution's t"), finite_array(sol.q, "the solution's q")
@@ -61,28 +61,31 @@ class Run:
                 f"a replay of {mech.name!r} needs t of shape (n,), n ≥ 1, and q of shape (n, {mech.nq}); "
                 f"got {t.shape} and {q.shape}"
             )
-        lam = finite_array(sol.lam, "the solution's lam") if with_lam else None
-        if with_lam and lam.shape != (t.size, mech.nc):
-            raise InputError(f"forces of {mech.name!r} need lam of shape ({t.size}, {mech.nc}), got {lam.shape}")
+        more = {name: finite_array(getattr(sol, name), f"the solution's {name}") for name in needs}
+        for name, array in more.items():
+            shape = (t.size, mech.nc if name == "lam" else mech.nv)
+            if array.shape != shape:
+                raise InputError(f"forces of {mech.name!r} need {name} of shape {shape}, got {array.shape}")
         elapsed = np.abs(t - t[0])
         if np.any(np.diff(elapsed) < 0):
             raise InputError("the solution's times run both forward and backward")
-        return cls(title, mech, elapsed, t, q, lam)
+        return cls(title, mech, elapsed, t, q, **more)
 
     def at(self, elapsed: np.ndarray) -> Run:
         """The run at other times, shape (m,); at rest after its end. Configurations follow the manifold."""
         if self.t.size == 1:
             rows = np.zeros(len(elapsed), int)
-            return Run(self.title, self.mech, elapsed, self.t[rows], self.q[rows], _rows(self.lam, rows))
+            return Run(self.title, self.mech, elapsed, *(_rows(x, rows) for x in (self.t, self.q, self.lam, self.v)))
         after = np.clip(np.searchsorted(self.elapsed, elapsed, side="right"), 1, self.t.size - 1)
         step = self.elapsed[after] - self.elapsed[after - 1]
         share = np.where(step > 0, (elapsed - self.elapsed[after - 1]) / np.where(step > 0, step, 1.0), 1.0).clip(0, 1)
         pairs = zip(self.q[after - 1], self.q[after], share, strict=True)
         q = np.array([pin.interpolate(self.mech.model, *pair) for pair in pairs])
-        t, lam = (
-            None if x is None else x[after - 1] + (share * (x[after] - x[after - 1]).T).T for x in (self.t, self.lam)
+        t, lam, v = (
+            None if x is None else x[after - 1] + (share * (x[after] - x[after - 1]).T).T
+            for x in (self.t, self.lam, self.v)
         )
-        return Run(self.title, self.mech, elapsed, t, q, lam)
+        return Run(self.title, self.mech, elapsed, t, q, lam, v)
 
 
 def _rows(array, rows):
@@ -154,7 +157,12 @@ def bar_poses(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return poses
 
 
+def turn_from(axis, along: np.ndarray) -> pin.Quaternion:
+    """The smallest rotation that takes an axis of unit length to a direction; none where there is no direction."""
+    axis, length = np.array(axis, float), np.linalg.norm(along)
+    return pin.Quaternion.FromTwoVectors(axis, along / length if length else axis)
+
+
 def turn_from_y(along: np.ndarray) -> pin.Quaternion:
     """The rotation that takes the y axis, along which three.js builds cylinders, to a direction."""
-    length = np.linalg.norm(along)
-    return pin.Quaternion.FromTwoVectors(np.array([0.0, 1.0, 0.0]), along / length if length else np.eye(3)[1])
+    return turn_from((0, 1, 0), along)

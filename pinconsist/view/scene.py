@@ -8,7 +8,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..mechanism.names import near
-from .arrows import ARROW, Pull, arrow, pulls, scale_of
+from .actions import FORCE, MOMENT, Action, actions
+from .arrows import COLORS, arrow, scale_of
 from .camera import camera, floor, plane_normal, surroundings, view_axes, y_up
 from .commands import Node, animation, at_start, drawn, line, placed
 from .motion import Run, body_poses, in_world, playing_times
@@ -18,6 +19,11 @@ from .side_by_side import runs_of
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
 SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its plate", "distance": "at its bar's end"}
+ACTS = {
+    FORCE: "force of a loop on its second body (its first, where that is the ground)",
+    MOMENT: "moment of a loop on that body, or torque of a drive or motor on its joint",
+}
+POINT = 1e-12  # m; what is smaller is a point and rounding
 GAP = 0.3  # between neighbours, in sizes of the scene
 
 
@@ -25,12 +31,12 @@ GAP = 0.3  # between neighbours, in sizes of the scene
 class Copy:
     """What is drawn of one run, in the axes of its own world."""
 
-    run: Run
+    run: Run  # at the frames' times
     path: str
     bodies: np.ndarray  # (m, njoints, 7), world poses of the joints
     bones: np.ndarray  # (m, k, 3), points of the skeleton
     skin: list[Shape]  # what the robot file brings
-    pulls: list[Pull]
+    acting: list[Action] = field(default_factory=list)
     nodes: list[Node] = field(default_factory=list)
     things: list[dict] = field(default_factory=list)
     body: np.ndarray | None = None  # (k, 3), encloses the mechanism
@@ -38,7 +44,8 @@ class Copy:
 
     @property
     def size(self) -> float:
-        return float(np.linalg.norm(np.ptp(self.bones.reshape(-1, 3), axis=0)))
+        size = float(np.linalg.norm(np.ptp(self.bones.reshape(-1, 3), axis=0)))
+        return size if size > POINT else 0.0
 
 
 def scene(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetitions: int) -> dict:
@@ -53,7 +60,7 @@ def scene(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetiti
     """
     from .visuals import visuals  # and with it coal, only when something is shown
 
-    runs, traces = runs_of(mech, sol, with_lam=forces), _names(traces)
+    runs, traces = runs_of(mech, sol, forces=forces), _names(traces)
     for run in runs:
         require_frames(run.mech, traces)
     clock = playing_times(runs, speed, fps)
@@ -64,12 +71,14 @@ def scene(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetiti
         now = run.at(clock * speed)
         bodies = body_poses(run.mech.model, now.q)
         path = f"/{number + 1} {_part(run.title)}" if len(runs) > 1 else ""
-        acting = pulls(now, bodies) if forces else []
-        copies.append(Copy(run, path, bodies, skeleton(run.mech, bodies), skins[id(run.mech)], acting))
+        copies.append(Copy(now, path, bodies, skeleton(run.mech, bodies), skins[id(run.mech)]))
     size = max(copy.size for copy in copies) or 1.0
-    scale = scale_of([pull for copy in copies for pull in copy.pulls], size)
+    for copy in copies if forces else ():
+        copy.acting = actions(copy.run, copy.bodies, size)
+    acting = [action for copy in copies for action in copy.acting]
+    scales = {kind: scale_of(kind, acting, size) for kind in (FORCE, MOMENT)}
     for copy in copies:
-        _draw(copy, size, traces, scale)
+        _draw(copy, size, traces, scales)
 
     normal = _common_normal([plane_normal(copy.bones) for copy in copies])
     axes = view_axes(normal)
@@ -97,7 +106,7 @@ def scene(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetiti
         "target": target,
         "clock": [first, speed * (-1.0 if last < first else 1.0), float(clock[-1])],
         "titles": titles,
-        "legend": _legend(runs, traces, forces, scale),
+        "legend": _legend(runs, traces, forces, scales),
     }
 
 
@@ -119,7 +128,7 @@ def _part(name: str) -> str:
     return name.replace("/", "∕") or "unnamed"  # a slash would split the path
 
 
-def _draw(copy: Copy, size: float, traces, scale):
+def _draw(copy: Copy, size: float, traces, scales):
     """Fill in nodes, things and cloud of a copy."""
     mech, bodies = copy.run.mech, copy.bodies
     poses = np.concatenate([bodies, *(bar[:, None] for bar in bars(mech, bodies))], axis=1)
@@ -139,12 +148,12 @@ def _draw(copy: Copy, size: float, traces, scale):
     copy.body = np.concatenate([points.reshape(-1, 3) for points in cloud])
     cloud = [copy.body]
     copy.things += [drawn(f"{paths[shape.node]}/{k}", shape) for k, shape in enumerate(shapes)]
-    for pull in copy.pulls if scale else ():
-        parts, tips = arrow(f"{copy.path}/forces/{_part(pull.loop)}", pull, scale, size)
-        for node, shape in parts:
+    for action in (each for each in copy.acting if scales[each.kind]):
+        parts, around = arrow(f"{copy.path}/forces/{_part(action.name)}", action, scales[action.kind], size)
+        for node, its_shapes in parts:
             copy.nodes.append(node)
-            copy.things.append(drawn(f"{node.path}/0", shape))
-        cloud.append(tips[some])
+            copy.things += [drawn(f"{node.path}/{k}", shape) for k, shape in enumerate(its_shapes)]
+        cloud.append(around[some].reshape(-1, 3))
     copy.cloud = np.concatenate(cloud)
 
 
@@ -173,15 +182,15 @@ def _below(cloud: np.ndarray, axes: np.ndarray, size: float) -> np.ndarray:
     return np.array([middle[0], seen[:, 1].min() - 0.06 * size, middle[2]]) @ axes
 
 
-def _legend(runs, traces, forces: bool, scale) -> list[dict]:
+def _legend(runs, traces, forces: bool, scales) -> list[dict]:
     out = [{"color": TRACES[k % len(TRACES)], "text": f"path of {name}"} for k, name in enumerate(traces)]
     kinds = {loop.kind for run in runs for loop in run.mech.anchored_loops}
     if kinds:
         seats = dict.fromkeys(seat for kind, seat in SEATS.items() if kind in kinds)
         out.append({"color": CLOSED, "text": f"loop: closed where its core sits {', '.join(seats)}"})
-    if scale:
-        text = f"force of a loop on its second body (its first, where that is the ground): {scale.text}"
-        out.append({"color": ARROW, "text": text})
-    elif forces:
-        out.append({"color": ARROW, "text": "no loop pulls here"})
+    for kind, scale in scales.items():
+        if scale:
+            out.append({"color": COLORS[kind], "text": f"{ACTS[kind]}: {scale.text}"})
+    if forces and not any(scales.values()):
+        out.append({"color": COLORS[FORCE], "text": "no loop pulls here"})
     return out

@@ -52,6 +52,13 @@ def cylinder(node: int, start, end, radius: float, **look) -> Shape:
     return Shape(node, {**form, "radialSegments": 24}, middle, bounds, **look)
 
 
+def ring(node: int, arc: float, tube: float, **look) -> Shape:
+    """A part of a ring of radius 1 about a node's z axis, from its x axis on; `arc` in rad."""
+    form = {"type": "TorusGeometry", "radius": 1.0, "tube": tube, "arc": arc, "radialSegments": 10}
+    reach = (1 + tube) * np.array([[1, 1, 0], [-1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    return Shape(node, {**form, "tubularSegments": 48}, bounds=reach, **look)
+
+
 def buffer(points: np.ndarray, index: np.ndarray | None = None) -> dict:
     """Points, shape (k, 3), and optionally triangles, shape (m, 3), as three.js reads them."""
     data = {"attributes": {"position": _array(points, "Float32Array", 3)}}

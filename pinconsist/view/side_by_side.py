@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ..errors import InputError
+from .actions import motors
 from .motion import Run
 
 
-def runs_of(mech, sol, *, with_lam: bool = False) -> list[Run]:
+def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:
     """The runs that are shown, from left to right.
 
     Parameters
@@ -18,8 +19,8 @@ def runs_of(mech, sol, *, with_lam: bool = False) -> list[Run]:
     sol : solution, sequence of solutions, or mapping of titles to solutions
         What is shown. Without titles they are told apart by what they differ in: consistency, else the mechanism's
         name, else a number.
-    with_lam : bool
-        Whether multipliers are needed.
+    forces : bool
+        Whether multipliers are needed, and velocities where motors act.
 
     Raises
     ------
@@ -35,7 +36,8 @@ def runs_of(mech, sol, *, with_lam: bool = False) -> list[Run]:
         raise InputError(f"{len(mechs)} mechanisms for {len(sols)} solution(s): give one for all, or one for each")
     titled = len(sols) > 1 or isinstance(sol, Mapping)
     titles = ([str(title) for title in sol] if isinstance(sol, Mapping) else _titles(mechs, sols)) if titled else [""]
-    return [Run.of(*each, with_lam=with_lam) for each in zip(mechs, sols, titles, strict=True)]
+    needs = [(("lam", "v") if motors(each) else ("lam",)) if forces else () for each in mechs]
+    return [Run.of(*each, needs=need) for *each, need in zip(mechs, sols, titles, needs, strict=True)]
 
 
 def _titles(mechs, sols) -> list[str]:

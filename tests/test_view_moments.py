@@ -1,0 +1,131 @@
+"""Moments of loops, and torques of drives and motors, on the page: as arrows that turn about their axis."""
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from browser import needs_browser, reported
+from test_view_forces import arrow, drawn, shown, stated, track
+
+import pinconsist as pc
+from pinconsist.mechanism.constraints.loops import Loop
+
+WEIGHT, ARM = 3.0, 0.3  # kg, m
+
+
+def moment(page, path):
+    """Centre and vector of a turning arrow at every frame, (n, 3) each: the vector in metres of radius."""
+    turns = [pin.Quaternion(row).matrix()[:, 2] for row in track(page, f"{path}/turn", ".quaternion")]
+    scale = track(page, f"{path}/turn", ".scale")
+    np.testing.assert_array_equal(scale, scale[:, :1].repeat(3, axis=1))
+    return track(page, f"{path}/turn", ".position"), turns * scale[:, :1]
+
+
+def per_metre(page):
+    """Newton metres per metre of radius, and where they are cut, as the legend says."""
+    (text,) = [each["text"] for each in page["legend"] if each["text"].startswith("moment")]
+    metres, moments = map(float, re.search(r"(\S+) m of radius is (\S+) N·m", text).groups())
+    cut = re.search(r"cut at (\S+) N·m", text)
+    return moments / metres, float(cut[1]) if cut else np.inf
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_weight_on_a_bracket_needs_force_and_moment(first):
+    """The weight pulls down ARM to the right of the wall's bracket, so that the wall turns it back, about -y."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "weight")
+    model.appendBodyToJoint(joint, pin.Inertia(WEIGHT, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+    end = pin.SE3(np.eye(3), np.array([-ARM, 0.0, 0.0]))
+    model.addFrame(pin.Frame("end", joint, 0, end, pin.FrameType.OP_FRAME))
+    ends = ("end", "universe") if first else ("universe", "end")
+    mech = pc.Mechanism(model, (Loop("wall", "frame", *ends),), name="bracket")
+    page = shown(mech, pc.simulate(mech, (0.0, 0.1)), forces=True)
+    _, force = arrow(page, "/forces/wall")
+    centre, turn = moment(page, "/forces/wall moment")
+    np.testing.assert_allclose(force * stated(page)[0], [[0, 0, WEIGHT * 9.81]] * 6, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(turn * per_metre(page)[0], [[0, -WEIGHT * 9.81 * ARM, 0]] * 6, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(centre, np.zeros((6, 3)), atol=1e-6)
+
+
+def test_a_ring_starts_on_its_x_axis_and_its_head_points_right_handed():
+    mech = pc.load("jansen_leg")
+    (ring, head) = drawn(shown(mech, pc.simulate(mech, (0.0, 0.1)), forces=True), "/forces/motor crank/turn")
+    (torus,), (cone,) = (each["object"]["geometries"] for each in (ring, head))
+    assert (torus["type"], torus["radius"]) == ("TorusGeometry", 1.0)
+    end = np.array([np.cos(torus["arc"]), np.sin(torus["arc"]), 0.0])
+    matrix = np.reshape(head["object"]["object"]["matrix"], (4, 4)).T
+    assert cone["radiusTop"] == 0.0  # the tip of a cone of three.js is at +y
+    np.testing.assert_allclose(matrix[:3, 1], np.cross([0, 0, 1], end), atol=1e-12)
+    np.testing.assert_allclose(matrix[:3, 3] - cone["height"] / 2 * matrix[:3, 1], end, atol=1e-12)
+
+
+def test_the_torque_of_a_drive_turns_about_its_joint():
+    mech = pc.load("jansen_leg")
+    sol = pc.simulate(mech, (0.0, 1.0), step=0.02)
+    page = shown(mech, sol, forces=True)
+    factor, most = per_metre(page)
+    centre, turn = moment(page, "/forces/motor crank")
+    torque = sol.reaction("motor").torque[:, None]
+    np.testing.assert_allclose(turn * factor, torque.clip(-most, most) * [[0, 1, 0]], rtol=5e-3, atol=1e-3)
+    np.testing.assert_allclose(centre, centre[:1].repeat(len(centre), axis=0))  # the crank's pivot stands still
+    assert (torque > 0).any() and (torque < 0).any()
+    loops = {each["path"].split("/")[2] for each in drawn(page, "/forces/")}
+    assert loops == {"Q", "S", "T", "motor crank"}  # the hinges of a planar linkage have no moments
+
+
+def test_a_drive_of_a_slider_pushes():
+    mech = pc.load("slider_crank")
+    mech = mech.with_loops(*mech.loops, pc.Drive("press", "piston", lambda t: 1.0 + 0.02 * np.sin(5 * t)))
+    sol = pc.simulate(mech, (0.0, 0.5), q0={"piston": 1.0}, step=0.02)
+    _, push = arrow(page := shown(mech, sol, forces=True), "/forces/press piston")
+    factor, most = stated(page)
+    force = sol.reaction("press").torque.clip(-most, most)
+    np.testing.assert_allclose(
+        push[:-1] * factor, force[:-1, None] * [[1, 0, 0]], rtol=5e-3, atol=1e-2 * abs(force).max()
+    )
+
+
+def test_motors_together_are_one_torque_on_each_joint():
+    mech = pc.load("double_pendulum")
+    first, second = mech.joints
+    servo = pc.Servo(second, target=0.5, stiffness=8.0, damping=0.2)
+    mech = mech.with_forces({first: 2.0, second: 1.0}, servo, pc.JointDamping({first: 5.0}))
+    sol = pc.simulate(mech, (0.0, 0.4), step=0.02)
+    page = shown(mech, sol, forces=True)
+    factor, most = per_metre(page)
+    axis = moment(page, f"/forces/motor {first}")[1][0] * factor / 2.0
+    np.testing.assert_allclose(np.abs(axis), [0, 1, 0], atol=1e-4)
+    turn = moment(page, f"/forces/motor {second}")[1] * factor
+    q, v = sol.q[:, 1], sol.v[:, 1]
+    torque = 1.0 + 8.0 * (0.5 - q) - 0.2 * v
+    assert (torque > most).any() and (torque < most).any()
+    np.testing.assert_allclose(turn, torque.clip(-most, most)[:, None] * axis, rtol=5e-3, atol=1e-3)
+    with pytest.raises(pc.InputError, match="no v"):
+        shown(mech, SimpleNamespace(t=sol.t, q=sol.q, lam=sol.lam), forces=True)
+    with pytest.raises(pc.InputError, match=re.escape("need v of shape (21, 2), got (21, 1)")):
+        shown(mech, SimpleNamespace(t=sol.t, q=sol.q, lam=sol.lam, v=sol.v[:, :1]), forces=True)
+
+
+QUESTIONS = """
+viewer.animator.time_scrubber.setValue(0.5);
+const turn = viewer.scene_tree.find(["forces", "motor crank", "turn"]).object;
+turn.updateWorldMatrix(true, false);
+report.turn = turn.matrixWorld.toArray();
+report.shapes = turn.children.map(child => (child.isMesh ? child : child.children[0]).geometry.type);
+report.notes = document.getElementById("notes").innerText;
+"""
+
+
+@needs_browser
+def test_a_torque_turns_in_a_browser(tmp_path):
+    mech = pc.load("jansen_leg")
+    sol = pc.simulate(mech, (0.0, 1.0), step=0.02)
+    report = reported(pc.export_html(mech, sol, tmp_path / "leg.html", forces=True), QUESTIONS, tmp_path)
+    assert report["errors"] == [] and "m of radius is" in report["notes"]
+    assert report["shapes"] == ["TorusGeometry", "CylinderGeometry"]
+    turn = moment(shown(mech, sol, forces=True), "/forces/motor crank")[1][25]
+    matrix = np.reshape(report["turn"], (4, 4)).T
+    matrix[:3] = matrix[[0, 2, 1]] * [[1], [-1], [1]]  # from axes with y up
+    np.testing.assert_allclose(matrix[:3, 2], turn, atol=1e-4)
