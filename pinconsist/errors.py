@@ -90,6 +90,23 @@ class SingularSystemError(PinconsistError):
         return _rebuild, (type(self), self.args, {"names": self.names})
 
 
+class SavingError(PinconsistError):
+    """A run could not be written to its file; nothing of it is lost.
+
+    Attributes
+    ----------
+    solution : Solution
+        The run.
+    """
+
+    def __init__(self, message: str, *, solution=None):
+        super().__init__(message)
+        self.solution = solution
+
+    def __reduce__(self):
+        return _rebuild, (type(self), self.args, {"solution": self.solution})
+
+
 class UserFunctionError(PinconsistError):
     """A function given by the user raised an exception; that exception is the ``__cause__``.
 

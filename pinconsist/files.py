@@ -7,6 +7,8 @@ import secrets
 from contextlib import contextmanager
 from pathlib import Path
 
+from .errors import InputError
+
 
 @contextmanager
 def written_whole(file):
@@ -16,6 +18,20 @@ def written_whole(file):
     try:
         with open(draft, "xb") as stream:  # beside the target: os.replace is atomic only within one file system
             yield stream
+            stream.flush()
+            os.fsync(stream.fileno())  # else a power cut may leave the new name with no content
         os.replace(draft, target)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def require_writable(file) -> None:
+    """Raise InputError now for a file that could not be written after a long run."""
+    path = Path(file)
+    folder = path.absolute().parent
+    if path.is_dir():
+        raise InputError(f"{file} cannot be written: it is a folder")
+    if not folder.is_dir():
+        raise InputError(f"{file} cannot be written: there is no folder {folder}")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"{file} cannot be written: no permission to write in {folder}")

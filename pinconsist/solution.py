@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,13 +9,11 @@ import numpy as np
 
 from .certificate import Certificate, certify
 from .energy import Energy, energy_of
-from .errors import FormatError, InputError
-from .files import written_whole
+from .errors import InputError
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
 from .skips import skipped
-
-FORMAT = 1
+from .solution_file import read, write
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,6 +49,10 @@ class Solution:
         How it was made: order, step, consistency, tolerances, what was skipped.
     scene : str
         Name of the mechanism; empty for a general problem.
+    recipe : dict or None
+        How to make it again, as plain data, where :func:`pinconsist.record` or a command made it.
+    versions : dict
+        Of the packages that made it, where it was read from a file.
     system
         The system that was integrated (None if read from a file).
     """
@@ -72,6 +73,8 @@ class Solution:
     order: np.ndarray
     method: dict
     scene: str = ""
+    recipe: dict | None = field(default=None, repr=False, compare=False)
+    versions: dict = field(default_factory=dict, repr=False, compare=False)
     sol: object = field(default=None, repr=False, compare=False)
     t_events: list = field(default_factory=list, repr=False, compare=False)
     q_events: list = field(default_factory=list, repr=False, compare=False)
@@ -228,13 +231,17 @@ class Solution:
         return "\n".join(lines)
 
     def save(self, file) -> Path:
-        """Write an npz file without pickles, whole or not at all; returns its path."""
-        path = Path(file)
-        path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
-        about = {name: getattr(self, name) for name in _ABOUT} | {"format": FORMAT}
-        with written_whole(path) as stream:
-            np.savez(stream, about=np.array(json.dumps(about)), **{name: getattr(self, name) for name in _ARRAYS})
-        return path
+        """Write an npz file without pickles, whole or not at all; returns its path.
+
+        The file says by which versions it was made. It can be repeated and continued where the run itself was made
+        by :func:`pinconsist.record`.
+
+        Raises
+        ------
+        OSError
+            The file cannot be written; one that stood there stands there still.
+        """
+        return write(self, file)
 
     @classmethod
     def load(cls, file) -> Solution:
@@ -243,25 +250,9 @@ class Solution:
         Raises
         ------
         FormatError
-            Missing, truncated or foreign file, or one of a newer format.
+            Missing, truncated, damaged or foreign file, or one of another format; names the file.
         """
-        try:
-            with np.load(file, allow_pickle=False) as stored:
-                about = json.loads(str(stored["about"]))
-                version = about.pop("format", None)
-                arrays = {name: stored[name] for name in _ARRAYS}
-            sol = cls(**arrays, **about) if version == FORMAT else None
-        except FileNotFoundError:
-            raise FormatError("no such file", path=file) from None
-        except Exception as error:
-            raise FormatError(f"not a solution written by pinconsist ({error})", path=file) from None
-        if sol is None:
-            raise FormatError("written by another version of pinconsist, in a format this one cannot read", path=file)
-        for array in arrays.values():
-            array.setflags(write=False)
-        return sol
+        return cls(**read(file))
 
 
-_ARRAYS = ("t", "q", "v", "lam", "h", "order")
 _OUTCOME = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
-_ABOUT = (*_OUTCOME, "success", "method", "scene")

@@ -18,13 +18,17 @@ MAY_IMPORT = {
     "energy": {"mechanism", "errors"},
     "certificate": {"dae", "mechanism", "energy", "errors"},
     "skips": set(),
-    "solution": {"certificate", "energy", "skips", "mechanism", "files", "errors"},
+    "solution": {"certificate", "energy", "skips", "mechanism", "solution_file", "errors"},
     "simulation": {"dae", "mechanism", "solution", "errors"},
-    "files": set(),
+    "files": {"errors"},
+    "interrupts": set(),
+    "solution_file": {"files", "errors"},
+    "recording": {"simulation", "formats", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
     "formats": {"mechanism", "files", "errors"},
     "view": {"mechanism", "files", "errors"},
     "study": {"dae", "mechanism", "formats", "errors", "simulation", "solution"},
-    "cli": {"simulation", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"},
+    "cli": {"simulation", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
+    | {"recording", "files", "interrupts"},
 }
 DAE_SEEN_BY = {"certificate": {"newton"}, "cli": set()}
 OPTIONAL = {"meshcat", "matplotlib", "rich", "typer", "yaml", "defusedxml", "coal"}

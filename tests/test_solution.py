@@ -82,29 +82,39 @@ def write_pickled(path, run):
     np.savez(path, about=np.array({"format": 1}, dtype=object), **{name: getattr(run, name) for name in ARRAYS})
 
 
-def rewritten(path, run, **changes):
+def rewritten(path, run, save=np.savez, **changes):
     with np.load(run.save(path)) as stored:
         parts = dict(stored)
     about = json.loads(str(parts["about"]))
     for name, value in changes.items():
-        (about if name in about else parts)[name] = value
-    parts["about"] = np.array(json.dumps({name: value for name, value in about.items() if value is not None}))
-    np.savez(path, **parts)
+        (parts if name in ARRAYS else about)[name] = value
+    parts["about"] = np.array(json.dumps({name: each for name, each in about.items() if each is not LEFT_OUT}))
+    save(path, **parts)
 
 
+LEFT_OUT = "left out"
 BAD_FILES = {
     "missing": (lambda path, run: None, "no such file"),
     "folder": (lambda path, run: path.mkdir(), "not a solution.*directory"),
     "empty": (lambda path, run: path.write_bytes(b""), "not a solution written by pinconsist"),
     "text": (lambda path, run: path.write_text("t, q, v"), "not a solution"),
-    "truncated": (write_truncated, "not a solution"),
+    "truncated": (write_truncated, "damaged, or not a solution"),
     "foreign": (write_foreign, "not a solution"),
     "one array": (write_array, "not a solution"),
     "pickle": (write_pickled, "not a solution"),
     "zip": (lambda path, run: zipfile.ZipFile(path, "w").close(), "not a solution"),
-    "newer": (lambda path, run: rewritten(path, run, format=99), "another version of pinconsist"),
-    "no format": (lambda path, run: rewritten(path, run, format=None), "another version"),
-    "no message": (lambda path, run: rewritten(path, run, message=None), "not a solution"),
+    "newer": (lambda path, run: rewritten(path, run, format=99), "by pinconsist .* in format 99.* reads format 2"),
+    "older": (lambda path, run: rewritten(path, run, format=1, versions=LEFT_OUT), "another version .* in format 1;"),
+    "no format": (lambda path, run: rewritten(path, run, format=LEFT_OUT), "in format None"),
+    "no message": (lambda path, run: rewritten(path, run, message=LEFT_OUT), "has not the entries message"),
+    "more entries": (lambda path, run: rewritten(path, run, extra=1), "has not the entries extra"),
+    "status in words": (lambda path, run: rewritten(path, run, status="fine"), "status is a str"),
+    "rows missing": (lambda path, run: rewritten(path, run, q=run.q[1:]), r"q has shape \(60, 3\)"),
+    "steps missing": (lambda path, run: rewritten(path, run, h=run.h[1:], order=run.order[1:]), "59 steps for 61 rows"),
+    "flat": (lambda path, run: rewritten(path, run, lam=run.lam[:, 0]), r"lam has shape \(61,\)"),
+    "complex": (lambda path, run: rewritten(path, run, t=run.t + 0j), "type complex"),
+    "compressed": (lambda path, run: rewritten(path, run, np.savez_compressed), "its arrays are compressed"),
+    "deep": (lambda path, run: np.savez(path, about=np.array("[" * 100_000)), "not a solution"),
 }
 
 
@@ -116,6 +126,35 @@ def test_bad_files(tmp_path, run, case):
     with pytest.raises(pc.FormatError, match=message) as caught:
         Solution.load(path)
     assert caught.value.path == str(path) and str(path) in str(caught.value)
+
+
+def test_a_damaged_file_is_read_as_it_was_or_refused(tmp_path, run):
+    """Cut anywhere it is refused; with a byte changed it is refused, unless the byte says nothing (a date)."""
+    rng, whole = np.random.default_rng(0), run.save(tmp_path / "run.npz").read_bytes()
+    path = tmp_path / "spoilt.npz"
+    for length in rng.integers(0, len(whole), 100):
+        path.write_bytes(whole[:length])
+        with pytest.raises(pc.FormatError):
+            Solution.load(path)
+    refused = 0
+    for place in rng.integers(0, len(whole), 300):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << int(rng.integers(8))]) + whole[place + 1 :])
+        try:
+            back = Solution.load(path)
+        except pc.FormatError:
+            refused += 1
+        else:
+            assert all(np.array_equal(getattr(back, name), getattr(run, name)) for name in ARRAYS)
+            assert back.summary() == run.summary() and back.method == run.method
+    assert refused > 250
+
+
+def test_a_file_says_by_which_versions_it_was_made(tmp_path, run):
+    back = Solution.load(run.save(tmp_path / "run.npz"))
+    assert back.versions["pinconsist"] == pc.__version__ and back.versions["numpy"] == np.__version__
+    assert set(back.versions) == {"pinconsist", "pin", "numpy", "scipy", "python", "machine"}
+    again = Solution.load(dataclasses.replace(back, versions={"numpy": "1.0"}).save(tmp_path / "again.npz"))
+    assert again.versions == {"numpy": "1.0"}  # of the run, not of the last save
 
 
 def test_arrays_are_read_only_copies_in_rows_of_times(run):

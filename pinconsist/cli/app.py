@@ -11,9 +11,10 @@ from typing import Annotated
 
 import typer
 
-from ..errors import PinconsistError
-from . import bench, check, compare, models, plot, replay, simulate, stress
-from .output import EXIT_CODES, INTERRUPTED, WRONG_INPUT, print_error
+from ..errors import PinconsistError, SavingError
+from ..interrupts import ended_like_ctrl_c
+from . import bench, check, compare, models, plot, replay, rerun, simulate, stress
+from .output import EXIT_CODES, FAILED, INTERRUPTED, WRONG_INPUT, print_error, rescued
 
 OVERVIEW = """\
 pinconsist simulates closed-chain mechanisms, with constraint forces that are
@@ -23,6 +24,8 @@ right from the first step on.
   pinconsist check four_bar                       loops, rank, mobility
   pinconsist simulate four_bar --html run.html    5 s, certified, and a page
   pinconsist simulate four_bar --out run.npz      save the run
+  pinconsist rerun run.npz                        the same numbers again?
+  pinconsist resume run.npz                       continue what was cut short
   pinconsist plot run.npz --what drift,energy     draw it
   pinconsist replay run.npz                       play it in the browser
   pinconsist compare problem51 --step 0.01 0.001  exact and consistent starts
@@ -47,6 +50,8 @@ for command, function in (
     ("models", models.models),
     ("replay", replay.replay),
     ("plot", plot.plot),
+    ("rerun", rerun.rerun),
+    ("resume", rerun.resume),
     ("bench", bench.bench),
     ("stress", stress.stress),
 ):
@@ -69,7 +74,7 @@ def main(argv=None):
     handler.setFormatter(logging.Formatter("pinconsist: warning: %(message)s"))
     log.addHandler(handler)
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), ended_like_ctrl_c():
             warnings.showwarning = _without_source(warnings.showwarning)
             code = _run(arguments)
     finally:
@@ -113,10 +118,17 @@ def _run(arguments) -> int:
     command = typer.main.get_command(app)
     try:
         return command.main(arguments, prog_name="pinconsist", standalone_mode=False) or 0
+    except SavingError as error:
+        file = rescued(error.solution)
+        mistake = f"{error}; the run is saved as {file} instead" if file else error
     except PinconsistError as error:
         mistake = error
     except (typer.Abort, KeyboardInterrupt):
+        print("pinconsist: interrupted", file=sys.stderr)
         return INTERRUPTED
+    except MemoryError:
+        print_error("out of memory; what --out --save-every saved on the way is there")
+        return FAILED
     except Exception as error:
         if not hasattr(error, "format_message"):  # what every usage error of typer has, whichever click it builds on
             raise

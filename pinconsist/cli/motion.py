@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ..errors import FormatError, InputError
+from ..errors import InputError
 from . import output, scene
 from .simulate import exit_code, run
 
@@ -42,14 +42,11 @@ def saved_run(file, given):
     from ..solution import Solution
 
     sol = Solution.load(file)
-    about = sol.method.get("scene")
+    about = (sol.recipe or {}).get("scene")
     what = scene.Scene.recorded(about, file) if about else scene.Scene(sol.scene)
     if given:
         what = replace(what, source=given)
-    try:
-        mech = what.load()
-    except (InputError, FormatError) as error:
-        raise InputError(f"the scene of {file} cannot be loaded; say where it is by --scene. {error}") from error
+    mech, _ = scene.loaded(what, file)
     if sol.q.shape[1] != mech.nq:
         raise InputError(
             f"{file} is a run of another scene than {what.source}: it has {sol.q.shape[1]} numbers in a configuration, "

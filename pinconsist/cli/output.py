@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import math
 import os
+import secrets
 import shutil
 import sys
+import tempfile
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 
+from .. import files
 from ..errors import AssemblyError, InputError, MissingExtraError
 
 FINE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -97,17 +100,10 @@ def _plain(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def require_writable(*files):
+def require_writable(*given):
     """Raise InputError now for files that could not be written after the run."""
-    for file in filter(None, files):
-        path = Path(file)
-        folder = path.absolute().parent
-        if path.is_dir():
-            raise InputError(f"{file} cannot be written: it is a folder")
-        if not folder.is_dir():
-            raise InputError(f"{file} cannot be written: there is no folder {folder}")
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise InputError(f"{file} cannot be written: no permission to write in {folder}")
+    for file in filter(None, given):
+        files.require_writable(file)
 
 
 def require_figure(file):
@@ -129,6 +125,16 @@ def written(file, write):
         return write()
     except OSError as error:
         raise InputError(f"{file} cannot be written: {error.strerror or error}") from error
+
+
+def rescued(solution):
+    """Save a run that could not be written where it was wanted; the file, or None where no folder takes it."""
+    for folder in (tempfile.gettempdir(), Path.home(), Path.cwd()):
+        try:
+            return solution.save(Path(folder, f"pinconsist-{secrets.token_hex(4)}.npz"))
+        except OSError:
+            continue
+    return None
 
 
 def on_terminal() -> bool:

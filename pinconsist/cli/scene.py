@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
-from dataclasses import asdict, dataclass, field
 from math import pi
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ..errors import InputError
+from ..recording.scene import Scene as Scene
+from ..recording.scene import loaded as loaded
 from .output import counted
 
 PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")
@@ -67,53 +66,6 @@ Until = Annotated[
         help="Time at the end. Default: the scene's own duration, 5 s where it says none.",
     ),
 ]  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What has to be known to load a mechanism again."""
-
-    source: str
-    loops: str | None = None
-    closure: str | None = None
-    free_flyer: bool = False
-    package_dirs: list[str] = field(default_factory=list)
-    reanchor: bool = False
-    at: dict[str, list[float]] = field(default_factory=dict)
-
-    def load(self):
-        """The mechanism."""
-        from ..formats.catalogue import load
-
-        mechanism = load(
-            self.source, loops=self.loops, closure=self.closure, free_flyer=self.free_flyer,
-            package_dirs=self.package_dirs,
-        )  # fmt: skip
-        return mechanism.reanchored(self.at or None) if self.reanchor else mechanism
-
-    def record(self, run_file) -> dict:
-        """As plain values for a run's file; paths as seen from it, so that both can be moved together."""
-        from ..formats.catalogue import is_built_in
-
-        folder = Path(run_file).absolute().parent
-        about = asdict(self)
-        about["source"] = self.source if is_built_in(self.source) else os.path.relpath(self.source, folder)
-        about["loops"] = self.loops and os.path.relpath(self.loops, folder)
-        about["package_dirs"] = [os.path.relpath(each, folder) for each in self.package_dirs]
-        return about
-
-    @classmethod
-    def recorded(cls, about: dict, run_file) -> Scene:
-        """The scene that :meth:`record` described."""
-        from ..formats.catalogue import is_built_in
-
-        folder = Path(run_file).absolute().parent
-        about = dict(about)
-        if not is_built_in(about["source"]):
-            about["source"] = os.path.normpath(folder / about["source"])
-        about["loops"] = about["loops"] and os.path.normpath(folder / about["loops"])
-        about["package_dirs"] = [os.path.normpath(folder / each) for each in about["package_dirs"]]
-        return cls(**about)
 
 
 def joint_values(texts, option: str) -> dict[str, list[float]]:

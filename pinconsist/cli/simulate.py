@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import time
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ..errors import InputError
+from ..errors import InputError, SavingError
 from . import output, scene, shown
 from .progress import Progress
 
@@ -65,6 +64,13 @@ def simulate(
     out: Annotated[
         str | None, typer.Option(metavar="FILE.npz", help="Save the run.", rich_help_panel=FILES)
     ] = None,
+    save_every: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS", rich_help_panel=FILES,
+            help="Save the run at every so many simulated seconds too; after a kill, pinconsist resume continues it.",
+        ),
+    ] = None,
     html: Annotated[
         str | None, typer.Option(metavar="FILE.html", help="Write a page that plays it.", rich_help_panel=FILES)
     ] = None,
@@ -88,15 +94,19 @@ def simulate(
     files = [file for file in (out, html, plot) if file]
     if len({Path(file).absolute() for file in files}) < len(files):
         raise InputError("two of --out, --html and --plot name the same file")
+    if save_every is not None and not out:
+        raise InputError("--save-every says when the run is saved; give --out FILE.npz too")
     output.require_writable(*files)
     output.require_figure(plot)
     shown.require_page(html, forces, traces, speed)
     from ..mechanism.assembly import assemble
+    from ..recording.recipe import recipe_of
+    from ..recording.stretches import carried_out
 
     q0 = scene.joint_values(at, "--at")
     v0 = scene.joint_values(with_velocity, "--with-velocity")
     what = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
-    mech = what.load()
+    mech, read = what.load_with_hashes()
     shown.require_drawable(mech, traces, speed)
     until = start + mech.duration if until is None else until
     assembly = assemble(mech, q0 or None, v0 or None)
@@ -104,13 +114,14 @@ def simulate(
     if not as_json:
         print(scene.describe(mech, assembly) + "\n")
     options = {"method": method, "step": step, "rtol": rtol, "atol": atol, "consistency": consistency}
-    options |= {name: value for name, value in (("max_order", order), ("max_step", max_step)) if value is not None}
+    given = {"max_order": order, "max_step": max_step, "max_steps": max_steps}
+    options |= {name: value for name, value in given.items() if value is not None}
+    where = what.record(out or "run.npz")
+    recipe = recipe_of(where, read, mech, (start, until), q0 or None, v0 or None, (), options, save_every)
     began = time.perf_counter()
-    sol = run(mech, (start, until), q0=q0 or None, v0=v0 or None, max_steps=max_steps, **options)
+    with watched(start, until) as progress:  # what was reached is saved before anything else can go wrong
+        sol = carried_out(recipe, mech, out, callback=progress)
     seconds = time.perf_counter() - began
-    if out:  # before anything else can go wrong
-        recorded = replace(sol, method={**sol.method, "scene": what.record(out)})
-        output.written(out, lambda: recorded.save(out))
     if not as_json:
         print(f"{sol.summary()}\ntook {seconds:.3g} s\n")
     certificate = sol.check()
@@ -120,11 +131,11 @@ def simulate(
         from ..view.meshcat import export_html
 
         look = {"speed": shown.pace(speed, sol), "traces": traces or (), "forces": forces}
-        output.written(html, lambda: export_html(mech, sol, html, **look))
+        drawn(html, sol, out, lambda: export_html(mech, sol, html, **look))
     if plot:
         from ..view.plots import plot_solution
 
-        output.written(plot, lambda: plot_solution(sol, plot, mech))
+        drawn(plot, sol, out, lambda: plot_solution(sol, plot, mech))
     if as_json:
         output.print_json(_report(mech, assembly, sol, certificate, seconds, {"out": out, "html": html, "plot": plot}))
     elif files:
@@ -136,8 +147,23 @@ def run(mech, span, **options):
     """Simulate, with a progress bar where somebody may watch it; Ctrl-C returns what was reached."""
     from ..simulation import simulate as simulate_mechanism
 
-    with Progress(*span) if output.on_terminal() else nullcontext() as progress:
+    with watched(*span) as progress:
         return simulate_mechanism(mech, span, callback=progress, **options)
+
+
+def watched(start, end):
+    """A progress bar, as a callback, where somebody may watch it."""
+    return Progress(start, end) if output.on_terminal() else nullcontext()
+
+
+def drawn(file, sol, out, write):
+    """Call `write`, which writes `file`; where that fails, a run that is in no file yet is not lost."""
+    try:
+        output.written(file, write)
+    except InputError as error:
+        if out:
+            raise
+        raise SavingError(str(error), solution=sol) from error
 
 
 def exit_code(sol) -> int:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 
 from ..errors import FormatError
@@ -10,6 +13,19 @@ from ..mechanism.names import near as alike
 
 LARGEST = 1e30
 """No number of a scene is larger, but for limits: products of some such numbers still have room in a float."""
+
+_read: ContextVar[list | None] = ContextVar("files read", default=None)
+
+
+@contextmanager
+def files_read():
+    """Within the block, the list of (path, SHA-256) of the files that are read."""
+    found = []
+    before = _read.set(found)
+    try:
+        yield found
+    finally:
+        _read.reset(before)
 
 
 def read_bytes(path: Path, limit: int) -> bytes:
@@ -27,6 +43,8 @@ def read_bytes(path: Path, limit: int) -> bytes:
         raise FormatError(f"cannot be read: {error}", path=path) from error
     if len(content) > limit:
         raise FormatError(f"more than {limit // 1_000_000} MB, which is too large for a file of this kind", path=path)
+    if (noted := _read.get()) is not None:
+        noted.append((path.absolute(), hashlib.sha256(content).hexdigest()))
     return content
 
 

@@ -1,0 +1,233 @@
+"""`record` a run in a file, `resume` it from there, `rerun` it."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from ..errors import FormatError, InputError
+from ..files import require_writable
+from ..interrupts import ended_like_ctrl_c
+from ..mechanism.acting import acting
+from ..mechanism.mechanism import Mechanism
+from ..solution import Solution
+from ..solution_file import versions
+from .recipe import Recipe, recipe_of
+from .rerun import Rerun, changed_files, compared
+from .scene import Scene, loaded
+from .stretches import carried_out, checkpoints
+
+_log = logging.getLogger(__name__)
+
+
+def record(
+    scene, t_span, file, q0=None, v0=None, *, load=None, save_every=None, forces=(), callback=None, **options
+) -> Solution:
+    """Simulate, and keep the run in a file from which it can be repeated and continued.
+
+    With `save_every` the file is written anew at each checkpoint, and is a whole run up to there at any time; a
+    process that is killed loses what came after. (Checkpoints are passed over where saving would take more than a
+    tenth of the time.) At every checkpoint the integration begins anew from the
+    state there; so the numbers depend on `save_every` (within the tolerances), and :func:`resume` gives exactly those
+    of the run that was not interrupted. Ctrl-C, SIGTERM and SIGHUP end the run, with what was reached in the file.
+
+    Parameters
+    ----------
+    scene : str, path-like or Mechanism
+        A built-in name or a file, as for :func:`pinconsist.load`. A mechanism in memory can be given too; it has
+        then to be given again to `rerun` and `resume`.
+    t_span : (float, float)
+        Start and end, s.
+    file : path-like
+        The file; ``.npz`` is put behind a name without it.
+    q0, v0 : mapping or array, optional
+        As for :func:`pinconsist.simulate`.
+    load : mapping, optional
+        Options of :func:`pinconsist.load`: ``loops``, ``closure``, ``free_flyer``, ``package_dirs``.
+    save_every : float, optional
+        Period of checkpoints, s of simulated time. Choose it long against a step: each checkpoint costs a start of
+        the method and a file of the run so far.
+    forces : sequence
+        As for :func:`pinconsist.simulate`. Records, numbers and Motions are kept in the file; Python functions
+        cannot be, and have to be given again to `rerun` and `resume`.
+    callback : callable, optional
+        As for :func:`pinconsist.simulate`; an exception in it ends the run as a failure that keeps what was reached.
+    **options
+        Others of :func:`pinconsist.simulate`, but for ``events`` and ``dense_output``, which no file holds.
+
+    Returns
+    -------
+    Solution
+        What is in the file.
+
+    Raises
+    ------
+    InputError
+        As :func:`pinconsist.simulate`; or a file that cannot be written.
+    SavingError
+        The end could not be written; the error carries the solution.
+    """
+    file = Path(os.fspath(file))
+    file = file if file.suffix == ".npz" else file.with_name(file.name + ".npz")
+    require_writable(file)
+    mechanism, where, files = _scene(scene, load, file)
+    recipe = recipe_of(where, files, mechanism, t_span, q0, v0, forces, options, save_every)
+    checkpoints(recipe.t_span, recipe.save_every)
+    with ended_like_ctrl_c():
+        return carried_out(recipe, acting(mechanism, forces, "record"), file, callback=callback)
+
+
+def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
+    """Continue a run from its file, which :func:`record` wrote, to its end.
+
+    Rows after the last checkpoint are made again; without checkpoints that is the whole run. The result is, bit for
+    bit on one machine, that of the run without interruption. A run that reached its end is returned as it is.
+
+    Parameters
+    ----------
+    file : path-like
+        The file; written as by `record`.
+    scene : str, path-like or Mechanism, optional
+        Where the scene is now; needed for a mechanism in memory.
+    forces : sequence, optional
+        Those of `record`, where one was a Python function.
+    callback : callable, optional
+        As for `record`.
+
+    Raises
+    ------
+    FormatError
+        The file is no whole run, or does not say how it was made.
+    InputError
+        The scene's files have changed, or forces are missing.
+    SavingError
+        As `record`.
+    """
+    solution, recipe, mechanism, now = _again(file, scene, forces)
+    if solution.status == 0:
+        return solution
+    if changed := changed_files(recipe.files, now):
+        raise InputError(
+            f"{file} cannot be continued, its scene is another: {'; '.join(changed)}. See pinconsist rerun"
+        )
+    require_writable(file)
+    _tell_versions(solution, file)
+    with ended_like_ctrl_c():
+        return carried_out(recipe, mechanism, file, begun=solution, callback=callback)
+
+
+def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
+    """Make the run in a file again, and compare every number.
+
+    Parameters
+    ----------
+    file, scene, forces, callback
+        As for :func:`resume`; the file is not changed.
+
+    Returns
+    -------
+    Rerun
+        Whether the numbers are the same, and what else is not: versions, files of the scene.
+
+    Raises
+    ------
+    FormatError
+        The file is no whole run, or does not say how it was made.
+    InputError
+        The scene cannot be loaded, or forces are missing.
+    """
+    old, recipe, mechanism, now = _again(file, scene, forces)
+    recipe = replace(recipe, checkpoint=None)
+    if old.status == 1 and len(old.t):  # it was interrupted, and nothing after that is to be compared
+        callback = _Until(old.t[-1], recipe.t_span[1] >= recipe.t_span[0], callback)
+    new = carried_out(recipe, mechanism, None, callback=callback)
+    return compared(old, new, recipe.files, now)
+
+
+def _scene(scene, load, file):
+    """The mechanism, its record (None for one in memory), and the hashes of its files."""
+    if isinstance(scene, Mechanism):
+        if load:
+            raise InputError("load= has options for a scene that is read; this one is a mechanism already")
+        return scene, None, {}
+    if not isinstance(scene, Scene):
+        if not isinstance(scene, str | os.PathLike):
+            raise InputError(f"a scene is a name, a file or a Mechanism, got {type(scene).__name__}")
+        scene = _as_scene(scene, load or {})
+    mechanism, files = scene.load_with_hashes()
+    return mechanism, scene.record(file), files
+
+
+def _as_scene(source, load):
+    known = ("loops", "closure", "free_flyer", "package_dirs")
+    if not isinstance(load, Mapping) or set(load) - set(known):
+        raise InputError(f"load= maps options of load() to their values; those are {', '.join(known)}, got {load!r}")
+    load = dict(load)
+    folders = load.pop("package_dirs", ())
+    folders = (folders,) if isinstance(folders, str | os.PathLike) else folders
+    if (loops := load.pop("loops", None)) is not None:
+        load["loops"] = os.fspath(loops)
+    return Scene(os.fspath(source), package_dirs=[os.fspath(each) for each in folders], **load)
+
+
+def _again(file, scene, forces):
+    """The run in a file, its recipe, its mechanism with all forces, and the hashes of the scene's files as they are."""
+    solution = Solution.load(file)
+    recipe = Recipe.read(solution, file)
+    if isinstance(scene, Mechanism):
+        mechanism, now = scene, recipe.files
+    elif recipe.scene is None:
+        raise InputError(f"{file} is a run of a mechanism that stood in memory ({solution.scene}): give it by scene=")
+    else:
+        where = recipe.made_from(file)
+        mechanism, now = loaded(where if scene is None else replace(where, source=os.fspath(scene)), file)
+    if forces is None:
+        if recipe.forces is None:
+            raise InputError(
+                f"{file} was made with a force that is a Python function, which no file can hold; repeat or continue "
+                "it in Python, with the forces: pinconsist.rerun(file, forces=[...])"
+            )
+        forces = recipe.given_forces()
+    mechanism = acting(mechanism, forces, "rerun")
+    sizes = solution.q.shape[1], solution.v.shape[1], solution.lam.shape[1]
+    if sizes != (mechanism.nq, mechanism.nv, mechanism.nc):
+        raise InputError(f"{file} is a run of another scene: its rows have {sizes} numbers of q, v and λ, those of "
+                         f"{mechanism.name!r} {(mechanism.nq, mechanism.nv, mechanism.nc)}")  # fmt: skip
+    _require_checkpoint(recipe, solution, file)
+    return solution, recipe, mechanism, now
+
+
+def _require_checkpoint(recipe, solution, file):
+    at = recipe.checkpoint
+    try:
+        good = at is None or (
+            at["t"] in checkpoints(recipe.t_span, recipe.save_every)
+            and 0 <= at["rows"] <= len(solution.t)
+            and (len(at["q"]), len(at["v"])) == (solution.q.shape[1], solution.v.shape[1])
+            and {"counted", "rejected"} <= set(at)
+        )
+    except (TypeError, KeyError, ValueError, InputError):
+        good = False
+    if not good:
+        raise FormatError("its record of the last checkpoint cannot be read", path=file)
+
+
+def _tell_versions(solution, file):
+    now = versions()
+    other = [f"{name} {then}, now {now.get(name)}" for name, then in solution.versions.items() if then != now.get(name)]
+    if other:
+        _log.warning("%s was begun with %s: the last bits may be others", file, "; ".join(other))
+
+
+class _Until:
+    """A callback that ends a run at a time."""
+
+    def __init__(self, end, forward, callback):
+        self.end, self.forward, self.callback = end, forward, callback
+
+    def __call__(self, t, q, v, lam):
+        stop = self.callback is not None and self.callback(t, q, v, lam)
+        return stop or (t >= self.end if self.forward else t <= self.end)

@@ -1,0 +1,98 @@
+"""The npz file of a Solution: arrays, and one JSON text beside them; never a pickle."""
+
+from __future__ import annotations
+
+import json
+import platform
+import zipfile
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from . import __version__
+from .errors import FormatError
+from .files import written_whole
+
+FORMAT = 2
+ARRAYS = {"t": 1, "q": 2, "v": 2, "lam": 2, "h": 1, "order": 1}
+"""Name → number of dimensions."""
+_ABOUT = {
+    "status": int, "message": str, "nsteps": int, "nfev": int, "njev": int, "nlu": int, "rejected": dict,
+    "success": bool, "method": dict, "scene": str, "recipe": dict | None, "versions": dict,
+}  # fmt: skip
+
+
+def write(solution, file) -> Path:
+    """Write a solution, whole or not at all; ``.npz`` is put behind a name without it."""
+    path = Path(file)
+    path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+    about = {name: getattr(solution, name) for name in _ABOUT} | {"format": FORMAT}
+    about["versions"] = about["versions"] or versions()
+    with written_whole(path) as stream:
+        np.savez(stream, about=np.array(json.dumps(about)), **{name: getattr(solution, name) for name in ARRAYS})
+    return path
+
+
+def read(file) -> dict:
+    """The fields of the solution in a file; FormatError for anything but a whole file of this format."""
+    try:
+        _require_plain(file)
+        with np.load(file, allow_pickle=False) as stored:
+            about = json.loads(str(stored["about"]))
+            written, by = about.pop("format", None), about.get("versions", {})
+            arrays = {name: stored[name] for name in ARRAYS} if written == FORMAT else {}
+        if written == FORMAT:
+            _check(arrays, about)
+    except FileNotFoundError:
+        raise FormatError("no such file", path=file) from None
+    except PermissionError as error:
+        raise FormatError(f"cannot be read: {error.strerror}", path=file) from None
+    except Exception as error:  # zipfile, numpy and json raise many kinds for a damaged file
+        reason = str(error) or type(error).__name__
+        raise FormatError(f"damaged, or not a solution written by pinconsist ({reason})", path=file) from None
+    if written != FORMAT:
+        writer = by.get("pinconsist") if isinstance(by, dict) else None
+        by = f"pinconsist {writer}" if writer else "another version of pinconsist"
+        raise FormatError(
+            f"written by {by} in format {written!r}; "
+            f"pinconsist {__version__}, which is installed here, reads format {FORMAT}",
+            path=file,
+        )
+    for array in arrays.values():
+        array.setflags(write=False)
+    return arrays | about
+
+
+def versions() -> dict[str, str]:
+    """What the last bit of a result may depend on."""
+    found = {"pinconsist": __version__, "python": platform.python_version(), "machine": platform.machine()}
+    for package in ("pin", "numpy", "scipy"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # Pinocchio may come from elsewhere than pip
+            found[package] = "unknown"
+    return found
+
+
+def _require_plain(file):
+    """Raise ValueError for a zip whose members are larger than the file: a few kB can stand for all of the memory."""
+    with zipfile.ZipFile(file) as archive:
+        if any(member.compress_type != zipfile.ZIP_STORED for member in archive.infolist()):
+            raise ValueError("its arrays are compressed")
+
+
+def _check(arrays, about):
+    """Raise ValueError where shapes and types are not those of a solution."""
+    if set(about) != set(_ABOUT):
+        raise ValueError(f"it has not the entries {', '.join(sorted(set(about) ^ set(_ABOUT)))}")
+    for name, kind in _ABOUT.items():
+        if not isinstance(about[name], kind):
+            raise ValueError(f"{name} is a {type(about[name]).__name__}")
+    rows, steps = len(arrays["t"]), len(arrays["h"])
+    for name, array in arrays.items():
+        wanted = steps if name in ("h", "order") else rows
+        if array.ndim != ARRAYS[name] or array.dtype.kind not in "if" or len(array) != wanted:
+            raise ValueError(f"{name} has shape {array.shape} and type {array.dtype}")
+    if steps not in (0, rows - 1):
+        raise ValueError(f"{steps} steps for {rows} rows")
