@@ -54,6 +54,8 @@ _WHERE = {
     "solution": ("Solution",),
     "study.compare": ("compare",),
     "study.reference": ("reference_problem", "reference_solution"),
+    "sweeps.outcome": ("Outcome",),
+    "sweeps.sweep": ("sweep",),
     "view.meshcat": ("export_html", "replay"),
     "view.plots": (
         "plot_comparison",

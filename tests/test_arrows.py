@@ -27,8 +27,9 @@ MAY_IMPORT = {
     "formats": {"mechanism", "files", "errors"},
     "view": {"mechanism", "files", "errors"},
     "study": {"dae", "mechanism", "formats", "errors", "simulation", "solution"},
+    "sweeps": {"mechanism", "interrupts", "files", "solution_file", "errors", "simulation"},
     "cli": {"simulation", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
-    | {"recording", "files", "interrupts"},
+    | {"sweeps", "recording", "files", "interrupts"},
 }
 DAE_SEEN_BY = {"certificate": {"newton"}, "cli": set()}
 OPTIONAL = {"meshcat", "matplotlib", "rich", "typer", "yaml", "defusedxml", "coal"}

@@ -8,11 +8,11 @@ import pinconsist as pc
 NAMES = """
 Assembly AssemblyError Certificate Constraint Coupling Drive Energy Equilibrium EquilibriumError Event FormatError
 HessenbergProblem InputError InverseDynamics JointDamping JointFriction JointSpring JointTorque Linearization Loop
-Mechanism MissingExtraError Modes Motion PinconsistError Reaction Rerun SavingError Servo SingularSystemError Solution SpringDamper
+Mechanism MissingExtraError Modes Motion Outcome PinconsistError Reaction Rerun SavingError Servo SingularSystemError Solution SpringDamper
 Torque UserFunctionError Wrench assemble compare consistent_initial_velocity equilibrium export_html integrate
 inverse_dynamics linearize load models plot_comparison plot_drift plot_energy plot_multipliers plot_phase
 plot_solution plot_steps plot_trajectory plot_work_precision reference_problem reference_solution replay
-record rerun resume simulate write
+record rerun resume simulate sweep write
 """.split()
 
 

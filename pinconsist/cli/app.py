@@ -13,7 +13,7 @@ import typer
 
 from ..errors import PinconsistError, SavingError
 from ..interrupts import ended_like_ctrl_c
-from . import bench, check, compare, models, plot, replay, rerun, simulate, stress
+from . import bench, check, compare, models, plot, replay, rerun, simulate, stress, sweep
 from .output import EXIT_CODES, FAILED, INTERRUPTED, WRONG_INPUT, print_error, rescued
 
 OVERVIEW = """\
@@ -31,6 +31,7 @@ right from the first step on.
   pinconsist compare problem51 --step 0.01 0.001  exact and consistent starts
   pinconsist bench --overhead                     what a step costs here
   pinconsist stress                               what was tried to break it
+  pinconsist sweep four_bar --vary crank=0:1:.1   many runs, in a table
 
 A scene is a built-in name, a .urdf, .sdf or .xml (MJCF) file, or a folder that
 holds one .urdf. Each command explains itself: pinconsist COMMAND --help"""
@@ -54,6 +55,7 @@ for command, function in (
     ("resume", rerun.resume),
     ("bench", bench.bench),
     ("stress", stress.stress),
+    ("sweep", sweep.sweep),
 ):
     app.command(command, epilog=EXIT_CODES)(function)
 

@@ -1,0 +1,214 @@
+"""`pinconsist sweep`."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import InputError
+from . import output, scene
+from .simulate import METHOD
+
+PANEL = "Cases"
+MOST_TOLD = 5  # cases without an end, of which the messages are printed
+
+
+def sweep(
+    source: scene.Source,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--vary", metavar="NAME=VALUES", rich_help_panel=PANEL, show_default=False,
+            help="What varies: JOINT (its start), JOINT_speed, JOINT_torque, LOOP.NUMBER or FORCE.NUMBER as in the "
+            "scene file (motor.speed), gravity.z, rtol, atol, step, until. VALUES are FROM:TO:STEP, a list 1,2,5, "
+            "normal:MEAN:DEVIATION or uniform:LOW:HIGH. Repeated: every combination.",
+        ),
+    ] = None,
+    count: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Samples of what is normal: or uniform:.", rich_help_panel=PANEL, show_default=False
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Seed of the samples. Default: 0.", rich_help_panel=PANEL, show_default=False),
+    ] = None,
+    loops: scene.Loops = None,
+    closure: scene.Closure = None,
+    free_flyer: scene.FreeFlyer = False,
+    package_dirs: scene.PackageDirs = None,
+    reanchor: scene.Reanchor = False,
+    start: Annotated[
+        float, typer.Option("--from", metavar="SECONDS", help="Time at the start.", rich_help_panel=scene.START)
+    ] = 0.0,
+    until: Annotated[
+        float, typer.Option("--until", metavar="SECONDS", help="Time at the end.", rich_help_panel=scene.START)
+    ] = 5.0,
+    at: scene.At = None,
+    with_velocity: scene.WithVelocity = None,
+    step: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS", help="Fixed step. Default: it varies.", rich_help_panel=METHOD, show_default=False
+        ),
+    ] = None,
+    rtol: Annotated[float, typer.Option(metavar="NUMBER", help="Relative tolerance.", rich_help_panel=METHOD)] = 1e-6,
+    atol: Annotated[float, typer.Option(metavar="NUMBER", help="Absolute tolerance.", rich_help_panel=METHOD)] = 1e-8,
+    workers: Annotated[int, typer.Option(metavar="N", help="Processes that share the cases.")] = 1,
+    out: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.csv", show_default=False,
+            help="Write the table here. Until it is whole its rows are in FILE.csv.partial, from which the same "
+            "command goes on after it was stopped.",
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+) -> int:  # fmt: skip
+    """Simulate a scene many times, with one thing or several varied.
+
+    Each case is a row: how it ended, the largest gap of a loop, the energy
+    balance, q and v at the end. A case that fails is a row too, and the exit
+    code is then 1.
+
+    Example: pinconsist sweep crank_rocker --vary crank_speed=5:15:0.1 --workers 2 --out table.csv
+    """
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy: the cases share the cores, and their last
+        os.environ.setdefault(name, "1")  # bits do not depend on how many workers there are
+    if workers < 1:
+        raise InputError(f"--workers must be at least 1, got {workers}")
+    if not vary:
+        raise InputError("say what varies, such as --vary JOINT=0:1:0.1; pinconsist sweep --help tells what can be")
+    if out and Path(out).suffix != ".csv":
+        raise InputError(f"--out {out}: a table is saved as .csv")
+    output.require_writable(out)
+    from ..sweeps.axes import cases_of
+    from ..sweeps.study import Study
+
+    names, cases = cases_of(vary, _number, count=count, seed=seed)
+    q0, v0 = scene.joint_values(at, "--at"), scene.joint_values(with_velocity, "--with-velocity")
+    _require_once(names, q0, v0)
+    recipe = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
+    options = {"rtol": rtol, "atol": atol} | ({} if step is None else {"step": step})
+    study = Study(recipe, names, start, until, q0, v0, options)
+    study.run(cases[0])  # a name that is none is told now
+    if not out:
+        return _report(study, cases, *_run(study, cases, workers, {}, lambda *_: None), None, as_json)
+    with _journal(out, study, cases) as journal:
+        if journal.rows and not as_json:
+            print(f"{len(journal.rows)} of {len(cases)} cases are in {journal.path} already")
+        rows, whole = _run(study, cases, workers, dict(journal.rows), lambda *row: _keep(journal, *row))
+        if whole:
+            from ..sweeps.table import write
+
+            output.written(out, lambda: write(out, study, cases, rows))
+            journal.remove()
+    return _report(study, cases, rows, whole, out, as_json)
+
+
+def _number(text) -> float:
+    (value,) = scene.joint_values([f"value={text}"], "--vary")["value"]
+    return value
+
+
+def _require_once(names, q0, v0):
+    for name in names:
+        if name in q0 or name.removesuffix("_speed") in v0.keys() - {name}:
+            raise InputError(f"{name} is varied, and has a value by --at or --with-velocity too")
+
+
+def _journal(out, study, cases):
+    from ..sweeps.journal import Journal
+
+    return output.written(f"{out}.partial", lambda: Journal(out, study.about(cases)))
+
+
+def _keep(journal, case, row):
+    output.written(journal.path, lambda: journal.add(case, row))
+
+
+def _run(study, cases, workers, rows, keep) -> tuple[dict[int, dict], bool]:
+    """The rows of all cases, those that are there already included, and whether it came to its end."""
+    from ..sweeps.pool import sweep_in_processes
+    from ..sweeps.study import ERROR
+    from ..sweeps.sweep import sweep as in_a_loop
+
+    missing = [i for i in range(len(cases)) if i not in rows]
+    with _progress(len(cases), len(rows)) as bar:
+
+        def arrived(outcome):
+            if outcome.success:
+                row = outcome.value
+            elif outcome.finished:
+                row = {"status": ERROR, "message": f"{outcome.error}: {outcome.message}"}
+            else:
+                return
+            keep(missing[outcome.index], row)
+            rows[missing[outcome.index]] = row
+            if bar:
+                bar.advance(bar.task_ids[0])
+
+        waiting = [cases[i] for i in missing]
+        if workers == 1:
+            in_a_loop(study, waiting, callback=arrived)
+        else:
+            sweep_in_processes(study, waiting, min(workers, len(waiting)), arrived)
+    return rows, len(rows) == len(cases)
+
+
+def _progress(total, done):
+    """A bar on stderr where somebody may be watching."""
+    if not output.on_terminal():
+        return nullcontext()
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (MofNCompleteColumn(), TextColumn("cases"), BarColumn(bar_width=20), TimeRemainingColumn(),
+               TextColumn("left"))  # fmt: skip
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    bar.add_task("", total=total, completed=done)
+    return bar
+
+
+def _report(study, cases, measured, whole, out, as_json) -> int:
+    from ..sweeps.study import DONE
+    from ..sweeps.table import columns, rows
+
+    table, counts = rows(study, cases, measured), Counter(row["status"] for row in measured.values())
+    code = output.INTERRUPTED if not whole else output.FINE if counts[DONE] == len(cases) else output.FAILED
+    if as_json:
+        output.print_json({
+            "scene": study.about(cases)["scene"]["name"], "cases": len(cases), "counts": counts,
+            "interrupted": not whole, "columns": columns(study), "rows": table,
+            "files": {"out": out if whole else None, "partial": f"{out}.partial" if out and not whole else None},
+        })  # fmt: skip
+        return code
+    if not out:
+        _print(columns(study), table)
+    told = ", ".join(f"{number} {what}" for what, number in sorted(counts.items())) or "none ended"
+    print(f"{output.counted(len(cases), 'case')}: {told}")
+    ended_early = [row for row in table if measured[row[0]]["status"] != DONE]
+    for row in ended_early[:MOST_TOLD]:
+        varied = ", ".join(f"{name} = {value:g}" for name, value in zip(study.names, row[1:], strict=False))
+        output.paragraph(f"case {row[0]} ({varied}): {row[-1]}", indent="  ", hanging="  ")
+    if len(ended_early) > MOST_TOLD:
+        print(f"  and {len(ended_early) - MOST_TOLD} more")
+    if out and whole:
+        print(f"written: {out}")
+    elif not whole:
+        print(f"interrupted; the same command goes on from {out}.partial" if out else "interrupted")
+    return code
+
+
+def _print(names, table):
+    """The table without the velocities and the messages, and its floats in short."""
+    shown = [k for k, name in enumerate(names) if not name.startswith("v.") and name != "message"]
+    cells = [["" if row[k] is None else f"{row[k]:.6g}" if isinstance(row[k], float) else row[k] for k in shown]
+             for row in table]  # fmt: skip
+    output.table([names[k] if names[k] == "status" else f"{names[k]}>" for k in shown], cells)

@@ -1,0 +1,118 @@
+"""The run of one case of `pinconsist sweep`, as plain data that any process can be sent, and the row it makes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..mechanism.mechanism import Mechanism
+from ..simulation import simulate
+from ..solution_file import versions
+from .targets import Run, target
+
+MEASURED = ("status", "t", "steps", "gap", "energy_error")
+DONE, FAILED, ERROR = "done", "failed", "error"
+_loaded: dict[str, Mechanism] = {}
+"""Recipe → its mechanism, for the one sweep that a process works at."""
+
+
+def loaded(scene) -> Mechanism:
+    """The mechanism of a scene, loaded once in each process."""
+    recipe = repr(scene)
+    if recipe not in _loaded:
+        _loaded.clear()
+        _loaded[recipe] = scene.load()
+    return _loaded[recipe]
+
+
+@dataclass(frozen=True)
+class Study:
+    """How each case of a sweep is run.
+
+    Parameters
+    ----------
+    scene : object
+        A recipe: plain data with a method ``load() -> Mechanism``.
+    names : tuple of str
+        What the numbers of a case are, by the names of :func:`~pinconsist.sweeps.targets.target`.
+    start, until : float
+        Of the run, s.
+    q0, v0 : mapping
+        Joint name → number(s), for the joints that are not varied.
+    options : mapping
+        Of :func:`~pinconsist.simulate`.
+    """
+
+    scene: Any
+    names: tuple[str, ...]
+    start: float
+    until: float
+    q0: Mapping
+    v0: Mapping
+    options: Mapping
+
+    def __call__(self, case) -> dict:
+        """The row of a case: what was measured, ``end`` (q and v of the last row), and a message where one is due."""
+        run = self.run(case)
+        sol = simulate(
+            run.mechanism, (self.start, run.until), q0=run.q0 or None, v0=run.v0 or None,
+            forces=[run.torques] if run.torques else (), **run.options,
+        )  # fmt: skip
+        if sol.status == 1:  # nothing else stops a run without events; half a run is not the row of its case
+            raise KeyboardInterrupt
+        certificate = sol.check()
+        row = (DONE if sol.success else FAILED, float(sol.t[-1]), sol.nsteps, certificate.position,
+               certificate.energy_error)  # fmt: skip
+        told = [_moved(run, sol.q[0])] if sol.success else [sol.message]
+        end = [*map(float, sol.q[-1]), *map(float, sol.v[-1])]
+        return dict(zip(MEASURED, row, strict=True)) | {"end": end, "message": "; ".join(filter(None, told))}
+
+    def run(self, case) -> Run:
+        """What `simulate` is called with for a case; InputError where its numbers cannot be."""
+        mechanism = loaded(self.scene)
+        run = Run(mechanism, self.until, dict(self.q0), dict(self.v0), {}, dict(self.options))
+        for name, value in zip(self.names, case, strict=True):
+            target(mechanism, name)(run, value)
+        return run
+
+    def about(self, cases) -> dict:
+        """What two sweeps must share for the rows of one to be those of the other."""
+        mechanism = loaded(self.scene)
+        parts = (mechanism.model.saveToString(), mechanism.loops, mechanism.forces, mechanism.guess.tolist())
+        return {
+            "scene": {"name": mechanism.name, "content": _digest(repr(parts))},
+            "start": {"time": self.start, "q": dict(self.q0), "v": dict(self.v0)},
+            "settings": {"until": self.until, **self.options},
+            "varied": list(self.names),
+            "cases": {"count": len(cases), "content": _digest(json.dumps(cases))},
+            "versions": versions(),
+        }
+
+    def columns(self) -> list[str]:
+        """The names of the numbers of ``end``: ``q.crank``, or ``q.ball[0]`` of a joint of several."""
+        mechanism = loaded(self.scene)
+        names = []
+        for letter, sizes in (("q", mechanism.model.nqs), ("v", mechanism.model.nvs)):
+            for joint, size in zip(mechanism.joints, list(sizes)[1:], strict=True):
+                own = f"{letter}.{joint}"
+                names += [own] if size == 1 else [f"{own}[{k}]" for k in range(size)]
+        return names
+
+
+def _moved(run, q) -> str:
+    """Which joints could not start where they were put."""
+    away = [
+        joint
+        for joint, value in run.q0.items()
+        if not np.allclose(run.mechanism.configuration({joint: value}, base=q), q, rtol=0, atol=1e-9)
+    ]
+    return f"the loops do not close with {', '.join(away)} as given: started nearby" if away else ""
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

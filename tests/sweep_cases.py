@@ -1,0 +1,71 @@
+"""Functions of one case that other processes can be sent."""
+
+from __future__ import annotations
+
+import functools
+import os
+import signal
+import time
+
+import numpy as np
+
+import pinconsist as pc
+
+SPEEDS = [4.0, 7.5, 11.0]  # rad/s of the crank
+
+
+@functools.cache
+def mechanism(name):
+    return pc.load(name)
+
+
+def turning(speed):
+    """All numbers of a run that is certified, too, and two random numbers of the case's own."""
+    sol = pc.simulate(mechanism("crank_rocker"), (0.0, 0.3), v0={"crank": speed})
+    return sol.t.tobytes() + sol.q.tobytes() + sol.v.tobytes() + sol.lam.tobytes() + repr(sol.check().force).encode()
+
+
+def drawn(case):
+    """Random numbers of the case's seed and of two more that it spawns."""
+    _, seed = case
+    return [np.random.default_rng(each).random() for each in (seed, *seed.spawn(2))]
+
+
+def picky(case):
+    if case == "wrong":
+        pc.load("four_bar").joint_index("nose")
+    if case == "exit":
+        raise SystemExit("enough")
+    if case == "odd":
+        raise TwoWords("one", "two")
+    return case
+
+
+class TwoWords(Exception):
+    """An exception that does not survive pickling: its arguments are not those of its constructor."""
+
+    def __init__(self, one, two):
+        super().__init__(f"{one} {two}")
+
+
+def killer(case):
+    """Kill this process without a word, as the kernel does when memory runs out; not before others have had a turn."""
+    if case == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.02)
+    return case
+
+
+def unsendable(case):
+    return lambda: case
+
+
+def interrupted_by_itself(case):
+    """Ctrl-C in the middle of a run, which catches it."""
+    signal_at = 0.1 if case == 2 else 9.0
+
+    def callback(t, *_):
+        if t > signal_at:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    return pc.simulate(mechanism("planar_pendulum"), (0.0, 0.3), callback=callback).status
