@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_view_forces import arrow, stated
 
 import pinconsist
 from pinconsist.cli import main
@@ -99,6 +100,35 @@ def test_a_plot_of_an_interrupted_run_is_drawn(run, monkeypatch):
     monkeypatch.setattr("pinconsist.simulation.simulate", interrupted)
     code, out, _ = run("plot", "four_bar", "--out", "part.png")
     assert code == 130 and "interrupted at t = 0.5" in out and Path("part.png").stat().st_size
+
+
+def test_compare_shows_exact_beside_consistent(run):
+    """The force of the page's first step, row 1, is the one whose error the table tells."""
+    told = json.loads(run("compare", "problem51", "--rows", 3, "--html", "two.html", "--json")[1])
+    assert told["files"] == {"plot": None, "html": "two.html"} and told["runs"][0]["h"] == 0.01
+    page = json.loads(re.search(r'<script id="replay".*?>(.*?)</script>', Path("two.html").read_text())[1])
+    assert [each["text"] for each in page["titles"]] == ["from exact values", "from consistent values"]
+    assert page["clock"] == [0.0, 0.01, 3.0]  # a step of 0.01 s takes a second
+    paths = [f"/{number} from {title} values/forces/circle" for number, title in ((1, "exact"), (2, "consistent"))]
+    exact, consistent = (np.linalg.norm(arrow(page, path)[1][50]) * stated(page)[0] for path in paths)
+    assert consistent - exact == pytest.approx(2.0808 - 0.0812, abs=1e-3)
+
+
+def test_the_steps_of_a_comparison_follow_the_duration_of_the_scene(run):
+    assert [each["h"] for each in json.loads(run("compare", "andrews", "--json")[1])["runs"]] == [6e-5, 6e-6]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["problem52", "--html", "x.html"], "--html shows bodies, and problem52 has none"),
+        (["problem51", "--html", "x.svg", "--plot", "./x.svg"], "--plot and --html name the same file"),
+        (["problem51", "--html", "nowhere/x.html"], "there is no folder"),
+    ],
+)
+def test_comparisons_that_cannot_be_shown(run, arguments, message):
+    code, _, err = run("compare", *arguments)
+    assert code == 2 and message in err and not list(Path().iterdir())
 
 
 def test_models_lists_families_and_the_robots_that_are_installed(run, monkeypatch):

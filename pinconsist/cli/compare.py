@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ..errors import InputError
 from . import output, scene
+
+STEPS = (0.002, 0.0002)  # of the duration
+LONGEST = 10.0  # s of playing
 
 
 def compare(
@@ -22,11 +26,23 @@ def compare(
     at: scene.At = None,
     with_velocity: scene.WithVelocity = None,
     step: Annotated[
-        list[float], typer.Option(metavar="SECONDS ...", help="Step sizes, one or several.")
-    ] = (0.01, 0.001),
+        list[float] | None,
+        typer.Option(
+            metavar="SECONDS ...",
+            help="Step sizes, one or several. Default: 0.01 0.001; of a scene, a 500th and a 5000th of its duration.",
+        ),
+    ] = None,
     order: Annotated[int, typer.Option(metavar="K", help="BDF order, 1 to 6.")] = 1,
     rows: Annotated[int, typer.Option(metavar="N", help="Steps to take and print.")] = 6,
     plot: Annotated[str | None, typer.Option(metavar="FILE.png", help="Draw the errors over time.")] = None,
+    html: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.html",
+            help="Write a page that plays the steps from exact beside those from consistent values, with their forces, "
+            "in slow motion, for the first step size.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> int:  # fmt: skip
     """Compare the first constraint forces from exact and from numerically consistent initial values.
@@ -37,28 +53,38 @@ def compare(
 
     Example: pinconsist compare problem51 --step 0.01 0.001
     """
-    output.require_writable(plot)
+    if plot and html and Path(plot).absolute() == Path(html).absolute():
+        raise InputError("--plot and --html name the same file")
+    output.require_writable(plot, html)
     output.require_figure(plot)
+    from ..mechanism.mechanism import Mechanism
     from ..study.compare import compare as compare_errors
-    from ..study.reference import PROBLEMS
+    from ..study.reference import PROBLEMS, reference_problem
 
     q0, v0 = scene.joint_values(at, "--at"), scene.joint_values(with_velocity, "--with-velocity")
     if subject in PROBLEMS:
         if loops or closure or free_flyer or reanchor or q0 or v0:
             raise InputError(f"{subject} has its own loops and initial values; these options are for scenes")
-        what = subject
-        names = None
+        what, names, duration = subject, None, Mechanism.duration
+        if html and not isinstance(reference_problem(subject).system, Mechanism):
+            raise InputError(f"--html shows bodies, and {subject} has none")
     else:
         what = scene.Scene(subject, loops, closure, free_flyer, [], reanchor, q0).load()
+        duration = what.duration
         names = [name for name, size in zip(what.joints, list(what.model.nvs)[1:], strict=True) for _ in range(size)]
-    result = compare_errors(what, list(step), order=order, count=rows, q0=q0 or None, v0=v0 or None)
+    steps = step or [duration * share for share in STEPS]
+    result = compare_errors(what, steps, order=order, count=rows, q0=q0 or None, v0=v0 or None)
+    if html:
+        _show(what, html, result.runs[0], order, q0 or None, v0 or None)
     if plot:
         from ..view.plots import plot_comparison
 
         output.written(plot, lambda: plot_comparison(result.runs, plot))
     if as_json:
         runs = [asdict(run) for run in result.runs]
-        output.print_json({"name": result.name, "order": result.order, "runs": runs, "files": {"plot": plot}})
+        output.print_json(
+            {"name": result.name, "order": result.order, "runs": runs, "files": {"plot": plot, "html": html}}
+        )
         return output.FINE
     start = f"; rows 0 to {order - 1} are its exact start" if order > 1 else ""
     print(f"{result.name}, BDF of order {order}: error of the multipliers, largest component{start}\n")
@@ -66,9 +92,32 @@ def compare(
         _print_run(run, order, names)
     if not any(run.v_given.any() for run in result.runs):
         print("from rest exact values are nearly consistent; --with-velocity JOINT=VALUE shows more\n")
-    if plot:
-        print(f"written: {plot}")
+    if plot or html:
+        print(f"written: {', '.join(filter(None, (plot, html)))}")
     return output.FINE
+
+
+def _show(what, file, run, order, q0, v0):
+    """A page of the first steps from exact beside those from consistent values: a second each, ten in all at most."""
+    from ..mechanism.assembly import assemble
+    from ..mechanism.mechanism import Mechanism
+    from ..simulation import integrate
+    from ..study.reference import reference_problem
+    from ..view.meshcat import export_html
+
+    if isinstance(what, Mechanism):
+        start = assemble(what, q0, v0)
+        mech, q, v = what, start.q, start.v
+    else:
+        problem = reference_problem(what)
+        mech, q, v = problem.system, problem.p0, problem.v0
+    options = {"step": run.h, "max_order": order}
+    sols = {
+        title: integrate(mech, (run.t[0], run.t[-1]), q, v, consistency=mode, **options)
+        for title, mode in (("from exact values", "exact"), ("from consistent values", "initial"))
+    }
+    speed = max(run.h, (run.t[-1] - run.t[0]) / LONGEST)
+    output.written(file, lambda: export_html(mech, sols, file, speed=speed, forces=True))
 
 
 def _print_run(run, order, names):
