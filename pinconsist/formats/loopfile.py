@@ -29,6 +29,7 @@ from .reading import finite, near, read_bytes, shown
 from .records import known_keys, name, number_or_numbers
 
 MAX_BYTES = 1_000_000
+MAX_VALUE = 10_000  # characters; the time that 1:1:1:... takes, a number to base 60, grows with their square
 _OWN_KEYS = ("description", "loops", "forces", "guess", "actuated", "duration", *SETTINGS)
 _ROBOT_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _KINDS = {"3d": "point", "6d": "frame"}
@@ -144,6 +145,12 @@ class _PlainLoader(yaml.SafeLoader):
                 problem="aliases (*name) are not read", problem_mark=self.peek_event().start_mark
             )
         return super().compose_node(parent, index)
+
+    def construct_scalar(self, node):
+        value = super().construct_scalar(node)
+        if len(value) > MAX_VALUE:
+            raise yaml.MarkedYAMLError(problem=f"a value of {len(value)} characters", problem_mark=node.start_mark)
+        return value
 
     def construct_mapping(self, node, deep=False):
         seen = set()

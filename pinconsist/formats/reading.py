@@ -57,7 +57,10 @@ def near(name: object, names) -> str:
 
 def shown(value: object) -> str:
     """A value of a file for a message, cut to a readable length."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not write out integers of thousands of digits
+        text = "a very long number"
     return text if len(text) <= 80 else text[:77] + "…"
 
 

@@ -61,6 +61,8 @@ def name(value, element: str) -> str:
     """A name, or FormatError."""
     if not isinstance(value, str) or not value:
         raise FormatError(f"a name is needed, not {shown(value)} (quote names that look like numbers)", element=element)
+    if not value.isprintable():  # messages show it, and a terminal would obey it
+        raise FormatError(f"the name {shown(value)} has characters that cannot be printed", element=element)
     return value
 
 

@@ -6,7 +6,7 @@ fixed where it lies. Numbers are written in full.
 
 from __future__ import annotations
 
-from xml.etree.ElementTree import Element, SubElement, fromstring, indent, tostring
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +14,7 @@ import pinocchio as pin
 from ..errors import InputError
 from .model_settings import VALUES
 from .urdf_tree import UNLIMITED
-from .xml_reading import text
+from .xml_reading import parsed, text
 
 _REVOLUTE, _SLIDING = "revolute", "prismatic"
 _TURNING = ("RX", "RY", "RZ", "RevoluteUnaligned")
@@ -111,7 +111,7 @@ def _near(place, other):
 def _shapes(geometry):
     if geometry is None:
         return {}
-    links = fromstring(geometry.urdf).findall("link")
+    links = parsed(geometry.urdf.encode()).findall("link")
     return {link.get("name"): [*link.findall("visual"), *link.findall("collision")] for link in links}
 
 

@@ -57,11 +57,12 @@ class Scene:
         from ..formats.catalogue import is_built_in
 
         folder = Path(run_file).absolute().parent
-        known = {each.name for each in fields(cls)}
-        texts = [about.get("source"), *(about.get("package_dirs") or ()), about.get("loops") or ""]
-        if set(about) != known or not all(isinstance(each, str) for each in texts):
+        known, about = {each.name for each in fields(cls)}, dict(about) if isinstance(about, dict) else {}
+        good = set(about) == known and isinstance(about["package_dirs"], list)
+        if not good or not all(
+            isinstance(each, str) for each in (about["source"], about["loops"] or "", *about["package_dirs"])
+        ):
             raise FormatError("its record of the scene cannot be read", path=run_file)
-        about = dict(about)
         if not is_built_in(about["source"]):
             about["source"] = os.path.normpath(folder / about["source"])
         about["loops"] = about["loops"] and os.path.normpath(folder / about["loops"])

@@ -30,7 +30,8 @@ def visuals(mech: Mechanism) -> list[Shape]:
         return []
     if missing:
         example = missing[0]
-        log.warning("%s: %d mesh(es) not found or unreadable, e.g. %s", mech.name, len(missing), example)
+        reason = "not found (outside of the scene's folder only those of package_dirs= are looked for) or unreadable"
+        log.warning("%s: %d mesh(es) %s, e.g. %s", mech.name, len(missing), reason, example)
     return [shape for each in found.geometryObjects for shape in _shapes(each)]
 
 
@@ -55,14 +56,18 @@ def _loadable(geometry: Geometry, loader) -> tuple[str, list[str]]:
 
 
 def _find(name: str, folders) -> Path | None:
+    """The mesh of this name inside of one of the folders; a scene's file does not reach what lies elsewhere."""
     scheme, _, rest = name.rpartition("://")
-    tries = [Path(rest)] if scheme != "package" else []
-    for folder in map(Path, folders):
-        inside = rest.lstrip("/")
-        tries.append(folder / inside)
-        if scheme == "package" and inside.startswith(folder.name + "/"):  # the folder is the package itself
-            tries.append(folder.parent / inside)
-    return next((path.resolve() for path in tries if path.is_file()), None)
+    if scheme not in ("", "file", "package") or "\0" in rest:
+        return None
+    for folder in (Path(folder).resolve() for folder in folders):
+        tries = [folder / rest, folder / rest.lstrip("/")]  # the first is `rest` itself where that is absolute
+        if scheme == "package" and rest.startswith(folder.name + "/"):  # the folder is the package itself
+            tries.append(folder.parent / rest)
+        for path in (each.resolve() for each in tries):
+            if path.is_relative_to(folder) and path.is_file():
+                return path
+    return None
 
 
 def _loads(loader, path: Path, scale: np.ndarray) -> bool:

@@ -110,7 +110,7 @@ def _located(name, folder, nearby):
         raise FormatError("attribute 'file' is missing")
     for start in (folder, nearby):
         found = Path(os.path.normpath(start / name))
-        if not found.is_relative_to(folder):
+        if not (found.is_relative_to(folder) and found.resolve().is_relative_to(folder.resolve())):
             raise FormatError(f"it climbs out of the folder of the scene, {folder}; only files in there are included")
         if found.is_file():
             return found
