@@ -11,6 +11,8 @@ from test_view_forces import arrow, drawn, shown, stated, track
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.loops import Loop
+from pinconsist.view.actions import FORCE, Action
+from pinconsist.view.arrows import scale_of
 
 WEIGHT, ARM = 3.0, 0.3  # kg, m
 
@@ -25,7 +27,7 @@ def moment(page, path):
 
 def per_metre(page):
     """Newton metres per metre of radius, and where they are cut, as the legend says."""
-    (text,) = [each["text"] for each in page["legend"] if each["text"].startswith("moment")]
+    (text,) = [each["text"] for each in page["legend"] if "of radius is" in each["text"]]
     metres, moments = map(float, re.search(r"(\S+) m of radius is (\S+) N·m", text).groups())
     cut = re.search(r"cut at (\S+) N·m", text)
     return moments / metres, float(cut[1]) if cut else np.inf
@@ -47,6 +49,10 @@ def test_a_weight_on_a_bracket_needs_force_and_moment(first):
     np.testing.assert_allclose(force * stated(page)[0], [[0, 0, WEIGHT * 9.81]] * 6, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(turn * per_metre(page)[0], [[0, -WEIGHT * 9.81 * ARM, 0]] * 6, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(centre, np.zeros((6, 3)), atol=1e-6)
+    assert [each["text"].split(":")[0] for each in page["legend"][1:]] == [
+        "force of a loop on its second body (its first, where that is the ground)",
+        "moment of a loop on that body",
+    ]
 
 
 def test_a_ring_starts_on_its_x_axis_and_its_head_points_right_handed():
@@ -82,6 +88,7 @@ def test_a_drive_of_a_slider_pushes():
     _, push = arrow(page := shown(mech, sol, forces=True), "/forces/press piston")
     factor, most = stated(page)
     force = sol.reaction("press").torque.clip(-most, most)
+    assert "ground), or force of a drive or motor on its joint: " in page["legend"][1]["text"]
     np.testing.assert_allclose(
         push[:-1] * factor, force[:-1, None] * [[1, 0, 0]], rtol=5e-3, atol=1e-2 * abs(force).max()
     )
@@ -106,6 +113,16 @@ def test_motors_together_are_one_torque_on_each_joint():
         shown(mech, SimpleNamespace(t=sol.t, q=sol.q, lam=sol.lam), forces=True)
     with pytest.raises(pc.InputError, match=re.escape("need v of shape (21, 2), got (21, 1)")):
         shown(mech, SimpleNamespace(t=sol.t, q=sol.q, lam=sol.lam, v=sol.v[:, :1]), forces=True)
+
+
+def test_a_loop_of_absurd_forces_does_not_hide_the_others():
+    """As of two loops of Cassie, which rounded lengths make contradict each other a little."""
+    points = np.zeros((4, 3))
+    sizes = {"shin": 1e6, "plantar": 30.0, "achilles": 120.0}
+    pulls = [Action(name, FORCE, points, np.full((4, 3), size / np.sqrt(3))) for name, size in sizes.items()]
+    scale = scale_of(FORCE, pulls, size=1.0)
+    assert 1 / scale.metres == pytest.approx(500.0)  # 120 N are a quarter of the scene
+    assert scale.text == "0.1 m of arrow is 50 N, larger ones cut at 250 N"
 
 
 QUESTIONS = """

@@ -25,6 +25,7 @@ class Action:
     kind: str  # FORCE or MOMENT
     points: np.ndarray  # (m, 3), m, where it acts
     vectors: np.ndarray  # (m, 3), world axes
+    on_joint: bool = False  # of a drive or motor; else of a loop
 
     @property
     def sizes(self) -> np.ndarray:
@@ -40,8 +41,8 @@ def motors(mech: Mechanism) -> list:
 def actions(run: Run, poses: np.ndarray, size: float) -> list[Action]:
     """All that can be drawn.
 
-    A loop acts on its body 2, or on its body 1 where the other is the ground; drives, couplings and motors act on
-    their joints, of which those with one degree of freedom are told.
+    A loop acts on its body 2, or on its body 1 where the other is the ground; drives and motors act on their joints,
+    of which those with one degree of freedom are told. Couplings are left out: theirs is a share of two joints.
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ def actions(run: Run, poses: np.ndarray, size: float) -> list[Action]:
         found = reaction(run.mech, loop.name, run.t, run.q, run.lam)
         if isinstance(loop, Loop):
             out += _of_loop(run, poses, loop, found)
-        elif found.torque is not None:
+        elif loop.kind == "drive":
             out += _at_joints(run, poses, loop.name, found.joint_forces)
     if acting := motors(run.mech):
         bound = [force.bind(run.mech.model) for force in acting]
@@ -86,5 +87,5 @@ def _at_joints(run: Run, poses: np.ndarray, name: str, torques: np.ndarray) -> l
         slides, turns = np.reshape(data.joints[joint].S, (2, 3))
         kind, axis = (MOMENT, turns) if turns.any() else (FORCE, slides)
         along = in_world(poses[:, joint], [axis])[:, 0] - poses[:, joint, :3]
-        out.append(Action(f"{name} {of}", kind, poses[:, joint, :3], torque[:, None] * along))
+        out.append(Action(f"{name} {of}", kind, poses[:, joint, :3], torque[:, None] * along, on_joint=True))
     return out

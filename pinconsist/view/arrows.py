@@ -13,7 +13,7 @@ from .shapes import Shape, cylinder, ring
 
 COLORS = {FORCE: 0x6A1B9A, MOMENT: 0x1B5E20}
 UNITS = {FORCE: "N", MOMENT: "N·m"}
-COMMON = {FORCE: 0.25, MOMENT: 0.08}  # sizes of the scene: length or radius that a quarter of the arrows exceeds
+COMMON = {FORCE: 0.25, MOMENT: 0.08}  # sizes of the scene: length or radius of what is common
 LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # the most that is drawn
 RADIUS, HEAD = 0.006, 0.05  # of a shaft; length of a head; in sizes of the scene
 ARC = 1.5 * np.pi  # of a ring, rad
@@ -33,16 +33,20 @@ class Scale:
 def scale_of(kind: str, actions: list[Action], size: float) -> Scale | None:
     """One scale for all forces, or moments, of a picture; None where there are none.
 
-    Common ones show well by it. Great ones, as of wrong multipliers at the start or near dead centres, are cut.
+    Common ones show well by it: the median, on a logarithmic scale, of what each exceeds a quarter of the time. Great
+    ones are cut, as of wrong multipliers at the start, near dead centres, or of loops that contradict each other.
     """
-    sizes = np.concatenate([action.sizes for action in actions if action.kind == kind] or [np.zeros(0)])
-    if not sizes.max(initial=0.0) > 1e-12:
+    sizes = [action.sizes for action in actions if action.kind == kind]
+    largest = max((each.max() for each in sizes), default=0.0)
+    if not largest > 1e-12:
         return None
-    common, unit = np.percentile(sizes[sizes > 1e-6 * sizes.max()], 75), UNITS[kind]
+    some = [each[each > 1e-6 * largest] for each in sizes]
+    common = np.exp(np.median([np.log(np.percentile(each, 75)) for each in some if each.size]))
+    unit = UNITS[kind]
     per_metre, most = _round(common / (COMMON[kind] * size)), LONGEST[kind] * size
     length = 10.0 ** np.floor(np.log10(COMMON[kind] * size))
     what = "m of arrow" if kind == FORCE else "m of radius"
-    cut = f", larger ones cut at {most * per_metre:.3g} {unit}" if sizes.max() > most * per_metre else ""
+    cut = f", larger ones cut at {most * per_metre:.3g} {unit}" if largest > most * per_metre else ""
     return Scale(1 / per_metre, most, f"{length:g} {what} is {length * per_metre:.3g} {unit}{cut}")
 
 

@@ -45,9 +45,8 @@ def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces
     forces : bool
         Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 where body 2 is the ground), and
         its moment as an arrow that turns about its axis: those of :meth:`Solution.reaction`. So are the torques of
-        drives and couplings, and of the mechanism's servos and joint torques together, on joints of one degree of
-        freedom; where the joint slides they are forces. The page says how many newtons a length is, and where arrows
-        are cut.
+        drives, and of the mechanism's servos and joint torques together, on joints of one degree of freedom; where the
+        joint slides they are forces. The page says how many newtons a length is, and where arrows are cut.
 
     Returns
     -------

@@ -19,9 +19,11 @@ from .side_by_side import runs_of
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
 SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its plate", "distance": "at its bar's end"}
-ACTS = {
-    FORCE: "force of a loop on its second body (its first, where that is the ground)",
-    MOMENT: "moment of a loop on that body, or torque of a drive or motor on its joint",
+ACTS = {  # kind, and whether on a joint
+    (FORCE, False): "force of a loop on its second body (its first, where that is the ground)",
+    (FORCE, True): "force of a drive or motor on its joint",
+    (MOMENT, False): "moment of a loop on that body",
+    (MOMENT, True): "torque of a drive or motor on its joint",
 }
 POINT = 1e-12  # m; what is smaller is a point and rounding
 GAP = 0.3  # between neighbours, in sizes of the scene
@@ -106,7 +108,7 @@ def scene(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetiti
         "target": target,
         "clock": [first, speed * (-1.0 if last < first else 1.0), float(clock[-1])],
         "titles": titles,
-        "legend": _legend(runs, traces, forces, scales),
+        "legend": _legend(runs, traces, forces, scales, acting),
     }
 
 
@@ -182,7 +184,7 @@ def _below(cloud: np.ndarray, axes: np.ndarray, size: float) -> np.ndarray:
     return np.array([middle[0], seen[:, 1].min() - 0.06 * size, middle[2]]) @ axes
 
 
-def _legend(runs, traces, forces: bool, scales) -> list[dict]:
+def _legend(runs, traces, forces: bool, scales, acting) -> list[dict]:
     out = [{"color": TRACES[k % len(TRACES)], "text": f"path of {name}"} for k, name in enumerate(traces)]
     kinds = {loop.kind for run in runs for loop in run.mech.anchored_loops}
     if kinds:
@@ -190,7 +192,9 @@ def _legend(runs, traces, forces: bool, scales) -> list[dict]:
         out.append({"color": CLOSED, "text": f"loop: closed where its core sits {', '.join(seats)}"})
     for kind, scale in scales.items():
         if scale:
-            out.append({"color": COLORS[kind], "text": f"{ACTS[kind]}: {scale.text}"})
+            told = sorted({each.on_joint for each in acting if each.kind == kind})
+            text = ", or ".join(ACTS[kind, on_joint] for on_joint in told)
+            out.append({"color": COLORS[kind], "text": f"{text}: {scale.text}"})
     if forces and not any(scales.values()):
         out.append({"color": COLORS[FORCE], "text": "no loop pulls here"})
     return out
