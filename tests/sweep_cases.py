@@ -12,6 +12,7 @@ import numpy as np
 import pinconsist as pc
 
 SPEEDS = [4.0, 7.5, 11.0]  # rad/s of the crank
+PICKY = ["fine", "wrong", "exit", "odd", ("a", "tuple")]
 
 
 @functools.cache
@@ -54,6 +55,11 @@ def killer(case):
         os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(0.02)
     return case
+
+
+def process(case):
+    time.sleep(0.05)
+    return os.getpid()
 
 
 def unsendable(case):

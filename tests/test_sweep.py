@@ -75,8 +75,7 @@ def test_seeds_of_cases_are_the_same_everywhere_and_for_more_cases(pool):
 
 @pytest.mark.parametrize("where", ["loop", "pool"])
 def test_a_failing_case_is_an_outcome_with_its_error(where, pool):
-    given = ["fine", "wrong", "exit", "odd", ("a", "tuple")]
-    outcomes = pc.sweep(cases.picky, given, executor=pool if where == "pool" else None)
+    outcomes = pc.sweep(cases.picky, cases.PICKY, executor=pool if where == "pool" else None)
     fine, wrong, end, odd, last = outcomes
     assert values([fine]) == ["fine"] and last.value == ("a", "tuple")
     assert (wrong.error, wrong.case, wrong.value, wrong.success, wrong.finished) == (

@@ -47,9 +47,7 @@ def sweep(
     start: Annotated[
         float, typer.Option("--from", metavar="SECONDS", help="Time at the start.", rich_help_panel=scene.START)
     ] = 0.0,
-    until: Annotated[
-        float, typer.Option("--until", metavar="SECONDS", help="Time at the end.", rich_help_panel=scene.START)
-    ] = 5.0,
+    until: scene.Until = None,
     at: scene.At = None,
     with_velocity: scene.WithVelocity = None,
     step: Annotated[
@@ -60,6 +58,12 @@ def sweep(
     ] = None,
     rtol: Annotated[float, typer.Option(metavar="NUMBER", help="Relative tolerance.", rich_help_panel=METHOD)] = 1e-6,
     atol: Annotated[float, typer.Option(metavar="NUMBER", help="Absolute tolerance.", rich_help_panel=METHOD)] = 1e-8,
+    max_steps: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Give up a case after so many steps.", rich_help_panel=METHOD, show_default=False
+        ),
+    ] = None,
     workers: Annotated[int, typer.Option(metavar="N", help="Processes that share the cases.")] = 1,
     out: Annotated[
         str | None,
@@ -89,15 +93,18 @@ def sweep(
         raise InputError(f"--out {out}: a table is saved as .csv")
     output.require_writable(out)
     from ..sweeps.axes import cases_of
-    from ..sweeps.study import Study
+    from ..sweeps.study import Study, loaded
 
     names, cases = cases_of(vary, _number, count=count, seed=seed)
     q0, v0 = scene.joint_values(at, "--at"), scene.joint_values(with_velocity, "--with-velocity")
     _require_once(names, q0, v0)
     recipe = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
-    options = {"rtol": rtol, "atol": atol} | ({} if step is None else {"step": step})
+    duration = loaded(recipe, anew=True).duration
+    until = start + duration if until is None else until
+    options = {"rtol": rtol, "atol": atol, "step": step, "max_steps": max_steps}
+    options = {name: value for name, value in options.items() if value is not None}
     study = Study(recipe, names, start, until, q0, v0, options)
-    study.run(cases[0])  # a name that is none is told now
+    study.check(cases[0])  # a name that is none is told now
     if not out:
         return _report(study, cases, *_run(study, cases, workers, {}, lambda *_: None), None, as_json)
     with _journal(out, study, cases) as journal:
@@ -107,7 +114,7 @@ def sweep(
         if whole:
             from ..sweeps.table import write
 
-            output.written(out, lambda: write(out, study, cases, rows))
+            _safely(journal, out, lambda: write(out, study, cases, rows))
             journal.remove()
     return _report(study, cases, rows, whole, out, as_json)
 
@@ -130,7 +137,15 @@ def _journal(out, study, cases):
 
 
 def _keep(journal, case, row):
-    output.written(journal.path, lambda: journal.add(case, row))
+    _safely(journal, journal.path, lambda: journal.add(case, row))
+
+
+def _safely(journal, file, write):
+    try:
+        output.written(file, write)
+    except InputError as error:
+        kept = f"{output.counted(len(journal.rows), 'row')} of the table are safe in {journal.path}"
+        raise InputError(f"{error}. {kept}; the same command goes on from there") from error
 
 
 def _run(study, cases, workers, rows, keep) -> tuple[dict[int, dict], bool]:

@@ -89,9 +89,11 @@ class Journal:
         entries = [self._entry(k, line) for k, line in enumerate(lines, start=1)]
         self._require_same(entries[0], header, len(entries) - 1)
         for k, entry in enumerate(entries[1:], start=2):
-            if not (isinstance(entry, list) and len(entry) == 2 and isinstance(entry[1], dict)):
-                raise self._damaged(k)
-            self.rows[entry[0]] = entry[1]
+            match entry:
+                case [int(i), {"status": str(), "message": str()}] if 0 <= i < about["cases"]["count"]:
+                    self.rows[i] = entry[1]
+                case _:
+                    raise self._damaged(k)
 
     def _entry(self, k, line):
         try:

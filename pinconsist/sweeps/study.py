@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..errors import InputError, PinconsistError
 from ..mechanism.mechanism import Mechanism
 from ..simulation import simulate
 from ..solution_file import versions
@@ -17,14 +19,15 @@ from .targets import Run, target
 
 MEASURED = ("status", "t", "steps", "gap", "energy_error")
 DONE, FAILED, ERROR = "done", "failed", "error"
+_log = logging.getLogger(__name__)
 _loaded: dict[str, Mechanism] = {}
 """Recipe → its mechanism, for the one sweep that a process works at."""
 
 
-def loaded(scene) -> Mechanism:
-    """The mechanism of a scene, loaded once in each process."""
+def loaded(scene, *, anew=False) -> Mechanism:
+    """The mechanism of a scene, loaded once in each process; `anew` where its files may have changed since."""
     recipe = repr(scene)
-    if recipe not in _loaded:
+    if anew or recipe not in _loaded:
         _loaded.clear()
         _loaded[recipe] = scene.load()
     return _loaded[recipe]
@@ -59,16 +62,13 @@ class Study:
     def __call__(self, case) -> dict:
         """The row of a case: what was measured, ``end`` (q and v of the last row), and a message where one is due."""
         run = self.run(case)
-        sol = simulate(
-            run.mechanism, (self.start, run.until), q0=run.q0 or None, v0=run.v0 or None,
-            forces=[run.torques] if run.torques else (), **run.options,
-        )  # fmt: skip
+        sol = self._simulated(run, run.until)
         if sol.status == 1:  # nothing else stops a run without events; half a run is not the row of its case
             raise KeyboardInterrupt
         certificate = sol.check()
         row = (DONE if sol.success else FAILED, float(sol.t[-1]), sol.nsteps, certificate.position,
                certificate.energy_error)  # fmt: skip
-        told = [_moved(run, sol.q[0])] if sol.success else [sol.message]
+        told = [*([] if sol.success else [sol.message]), _moved(run, sol.q[0])]
         end = [*map(float, sol.q[-1]), *map(float, sol.v[-1])]
         return dict(zip(MEASURED, row, strict=True)) | {"end": end, "message": "; ".join(filter(None, told))}
 
@@ -79,6 +79,20 @@ class Study:
         for name, value in zip(self.names, case, strict=True):
             target(mechanism, name)(run, value)
         return run
+
+    def check(self, case) -> None:
+        """Raise InputError if the run of a case cannot even begin for what was asked."""
+        try:
+            self._simulated(self.run(case), self.start)
+        except InputError:
+            raise
+        except PinconsistError as error:  # that concerns this case alone, and its row will tell
+            _log.debug("the first case: %s", error)
+
+    def _simulated(self, run, until):
+        forces = [run.torques] if run.torques else ()
+        q0, v0 = run.q0 or None, run.v0 or None
+        return simulate(run.mechanism, (self.start, until), q0, v0, forces=forces, **run.options)
 
     def about(self, cases) -> dict:
         """What two sweeps must share for the rows of one to be those of the other."""
@@ -106,12 +120,14 @@ class Study:
 
 def _moved(run, q) -> str:
     """Which joints could not start where they were put."""
-    away = [
-        joint
-        for joint, value in run.q0.items()
-        if not np.allclose(run.mechanism.configuration({joint: value}, base=q), q, rtol=0, atol=1e-9)
-    ]
-    return f"the loops do not close with {', '.join(away)} as given: started nearby" if away else ""
+    mechanism, told = run.mechanism, []
+    for joint, value in run.q0.items():
+        if not np.allclose(mechanism.configuration({joint: value}, base=q), q, rtol=0, atol=1e-9):
+            start = mechanism.model.idx_qs[i := mechanism.joint_index(joint)]
+            at = " ".join(f"{each:g}" for each in q[start : start + mechanism.model.nqs[i]])
+            asked = " ".join(f"{each:g}" for each in np.atleast_1d(value))
+            told.append(f"the loops do not close with {joint} = {asked}; it began at {at}")
+    return "; ".join(told)
 
 
 def _digest(text: str) -> str:
