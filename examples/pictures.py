@@ -178,14 +178,14 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "09_delta_robot": (delta, 0.3, ("platform",)),
     "10_cassie": (cassie, 0.15, ()),
     "11_gripper": (gripper, 1.0, ()),
-    "12_strandbeest": (strandbeest, 0.1, ("foot",)),
+    "12_strandbeest": (strandbeest, 0.4, ("foot",)),
     "13_own_dae": (car_axis, None, ()),
     "14_ensemble": (ensemble, None, ()),
     "15_linearisation": (linearisation, 0.5, ()),
 }
 
 
-ARROWS = {"02_four_bar", "04_own_mechanism", "12_strandbeest"}  # stills with the forces of the loops
+ARROWS = {"02_four_bar", "04_own_mechanism", "09_delta_robot", "12_strandbeest"}  # stills with forces and torques
 
 
 def example(name):
