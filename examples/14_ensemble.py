@@ -1,8 +1,7 @@
-"""Many runs from scattered starts, in parallel: mechanisms and solutions are picklable, so that any pool does."""
+"""Many runs from scattered starts, in parallel: one function, a case each, on any pool."""
 
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from itertools import repeat
 
 import numpy as np
 
@@ -19,10 +18,11 @@ def starts(count=24, seed=0):
 def run():
     """A pendulum let go at each of the angles."""
     mech = pc.load("planar_pendulum")
-    simulate = partial(pc.simulate, rtol=1e-8, atol=1e-8, t_eval=TIMES)
+    let_go = partial(pc.simulate, mech, (0.0, 3.0), rtol=1e-8, atol=1e-8, t_eval=TIMES)
     guesses = [{"pendulum": np.pi / 2 - angle} for angle in starts()]  # the scene counts from level
     with ProcessPoolExecutor(max_workers=2) as pool:
-        return mech, list(pool.map(simulate, repeat(mech), repeat((0.0, 3.0)), guesses))
+        outcomes = pc.sweep(let_go, guesses, executor=pool)
+    return mech, [outcome.value for outcome in outcomes]
 
 
 def main() -> float:
