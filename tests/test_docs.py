@@ -34,6 +34,26 @@ def test_links_and_files_named_on_the_pages_exist(page):
         assert (ROOT / path).is_file(), path
 
 
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (block,) = re.findall(r"^```python\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+    exec(block, {})
+    assert "loops closed to" in capsys.readouterr().out and (tmp_path / "four_bar.html").is_file()
+
+
+def test_the_table_of_the_readme_is_what_compare_prints():
+    rows = re.findall(r"^\| (\S*) *\| ([12]) \| (\S+) \| (\S+) \| (\S+) \|$", README, flags=re.MULTILINE)
+    assert len(rows) == 6
+    steps = [float(h) for h, *_ in rows if h]
+    runs = [run for run in pc.compare("problem51", steps, count=2).runs for _ in (1, 2)]
+    for (_, row, *told), run in zip(rows, runs, strict=True):
+        found = [getattr(run, name)[int(row)] for name in ("exact", "consistent", "every_step")]
+        assert [float(number) for number in told] == pytest.approx(found, rel=5e-5)  # five digits
+
+
 def sections(doc):
     """The headings of a numpy-style docstring."""
     return set(re.findall(r"^(\w+)\n-+$", inspect.cleandoc(doc), flags=re.MULTILINE))

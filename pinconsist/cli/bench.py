@@ -26,14 +26,16 @@ def bench(
     ] = None,
     tol: Annotated[
         list[float] | None,
-        typer.Option("--tol", help="A tolerance of the scenes; may be repeated. Default: 1e-4 … 1e-10."),
+        typer.Option(
+            "--tol", metavar="NUMBER", help="A tolerance of the scenes; may be repeated. Default: 1e-4 … 1e-10."
+        ),
     ] = None,
     method: Annotated[
         list[str] | None,
         typer.Option("--method", metavar="WORD", help="Only methods with this word in their name; may be repeated."),
     ] = None,
-    repeats: Annotated[int, typer.Option(help="Timed runs of each method and tolerance, in turn.")] = 3,
-    budget: Annotated[float, typer.Option(help="Seconds after which one run is cut.")] = 10.0,
+    repeats: Annotated[int, typer.Option(metavar="N", help="Timed runs of each method and tolerance, in turn.")] = 3,
+    budget: Annotated[float, typer.Option(metavar="SECONDS", help="After which one run is cut.")] = 10.0,
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE", help="Draw time against error of the first scene.")
     ] = None,
@@ -58,7 +60,8 @@ def bench(
         ),
     ] = None,
     until: Annotated[
-        float | None, typer.Option(help="Simulated seconds. Default: 0.5 for robots, for scenes their own.")
+        float | None,
+        typer.Option(metavar="SECONDS", help="Simulated time. Default: 0.5 for robots, for scenes their own."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> int:

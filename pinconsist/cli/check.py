@@ -106,7 +106,7 @@ def _print_inventory(mech):
         rows = [(loop.name, loop.kind, len(loop.rows), *_ends(loop)) for loop in mech.loops]
         output.table(("loop", "kind", "rows>", "joins", "and"), rows)
     else:
-        print("loops: none, a plain tree\n")
+        print("loops: none, a plain tree; a loop file beside it, or --loops FILE, closes some\n")
 
 
 def _ends(loop):

@@ -26,7 +26,7 @@ Speed = Annotated[
     float | None,
     typer.Option(
         metavar="FACTOR", rich_help_panel=PANEL,
-        help="2 plays twice as fast, 0.1 in slow motion. Default: 1, or what makes less than a second last some.",
+        help="2 plays twice as fast, 0.1 in slow motion. Default: 1; less for what is over in a second.",
     ),
 ]  # fmt: skip
 

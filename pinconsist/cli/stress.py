@@ -19,7 +19,7 @@ def stress(
     subject: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[SUBJECT ...]", help="steps, scales, singular, starts, forces, tolerances, chains; all by default."
+            metavar="SUBJECT", help="steps, scales, singular, starts, forces, tolerances, chains; all by default."
         ),
     ] = None,
     count: Annotated[int, typer.Option(metavar="N", help="How many random closed chains.")] = 100,
