@@ -21,7 +21,7 @@ def bench(
             "--scene",
             metavar="NAME|PATH",
             help="Run time against error of all methods and peers on this scene; may be repeated. problem51, pendulum, "
-            f"stiff_four_bar, any built-in model or file. Default: {SCENE}.",
+            f"stiff_four_bar, any built-in model (bricard, chain_64, …), file or folder of a robot. Default: {SCENE}.",
         ),
     ] = None,
     tol: Annotated[
@@ -32,7 +32,12 @@ def bench(
     ] = None,
     method: Annotated[
         list[str] | None,
-        typer.Option("--method", metavar="WORD", help="Only methods with this word in their name; may be repeated."),
+        typer.Option(
+            "--method",
+            metavar="WORD",
+            help="Only methods with this word in their name: scipy, Exudyn, pinconsist (every order and consistency, of "
+            "variable and of fixed step), or peers, all others; may be repeated.",
+        ),
     ] = None,
     repeats: Annotated[int, typer.Option(metavar="N", help="Timed runs of each method and tolerance, in turn.")] = 3,
     budget: Annotated[float, typer.Option(metavar="SECONDS", help="After which one run is cut.")] = 10.0,
@@ -131,7 +136,7 @@ def _print_study(study, repeats):
             errors = (f"{value:.1e}" for value in (point.q, point.q_end, point.v, point.lam, point.lam_first))
             rows.append((*start, point.steps, f"{1e3 * point.time:.1f}", *errors, ""))
         else:
-            rows.append((*start, *[""] * 7, point.status))
+            rows.append((*start, point.steps or "", *[""] * 6, point.status))
     output.table(
         ("method", "tol>", "steps>", "time [ms]>", "q>", "q at end>", "v>", "λ>", "λ, 1st step>", "remark"),
         rows,

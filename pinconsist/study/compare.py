@@ -13,8 +13,7 @@ from ..dae.stepsize import FixedStep
 from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assemble
 from ..mechanism.mechanism import Mechanism, finite_array
-from ..mechanism.regular import require_regular
-from ..mechanism.system import MechanismSystem
+from ..simulation import system_of
 from .reference import reference_problem
 
 
@@ -113,8 +112,7 @@ def _subject(subject, q0, v0):
     """(name, system, t0, p0, v0, λ at times) of what is compared."""
     if isinstance(subject, Mechanism):
         assembly = assemble(subject, q0, v0)
-        system = MechanismSystem(subject, assembly.q)
-        require_regular(system, assembly.q)
+        system = system_of(subject, 0.0, assembly.q, assembly.v)
 
         def multipliers(times):
             rows = integrate_index1(system, 0.0, assembly.q, assembly.v, times, 1e-13, 1e-13)
@@ -125,8 +123,7 @@ def _subject(subject, q0, v0):
         raise InputError(f"{subject} has its own initial values; q0 and v0 are for mechanisms")
     problem = reference_problem(subject)
     t0, p0, v0 = problem.t0, problem.p0, problem.v0
-    is_mechanism = isinstance(problem.system, Mechanism)
-    system = MechanismSystem(problem.system, p0, t0) if is_mechanism else problem.system.at(t0, p0, v0)
+    system = system_of(problem.system, t0, p0, v0)
     return problem.name, system, t0, p0, v0, lambda times: np.array([problem.exact(t)[2] for t in times])
 
 

@@ -9,19 +9,17 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
-from ..dae.newton import solve_acceleration
-from ..dae.start import chart_state, right_hand_side
 from ..errors import InputError, PinconsistError
+from .answers import Answers
 from .peers import OWN, peers
 from .peers.problem import Problem, SolverFailed
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
-COARSE = (1.0, 1e-2)
-"""Further ones for the methods of fixed step, for which a tolerance stands for a number of steps."""
 TARGETS = (1e-4, 1e-6)
 """Errors in q at which run times are compared."""
+FEWEST, MOST = 125, 1_000_000
+"""Steps of a method of fixed step: it takes up to four times as many from run to run, until the last target is met."""
 LOOKED_AT = 400
 """Steps of a run at which its error is measured, beside the first and the last."""
 
@@ -34,7 +32,7 @@ class Point:
     ----------
     method : str
     tol : float
-        rtol = atol; for methods of fixed step it chooses the step.
+        rtol = atol; not a number for methods of fixed step.
     status : str
         "done", or why there is nothing else.
     steps : int
@@ -44,7 +42,8 @@ class Point:
         Largest error over the run: of positions (rad, m); of velocities and multipliers, in parts of the largest
         velocity and multiplier of the run.
     q_end, lam_first : float
-        Error in q at the end, and of the multipliers at the first step.
+        Error in q at the end, and of the multipliers at the first step by the method itself (the package's rows of the
+        one-step start are before it).
     """
 
     method: str
@@ -117,12 +116,13 @@ def work_precision(
     ----------
     problem : Problem
     tolerances : sequence of float
-        rtol = atol of each run.
+        rtol = atol of each run; methods of fixed step take more and more steps instead.
     repeats : int
     budget : float
         CPU time of one run, s; a method that needs more is cut, and its finer runs are left out.
     methods : sequence of str, optional
-        Only methods in whose name one of these words stands; the package's BDF always runs.
+        Only methods in whose name one of these words stands, "peers" for all of other packages; the package's BDF
+        always runs. Default: the peers, and the package's BDF of each order.
     tell : callable, optional
         Called with the name of each method before its first run.
 
@@ -147,15 +147,11 @@ def work_precision(
             points[peer.name, 0] = Point(peer.name, np.nan, reason)
             continue
         versions[peer.package] = peer.version()
-        for k, tol in enumerate(sorted({*tolerances, *(COARSE if peer.fixed_step else ())}, reverse=True)):
-            solve, point, spent = _first_run(problem, peer, tol, answers, budget)
+        series = _fixed_steps if peer.fixed_step else _tolerances
+        for k, (solve, point) in enumerate(series(problem, peer, tolerances, answers, budget)):
             points[peer.name, k] = point
-            if point.status != "done" and spent >= budget:
-                break
-            if point.status == "done":
+            if solve is not None:
                 runs.append(((peer.name, k), solve))
-            if peer.fixed_step and spent * 4 > budget:
-                break
     for _ in range(repeats):
         for key, solve in runs:
             start = time.process_time()
@@ -172,48 +168,89 @@ def work_precision(
 def _chosen(methods):
     known = peers()
     if methods is None:
-        return known
+        return [peer for peer in known if not peer.detail]
+
+    def named(peer, word):
+        return peer.package != "pinconsist" if word == "peers" else word.lower() in peer.name.lower()
+
     for word in methods:
-        if not any(word.lower() in peer.name.lower() for peer in known):
+        if not any(named(peer, word) for peer in known):
             raise InputError(f"no method {word!r}; there are {', '.join(peer.name for peer in known)}")
-    return [p for p in known if p.name == OWN or any(word.lower() in p.name.lower() for word in methods)]
+    return [p for p in known if p.name == OWN or any(named(p, word) for word in methods)]
 
 
-def _first_run(problem, peer, tol, answers, budget):
-    """(solve, Point, seconds spent) of a run that is not timed."""
-    start = time.process_time()
+def _tolerances(problem, peer, tolerances, answers, budget):
+    """(solve or None, Point) of each tolerance, from coarse to fine, until a run is cut."""
+    for tol in sorted(set(tolerances), reverse=True):
+        solve, point, spent = _first_run(problem, peer, tol, answers, budget)
+        yield solve, replace(point, tol=tol)
+        if solve is None and spent >= budget:
+            return
+
+
+def _fixed_steps(problem, peer, tolerances, answers, budget):
+    """(solve or None, Point) of more and more steps, until the last target is met or a run would be cut."""
+    steps, before = FEWEST, None
+    while steps <= MOST:
+        solve, point, spent = _first_run(problem, peer, steps, answers, budget)
+        yield solve, replace(point, steps=steps)
+        if spent >= budget or point.q <= min(TARGETS):
+            return
+        more = _more_steps(steps, point.q, before)
+        if spent * more / steps > budget:
+            yield None, Point(peer.name, np.nan, f"more steps ({more}) would take longer than {budget:g} s", more)
+            return
+        before, steps = (steps, point.q), more
+
+
+def _more_steps(steps, error, before):
+    """Four times as many, or what the last target needs by the order seen between two runs."""
+    if before is not None and error < before[1] / 2:
+        order = np.log(before[1] / error) / np.log(steps / before[0])
+        return min(4 * steps, int(1.2 * steps * (error / min(TARGETS)) ** (1 / order)) + 1)
+    return 4 * steps
+
+
+def _first_run(problem, peer, setting, answers, budget):
+    """(solve, Point, seconds spent) of a run that is not timed; without `solve` where it came to nothing."""
+    nothing, limit, start = Point(peer.name, np.nan, ""), _Limit(budget), time.process_time()
     try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"), _limited(budget):
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            solve, read = peer.prepare(problem, tol)
+            solve, read = peer.prepare(problem, setting)
             start = time.process_time()
-            result = solve()
+            with limit:
+                result = solve()
             spent = time.process_time() - start
-        steps = []
+            steps = []
 
-        def thin(count):
-            steps.append(count - 1)
-            return np.unique(np.concatenate(([0, 1], np.linspace(0, count - 1, LOOKED_AT).astype(int))))
+            def thin(count, first=1):
+                steps.append(count - 1)
+                return np.unique(np.concatenate(([0, first], np.linspace(0, count - 1, LOOKED_AT).astype(int))))
 
-        errors = answers.errors(read(result, thin))
-        return solve, Point(peer.name, tol, "done", steps[0], (), *errors), spent
-    except _OutOfTime:
-        return None, Point(peer.name, tol, f"cut after {budget:g} s"), budget
-    except (SolverFailed, PinconsistError, ValueError, RuntimeError, ArithmeticError) as error:
-        spent = time.process_time() - start
-        if spent >= budget:  # a solver that tells of the interruption in its own words
-            return None, Point(peer.name, tol, f"cut after {budget:g} s"), budget
-        return None, Point(peer.name, tol, f"failed: {str(error).splitlines()[0] if str(error) else error!r}"), spent
+            errors = answers.errors(read(result, thin))
+        return solve, Point(peer.name, np.nan, "done", steps[0], (), *errors), spent
+    except (_OutOfTime, SolverFailed, PinconsistError, ValueError, RuntimeError, ArithmeticError, SystemError) as error:
+        if limit.reached:  # some solvers tell of the interruption in their own words
+            return None, replace(nothing, status=f"cut after {budget:g} s"), budget
+        said = str(error).splitlines()[0].split(". ")[0] if str(error) else repr(error)
+        return None, replace(nothing, status=f"failed: {said}"), time.process_time() - start
 
 
-class _limited:
-    """Raise _OutOfTime in what runs inside, after some seconds of CPU time."""
+class _Limit:
+    """Raise _OutOfTime in what runs inside, after some seconds of CPU time.
+
+    Attributes
+    ----------
+    reached : bool
+    """
 
     def __init__(self, seconds):
-        self.seconds = seconds
+        self.seconds, self.reached = seconds, False
 
     def __enter__(self):
         def stop(number, frame):
+            self.reached = True
             raise _OutOfTime
 
         self.before = signal.signal(signal.SIGPROF, stop)
@@ -222,50 +259,6 @@ class _limited:
     def __exit__(self, *error):
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, self.before)
-
-
-class Answers:
-    """The answer of a problem at any time: scipy's DOP853 at 1e-13 on the index-1 equations, its steps dense.
-
-    Attributes
-    ----------
-    doubt : float
-        Largest difference in q to the same at 1e-11.
-    """
-
-    def __init__(self, problem: Problem):
-        if not problem.system.vector_like:
-            raise InputError(f"{problem.name}: no reference for configurations that are no vectors")
-        self.problem, self.system = problem, problem.system
-        fine, coarse = (self._dense(rtol) for rtol in (1e-13, 1e-11))
-        self.dense = fine
-        n, times = self.system.nx, np.linspace(*problem.span, 200)
-        self.doubt = float(np.abs(fine(times)[:n] - coarse(times)[:n]).max())
-        _, v, lam = self.at(times)
-        self._largest_v, self._largest_lam = (max(np.abs(part).max(initial=0.0), 1e-300) for part in (v, lam))
-
-    def _dense(self, rtol):
-        problem, system = self.problem, self.system
-        f = right_hand_side(system, problem.q0)
-        y0 = chart_state(system, problem.q0, problem.q0, problem.v0)
-        run = solve_ivp(f, problem.span, y0, "DOP853", rtol=rtol, atol=rtol, dense_output=True)
-        if not run.success:
-            raise PinconsistError(f"{problem.name}: no reference: {run.message}")
-        return run.sol
-
-    def at(self, times):
-        """(q, v, λ of all rows) at times."""
-        y = self.dense(times).T
-        q, v = y[:, : self.system.nx], y[:, self.system.nx :]
-        kept = np.array([solve_acceleration(self.system, *row)[1] for row in zip(times, q, v, strict=True)])
-        return q, v, self.problem.multipliers(q, kept)
-
-    def errors(self, rows) -> tuple[float, ...]:
-        """(q, v, λ, q at the end, λ at the first step)."""
-        q, v, lam = self.at(np.clip(rows.t, *self.problem.span))
-        by_q, by_v, by_lam = (np.abs(a - b).max(axis=1) for a, b in ((rows.q, q), (rows.v, v), (rows.lam, lam)))
-        relative = by_lam[1:] / self._largest_lam  # the start is given, not computed
-        return (by_q.max(), by_v.max() / self._largest_v, relative.max(), by_q[-1], relative[0])
 
 
 def _equal_error(points, target):

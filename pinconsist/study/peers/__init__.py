@@ -7,7 +7,7 @@ from .constraint_dynamics import ScipyIvp
 from .exudyn_alpha import ExudynAlpha
 from .ida import Ida
 from .mujoco_soft import Mujoco
-from .own import Own
+from .own import own_methods
 from .solve_dae_ggl import SolveDae
 
 OWN = "pinconsist BDF"
@@ -17,9 +17,7 @@ OWN = "pinconsist BDF"
 def peers() -> list:
     """Every method that can be measured, installed or not, the package's own first."""
     return [
-        Own("BDF", 5),
-        *(Own("BDF", order) for order in (2, 3)),
-        Own("ImplicitEuler", 1),
+        *own_methods(),
         *(ScipyIvp(method) for method in ("DOP853", "LSODA", "Radau")),
         *(SolveDae(method) for method in ("BDF", "Radau")),
         *(Ida(form) for form in ("GGL", "index 1")),

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...dae.newton import solve_acceleration
 from ...mechanism.forces import JointSpring, JointTorque, SpringDamper, Torque
-from .problem import Peer, Rows, SolverFailed, needs_plain_joints
+from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count
 
 GRID = 500
 """Output times: the interface does not tell the steps that IDAS takes."""
@@ -23,9 +23,7 @@ class CasadiIdas(Peer):
 
     def can(self, problem):
         mechanism, system = problem.mechanism, problem.system
-        if any(loop.kind not in ("point", "hinge", "distance") for loop in mechanism.loops) or any(
-            system.rows.labels[row][1].startswith("tilt") for row in system.kept
-        ):
+        if any(loop.kind not in ("point", "hinge", "distance") for loop in mechanism.loops) or tilts_count(system):
             return "only points, distances and planar hinges are written as expressions"
         known = (JointSpring, JointTorque, SpringDamper, Torque)
         if laws := [force for force in mechanism.forces if not isinstance(force, known)]:
@@ -38,7 +36,7 @@ class CasadiIdas(Peer):
         n = problem.system.nv
         times = np.linspace(*problem.span, GRID + 1)
         equations = _equations(casadi, problem)
-        options = {"abstol": tol, "reltol": tol, "max_num_steps": 10_000_000}
+        options = {"abstol": tol, "reltol": tol, "max_num_steps": 10_000_000, "disable_internal_warnings": True}
         solver = casadi.integrator("run", "idas", equations, times[0], list(times[1:]), options)
         x0 = np.concatenate((problem.q0, problem.v0))
         a, lam = solve_acceleration(problem.system, problem.span[0], problem.q0, problem.v0)
@@ -102,10 +100,7 @@ def _torque(casadi, mechanism, tree, t, q, v):
             unit = np.eye(len(np.array(model.damping)))[column]
             tau -= casadi.DM(force.stiffness * unit) * (q[column] - force.rest)
         elif isinstance(force, SpringDamper):
-            ends = []
-            for frame, xyz in ((force.frame1, force.xyz1), (force.frame2, force.xyz2)):
-                frame = model.frames[model.getFrameId(frame)]
-                ends.append(tree.point(frame.parentJoint, frame.placement.act(np.array(xyz))))
+            ends = [tree.point(*end) for end in spring_ends(model, force)]
             length = casadi.norm_2(ends[1] - ends[0])
             tension = force.stiffness * (length - force.length) + force.damping * casadi.jtimes(length, q, v)
             tau -= casadi.gradient(length, q) * tension

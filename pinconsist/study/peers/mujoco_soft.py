@@ -7,7 +7,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ...mechanism.forces import JointSpring, JointTorque, SpringDamper
-from .problem import Peer, Rows, SolverFailed, needs_plain_joints, number_of_steps
+from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count
 
 
 class Mujoco(Peer):
@@ -24,9 +24,7 @@ class Mujoco(Peer):
         import mujoco
 
         mechanism, system = problem.mechanism, problem.system
-        if any(loop.kind not in ("point", "hinge") for loop in mechanism.loops) or any(
-            system.rows.labels[row][1].startswith("tilt") for row in system.kept
-        ):
+        if any(loop.kind not in ("point", "hinge") for loop in mechanism.loops) or tilts_count(system):
             return "loops other than points have no equality of their own (connect is 3 rows, weld 6)"
         known = (JointSpring, JointTorque, SpringDamper)
         if laws := [force for force in mechanism.forces if not isinstance(force, known)]:
@@ -39,11 +37,10 @@ class Mujoco(Peer):
             return f"MuJoCo refuses the model: {str(error).splitlines()[0]}"
         return None
 
-    def prepare(self, problem, tol):
+    def prepare(self, problem, steps):
         import mujoco
 
         mujoco.set_mju_user_warning(lambda message: None)  # else it leaves a MUJOCO_LOG.TXT where it runs
-        steps = number_of_steps(tol)
         h = (problem.span[1] - problem.span[0]) / steps
         model = mujoco.MjModel.from_xml_string(mjcf(problem, h))
         data = mujoco.MjData(model)
@@ -92,10 +89,7 @@ def mjcf(problem, h) -> str:
         equalities.append(f'<connect site1="{ends[0]}" site2="{ends[1]}"/>')
     for force in mechanism.forces:
         if isinstance(force, SpringDamper):
-            ends = []
-            for frame, xyz in ((force.frame1, force.xyz1), (force.frame2, force.xyz2)):
-                frame = model.frames[model.getFrameId(frame)]
-                ends.append(site(frame.parentJoint, frame.placement.act(np.array(xyz))))
+            ends = [site(*end) for end in spring_ends(model, force)]
             path = "".join(f'<site site="{end}"/>' for end in ends)
             values = f'stiffness="{force.stiffness!r}" springlength="{force.length!r}" damping="{force.damping!r}"'
             tendons.append(f"<spatial {values}>{path}</spatial>")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,17 +15,18 @@ import numpy as np
 from ...mechanism.mechanism import Mechanism
 from ...mechanism.system import MechanismSystem
 
-STEPS = (1000, 4000, 16000, 64000)
-"""Steps of the methods that have no error control, for each of four tolerances."""
-
 
 class Rows(NamedTuple):
-    """A solution: t (n,), q (n, nq), v (n, nv), lam (n, nc) of all rows of the loops, at minimum norm."""
+    """A solution: t (n,), q (n, nq), v (n, nv), lam (n, nc) of all rows of the loops, at minimum norm.
+
+    `first` is the row of the first step by the method itself, behind those of a one-step start.
+    """
 
     t: np.ndarray
     q: np.ndarray
     v: np.ndarray
     lam: np.ndarray
+    first: int = 1
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Problem:
         return np.array(solved)
 
 
-class Peer:
+class Peer(ABC):
     """One method.
 
     Attributes
@@ -76,11 +78,13 @@ class Peer:
     module : str
         As Python imports it.
     fixed_step : bool
-        The tolerance chooses among :data:`STEPS` numbers of steps.
+        It has no error control, but takes a number of steps.
+    detail : bool
+        Measured only where its name is asked for.
     """
 
     name = package = module = ""
-    fixed_step = False
+    fixed_step = detail = False
 
     def missing(self) -> str | None:
         """Why the method is not there, or None."""
@@ -101,22 +105,27 @@ class Peer:
             return "configurations that are no vectors (unit quaternions, cos and sin)"
         return None
 
-    def prepare(self, problem: Problem, tol: float) -> tuple[Callable, Callable]:
+    @abstractmethod
+    def prepare(self, problem: Problem, setting: float) -> tuple[Callable, Callable]:
         """(solve, read): ``solve()`` is what is timed, ``read(its result, thin) -> Rows`` is not.
 
-        ``thin(n)`` gives the indices of the steps that are looked at.
+        `setting` is the tolerance (rtol = atol), or the number of steps of a method of fixed step. ``thin(n)`` gives
+        the indices of the steps that are looked at; ``thin(n, first)`` where that one must be among them.
         """
-        raise NotImplementedError
-
-    def run(self, problem: Problem, tol: float) -> Rows:
-        """All steps of a run."""
-        solve, read = self.prepare(problem, tol)
-        return read(solve(), np.arange)
 
 
-def number_of_steps(tol) -> int:
-    """Steps of a method without error control: four times as many for every factor 100 in the tolerance from 1e-3."""
-    return round(STEPS[0] * 4.0 ** (-np.log10(tol) / 2 - 1.5))
+def tilts_count(system) -> bool:
+    """Whether some hinge holds more than its point: in a planar loop its two other rows are redundant."""
+    return any(system.rows.labels[row][1].startswith("tilt") for row in system.kept)
+
+
+def spring_ends(model, spring) -> list:
+    """(joint, place on its body) of the two ends of a spring between frames."""
+    ends = []
+    for name, xyz in ((spring.frame1, spring.xyz1), (spring.frame2, spring.xyz2)):
+        frame = model.frames[model.getFrameId(name)]
+        ends.append((frame.parentJoint, frame.placement.act(np.array(xyz))))
+    return ends
 
 
 def needs_plain_joints(problem: Problem) -> str | None:
