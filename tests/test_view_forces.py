@@ -282,6 +282,10 @@ const pixel = path => {
   return [(1 + seen.x) / 2 * canvas.clientWidth, (1 - seen.y) / 2 * canvas.clientHeight];
 };
 report.feet = ["1 exact", "2 every-step"].map(run => ["crank", "rocker"].map(name => pixel([run, "bodies", name])));
+const far = viewer.camera.position.distanceTo(target) / back;
+pane.style.width = "300px";
+window.dispatchEvent(new Event("resize"));
+report.back = [viewer.camera.position.distanceTo(target) / far, pane.offsetHeight / pane.offsetWidth];
 """
 
 
@@ -294,6 +298,8 @@ def test_forces_paths_and_two_runs_move_in_a_browser(tmp_path):
     assert report["errors"] == [] and report["playing"] and report["trace"] == "Line"
     assert "path of coupler_tip" in report["notes"] and "m of arrow is" in report["notes"]
     assert [title for title, *_ in report["titles"]] == ["exact", "every-step"]
+    stepped, high = report["back"]  # from a window made narrow the camera steps back
+    assert high > 1 and stepped == pytest.approx(1.3 * high)
     for (_, x, y), ((x1, y1), (x2, y2)) in zip(report["titles"], report["feet"], strict=True):
         assert x1 < x < x2 and max(y1, y2) < y < max(y1, y2) + 100  # each under its own linkage
     for seconds, row in (("0", 0), ("0.5", 10)):

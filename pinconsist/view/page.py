@@ -40,8 +40,14 @@ var viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
 const replay = JSON.parse(document.getElementById("replay").textContent);
 for (const command of replay.commands) viewer.handle_command(command);
 const pane = viewer.dom_element, target = viewer.controls.target.set(...replay.target);
-const back = Math.max(1, {aspect} * window.innerHeight / pane.offsetWidth);
-viewer.camera.position.sub(target).multiplyScalar(back).add(target);
+let back = 1;
+function fit() {{
+  const before = back;
+  back = Math.max(1, {aspect} * pane.offsetHeight / pane.offsetWidth);
+  viewer.camera.position.sub(target).multiplyScalar(back / before).add(target);
+}}
+fit();
+window.addEventListener("resize", fit);
 if (window.innerWidth >= 700) viewer.gui.open();
 viewer.gui.__folders["Scene"].close();
 
