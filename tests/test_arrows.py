@@ -13,7 +13,8 @@ TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FIL
 # (it answers the protocol Index3System without importing it), the certificate only how to solve for accelerations.
 MAY_IMPORT = {
     "errors": set(),
-    "dae": {"errors"},
+    "_core": set(),
+    "dae": {"_core", "errors"},
     "mechanism": {"errors"},
     "energy": {"mechanism", "errors"},
     "certificate": {"dae", "mechanism", "energy", "errors"},

@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import InputError, PinconsistError
+from .compiled import stepper_for
 from .consistency import project_position, project_velocity
 from .dense import DenseOutput
 from .events import EventWatch
 from .explain import explain
 from .newton import solve_acceleration
 from .record import FAILED, STOPPED, SUCCESS, Record, Stop, Wishes
-from .stepper import Stepper
+from .stepper import Stretch
 from .stepsize import ErrorControl, FixedStep
 
 ROWS_WATCHED = 5  # steps after which the choice of constraint rows is looked at
@@ -29,6 +30,7 @@ class Method:
     step: float | None
     first_step: float | None = None
     max_steps: int | None = None
+    backend: str = "auto"
 
     def describe(self) -> dict:
         """The method in plain numbers and words, for the record."""
@@ -55,6 +57,8 @@ class Trajectory:
         One sentence (or more) for a person.
     nsteps, nfev, njev, nlu : int
         Accepted steps, residual evaluations, Newton matrices, factorisations.
+    backend : str
+        Who made the steps: "compiled", or "python", with the reason where it had to.
     rejected : dict
         Number of rejected attempts by reason.
     h, order : ndarray
@@ -75,6 +79,7 @@ class Trajectory:
     nfev: int = 0
     njev: int = 0
     nlu: int = 0
+    backend: str = "python"
     rejected: dict = field(default_factory=dict)
     h: np.ndarray = field(default_factory=lambda: np.zeros(0))
     order: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
@@ -102,7 +107,7 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
         ``status`` is -1, with what was reached, where the method fails.
     """
     wishes = wishes or Wishes()
-    stepper, record = Stepper(system, method), Record(wishes, t_span)
+    stepper, record = stepper_for(system, method), Record(wishes, t_span)
     watch = EventWatch(wishes.events, wishes.finish)
     try:
         lam0 = solve_acceleration(system, t_span[0], p0, v0)[1]
@@ -123,7 +128,7 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
     return Trajectory(
         *rows, system=stepper.system, status=status, message=message, nsteps=record.nsteps,
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
-        dense=record.dense(), events=watch.found, h=h, order=order,
+        backend=stepper.backend, dense=record.dense(), events=watch.found, h=h, order=order,
     )  # fmt: skip
 
 
@@ -132,17 +137,20 @@ def _march(stepper, t_span, p, v, method, record, watch):
     while t != t_end:  # once, and again after every event that changes the state
         states = stepper.begin(t, p, v, t_end)
         rows = states[1:]
+        stretch = Stretch(pieces=[(rows, stepper.segment() if watched and rows else None, stepper.used[1])])
         while True:
-            segment = stepper.segment() if watched and rows else None
-            hit = watch.first(segment, [row[0] for row in rows]) if segment is not None and watch.events else None
-            if hit is None:
-                record.stretch(rows, segment, stepper.used[1])
-            else:
+            hit = None
+            for rows, segment, order in stretch.pieces:
+                hit = watch.first(segment, [row[0] for row in rows]) if segment is not None and watch.events else None
+                if hit is not None:
+                    break
+                record.stretch(rows, segment, order)
+            if hit is not None:
                 fired, t, final = hit
                 events = [watch.events[i] for i in fired]
                 p, v, lam = segment(t)
                 inside = [row for row in rows if (row[0] - t) * stepper.h < 0]
-                record.stretch([*inside, (t, p, v, lam)], segment, stepper.used[1])
+                record.stretch([*inside, (t, p, v, lam)], segment, order)
                 if final:
                     names = " and ".join(event.name or "without a name" for event in events if event.terminal)
                     raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
@@ -152,22 +160,32 @@ def _march(stepper, t_span, p, v, method, record, watch):
                 record.jump(t, p, v, lam)
                 watch.restart(t, p, v, lam, fired)
                 break
+            if stretch.block is not None:
+                record.block(*stretch.block)
+            if stretch.error is not None:
+                raise stretch.error
             t = stepper.t
+            if stretch.failure and not _choose_rows(stepper, record, watch):
+                raise Stop(FAILED, explain(stepper, stretch.failure))
             if t == t_end:
                 return
             if method.max_steps is not None and record.nsteps >= method.max_steps:
                 raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {t:.6g} of {t_end:.6g}")
-            if record.nsteps % ROWS_WATCHED == 0 and _choose_rows(stepper, record, watch):
+            due = ROWS_WATCHED - record.nsteps % ROWS_WATCHED
+            if stretch.failure or (due == ROWS_WATCHED and _choose_rows(stepper, record, watch)):
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
                 break
-            stepper.prepare_next()
-            failure = stepper.advance(t_end)
-            if failure and _choose_rows(stepper, record, watch):
-                p, v = stepper.p, stepper.velocity_and_multipliers()[0]
-                break
-            if failure:
-                raise Stop(FAILED, explain(stepper, failure))
-            rows = [(stepper.t, stepper.p, *stepper.velocity_and_multipliers())]
+            stretch = stepper.stretch(t_end, _at_once(stepper, method, record, watch, due), watched)
+
+
+def _at_once(stepper, method, record, watch, due) -> int:
+    """How many steps may be made before somebody has to look at them."""
+    if watch.events or record.wishes.callback is not None:
+        return 1
+    most = stepper.at_once
+    if method.max_steps is not None:
+        most = min(most, method.max_steps - record.nsteps)
+    return most if getattr(stepper.system, "dropped_are_zero", True) else min(most, due)
 
 
 def _choose_rows(stepper, record, watch) -> bool:

@@ -30,6 +30,10 @@ MAX_ITERATIONS = 10
 FRESH_RATE = 0.4  # a slower contraction asks for a new and complete matrix
 STALE_FACTOR = 0.3  # of the stopping size for a kept matrix: what linear convergence leaves is felt by the multipliers
 STAGNANT = 0.7  # and a slower one than this, close to the solution, is rounding
+SINGULAR = "the equations of motion are singular at t = {:.6g} ([[M, -G], [W, 0]])"
+NOT_FINITE = (
+    "the equations of motion are not finite at t = {:.6g}{}: a force or a user's function returns NaN or infinity"
+)
 
 
 class NotFiniteError(PinconsistError):
@@ -195,7 +199,7 @@ class Newton:
             if iteration > 1:
                 rate = size / last
             if not isfinite(size):
-                whose = _culprits(system, t, base, v)
+                whose = culprits(system, t, base, v)
                 return Attempt(predicted, p, failure=f"the residual is not finite{whose}")
             if iteration == 2 and not stale:
                 foresight.measured(rate, c)
@@ -255,7 +259,7 @@ def _at_floor(steps, v, p) -> bool:
     return step <= 1e-9 * scale and moved <= 1e4 * EPS * (1.0 + np.max(np.abs(p), initial=0.0))
 
 
-def _culprits(system, t, p, v) -> str:
+def culprits(system, t, p, v) -> str:
     """The forces that are not finite at a state, for a message, where the system can tell."""
     tell = getattr(system, "not_finite", None)
     names = tell(t, p, v) if tell else ()
@@ -280,16 +284,20 @@ def solve_acceleration(system, t, p, v):
     a : ndarray, shape (nv,)
     lam : ndarray, shape (nc,)
     """
+    if (twin := getattr(system, "twin", None)) is not None:
+        solution = twin.acceleration(t, p, v)
+        if solution is None:
+            raise SingularSystemError(SINGULAR.format(t))
+        if not np.isfinite(solution[0].sum()):
+            raise NotFiniteError(NOT_FINITE.format(t, culprits(system, t, p, v)))
+        return solution
     f0, _, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
     kkt = KKT(system.nv, system.nc)
     W = system.linearize(t, p, v, np.zeros(system.nv), np.zeros(system.nc), 0.0, kkt.A)
     rhs = -np.concatenate((f0, system.acceleration_bias(t, p, v)))
     if not np.isfinite(rhs).all():
-        raise NotFiniteError(
-            f"the equations of motion are not finite at t = {t:.6g}{_culprits(system, t, p, v)}: "
-            "a force or a user's function returns NaN or infinity"
-        )
+        raise NotFiniteError(NOT_FINITE.format(t, culprits(system, t, p, v)))
     x = kkt.solve_new(G, W, 1.0, rhs)
     if x is None:
-        raise SingularSystemError(f"the equations of motion are singular at t = {t:.6g} ([[M, -G], [W, 0]])")
+        raise SingularSystemError(SINGULAR.format(t))
     return x[: system.nv], x[system.nv :]

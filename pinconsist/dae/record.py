@@ -56,7 +56,8 @@ class Record:
         self.wishes, self.reached, self.nsteps = wishes, t_span[0], 0
         self.needs_segments = wishes.dense or wishes.t_eval is not None
         self._sign = 1.0 if t_span[1] >= t_span[0] else -1.0
-        self._rows, self._orders, self._segments, self._finished = [], [], [], []
+        self._rows, self._orders, self._segments = [], [], []
+        self._blocks, self._finished = [], []
         self._pending = None if wishes.t_eval is None else list(wishes.t_eval[::-1])
 
     def first(self, t, p, v, lam) -> None:
@@ -88,6 +89,16 @@ class Record:
             for row in rows:
                 self._call_back(*row)
 
+    def block(self, t, p, v, lam, orders) -> None:
+        """Rows as arrays, where nobody wished for anything but the steps."""
+        if not len(t):
+            return
+        self.nsteps += len(t)
+        self.reached = t[-1]
+        self._flush()
+        self._orders += orders.tolist()
+        self._blocks.append((t, p, v, lam))
+
     def jump(self, t, p, v, lam) -> None:
         """The state after an event: a second row at the same time."""
         if self._pending is None:
@@ -96,12 +107,18 @@ class Record:
 
     def finish_by(self, finish) -> None:
         """Complete the multipliers recorded so far; those to come are completed by `finish`."""
+        self._flush()
+        self._finished += [(t, p, v, self.wishes.finish(p, lam)) for t, p, v, lam in self._blocks]
+        self._blocks = []
+        self.wishes.finish = finish
+
+    def _flush(self) -> None:
+        """The rows so far as a block of arrays."""
         if self._rows:
             t, *states = zip(*self._rows, strict=True)
             p, v, lam = (np.concatenate(column).reshape(len(t), -1) for column in states)  # faster than np.array
-            self._finished.append((np.array(t), p, v, self.wishes.finish(p, lam)))
+            self._blocks.append((np.array(t), p, v, lam))
             self._rows = []
-        self.wishes.finish = finish
 
     def arrays(self, system):
         """t, p, v, λ as arrays."""

@@ -24,6 +24,11 @@ START_BUDGET = 400  # evaluations for each step of the history
 
 def state(system, t, p, v):
     """(t, p, v, λ) with p and v put on the constraints and λ the one of the differential equation."""
+    if (twin := getattr(system, "twin", None)) is not None:
+        p, v, lam, failure = twin.state(t, p, v)
+        if failure:
+            raise PinconsistError(f"no start at t = {t:.6g}: {failure}")
+        return t, p, v, lam
     p = project_position(system, t, p, v)
     v = project_velocity(system, t, p, v)
     return t, p, v, solve_acceleration(system, t, p, v)[1]

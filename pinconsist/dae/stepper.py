@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from ..errors import PinconsistError, SingularSystemError
@@ -10,6 +12,28 @@ from .dense import Segment
 from .newton import EPS, Newton
 
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
+
+
+@dataclass(slots=True)
+class Stretch:
+    """Accepted steps that were made in one call.
+
+    Attributes
+    ----------
+    failure : str
+        Why there are no more, or empty.
+    error : BaseException or None
+        What a user's function raised after these steps.
+    pieces : list of (rows, segment, order)
+        For each step its rows (t, p, v, λ), interpolant (None unless wished for) and order.
+    block : tuple or None
+        Instead of pieces (t, p, v, λ, order) as arrays over all steps.
+    """
+
+    failure: str = ""
+    error: BaseException | None = None
+    pieces: list = field(default_factory=list)
+    block: tuple | None = None
 
 
 class Stepper:
@@ -31,7 +55,13 @@ class Stepper:
         [ξ | v | λ] and position at `t`.
     used : (float, int)
         Step and order of the last accepted step.
+    at_once : int
+        Steps that one call of :meth:`stretch` makes at most.
+    backend : str
+        Who makes the steps, for the record.
     """
+
+    at_once, backend = 1, "python"
 
     def __init__(self, system, method):
         self.system, self.method, self.control = system, method, method.control
@@ -80,6 +110,15 @@ class Stepper:
         self.t_old, self.y, self.used = states[0][0], self.Z[0].copy(), (self.h, 0)
         self._points, self._choice, self._begun = len(states), (self.h, self.k), True
         return states
+
+    def stretch(self, t_end, most, watched) -> Stretch:
+        """Accepted steps towards `t_end`, at most `most`, with interpolants where they are `watched`."""
+        self.prepare_next()
+        failure = self.advance(t_end)
+        if failure:
+            return Stretch(failure)
+        rows = [(self.t, self.p, *self.velocity_and_multipliers())]
+        return Stretch(pieces=[(rows, self.segment() if watched else None, self.used[1])])
 
     def advance(self, t_end) -> str:
         """One accepted step towards `t_end`; returns why there is none, or an empty string."""

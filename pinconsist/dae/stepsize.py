@@ -81,6 +81,11 @@ class ErrorControl:
             setattr(self, "_" + name, np.concatenate(parts))
 
     @property
+    def spread(self) -> tuple[np.ndarray, np.ndarray]:
+        """rtol and atol of the columns [ξ | v]."""
+        return self._rtol, self._atol
+
+    @property
     def tightest(self) -> tuple[float, float]:
         """The smallest rtol and atol."""
         return float(self._rtol.min()), float(self._atol.min())

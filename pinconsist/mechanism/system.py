@@ -41,7 +41,11 @@ class MechanismSystem:
         Time at which they were chosen, s.
     dropped_are_zero : bool
         Whether the other rows vanish everywhere, as out-of-plane rows do.
+    twin
+        What solves for accelerations and projects states in compiled code, or None; set by who runs it.
     """
+
+    twin = None
 
     def __init__(self, mechanism: Mechanism, q, t: float = 0.0):
         self.mechanism, self.model, self.chosen_at = mechanism, mechanism.model, t
@@ -156,6 +160,13 @@ class MechanismSystem:
         for law in self._laws:
             tau += law.torque(t, q, v)
         return tau
+
+    def hand_over(self, twin) -> None:
+        """Tell a compiled twin of this system its rows and forces; what it has not got it asks Python for."""
+        self.kept_rows.hand_over(twin)
+        for force in self._forces.values():
+            if not (hasattr(force, "hand_over") and force.hand_over(twin)):
+                twin.add_python_force(force)
 
     def not_finite(self, t, q, v) -> tuple[str, ...]:
         """Labels of the forces whose torque or derivatives are not finite at a state that is."""

@@ -43,6 +43,11 @@ class Coordinate:
         self.column, self.wraps = model.idx_vs[index], model.nqs[index] == 2
         self._q = model.idx_qs[index]
 
+    @property
+    def place(self) -> tuple[int, int, int]:
+        """Column of v, place in q and whether it wraps, for the compiled twin."""
+        return self.column, self._q, int(self.wraps)
+
     def value(self, q) -> float:
         """rad or m; in (-π, π] where the joint wraps."""
         return math.atan2(q[self._q + 1], q[self._q]) if self.wraps else float(q[self._q])

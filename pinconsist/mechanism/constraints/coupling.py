@@ -122,6 +122,11 @@ class CouplingRow:
             J[0, self._other.column] = -_horner(self._slope, other)
         return np.array([nearest(self._joint.value(q) - _horner(self._law, other), self._period)]), J
 
+    def hand_over(self, twin) -> bool:
+        """Tell the compiled twin of the row."""
+        twin.add_coupling(self._joint.place, self._other.place, self._period or 0.0, np.array(self._law))
+        return True
+
     def rate(self, t, q):
         """Φ_t."""
         return np.zeros(1)

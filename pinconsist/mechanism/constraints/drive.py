@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import InputError, PinconsistError, UserFunctionError
 from .coordinate import Coordinate, nearest
 from .differences import first, is_slope, second
+from .motion import Motion
 
 STEP = 1e-3  # s, of the difference quotients that stand in for missing derivatives
 CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps over which given derivatives are compared with their function
@@ -93,6 +94,13 @@ class DriveRow:
         if self._acceleration is not None:
             return -np.array([self._call("acceleration", self._acceleration, t)])
         return -second(lambda s: self._curve(t + s), STEP).reshape(1)
+
+    def hand_over(self, twin) -> bool:
+        """Tell the compiled twin of the row; False where it has to ask Python."""
+        own = isinstance(self.loop.curve, Motion) and self.loop.rate is None
+        if own:
+            twin.add_drive(self._joint.place, self._period or 0.0, self.loop.curve.numbers)
+        return own
 
     def check_derivatives(self, t, q) -> None:
         """Raise InputError where a given rate is not that of the curve, or an acceleration not that of the rate."""

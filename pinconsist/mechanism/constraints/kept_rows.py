@@ -14,8 +14,10 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from .loop_rows import Place, Turn
+from .loop_rows import Length, Place, Turn
 from .loops import LoopRows, anchor_constraint, point_constraint
+
+POSE, ZERO = None, np.zeros(3)
 
 
 class KeptRows:
@@ -31,7 +33,7 @@ class KeptRows:
     """
 
     def __init__(self, model: pin.Model, rows: LoopRows, kept):
-        self.model = model
+        self.model, self._closures = model, []
         self._models, self._datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
         self._pieces, size = [], 0  # what gives the rows in their order, from Pinocchio's rows stacked
         for closure in rows.closures:
@@ -39,12 +41,14 @@ class KeptRows:
             local = [row - start for row in kept if 0 <= row - start < len(closure.turns)]
             if not local:
                 continue
+            self._closures.append((closure, local))
             if not isinstance(getattr(closure, "place", None), Place):
                 self._pieces.append(_Exact(closure, local))
                 continue
-            constraints, matrix = _near_closed(model, closure, local)
-            for constraint in constraints:
-                self._models.append(pin.ConstraintModel(constraint))
+            parts = _near_closed(closure, local)
+            for shift, _ in parts:
+                self._models.append(pin.ConstraintModel(_constraint(model, closure, shift)))
+            matrix = np.hstack([matrix for _, matrix in parts])
             self._add_mapped(matrix, size)
             size += matrix.shape[1]
         for constraint in self._models:
@@ -72,6 +76,20 @@ class KeptRows:
     def evaluate(self, data: pin.Data, q, t):
         """(Φ, J), shapes (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`."""
         return np.zeros(0), np.zeros((0, self.model.nv))
+
+    def hand_over(self, twin) -> None:
+        """Tell the compiled twin of these rows; what it has not got it asks the closures for."""
+        for closure, local in self._closures:
+            if isinstance(place := getattr(closure, "place", None), Place):
+                for i, (shift, matrix) in enumerate(_near_closed(closure, local)):
+                    shifted = closure.place2 if shift is POSE else closure.place2 * pin.SE3(np.eye(3), shift)
+                    ends = closure.joint1, closure.place1.homogeneous, closure.joint2, shifted.homogeneous
+                    twin.add_anchored(*ends, matrix, i == 0)
+            elif isinstance(place, Length):
+                ends = closure.joint1, closure.place1.homogeneous, closure.joint2, closure.place2.homogeneous
+                twin.add_distance(*ends, place.length)
+            elif not (hasattr(closure, "hand_over") and closure.hand_over(twin)):
+                twin.add_python_rows(closure, local, closure.moving)
 
     def _fastest(self):
         """The leanest function that evaluates these rows."""
@@ -143,21 +161,29 @@ class _Exact:
         return (phi, J) if self.all else (phi[self.local], J[self.local])
 
 
-def _near_closed(model, closure, local):
-    """Pinocchio's constraints behind the rows `local` of a loop, and the matrix that makes these from them."""
+def _near_closed(closure, local):
+    """What the rows `local` of a loop are made of: pairs (shift, matrix), whose rows add up.
+
+    `matrix` is applied to the position of the point at `shift` from anchor 2, or, where this is POSE, to the pose.
+    """
     place, turn = closure.place, closure.turn
     n = len(place.directions)
     if turn is None or max(local) < n:
-        return [point_constraint(model, closure)], place.directions[local]
+        return [(ZERO, place.directions[local])]
     if isinstance(turn, Turn) and n == 3:
-        return [anchor_constraint(model, closure)], np.eye(6)[local]
+        return [(POSE, np.eye(6)[local])]
     if isinstance(turn, Turn):
         matrix = np.zeros((n + 3, 9))
         matrix[:n, :3], matrix[n:, 6:] = place.directions, np.eye(3)
-        return [point_constraint(model, closure), anchor_constraint(model, closure)], matrix[local]
+        return [(ZERO, matrix[local, :3]), (POSE, matrix[local, 3:])]
     matrix = np.zeros((n + len(turn.directions), 6))
     matrix[:n, :3], matrix[n:, :3], matrix[n:, 3:] = place.directions, -turn.directions, turn.directions
-    return [point_constraint(model, closure), point_constraint(model, closure, turn.axis2)], matrix[local]
+    return [(ZERO, matrix[local, :3]), (turn.axis2, matrix[local, 3:])]
+
+
+def _constraint(model, closure, shift):
+    """Pinocchio's constraint between the anchors of a closure, of the pose or of a point."""
+    return anchor_constraint(model, closure) if shift is POSE else point_constraint(model, closure, shift)
 
 
 def _selects(matrix) -> bool:

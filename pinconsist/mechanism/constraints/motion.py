@@ -43,6 +43,11 @@ class Motion:
         for each in fields(self):
             object.__setattr__(self, each.name, number(getattr(self, each.name), f"motion: {each.name}"))
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """Its numbers in their order."""
+        return tuple(getattr(self, each.name) for each in fields(self))
+
     def __call__(self, t: float) -> float:
         return self.start + self.speed * t + self.amplitude * sin(2 * pi * self.frequency * t + self.phase)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks import amounts, name, number, put, spread
 from ..constraints.coordinate import Coordinate, nearest
+from ..constraints.motion import Motion
 from .label import label
 
 FRICTION_WIDTH = 1e-2
@@ -58,6 +59,11 @@ class ViscousDamping:
 
     def derivatives(self, t, q, v):
         return None, self._by_v
+
+    def hand_over(self, twin) -> bool:
+        """Tell the compiled twin of this law."""
+        twin.add_damping(self.coefficients)
+        return True
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,11 @@ class SmoothFriction:
     def derivatives(self, t, q, v):
         sech = 1.0 / np.cosh(np.minimum(np.abs(v) / self.width, 300.0))
         return None, np.diag(-self.coefficients * sech**2 / self.width)
+
+    def hand_over(self, twin) -> bool:
+        """Tell the compiled twin of this law."""
+        twin.add_friction(self.coefficients, self.width)
+        return True
 
 
 @dataclass(frozen=True)
@@ -169,6 +180,12 @@ class _BoundJointSpring:
 
     def derivatives(self, t, q, v):
         return self._by_q, None
+
+    def hand_over(self, twin) -> bool:
+        """Tell the compiled twin of this law: a servo that holds one place."""
+        held = Motion(self._spring.rest).numbers
+        twin.add_servo(self._coordinate.place, self._period or 0.0, held, self._spring.stiffness, 0.0)
+        return True
 
     def stored(self, q, v) -> tuple[float, float]:
         """Elastic energy, J, and its rate, W."""

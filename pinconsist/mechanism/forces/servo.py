@@ -11,6 +11,7 @@ from ...errors import InputError
 from ..checks import name, number, put, returned
 from ..constraints.coordinate import Coordinate, nearest
 from ..constraints.differences import first
+from ..constraints.motion import Motion
 
 TURN = 2.0 * np.pi
 STEP = 1e-3  # s, of the differences that stand in for a missing rate
@@ -94,6 +95,15 @@ class _BoundServo:
 
     def derivatives(self, t, q, v):
         return self._by_q, self._by_v
+
+    def hand_over(self, twin) -> bool:
+        """Tell the compiled twin of this law; False where it has to ask Python."""
+        servo, target = self._servo, self._servo.target
+        motion = target if callable(target) else Motion(target)
+        own = isinstance(motion, Motion) and servo.rate is None
+        if own:
+            twin.add_servo(self._coordinate.place, self._period or 0.0, motion.numbers, servo.stiffness, servo.damping)
+        return own
 
     def _wanted(self, t) -> tuple[float, float]:
         """θ_d and θ̇_d."""

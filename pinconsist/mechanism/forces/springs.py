@@ -105,6 +105,12 @@ class _BoundSpring:
             return by_q, None
         return by_q - (spring.damping * along)[:, None] * v.dot(bend), -spring.damping * squared
 
+    def hand_over(self, twin) -> bool:
+        """Tell the compiled twin of this law."""
+        spring, (end1, end2) = self.spring, self._ends
+        twin.add_spring(*end1, *end2, spring.stiffness, spring.length, spring.damping, SHORTEST)
+        return True
+
     def stored(self, q, v) -> tuple[float, float]:
         """Elastic energy, J, and its rate, W."""
         l, u, J = self._line(q)[:3]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..checks import amounts, called, function_name, joint_index, put, read_only, returned, spread
+from ..constraints.motion import Motion
 from .label import label
 
 
@@ -63,6 +64,11 @@ class SteadyTorque:
     def derivatives(self, t, q, v):
         return None, None
 
+    def hand_over(self, twin) -> bool:
+        """Tell the compiled twin of this law."""
+        twin.add_constant(self.value)
+        return True
+
 
 class _TorqueCurves:
     """Torques of which some are functions of time, on a model."""
@@ -83,6 +89,15 @@ class _TorqueCurves:
 
     def derivatives(self, t, q, v):
         return None, None
+
+    def hand_over(self, twin) -> bool:
+        """Tell the compiled twin of this law; False where it has to ask Python."""
+        own = all(isinstance(curve, Motion) and not shape for curve, _, shape, _ in self._curves)
+        if own:
+            twin.add_constant(self._constant)
+            for curve, columns, _, _ in self._curves:
+                twin.add_torque_curve(columns.start, curve.numbers)
+        return own
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,7 +72,7 @@ class _BoundWrench:
         frame = frame_of(model, wrench.frame, who)
         if frame.parentJoint == 0:
             raise InputError(f"{who}: the frame belongs to the ground, which nothing moves")
-        self._joint, self._turn = frame.parentJoint, frame.placement.rotation
+        self._wrench, self._joint, self._turn = wrench, frame.parentJoint, frame.placement.rotation
         self._offset = frame.placement.act(np.array(wrench.xyz))
         self._points, self._local = Points(model), wrench.axes == "local"
         self._parts = [_function(getattr(wrench, field), f"the {field} of the {who}") for field in ("force", "moment")]
@@ -86,6 +86,15 @@ class _BoundWrench:
         load = self._in_world(t, q)
         point = self._points.at(self._joint, self._offset)
         return self._points.gradient(q, [(point, *load)], turning=self._local), None
+
+    def hand_over(self, twin) -> bool:
+        """Tell the compiled twin of this law; False where it has to ask Python."""
+        own = not (callable(self._wrench.force) or callable(self._wrench.moment))
+        if own:
+            turn = self._turn if self._local else np.eye(3)
+            load = (turn @ np.array(part) for part in (self._wrench.force, self._wrench.moment))
+            twin.add_wrench(self._joint, self._offset, *load, self._local)
+        return own
 
     def _in_world(self, t, q):
         """Force and moment in world axes, at a configuration to which this moves."""

@@ -1,0 +1,32 @@
+"""The compiled twin of dae/ for mechanisms: the same method in C++, a stretch of accepted steps in one call.
+
+It is there where ``pip install`` found a compiler. The C++ has the names and the order of the Python beside which it
+stands: newton.hpp is the twin of dae/newton.py, and so on. Laws of a user's own stay in Python, and are asked there.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.util import find_spec
+
+import pinocchio  # loads the libraries that the twin is linked with
+
+
+@cache
+def load():
+    """(the compiled module, "") or (None, why there is none)."""
+    if find_spec(f"{__name__}.twin") is None:
+        return None, "pinconsist was installed without its compiled part (no C++ compiler was found)"
+    try:
+        from . import twin
+    except ImportError as error:
+        return None, f"the compiled part of pinconsist cannot be loaded ({error})"
+    if twin.PINOCCHIO_VERSION != pinocchio.__version__:
+        return None, (
+            f"the compiled part of pinconsist was built for Pinocchio {twin.PINOCCHIO_VERSION}, and this is "
+            f"{pinocchio.__version__}; install pinconsist again"
+        )
+    from scipy.linalg import cython_lapack
+
+    twin.use_lapack(*(cython_lapack.__pyx_capi__[name] for name in ("dgetrf", "dgetrs")))
+    return twin, ""

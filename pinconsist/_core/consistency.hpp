@@ -1,0 +1,109 @@
+// The twin of dae/consistency.py: accelerations of the differential equation, and projections onto the constraints.
+#pragma once
+
+#include "kkt.hpp"
+#include "system.hpp"
+
+#include <limits>
+
+namespace pinconsist {
+
+constexpr double EPS = std::numeric_limits<double>::epsilon(), INF = std::numeric_limits<double>::infinity();
+
+template <class Derived> double largest(const Eigen::MatrixBase<Derived> &x) {
+  return x.size() ? x.cwiseAbs().maxCoeff() : 0.0;
+}
+
+struct State {
+  Vec p, v, lam;
+  const char *failure = ""; // or what is wrong
+};
+
+// [[M, -G], [W, 0]] at a position, factorised, and what it is good for.
+class Projection {
+public:
+  explicit Projection(System &system)
+      : system_(system), kkt_(system.nv, system.nc), rhs_(system.nv + system.nc, 1), zero_(Vec::Zero(system.nv)) {}
+
+  // Acceleration and multipliers of the differential equation itself; false where it is singular.
+  bool acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
+    const int nv = system_.nv, nc = system_.nc;
+    system_.evaluate(t, p, v, zero_);
+    rhs_.col(0).head(nv) = -system_.f;
+    system_.acceleration_bias(t, p, v, bias_);
+    rhs_.col(0).tail(nc) = -bias_;
+    if (!solve(p, rhs_)) return false;
+    a = rhs_.col(0).head(nv);
+    lam = rhs_.col(0).tail(nc);
+    return true;
+  }
+
+  // p and v put on the constraints, as project_position and project_velocity do, and λ.
+  State state(double t, const Vec &p, const Vec &v) {
+    State state{p, v, {}};
+    Vec a;
+    if (system_.nc && !position(t, state)) return state;
+    for (int turn = 0; turn < 2 && system_.nc; ++turn) {
+      system_.constraint(t, state.p, state.v);
+      if (!shift(state.p, system_.rho)) return singular(state);
+      state.v -= rhs_.col(0).head(system_.nv);
+    }
+    if (!acceleration(t, state.p, state.v, a, state.lam)) return singular(state);
+    return state;
+  }
+
+  // Velocity that eps in v and in Φ brings about (dae/stepper.py).
+  double velocity_rounding(double t, const Vec &p, const Vec &v) {
+    const int nv = system_.nv, nc = system_.nc;
+    const double size = EPS * largest(v);
+    if (!nc) return size;
+    system_.constraint(t, p, v);
+    Mat inverse = Mat::Zero(nv + nc, nc);
+    inverse.bottomRows(nc).setIdentity();
+    if (!solve(p, inverse)) return INF;
+    const double s = inverse.topRows(nv).cwiseAbs().rowwise().sum().maxCoeff();
+    return size * (1.0 + (1.0 + largest(p)) * s * s * system_.J.cwiseAbs().rowwise().sum().maxCoeff());
+  }
+
+private:
+  bool solve(const Vec &p, Mat &rhs) {
+    system_.mass_matrix(p, kkt_.A());
+    return kkt_.solve_new(system_.J, 1.0, rhs);
+  }
+
+  // The smallest velocity, in the mass metric, that carries the residual; J is the one at p.
+  bool shift(const Vec &p, const Vec &residual) {
+    rhs_.setZero();
+    rhs_.col(0).tail(system_.nc) = residual;
+    return solve(p, rhs_);
+  }
+
+  bool position(double t, State &state) {
+    double last = INF;
+    for (int i = 0; i < 20; ++i) {
+      system_.constraint(t, state.p, state.v);
+      const double size = largest(system_.phi);
+      const double rounding = 1e-13 * (1.0 + largest(state.p)) * (1.0 + largest(system_.J));
+      if (size <= EPS || (size <= rounding && size >= 0.5 * last)) return true;
+      if (!shift(state.p, system_.phi)) return singular(state), false;
+      Vec moved;
+      system_.integrate(state.p, -rhs_.col(0).head(system_.nv), moved);
+      state.p = moved;
+      last = size;
+    }
+    state.failure = "the position could not be put on the constraint";
+    return false;
+  }
+
+  static State &singular(State &state) {
+    state.failure = "the equations of motion are singular";
+    return state;
+  }
+
+  System &system_;
+  KKT kkt_;
+  Mat rhs_;
+  Vec zero_, bias_;
+};
+
+} // namespace pinconsist

@@ -1,0 +1,201 @@
+// The twins of mechanism/forces: joint torques τ and what they add to Newton's matrix.
+#pragma once
+
+#include "rigid_bodies.hpp"
+
+namespace pinconsist {
+
+struct Force {
+  virtual ~Force() = default;
+  // Joint Jacobians have been computed at q.
+  virtual void add_torque(const Data &data, double t, const Vec &q, const Vec &v, Vec &tau) const = 0;
+  // A -= c ∂τ/∂v + c² ∂τ/∂q
+  virtual void linearize(const Data &data, double t, const Vec &q, const Vec &v, double c, Mat &A) const = 0;
+  virtual bool calls_python() const { return false; }
+};
+
+// τ = -f tanh(v / width)
+class SmoothFriction : public Force {
+public:
+  SmoothFriction(Vec coefficients, double width) : coefficients_(std::move(coefficients)), width_(width) {}
+
+  void add_torque(const Data &, double, const Vec &, const Vec &v, Vec &tau) const override {
+    for (Eigen::Index i = 0; i < v.size(); ++i) tau[i] -= coefficients_[i] * std::tanh(v[i] / width_);
+  }
+  void linearize(const Data &, double, const Vec &, const Vec &v, double c, Mat &A) const override {
+    for (Eigen::Index i = 0; i < v.size(); ++i) {
+      const double sech = 1.0 / std::cosh(std::min(std::abs(v[i]) / width_, 300.0));
+      A(i, i) += c * coefficients_[i] * sech * sech / width_;
+    }
+  }
+
+private:
+  Vec coefficients_;
+  double width_;
+};
+
+// τ = k (target(t) - θ) + d (target'(t) - θ'): a servo; a joint spring where the target rests and d = 0
+class Servo : public Force {
+public:
+  Servo(Coordinate joint, double period, Motion target, double stiffness, double damping)
+      : joint_(joint), period_(period), target_(target), stiffness_(stiffness), damping_(damping) {}
+
+  void add_torque(const Data &, double t, const Vec &q, const Vec &v, Vec &tau) const override {
+    tau[joint_.column] += stiffness_ * nearest(target_(t) - joint_.value(q), period_) +
+                          damping_ * (target_.rate(t) - v[joint_.column]);
+  }
+  void linearize(const Data &, double, const Vec &, const Vec &, double c, Mat &A) const override {
+    A(joint_.column, joint_.column) += c * damping_ + c * c * stiffness_;
+  }
+
+private:
+  Coordinate joint_;
+  double period_;
+  Motion target_;
+  double stiffness_, damping_;
+};
+
+class TorqueCurve : public Force {
+public:
+  TorqueCurve(int column, Motion curve) : column_(column), curve_(curve) {}
+
+  void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override {
+    tau[column_] += curve_(t);
+  }
+  void linearize(const Data &, double, const Vec &, const Vec &, double, Mat &) const override {}
+
+private:
+  int column_;
+  Motion curve_;
+};
+
+// Tension k (l - l0) + d dl/dt along the line between two points. Joints that carry both points change nothing.
+class SpringDamper : public Force {
+public:
+  SpringDamper(const Model &model, int joint1, const Vector3d &x1, int joint2, const Vector3d &x2, double stiffness,
+               double length, double damping, double shortest)
+      : joint1_(joint1), joint2_(joint2), place1_(Matrix3d::Identity(), x1), place2_(Matrix3d::Identity(), x2),
+        stiffness_(stiffness), length_(length), damping_(damping), shortest_(shortest),
+        columns_(columns_between(model, joint1, joint2)), moves_(3, columns_.size()), spins_(3, columns_.size()),
+        along_(columns_.size()), bend_(columns_.size(), columns_.size()) {}
+
+  void add_torque(const Data &data, double, const Vec &, const Vec &v, Vec &tau) const override {
+    const double tension = line(data, v);
+    for (size_t i = 0; i < columns_.size(); ++i) tau[columns_[i].index] -= tension * along_[i];
+  }
+
+  void linearize(const Data &data, double, const Vec &, const Vec &v, double c, Mat &A) const override {
+    const double tension = line(data, v);
+    const int n = static_cast<int>(columns_.size());
+    for (int i = 0; i < n; ++i) // ∂²l/∂q²
+      for (int j = 0; j < n; ++j) {
+        bend_(i, j) = (moves_.col(i).dot(moves_.col(j)) - along_[i] * along_[j]) / l_;
+        if (columns_[i].sign != columns_[j].sign) continue;
+        const int before = columns_[j].joint <= columns_[i].joint ? j : i, after = before == j ? i : j;
+        bend_(i, j) += u_.dot(spins_.col(before).cross(moves_.col(after)));
+      }
+    for (int j = 0; j < n; ++j) {
+      double turning = 0.0;
+      for (int i = 0; i < n; ++i) turning += v[columns_[i].index] * bend_(i, j);
+      for (int i = 0; i < n; ++i) {
+        const double by_q = stiffness_ * along_[i] * along_[j] + tension * bend_(i, j) + damping_ * along_[i] * turning;
+        A(columns_[i].index, columns_[j].index) += c * damping_ * along_[i] * along_[j] + c * c * by_q;
+      }
+    }
+  }
+
+private:
+  // Fills length, direction, columns of the relative velocity; returns the tension.
+  double line(const Data &data, const Vec &v) const {
+    const Vector3d x1 = placed(data, joint1_, place1_).translation(), x2 = placed(data, joint2_, place2_).translation();
+    const Vector3d r = x2 - x1;
+    l_ = std::sqrt(r.squaredNorm() + shortest_ * shortest_);
+    u_ = r / l_;
+    double rate = 0.0;
+    for (size_t i = 0; i < columns_.size(); ++i) {
+      const auto &column = columns_[i];
+      moves_.col(i) = column.sign * moved(data, column.index, column.sign > 0 ? x2 : x1);
+      spins_.col(i) = spin(data, column.index);
+      along_[i] = u_.dot(moves_.col(i));
+      rate += along_[i] * v[column.index];
+    }
+    return stiffness_ * (l_ - length_) + damping_ * rate;
+  }
+
+  int joint1_, joint2_;
+  SE3 place1_, place2_;
+  double stiffness_, length_, damping_, shortest_;
+  std::vector<Signed> columns_;
+  mutable Eigen::Matrix3Xd moves_, spins_;
+  mutable Vec along_;
+  mutable Mat bend_;
+  mutable Vector3d u_;
+  mutable double l_ = 0.0;
+};
+
+// A constant force and moment on a point of a body, in world axes or (local) in its own.
+class Wrench : public Force {
+public:
+  Wrench(const Model &model, int joint, const Vector3d &offset, const Vector3d &force, const Vector3d &moment, bool local)
+      : joint_(joint), place_(Matrix3d::Identity(), offset), force_(force), moment_(moment), local_(local),
+        columns_(columns_of(model, joint)) {}
+
+  void add_torque(const Data &data, double, const Vec &, const Vec &, Vec &tau) const override {
+    const auto [x, f, m] = in_world(data);
+    for (const auto &column : columns_)
+      tau[column.index] += f.dot(moved(data, column.index, x)) + m.dot(spin(data, column.index));
+  }
+
+  void linearize(const Data &data, double, const Vec &, const Vec &, double c, Mat &A) const override {
+    const auto [x, f, m] = in_world(data);
+    for (const auto &row : columns_)
+      for (const auto &column : columns_) { // ∂τ_row/∂q_column
+        const Vector3d turn = spin(data, column.index), spun = spin(data, row.index);
+        double change = 0.0;
+        if (column.joint > row.joint) {
+          change = f.dot(spun.cross(moved(data, column.index, x)));
+          if (local_) change += moved(data, row.index, x).dot(turn.cross(f)) + spun.dot(turn.cross(m));
+        } else if (!local_) {
+          change = f.dot(turn.cross(moved(data, row.index, x))) + m.dot(turn.cross(spun));
+        }
+        A(row.index, column.index) -= c * c * change;
+      }
+  }
+
+private:
+  struct Load {
+    Vector3d x, f, m;
+  };
+  Load in_world(const Data &data) const {
+    const SE3 pose = placed(data, joint_, place_);
+    if (!local_) return {pose.translation(), force_, moment_};
+    return {pose.translation(), pose.rotation() * force_, pose.rotation() * moment_};
+  }
+
+  int joint_;
+  SE3 place_;
+  Vector3d force_, moment_;
+  bool local_;
+  std::vector<Column> columns_;
+};
+
+// A law that only Python knows, asked with fresh arrays.
+class PythonForce : public Force {
+public:
+  explicit PythonForce(nb::object law) : law_(std::move(law)) {}
+
+  void add_torque(const Data &, double t, const Vec &q, const Vec &v, Vec &tau) const override {
+    tau += nb::cast<Vec>(law_.attr("torque")(t, q, v));
+  }
+  void linearize(const Data &, double t, const Vec &q, const Vec &v, double c, Mat &A) const override {
+    const nb::tuple parts = nb::cast<nb::tuple>(law_.attr("derivatives")(t, q, v));
+    if (!parts[1].is_none()) A -= c * nb::cast<Mat>(parts[1]);
+    if (!parts[0].is_none()) A -= c * c * nb::cast<Mat>(parts[0]);
+  }
+  bool calls_python() const override { return true; }
+
+private:
+  nb::object law_;
+};
+
+} // namespace pinconsist

@@ -1,0 +1,101 @@
+// The block matrix [[A, -c G], [W, 0]] of dae/newton.py: workspace, factors, solutions. G = Wᵀ = Jᵀ.
+#pragma once
+
+#include <Eigen/Dense>
+
+#include <cmath>
+#include <utility>
+#include <vector>
+
+namespace pinconsist {
+
+// LAPACK as SciPy carries it, handed over by Python; it wins from about LARGE unknowns on.
+struct Lapack {
+  using Factorise = void (*)(int *, int *, double *, int *, int *, int *);
+  using Solve = void (*)(char *, int *, int *, double *, int *, int *, double *, int *, int *);
+  static inline Factorise factorise = nullptr;
+  static inline Solve solve = nullptr;
+  static constexpr int LARGE = 24;
+};
+
+class KKT {
+public:
+  KKT(int nv, int nc) : nv_(nv), n_(nv + nc), K_(Eigen::MatrixXd::Zero(n_, n_)), lu_(n_, n_), pivots_(n_) {}
+
+  Eigen::Ref<Eigen::MatrixXd> A() { return K_.topLeftCorner(nv_, nv_); }
+
+  // Fill in c G and W, factorise and solve in place; false where the matrix is singular.
+  bool solve_new(const Eigen::MatrixXd &J, double c, Eigen::MatrixXd &rhs) {
+    const int nc = n_ - nv_;
+    K_.topRightCorner(nv_, nc) = -c * J.transpose();
+    K_.bottomLeftCorner(nc, nv_) = J;
+    lu_ = K_;
+    c_ = c;
+    if (!factorise()) return false;
+    solve(rhs, c);
+    return true;
+  }
+
+  // x = K⁻¹ x with the last factors. With another c than theirs, the unknowns that K multiplies with c G are scaled.
+  void solve(Eigen::MatrixXd &x, double c) const {
+    if (n_ >= Lapack::LARGE) {
+      char plain = 'N';
+      int n = n_, columns = static_cast<int>(x.cols()), info = 0;
+      Lapack::solve(&plain, &n, &columns, const_cast<double *>(lu_.data()), &n, const_cast<int *>(pivots_.data()), x.data(),
+                    &n, &info);
+    } else {
+      for (Eigen::Index column = 0; column < x.cols(); ++column) substitute(&x(0, column));
+    }
+    if (c != c_) x.bottomRows(n_ - nv_) *= c_ / c;
+  }
+
+private:
+  bool factorise() {
+    if (n_ >= Lapack::LARGE) {
+      int n = n_, info = 0;
+      Lapack::factorise(&n, &n, lu_.data(), &n, pivots_.data(), &info);
+      return info == 0;
+    }
+    for (int k = 0; k < n_; ++k) {
+      double *column = &lu_(0, k);
+      int pivot = k;
+      for (int i = k + 1; i < n_; ++i)
+        if (std::abs(column[i]) > std::abs(column[pivot])) pivot = i;
+      pivots_[k] = pivot;
+      if (column[pivot] == 0.0) return false;
+      if (pivot != k)
+        for (int j = 0; j < n_; ++j) std::swap(lu_(k, j), lu_(pivot, j));
+      const double inverse = 1.0 / column[k];
+      for (int i = k + 1; i < n_; ++i) column[i] *= inverse;
+      for (int j = k + 1; j < n_; ++j) {
+        double *other = &lu_(0, j);
+        const double factor = other[k];
+        if (factor != 0.0)
+          for (int i = k + 1; i < n_; ++i) other[i] -= factor * column[i];
+      }
+    }
+    return true;
+  }
+
+  void substitute(double *x) const {
+    for (int k = 0; k < n_; ++k) std::swap(x[k], x[pivots_[k]]);
+    for (int k = 0; k < n_; ++k) {
+      const double *column = &lu_(0, k);
+      const double value = x[k];
+      if (value != 0.0)
+        for (int i = k + 1; i < n_; ++i) x[i] -= value * column[i];
+    }
+    for (int k = n_; k-- > 0;) {
+      const double *column = &lu_(0, k);
+      const double value = x[k] /= column[k];
+      for (int i = 0; i < k; ++i) x[i] -= value * column[i];
+    }
+  }
+
+  int nv_, n_;
+  Eigen::MatrixXd K_, lu_;
+  std::vector<int> pivots_;
+  double c_ = 1.0;
+};
+
+} // namespace pinconsist

@@ -1,0 +1,179 @@
+// What Python sees of the twin: a system that is told its rows and forces, and a stepper that runs stretches.
+#include "stepper.hpp"
+
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/vector.h>
+#include <pinocchio/config.hpp>
+
+namespace pinconsist {
+namespace {
+
+using namespace nb::literals;
+using Numbers = std::array<double, 5>;
+using Pose = Eigen::Matrix4d;
+
+SE3 placement(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()), Vector3d(pose.topRightCorner<3, 1>())); }
+Motion motion(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
+Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] != 0}; }
+
+// A numpy array that owns the numbers.
+template <class T> nb::object array(std::vector<T> &&numbers, std::initializer_list<size_t> shape) {
+  auto *kept = new std::vector<T>(std::move(numbers));
+  nb::capsule owner(kept, [](void *p) noexcept { delete static_cast<std::vector<T> *>(p); });
+  return nb::cast(nb::ndarray<nb::numpy, T>(kept->data(), shape.size(), shape.begin(), owner));
+}
+
+// A stretch as a tuple: why it ended, an exception of Python's, and its rows.
+nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, bool keep_tables) {
+  Stretch out;
+  Failure failure = Failure::none;
+  nb::object error = nb::none();
+  if (system.calls_python()) {
+    try {
+      failure = stepper.run(t_end, most, keep_tables, out);
+    } catch (nb::python_error &raised) {
+      error = nb::borrow(raised.value());
+    }
+  } else {
+    nb::gil_scoped_release release;
+    failure = stepper.run(t_end, most, keep_tables, out);
+  }
+  const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc;
+  nb::object base = nb::none(), Z = nb::none();
+  if (keep_tables) {
+    base = array(std::move(out.base), {n, static_cast<size_t>(stepper.base.size())});
+    Z = array(std::move(out.Z), {n, bdf::ROWS, nv + nv + nc});
+  }
+  return nb::make_tuple(static_cast<int>(failure), error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
+                        array(std::move(out.v), {n, nv}), array(std::move(out.lam), {n, nc}), array(std::move(out.h), {n}),
+                        array(std::move(out.k), {n}), base, Z);
+}
+
+} // namespace
+} // namespace pinconsist
+
+NB_MODULE(twin, m) {
+  using namespace pinconsist;
+  m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
+  m.def("use_lapack", [](nb::capsule factorise, nb::capsule solve) {
+    Lapack::factorise = reinterpret_cast<Lapack::Factorise>(factorise.data());
+    Lapack::solve = reinterpret_cast<Lapack::Solve>(solve.data());
+  });
+
+  nb::class_<System>(m, "System")
+      .def(nb::init<nb::object, nb::object>(), "model"_a, "data"_a)
+      .def_ro("nc", &System::nc)
+      .def_prop_ro("calls_python", &System::calls_python)
+      .def("add_anchored",
+           [](System &s, int joint1, const Pose &place1, int joint2, const Pose &place2, const Mat &matrix, bool fresh) {
+             s.add_rows(std::make_unique<AnchoredRows>(s.model(), joint1, placement(place1), joint2, placement(place2), matrix),
+                        fresh);
+           })
+      .def("add_distance",
+           [](System &s, int joint1, const Pose &place1, int joint2, const Pose &place2, double length) {
+             s.add_rows(std::make_unique<DistanceRow>(s.model(), joint1, placement(place1), joint2, placement(place2), length));
+           })
+      .def("add_drive",
+           [](System &s, const std::array<int, 3> &joint, double period, const Numbers &curve) {
+             s.add_rows(std::make_unique<DriveRow>(coordinate(joint), period, motion(curve)));
+           })
+      .def("add_coupling",
+           [](System &s, const std::array<int, 3> &joint, const std::array<int, 3> &other, double period, const Vec &law) {
+             s.add_rows(std::make_unique<CouplingRow>(coordinate(joint), coordinate(other), period, law));
+           })
+      .def("add_python_rows",
+           [](System &s, nb::object closure, std::vector<int> local, bool moving) {
+             s.add_rows(std::make_unique<PythonRows>(closure, s.data_object(), std::move(local), moving));
+           })
+      .def("add_constant", &System::add_constant)
+      .def("add_damping", &System::add_damping)
+      .def("add_friction",
+           [](System &s, const Vec &coefficients, double width) {
+             s.add_force(std::make_unique<SmoothFriction>(coefficients, width));
+           })
+      .def("add_servo",
+           [](System &s, const std::array<int, 3> &joint, double period, const Numbers &target, double stiffness, double damping) {
+             s.add_force(std::make_unique<Servo>(coordinate(joint), period, motion(target), stiffness, damping));
+           })
+      .def("add_torque_curve",
+           [](System &s, int column, const Numbers &curve) { s.add_force(std::make_unique<TorqueCurve>(column, motion(curve))); })
+      .def("add_spring",
+           [](System &s, int joint1, const Vector3d &x1, int joint2, const Vector3d &x2, double stiffness, double length,
+              double damping, double shortest) {
+             s.add_force(std::make_unique<SpringDamper>(s.model(), joint1, x1, joint2, x2, stiffness, length, damping, shortest));
+           })
+      .def("add_wrench",
+           [](System &s, int joint, const Vector3d &offset, const Vector3d &force, const Vector3d &moment, bool local) {
+             s.add_force(std::make_unique<Wrench>(s.model(), joint, offset, force, moment, local));
+           })
+      .def("add_python_force", [](System &s, nb::object law) { s.add_force(std::make_unique<PythonForce>(law)); })
+      .def("evaluate",
+           [](System &s, double t, const Vec &p, const Vec &v, const Vec &a) {
+             s.evaluate(t, p, v, a);
+             return nb::make_tuple(s.f, s.phi, s.J, s.rho);
+           })
+      .def("linearize", [](System &s, double t, const Vec &p, const Vec &v, const Vec &a, double c) {
+        s.evaluate(t, p, v, a);
+        Mat A(s.nv, s.nv);
+        s.linearize(t, p, v, a, c, A);
+        return A;
+      });
+
+  nb::class_<Projection>(m, "Projection")
+      .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
+      .def("acceleration", // None where the equations are singular
+           [](Projection &projection, double t, const Vec &p, const Vec &v) -> nb::object {
+             Vec a, lam;
+             if (!projection.acceleration(t, p, v, a, lam)) return nb::none();
+             return nb::make_tuple(a, lam);
+           })
+      .def("state", [](Projection &projection, double t, const Vec &p, const Vec &v) {
+        const State state = projection.state(t, p, v);
+        return nb::make_tuple(state.p, state.v, state.lam, state.failure);
+      });
+
+  nb::class_<Stepper>(m, "Stepper")
+      .def(nb::init<System &, bool>(), "system"_a, "correct"_a, nb::keep_alive<1, 2>())
+      .def_rw("t", &Stepper::t)
+      .def_rw("h", &Stepper::h)
+      .def_rw("k", &Stepper::k)
+      .def_rw("p", &Stepper::p)
+      .def_rw("y", &Stepper::y)
+      .def_rw("base", &Stepper::base)
+      .def_rw("Z", &Stepper::Z)
+      .def_rw("turns", &Stepper::turns)
+      .def("begin",
+           [](Stepper &s, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base, const bdf::Table &Z) {
+             s.t = t;
+             s.choice = {s.h = h, s.k = k};
+             s.p = p;
+             s.y = y;
+             s.base = base;
+             s.Z = Z;
+             s.control.restart();
+             s.newton.forget();
+           })
+      .def("fix_step",
+           [](Stepper &s, double start, long taken, long steps) {
+             s.start = start;
+             s.taken = taken;
+             s.steps = steps;
+           })
+      .def("control_error",
+           [](Stepper &s, const Vec &rtol, const Vec &atol, int max_order, double max_step) {
+             s.control.rtol = rtol;
+             s.control.atol = atol;
+             s.control.max_order = max_order;
+             s.control.max_step = max_step;
+           })
+      .def("work", // since it was asked last
+           [](Stepper &s) {
+             const auto taken = [](long &count) { return std::exchange(count, 0); };
+             return nb::make_tuple(taken(s.newton.nfev), taken(s.newton.njev), taken(s.newton.nlu),
+                                   taken(s.control.rejected_by_error), taken(s.control.rejected_by_newton));
+           })
+      .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, s.newton.culprit_p, s.newton.culprit_v); })
+      .def("run", &run, "system"_a, "t_end"_a, "most"_a, "keep_tables"_a);
+}

@@ -1,0 +1,181 @@
+// The twin of dae/newton.py: what stands between a predictor and a converged step.
+#pragma once
+
+#include "bdf.hpp"
+#include "consistency.hpp"
+#include "foresight.hpp"
+
+namespace pinconsist {
+
+constexpr int MAX_ITERATIONS = 10;
+constexpr double FRESH_RATE = 0.4, STALE_FACTOR = 0.3, STAGNANT = 0.7;
+
+// Why there is no step; the words stand in dae/compiled.py, in this order.
+enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far };
+
+struct Attempt {
+  Vec y, p, change;
+  double size = 0.0;
+  Failure failure = Failure::none;
+};
+
+inline double weighted_size(const Vec &change, const Vec &weight, int nv) {
+  return std::sqrt(change.head(weight.size()).cwiseProduct(weight).squaredNorm() / nv);
+}
+
+// Weights with which Newton runs down to rounding.
+inline double rounding_weights(const System &system, const Vec &y, Vec &weight) {
+  const double size_v = largest(y.segment(system.nx, system.nv));
+  weight.resize(system.nx + system.nv);
+  weight.head(system.nx).setConstant(1.0 / (1.0 + largest(y.head(system.nx))));
+  weight.tail(system.nv).setConstant(1.0 / (size_v == 0.0 ? 1.0 : size_v));
+  return 2.0 * EPS;
+}
+
+class Newton {
+public:
+  long nfev = 0, njev = 0, nlu = 0;
+  // Where an attempt found something that is not finite.
+  double culprit_t = 0.0;
+  Vec culprit_p, culprit_v;
+
+  Newton(System &system, bool correct)
+      : system_(system), correct_(correct), kkt_(system.nv, system.nc), reuse_(system.nv),
+        rhs_(Mat::Zero(system.nv + system.nc, 3)), closing_(Mat::Zero(system.nv + system.nc, 2)),
+        moves_(system.nv + system.nc, 2) {}
+
+  void forget() {
+    foresight_.forget();
+    reuse_.forget();
+  }
+
+  void attempt(double t, const Vec &base, const Vec &psi, const Vec &predicted, double c, const Vec &weight, double tol,
+               Attempt &step) {
+    const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
+    psi_x_ = psi.head(nx);
+    x_ = predicted.tail(nv + nc);
+    v_ = x_.head(nv);
+    double last = 0.0, rate = 0.0;
+    bool slow = false;
+    a_ = (v_ - psi.segment(nx, nv)) / c;
+    system_.position(base, psi_x_, c, v_, step.p, xi_);
+    bool stale = reuse_.pays(c);
+    for (int iteration = 1; iteration <= MAX_ITERATIONS; ++iteration) {
+      system_.evaluate(t, step.p, v_, a_);
+      rhs_.setZero();
+      rhs_.col(0).head(nv) = c * system_.f;
+      rhs_.col(0).head(nv).noalias() -= c * (system_.J.transpose() * x_.tail(nc));
+      rhs_.col(1).tail(nc) = system_.phi;
+      rhs_.col(2).tail(nc) = system_.rho;
+      ++nfev;
+      if (slow || !(stale || iteration > 1)) {
+        system_.linearize(t, step.p, v_, a_, c, kkt_.A());
+        if (slow && !stale) { // the turning of the constraint forces, left out at first, slows Newton down
+          system_.force_gradient(t, step.p, x_.tail(nc), gradient_);
+          kkt_.A() -= c * c * gradient_;
+        }
+        stale = false;
+        reuse_.made(c);
+        ++njev;
+        ++nlu;
+        if (!kkt_.solve_new(system_.J, c, rhs_)) return fail(step, predicted, Failure::singular);
+      } else {
+        kkt_.solve(rhs_, c);
+      }
+      reuse_.iterated();
+      moves_.col(0) = rhs_.col(0) + rhs_.col(1) / c;
+      moves_.col(1) = correct_ ? Vec(rhs_.col(0) + rhs_.col(2)) : Vec(moves_.col(0));
+      raw_ = v_ - moves_.col(0).head(nv);
+      system_.position(base, psi_x_, c, raw_, step.p, xi_);
+      step.y.resize(predicted.size());
+      step.y << xi_, x_ - moves_.col(1);
+      if (iteration == 1) {
+        step.change = step.y - predicted;
+        step.size = weighted_size(step.change, weight, nv);
+        if (correct_ && !stale && foresight_.one_is_enough(step.size, c, tol)) {
+          if (!foresight_.stays_closed(step.size, c, tol)) {
+            close(t, base, c, weight, step, true);
+            step.change = step.y - predicted;
+          }
+          step.failure = Failure::none;
+          return;
+        }
+      }
+      const double size =
+          std::sqrt((rhs_.col(0).head(nv).cwiseProduct(weight.tail(nv)).squaredNorm() +
+                     rhs_.col(1).head(nv).cwiseProduct(weight.head(nv)).squaredNorm()) / nv);
+      if (iteration > 1) rate = size / last;
+      if (!std::isfinite(size)) {
+        culprit_t = t;
+        culprit_p = base;
+        culprit_v = v_;
+        return fail(step, predicted, Failure::not_finite);
+      }
+      if (iteration == 2 && !stale) foresight_.measured(rate, c);
+      const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
+      const bool settled = std::min(size, to_come) <= (stale ? STALE_FACTOR * tol : tol);
+      if (settled || (rate > STAGNANT && !stale && at_floor(step.p))) {
+        if (stale && correct_ && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol)
+          close(t, base, c, weight, step, false);
+        step.change = step.y - predicted;
+        step.size = weighted_size(step.change, weight, nv);
+        step.failure = Failure::none;
+        return;
+      }
+      if (rate > 2.0 && iteration > 2) return fail(step, predicted, Failure::diverged);
+      slow = rate > FRESH_RATE || size * std::pow(rate, MAX_ITERATIONS - iteration) > tol;
+      last = size;
+      x_ -= moves_.col(0);
+      v_ = x_.head(nv);
+      a_ = (v_ - psi.segment(nx, nv)) / c;
+    }
+    fail(step, predicted, Failure::not_converged);
+  }
+
+private:
+  static void fail(Attempt &step, const Vec &predicted, Failure failure) {
+    step.y = predicted;
+    step.failure = failure;
+  }
+
+  template <class Derived> static double rms(const Eigen::MatrixBase<Derived> &x) {
+    return std::sqrt(x.squaredNorm() / x.size());
+  }
+
+  // Close the loops at the new position and take ρ out: the dynamics need no second look.
+  void close(double t, const Vec &base, double c, const Vec &weight, Attempt &step, bool measure) {
+    const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
+    v_ = step.y.segment(nx, nv);
+    system_.constraint(t, step.p, v_);
+    closing_.setZero();
+    closing_.col(0).tail(nc) = system_.phi;
+    closing_.col(1).tail(nc) = system_.rho;
+    kkt_.solve(closing_, c);
+    reuse_.iterated();
+    if (measure) {
+      const double gap = largest(system_.phi) / (1.0 + largest(step.p));
+      const double shift = rms(closing_.col(1).head(nv).cwiseProduct(weight.tail(nv)));
+      foresight_.looked(gap, shift, rms(v_.cwiseProduct(weight.tail(nv))), step.size, c);
+    }
+    raw_ -= closing_.col(0).head(nv) / c;
+    system_.position(base, psi_x_, c, raw_, step.p, xi_);
+    step.y.head(nx) = xi_;
+    step.y.tail(nv + nc) -= closing_.col(1);
+  }
+
+  bool at_floor(const Vec &p) const {
+    const int nv = system_.nv;
+    const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv));
+    return step <= 1e-9 * (largest(v_) + step) && moved <= 1e4 * EPS * (1.0 + largest(p));
+  }
+
+  System &system_;
+  bool correct_;
+  KKT kkt_;
+  Foresight foresight_;
+  Reuse reuse_;
+  Mat rhs_, closing_, moves_, gradient_;
+  Vec psi_x_, x_, v_, a_, xi_, raw_;
+};
+
+} // namespace pinconsist

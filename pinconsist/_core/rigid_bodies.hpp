@@ -1,0 +1,133 @@
+// What the twin uses of Pinocchio: its headers, the objects behind Python's, points and axes of bodies.
+#pragma once
+
+#include <boost/python/converter/from_python.hpp>
+#include <boost/python/converter/registry.hpp>
+#include <boost/python/type_id.hpp>
+#include <nanobind/eigen/dense.h>
+#include <nanobind/nanobind.h>
+#include <pinocchio/algorithm/crba.hpp>
+#include <pinocchio/algorithm/jacobian.hpp>
+#include <pinocchio/algorithm/joint-configuration.hpp>
+#include <pinocchio/algorithm/kinematics.hpp>
+#include <pinocchio/algorithm/rnea-derivatives.hpp>
+#include <pinocchio/algorithm/rnea.hpp>
+#include <pinocchio/multibody.hpp>
+#include <pinocchio/spatial.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+namespace pinconsist {
+
+namespace nb = nanobind;
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using pinocchio::Data;
+using pinocchio::Model;
+using pinocchio::SE3;
+using Vec = Eigen::VectorXd;
+using Mat = Eigen::MatrixXd;
+
+// The C++ object in a Python object that Boost.Python made; the Python object must outlive it.
+template <class T> T &borrowed(nb::handle object) {
+  namespace converter = boost::python::converter;
+  const auto *found = converter::registry::query(boost::python::type_id<T>());
+  void *inside = found ? converter::get_lvalue_from_python(object.ptr(), *found) : nullptr;
+  if (!inside) throw nb::type_error("not an object of this Pinocchio");
+  return *static_cast<T *>(inside);
+}
+
+// Velocity columns that move a joint's body, ascending, each with the joint that it belongs to.
+struct Column {
+  int index, joint;
+};
+
+inline std::vector<Column> columns_of(const Model &model, int joint) {
+  std::vector<Column> columns;
+  for (auto support : model.supports[joint])
+    for (int i = 0; i < model.nvs[support]; ++i)
+      columns.push_back({model.idx_vs[support] + i, static_cast<int>(support)});
+  return columns;
+}
+
+// Columns that move exactly one of two bodies, with the sign of that body in "body 2 against body 1".
+struct Signed : Column {
+  double sign;
+};
+
+inline std::vector<Signed> columns_between(const Model &model, int joint1, int joint2) {
+  std::vector<Signed> between;
+  const auto first = columns_of(model, joint1), second = columns_of(model, joint2);
+  const auto holds = [](const std::vector<Column> &columns, int index) {
+    return std::any_of(columns.begin(), columns.end(), [=](const Column &c) { return c.index == index; });
+  };
+  for (const auto &column : first)
+    if (!holds(second, column.index)) between.push_back({column, -1.0});
+  for (const auto &column : second)
+    if (!holds(first, column.index)) between.push_back({column, 1.0});
+  return between;
+}
+
+// Velocity of the point x of a moving body, and its spin, for each unit of a joint velocity; in world axes.
+inline Vector3d moved(const Data &data, int column, const Vector3d &x) {
+  const auto twist = data.J.col(column);
+  return twist.head<3>() + twist.tail<3>().cross(x);
+}
+
+inline Vector3d spin(const Data &data, int column) { return data.J.col(column).tail<3>(); }
+
+inline SE3 placed(const Data &data, int joint, const SE3 &placement) {
+  return joint ? data.oMi[joint] * placement : placement;
+}
+
+// A point of a body with axes, moving: classical acceleration a, angular acceleration b; in world axes.
+struct Moving {
+  Vector3d x = Vector3d::Zero(), v = x, w = x, a = x, b = x;
+  Matrix3d R = Matrix3d::Identity();
+
+  Moving(const Data &data, int joint, const SE3 &placement) {
+    const SE3 pose = placed(data, joint, placement);
+    x = pose.translation();
+    R = pose.rotation();
+    if (!joint) return;
+    const auto velocity = placement.actInv(data.v[joint]), acceleration = placement.actInv(data.a[joint]);
+    v = R * velocity.linear();
+    w = R * velocity.angular();
+    a = R * (acceleration.linear() + velocity.angular().cross(velocity.linear()));
+    b = R * acceleration.angular();
+  }
+};
+
+// Acceleration of point 2 as anchor 1 sees it, in the axes of anchor 1.
+inline Vector3d seen_acceleration(const Moving &m1, const Moving &m2) {
+  const Vector3d r = m2.x - m1.x, rd = m2.v - m1.v;
+  return m1.R.transpose() *
+         (m2.a - m1.a - m1.b.cross(r) - 2.0 * m1.w.cross(rd) + m1.w.cross(m1.w.cross(r)));
+}
+
+// mechanism/constraints/coordinate.py
+struct Coordinate {
+  int column, q;
+  bool wraps;
+
+  double value(const Vec &p) const { return wraps ? std::atan2(p[q + 1], p[q]) : p[q]; }
+};
+
+inline double nearest(double gap, double period) { return period > 0.0 ? std::remainder(gap, period) : gap; }
+
+// mechanism/constraints/motion.py
+struct Motion {
+  double start, speed, amplitude, frequency, phase;
+
+  double omega() const { return 2.0 * M_PI * frequency; }
+  double operator()(double t) const {
+    return start + speed * t + amplitude * std::sin(omega() * t + phase);
+  }
+  double rate(double t) const { return speed + amplitude * omega() * std::cos(omega() * t + phase); }
+  double acceleration(double t) const { return -amplitude * omega() * omega() * std::sin(omega() * t + phase); }
+};
+
+} // namespace pinconsist

@@ -1,0 +1,159 @@
+// The twin of mechanism/system.py: M v' + nle = τ + Jᵀλ, Φ = 0, on the workspace of the Python system.
+#pragma once
+
+#include "forces.hpp"
+#include "rows.hpp"
+
+namespace pinconsist {
+
+class System {
+public:
+  int npos, nx, nv, nc = 0;
+  bool vector_like;
+  // What `evaluate` and `constraint` leave: f = M a + f0, Φ, J, and the hidden residual ρ.
+  Vec f, phi, rho;
+  Mat J;
+
+  System(nb::object model, nb::object data)
+      : model_object_(std::move(model)), data_object_(std::move(data)), model_(borrowed<Model>(model_object_)),
+        data_(borrowed<Data>(data_object_)) {
+    npos = model_.nq;
+    nx = nv = model_.nv;
+    vector_like = npos == nv;
+    for (const auto &joint : model_.joints) planar_ |= joint.shortname() == "JointModelPlanar";
+    f = tau_ = Vec::Zero(nv);
+    moved_ = Vec::Zero(npos);
+    rest_ = Vec::Zero(nx);
+    constant_ = damping_ = zero_ = Vec::Zero(nv);
+    size_rows();
+  }
+
+  System(const System &) = delete;
+
+  const Model &model() const { return model_; }
+  nb::object data_object() const { return data_object_; }
+
+  // Several parts may add up in the same rows: `fresh` says whether a part begins new ones.
+  void add_rows(std::unique_ptr<Rows> rows, bool fresh = true) {
+    const int at = fresh ? nc : nc - rows->size();
+    nc = at + rows->size();
+    calls_python_ |= rows->calls_python();
+    rows_.push_back({std::move(rows), at});
+    size_rows();
+  }
+  void add_force(std::unique_ptr<Force> force) {
+    calls_python_ |= force->calls_python();
+    forces_.push_back(std::move(force));
+  }
+  void add_constant(const Vec &torque) { constant_ += torque; }
+  void add_damping(const Vec &coefficients) { damping_ += coefficients; }
+  bool calls_python() const { return calls_python_; }
+
+  void integrate(const Vec &p, const Vec &xi, Vec &out) const {
+    out.resize(npos);
+    if (vector_like) out = p + xi;
+    else pinocchio::integrate(model_, p, xi, out);
+  }
+
+  void difference(const Vec &p0, const Vec &p1, Vec &xi) {
+    if (vector_like) {
+      xi = p1 - p0;
+      return;
+    }
+    pinocchio::difference(model_, p0, p1, xi);
+    if (planar_) { // Pinocchio's logarithm of SE(2) is off by up to 5e-13
+      pinocchio::integrate(model_, p0, xi, moved_);
+      pinocchio::difference(model_, moved_, p1, rest_);
+      xi += rest_;
+    }
+  }
+
+  void position(const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const {
+    xi = psi_x + c * v;
+    if (vector_like) p = xi;
+    else integrate(base, xi, p);
+  }
+
+  void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) {
+    f = pinocchio::rnea(model_, data_, p, v, a);
+    constraint(t, p, v);
+    f -= constant_;
+    f.array() += damping_.array() * v.array();
+    if (forces_.empty()) return;
+    tau_.setZero();
+    for (const auto &force : forces_) force->add_torque(data_, t, p, v, tau_);
+    f -= tau_;
+  }
+
+  void constraint(double t, const Vec &p, const Vec &v) {
+    evaluate_rows(t, p);
+    rho.noalias() = J * v;
+    for (const auto &[rows, at] : rows_) rows->add_rate(t, p, at, rho);
+  }
+
+  // γ with dρ/dt = J v' + γ.
+  void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) {
+    pinocchio::forwardKinematics(model_, data_, p, v, zero_);
+    bias.setZero(nc);
+    for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
+  }
+
+  // A = M + c ∂f/∂v + c² ∂f/∂p at the point evaluated last.
+  void linearize(double t, const Vec &p, const Vec &v, const Vec &a, double c, Eigen::Ref<Mat> A) {
+    pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
+    data_.M.triangularView<Eigen::StrictlyLower>() = data_.M.transpose(); // C++ fills the upper half only
+    A = data_.M + c * (data_.dtau_dv + c * data_.dtau_dq);
+    A.diagonal() += c * damping_;
+    if (forces_.empty()) return;
+    by_forces_.setZero(nv, nv);
+    for (const auto &force : forces_) force->linearize(data_, t, p, v, c, by_forces_);
+    A += by_forces_;
+  }
+
+  void mass_matrix(const Vec &p, Eigen::Ref<Mat> M) {
+    M = pinocchio::crba(model_, data_, p).selfadjointView<Eigen::Upper>();
+  }
+
+  // ∂(Jᵀλ)/∂q by forward differences: wanted only where Newton is slow.
+  void force_gradient(double t, const Vec &p, const Vec &lam, Mat &gradient) {
+    const Mat kept = J;
+    evaluate_rows(t, p);
+    const Vec at = J.transpose() * lam;
+    const double step = 1e-7;
+    Vec unit = Vec::Zero(nx);
+    gradient.resize(nv, nv);
+    for (int i = 0; i < nv; ++i) {
+      unit[i] = step;
+      Vec there(npos);
+      integrate(p, unit, there);
+      evaluate_rows(t, there);
+      gradient.col(i) = (J.transpose() * lam - at) / step;
+      unit[i] = 0.0;
+    }
+    J = kept;
+  }
+
+private:
+  void evaluate_rows(double t, const Vec &p) {
+    pinocchio::computeJointJacobians(model_, data_, p);
+    phi.setZero();
+    J.setZero();
+    for (const auto &[rows, at] : rows_) rows->evaluate(data_, t, p, at, phi, J);
+  }
+
+  void size_rows() {
+    phi = rho = Vec::Zero(nc);
+    J = Mat::Zero(nc, nv);
+  }
+
+  nb::object model_object_, data_object_;
+  const Model &model_;
+  Data &data_;
+  bool planar_ = false, calls_python_ = false;
+  std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
+  std::vector<std::unique_ptr<Force>> forces_;
+  Vec constant_, damping_, tau_, zero_, moved_, rest_;
+  Mat by_forces_;
+};
+
+} // namespace pinconsist
