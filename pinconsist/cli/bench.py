@@ -35,8 +35,8 @@ def bench(
         typer.Option(
             "--method",
             metavar="WORD",
-            help="Only methods with this word in their name: scipy, Exudyn, pinconsist (every order and consistency, of "
-            "variable and of fixed step), or peers, all others; may be repeated.",
+            help="Only methods with this word in their name: scipy, Exudyn, pinconsist (every order and consistency, "
+            "variable and fixed step), or peers, all others; may be repeated.",
         ),
     ] = None,
     repeats: Annotated[int, typer.Option(metavar="N", help="Timed runs of each method and tolerance, in turn.")] = 3,
