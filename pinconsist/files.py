@@ -12,7 +12,14 @@ from .errors import InputError
 
 @contextmanager
 def written_whole(file):
-    """A binary stream whose content becomes `file` at the end of the block; after an error nothing is left behind."""
+    """A binary stream whose content becomes `file` at the end of the block; after an error nothing is left behind.
+
+    What is no regular file, such as /dev/stdout or a pipe, takes the content as it comes; it is never replaced.
+    """
+    if os.path.exists(file) and not os.path.isfile(file):
+        with open(file, "wb") as stream:
+            yield stream
+        return
     target = Path(os.path.realpath(file))
     draft = target.with_name(f".{target.name}.{secrets.token_hex(6)}")
     try:

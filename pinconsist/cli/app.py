@@ -15,6 +15,7 @@ from ..errors import PinconsistError, SavingError
 from ..interrupts import ended_like_ctrl_c
 from . import bench, check, compare, models, plot, replay, rerun, simulate, stress, sweep
 from .output import EXIT_CODES, FAILED, INTERRUPTED, WRONG_INPUT, print_error, rescued
+from .unbroken import unbroken_stdout
 
 OVERVIEW = """\
 pinconsist simulates closed-chain mechanisms, with constraint forces that are
@@ -76,9 +77,10 @@ def main(argv=None):
     handler.setFormatter(logging.Formatter("pinconsist: warning: %(message)s"))
     log.addHandler(handler)
     try:
-        with warnings.catch_warnings(), ended_like_ctrl_c():
+        with warnings.catch_warnings(), ended_like_ctrl_c(), unbroken_stdout() as broken:
             warnings.showwarning = _without_source(warnings.showwarning)
             code = _run(arguments)
+        code = code or (FAILED if broken else code)
     finally:
         log.removeHandler(handler)
     sys.exit(code)
@@ -122,7 +124,7 @@ def _run(arguments) -> int:
         return command.main(arguments, prog_name="pinconsist", standalone_mode=False) or 0
     except SavingError as error:
         file = rescued(error.solution)
-        mistake = f"{error}; the run is saved as {file} instead" if file else error
+        mistake = f"{error}; the run is {f'saved as {file} instead' if file else 'lost, no other folder takes it'}"
     except PinconsistError as error:
         mistake = error
     except (typer.Abort, KeyboardInterrupt):
