@@ -97,6 +97,11 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
     callback : callable, optional
         As for `record`.
 
+    Returns
+    -------
+    Solution
+        The whole run.
+
     Raises
     ------
     FormatError
