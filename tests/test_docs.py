@@ -9,6 +9,7 @@ import pytest
 
 import pinconsist as pc
 from pinconsist.dae.problem import Index3System
+from pinconsist.formats import loopfile
 from pinconsist.mechanism.forces import Force
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,6 +43,24 @@ def test_the_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     (block,) = re.findall(r"^```python\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
     exec(block, {})
     assert "loops closed to" in capsys.readouterr().out and (tmp_path / "four_bar.html").is_file()
+
+
+def test_the_loop_files_of_the_readme_are_read(tmp_path):
+    blocks = re.findall(r"^```yaml\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+    record = re.search(r"`(\{name: pin.*?\})`", README, flags=re.DOTALL)[1]
+    robot, own, anchors = (
+        loopfile.read(write(tmp_path / f"{k}.yaml", text)) for k, text in enumerate([*blocks, f"loops: [{record}]"])
+    )
+    assert robot.loops[0].kind == "frame" and robot.actuated == ("mot1", "mot2")
+    assert [loop.kind for loop in own.loops] == ["hinge", "coupling"] and own.duration == 2.0 and len(own.forces) == 2
+    assert anchors.loops == (
+        pc.Loop("pin", "hinge", "coupler", "rocker", xyz1=(0.7, 0, 0), xyz2=(0.5, 0, 0), axis=(0, 1, 0)),
+    )
+
+
+def write(path, text):
+    path.write_text(text, encoding="utf-8")
+    return path
 
 
 def test_the_table_of_the_readme_is_what_compare_prints():
