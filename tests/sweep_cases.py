@@ -75,3 +75,11 @@ def interrupted_by_itself(case):
             os.kill(os.getpid(), signal.SIGINT)
 
     return pc.simulate(mechanism("planar_pendulum"), (0.0, 0.3), callback=callback).status
+
+
+def interrupted_into_an_error(case):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(10)
+    except KeyboardInterrupt:
+        raise ValueError("something odd") from None

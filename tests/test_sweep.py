@@ -103,11 +103,11 @@ def test_a_worker_that_is_killed_takes_its_pool_and_every_case_tells_so():
 
 def test_a_pool_of_our_own_loses_the_killing_cases_alone():
     seen = []
-    given = [0, 1, "kill", 3, 4, "kill", *range(6, 12)]
+    given = ["kill", 1, 2, 3, 4, "kill", *range(6, 12)]
     outcomes = sweep_in_processes(cases.killer, given, 2, seen.append)
     assert [outcome.case for outcome in outcomes] == given
-    assert [outcome.index for outcome in outcomes if not outcome.success] == [2, 5]
-    assert all("died" in outcomes[i].message and outcomes[i].finished for i in (2, 5))
+    assert [outcome.index for outcome in outcomes if not outcome.success] == [0, 5]
+    assert all("died" in outcomes[i].message and outcomes[i].finished for i in (0, 5))
     assert sorted(outcome.index for outcome in seen) == list(range(12))  # each once
     assert all(outcomes[outcome.index].case == outcome.case for outcome in seen)
 
@@ -155,6 +155,39 @@ def test_ctrl_c_while_a_pool_works_returns_what_was_reached_and_cancels_the_rest
     assert all(outcome.value == outcome.index for outcome in outcomes[:3])
     assert all(outcome.error == INTERRUPT and not outcome.finished for outcome in outcomes[30:])
     assert values(again) == ["more"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
+def test_what_has_not_begun_is_cancelled(error):
+    """Of three calls the first two have answers when the callback gets the first of them."""
+    futures = []
+
+    class Slow:
+        def submit(self, call):
+            futures.append(future := Future())
+            if len(futures) < 3:
+                future.set_result(call())
+            return future
+
+    seen = []
+
+    def callback(outcome):
+        seen.append(outcome.index)
+        if outcome.index == 0:
+            raise error
+
+    if error is KeyboardInterrupt:
+        outcomes = pc.sweep(str, "abc", executor=Slow(), callback=callback)
+        assert seen == [0, 1] and [outcome.value for outcome in outcomes] == ["a", "b", None]
+    else:
+        with pytest.raises(OSError):
+            pc.sweep(str, "abc", executor=Slow(), callback=callback)
+    assert [future.cancelled() for future in futures] == [False, False, True]
+
+
+def test_an_interrupt_that_a_function_makes_another_error_is_one_still():
+    outcomes = pc.sweep(cases.interrupted_into_an_error, range(2))
+    assert [outcome.error for outcome in outcomes] == [INTERRUPT, INTERRUPT]
 
 
 def test_ctrl_c_ends_a_pool_of_our_own_at_once():

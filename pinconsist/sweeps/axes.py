@@ -99,15 +99,18 @@ def _range(values, number, text):
     if len(parts) != 3:
         raise InputError(f"--vary {text}: a range needs FROM:TO:STEP")
     try:
-        start, end, step = map(Decimal, parts)  # 5.3, where floats would give 5.300000000000001
+        return _steps(*map(Decimal, parts), text)  # 5.3, where floats would give 5.300000000000001
     except InvalidOperation:
-        start, end, step = (_number(each, number, text) for each in parts)
+        return _steps(*(_number(each, number, text) for each in parts), text)
+
+
+def _steps(start, end, step, text) -> list[float]:
     if not all(map(math.isfinite, (start, end, step))) or step == 0 or (end - start) / step < 0:
         raise InputError(f"--vary {text}: the step must lead from start to end")
-    steps = float((end - start) / step)
-    if steps > MOST:
+    count = float((end - start) / step)
+    if count > MOST:
         raise InputError(f"--vary {text}: that makes more than a million cases")
-    return [float(start + k * step) for k in range(int(steps + 1e-9) + 1)]
+    return [float(start + k * step) for k in range(int(count + 1e-9) + 1)]
 
 
 def _number(text, number, whole) -> float:

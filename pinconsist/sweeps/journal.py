@@ -38,7 +38,8 @@ class Journal:
     """
 
     def __init__(self, table, about: dict):
-        self.path, self.rows = Path(f"{table}.partial"), {}
+        self.path = Path(f"{table}.partial")
+        self.rows: dict[int, dict] = {}
         self._stream = open(self.path, "a+b", buffering=0)  # unbuffered: a line is written by one call, or not at all
         try:
             self._lock()

@@ -107,5 +107,6 @@ def end_with_parent():
 
 
 def _wait_for_the_end():
-    multiprocessing.parent_process().join()
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
     os._exit(1)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable, Iterable
-from concurrent.futures import BrokenExecutor, CancelledError
+from concurrent.futures import BrokenExecutor, CancelledError, Future
 from dataclasses import replace
 from queue import Empty, SimpleQueue
+from typing import Any
 
 from ..errors import InputError
 from ..interrupts import ended_like_ctrl_c
@@ -26,7 +27,7 @@ NOT_COPIED = "A case is copied before the function gets it: keep it to plain dat
 
 
 def sweep(
-    function: Callable, cases: Iterable, *, executor=None, callback: Callable[[Outcome], object] | None = None
+    function: Callable, cases: Iterable, *, executor: Any = None, callback: Callable[[Outcome], object] | None = None
 ) -> list[Outcome]:
     """Call a function with each of many cases, and tell what became of each.
 
@@ -109,7 +110,7 @@ def _called(function, i, case) -> Outcome:
 
 def _on(executor, function, cases, arrived):
     done: SimpleQueue = SimpleQueue()
-    futures: dict[int, object] = {}
+    futures: dict[int, Future] = {}
     try:
         for i, case in enumerate(cases):
             try:
