@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from contextlib import contextmanager
 
+IMPATIENCE = 1.0  # s after a signal in which others mean the same: fingers bounce, and supervisors send several
 _ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
+_came: list[float] = []
 
 
 @contextmanager
 def ended_like_ctrl_c():
-    """Within the block SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does.
+    """Within the block SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does, and several at once raise one.
 
     Only signals that would end the process are changed: one that the application handles, or that `nohup` ignores,
     stays so. Signals belong to the main thread; in others nothing happens.
@@ -19,14 +23,22 @@ def ended_like_ctrl_c():
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    changed = [each for each in _ENDING if signal.getsignal(each) is signal.SIG_DFL]
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, *_ENDING)}
+    changed = {each: handler for each, handler in before.items() if handler in _DEFAULTS}
+    if changed:
+        _came.clear()
     for each in changed:
-        signal.signal(each, signal.default_int_handler)
+        signal.signal(each, _interrupt)
     try:
         yield
     finally:
-        for each in changed:
-            signal.signal(each, signal.SIG_DFL)
+        for each, handler in changed.items():
+            signal.signal(each, handler)
+
+
+def interrupted() -> bool:
+    """Whether a signal came within the block, also where who was interrupted caught it, as `simulate` does."""
+    return bool(_came)
 
 
 @contextmanager
@@ -40,3 +52,10 @@ def held_back():
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _interrupt(number, frame):
+    now = time.monotonic()
+    if not _came or now - _came[-1] > IMPATIENCE:
+        _came.append(now)
+        raise KeyboardInterrupt

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from ..errors import PinconsistError, SavingError
-from ..interrupts import ended_like_ctrl_c
+from ..interrupts import ended_like_ctrl_c, interrupted
 from . import bench, check, compare, models, plot, replay, rerun, simulate, stress, sweep
 from .output import EXIT_CODES, FAILED, INTERRUPTED, WRONG_INPUT, print_error, rescued
 from .unbroken import unbroken_stdout
@@ -121,19 +121,21 @@ def spread(arguments) -> list[str]:
 def _run(arguments) -> int:
     command = typer.main.get_command(app)
     try:
-        return command.main(arguments, prog_name="pinconsist", standalone_mode=False) or 0
+        code = command.main(arguments, prog_name="pinconsist", standalone_mode=False) or 0
+        return _interrupted() if code == INTERRUPTED else code  # typer too makes this code of a KeyboardInterrupt
     except SavingError as error:
         file = rescued(error.solution)
         mistake = f"{error}; the run is {f'saved as {file} instead' if file else 'lost, no other folder takes it'}"
     except PinconsistError as error:
         mistake = error
     except (typer.Abort, KeyboardInterrupt):
-        print("pinconsist: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return _interrupted()
     except MemoryError:
         print_error("out of memory; what --out --save-every saved on the way is there")
         return FAILED
     except Exception as error:
+        if interrupted():  # which left a study with half a run
+            return _interrupted()
         if not hasattr(error, "format_message"):  # what every usage error of typer has, whichever click it builds on
             raise
         context = getattr(error, "ctx", None)
@@ -143,6 +145,11 @@ def _run(arguments) -> int:
     if "--json" in arguments:
         print(json.dumps({"error": str(mistake)}))
     return WRONG_INPUT
+
+
+def _interrupted() -> int:
+    print("pinconsist: interrupted", file=sys.stderr)
+    return INTERRUPTED
 
 
 @app.callback(invoke_without_command=True)

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from ..interrupts import interrupted
 from . import output
 
 SHORTENED = 100  # characters of a reason in the table; --json has it whole
@@ -25,6 +26,14 @@ def stress(
     count: Annotated[int, typer.Option(metavar="N", help="How many random closed chains.")] = 100,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the first of them.")] = 0,
     long: Annotated[bool, typer.Option("--long", help="Look at drift over a million steps, for minutes.")] = False,
+    peers: Annotated[
+        bool,
+        typer.Option(
+            "--peers",
+            help="Let the peers of pinconsist bench try a sample of the same cases, each for a few seconds at most.",
+        ),
+    ] = False,
+    sample: Annotated[int, typer.Option(metavar="N", help="With --peers: cases of each kind.")] = 4,
     every: Annotated[bool, typer.Option("--every", help="A row for every random chain, also where it held.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
 ) -> int:
@@ -35,6 +44,10 @@ def stress(
 
     Example: pinconsist stress chains --count 500
     """
+    if peers:
+        from .stress_peers import stress_peers
+
+        return stress_peers(subject or (), count, seed, sample, as_json)
     from ..study.stress import cases
 
     outcomes = _run(list(cases(subject or (), long=long, count=count, seed=seed)))
@@ -55,17 +68,19 @@ def _run(cases):
     from ..study.stress.case import run
 
     outcomes = []
-    with _progress(len(cases)) as bar:
+    with progress_bar(len(cases)) as bar:
         for case in cases:
             if bar:
                 bar.update(bar.task_ids[0], description=f"{case.family}: {case.varied}"[:60])
             outcomes.append(run(case))
+            if interrupted():  # simulate returns what was reached, and the case was judged by that
+                raise KeyboardInterrupt
             if bar:
                 bar.advance(bar.task_ids[0])
     return outcomes
 
 
-def _progress(total):
+def progress_bar(total):
     """A bar on stderr where somebody may be watching."""
     if not output.on_terminal():
         return nullcontext()

@@ -121,7 +121,10 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
     require_writable(file)
     _tell_versions(solution, file)
     with ended_like_ctrl_c():
-        return carried_out(recipe, mechanism, file, begun=solution, callback=callback)
+        whole = carried_out(recipe, mechanism, file, begun=solution, callback=callback)
+    if (ways := (solution.method.get("backend"), whole.method.get("backend"))) and ways[0] != ways[1]:
+        _log.warning("%s was begun by the method in %s, now it ran in %s: the last bits may be others", file, *ways)
+    return whole
 
 
 def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
@@ -146,7 +149,7 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
     """
     old, recipe, mechanism, now = _again(file, scene, forces)
     recipe = replace(recipe, checkpoint=None)
-    if old.status == 1 and len(old.t):  # it was interrupted, and nothing after that is to be compared
+    if old.status != 0 and len(old.t):  # it was cut short, and nothing after that is to be compared
         callback = _Until(old.t[-1], recipe.t_span[1] >= recipe.t_span[0], callback)
     new = carried_out(recipe, mechanism, None, callback=callback)
     return compared(old, new, recipe.files, now)

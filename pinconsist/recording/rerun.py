@@ -21,7 +21,7 @@ class Rerun:
     differences : tuple of str
         What is not as it was: versions, files of the scene, numbers.
     solution : Solution
-        The new run; where the one in the file was interrupted, up to there.
+        The new run; where the one in the file was cut short, up to there.
     """
 
     same: bool
@@ -40,6 +40,8 @@ def compared(old, new, files_then, files_now) -> Rerun:
     for name, then in old.versions.items():
         if then != (now := made_now.get(name)):
             about.append(f"{name} {then} then, {now} now")
+    ways = old.method.get("backend"), new.method.get("backend")
+    about += [f"the method ran {ways[0]} then, {ways[1]} now"] if ways[0] != ways[1] else []
     about += changed_files(files_then, files_now)
     numbers = [
         told for name in (*ROWS, *STEPPED) if (told := _difference(name, getattr(old, name), getattr(new, name)))

@@ -137,7 +137,7 @@ class _Chain:
         start = self.recipe.t_span[0] if at is None else at["t"]
         if (most := options.get("max_steps")) is not None and at is not None:
             if self.counted["nsteps"] >= most:
-                raise PinconsistError(f"max_steps = {most} used up at t = {start:.6g} of {self.recipe.t_span[1]:.6g}")
+                raise PinconsistError(_used_up(most, start, self.recipe.t_span[1]))
             options["max_steps"] = most - self.counted["nsteps"]
         if options.get("t_eval") is not None:
             asked = _within(options["t_eval"], start, end, at is None)
@@ -165,6 +165,9 @@ class _Chain:
         for reason, count in run.rejected.items():
             self.rejected[reason] = self.rejected.get(reason, 0) + count
         self.last, self.status, self.message = run, run.status, run.message
+        most = self.recipe.options.get("max_steps")
+        if self.status == -1 and most is not None and self.counted["nsteps"] >= most:
+            self.message = _used_up(most, run.t[-1] if len(run.t) else self.recipe.t_span[0], self.recipe.t_span[1])
         if self.watch and self.watch.error:
             self.status, self.message = -1, f"{self.watch.error} (reached t = {self.watch.t:.6g})"
         if self.status == 0 and end != self.recipe.t_span[1]:
@@ -196,6 +199,10 @@ class _Chain:
             self.last, **whole, **self.counted, rejected=self.rejected, message=self.message,
             status=1 if on_the_way else self.status, success=self.status >= 0, recipe=self.recipe.plain(), versions={},
         )  # fmt: skip
+
+
+def _used_up(most, t, end):
+    return f"max_steps = {most} used up at t = {t:.6g} of {end:.6g}"
 
 
 def _within(times, start, end, with_start):
