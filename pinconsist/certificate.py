@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .dae.newton import solve_acceleration
+from .dae.acceleration import solve_acceleration
 from .energy import energy_of
 from .mechanism.system import MechanismSystem
 

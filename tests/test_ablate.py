@@ -16,14 +16,14 @@ from pinconsist.study.ablate import SKIPS, ablate
 
 @pytest.fixture(scope="module")
 def plain():
-    return pc.simulate(pc.load("crank_rocker"), (0.0, 0.3), rtol=1e-9, atol=1e-9)
+    return pc.simulate(pc.load("crank_rocker"), (0.0, 0.3), rtol=1e-9, atol=1e-9, backend="python")
 
 
 @pytest.mark.parametrize("skip", SKIPS, ids=lambda skip: skip.name)
 def test_a_switch_changes_the_way_and_not_the_solution(skip, plain):
     methods = dict(vars(MechanismSystem))
     with skip.switch():
-        sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.3), rtol=1e-9, atol=1e-9, **skip.wishes)
+        sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.3), rtol=1e-9, atol=1e-9, **skip.wishes, backend="python")
     assert dict(vars(MechanismSystem)) == methods
     for part, size in (("q", 1.0), ("v", 10.0), ("lam", 100.0)):
         np.testing.assert_allclose(getattr(sol, part)[-1], getattr(plain, part)[-1], atol=1e-6 * size)
@@ -36,9 +36,9 @@ def test_the_switches_act():
     def run(name):
         skip = by_name[name]
         with skip.switch():
-            return pc.simulate(mech, (0.0, 0.3), **skip.wishes)
+            return pc.simulate(mech, (0.0, 0.3), **skip.wishes, backend="python")
 
-    plain = pc.simulate(mech, (0.0, 0.3))
+    plain = pc.simulate(mech, (0.0, 0.3), backend="python")
     assert plain.system.vector_like and not run("no charts where joints are vector-like").system.vector_like
     assert run("one look at the equations where one is enough").nfev > 1.5 * plain.nfev
     assert run("no dense output").sol is not None
@@ -79,13 +79,15 @@ def test_bad_input():
 
 def test_the_summary_tells_what_was_skipped(tmp_path):
     mech = pc.load("four_bar")
-    sol = pc.simulate(mech, (0.0, 0.1))
+    sol = pc.simulate(mech, (0.0, 0.1), backend="python")
     line = (
         "skipped: charts (all joints vector-like), 3 of 5 loop rows (dependent or zero), geometry, dense output, events"
     )
     assert line in sol.summary().splitlines()
     assert line in pc.Solution.load(sol.save(tmp_path / "run")).summary().splitlines()
-    asked = pc.simulate(mech, (0.0, 0.1), dense_output=True, events=[lambda t, q, v, lam: t - 1.0]).summary()
+    asked = pc.simulate(
+        mech, (0.0, 0.1), dense_output=True, events=[lambda t, q, v, lam: t - 1.0], backend="python"
+    ).summary()
     assert "geometry" in asked and "dense output" not in asked and "events" not in asked
 
 

@@ -20,7 +20,8 @@ MAY_IMPORT = {
     "certificate": {"dae", "mechanism", "energy", "errors"},
     "skips": set(),
     "solution": {"certificate", "energy", "skips", "mechanism", "solution_file", "errors"},
-    "simulation": {"dae", "mechanism", "solution", "errors"},
+    "plan": {"dae", "mechanism", "errors"},
+    "simulation": {"plan", "dae", "mechanism", "solution", "errors"},
     "files": {"errors"},
     "interrupts": set(),
     "solution_file": {"files", "errors"},
@@ -32,7 +33,7 @@ MAY_IMPORT = {
     "cli": {"simulation", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
     | {"sweeps", "recording", "files", "interrupts"},
 }
-DAE_SEEN_BY = {"certificate": {"newton"}, "cli": set()}
+DAE_SEEN_BY = {"certificate": {"acceleration"}, "cli": set()}
 OPTIONAL = {"meshcat", "matplotlib", "rich", "typer", "yaml", "defusedxml", "coal"}
 TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files only where they are used
     "formats/loopfile.py": {"yaml"},

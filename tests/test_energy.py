@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import pinconsist as pc
-from pinconsist.dae.newton import solve_acceleration
+from pinconsist.dae.acceleration import solve_acceleration
 
 TIGHT = {"rtol": 1e-9, "atol": 1e-11}
 M, G = 2.0, 9.81

@@ -159,12 +159,13 @@ def test_vector_like_scenes_never_use_charts(monkeypatch):
             dense_output=True,
             t_eval=np.linspace(0, 0.5, 7),
             events=event,
+            backend="python",
             **options,
         )
         sol.sol(0.3)
     assert set(calls) <= {"integrate"} and len(calls) < 40  # projections of the start's few rows move a position
     calls.clear()
-    pc.integrate(mech, (0.0, 0.5), start.q, start.v, max_step=1e-3)
+    pc.integrate(mech, (0.0, 0.5), start.q, start.v, max_step=1e-3, backend="python")
     assert len(calls) < 40  # however many steps there are
 
 
@@ -215,7 +216,7 @@ def test_a_body_at_200_rad_s(joint, spin0, tol):
 def test_without_the_cap_the_same_body_is_garbage(monkeypatch, tol):
     monkeypatch.setattr(bdf, "MAX_CHART_TURN", 1e9)
     try:
-        sol = spin(pin.JointModelSpherical, (200.0, 3.0, 5.0), rtol=tol, atol=tol, max_steps=2000)
+        sol = spin(pin.JointModelSpherical, (200.0, 3.0, 5.0), rtol=tol, atol=tol, max_steps=2000, backend="python")
         drift = momentum_and_energy_drift(sol)[0]
     except AssertionError:
         drift = np.inf

@@ -10,7 +10,7 @@ import zoo
 from scipy.optimize import brentq
 
 import pinconsist as pc
-from pinconsist.dae.newton import solve_acceleration
+from pinconsist.dae.acceleration import solve_acceleration
 from pinconsist.mechanism.system import MechanismSystem
 
 G = 9.81

@@ -12,7 +12,7 @@ from .consistency import project_position, project_velocity
 from .dense import DenseOutput
 from .events import EventWatch
 from .explain import explain
-from .newton import solve_acceleration
+from .acceleration import solve_acceleration
 from .record import FAILED, STOPPED, SUCCESS, Record, Stop, Wishes
 from .stepper import Stretch
 from .stepsize import ErrorControl, FixedStep

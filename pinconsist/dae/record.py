@@ -83,11 +83,7 @@ class Record:
         while self._pending and self._sign * (self._pending[-1] - end) <= 0:
             t = self._pending.pop()
             self._rows.append((t, *segment(t)))
-        if self.wishes.callback is not None:
-            if hasattr(self.wishes.callback, "order"):
-                self.wishes.callback.order = order
-            for row in rows:
-                self._call_back(*row)
+        self._report(rows, order)
 
     def block(self, t, p, v, lam, orders) -> None:
         """Rows as arrays, where nobody wished for anything but the steps."""
@@ -98,6 +94,8 @@ class Record:
         self._flush()
         self._orders += orders.tolist()
         self._blocks.append((t, p, v, lam))
+        if self.wishes.callback is not None:
+            self._report(zip(t, p, v, lam, strict=True), int(orders[-1]))
 
     def jump(self, t, p, v, lam) -> None:
         """The state after an event: a second row at the same time."""
@@ -137,6 +135,14 @@ class Record:
     def dense(self):
         """The continuous solution, if wished for."""
         return DenseOutput(self._segments) if self._segments else None
+
+    def _report(self, rows, order) -> None:
+        callback = self.wishes.callback
+        if callback is not None:
+            if hasattr(callback, "order"):
+                callback.order = order
+            for row in rows:
+                self._call_back(*row)
 
     def _call_back(self, t, p, v, lam):
         callback = self.wishes.callback

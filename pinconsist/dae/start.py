@@ -14,7 +14,7 @@ from scipy.integrate import DOP853, solve_ivp
 from ..errors import PinconsistError
 from . import bdf
 from .consistency import project_position, project_velocity
-from .newton import NotFiniteError, solve_acceleration
+from .acceleration import NotFiniteError, solve_acceleration
 
 log = logging.getLogger(__name__)
 

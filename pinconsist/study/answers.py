@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ..dae.newton import solve_acceleration
+from ..dae.acceleration import solve_acceleration
 from ..dae.start import chart_state, right_hand_side
 from ..errors import InputError, PinconsistError
 from .peers.problem import Problem

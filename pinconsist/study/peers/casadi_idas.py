@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...dae.newton import solve_acceleration
+from ...dae.acceleration import solve_acceleration
 from ...mechanism.forces import JointSpring, JointTorque, SpringDamper, Torque
-from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count
+from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count, untranslated
 
 GRID = 500
 """Output times: the interface does not tell the steps that IDAS takes."""
@@ -26,8 +26,8 @@ class CasadiIdas(Peer):
         if any(loop.kind not in ("point", "hinge", "distance") for loop in mechanism.loops) or tilts_count(system):
             return "only points, distances and planar hinges are written as expressions"
         known = (JointSpring, JointTorque, SpringDamper, Torque)
-        if laws := [force for force in mechanism.forces if not isinstance(force, known)]:
-            return f"forces {', '.join(type(force).__name__ for force in laws)} are not written as expressions"
+        if laws := untranslated(mechanism, known):
+            return f"forces {laws} are not written as expressions"
         return super().can(problem) or needs_plain_joints(problem)
 
     def prepare(self, problem, tol):

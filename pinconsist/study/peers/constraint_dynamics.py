@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
 
-from ...dae.newton import solve_acceleration
+from ...dae.acceleration import solve_acceleration
 from ...mechanism.forces import bound_forces
 from .problem import Peer, Rows, SolverFailed
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...dae.newton import solve_acceleration
+from ...dae.acceleration import solve_acceleration
 
 IGNORED = 1e6
 """Absolute tolerance that takes a multiplier out of the error test, as SUNDIALS advises for index 2."""

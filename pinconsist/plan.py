@@ -1,0 +1,73 @@
+"""The arguments of a run, checked, as the method that the loop of dae follows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .dae import consistency as paper
+from .dae import integrate as dae
+from .dae.bdf import MAX_ORDER
+from .dae.compiled import BACKENDS
+from .dae.stepsize import ErrorControl, FixedStep
+from .errors import InputError
+from .mechanism.mechanism import finite_array
+
+MAX_ADAPTIVE_ORDER = 5
+
+
+def span_of(t_span):
+    """(start, end) as two numbers, or InputError."""
+    span = finite_array(t_span, "t_span")
+    if span.shape != (2,):
+        raise InputError(f"t_span needs two numbers (start, end), got {t_span!r}")
+    return float(span[0]), float(span[1])
+
+
+def method_of(
+    span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend
+) -> dae.Method:
+    """The method that the arguments of :func:`pinconsist.simulate` ask for, or InputError."""
+    if method not in ("BDF", "ImplicitEuler"):
+        raise InputError(f"unknown method {method!r}; known are 'BDF' and 'ImplicitEuler'")
+    if consistency not in paper.MODES:
+        raise InputError(f"unknown consistency {consistency!r}; known are {', '.join(map(repr, paper.MODES))}")
+    if backend not in BACKENDS:
+        raise InputError(f"unknown backend {backend!r}; known are {', '.join(map(repr, BACKENDS))}")
+    highest = MAX_ORDER if step is not None else MAX_ADAPTIVE_ORDER
+    if isinstance(max_order, bool) or not isinstance(max_order, int | np.integer) or not 1 <= max_order <= highest:
+        raise InputError(f"max_order must be a whole number from 1 to {highest}, got {max_order!r}")
+    order = 1 if method == "ImplicitEuler" else int(max_order)
+    if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 1):
+        raise InputError(f"max_steps must be a positive whole number, got {max_steps!r}")
+    if step is not None:
+        step = _positive(step, "step")
+        if step < 16 * np.spacing(max(map(abs, span))):
+            raise InputError(f"step = {step:g} s cannot be told from zero at t = {max(map(abs, span)):g} s")
+        return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps, backend=backend)
+    if consistency == "initial":
+        raise InputError(
+            "consistency='initial' is for a fixed step (give step=): every change of step size undoes it. "
+            "Variable steps need consistency='every-step'"
+        )
+    first_step = None if first_step is None else _positive(first_step, "first_step")
+    max_step = np.inf if max_step == np.inf else _positive(max_step, "max_step")
+    control = ErrorControl(_pair(rtol, "rtol"), _pair(atol, "atol"), order, max_step)
+    if min(part.min() for part in control.rtol) < 1e-13:
+        raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot give")
+    return dae.Method(order, consistency, control, None, first_step, max_steps, backend)
+
+
+def _positive(value, what) -> float:
+    value = finite_array(value, what)
+    if value.shape != () or not value > 0:
+        raise InputError(f"{what} must be a positive number of seconds, got {value!s}")
+    return float(value)
+
+
+def _pair(value, what) -> tuple:
+    """(position part, velocity part) of a tolerance."""
+    parts = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
+    parts = tuple(finite_array(part, what) for part in parts)
+    if any(part.ndim > 1 or part.size == 0 or (part <= 0).any() for part in parts):
+        raise InputError(f"{what} must be a positive number, or (for q, for v), got {value!r}")
+    return parts

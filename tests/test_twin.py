@@ -1,0 +1,332 @@
+"""The compiled twin: equal to the Python method in every term, step and counter; what happens around it."""
+
+import logging
+import signal
+import threading
+import time
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from bodies import mixed_tree, random_state
+from test_forces import FORCES
+from test_jacobians import KINDS, PAIRS, closed_gap, loop_open_by
+
+import pinconsist as pc
+from pinconsist import _core
+from pinconsist.dae import compiled, start
+from pinconsist.dae.acceleration import solve_acceleration
+from pinconsist.mechanism.system import MechanismSystem
+
+needs_twin = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
+SCENES = {  # name → duration, s
+    "four_bar": 1.0,
+    "crank_rocker": 0.5,
+    "andrews": 5e-3,
+    "bricard": 2.0,
+    "delta_robot": 0.2,
+    "five_bar": 0.6,
+    "flyball_governor": 0.5,
+    "jansen_leg": 0.4,
+    "planar_pendulum": 1.0,
+    "slider_crank": 1.0,
+    "stewart_platform": 0.05,
+    "chain_40": 0.3,  # Newton matrices are kept, LAPACK factorises; accelerations carry rounding times cond(M)
+}
+LOOSE = {"rtol": 1e-4, "atol": 1e-6}  # errors far above rounding, which the choice of steps enlarges
+
+
+def twin_of(system):
+    twin, why = compiled.twin_of(system)
+    assert twin is not None, why
+    return twin
+
+
+def assert_same(a, b, size=1e-12):
+    """Equal to rounding of the largest number."""
+    a, b = np.asarray(a), np.asarray(b)
+    np.testing.assert_allclose(a, b, atol=size * (1.0 + np.abs(a).max(initial=0.0)), rtol=0)
+
+
+def compare_terms(mech, q, t=0.3, seed=0):
+    """Residuals, matrix, accelerations and projections of both, with all rows that the system keeps."""
+    system, rng = MechanismSystem(mech, q, t), np.random.default_rng(seed)
+    twin = twin_of(MechanismSystem(mech, q, t))
+    assert twin.nc == system.nc
+    v, a, c = rng.normal(size=system.nv), rng.normal(size=system.nv), 0.07
+    f, phi, G, rho = (np.array(part) for part in system.evaluate(t, q, v, a))
+    A = np.empty((system.nv, system.nv))
+    system.linearize(t, q, v, a, np.zeros(system.nc), c, A)
+    for ours, theirs in zip(
+        (f, phi, G.T, rho, A), (*twin.evaluate(t, q, v, a), twin.linearize(t, q, v, a, c)), strict=True
+    ):
+        assert_same(ours, theirs)
+    projection = _core.load()[0].Projection(twin)
+    start_state = start.state(system, t, q, v)
+    assert projection.state(t, q, v)[3] == ""
+    for ours, theirs in zip(start_state[1:], projection.state(t, q, v), strict=False):
+        assert_same(ours, theirs, 1e-10)
+    for ours, theirs in zip(solve_acceleration(system, t, q, v), projection.acceleration(t, q, v), strict=True):
+        assert_same(ours, theirs, 1e-10)
+
+
+@needs_twin
+@pytest.mark.parametrize("pair", PAIRS, ids="-".join)
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_loop_kind_between_every_kind_of_joint(kind, pair):
+    model, rng = mixed_tree(), np.random.default_rng(2)
+    q, _ = random_state(model, rng)
+    compare_terms(pc.Mechanism(model, [loop_open_by(model, q, kind, *pair, closed_gap(kind, rng))]), q)
+
+
+@needs_twin
+@pytest.mark.parametrize("name", FORCES)
+def test_every_force(name):
+    model = mixed_tree()
+    q, _ = random_state(model, np.random.default_rng(3))
+    compare_terms(pc.Mechanism(model, forces=[FORCES[name]]), q)
+
+
+MOTION = pc.Motion(0.1, 0.7, 0.3, 1.4, 0.2)
+RECORDS = {
+    "drive": pc.Drive("motor", "hinge", MOTION),
+    "drive of an unbounded joint": pc.Drive("motor", "turn", MOTION),
+    "drive by a function": pc.Drive("motor", "hinge", np.sin, np.cos, lambda t: -np.sin(t)),
+    "coupling": pc.Coupling("gear", "hinge", "slide", -1.5, 0.2),
+    "coupling with powers": pc.Coupling("cam", "hinge", "slide", 0.5, 0.1, (0.3, -0.2, 0.7)),
+    "constraint": pc.Constraint("own", lambda t, q: np.array([q[0] * q[1] - 0.1 * t]), 1),
+}
+
+
+@needs_twin
+@pytest.mark.parametrize("name", RECORDS)
+def test_every_other_record(name):
+    """Their rows are open at a random configuration; Φ, J and their derivatives are compared there all the same."""
+    model, t = mixed_tree(), 0.3
+    q, v = random_state(model, np.random.default_rng(4))
+    system = MechanismSystem(pc.Mechanism(model, [RECORDS[name]]), q, t)
+    twin = twin_of(system)
+    for ours, theirs in zip(system.constraint(t, q, v), twin.evaluate(t, q, v, 0 * v)[1::2], strict=True):
+        assert_same(ours, theirs)
+    assert_same(system.evaluate(t, q, v, 0 * v)[2].T, twin.evaluate(t, q, v, 0 * v)[2])
+    a, lam = solve_acceleration(system, t, q, v)
+    for ours, theirs in zip((a, lam), _core.load()[0].Projection(twin).acceleration(t, q, v), strict=True):
+        assert_same(ours, theirs, 1e-10)
+
+
+@needs_twin
+@pytest.mark.parametrize("name", ["servo with a motion", "torque of a motion", "drive"])
+def test_motions_stay_in_compiled_code(name):
+    model = mixed_tree()
+    force = {
+        "servo with a motion": pc.Servo("hinge", MOTION, 20.0, 3.0),
+        "torque of a motion": pc.JointTorque({"slide": MOTION}),
+    }
+    loops = [RECORDS["drive"]] if name == "drive" else []
+    mech = pc.Mechanism(model, loops, [force[name]] if name in force else [])
+    q, _ = random_state(model, np.random.default_rng(5))
+    assert not twin_of(MechanismSystem(mech, q)).calls_python
+    compare_terms(mech, pc.assemble(mech, q, t=0.3).q if loops else q)
+
+
+def both(mech, *t_span, **options):
+    """Runs on both, with one first step: its estimate may look at errors near rounding."""
+    if "step" not in options:
+        first_step = abs(pc.simulate(mech, t_span, backend="python", **options).h[0])
+        options |= {"first_step": 0.999 * first_step}
+    return [pc.simulate(mech, t_span, backend=backend, **options) for backend in ("python", "compiled")]
+
+
+def assert_equal_runs(ours, theirs, size=1e-8):
+    """Same steps, orders and counters; numbers equal but for rounding, which the choice of steps enlarges."""
+    assert theirs.method["backend"] == "compiled" and ours.method["backend"] == "python"
+    for name in ("nsteps", "nfev", "njev", "nlu", "rejected", "status"):
+        assert getattr(ours, name) == getattr(theirs, name), name
+    np.testing.assert_array_equal(ours.order, theirs.order)
+    np.testing.assert_allclose(ours.h, theirs.h, rtol=1e3 * size)
+    for name, factor in {"t": 10, "q": 10, "v": 1e3, "lam": 1e4}.items():
+        assert_same(getattr(ours, name), getattr(theirs, name), factor * size)
+
+
+@needs_twin
+@pytest.mark.parametrize("name", SCENES)
+def test_same_steps_orders_and_counters(name):
+    ours, theirs = both(pc.load(name), 0.0, SCENES[name], **LOOSE)
+    assert ours.success and ours.nsteps > 15
+    assert_equal_runs(ours, theirs, 1e-5 if name == "chain_40" else 1e-8)
+
+
+@needs_twin
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"step": 1e-3, "max_order": 3},
+        {"step": 1e-3, "max_order": 2, "consistency": "initial"},
+        {"step": 1e-3, "method": "ImplicitEuler", "consistency": "exact"},
+        {"max_order": 3, "max_step": 2e-3, **LOOSE},
+        {"rtol": (1e-4, 1e-3), "atol": (1e-5, np.array([1e-4, 1e-5, 1e-4]))},
+        {"max_steps": 20, **LOOSE},
+    ],
+    ids=str,
+)
+def test_same_for_every_method(options):
+    ours, theirs = both(pc.load("crank_rocker"), 0.0, 0.2, v0={"crank": 10.0}, **options)
+    assert_equal_runs(ours, theirs)
+    assert ours.message == theirs.message
+
+
+@needs_twin
+def test_same_backwards():
+    mech = pc.load("four_bar")
+    assert_equal_runs(*both(mech, 1.0, 0.0, **LOOSE))
+
+
+@needs_twin
+def test_same_on_manifolds_and_with_python_in_the_middle():
+    """A free body on a spring with a user's own force; what Python is given are arrays of its own."""
+    model, kept = mixed_tree(), []
+
+    def push(t, q, v):
+        kept.append(v)
+        return -0.3 * v * np.abs(v)
+
+    forces = [pc.Torque(push), FORCES["spring-damper"], FORCES["local wrench"]]
+    mech = pc.Mechanism(model, [pc.Loop("rope", "distance", "arm", "raft", length=1.0)], forces)
+    assert_equal_runs(*both(mech, 0.0, 0.2, **LOOSE))
+    kept.clear()
+    pc.simulate(mech, (0.0, 0.2), backend="compiled")
+    assert len({array.ctypes.data for array in kept}) == len(kept)
+
+
+@needs_twin
+def test_same_errors_on_long_runs():
+    """Step by step the two part, as rounding grows; their errors against a tight run do not."""
+    mech = pc.load("crank_rocker")
+    times = np.linspace(0.1, 2.0, 39)
+    tight = pc.simulate(mech, (0.0, 2.0), rtol=1e-11, atol=1e-12, t_eval=times, backend="python")
+    errors = []
+    for run in (
+        pc.simulate(mech, (0.0, 2.0), rtol=1e-7, atol=1e-8, t_eval=times, backend=backend)
+        for backend in ("python", "compiled")
+    ):
+        errors.append(
+            [np.sqrt(np.mean((getattr(run, name) - getattr(tight, name)) ** 2)) for name in ("q", "v", "lam")]
+        )
+    ratios = np.divide(*errors)
+    assert (ratios > 0.5).all() and (ratios < 2.0).all(), errors
+
+
+@needs_twin
+def test_wishes_are_met():
+    mech, times = pc.load("four_bar"), np.linspace(0.0, 0.3, 7)
+    seen = ([], [])
+    event = pc.Event(lambda t, q, v, lam: v[0] + 1.0, name="fast")
+    for rows, backend in zip(seen, ("python", "compiled"), strict=True):
+
+        def keep(*row, rows=rows):
+            rows.append(row)
+
+        wishes = {"events": event, "dense_output": True, "callback": keep}
+        wishes |= {"backend": backend, "first_step": 0.01, **LOOSE}
+        sol = pc.simulate(mech, (0.0, 0.3), **wishes)
+        rows.append((sol.t_events[0], *sol.sol(times)))
+        del wishes["events"], wishes["callback"]
+        rows.append(pc.simulate(mech, (0.0, 0.3), **wishes).sol(times))
+        rows.append(pc.simulate(mech, (0.0, 0.3), **wishes | {"dense_output": False, "t_eval": times}).q)
+    assert len(seen[0]) == len(seen[1])
+    for ours, theirs in zip(*seen, strict=True):
+        for a, b in zip(ours, theirs, strict=True):
+            assert_same(a, b, 1e-7)
+
+
+@needs_twin
+def test_what_a_users_force_raises_leaves_what_was_reached():
+    def late(t, q, v):
+        if t > 0.7:
+            raise ValueError("too late")
+        return np.zeros(3)
+
+    for backend in ("python", "compiled"):
+        sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=[late], backend=backend)
+        assert sol.status == -1 and "too late" in sol.message and 0.3 < sol.t[-1] <= 0.7
+
+
+@needs_twin
+def test_a_force_that_is_not_finite_is_named():
+    def broken(t, q, v):
+        return np.full(3, np.nan if t > 0.2 else 0.0)
+
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), forces=[broken], step=1e-2, backend="compiled")
+    assert sol.status == -1 and "not finite" in sol.message and "broken" in sol.message
+
+
+@needs_twin
+def test_rows_are_chosen_anew_on_the_way():
+    """The flat parallelogram passes positions where other rows must be kept, and a run in compiled code watches it."""
+    mech = pc.load("stewart_platform")
+    system = MechanismSystem(mech, mech.guess)
+    sizes = [pc.simulate(mech, (0.0, 0.05), backend=backend).lam.shape[1] for backend in ("python", "compiled")]
+    assert sizes == [system.n_multipliers] * 2
+
+
+@needs_twin
+def test_other_threads_run_and_an_interrupt_comes_through():
+    """During a stretch Python is free: a thread counts, and Ctrl-C ends the run within a tenth of a second."""
+    mech, ticks, done = pc.load("crank_rocker"), [], threading.Event()
+
+    def count():
+        while not done.is_set():
+            ticks.append(time.monotonic())
+            time.sleep(1e-3)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    previous = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+    try:
+        begun = time.monotonic()
+        sol = pc.simulate(mech, (0.0, 1e4), backend="compiled")
+        took = time.monotonic() - begun
+    finally:
+        signal.signal(signal.SIGALRM, previous)
+        done.set()
+        thread.join()
+    assert sol.status == 1 and "interrupted" in sol.message and sol.nsteps > 1000
+    assert took < 3.0  # the interrupt comes after 0.3 s; what is over is the machine's load
+    assert sum(begun < tick < begun + took for tick in ticks) > 20
+
+
+def test_without_the_compiled_part_python_runs_and_says_so_once(monkeypatch, caplog):
+    why = "pinconsist was installed without its compiled part (no C++ compiler was found)"
+    monkeypatch.setattr(_core, "load", lambda: (None, why))
+    compiled._say_once.cache_clear()
+    mech = pc.load("four_bar")
+    with caplog.at_level(logging.WARNING, "pinconsist"):
+        runs = [pc.simulate(mech, (0.0, 0.05)) for _ in range(2)]
+    assert [run.method["backend"] for run in runs] == [f"python ({why})"] * 2
+    assert len([record for record in caplog.records if why in record.getMessage()]) == 1
+    with pytest.raises(pc.InputError, match="no C\\+\\+ compiler"):
+        pc.simulate(mech, (0.0, 0.05), backend="compiled")
+
+
+@needs_twin
+def test_another_pinocchio_than_it_was_built_for_is_not_touched(monkeypatch):
+    _core.load.cache_clear()
+    monkeypatch.setattr(pin, "__version__", "9.9.9")
+    try:
+        module, why = _core.load()
+    finally:
+        monkeypatch.undo()
+        _core.load.cache_clear()
+    assert module is None and "built for Pinocchio" in why and "9.9.9" in why
+
+
+def test_general_problems_run_in_python():
+    problem = pc.reference_problem("problem52")
+    sol = pc.integrate(problem.system, (1.0, 1.1), problem.p0, problem.v0)
+    assert sol.method["backend"] == "python (only mechanisms have compiled equations)"
+    with pytest.raises(pc.InputError, match="only mechanisms"):
+        pc.integrate(problem.system, (1.0, 1.1), problem.p0, problem.v0, backend="compiled")
+    with pytest.raises(pc.InputError, match="unknown backend 'fortran'"):
+        pc.simulate(pc.load("four_bar"), (0.0, 0.1), backend="fortran")
