@@ -19,15 +19,15 @@ def judged(check, expected=HELD, reason=""):
     return run(Case("family", "what", check, expected, reason))
 
 
-def refuse(message="loop 'end' is open"):
+def refuse(by, message="loop 'end' is open"):
     raise Refused(message)
 
 
-def below():
+def below(by):
     return np.zeros(2) @ np.zeros(3)
 
 
-def warn():
+def warn(by):
     warnings.warn("overflow", RuntimeWarning, stacklevel=1)
     return [Figure("error", 0.0, 1.0)]
 
@@ -35,17 +35,17 @@ def warn():
 @pytest.mark.parametrize(
     ("check", "expected", "reason", "outcome"),
     [
-        (lambda: [Figure("error", 1.0, 2.0)], HELD, "", "held"),
-        (lambda: [Figure("error", 1.0, 2.0), Figure("gap", 3.0, 2.0)], HELD, "", "FAILED"),
-        (lambda: [Figure("error", float("nan"), 2.0), Figure("gap", 1.0, 2.0)], HELD, "", "FAILED"),
-        (lambda: [Figure("error", float("inf"), 2.0)], EITHER, "", "FAILED"),
-        (lambda: [Figure("error", 1.0, 2.0)], REFUSED, "", "FAILED"),
-        (lambda: [Figure("error", 1.0, 2.0)], EITHER, "", "held"),
+        (lambda by: [Figure("error", 1.0, 2.0)], HELD, "", "held"),
+        (lambda by: [Figure("error", 1.0, 2.0), Figure("gap", 3.0, 2.0)], HELD, "", "FAILED"),
+        (lambda by: [Figure("error", float("nan"), 2.0), Figure("gap", 1.0, 2.0)], HELD, "", "FAILED"),
+        (lambda by: [Figure("error", float("inf"), 2.0)], EITHER, "", "FAILED"),
+        (lambda by: [Figure("error", 1.0, 2.0)], REFUSED, "", "FAILED"),
+        (lambda by: [Figure("error", 1.0, 2.0)], EITHER, "", "held"),
         (refuse, HELD, "", "FAILED"),
         (refuse, EITHER, "", "refused"),
         (refuse, REFUSED, "'end'", "refused"),
         (refuse, REFUSED, "motor", "FAILED"),
-        (lambda: refuse(""), REFUSED, "", "FAILED"),
+        (lambda by: refuse(by, ""), REFUSED, "", "FAILED"),
         (below, EITHER, "", "FAILED"),
         (warn, EITHER, "", "FAILED"),
     ],
@@ -55,7 +55,7 @@ def test_what_counts_as_held_refused_and_failed(check, expected, reason, outcome
 
 
 def test_the_worst_figure_is_told_with_its_criterion():
-    outcome = judged(lambda: [Figure("error", 1e-6, 1e-3), Figure("gap", 1e-9, 1e-8), Figure("energy", 0.0, 1e-3)])
+    outcome = judged(lambda by: [Figure("error", 1e-6, 1e-3), Figure("gap", 1e-9, 1e-8), Figure("energy", 0.0, 1e-3)])
     assert (outcome.measure, outcome.figure, outcome.criterion) == ("gap", 1e-9, 1e-8)
 
 
@@ -63,7 +63,7 @@ def test_a_solution_without_success_is_a_refusal_with_its_message():
     from pinconsist import simulate
 
     sol = simulate(four_bar(), (0.0, 10.0), max_steps=10)
-    outcome = judged(lambda: completed(sol), EITHER)
+    outcome = judged(lambda by: completed(sol), EITHER)
     assert outcome.outcome == "refused" and "max_steps = 10" in outcome.reason
 
 
@@ -167,5 +167,5 @@ def test_command_gathers_the_random_chains(capsys):
     assert ended.value.code == 0 and "2 of 2, the worst: seed" in capsys.readouterr().out
 
 
-GOOD = Case("family", "good", lambda: [Figure("error", 1.0, 2.0)])
-BAD = Case("family", "bad", lambda: [Figure("error", 3.0, 2.0)])
+GOOD = Case("family", "good", lambda by: [Figure("error", 1.0, 2.0)])
+BAD = Case("family", "bad", lambda by: [Figure("error", 3.0, 2.0)])

@@ -119,7 +119,8 @@ def work_precision(
         rtol = atol of each run; methods of fixed step take more and more steps instead.
     repeats : int
     budget : float
-        CPU time of one run, s; a method that needs more is cut, and its finer runs are left out.
+        CPU time of one run, s, and as much again for what is built before it; a method that needs more is cut, and its
+        finer runs are left out.
     methods : sequence of str, optional
         Only methods in whose name one of these words stands, "peers" for all of other packages; the package's BDF
         always runs. Default: the peers, and the package's BDF of each order.
@@ -213,13 +214,14 @@ def _more_steps(steps, error, before):
 
 def _first_run(problem, peer, setting, answers, budget):
     """(solve, Point, seconds spent) of a run that is not timed; without `solve` where it came to nothing."""
-    nothing, limit, start = Point(peer.name, np.nan, ""), _Limit(budget), time.process_time()
+    nothing, limits, start = Point(peer.name, np.nan, ""), (_Limit(budget), _Limit(budget)), time.process_time()
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            solve, read = peer.prepare(problem, setting)
+            with limits[0]:
+                solve, read = peer.prepare(problem, setting)
             start = time.process_time()
-            with limit:
+            with limits[1]:
                 result = solve()
             spent = time.process_time() - start
             steps = []
@@ -231,8 +233,9 @@ def _first_run(problem, peer, setting, answers, budget):
             errors = answers.errors(read(result, thin))
         return solve, Point(peer.name, np.nan, "done", steps[0], (), *errors), spent
     except (_OutOfTime, SolverFailed, PinconsistError, ValueError, RuntimeError, ArithmeticError, SystemError) as error:
-        if limit.reached:  # some solvers tell of the interruption in their own words
-            return None, replace(nothing, status=f"cut after {budget:g} s"), budget
+        if any(limit.reached for limit in limits):  # some solvers tell of the interruption in their own words
+            what = "cut" if limits[1].reached else "the building of its model was cut"
+            return None, replace(nothing, status=f"{what} after {budget:g} s"), budget
         said = str(error).splitlines()[0].split(". ")[0] if str(error) else repr(error)
         return None, replace(nothing, status=f"failed: {said}"), time.process_time() - start
 

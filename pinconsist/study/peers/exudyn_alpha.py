@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...mechanism.forces import JointSpring, JointTorque, SpringDamper, Torque
-from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count
+from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count, untranslated
 
 NEWTON_RELATIVE, NEWTON_ABSOLUTE = 1e-10, 1e-12
 KNOWN_FORCES = (JointSpring, JointTorque, SpringDamper, Torque)
@@ -37,9 +37,8 @@ class ExudynAlpha(Peer):
             return f"loops of kind {', '.join(sorted(set(other)))} are not translated"
         if tilts_count(system):
             return "hinges whose tilts count are not translated (redundant: the solver's matrix is singular)"
-        laws = [force for force in mechanism.forces if not isinstance(force, KNOWN_FORCES)]
-        if laws:
-            return f"forces {', '.join(type(force).__name__ for force in laws)} are not translated"
+        if laws := untranslated(mechanism, KNOWN_FORCES):
+            return f"forces {laws} are not translated"
         return super().can(problem) or needs_plain_joints(problem)
 
     def prepare(self, problem, steps):

@@ -7,7 +7,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ...mechanism.forces import JointSpring, JointTorque, SpringDamper
-from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count
+from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count, untranslated
 
 
 class Mujoco(Peer):
@@ -27,8 +27,8 @@ class Mujoco(Peer):
         if any(loop.kind not in ("point", "hinge") for loop in mechanism.loops) or tilts_count(system):
             return "loops other than points have no equality of their own (connect is 3 rows, weld 6)"
         known = (JointSpring, JointTorque, SpringDamper)
-        if laws := [force for force in mechanism.forces if not isinstance(force, known)]:
-            return f"forces {', '.join(type(force).__name__ for force in laws)} are no part of MJCF"
+        if laws := untranslated(mechanism, known):
+            return f"forces {laws} are no part of MJCF"
         if reason := super().can(problem) or needs_plain_joints(problem):
             return reason
         try:

@@ -11,6 +11,7 @@ from .problem import Peer, Rows, SolverFailed
 
 SETTINGS = {
     "BDF": {},
+    "BDF, in Python": {"backend": "python"},
     **{f"BDF ≤ {k}": {"max_order": k} for k in range(MAX_ADAPTIVE_ORDER - 1, 1, -1)},
     "ImplicitEuler": {"method": "ImplicitEuler"},
 }

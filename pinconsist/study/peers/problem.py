@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...mechanism.forces import JointTorque
 from ...mechanism.mechanism import Mechanism
 from ...mechanism.system import MechanismSystem
 
@@ -117,6 +118,15 @@ class Peer(ABC):
 def tilts_count(system) -> bool:
     """Whether some hinge holds more than its point: in a planar loop its two other rows are redundant."""
     return any(system.rows.labels[row][1].startswith("tilt") for row in system.kept)
+
+
+def untranslated(mechanism, known) -> str:
+    """Names of the force laws that are not among the `known` classes, or are curves of time; or ""."""
+    names = {type(force).__name__ for force in mechanism.forces if not isinstance(force, known)}
+    torques = [force for force in mechanism.forces if isinstance(force, JointTorque)]
+    if not all(hasattr(force.bind(mechanism.model), "value") for force in torques):
+        names.add("JointTorque of time")
+    return ", ".join(sorted(names))
 
 
 def spring_ends(model, spring) -> list:

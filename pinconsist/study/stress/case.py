@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ... import simulation
 from ...errors import PinconsistError
 
 HELD, REFUSED, FAILED = "held", "refused", "FAILED"
@@ -52,7 +53,8 @@ class Case:
     varied : str
         What was varied, and to which value.
     check : callable
-        ``check() -> sequence of Figure``; raises :class:`Refused` or an error of the package where it is declined.
+        ``check(by) -> sequence of Figure``; raises :class:`Refused` or an error of the package where it is declined.
+        `by` has the functions ``simulate`` and ``integrate`` of :mod:`pinconsist.simulation`.
     expected : str
         HELD, REFUSED or EITHER.
     reason : str
@@ -61,7 +63,7 @@ class Case:
 
     family: str
     varied: str
-    check: Callable[[], Sequence[Figure]]
+    check: Callable[..., Sequence[Figure]]
     expected: str = HELD
     reason: str = ""
 
@@ -105,16 +107,24 @@ def run(case: Case) -> Outcome:
 
 def _judged(case) -> tuple:
     try:
-        figures = case.check()
+        figures = case.check(simulation)
     except (Refused, PinconsistError) as error:
         reason = str(error)
-        if case.expected == HELD:
-            return FAILED, f"was refused: {reason}"
-        if not reason or not re.search(case.reason, reason):
+        if case.expected != HELD and not (reason and re.search(case.reason, reason)):
             return FAILED, f"was refused for another reason than {case.reason!r}: {reason}"
-        return REFUSED, reason
+        return declined(case, reason)
     except Exception as error:
         return FAILED, f"{type(error).__name__}: {error}"
+    return measured(case, figures)
+
+
+def declined(case, reason) -> tuple:
+    """(outcome, reason) of a case that was declined."""
+    return (FAILED, f"was refused: {reason}") if case.expected == HELD else (REFUSED, reason)
+
+
+def measured(case, figures) -> tuple:
+    """(outcome, reason, measure, figure, criterion) of a case that came back as a success."""
     worst = max(figures, key=lambda figure: np.nan_to_num(figure.share, nan=np.inf))
     numbers = worst.measure, float(worst.value), float(worst.criterion)
     if case.expected == REFUSED:

@@ -11,7 +11,6 @@ from ...mechanism.assembly import assemble
 from ...mechanism.constraints.custom import Constraint
 from ...mechanism.constraints.drive import Drive
 from ...mechanism.forces import JointFriction, JointTorque, Torque
-from ...simulation import simulate
 from ..reference import reference_solution
 from .case import EITHER, MAX_STEPS, REFUSED, Case, Figure, Refused, completed, largest, relative
 from .scenes import START, four_bar
@@ -45,10 +44,10 @@ def cases():
                 yield Case("user function", what, check, REFUSED, NAMES[place])
 
 
-def _run(*forces, loops=(), max_steps=MAX_STEPS, **options):
+def _run(by, *forces, loops=(), max_steps=MAX_STEPS, **options):
     mech = four_bar(forces=forces)
     mech = mech.with_loops(*mech.loops, *loops)
-    return simulate(mech, (0.0, UNTIL), START, rtol=RTOL, atol=RTOL, max_steps=max_steps, **options)
+    return by.simulate(mech, (0.0, UNTIL), START, rtol=RTOL, atol=RTOL, max_steps=max_steps, **options)
 
 
 def _pieces(torques, times):
@@ -70,37 +69,37 @@ def _compared(sol, q, v, criterion):
     ]
 
 
-def _step(size):
+def _step(size, by):
     """Stepped over, or told by an event: the error may be ten times that of a run which begins anew at the jump."""
-    sol = completed(_run(JointTorque({"crank": lambda t: size if t > JUMP else 0.0})))
+    sol = completed(_run(by, JointTorque({"crank": lambda t: size if t > JUMP else 0.0})))
     q, v = _pieces((0.0, size), (0.0, JUMP, UNTIL))
-    told = completed(_told(size))
+    told = completed(_told(size, by))
     smooth = max(relative(told.q[-1], q), relative(told.v[-1], v))
     return _compared(sol, q, v, max(1e-4, 10 * smooth))
 
 
-def _told(size):
+def _told(size, by):
     pushed = {"size": 0.0}
 
     def push(t, q, v):
         pushed["size"] = size
 
     jump = Event(lambda t, q, v, lam: t - JUMP, name="jump", apply=push)
-    return _run(JointTorque({"crank": lambda t: pushed["size"]}), events=jump)
+    return _run(by, JointTorque({"crank": lambda t: pushed["size"]}), events=jump)
 
 
-def _square_wave(period):
+def _square_wave(period, by):
     """The errors of the jumps add up."""
-    sol = completed(_run(JointTorque({"crank": lambda t: PUSH * (1.0 - 2.0 * (int(t / period) % 2))})))
+    sol = completed(_run(by, JointTorque({"crank": lambda t: PUSH * (1.0 - 2.0 * (int(t / period) % 2))})))
     count = round(UNTIL / period)
     times = np.arange(count + 1) * period
     torques = [PUSH * (1.0 - 2.0 * (i % 2)) for i in range(count)]
     return _compared(sol, *_pieces(torques, times), GROWTH * RTOL * count)
 
 
-def _friction(width):
+def _friction(width, by):
     """Friction that exceeds the load holds the crank, and takes no more energy than there is."""
-    sol = completed(_run(JointFriction(dict.fromkeys(("crank", "coupler", "rocker"), 100.0), width)))
+    sol = completed(_run(by, JointFriction(dict.fromkeys(("crank", "coupler", "rocker"), 100.0), width)))
     untold = not any("constraint forces" in concern for concern in sol.check().concerns)
     return [
         Figure("crank's creep [rad]", largest(sol.q[:, 0] - sol.q[0, 0]), 2 * width * UNTIL + 1e-6),
@@ -108,17 +107,17 @@ def _friction(width):
     ]
 
 
-def _bang():
+def _bang(by):
     def friction(t, q, v):
         return -100.0 * np.sign(v)
 
-    sol = completed(_run(friction, max_steps=1000))
+    sol = completed(_run(by, friction, max_steps=1000))
     return [Figure("crank's creep [rad]", largest(sol.q[:, 0] - sol.q[0, 0]), 1e-4)]
 
 
-def _noise():
+def _noise(by):
     rng = np.random.default_rng(0)
-    sol = completed(_run(lambda t, q, v: rng.normal(size=3), max_steps=1000))
+    sol = completed(_run(by, lambda t, q, v: rng.normal(size=3), max_steps=1000))
     told = bool(sol.check().concerns)
     return [Figure("noise that check() does not tell", 0.0 if told else 1.0, 0.5)]
 
@@ -157,31 +156,31 @@ WAYS = {
 }
 
 
-def _torque(nonsense):
-    return _run(Torque(lambda t, q, v: nonsense(t, (3,), np.zeros(3))))
+def _torque(by, nonsense):
+    return _run(by, Torque(lambda t, q, v: nonsense(t, (3,), np.zeros(3))))
 
 
-def _gradient(nonsense):
-    return _run(Torque(lambda t, q, v: -v, lambda t, q, v: (None, nonsense(t, (3, 3), -np.eye(3)))))
+def _gradient(by, nonsense):
+    return _run(by, Torque(lambda t, q, v: -v, lambda t, q, v: (None, nonsense(t, (3, 3), -np.eye(3)))))
 
 
-def _torque_of_time(nonsense):
-    return _run(JointTorque({"crank": lambda t: nonsense(t, (), 0.0)}))
+def _torque_of_time(by, nonsense):
+    return _run(by, JointTorque({"crank": lambda t: nonsense(t, (), 0.0)}))
 
 
-def _drive(nonsense):
-    return _run(loops=[Drive("motor", "crank", lambda t: nonsense(t, (), -1.0 + t))])
+def _drive(by, nonsense):
+    return _run(by, loops=[Drive("motor", "crank", lambda t: nonsense(t, (), -1.0 + t))])
 
 
-def _constraint(nonsense):
+def _constraint(by, nonsense):
     def hold(t, q):
         return nonsense(t, (1,), np.array([q[0] + 1.0 - t]))
 
-    return _run(loops=[Constraint("hold", hold, 1)])
+    return _run(by, loops=[Constraint("hold", hold, 1)])
 
 
-def _event(nonsense):
-    return _run(events=lambda t, q, v, lam: nonsense(t, (), 1.0))
+def _event(by, nonsense):
+    return _run(by, events=lambda t, q, v, lam: nonsense(t, (), 1.0))
 
 
 PLACES = {
@@ -203,13 +202,13 @@ NAMES = {
 """What the reason must name."""
 
 
-def _nonsense(build, way, since):
+def _nonsense(build, way, since, by):
     """What was reached before is kept; the reason names the function."""
 
     def nonsense(t, shape, sense):
         return way(shape) if t >= since else sense
 
-    sol = build(nonsense)
+    sol = build(by, nonsense)
     if not sol.success:
         if not (np.isfinite(sol.q).all() and np.isfinite(sol.v).all() and np.isfinite(sol.lam).all()):
             return [Figure("a failure whose rows are not finite", 1.0, 0.5)]

@@ -11,7 +11,6 @@ from ...errors import PinconsistError
 from ...mechanism.constraints.loops import GROUND, Loop
 from ...mechanism.mechanism import Mechanism
 from ...mechanism.system import MechanismSystem
-from ...simulation import simulate
 from ..reference import reference_solution
 from .case import EITHER, MAX_STEPS, Case, Figure, completed, largest
 from .scenes import add_frame
@@ -98,9 +97,9 @@ def _loop(rng, model, data, name, kind, frame1, frame2, planar):
     return Loop(name, kind, frame1, frame2, anchor1.translation, angles1, anchor2.translation, angles2, **options)
 
 
-def _against_scipy(mech, q, v):
+def _against_scipy(mech, q, v, by):
     options = {"rtol": RTOL, "atol": RTOL, "max_steps": MAX_STEPS}
-    sol = completed(simulate(mech, (0.0, UNTIL), q, v, **options))
+    sol = completed(by.simulate(mech, (0.0, UNTIL), q, v, **options))
     proof = sol.check()
     figures = [
         Figure("loop gap [m]", proof.position, 1e-8),

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pinocchio as pin
 
-from ...mechanism.assembly import assemble
 from ...mechanism.constraints.loops import Loop
 from ...mechanism.forces import JointDamping, JointSpring
 from ...mechanism.mechanism import Mechanism
-from ...simulation import simulate
-from ..reference import reference_solution
 from .case import EITHER, HELD, MAX_STEPS, Case, Figure, completed, largest, relative
-from .scenes import MASSES, NAMES, START, add_frame, four_bar
+from .scenes import GRAVITY, MASSES, NAMES, START, add_frame, four_bar, reference
 
 UNTIL = 1.0
 BEFORE_DEAD_CENTRE = 0.3
@@ -61,45 +58,50 @@ def _against(sol, rows, scale=1.0, time=1.0):
     ]
 
 
-def _reference(mech, q0, v0, until):
-    start = assemble(mech, q0, v0)
-    return reference_solution(mech, 0.0, start.q, start.v, [0.0, until], rtol=1e-12, atol=1e-12)
+@cache
+def _usual(until, *, part=0, ratio=1.0, gravity=GRAVITY, speed=None):
+    """The answer for the four-bar of ordinary size, or with one body `ratio` times as heavy."""
+    return reference(_heavy(part, ratio, gravity), START, speed and {"crank": speed}, until)
 
 
-def _mass(part, ratio):
-    """One body much heavier or lighter than the others, against scipy."""
+def _heavy(part, ratio, gravity=GRAVITY):
     masses = [mass * (ratio if i == part else 1.0) for i, mass in enumerate(MASSES)]
-    mech, until = four_bar(masses=masses), BEFORE_DEAD_CENTRE
-    sol = completed(simulate(mech, (0.0, until), START, rtol=RTOL, atol=RTOL, max_steps=MAX_STEPS))
-    return _against(sol, _reference(mech, START, None, until))
+    return four_bar(masses=masses, gravity=gravity)
 
 
-def _whipped(ratio):
+def _mass(part, ratio, by):
+    """One body much heavier or lighter than the others, against scipy."""
+    mech, until = _heavy(part, ratio), BEFORE_DEAD_CENTRE
+    sol = completed(by.simulate(mech, (0.0, until), START, rtol=RTOL, atol=RTOL, max_steps=MAX_STEPS))
+    return _against(sol, _usual(until, part=part, ratio=ratio))
+
+
+def _whipped(ratio, by):
     """The light crank reaches thousands of rad/s for a moment, and no energy must be made there."""
-    mech = four_bar(masses=[*MASSES[:2], MASSES[2] * ratio])
-    sol = completed(simulate(mech, (0.0, UNTIL), START, rtol=RTOL, atol=RTOL, max_steps=MAX_STEPS))
+    mech = _heavy(2, ratio)
+    sol = completed(by.simulate(mech, (0.0, UNTIL), START, rtol=RTOL, atol=RTOL, max_steps=MAX_STEPS))
     proof = sol.check()
     return [Figure("energy error", proof.energy_error, 1e-3), Figure("loop gap [m]", proof.position, 1e-8)]
 
 
-def _length(size):
+def _length(size, by):
     """Under the same gravity all angles are the same at times √size: only the numbers are other ones."""
     slow = np.sqrt(size)
     tolerances = {"rtol": RTOL, "atol": (RTOL, RTOL / slow)}
-    sol = completed(simulate(four_bar(size=size), (0.0, UNTIL * slow), START, max_steps=MAX_STEPS, **tolerances))
-    return _against(sol, _reference(four_bar(), START, None, UNTIL), time=slow)
+    sol = completed(by.simulate(four_bar(size=size), (0.0, UNTIL * slow), START, max_steps=MAX_STEPS, **tolerances))
+    return _against(sol, _usual(UNTIL), time=slow)
 
 
-def _stiffness(stiffness, damped):
+def _stiffness(stiffness, damped, by):
     """A coupler that gives: the motion of the rigid one up to what its load, about 100 N, stretches it."""
     until = BEFORE_DEAD_CENTRE
-    rows = _reference(four_bar(), START, None, until)
+    rows = _usual(until)
     forces = [JointSpring("give", stiffness)]
     if damped:
         forces.append(JointDamping({"give": 2 * np.sqrt(stiffness)}))
     mech = four_bar(forces=forces, give="give")
     start = START | {"give": 0.0}
-    sol = completed(simulate(mech, (0.0, until), start, rtol=RTOL, atol=RTOL, max_steps=MAX_STEPS))
+    sol = completed(by.simulate(mech, (0.0, until), start, rtol=RTOL, atol=RTOL, max_steps=MAX_STEPS))
     angles = sol.q[-1][[0, 1, 3]]
     proof = sol.check()
     return [
@@ -109,15 +111,15 @@ def _stiffness(stiffness, damped):
     ]
 
 
-def _speed(speed):
+def _speed(speed, by):
     """Without gravity all speeds give one path; forces grow with the square."""
     mech, turns = four_bar(gravity=0.0), 4 * np.pi
     tolerances = {"rtol": RTOL, "atol": (RTOL, RTOL * speed)}
-    sol = completed(simulate(mech, (0.0, turns / speed), START, {"crank": speed}, max_steps=MAX_STEPS, **tolerances))
-    return _against(sol, _reference(mech, START, {"crank": 1.0}, turns), scale=speed**2, time=1.0 / speed)
+    sol = completed(by.simulate(mech, (0.0, turns / speed), START, {"crank": speed}, max_steps=MAX_STEPS, **tolerances))
+    return _against(sol, _usual(turns, gravity=0.0, speed=1.0), scale=speed**2, time=1.0 / speed)
 
 
-def _top(speed):
+def _top(speed, by):
     """A free body, round about its axis, on a pivot: without gravity axis and angular momentum stand still."""
     model = pin.Model()
     model.gravity.setZero()
@@ -127,9 +129,8 @@ def _top(speed):
     add_frame(model, free, "pivot", pin.SE3.Identity())
     mech = Mechanism(model, [Loop("pivot", "point", "pivot")])
     spin = np.array([0.0, 0.0, 0.0, 0.3 * speed, 0.1 * speed, speed])
-    sol = completed(
-        simulate(mech, (0.0, 20 * np.pi / speed), None, spin, rtol=RTOL, atol=(RTOL, RTOL * speed), max_steps=MAX_STEPS)
-    )
+    tolerances, until = {"rtol": RTOL, "atol": (RTOL, RTOL * speed)}, 20 * np.pi / speed
+    sol = completed(by.simulate(mech, (0.0, until), None, spin, max_steps=MAX_STEPS, **tolerances))
     about_pivot = np.diag([0.11, 0.11, 0.03])
     momenta = [pin.Quaternion(q[3:7]).matrix() @ about_pivot @ v[3:] for q, v in zip(sol.q, sol.v, strict=True)]
     proof = sol.check()
@@ -141,8 +142,8 @@ def _top(speed):
     ]
 
 
-def _hopeless():
+def _hopeless(by):
     """More turns than steps are allowed: it must end, and say so."""
     mech = four_bar(gravity=0.0)
-    completed(simulate(mech, (0.0, 1.0), START, {"crank": 1e12}, max_steps=200))
+    completed(by.simulate(mech, (0.0, 1.0), START, {"crank": 1e12}, max_steps=200))
     return [Figure("a success with fewer steps than turns", 1.0, 0.5)]

@@ -10,7 +10,6 @@ import pinocchio as pin
 from ...formats.catalogue import load
 from ...mechanism.assembly import assemble
 from ...mechanism.system import MechanismSystem
-from ...simulation import integrate, simulate
 from ..reference import reference_problem
 from .case import EITHER, HELD, MAX_STEPS, REFUSED, Case, Figure, completed, largest
 
@@ -41,13 +40,13 @@ def cases():
         yield Case("inconsistent start", f"{scene}, v0 of all joints, against the loops", check, REFUSED, "velocit")
 
 
-def _position(scene, off):
+def _position(scene, off, by):
     """The configuration is closed, near where it was asked to be."""
     mech = load(scene)
     closed = assemble(mech)
     away = np.random.default_rng(0).normal(size=mech.nv)
     away *= off / np.linalg.norm(away)
-    sol = completed(simulate(mech, (0.0, 0.1), pin.integrate(mech.model, closed.q, away), max_steps=MAX_STEPS))
+    sol = completed(by.simulate(mech, (0.0, 0.1), pin.integrate(mech.model, closed.q, away), max_steps=MAX_STEPS))
     proof = sol.check()
     moved = largest(pin.difference(mech.model, closed.q, sol.q[0]))
     return [
@@ -57,13 +56,13 @@ def _position(scene, off):
     ]
 
 
-def _velocity(scene, off):
+def _velocity(scene, off, by):
     """The velocity is put on the loops in the mass metric: it is the nearest there, in kinetic energy."""
     mech = load(scene)
     closed = assemble(mech)
     wanted = off * np.random.default_rng(1).normal(size=mech.nv)
     until = 0.05 / max(1.0, off)
-    sol = completed(simulate(mech, (0.0, until), closed.q, wanted, atol=1e-8 * max(1.0, off), max_steps=MAX_STEPS))
+    sol = completed(by.simulate(mech, (0.0, until), closed.q, wanted, atol=1e-8 * max(1.0, off), max_steps=MAX_STEPS))
     system = MechanismSystem(mech, sol.q[0])
     J, M = system.loop_rows(sol.q[0])[1], system.mass_matrix(sol.q[0])
     momentum = M @ (wanted - sol.v[0])
@@ -75,17 +74,17 @@ def _velocity(scene, off):
     ]
 
 
-def _taken_as_it_stands(off):
+def _taken_as_it_stands(off, by):
     """`integrate` assembles nothing: what it accepts must not spoil the multipliers without a word."""
     problem = reference_problem("problem51")
     p0 = problem.p0 * (1.0 + off)
-    sol = completed(integrate(problem.system, (0.0, 0.1), p0, problem.v0, rtol=1e-6, atol=1e-8, max_steps=MAX_STEPS))
+    sol = completed(by.integrate(problem.system, (0.0, 0.1), p0, problem.v0, rtol=1e-6, atol=1e-8, max_steps=MAX_STEPS))
     lam = np.array([problem.exact(t)[2] for t in sol.t])
     return [Figure("error of λ", largest((sol.lam - lam)[1:]), 1e-2)]
 
 
-def _contradiction(scene):
+def _contradiction(scene, by):
     mech = load(scene)
     speeds = {joint: 1.0 + i for i, joint in enumerate(mech.joints) if mech.model.nvs[i + 1] == 1}
-    completed(simulate(mech, (0.0, 0.1), None, speeds, max_steps=MAX_STEPS))
+    completed(by.simulate(mech, (0.0, 0.1), None, speeds, max_steps=MAX_STEPS))
     return [Figure("contradicting velocities that went through", 1.0, 0.5)]

@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from ...mechanism.constraints.loops import GROUND, Loop
 from ...mechanism.mechanism import Mechanism
-from ...simulation import integrate, simulate
 from ..reference import reference_problem
 from .case import Case, Figure, completed, largest
 from .scenes import GRAVITY, add_frame, four_bar
@@ -36,16 +35,16 @@ def cases(long=False):
     yield Case("drift", f"four-bar, order 3, {count:,} steps of 1 ms", partial(_four_bar, count))
 
 
-def _run(name, order, h, **options):
+def _run(by, name, order, h, **options):
     problem = reference_problem(name)
     span = problem.t0, problem.t0 + STEPS * h
-    sol = completed(integrate(problem.system, span, problem.p0, problem.v0, step=h, max_order=order, **options))
+    sol = completed(by.integrate(problem.system, span, problem.p0, problem.v0, step=h, max_order=order, **options))
     p, v, lam = (np.array(column) for column in zip(*map(problem.exact, sol.t), strict=True))
     return sol, p, v, lam
 
 
-def _floor(name, order, h):
-    sol, p, v, lam = _run(name, order, h)
+def _floor(name, order, h, by):
+    sol, p, v, lam = _run(by, name, order, h)
     truncation, floor = TRUNCATION[order] * h**order, ROUNDING * EPS / h
     span = STEPS * h
     return [
@@ -55,9 +54,9 @@ def _floor(name, order, h):
     ]
 
 
-def _raw_floor(h):
+def _raw_floor(h, by):
     """From exact values the first multiplier is off by its nature; noise at least is told by the certificate."""
-    sol, _, _, lam = _run("problem51", 1, h, consistency="exact")
+    sol, _, _, lam = _run(by, "problem51", 1, h, consistency="exact")
     error = largest((sol.lam - lam)[2:])
     figures = [Figure("error of λ against C h + 100 eps/h²", error, 2 * TRUNCATION[1] * h + ROUNDING * EPS / h**2)]
     if error > 0.05 * largest(lam):
@@ -66,7 +65,7 @@ def _raw_floor(h):
     return figures
 
 
-def _pendulum(count):
+def _pendulum(count, by):
     """A point mass on a rod of 1 m in Cartesian coordinates, from the horizontal (IFToMM A01)."""
     model = pin.Model()
     model.gravity.linear = np.array([0.0, 0.0, -GRAVITY])
@@ -75,17 +74,19 @@ def _pendulum(count):
     model.appendBodyToJoint(z, pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))), pin.SE3.Identity())
     add_frame(model, z, "mass", pin.SE3.Identity())
     mech = Mechanism(model, [Loop("rod", "distance", GROUND, "mass", length=1.0)], guess=[-1.0, 0.0])
-    return _drift(mech, count, 5, None, 1e-9)
+    return _drift(by, mech, count, 5, None, 1e-9)
 
 
-def _four_bar(count):
-    return _drift(four_bar(), count, 3, {"crank": -1.0}, 1e-5)
+def _four_bar(count, by):
+    return _drift(by, four_bar(), count, 3, {"crank": -1.0}, 1e-5)
 
 
-def _drift(mech, count, order, q0, energy_error):
+def _drift(by, mech, count, order, q0, energy_error):
     """`energy_error` is of 10⁴ steps: a method's dissipation adds up in proportion to time, rounding more slowly."""
     until, rows = 1e-3 * count, np.arange(0, count + 1, 50)
-    sol = completed(simulate(mech, (0.0, until), q0, step=1e-3, max_order=order, t_eval=np.minimum(1e-3 * rows, until)))
+    sol = completed(
+        by.simulate(mech, (0.0, until), q0, step=1e-3, max_order=order, t_eval=np.minimum(1e-3 * rows, until))
+    )
     proof = sol.check()
     return [
         Figure("loop gap [m]", proof.position, 1e-12),

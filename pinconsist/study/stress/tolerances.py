@@ -5,10 +5,8 @@ from __future__ import annotations
 from functools import cache, partial
 
 from ...formats.catalogue import load
-from ...mechanism.assembly import assemble
-from ...simulation import simulate
-from ..reference import reference_solution
 from .case import EITHER, HELD, Case, Figure, completed, relative
+from .scenes import reference
 
 UNTIL = 0.5
 SCENES = {"crank_rocker": {"crank": 12.0}, "four_bar": None, "bricard": None, "stewart_platform": None}
@@ -28,14 +26,13 @@ def cases():
 
 @cache
 def _answer(scene):
-    start = assemble(load(scene), None, SCENES[scene])
-    return reference_solution(load(scene), 0.0, start.q, start.v, [0.0, UNTIL], rtol=1e-12, atol=1e-12)
+    return reference(load(scene), None, SCENES[scene], UNTIL)
 
 
-def _at(scene, exponent):
+def _at(scene, exponent, by):
     tol, rows = 10.0**-exponent, _answer(scene)
     most = int(20 * tol**-0.25) + 500
-    sol = completed(simulate(load(scene), (0.0, UNTIL), None, SCENES[scene], rtol=tol, atol=tol, max_steps=most))
+    sol = completed(by.simulate(load(scene), (0.0, UNTIL), None, SCENES[scene], rtol=tol, atol=tol, max_steps=most))
     proof = sol.check()
     return [
         Figure("error of q", relative(sol.q[-1], rows.q[-1]), GROWTH * tol + FLOOR),
