@@ -83,3 +83,8 @@ def interrupted_into_an_error(case):
         time.sleep(10)
     except KeyboardInterrupt:
         raise ValueError("something odd") from None
+
+
+def deaf(case):
+    os.kill(os.getpid(), signal.SIGINT)
+    return case

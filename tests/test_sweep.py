@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import threading
@@ -191,6 +192,7 @@ def test_an_interrupt_that_a_function_makes_another_error_is_one_still():
 
 
 def test_ctrl_c_ends_a_pool_of_our_own_at_once():
+    others = set(multiprocessing.active_children())
     timer = threading.Timer(1.5, os.kill, [os.getpid(), signal.SIGINT])
     timer.start()
     began = time.monotonic()
@@ -198,6 +200,13 @@ def test_ctrl_c_ends_a_pool_of_our_own_at_once():
     timer.cancel()
     assert time.monotonic() - began < 30.0
     assert [outcome.error for outcome in outcomes] == ["", *[INTERRUPT] * 5]
+    while set(multiprocessing.active_children()) - others:  # else its workers sleep on
+        assert time.monotonic() - began < 30.0
+        time.sleep(0.01)
+
+
+def test_workers_of_our_own_leave_ctrl_c_to_their_parent():
+    assert values(sweep_in_processes(cases.deaf, [1, 2], 2, lambda outcome: None)) == [1, 2]
 
 
 def test_what_a_callback_raises_ends_the_sweep(pool):

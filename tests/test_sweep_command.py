@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from math import pi
 from pathlib import Path
 
@@ -107,13 +108,14 @@ def test_a_stopped_sweep_goes_on_to_the_same_table_byte_for_byte(run, whole, wor
 PENDULUM = ("planar_pendulum", "--vary", "pendulum=0:1:0.5", "--until", "0.1", "--out", "a.csv")
 
 
+def full(*_):
+    """As a full disk answers."""
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
 @pytest.fixture
 def journal(run, monkeypatch):
     """The journal of a sweep whose table found no room on the disk, with all three rows."""
-
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
     with monkeypatch.context() as patch:
         patch.setattr("pinconsist.sweeps.table.write", full)
         code, _, err = run(*PENDULUM)
@@ -169,7 +171,9 @@ def test_a_foreign_file_by_the_name_of_the_journal_is_kept(run, content):
     assert Path("a.csv.partial").read_bytes() == content
 
 
-@pytest.mark.parametrize("line", [b"[1, {\n", b"\0\0\0\n", b"[1]\n", b"[7, {}]\n", b'["a", {}]\n'])
+@pytest.mark.parametrize(
+    "line", [b"[1, {\n", b"\0\0\0\n", b"[1]\n", b'[7, {"status": "", "message": ""}]\n', b'["a", {}]\n']
+)
 def test_a_journal_damaged_in_the_middle_is_refused(run, journal, line):
     lines = journal.read_bytes().splitlines(keepends=True)
     journal.write_bytes(b"".join([*lines[:2], line, *lines[2:]]))
@@ -178,13 +182,17 @@ def test_a_journal_damaged_in_the_middle_is_refused(run, journal, line):
 
 
 @pytest.mark.parametrize("length", [0, 1, 40, -1])
-def test_a_journal_torn_anywhere_gives_the_same_table(run, journal, length):
+def test_a_journal_torn_anywhere_gives_the_same_table(run, journal, length, monkeypatch):
     content = journal.read_bytes()
     header = len(content.splitlines(keepends=True)[0])
     run(*PENDULUM)
     whole = Path("a.csv").read_bytes()
-    journal.write_bytes(content[:length] if length < 2 else content[: header + length])
-    assert run(*PENDULUM)[0] == 0
+    journal.write_bytes(content[:length] if length in (0, 1) else content[: header + length])
+    with monkeypatch.context() as patch:
+        patch.setattr("pinconsist.sweeps.table.write", full)  # so that the journal is read again
+        assert run(*PENDULUM)[0] == 2
+    code, out, _ = run(*PENDULUM)
+    assert code == 0 and out.startswith("3 of 3 cases are in")
     assert Path("a.csv").read_bytes() == whole
 
 
@@ -200,12 +208,10 @@ def test_a_full_disk_keeps_the_rows_before(run, monkeypatch):
 
     add = Journal.add
 
-    def full(self, case, row):
-        if case == 2:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        add(self, case, row)
+    def filling(self, case, row):
+        (full if case == 2 else add)(self, case, row)
 
-    monkeypatch.setattr(Journal, "add", full)
+    monkeypatch.setattr(Journal, "add", filling)
     code, _, err = run(*PENDULUM)
     assert code == 2 and "No space left on device. 2 rows of the table are safe in a.csv.partial" in err
 
@@ -351,6 +357,13 @@ def test_what_can_be_varied(geared):
     spring = forces("spring rocker_tip.xyz2.2", 2.0)[3]
     assert spring.xyz2 == (0.0, 0.0, 2.0) and spring.stiffness == 5.0
     assert geared.loops[0].ratio == 2.0 and geared.model.gravity.linear[1] == 0.0  # the mechanism itself stays
+
+
+def test_a_name_with_a_dot_is_no_number_of_a_shorter_one(geared):
+    gear = geared.loops[0]
+    mech = geared.with_loops(gear, replace(gear, name="gear.two", joint="coupler"))
+    assert [loop.ratio for loop in put(mech, "gear.two.ratio", 5.0).mechanism.loops] == [2.0, 5.0]
+    assert [loop.ratio for loop in put(mech, "gear.ratio", 5.0).mechanism.loops] == [5.0, 2.0]
 
 
 @pytest.mark.parametrize(
