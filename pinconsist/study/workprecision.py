@@ -20,6 +20,8 @@ TARGETS = (1e-4, 1e-6)
 """Errors in q at which run times are compared."""
 FEWEST, MOST = 125, 1_000_000
 """Steps of a method of fixed step: it takes up to four times as many from run to run, until the last target is met."""
+LEAST = 0.05
+"""s that a timed run takes, by repetition."""
 LOOKED_AT = 400
 """Steps of a run at which its error is measured, beside the first and the last."""
 
@@ -155,15 +157,21 @@ def work_precision(
                 runs.append(((peer.name, k), solve))
     for _ in range(repeats):
         for key, solve in runs:
-            start = time.process_time()
-            solve()
-            elapsed = time.process_time() - start
-            points[key] = replace(points[key], times=(*points[key].times, elapsed))
+            points[key] = replace(points[key], times=(*points[key].times, _timed(solve)))
     ordered = tuple(points.values())
     return Study(
         problem.name, problem.description, problem.span[1], budget, versions, answers.doubt, ordered,
         tuple(_equal_error(ordered, target) for target in TARGETS),
     )  # fmt: skip
+
+
+def _timed(solve) -> float:
+    """CPU time of one run, s; fast ones are run until the clock, which may tick slowly, has something to tell."""
+    start, count, elapsed = time.process_time(), 0, 0.0
+    while elapsed < LEAST:
+        solve()
+        count, elapsed = count + 1, time.process_time() - start
+    return elapsed / count
 
 
 def _chosen(methods):

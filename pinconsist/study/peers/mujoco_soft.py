@@ -41,7 +41,7 @@ class Mujoco(Peer):
         import mujoco
 
         mujoco.set_mju_user_warning(lambda message: None)  # else it leaves a MUJOCO_LOG.TXT where it runs
-        h = (problem.span[1] - problem.span[0]) / steps
+        h = float(problem.span[1] - problem.span[0]) / steps
         model = mujoco.MjModel.from_xml_string(mjcf(problem, h))
         data = mujoco.MjData(model)
         n = model.nv

@@ -6,17 +6,18 @@ import numpy as np
 
 from ...dae.bdf import MAX_ORDER
 from ...dae.consistency import MODES
-from ...simulation import MAX_ADAPTIVE_ORDER, integrate
+from ...simulation import integrate
 from .problem import Peer, Rows, SolverFailed
 
+HIGHEST = 5  # of variable step
 SETTINGS = {
     "BDF": {},
     "BDF, in Python": {"backend": "python"},
-    **{f"BDF ≤ {k}": {"max_order": k} for k in range(MAX_ADAPTIVE_ORDER - 1, 1, -1)},
+    **{f"BDF ≤ {k}": {"max_order": k} for k in range(HIGHEST - 1, 1, -1)},
     "ImplicitEuler": {"method": "ImplicitEuler"},
 }
 """Name → keywords of :func:`pinconsist.integrate`: variable step, every step corrected."""
-DETAILS = {f"BDF ≤ {k}, exact": {"max_order": k, "consistency": "exact"} for k in range(MAX_ADAPTIVE_ORDER, 0, -1)}
+DETAILS = {f"BDF ≤ {k}, exact": {"max_order": k, "consistency": "exact"} for k in range(HIGHEST, 0, -1)}
 """The same without the correction."""
 FIXED = {
     f"fixed BDF-{k}, {mode}": {"max_order": k, "consistency": mode} for k in range(1, MAX_ORDER + 1) for mode in MODES

@@ -56,8 +56,17 @@ class Problem:
         return MechanismSystem(self.mechanism, self.q0, self.span[0])
 
     def multipliers(self, q, kept) -> np.ndarray:
-        """λ of all rows from λ of the kept ones, for stacks."""
-        return self.system.full_multipliers(np.asarray(q), np.asarray(kept))
+        """λ of all rows from λ of the kept ones, for stacks, at any q near the loops."""
+        q, kept = np.asarray(q), np.asarray(kept)
+        if self.system.dropped_are_zero or not self.system.rows.steady.all():
+            return self.system.full_multipliers(q, kept)
+        solved = []
+        for position, part in zip(q, kept, strict=True):
+            J = self.system.loop_rows(position)[1]
+            U, sizes, Vt = np.linalg.svd(J.T, full_matrices=False)
+            rank = slice(self.system.nc)
+            solved.append(Vt[rank].T @ ((U[:, rank].T @ (J[self.system.kept].T @ part)) / sizes[rank]))
+        return np.array(solved)
 
     def multipliers_of_forces(self, q, forces) -> np.ndarray:
         """λ of all rows from the joint forces Jᵀλ, for stacks."""

@@ -32,7 +32,7 @@ STEPS = 10_000
 """Of a method of fixed step."""
 LOOKED_AT = 2000
 """Rows that are judged."""
-LIMIT = 3.0
+LIMIT = 5.0
 """s for each case and method."""
 SUBJECTS = ("scales", "singular", "forces", "tolerances", "chains")
 
