@@ -37,14 +37,16 @@ public:
   }
 
   // x = K⁻¹ x with the last factors. With another c than theirs, the unknowns that K multiplies with c G are scaled.
+  // (Without constraints only the first column of x is anything but zero.)
   void solve(Eigen::MatrixXd &x, double c) const {
+    int columns = n_ == nv_ ? 1 : static_cast<int>(x.cols());
     if (n_ >= Lapack::LARGE) {
       char plain = 'N';
-      int n = n_, columns = static_cast<int>(x.cols()), info = 0;
+      int n = n_, info = 0;
       Lapack::solve(&plain, &n, &columns, const_cast<double *>(lu_.data()), &n, const_cast<int *>(pivots_.data()), x.data(),
                     &n, &info);
     } else {
-      for (Eigen::Index column = 0; column < x.cols(); ++column) substitute(&x(0, column));
+      for (int column = 0; column < columns; ++column) substitute(&x(0, column));
     }
     if (c != c_) x.bottomRows(n_ - nv_) *= c_ / c;
   }

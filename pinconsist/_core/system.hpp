@@ -6,6 +6,8 @@
 
 namespace pinconsist {
 
+constexpr int BLOCK = 32;
+
 class System {
 public:
   int npos, nx, nv, nc = 0;
@@ -101,8 +103,15 @@ public:
   // A = M + c ∂f/∂v + c² ∂f/∂p at the point evaluated last.
   void linearize(double t, const Vec &p, const Vec &v, const Vec &a, double c, Eigen::Ref<Mat> A) {
     pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
-    data_.M.triangularView<Eigen::StrictlyLower>() = data_.M.transpose(); // C++ fills the upper half only
-    A = data_.M + c * (data_.dtau_dv + c * data_.dtau_dq);
+    for (int i = 0; i < nv; i += BLOCK) // Pinocchio's derivatives lie row by row: blockwise both sides stay in cache
+      for (int j = 0; j < nv; j += BLOCK) {
+        const int rows = std::min(BLOCK, nv - i), columns = std::min(BLOCK, nv - j);
+        auto block = A.block(i, j, rows, columns);
+        block = c * (data_.dtau_dv.block(i, j, rows, columns) + c * data_.dtau_dq.block(i, j, rows, columns));
+        if (i < j) block += data_.M.block(i, j, rows, columns); // of M the upper half is filled
+        else if (i > j) block += data_.M.block(j, i, columns, rows).transpose();
+        else block += Mat(data_.M.block(i, i, rows, rows).selfadjointView<Eigen::Upper>());
+      }
     A.diagonal() += c * damping_;
     if (forces_.empty()) return;
     by_forces_.setZero(nv, nv);
@@ -135,6 +144,7 @@ public:
 
 private:
   void evaluate_rows(double t, const Vec &p) {
+    if (rows_.empty() && forces_.empty()) return; // nobody looks at joint Jacobians
     pinocchio::computeJointJacobians(model_, data_, p);
     phi.setZero();
     J.setZero();
