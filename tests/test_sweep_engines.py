@@ -15,6 +15,7 @@ import pytest
 import sweep_cases as cases
 
 import pinconsist as pc
+from pinconsist.sweeps.outcome import Attempt
 
 TESTS = Path(__file__).parent
 
@@ -82,11 +83,21 @@ def test_dask_gives_the_numbers_of_a_loop(dask, loop):
     assert told(dask.get_executor()) == loop | {"processes": 2}
 
 
-def test_a_killed_worker_of_dask_costs_its_case_alone(dask):
-    """Its scheduler begins a new worker and gives the case up after some deaths."""
+def test_a_killed_worker_of_dask_is_begun_anew(dask):
+    """Its scheduler gives a case up after some deaths, and may blame one that shared its worker each time."""
     outcomes = pc.sweep(cases.killer, [0, 1, "kill", 3, 4, 5], executor=dask.get_executor())
-    assert [outcome.value for outcome in outcomes] == [0, 1, None, 3, 4, 5]
-    assert (outcomes[2].error, outcomes[2].finished) == ("KilledWorker", False)
+    lost = [outcome for outcome in outcomes if not outcome.finished]
+    assert "kill" in [outcome.case for outcome in lost] and {outcome.error for outcome in lost} == {"KilledWorker"}
+    assert all(outcome.value == outcome.case for outcome in outcomes if outcome.finished)
+    innocent = [outcome.case for outcome in outcomes if outcome.case != "kill"]
+    again = pc.sweep(cases.killer, innocent, executor=dask.get_executor())
+    assert [outcome.value for outcome in again] == innocent
+
+
+def test_dask_does_not_take_a_call_for_one_that_it_has_made():
+    """It knows calls by this name, and would give the old answer, or error, as long as somebody holds it."""
+    tokenize = pytest.importorskip("dask.base", reason="pip install distributed").tokenize
+    assert tokenize(Attempt(cases.killer, 0, 1)) != tokenize(Attempt(cases.killer, 0, 1))
 
 
 def test_mpi_gives_the_numbers_of_a_loop(tmp_path, loop):
