@@ -16,7 +16,7 @@ from pinconsist.study.peers.equations import Equations
 from pinconsist.study.peers.problem import Peer, SolverFailed
 from pinconsist.study.peers.scenes import problem_of
 from pinconsist.study.reference import reference_problem
-from pinconsist.study.workprecision import FEWEST, Point, _equal_error, work_precision
+from pinconsist.study.workprecision import FEWEST, Point, _chosen, _equal_error, work_precision
 
 PEERS = {peer.name: peer for peer in peers() if not (peer.detail and not peer.fixed_step)}
 SHORT = {"problem51": 0.3, "pendulum": 0.5, "crank_rocker": 0.1}
@@ -184,8 +184,7 @@ def test_methods_of_fixed_step_go_on_until_the_last_target_or_the_budget():
 
 def test_words_choose_methods():
     def chosen(*words):
-        study = work_precision(problem_of("chain_2", 0.01), (1e-3,), repeats=1, budget=0.3, methods=words or None)
-        return {point.method for point in study.points}
+        return {peer.name for peer in _chosen(words or None)}
 
     others = {peer.name for peer in peers() if peer.package != "pinconsist"}
     assert chosen("peers") == {OWN} | others
