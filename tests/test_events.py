@@ -373,3 +373,17 @@ def test_an_event_that_is_no_number_ends_the_run_with_its_name(value):
     event = pc.Event(lambda t, q, v, lam: value if t > 0.5 else 1.0, name="latch")
     sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), events=event)
     assert not sol.success and "'latch'" in sol.message and 0.3 < sol.t[-1] <= 0.6
+
+
+@pytest.mark.parametrize("whose", ["callback", "apply"])
+def test_what_a_users_function_raises_on_the_way_is_told_and_loses_nothing(whose):
+    def late(t, *state):
+        if t > 0.5:
+            raise KeyError("lost")
+
+    event = pc.Event(lambda t, q, v, lam: t - 0.6, apply=late, name="bump")
+    wish = {"callback": late} if whose == "callback" else {"events": event}
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), **wish)
+    assert sol.status == -1 and 0.4 < sol.t[-1] <= 0.6 + 1e-9
+    what = "the callback" if whose == "callback" else "apply of the event 'bump'"
+    assert sol.message.startswith(f"{what} raised KeyError: 'lost' (at t = ")

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import InputError, PinconsistError
+from ..errors import InputError, PinconsistError, UserFunctionError
 from .compiled import stepper_for
 from .consistency import project_position, project_velocity
 from .dense import DenseOutput
@@ -119,10 +119,10 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
         status, message = stop.status, str(stop)
     except KeyboardInterrupt:
         status, message = STOPPED, f"interrupted at t = {record.reached:.6g}; the solution holds what was reached"
-    except PinconsistError as error:
+    except (PinconsistError, MemoryError) as error:
         if record.nsteps == 0:  # nothing was reached that could be lost
             raise
-        status, message = FAILED, f"{error} (reached t = {record.reached:.6g})"
+        status, message = FAILED, f"{str(error) or 'out of memory'} (reached t = {record.reached:.6g})"
     newton, rows = stepper.newton, record.arrays(stepper.system)
     h, order = record.steps(rows[0])
     return Trajectory(
@@ -202,7 +202,10 @@ def _choose_rows(stepper, record, watch) -> bool:
 
 def _after_event(system, event, t, p, v):
     """The state that an event's `apply` makes, put on the constraints."""
-    changed = event.apply(t, p.copy(), v.copy())
+    try:
+        changed = event.apply(t, p.copy(), v.copy())
+    except Exception as error:
+        raise UserFunctionError(f"apply of the event {event.name!r}", t, error) from error
     if changed is not None:
         p, v = changed if isinstance(changed, tuple) and len(changed) == 2 else (p, changed)
     try:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import PinconsistError, UserFunctionError
 from .dense import DenseOutput
 from .events import Event
 
@@ -146,5 +147,13 @@ class Record:
 
     def _call_back(self, t, p, v, lam):
         callback = self.wishes.callback
-        if callback is not None and callback(t, p, v, self.wishes.finish(p, lam)):
+        if callback is None:
+            return
+        try:
+            stop = callback(t, p, v, self.wishes.finish(p, lam))
+        except PinconsistError:
+            raise
+        except Exception as error:
+            raise UserFunctionError("the callback", t, error) from error
+        if stop:
             raise Stop(STOPPED, f"stopped by the callback at t = {t:.6g}")
