@@ -33,7 +33,15 @@ def ended_like_ctrl_c():
         yield
     finally:
         for each, handler in changed.items():
-            signal.signal(each, handler)
+            if signal.getsignal(each) is _interrupt:
+                signal.signal(each, handler)
+
+
+def ignored_from_now_on() -> None:
+    """The process ends because of a signal; those that still come must not end it before its exit code is out."""
+    if threading.current_thread() is threading.main_thread():
+        for each in (signal.SIGINT, *_ENDING):
+            signal.signal(each, signal.SIG_IGN)
 
 
 def interrupted() -> bool:

@@ -101,7 +101,8 @@ class Solution:
             array.setflags(write=False)
         t, q, v, lam, h, order = arrays
         scene = getattr(system, "mechanism", None)
-        about = {"backend": trajectory.backend, "skipped": skipped(trajectory)} | ({"forces": len(scene.forces)} if scene else {})
+        about = {"backend": trajectory.backend, "skipped": skipped(trajectory)}
+        about |= {"forces": len(scene.forces)} if scene else {}
         return cls(
             t=t, q=q, v=v, lam=lam, h=h, order=order, system=system, method=plan.describe() | about,
             scene=scene.name if scene else "",

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from ..errors import PinconsistError, SavingError
-from ..interrupts import ended_like_ctrl_c, interrupted
+from ..interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
 from . import bench, check, compare, models, plot, replay, rerun, simulate, stress, sweep
 from .output import EXIT_CODES, FAILED, INTERRUPTED, WRONG_INPUT, print_error, rescued
 from .unbroken import unbroken_stdout
@@ -80,6 +80,8 @@ def main(argv=None):
         with warnings.catch_warnings(), ended_like_ctrl_c(), unbroken_stdout() as broken:
             warnings.showwarning = _without_source(warnings.showwarning)
             code = _run(arguments)
+            if code == INTERRUPTED:
+                ignored_from_now_on()
         code = code or (FAILED if broken else code)
     finally:
         log.removeHandler(handler)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError
+from .acceleration import solve_acceleration
 from .compiled import stepper_for
 from .consistency import project_position, project_velocity
 from .dense import DenseOutput
 from .events import EventWatch
 from .explain import explain
-from .acceleration import solve_acceleration
 from .record import FAILED, STOPPED, SUCCESS, Record, Stop, Wishes
 from .stepper import Stretch
 from .stepsize import ErrorControl, FixedStep

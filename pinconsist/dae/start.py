@@ -13,8 +13,8 @@ from scipy.integrate import DOP853, solve_ivp
 
 from ..errors import PinconsistError
 from . import bdf
-from .consistency import project_position, project_velocity
 from .acceleration import NotFiniteError, solve_acceleration
+from .consistency import project_position, project_velocity
 
 log = logging.getLogger(__name__)
 
