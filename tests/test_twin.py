@@ -1,5 +1,6 @@
 """The compiled twin: equal to the Python method in every term, step and counter; what happens around it."""
 
+import dataclasses
 import logging
 import signal
 import threading
@@ -261,12 +262,17 @@ def test_a_force_that_is_not_finite_is_named():
 
 
 @needs_twin
-def test_rows_are_chosen_anew_on_the_way():
-    """The flat parallelogram passes positions where other rows must be kept, and a run in compiled code watches it."""
-    mech = pc.load("stewart_platform")
-    system = MechanismSystem(mech, mech.guess)
-    sizes = [pc.simulate(mech, (0.0, 0.05), backend=backend).lam.shape[1] for backend in ("python", "compiled")]
-    assert sizes == [system.n_multipliers] * 2
+def test_redundant_loops_share_their_load_in_both():
+    """A loop that stands there three times: each takes a third, as the multipliers of smallest norm do."""
+    mech = pc.load("four_bar")
+    (loop,) = mech.loops
+    mech = mech.with_loops(dataclasses.replace(loop, name="b"), dataclasses.replace(loop, name="c"))
+    ours, theirs = both(mech, 0.0, 0.5, **LOOSE)
+    assert not ours.system.dropped_are_zero and theirs.system.twin_of_all_rows is not None
+    assert_equal_runs(ours, theirs)
+    a, b, c = np.split(theirs.lam, 3, axis=1)
+    assert_same(a, b, 1e-9)
+    assert_same(a, c, 1e-9)
 
 
 @needs_twin

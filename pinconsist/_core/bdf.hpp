@@ -9,7 +9,6 @@ namespace pinconsist::bdf {
 
 constexpr int MAX_ORDER = 6, ROWS = MAX_ORDER + 3;
 constexpr double MAX_CHART_TURN = 2.5;
-using Table = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 inline double gamma(int j) {
   static const auto sums = [] {

@@ -114,6 +114,8 @@ NB_MODULE(twin, m) {
              s.evaluate(t, p, v, a);
              return nb::make_tuple(s.f, s.phi, s.J, s.rho);
            })
+      .def("gaps", &System::gaps)
+      .def("complete", &System::complete)
       .def("linearize", [](System &s, double t, const Vec &p, const Vec &v, const Vec &a, double c) {
         s.evaluate(t, p, v, a);
         Mat A(s.nv, s.nv);
@@ -145,7 +147,7 @@ NB_MODULE(twin, m) {
       .def_rw("Z", &Stepper::Z)
       .def_rw("turns", &Stepper::turns)
       .def("begin",
-           [](Stepper &s, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base, const bdf::Table &Z) {
+           [](Stepper &s, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base, const Table &Z) {
              s.t = t;
              s.choice = {s.h = h, s.k = k};
              s.p = p;

@@ -25,7 +25,7 @@ public:
   double t = 0.0, h = 0.0, t_old = 0.0, used_h = 0.0;
   int k = 1, used_k = 0;
   Vec p, y, base;
-  bdf::Table Z;
+  Table Z;
   Choice choice{0.0, 1};
   long taken = 0;
   // Of fixed steps.

@@ -46,7 +46,7 @@ public:
     return 0.25 * h;
   }
 
-  Choice after_rejection(const System &system, const bdf::Table &Z, const Vec &d, int k, double h, double error,
+  Choice after_rejection(const System &system, const Table &Z, const Vec &d, int k, double h, double error,
                          const Vec &weight) {
     equal_steps = 0;
     ++rejected_by_error;
@@ -61,7 +61,7 @@ public:
     return {h * std::min(1.0, std::max(MIN_FACTOR, SAFETY * factor)), k};
   }
 
-  Choice next_step(const System &system, const bdf::Table &Z, int k, double h, double error, const Vec &weight) {
+  Choice next_step(const System &system, const Table &Z, int k, double h, double error, const Vec &weight) {
     if (fixed()) return {h, k};
     ++equal_steps;
     if (equal_steps <= k) return {h, k};

@@ -4,9 +4,13 @@
 #include "forces.hpp"
 #include "rows.hpp"
 
+#include <Eigen/QR>
+
 namespace pinconsist {
 
 constexpr int BLOCK = 32;
+constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
+using Table = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 class System {
 public:
@@ -121,6 +125,30 @@ public:
 
   void mass_matrix(const Vec &p, Eigen::Ref<Mat> M) {
     M = pinocchio::crba(model_, data_, p).selfadjointView<Eigen::Upper>();
+  }
+
+  // Φ of several configurations, one a row.
+  Table gaps(const Vec &times, const Table &configurations) {
+    Table gaps(times.size(), nc);
+    for (Eigen::Index i = 0; i < times.size(); ++i) {
+      evaluate_rows(times[i], configurations.row(i).transpose());
+      gaps.row(i) = phi.transpose();
+    }
+    return gaps;
+  }
+
+  // In each row of `multipliers`, for the `steady` ones, those of smallest norm with the same joint forces Jᵀλ.
+  Table complete(double t, const Table &configurations, Table multipliers, const std::vector<int> &steady) {
+    Eigen::CompleteOrthogonalDecomposition<Mat> factors;
+    factors.setThreshold(DEPENDENT);
+    for (Eigen::Index i = 0; i < multipliers.rows(); ++i) {
+      evaluate_rows(t, configurations.row(i).transpose());
+      const Mat G = J(steady, Eigen::all).transpose();
+      const Vec lam = multipliers.row(i)(steady).transpose();
+      factors.compute(G);
+      multipliers.row(i)(steady) = factors.solve(G * lam).transpose();
+    }
+    return multipliers;
   }
 
   // ∂(Jᵀλ)/∂q by forward differences: wanted only where Newton is slow.

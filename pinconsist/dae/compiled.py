@@ -81,6 +81,9 @@ class CompiledStepper(Stepper):
         self._twin, control, module = twin, self.control, _core.load()[0]
         self._core = module.Stepper(twin, self.newton.correct)
         self.system.twin = module.Projection(twin)
+        if not getattr(self.system, "dropped_are_zero", True):
+            self.system.twin_of_all_rows = module.System(self.system.model, self.system.data)
+            self.system.hand_over_all_rows(self.system.twin_of_all_rows)
         if isinstance(control, ErrorControl):
             self._core.control_error(*control.spread, control.max_order, control.max_step)
 

@@ -41,11 +41,12 @@ class MechanismSystem:
         Time at which they were chosen, s.
     dropped_are_zero : bool
         Whether the other rows vanish everywhere, as out-of-plane rows do.
-    twin
-        What solves for accelerations and projects states in compiled code, or None; set by who runs it.
+    twin, twin_of_all_rows
+        What solves for accelerations and projects states in compiled code, and what knows all rows there, or None;
+        set by who runs them.
     """
 
-    twin = None
+    twin = twin_of_all_rows = None
 
     def __init__(self, mechanism: Mechanism, q, t: float = 0.0):
         self.mechanism, self.model, self.chosen_at = mechanism, mechanism.model, t
@@ -168,6 +169,10 @@ class MechanismSystem:
             if not (hasattr(force, "hand_over") and force.hand_over(twin)):
                 twin.add_python_force(force)
 
+    def hand_over_all_rows(self, twin) -> None:
+        """Tell a compiled twin all rows of the loops, dropped ones included."""
+        KeptRows(self.model, self.rows, np.arange(self.rows.nc)).hand_over(twin)
+
     def not_finite(self, t, q, v) -> tuple[str, ...]:
         """Labels of the forces whose torque or derivatives are not finite at a state that is."""
         if not np.isfinite(np.concatenate((q, v))).all():
@@ -199,10 +204,12 @@ class MechanismSystem:
         """
         if self.nc == self.rows.nc:
             return lam
-        if lam.ndim > 1 and not self.dropped_are_zero:
-            return np.array([self.full_multipliers(*row) for row in zip(q, lam, strict=True)])
         full = np.zeros((*lam.shape[:-1], self.rows.nc))
         full[..., self.kept] = lam
+        if lam.ndim > 1 and not self.dropped_are_zero:
+            if self.twin_of_all_rows is not None:
+                return self.twin_of_all_rows.complete(self.chosen_at, q, full, np.flatnonzero(self.rows.steady))
+            return np.array([self.full_multipliers(*row) for row in zip(q, lam, strict=True)])
         if not self.dropped_are_zero:
             steady = self.rows.steady
             J = self.loop_rows(q)[1][steady]
@@ -227,10 +234,15 @@ class MechanismSystem:
         """
         if self.dropped_are_zero:
             return None
-        for i, (t, q) in enumerate(zip(times, configurations, strict=True)):
+        suspects = range(len(times))
+        if self.twin_of_all_rows is not None:
+            gaps = np.abs(self.twin_of_all_rows.gaps(times, configurations)) / self._sizes
+            suspects = np.flatnonzero(gaps.max(axis=1, initial=0.0) > GAPING)
+        for i in suspects:
+            t, q = times[i], configurations[i]
             phi = np.abs(self.loop_rows(q, t)[0]) / self._sizes
             if phi.max() > GAPING + 100 * phi[self.kept].max(initial=0.0):  # interpolated rows gape in all alike
-                return i, float((phi * self._sizes).max()), self.rows.labels[int(np.argmax(phi))]
+                return int(i), float((phi * self._sizes).max()), self.rows.labels[int(np.argmax(phi))]
         return None
 
     def _structurally_zero(self, rows, q) -> bool:
