@@ -266,7 +266,7 @@ def test_redundant_loops_share_their_load_in_both():
     """A loop that stands there three times: each takes a third, as the multipliers of smallest norm do."""
     mech = pc.load("four_bar")
     (loop,) = mech.loops
-    mech = mech.with_loops(dataclasses.replace(loop, name="b"), dataclasses.replace(loop, name="c"))
+    mech = mech.with_loops(loop, dataclasses.replace(loop, name="b"), dataclasses.replace(loop, name="c"))
     ours, theirs = both(mech, 0.0, 0.5, **LOOSE)
     assert not ours.system.dropped_are_zero and theirs.system.twin_of_all_rows is not None
     assert_equal_runs(ours, theirs)
