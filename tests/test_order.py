@@ -82,3 +82,57 @@ def test_every_step_correction_lowers_the_rounding_floor():
     run = pc.compare("problem51", [h], order=5, count=7).runs[0]
     assert run.every_step[5:].max() < 1000 * np.finfo(float).eps / h
     assert run.consistent[5:].max() > 100 * run.every_step[5:].max()
+
+
+def scaled_bead():
+    """(problem, exact): a bead driven round the unit circle, its velocity counted in units that change with t and p."""
+    alpha = 0.8  # rad/s²
+
+    def scale(t, p):
+        return 1.5 + p[0] / 2 + t / 4
+
+    def F(t, p, v):
+        s = scale(t, p)
+        return alpha * np.array([-p[1], p[0]]) / s - v * (s * v[0] / 2 + 1 / 4) / s
+
+    def exact(t):
+        angle, speed = t + alpha * t**2 / 2, 1 + alpha * t
+        p = np.array([np.cos(angle), np.sin(angle)])
+        return p, speed * np.array([-p[1], p[0]]) / scale(t, p), -(speed**2)
+
+    problem = pc.HessenbergProblem(
+        U=lambda t, p, v: scale(t, p) * v,
+        F=F,
+        G=lambda t, p, v: p[:, None] / scale(t, p),
+        R=lambda t, p: np.array([(p @ p - 1) / 2]),
+        R_p=lambda t, p: p[None],
+    )
+    return problem, exact
+
+
+@pytest.mark.parametrize("k", range(1, 6))
+@pytest.mark.parametrize("consistency", ["every-step", "initial"])
+def test_orders_where_the_kinematics_depend_on_the_position(consistency, k):
+    """U(t, p, v) of the general form, which neither a mechanism nor the paper's problems have."""
+    problem, exact = scaled_bead()
+    p0, v0, _ = exact(0.0)
+    errors = []
+    for h in (1 / 80, 1 / 160) if k > 3 else (1 / 160, 1 / 320):
+        sol = pc.integrate(problem, (0.0, 0.5), p0, v0, step=h, max_order=k, consistency=consistency)
+        p, v, lam = (np.array(column) for column in zip(*map(exact, sol.t), strict=True))
+        errors.append([np.abs(ours - theirs).max() for ours, theirs in ((sol.q, p), (sol.v, v), (sol.lam[:, 0], lam))])
+    assert np.log2(np.divide(*errors)) == pytest.approx(k, abs=0.5)
+
+
+def test_the_papers_initial_velocity_where_the_kinematics_depend_on_the_position():
+    """The first multiplier of implicit Euler is wrong by O(1) from the exact velocity, by O(h) from the paper's."""
+    problem, exact = scaled_bead()
+    p0, v0, _ = exact(0.0)
+    first = {}
+    for h in (1e-2, 1e-3):
+        for start in (v0, pc.consistent_initial_velocity(problem, 0.0, p0, v0, h)):
+            sol = pc.integrate(problem, (0.0, h), p0, start, step=h, max_order=1, consistency="exact")
+            first.setdefault(h, []).append(abs(sol.lam[1, 0] - exact(h)[2]))
+    (raw, cured), (finer_raw, finer_cured) = first.values()
+    assert min(raw, finer_raw) > 0.3
+    assert cured / finer_cured == pytest.approx(10.0, rel=0.2)
