@@ -368,3 +368,16 @@ def test_hessenberg_problem_derivatives(given):
     A, W = newton_matrix(problem, t, p, v, a, lam, c)
     np.testing.assert_allclose(A, expected[:2], atol=2e-7)
     np.testing.assert_allclose(W, expected[2:], atol=2e-7)
+
+
+@pytest.mark.parametrize("speed", [1e3, 1e6])
+@pytest.mark.parametrize("given", ["none", "all"])
+def test_differences_stay_good_on_fast_motions(given, speed):
+    """The spacing shrinks as the motion grows faster, or the points of a difference would lie far apart."""
+    t, p, v = 0.7, np.array([0.6, -0.8]), speed * np.array([1.2, -0.5])
+    functions = {name: getattr(Moving, name) for name in DERIVATIVES[given]}
+    problem = pc.HessenbergProblem(Moving.U, Moving.F, Moving.G, Moving.R, **functions).at(t, p, v)
+    rate = Moving.U(t, p, v)
+    rho, gamma = problem.constraint(t, p, rate)[1], problem.acceleration_bias(t, p, v)
+    np.testing.assert_allclose(rho, Moving.R_p(t, p) @ rate + Moving.R_t(t, p), rtol=1e-11)
+    np.testing.assert_allclose(gamma, Moving.gamma(t, p, v), rtol=1e-9)
