@@ -67,7 +67,7 @@ def compare_terms(mech, q, t=0.3, seed=0):
     assert projection.state(t, q, v)[3] == ""
     for ours, theirs in zip(start_state[1:], projection.state(t, q, v), strict=False):
         assert_same(ours, theirs, 1e-10)
-    for ours, theirs in zip(solve_acceleration(system, t, q, v), projection.acceleration(t, q, v), strict=True):
+    for ours, theirs in zip(solve_acceleration(system, t, q, v), projection.acceleration(t, q, v)[:2], strict=True):
         assert_same(ours, theirs, 1e-10)
 
 
@@ -111,7 +111,7 @@ def test_every_other_record(name):
         assert_same(ours, theirs)
     assert_same(system.evaluate(t, q, v, 0 * v)[2].T, twin.evaluate(t, q, v, 0 * v)[2])
     a, lam = solve_acceleration(system, t, q, v)
-    for ours, theirs in zip((a, lam), _core.load()[0].Projection(twin).acceleration(t, q, v), strict=True):
+    for ours, theirs in zip((a, lam), _core.load()[0].Projection(twin).acceleration(t, q, v)[:2], strict=True):
         assert_same(ours, theirs, 1e-10)
 
 

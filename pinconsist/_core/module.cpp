@@ -125,11 +125,11 @@ NB_MODULE(twin, m) {
 
   nb::class_<Projection>(m, "Projection")
       .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
-      .def("acceleration", // None where the equations are singular
+      .def("acceleration", // with whether it is finite; None where the equations are singular
            [](Projection &projection, double t, const Vec &p, const Vec &v) -> nb::object {
              Vec a, lam;
              if (!projection.acceleration(t, p, v, a, lam)) return nb::none();
-             return nb::make_tuple(a, lam);
+             return nb::make_tuple(a, lam, a.allFinite() && lam.allFinite());
            })
       .def("state", [](Projection &projection, double t, const Vec &p, const Vec &v) {
         const State state = projection.state(t, p, v);

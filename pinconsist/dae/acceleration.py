@@ -31,9 +31,10 @@ def solve_acceleration(system, t, p, v):
         solution = twin.acceleration(t, p, v)
         if solution is None:
             raise SingularSystemError(SINGULAR.format(t))
-        if not np.isfinite(solution[0].sum()):
+        a, lam, finite = solution
+        if not finite:
             raise NotFiniteError(NOT_FINITE.format(t, culprits(system, t, p, v)))
-        return solution
+        return a, lam
     f0, _, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
     kkt = KKT(system.nv, system.nc)
     W = system.linearize(t, p, v, np.zeros(system.nv), np.zeros(system.nc), 0.0, kkt.A)

@@ -41,11 +41,10 @@ def right_hand_side(system, base):
     def f(t, y):
         p = y[:nx] if system.vector_like else system.integrate(base, y[:nx])
         v = y[nx:]
-        with np.errstate(over="ignore", invalid="ignore"):
-            try:
-                a, _ = solve_acceleration(system, t, p, v)
-            except NotFiniteError:  # a step far too long for a stiff force: scipy takes a shorter one
-                return np.full(len(y), np.nan)
+        try:
+            a, _ = solve_acceleration(system, t, p, v)
+        except NotFiniteError:  # a step far too long for a stiff force: scipy takes a shorter one
+            return np.full(len(y), np.nan)
         return np.concatenate((system.chart_rate(base, p, system.rate(t, p, v)), a))
 
     return f
@@ -92,7 +91,8 @@ def integrate_index1(system, t0, p0, v0, times, rtol, atol, budget=None):
                     raise _TooMuchWork
                 return f(t, y)
 
-            run = solve_ivp(counted, (t, stop), chart_state(system, p, p, v), "DOP853", rtol=rtol, atol=atol)
+            with _far_tries():
+                run = solve_ivp(counted, (t, stop), chart_state(system, p, p, v), "DOP853", rtol=rtol, atol=atol)
             if not run.success:
                 raise PinconsistError(f"the index-1 equations could not be integrated from t = {t:.6g}: {run.message}")
             y = run.y[:, -1]
@@ -143,10 +143,12 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
     f, y0, atol = right_hand_side(system, p0), chart_state(system, p0, p0, v0), max(atol, 1e-14)
     turns = bdf.turning_coordinates(system, p0)
     speed = bdf.fastest_turn(turns, system.rate(t0, p0, v0))
-    solver = DOP853(f, t0, y0, t_end, rtol=rtol, atol=atol, max_step=MAX_TURN / speed if speed else np.inf)
+    with _far_tries():
+        solver = DOP853(f, t0, y0, t_end, rtol=rtol, atol=atol, max_step=MAX_TURN / speed if speed else np.inf)
     pieces, longest = [], 0.0
     for _ in range(6):  # scipy starts with a careful step: go on while its steps grow
-        reason = solver.step()
+        with _far_tries():
+            reason = solver.step()
         if solver.status == "failed":
             raise PinconsistError(f"no start at t = {t0:.6g}: {reason}")
         pieces.append(solver.dense_output())
@@ -157,10 +159,10 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
 
     def sample(h):
         times = t0 + h * np.arange(k + 2)
-        return times, np.array([_dense(pieces, t) for t in times])
+        return times, _dense(pieces, times)
 
     reach = (solver.t - t0) / (k + 1)
-    while bdf.fastest_turn(turns, _dense(pieces, t0 + (k + 1) * reach)[: system.nx]) > MAX_TURN:
+    while bdf.fastest_turn(turns, _dense(pieces, np.array([t0 + (k + 1) * reach]))[0, : system.nx]) > MAX_TURN:
         reach *= 0.7  # from rest the one-step method may turn a joint far in one step
     h = reach if first_step is None else np.copysign(min(abs(first_step), abs(reach)), reach)
     if first_step is None:
@@ -175,7 +177,8 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
     if abs(reach) >= shortest:
         times, rows = sample(h)
     else:
-        h, times, rows = t_end - t0, np.array([t0, t_end]), np.array([_dense(pieces, t0), _dense(pieces, t_end)])
+        h, times = t_end - t0, np.array([t0, t_end])
+        rows = _dense(pieces, times)
     states = [(t0, p0, v0, solve_acceleration(system, t0, p0, v0)[1])]
     for t, y in zip(times[1:], rows[1:], strict=True):
         p = y[: system.nx] if system.vector_like else system.integrate(p0, y[: system.nx])
@@ -183,8 +186,14 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
     return h, states
 
 
-def _dense(pieces, t):
-    for piece in pieces:
-        if min(piece.t_old, piece.t) <= t <= max(piece.t_old, piece.t):
-            return piece(t)
-    return pieces[-1](t)
+def _far_tries():
+    """A first try of the one-step method may go so far that numbers overflow; it then takes a shorter one."""
+    return np.errstate(over="ignore", invalid="ignore")
+
+
+def _dense(pieces, times):
+    """Values at `times`, in their order away from the start, by the pieces that hold them; rows are times."""
+    ends = np.array([piece.t for piece in pieces])
+    direction = np.sign(ends[-1] - pieces[0].t_old)
+    holders = np.minimum(np.searchsorted(direction * ends, direction * times), len(pieces) - 1)
+    return np.concatenate([pieces[i](times[holders == i]).T for i in np.unique(holders)])
