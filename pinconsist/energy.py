@@ -92,7 +92,7 @@ def energy_of(solution, mechanism) -> Energy:
         for column, (label, force) in enumerate(forces.items()):
             power[i, column] = force.torque(time, q, v) @ v
             if label in springs:
-                stored[i, springs.index(label)], rate = force.stored(q, v)
+                stored[i, springs.index(label)], rate = force.stored(q, v)  # type: ignore[attr-defined]
                 power[i, column] += rate
         if movers:
             brought = -lam * rows.time_rate(time, q)

@@ -39,6 +39,7 @@ def method_of(
     order = 1 if method == "ImplicitEuler" else int(max_order)
     if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 1):
         raise InputError(f"max_steps must be a positive whole number, got {max_steps!r}")
+    max_steps = None if max_steps is None else int(max_steps)
     if step is not None:
         step = _positive(step, "step")
         if step < 16 * np.spacing(max(map(abs, span))):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -75,11 +77,11 @@ class Solution:
     scene: str = ""
     recipe: dict | None = field(default=None, repr=False, compare=False)
     versions: dict = field(default_factory=dict, repr=False, compare=False)
-    sol: object = field(default=None, repr=False, compare=False)
+    sol: Callable | None = field(default=None, repr=False, compare=False)
     t_events: list = field(default_factory=list, repr=False, compare=False)
     q_events: list = field(default_factory=list, repr=False, compare=False)
     v_events: list = field(default_factory=list, repr=False, compare=False)
-    system: object = field(default=None, repr=False, compare=False)
+    system: Any = field(default=None, repr=False, compare=False)
 
     @classmethod
     def from_trajectory(cls, trajectory, plan) -> Solution:

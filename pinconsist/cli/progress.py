@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 PATIENCE = 1.0  # s before the bar appears
 PERIOD = 0.1  # s between its updates
@@ -13,7 +14,8 @@ class Progress:
 
     def __init__(self, start: float, end: float):
         self.start, self.end = start, end
-        self.steps, self.bar, self.last_t = -1, None, start  # the first call is the initial row
+        self.steps, self.last_t = -1, start  # the first call is the initial row
+        self.bar: Any = None
         self.order = 0  # of the step; set by the run before each call
         self.next_update = time.monotonic() + PATIENCE
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from . import bdf
+from .problem import Index3System
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class Segment:
     k: int
     base: np.ndarray
     Z: np.ndarray
-    system: object
+    system: Index3System
 
     def until(self, end: float) -> Segment:
         """The same polynomial, used only up to `end`."""

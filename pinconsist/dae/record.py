@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,8 +39,8 @@ class Wishes:
     t_eval: np.ndarray | None = None
     dense: bool = False
     events: tuple[Event, ...] = ()
-    callback: object = None
-    finish: object = _unchanged
+    callback: Callable | None = None
+    finish: Callable = _unchanged
 
 
 class Stop(Exception):

@@ -68,6 +68,8 @@ class ErrorControl:
     max_step: float
     equal_steps: int = 0
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
+    _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of the columns, set by `fit`
+    _atol: np.ndarray = field(init=False, repr=False, compare=False)
 
     def fit(self, system) -> None:
         """Spread the tolerances over the columns [ξ | v] of a system."""

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
 from .checks import normalized
+from .constraints.coupling import Coupling
+from .constraints.custom import Constraint
+from .constraints.drive import Drive
 from .constraints.loops import RECORDS, Loop, LoopRows
-from .forces import Force, as_force, bound_forces
+from .forces import as_force, bound_forces
 from .model_checks import check_model
 from .names import similar
 
@@ -65,10 +69,10 @@ class Mechanism:
     """
 
     model: pin.Model
-    loops: tuple[Loop, ...] = ()
-    forces: tuple[Force, ...] = ()
+    loops: Sequence[Loop | Drive | Coupling | Constraint] = ()
+    forces: Sequence[Any] = ()
     name: str = "mechanism"
-    guess: np.ndarray | None = None
+    guess: Any = None
     actuated: tuple[str, ...] = ()
     geometry: Geometry | None = field(default=None, repr=False)
     duration: float = 5.0
@@ -171,7 +175,7 @@ class Mechanism:
             raise InputError(f"{what} needs shape {full.shape} for {self.name!r}, got {values.shape}")
         return values
 
-    def with_loops(self, *loops: Loop) -> Mechanism:
+    def with_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:
         """The same mechanism with these loops instead of its own."""
         return replace(self, loops=loops)
 
@@ -194,10 +198,10 @@ class Mechanism:
         if not isinstance(armature, Mapping):
             raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
         for joint, value in armature.items():
-            value = finite_array(value, f"armature of joint {joint!r}")
-            if value.shape or value < 0:
-                raise InputError(f"armature of joint {joint!r} must be one number, not negative, got {value}")
-            model.armature[self.columns(joint)] += value
+            inertia = finite_array(value, f"armature of joint {joint!r}")
+            if inertia.shape or inertia < 0:
+                raise InputError(f"armature of joint {joint!r} must be one number, not negative, got {inertia}")
+            model.armature[self.columns(joint)] += inertia
         return replace(self, model=model)
 
     def lock(self, joints, q=None) -> Mechanism:

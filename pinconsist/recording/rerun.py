@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..solution import Solution
 from ..solution_file import versions
 from .stretches import ROWS, STEPPED
 
@@ -26,7 +27,7 @@ class Rerun:
 
     same: bool
     differences: tuple[str, ...]
-    solution: object = field(repr=False)
+    solution: Solution = field(repr=False)
 
     def __str__(self):
         rows = f"{len(self.solution.t)} rows up to t = {self.solution.t[-1]:g} s" if len(self.solution.t) else "no rows"

@@ -1,4 +1,4 @@
-"""Measurements: what a step costs beside Pinocchio's own calls, and how robots assemble and run."""
+"""Measurements: how robots assemble and run."""
 
 from __future__ import annotations
 
@@ -16,67 +16,7 @@ from ..mechanism.assembly import assemble
 from ..mechanism.system import MechanismSystem
 from ..simulation import simulate
 
-SPEED = {"crank": 12.0}  # rad/s, the timing scene
 SLIDING = ("cylinder", "slider", "plane")
-
-
-@dataclass(frozen=True)
-class Overhead:
-    """Wall time of a run beside the bare Pinocchio calls of one residual.
-
-    Attributes
-    ----------
-    rtol : float
-    steps : int
-        Accepted steps.
-    residuals : float
-        Residual evaluations per accepted step.
-    step_time, bare_time : float
-        Median wall time of an accepted step (of the whole run, assembly and start included), and of the calls rnea,
-        computeJointJacobians, constraint calc and Jacobian, s.
-    ratio : float
-        Median of their ratios, measured alternately.
-    """
-
-    rtol: float
-    steps: int
-    residuals: float
-    step_time: float
-    bare_time: float
-    ratio: float
-
-
-def overhead(tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> list[Overhead]:
-    """Measure the crank-rocker (5 s from 12 rad/s) against the bare calls on its model, alternately."""
-    mech = load("crank_rocker")
-    system = MechanismSystem(mech, mech.guess)
-    rows = []
-    for tol in tolerances:
-        times = []
-        for _ in range(repeats):
-            start = time.perf_counter()
-            sol = simulate(mech, (0.0, 5.0), {"crank": 0.0}, SPEED, rtol=tol, atol=tol)
-            times.append(((time.perf_counter() - start) / sol.nsteps, _bare_calls(system, mech.guess)))
-        step, bare = np.array(times).T
-        rows.append(
-            Overhead(tol, sol.nsteps, sol.nfev / sol.nsteps, *map(float, np.median((step, bare, step / bare), axis=1)))
-        )
-    return rows
-
-
-def _bare_calls(system, q, count=2000) -> float:
-    """Seconds that one set of Pinocchio's calls of a residual takes."""
-    model, data, v, a = system.model, system.data, np.ones(system.nv), np.ones(system.nv)
-    models, datas = system.kept_rows.constraints
-    pairs = list(zip(models, datas, strict=True))
-    start = time.perf_counter()
-    for _ in range(count):
-        pin.rnea(model, data, q, v, a)
-        pin.computeJointJacobians(model, data, q)
-        for constraint, constraint_data in pairs:
-            constraint.calc(model, data, constraint_data)
-            constraint.jacobian(model, data, constraint_data)
-    return (time.perf_counter() - start) / count
 
 
 @dataclass(frozen=True)
@@ -177,7 +117,8 @@ def assemblies(mech, tries, seed=0) -> Assemblies:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # loops of rounded files that close to some nm only
-        from_neutral, _ = closes(neutral), times.clear()
+        from_neutral = closes(neutral)
+        times.clear()
         closed = sum(closes(pin.integrate(mech.model, neutral, rng.uniform(-1.0, 1.0, mech.nv))) for _ in range(tries))
     return Assemblies(from_neutral, closed, tries, float(np.median(times)) if times else np.nan)
 

@@ -22,7 +22,7 @@ INERTIA = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.
 _LINK = ("pose", "inertial", "collision", "visual", "sensor", "projector", "audio_sink", "audio_source", "battery")
 _LINK += ("light", "particle_emitter", "gravity", "enable_wind", "self_collide", "kinematic", "must_be_base_link")
 _LINK += ("velocity_decay",)
-_SIZES = {
+_SIZES: dict[str, dict[str, tuple[float, ...]]] = {
     "box": {"size": (1.0, 1.0, 1.0)},
     "cylinder": {"radius": (1.0,), "length": (1.0,)},
     "sphere": {"radius": (1.0,)},
@@ -53,7 +53,7 @@ def inertias(scene: Scene, robot: Element) -> dict[str, pin.Inertia]:
     """Link → its inertia, from a checked `<robot>`."""
     found = {}
     for link in robot.findall("link"):
-        name = link.get("name")
+        name = link.attrib["name"]
         mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
         xx, xy, xz, yy, yz, zz = (numbers(inertia, key, "")[0] for key in INERTIA)
         place, _ = pose(scene.bodies[name].node.find("inertial"), f"link {name!r}: inertial")

@@ -63,7 +63,7 @@ class Constraint:
     jacobian: Callable | None = None
     rate: Callable | None = None
     moving: bool = True
-    rows: tuple[str, ...] | None = None
+    rows: tuple[str, ...] = None  # type: ignore[assignment]  # filled in below
     step: float = 1e-3
 
     kind: ClassVar[str] = "constraint"

@@ -97,10 +97,11 @@ class DriveRow:
 
     def hand_over(self, twin) -> bool:
         """Tell the compiled twin of the row; False where it has to ask Python."""
-        own = isinstance(self.loop.curve, Motion) and self.loop.rate is None
-        if own:
-            twin.add_drive(self._joint.place, self._period or 0.0, self.loop.curve.numbers)
-        return own
+        curve = self.loop.curve
+        if not isinstance(curve, Motion) or self.loop.rate is not None:
+            return False
+        twin.add_drive(self._joint.place, self._period or 0.0, curve.numbers)
+        return True
 
     def check_derivatives(self, t, q) -> None:
         """Raise InputError where a given rate is not that of the curve, or an acceleration not that of the rate."""

@@ -56,7 +56,7 @@ class KeptRows:
         self._pairs = [(one.extract(), data.extract()) for one, data in zip(self._models, self._datas, strict=True)]
         self._values = [data.constraint_position_error for _, data in self._pairs]  # views, which calc refreshes
         if self._pieces:
-            self.evaluate = self._fastest()
+            self.evaluate = self._fastest()  # type: ignore[method-assign]
 
     def _add_mapped(self, matrix, offset):
         """Rows ``matrix @ (Pinocchio's rows from offset on)``; selections that follow each other become one."""

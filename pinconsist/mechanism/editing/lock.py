@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -128,7 +129,7 @@ class _Widened:
         return tuple(values[i] for i in self.v_left)
 
     def constraint(self, constraint: Constraint) -> Constraint:
-        functions = {"function": _OfWhole(self, constraint.function)}
+        functions: dict[str, Any] = {"function": _OfWhole(self, constraint.function)}
         if constraint.jacobian is not None:
             functions["jacobian"] = _OfWhole(self, constraint.jacobian, columns=True)
         if constraint.rate is not None:

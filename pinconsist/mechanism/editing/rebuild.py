@@ -24,7 +24,7 @@ _PER_COORDINATE = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMar
 def rebuilt(
     model: pin.Model,
     parts: Mapping[str, Sequence[tuple[str, object]]],
-    poses: Mapping[str, pin.SE3] | None = None,
+    poses: Mapping[str, pin.SE3] = {},
     order: Sequence[int] | None = None,
 ) -> pin.Model:
     """A copy of a model with joints replaced; frames keep their names and indices, bodies their inertia.

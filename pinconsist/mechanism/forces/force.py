@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Force(Protocol):
         """(∂τ/∂q, ∂τ/∂v), each (nv, nv) in the tangent space, or None where it is zero or small."""
 
 
-def as_force(force) -> Force:
+def as_force(force) -> Any:
     """A force from what a user may give: a Force, joint torques by name or as an array, or a callable f(t, q, v)."""
     if isinstance(force, type):
         raise InputError(f"a force must be an object, not the class {force.__name__}: give {force.__name__}(…)")
@@ -46,9 +46,9 @@ def as_force(force) -> Force:
     return JointTorque(force)
 
 
-def model_forces(model) -> tuple[Force, ...]:
+def model_forces(model) -> tuple[JointDamping | JointFriction, ...]:
     """The forces a model carries itself: its joints' damping and dry friction, where they are not zero."""
-    forces: list[Force] = []
+    forces: list[JointDamping | JointFriction] = []
     if np.any(model.damping):
         forces.append(JointDamping(model.damping))
     friction = getattr(model, "upperDryFrictionLimit", model.friction)

@@ -134,11 +134,11 @@ class Torque:
         """By what name energy reports and messages speak of it."""
         return f"torque {function_name(self.function)}"
 
-    def torque(self, t, q, v):
+    def torque(self, t, q, v) -> np.ndarray:
         what = f"the torque function {function_name(self.function)}"
         return returned(self.function, what, v.shape, t, read_only(q), read_only(v))
 
-    def derivatives(self, t, q, v):
+    def derivatives(self, t, q, v) -> tuple[np.ndarray | None, np.ndarray | None]:
         if self.gradient is not None:
             return self._given_gradient(t, q, v)
         at = self.torque(t, q, v)

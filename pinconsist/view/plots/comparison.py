@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import InputError
 from .look import legend_beside, new_figure, positive, sparse, style
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-def plot_comparison(rows, file=None):
+
+def plot_comparison(rows, file=None) -> Figure:
     """Error of the multipliers over time, from exact and from consistent initial values, a panel for each step size.
 
     As figure 5.1 of Arévalo (2008).
@@ -59,7 +63,7 @@ def plot_comparison(rows, file=None):
     return figure
 
 
-def plot_work_precision(series, file=None):
+def plot_work_precision(series, file=None) -> Figure:
     """Run time against error, a line for each method: further left and lower is better.
 
     Parameters

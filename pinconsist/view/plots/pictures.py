@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from ...errors import InputError
 from . import panels
 from .look import HEIGHT, WIDTH, new_figure
 from .subject import Subject
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PICTURES = {
     "trajectory": ("configurations and velocities over time", panels.trajectory),
@@ -18,7 +23,7 @@ PICTURES = {
 """Name → what it shows, and what draws it."""
 
 
-def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers")):
+def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers")) -> Figure:
     """Several pictures of a solution under each other.
 
     Parameters
@@ -60,12 +65,12 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
     return figure
 
 
-def plot_trajectory(sol, file=None, mech=None):
+def plot_trajectory(sol, file=None, mech=None) -> Figure:
     """Configuration and velocity over time; parameters and errors as :func:`plot_solution`."""
     return plot_solution(sol, file, mech, ["trajectory"])
 
 
-def plot_multipliers(sol, file=None, mech=None):
+def plot_multipliers(sol, file=None, mech=None) -> Figure:
     """λ of each row over time, and its first twenty steps once more, magnified.
 
     Row 0 is the multiplier of the differential equation; from exact initial values (``consistency="exact"``) the rows
@@ -74,12 +79,12 @@ def plot_multipliers(sol, file=None, mech=None):
     return plot_solution(sol, file, mech, ["multipliers"])
 
 
-def plot_drift(sol, file=None, mech=None):
+def plot_drift(sol, file=None, mech=None) -> Figure:
     """Largest size of Φ (m, rad) and of J v + Φ_t (m/s, rad/s) of each loop; parameters as :func:`plot_solution`."""
     return plot_solution(sol, file, mech, ["drift"])
 
 
-def plot_energy(sol, file=None, mech=None):
+def plot_energy(sol, file=None, mech=None) -> Figure:
     """Energies and work of the forces, J, and the error of their balance, J (:class:`~pinconsist.Energy`).
 
     Parameters and errors as :func:`plot_solution`.
@@ -87,7 +92,7 @@ def plot_energy(sol, file=None, mech=None):
     return plot_solution(sol, file, mech, ["energy"])
 
 
-def plot_steps(sol, file=None, mech=None):
+def plot_steps(sol, file=None, mech=None) -> Figure:
     """Step size, s, and order over time; parameters as :func:`plot_solution`.
 
     Raises
@@ -98,7 +103,7 @@ def plot_steps(sol, file=None, mech=None):
     return plot_solution(sol, file, mech, ["steps"])
 
 
-def plot_phase(sol, file=None, mech=None):
+def plot_phase(sol, file=None, mech=None) -> Figure:
     """Velocity over configuration, a panel for each of the twelve widest joints of one freedom.
 
     A square marks the start. Parameters and errors as :func:`plot_solution`.

@@ -64,7 +64,8 @@ class Subject:
         parts = [(slice(None), part) for part in rows.slices.values()]
         by_loop = [[np.asarray(each)[part].max(axis=1) for part in parts] for each in (gaps, rates)]
         shape = (len(parts), self.t.size)
-        return list(rows.slices), *(np.reshape(each, shape).T for each in by_loop)
+        drift, rate = (np.reshape(each, shape).T for each in by_loop)
+        return list(rows.slices), drift, rate
 
     def _residuals_of(self, system):
         """The same for each row of a general problem."""
