@@ -20,7 +20,7 @@ import pinconsist
 from pinconsist.cli import main
 from pinconsist.cli.app import spread
 
-MODELS = Path(pinconsist.__file__).resolve().parents[1] / "models"
+MODELS = Path(__file__).resolve().parents[1] / "models"
 PROGRAM = (sys.executable, "-m", "pinconsist.cli")
 
 

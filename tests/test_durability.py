@@ -20,7 +20,7 @@ from pinconsist import solution_file
 
 ARRAYS = ("t", "q", "v", "lam", "h", "order")
 COUNTERS = ("nsteps", "nfev", "njev", "nlu", "rejected")
-MODELS = Path(pc.__file__).resolve().parents[1] / "models"
+MODELS = Path(__file__).resolve().parents[1] / "models"
 SLOW = pytest.mark.slow
 PROGRAM = (sys.executable, "-m", "pinconsist.cli")
 

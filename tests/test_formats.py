@@ -57,7 +57,7 @@ def test_built_in_model(name):
     assert all(loop.kind == "hinge" for loop in mech.loops)
     gap, jacobian = closures(mech, mech.guess)
     assert np.max(np.abs(gap), initial=0.0) < 1e-14
-    assert np.linalg.matrix_rank(jacobian) == 2 * len(loops)
+    assert not loops or np.linalg.matrix_rank(jacobian) == 2 * len(loops)
     assert pickle.loads(pickle.dumps(mech)).geometry == mech.geometry
 
 

@@ -1,26 +1,183 @@
-"""The public names, listed once more so that they change only on purpose; and that they are loaded lazily."""
+"""The public names and their parameters, listed once more so that they change only on purpose; and how they load."""
 
+import ast
+import inspect
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
 
 import pinconsist as pc
 
-NAMES = """
-Assembly AssemblyError Certificate Constraint Coupling Drive Energy Equilibrium EquilibriumError Event FormatError
-HessenbergProblem InputError InverseDynamics JointDamping JointFriction JointSpring JointTorque Linearization Loop
-Mechanism MissingExtraError Modes Motion Outcome PinconsistError Reaction Rerun SavingError Servo SingularSystemError Solution SpringDamper
-Torque UserFunctionError Wrench assemble compare consistent_initial_velocity equilibrium export_html integrate
-inverse_dynamics linearize load models plot_comparison plot_drift plot_energy plot_multipliers plot_phase
-plot_solution plot_steps plot_trajectory plot_work_precision reference_problem reference_solution replay
-record rerun resume simulate sweep write
+HOW = "method step max_order rtol atol forces t_eval dense_output events callback consistency first_step max_step"
+HOW += " max_steps backend"
+PARAMETERS = {  # those after the bar by name only
+    "Assembly": "q v gaps rows rank mobility redundant moved iterations",
+    "Certificate": "position position_at velocity force force_first energy_error energy",
+    "Constraint": "name function size jacobian rate moving rows step",
+    "Coupling": "name joint other ratio offset higher",
+    "Drive": "name joint curve rate acceleration",
+    "Energy": "t kinetic potential elastic total stored power work error",
+    "Equilibrium": "mechanism t q lam residual stiffness neutral iterations",
+    "Event": "function terminal direction apply name",
+    "HessenbergProblem": "U F G R | R_p R_t U_p U_v",
+    "InverseDynamics": "mechanism t q v a lam torques",
+    "JointDamping": "coefficients",
+    "JointFriction": "coefficients width",
+    "JointSpring": "joint stiffness rest",
+    "JointTorque": "torques",
+    "Linearization": "t q v a lam coordinates Z mass damping stiffness",
+    "Loop": "name kind frame1 frame2 xyz1 rpy1 xyz2 rpy2 axis length axis2",
+    "Mechanism": "model loops forces name guess actuated geometry duration",
+    "Modes": "eigenvalues shapes massless",
+    "Motion": "start speed amplitude frequency phase",
+    "Outcome": "index case value error message traceback finished",
+    "Reaction": "loop kind axes t force moment torque joint_forces",
+    "Rerun": "same differences solution",
+    "Servo": "joint target stiffness damping rate",
+    "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
+    " sol t_events q_events v_events system",
+    "SpringDamper": "frame1 frame2 stiffness length damping xyz1 xyz2",
+    "Torque": "function gradient",
+    "Wrench": "frame force moment axes xyz",
+    "assemble": "mechanism q v | fixed t tolerance",
+    "compare": "subject steps | order count q0 v0",
+    "consistent_initial_velocity": "system t0 p0 v0 step",
+    "equilibrium": "mechanism q | forces t stable",
+    "export_html": "mech sol file | speed fps traces forces",
+    "integrate": f"system t_span p0 v0 | {HOW.replace('forces ', '')}",
+    "inverse_dynamics": "mechanism times q | forces",
+    "linearize": "mechanism q v | forces t",
+    "load": "source | loops closure free_flyer package_dirs",
+    "models": "",
+    "plot_comparison": "rows file",
+    "plot_drift": "sol file mech",
+    "plot_energy": "sol file mech",
+    "plot_multipliers": "sol file mech",
+    "plot_phase": "sol file mech",
+    "plot_solution": "sol file mech what",
+    "plot_steps": "sol file mech",
+    "plot_trajectory": "sol file mech",
+    "plot_work_precision": "series file",
+    "record": "scene t_span file q0 v0 | load save_every forces callback **options",
+    "reference_problem": "name",
+    "reference_solution": "system t0 p0 v0 times | rtol atol",
+    "replay": "mech sol | speed loop traces forces open_browser",
+    "rerun": "file | scene forces callback",
+    "resume": "file | scene forces callback",
+    "simulate": f"mech t_span q0 v0 | {HOW}",
+    "sweep": "function cases | executor callback",
+    "write": "mechanism path",
+}
+ERRORS = """
+AssemblyError EquilibriumError FormatError InputError MissingExtraError PinconsistError SavingError SingularSystemError
+UserFunctionError
 """.split()
+METHODS = {  # of classes, with their parameters; None: an attribute that is computed
+    "Assembly": {"largest_gap": None},
+    "Certificate": {"concerns": None},
+    "Energy": {"balance_error": None},
+    "Equilibrium": {"stable": None, "reaction": "loop | axes"},
+    "InverseDynamics": {"reaction": "loop | axes"},
+    "JointDamping": {"label": None, "bind": "model"},
+    "JointFriction": {"label": None, "bind": "model"},
+    "JointSpring": {"label": None, "bind": "model"},
+    "JointTorque": {"label": None, "bind": "model"},
+    "Linearization": {"A": None, "modes": ""},
+    "Loop": {"rows": None, "placement1": None, "placement2": None},
+    "Mechanism": {
+        "nq": None,
+        "nv": None,
+        "nc": None,
+        "joints": None,
+        "anchored_loops": None,
+        "row_labels": None,
+        "columns": "joint",
+        "joint_index": "joint",
+        "configuration": "values base",
+        "velocity": "values",
+        "with_loops": "*loops",
+        "with_forces": "*forces",
+        "with_gravity": "gravity",
+        "with_armature": "armature",
+        "lock": "joints q",
+        "reduced": "q",
+        "reanchored": "q",
+    },
+    "Modes": {"frequencies": None, "hertz": None, "damping_ratios": None},
+    "Motion": {"numbers": None, "rate": "t", "acceleration": "t"},
+    "Outcome": {"success": None},
+    "Servo": {"label": None, "bind": "model"},
+    "Solution": {
+        "from_trajectory": "trajectory plan",
+        "y": None,
+        "check": "mechanism",
+        "energy": "mechanism",
+        "reaction": "loop mechanism | axes",
+        "summary": "",
+        "save": "file",
+        "load": "file",
+    },
+    "SpringDamper": {"label": None, "bind": "model"},
+    "Torque": {"label": None, "torque": "t q v", "derivatives": "t q v"},
+    "Wrench": {"label": None, "bind": "model"},
+}
+
+
+def parameters(function):
+    """Names of the parameters, those after a bar by name only."""
+    words = []
+    for one in inspect.signature(function).parameters.values():
+        if one.name.startswith("_") or one.name == "self":
+            continue
+        if one.kind is one.KEYWORD_ONLY and "|" not in words:
+            words.append("|")
+        words.append({one.VAR_POSITIONAL: "*", one.VAR_KEYWORD: "**"}.get(one.kind, "") + one.name)
+    return " ".join(words)
 
 
 def test_public_names():
-    assert sorted(pc.__all__) == sorted(NAMES)
-    for name in NAMES:
+    assert pc.__all__ == sorted([*PARAMETERS, *ERRORS])
+    for name in pc.__all__:
         assert getattr(pc, name).__doc__, name
         assert name in dir(pc)
+    assert all(issubclass(getattr(pc, name), pc.PinconsistError) for name in ERRORS)
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_parameters(name):
+    assert parameters(getattr(pc, name)) == PARAMETERS[name]
+
+
+def methods(kind):
+    """Public methods of a class, with their parameters, and attributes that are computed."""
+    for name, member in vars(kind).items():
+        if not name.startswith("_") and (callable(member) or isinstance(member, property | classmethod)):
+            function = member.fget if isinstance(member, property) else getattr(kind, name)
+            yield name, function, isinstance(member, property)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_methods(name):
+    found = {m: None if computed else parameters(f) for m, f, computed in methods(getattr(pc, name))}
+    assert found == METHODS[name]
+
+
+@pytest.mark.parametrize("name", sorted({*PARAMETERS} - {"HessenbergProblem"}))  # its methods are the method's to call
+def test_type_checkers_know_what_is_returned(name):
+    """Else ``mypy --strict`` refuses the call in a user's script."""
+    public = getattr(pc, name)
+    functions = [f for _, f, _ in methods(public)] if isinstance(public, type) else [public]
+    for function in functions:
+        assert function.__annotations__.get("return"), function
+
+
+def test_type_checkers_see_the_names_that_are_loaded_when_they_are_used():
+    stub = ast.parse(Path(pc.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    seen = {(node.module, each.asname) for node in stub.body if isinstance(node, ast.ImportFrom) for each in node.names}
+    assert seen == {(module, name) for name, module in pc._MODULE_OF.items()}
+    assert Path(pc.__file__).with_name("py.typed").is_file()
 
 
 def test_importing_loads_no_scipy_and_no_viewer():
