@@ -7,15 +7,24 @@ import pytest
 
 from pinconsist.cli import main
 from pinconsist.errors import InputError
-from pinconsist.study.bench import overhead, robots
+from pinconsist.study.bench import robots
+from pinconsist.study.overhead import backends, chain_steps, overhead
 
 ROBOTS = Path(__file__).parents[2] / "shared" / "robots"
 
 
 def test_overhead_counts_steps_residuals_and_times():
-    (row,) = overhead(tolerances=(1e-5,), repeats=1)
-    assert row.steps > 500 and 1.0 < row.residuals < 2.7
-    assert row.ratio == pytest.approx(row.step_time / row.bare_time) and row.ratio > 1.0
+    rows = overhead(tolerances=(1e-5,), repeats=1)
+    assert [row.backend for row in rows] == list(backends())
+    for row in rows:
+        assert row.steps > 500 and 1.0 < row.residuals < 2.7 and row.bare_time > 0.0
+        assert row.ratio == pytest.approx(row.step_time / row.bare_time)
+
+
+def test_steps_of_chains_are_counted_and_timed():
+    rows = chain_steps({2: 1.0, 40: 0.3}, repeats=1)
+    assert [(row.links, row.backend) for row in rows] == [(n, backend) for n in (2, 40) for backend in backends()]
+    assert all(row.steps > 1 and row.step_time > 0.0 for row in rows)
 
 
 def test_a_folder_of_one_robot(tmp_path):

@@ -63,8 +63,8 @@ public:
     for (int iteration = 1; iteration <= MAX_ITERATIONS; ++iteration) {
       system_.evaluate(t, step.p, v_, a_);
       rhs_.setZero();
+      system_.f.noalias() -= system_.J.transpose() * x_.tail(nc);
       rhs_.col(0).head(nv) = c * system_.f;
-      rhs_.col(0).head(nv).noalias() -= c * (system_.J.transpose() * x_.tail(nc));
       rhs_.col(1).tail(nc) = system_.phi;
       rhs_.col(2).tail(nc) = system_.rho;
       ++nfev;
@@ -84,7 +84,8 @@ public:
       }
       reuse_.iterated();
       moves_.col(0) = rhs_.col(0) + rhs_.col(1) / c;
-      moves_.col(1) = correct_ ? Vec(rhs_.col(0) + rhs_.col(2)) : Vec(moves_.col(0));
+      if (correct_) moves_.col(1) = rhs_.col(0) + rhs_.col(2);
+      else moves_.col(1) = moves_.col(0);
       raw_ = v_ - moves_.col(0).head(nv);
       system_.position(base, psi_x_, c, raw_, step.p, xi_);
       step.y.resize(predicted.size());

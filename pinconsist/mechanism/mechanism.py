@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -118,7 +119,7 @@ class Mechanism:
         """Rows of all loops, redundant ones counted."""
         return sum(len(loop.rows) for loop in self.loops)
 
-    @property
+    @cached_property
     def joints(self) -> tuple[str, ...]:
         """Joint names, without the ground."""
         return tuple(self.model.names)[1:]

@@ -13,7 +13,6 @@ import pinocchio as pin
 from ..errors import AssemblyError, InputError, PinconsistError
 from ..formats.catalogue import is_built_in, load
 from ..mechanism.assembly import assemble
-from ..mechanism.system import MechanismSystem
 from ..simulation import simulate
 
 SLIDING = ("cylinder", "slider", "plane")

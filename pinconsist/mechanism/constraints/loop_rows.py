@@ -21,9 +21,9 @@ def unit(vector) -> np.ndarray:
 
 def across(e) -> np.ndarray:
     """Two unit vectors normal to the unit vector `e` and to each other, as rows; with e they are right-handed."""
-    u1 = np.cross(e, np.eye(3)[np.argmin(np.abs(e))])
-    u1 /= np.linalg.norm(u1)
-    return np.array([u1, np.cross(e, u1)])
+    u1 = pin.skew(e)[:, np.argmin(np.abs(e))]
+    u1 = u1 / np.linalg.norm(u1)
+    return np.array([u1, pin.skew(e) @ u1])
 
 
 class Place:
@@ -117,7 +117,7 @@ class Tilt(_Axis):
 
     def __init__(self, e):
         self.axis2 = e
-        self.directions = np.cross(across(e), e)  # tilt1 turns about the first row of across(e), tilt2 about the second
+        self.directions = -across(e) @ pin.skew(e).T  # tilt1 turns about the first row of across(e), tilt2 about the second
 
     def rows(self, d, R, linear, angular):
         """Φ and J."""

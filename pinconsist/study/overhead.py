@@ -1,0 +1,142 @@
+"""What a step costs: beside Pinocchio's own calls, and as a chain grows."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from .. import _core
+from ..dae.compiled import stepper_for
+from ..formats.catalogue import load
+from ..mechanism.assembly import assemble
+from ..mechanism.system import MechanismSystem
+from ..plan import method_of
+from ..simulation import simulate
+
+SPEED = {"crank": 12.0}  # rad/s, the timing scene
+CHAINS = {8: 1.0, 32: 1.0, 64: 1.0, 128: 1.0, 256: 1.0}  # links → s
+
+
+@dataclass(frozen=True)
+class Overhead:
+    """Wall time of a run beside the bare Pinocchio calls of one residual.
+
+    Attributes
+    ----------
+    backend : str
+    rtol : float
+    steps : int
+        Accepted steps.
+    residuals : float
+        Residual evaluations per accepted step.
+    step_time, bare_time : float
+        Median wall time of an accepted step (of the whole run, assembly and start included), and of the calls rnea,
+        computeJointJacobians, constraint calc and Jacobian made from Python, s.
+    ratio : float
+        Median of their ratios, measured alternately.
+    """
+
+    backend: str
+    rtol: float
+    steps: int
+    residuals: float
+    step_time: float
+    bare_time: float
+    ratio: float
+
+
+def backends() -> tuple[str, ...]:
+    """Who can make steps here."""
+    return ("python",) if _core.load()[0] is None else ("compiled", "python")
+
+
+def overhead(scene="crank_rocker", tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> list[Overhead]:
+    """Measure a scene against the bare calls on its model, alternately: the crank-rocker for 5 s from 12 rad/s, other
+    scenes from rest for a tenth of their duration.
+    """
+    mech = load(scene)
+    timed = scene == "crank_rocker"
+    span, start = ((0.0, 5.0), ({"crank": 0.0}, SPEED)) if timed else ((0.0, 0.1 * mech.duration), (None, None))
+    q = assemble(mech, *start).q
+    system = MechanismSystem(mech, q)
+    rows = []
+    for backend in backends():
+        for tol in tolerances:
+            times = []
+            for _ in range(repeats):
+                begun = time.perf_counter()
+                sol = simulate(mech, span, *start, rtol=tol, atol=tol, backend=backend)
+                times.append(((time.perf_counter() - begun) / sol.nsteps, _bare_calls(system, q)))
+            step, bare = np.array(times).T
+            medians = map(float, np.median((step, bare, step / bare), axis=1))
+            rows.append(Overhead(backend, tol, sol.nsteps, sol.nfev / sol.nsteps, *medians))
+    return rows
+
+
+def _bare_calls(system, q, count=2000) -> float:
+    """Seconds that one set of Pinocchio's calls of a residual takes."""
+    model, data, v, a = system.model, system.data, np.ones(system.nv), np.ones(system.nv)
+    models, datas = system.kept_rows.constraints
+    pairs = list(zip(models, datas, strict=True))
+    start = time.perf_counter()
+    for _ in range(count):
+        pin.rnea(model, data, q, v, a)
+        pin.computeJointJacobians(model, data, q)
+        for constraint, constraint_data in pairs:
+            constraint.calc(model, data, constraint_data)
+            constraint.jacobian(model, data, constraint_data)
+    return (time.perf_counter() - start) / count
+
+
+@dataclass(frozen=True)
+class ChainStep:
+    """Time of an accepted step of a hanging chain, its start not counted.
+
+    Attributes
+    ----------
+    backend : str
+    links, steps : int
+    step_time : float
+        Median over the runs, s.
+    """
+
+    backend: str
+    links: int
+    steps: int
+    step_time: float
+
+
+def chain_steps(chains=None, repeats=3) -> list[ChainStep]:
+    """Measure the steps of ``chain_<n>``, released from rest, at tolerance 1e-6, on every backend in turn."""
+    rows = []
+    for links, until in (chains or CHAINS).items():
+        mech = load(f"chain_{links}")
+        start = assemble(mech)
+        system = MechanismSystem(mech, start.q)
+        times = {backend: [] for backend in backends()}
+        for _ in range(repeats):
+            for backend, found in times.items():
+                found.append(_steps(system, start, until, backend))
+        for backend, found in times.items():
+            steps, seconds = found[0][0], np.median([seconds for _, seconds in found])
+            rows.append(ChainStep(backend, links, steps, float(seconds / steps)))
+    return rows
+
+
+def _steps(system, start, until, backend) -> tuple[int, float]:
+    """Accepted steps, and the seconds that they took."""
+    system.twin = None
+    span = (0.0, until)
+    method = method_of(span, "BDF", None, 5, 1e-6, 1e-6, "every-step", None, np.inf, None, backend)
+    stepper = stepper_for(system, method)
+    stepper.begin(0.0, start.q, start.v, until)
+    steps, begun = 0, time.perf_counter()
+    while stepper.t != until:
+        stretch = stepper.stretch(until, stepper.at_once, False)
+        if stretch.failure:
+            raise RuntimeError(stretch.failure)
+        steps += len(stretch.pieces) if stretch.block is None else len(stretch.block[0])
+    return steps, time.perf_counter() - begun
