@@ -281,11 +281,12 @@ def test_a_general_problem_that_turns_nan(step):
 
 GENERAL_CALLS = {
     "R_p transposed": (lambda: pendulum(R_p=lambda t, p: p[:, None]), "R_p"),
-    "R_p no function": (lambda: pendulum(R_p=3), "R_p must be callable"),
+    "R_p no function": (lambda: pendulum(R_p=3), "R_p must be callable, got int"),
     "R_t size": (lambda: pendulum(R_p=lambda t, p: p[None], R_t=lambda t, p: np.zeros(3)), "R_t"),
     "U_v size": (lambda: pendulum(U_v=lambda t, p, v: np.eye(3)), "U_v"),
-    "p0 scalar": (lambda: pendulum(p0=1.0), "p0"),
-    "p0 column": (lambda: pendulum(p0=P0[:, None]), "p0"),
+    "p0 scalar": (lambda: pendulum(p0=1.0), r"p0 and v0 need shapes \(n,\), got \(\) and \(2,\)"),
+    "p0 column": (lambda: pendulum(p0=P0[:, None]), r"got \(2, 1\) and \(2,\)"),
+    "v0 column": (lambda: pendulum(v0=V0[:, None]), r"got \(2,\) and \(2, 1\)"),
 }
 
 

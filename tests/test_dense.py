@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import scenes
+from test_order import scaled_bead
 
 import pinconsist as pc
 from pinconsist.dae.record import Record
@@ -93,6 +94,22 @@ def test_t_eval_gives_what_dense_output_gives(mech, options):
     assert rows.t.tolist() == times.tolist() and rows.h.size == rows.order.size == 0 and rows.nsteps == dense.nsteps
     for found, expected in zip((rows.q, rows.v, rows.lam), dense.sol(times), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("span", [(0.0, 0.5), (0.5, 0.0)])
+def test_a_general_problem_between_its_steps_either_way_in_time(span):
+    problem, exact = scaled_bead()
+    p0, v0, _ = exact(span[0])
+    times = np.linspace(*span, 21)
+    options = {"rtol": 1e-8, "atol": 1e-8}
+    dense = pc.integrate(problem, span, p0, v0, dense_output=True, **options)
+    rows = pc.integrate(problem, span, p0, v0, t_eval=times, **options)
+    assert rows.t.tolist() == times.tolist() and len(dense.t) < 100
+    p, v, lam = (np.array(column) for column in zip(*map(exact, times), strict=True))
+    for q_found, v_found, lam_found in (dense.sol(times), (rows.q, rows.v, rows.lam)):
+        np.testing.assert_allclose(q_found, p, atol=1e-7)
+        np.testing.assert_allclose(v_found, v, atol=1e-7)
+        np.testing.assert_allclose(lam_found[:, 0], lam, atol=1e-5)
 
 
 def test_t_eval_backwards_repeated_and_partial():

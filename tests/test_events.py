@@ -108,6 +108,11 @@ def test_functions_with_scipys_attributes():
     ground.terminal, ground.direction = 1, -1
     sol = pc.simulate(balls(), (0.0, 3.0), q0=[1.0], events=ground)
     assert sol.status == 1 and "ground" in sol.message and sol.t[-1] == pytest.approx(np.sqrt(2 / G))
+    ground.direction = 1
+    assert pc.simulate(balls(), (0.0, 1.0), q0=[1.0], events=ground).status == 0  # it only falls
+    ground.terminal, ground.direction, ground.apply = False, 0, lambda t, q, v: -v
+    back = pc.simulate(balls(), (0.0, 2 * np.sqrt(2 / G)), q0=[1.0], events=ground)
+    np.testing.assert_allclose(back.q[-1], 1.0, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("direction", "count"), [(0, 6), (1, 3), (-1, 3)])

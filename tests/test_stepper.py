@@ -1,0 +1,99 @@
+"""Estimates inside a step that no run shows by itself: what rounding leaves in a velocity."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import pinconsist as pc
+from pinconsist.dae.newton import EPS
+from pinconsist.dae.stepper import _velocity_rounding
+from pinconsist.dae.stepsize import ErrorControl
+
+
+def rounding(sigma, v=(1.0, -2.0, 0.5), p=(0.0, 3.0, 0.0)):
+    """Of a unit mass held by two rows at right angles, one of length `sigma`."""
+    rows = np.array([[1.0, 0.0, 0.0], [0.0, sigma, 0.0]])
+    p, v = np.array(p), np.array(v)
+    problem = pc.HessenbergProblem(
+        U=lambda t, p, v: v,
+        F=lambda t, p, v: np.zeros(3),
+        G=lambda t, p, v: rows.T,
+        R=lambda t, p: rows @ p,
+        R_p=lambda t, p: rows,
+    ).at(0.0, p, v)
+    return _velocity_rounding(problem, 0.0, p, v)
+
+
+def test_rounding_grows_with_the_square_of_the_distance_from_regular():
+    """Positions are known to eps/σ, W turns with them, and v by another 1/σ: eps |v| (1 + (1 + |p|)/σ²)."""
+    for sigma in (1.0, 1e-2, 1e-4):
+        assert rounding(sigma) == pytest.approx(2.0 * EPS * (1.0 + 4.0 / sigma**2), rel=1e-6)
+    assert rounding(0.0) == np.inf
+
+
+def test_without_constraints_only_the_velocity_is_rounded():
+    free = SimpleNamespace(nv=3, nc=0)
+    assert _velocity_rounding(free, 0.0, np.zeros(3), np.array([1.0, -2.0, 0.5])) == 2.0 * EPS
+
+
+def control(**options):
+    control = ErrorControl(rtol=(1e-3, 1e-4), atol=(1e-6, 1e-7), **({"max_order": 5, "max_step": np.inf} | options))
+    system = SimpleNamespace(nx=1, nv=1, nc=0, vector_like=True)
+    control.fit(system)
+    return control, system
+
+
+def table(k, errors):
+    """Differences whose errors at orders k-1, k and k+1 are the given multiples of the tolerance; weights are 1."""
+    Z = np.zeros((9, 2))
+    for order, error in zip((k - 1, k, k + 1), errors, strict=True):
+        Z[order + 1, 0] = error * (order + 1)  # the error constant of BDF is 1/(order + 1)
+    return Z
+
+
+def after_equal_steps(control, system, Z, k, error, h=0.1):
+    for _ in range(k):
+        assert control.next_step(system, Z, k, h, error, np.ones(2)) == (h, k)  # too few equal steps to judge
+    return control.next_step(system, Z, k, h, error, np.ones(2))
+
+
+@pytest.mark.parametrize(
+    ("errors", "order"), [((0.9, 0.4, 0.1), 4), ((0.01, 0.01, 0.01), 2), ((0.5, 1e-3, 0.5), 3), ((0.1, 0.3, 0.5), 2)]
+)
+def test_the_order_that_allows_the_longest_step_is_taken(errors, order):
+    """Order j allows h·(1/error_j)^(1/(j+1)); of that, four fifths are used."""
+    subject, system = control()
+    h, k = after_equal_steps(subject, system, table(3, errors), 3, errors[1])
+    assert k == order
+    best = max(error ** (-1.0 / (j + 1)) for j, error in zip((2, 3, 4), errors, strict=True))
+    assert h == pytest.approx(0.1 * 0.8 * best)
+
+
+def test_small_gains_do_not_change_the_step_and_limits_hold():
+    subject, system = control()
+    small_gain = (0.8 / 1.05) ** 4  # allows 1.05 h with order 3
+    assert after_equal_steps(subject, system, table(3, (1.0, small_gain, 1.0)), 3, small_gain) == (0.1, 3)
+    gain = (0.8 / 1.15) ** 4
+    h, k = after_equal_steps(control()[0], system, table(3, (1.0, gain, 1.0)), 3, gain)
+    assert (h, k) == (pytest.approx(0.115), 3)
+    for sign in (1.0, -1.0):
+        h, _ = after_equal_steps(control()[0], system, table(3, (0, 0, 0)), 3, 0.0, sign * 0.1)
+        assert h == pytest.approx(sign * 1.0)  # ten times at most
+        limited = control(max_step=0.15)[0]
+        h, _ = after_equal_steps(limited, system, table(3, (0, 0, 0)), 3, 0.0, sign * 0.1)
+        assert h == pytest.approx(sign * 0.15)
+    assert after_equal_steps(control(max_order=3)[0], system, table(3, (1.0, 0.5, 0.0)), 3, 0.5)[1] == 3
+
+
+def test_after_a_rejection_the_step_shrinks_by_what_the_error_asks():
+    subject, system = control()
+    d, weight = np.zeros(2), np.ones(2)
+    Z = table(3, (1e9, 0, 0))  # no lower order helps
+    h, k = subject.after_rejection(system, Z, d, 3, 0.1, 16.0, weight)
+    assert (h, k) == (pytest.approx(0.1 * 0.8 / 2), 3)  # 16^(1/4) = 2
+    assert subject.after_rejection(system, Z, d, 3, 0.1, 1e9, weight) == (pytest.approx(0.02), 3)  # a fifth at least
+    Z = table(3, (1.0, 0, 0))  # the lower one fits at this step
+    assert subject.after_rejection(system, Z, d, 3, 0.1, 16.0, weight) == (pytest.approx(0.08), 2)
+    assert subject.reasons == {"error": 3, "newton": 0}
+    assert subject.after_failure(-0.1) == -0.025 and subject.reasons["newton"] == 1
