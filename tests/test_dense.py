@@ -105,6 +105,7 @@ def test_a_general_problem_between_its_steps_either_way_in_time(span):
     dense = pc.integrate(problem, span, p0, v0, dense_output=True, **options)
     rows = pc.integrate(problem, span, p0, v0, t_eval=times, **options)
     assert rows.t.tolist() == times.tolist() and len(dense.t) < 100
+    assert rows.order.dtype == dense.order.dtype == int
     p, v, lam = (np.array(column) for column in zip(*map(exact, times), strict=True))
     for q_found, v_found, lam_found in (dense.sol(times), (rows.q, rows.v, rows.lam)):
         np.testing.assert_allclose(q_found, p, atol=1e-7)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
+from pinconsist.dae.acceleration import NotFiniteError, solve_acceleration
+from pinconsist.dae.consistency import project_position
 from pinconsist.dae.newton import EPS
 from pinconsist.dae.stepper import _velocity_rounding
 from pinconsist.dae.stepsize import ErrorControl
@@ -35,6 +37,36 @@ def test_rounding_grows_with_the_square_of_the_distance_from_regular():
 def test_without_constraints_only_the_velocity_is_rounded():
     free = SimpleNamespace(nv=3, nc=0)
     assert _velocity_rounding(free, 0.0, np.zeros(3), np.array([1.0, -2.0, 0.5])) == 2.0 * EPS
+
+
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e3, 1e6])
+def test_positions_are_put_on_the_constraint_in_any_unit_of_length(length):
+    """|p|²/2 = L²/2 is known to eps L²: rounding that no iteration can take out, and that must not be waited for."""
+    problem = pc.HessenbergProblem(
+        U=lambda t, p, v: v,
+        F=lambda t, p, v: np.zeros(2),
+        G=lambda t, p, v: p[:, None],
+        R=lambda t, p: np.array([(p @ p - length**2) / 2]),
+        R_p=lambda t, p: p[None],
+    )
+    for angle in np.linspace(0.1, 6.0, 20):
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        p, v = 1.01 * length * direction, length * np.array([-direction[1], direction[0]])
+        found = project_position(problem.at(0.0, p, v), 0.0, p, v)
+        assert np.linalg.norm(found) == pytest.approx(length, rel=4 * EPS)
+        assert found @ direction == pytest.approx(length, rel=4 * EPS)  # straight in: the mass is the same each way
+
+
+def test_accelerations_that_are_not_finite_say_when():
+    problem = pc.HessenbergProblem(
+        U=lambda t, p, v: v,
+        F=lambda t, p, v: np.array([0.0, np.nan if t > 0.2 else 0.0]),
+        G=lambda t, p, v: p[:, None],
+        R=lambda t, p: np.array([(p @ p - 1.0) / 2]),
+    )
+    p, v = np.array([0.6, 0.8]), np.zeros(2)
+    with pytest.raises(NotFiniteError, match=r"not finite at t = 0\.3: a force or a user's function"):
+        solve_acceleration(problem.at(0.0, p, v), 0.3, p, v)
 
 
 def control(**options):
