@@ -95,6 +95,8 @@ class Solution:
                 f"gape by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
                 "Start elsewhere, or from a state just before"
             )
+        if getattr(system, "twin_of_all_rows", None) is not None:
+            system.twin_of_all_rows = None  # it may hold functions of the user's, unseen by the garbage collector
         arrays = [
             np.array(a)
             for a in (trajectory.t, trajectory.p, trajectory.v, trajectory.lam, trajectory.h, trajectory.order)
@@ -229,6 +231,8 @@ class Solution:
             orders += [f"{counts[0]} by the one-step start"] if counts[0] else []
             lines.append(f"steps {taken.min():.3g} … {taken.max():.3g} s: {', '.join(orders)}")
         lines.append(f"{self.nfev} residuals, {self.njev} Newton matrices, {self.nlu} factorisations")
+        if backend := self.method.get("backend"):
+            lines.append(f"steps made by the {backend} method" if backend == "compiled" else f"steps made in {backend}")
         if skips := self.method.get("skipped"):
             lines.append(f"skipped: {', '.join(skips)}")
         return "\n".join(lines)

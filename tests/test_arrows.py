@@ -28,7 +28,7 @@ MAY_IMPORT = {
     "recording": {"simulation", "formats", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
     "formats": {"mechanism", "files", "errors"},
     "view": {"mechanism", "files", "errors"},
-    "study": {"dae", "mechanism", "formats", "errors", "simulation", "solution"},
+    "study": {"_core", "plan", "dae", "mechanism", "formats", "errors", "simulation", "solution"},
     "sweeps": {"mechanism", "interrupts", "files", "solution_file", "errors", "simulation"},
     "cli": {"simulation", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
     | {"sweeps", "recording", "files", "interrupts"},

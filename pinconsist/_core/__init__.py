@@ -11,6 +11,8 @@ from importlib.util import find_spec
 
 import pinocchio  # loads the libraries that the twin is linked with
 
+INTERFACE = 1  # as in module.cpp: an editable install may hold an older build
+
 
 @cache
 def load():
@@ -21,6 +23,8 @@ def load():
         from . import twin
     except ImportError as error:
         return None, f"the compiled part of pinconsist cannot be loaded ({error})"
+    if getattr(twin, "INTERFACE", 0) != INTERFACE:
+        return None, "the compiled part of pinconsist is of another version; install pinconsist again"
     if twin.PINOCCHIO_VERSION != pinocchio.__version__:
         return None, (
             f"the compiled part of pinconsist was built for Pinocchio {twin.PINOCCHIO_VERSION}, and this is "

@@ -15,8 +15,9 @@ template <class Derived> double largest(const Eigen::MatrixBase<Derived> &x) {
 }
 
 struct State {
-  Vec p, v, lam;
-  const char *failure = ""; // or what is wrong
+  Vec p, v;
+  const char *failure = ""; // "open": |Φ| = gap remains, or "singular"
+  double gap = 0.0;
 };
 
 // [[M, -G], [W, 0]] at a position, factorised, and what it is good for.
@@ -38,17 +39,15 @@ public:
     return true;
   }
 
-  // p and v put on the constraints, as project_position and project_velocity do, and λ.
-  State state(double t, const Vec &p, const Vec &v) {
-    State state{p, v, {}};
-    Vec a;
+  // p and v put on the constraints, as project_position and project_velocity do.
+  State project(double t, const Vec &p, const Vec &v) {
+    State state{p, v};
     if (system_.nc && !position(t, state)) return state;
     for (int turn = 0; turn < 2 && system_.nc; ++turn) {
       system_.constraint(t, state.p, state.v);
       if (!shift(state.p, system_.rho)) return singular(state);
       state.v -= rhs_.col(0).head(system_.nv);
     }
-    if (!acceleration(t, state.p, state.v, a, state.lam)) return singular(state);
     return state;
   }
 
@@ -68,7 +67,7 @@ public:
 private:
   bool solve(const Vec &p, Mat &rhs) {
     system_.mass_matrix(p, kkt_.A());
-    return kkt_.solve_new(system_.J, 1.0, rhs);
+    return kkt_.solve_new(system_.J, 1.0, rhs, static_cast<int>(rhs.cols()));
   }
 
   // The smallest velocity, in the mass metric, that carries the residual; J is the one at p.
@@ -91,12 +90,13 @@ private:
       state.p = moved;
       last = size;
     }
-    state.failure = "the position could not be put on the constraint";
+    state.failure = "open";
+    state.gap = last;
     return false;
   }
 
   static State &singular(State &state) {
-    state.failure = "the equations of motion are singular";
+    state.failure = "singular";
     return state;
   }
 

@@ -3,6 +3,8 @@
 
 #include "rigid_bodies.hpp"
 
+#include <nanobind/stl/pair.h>
+
 namespace pinconsist {
 
 struct Force {
@@ -185,16 +187,25 @@ public:
   explicit PythonForce(nb::object law) : law_(std::move(law)) {}
 
   void add_torque(const Data &, double t, const Vec &q, const Vec &v, Vec &tau) const override {
-    tau += nb::cast<Vec>(law_.attr("torque")(t, q, v));
+    const auto torque = nb::cast<Vec>(law_.attr("torque")(t, q, v));
+    if (torque.size() != tau.size()) throw nb::value_error("a torque of another size");
+    tau += torque;
   }
   void linearize(const Data &, double t, const Vec &q, const Vec &v, double c, Mat &A) const override {
-    const nb::tuple parts = nb::cast<nb::tuple>(law_.attr("derivatives")(t, q, v));
-    if (!parts[1].is_none()) A -= c * nb::cast<Mat>(parts[1]);
-    if (!parts[0].is_none()) A -= c * c * nb::cast<Mat>(parts[0]);
+    const auto parts = nb::cast<std::pair<nb::object, nb::object>>(law_.attr("derivatives")(t, q, v));
+    subtract(parts.second, c, A);
+    subtract(parts.first, c * c, A);
   }
   bool calls_python() const override { return true; }
 
 private:
+  static void subtract(const nb::object &matrix, double factor, Mat &A) {
+    if (matrix.is_none()) return;
+    const auto part = nb::cast<Mat>(matrix);
+    if (part.rows() != A.rows() || part.cols() != A.cols()) throw nb::value_error("derivatives of another size");
+    A -= factor * part;
+  }
+
   nb::object law_;
 };
 

@@ -20,38 +20,51 @@ struct Lapack {
 
 class KKT {
 public:
-  KKT(int nv, int nc) : nv_(nv), n_(nv + nc), K_(Eigen::MatrixXd::Zero(n_, n_)), lu_(n_, n_), pivots_(n_) {}
+  KKT(int nv, int nc)
+      : nv_(nv), n_(nv + nc), few_(n_ >= Lapack::LARGE && 0 < nc && FEW * nc <= nv), K_(Eigen::MatrixXd::Zero(n_, n_)),
+        lu_(n_, n_), of_constraints_(few_ ? n_ : 0, few_ ? nc : 0), pivots_(n_) {}
 
   Eigen::Ref<Eigen::MatrixXd> A() { return K_.topLeftCorner(nv_, nv_); }
 
-  // Fill in c G and W, factorise and solve in place; false where the matrix is singular.
-  bool solve_new(const Eigen::MatrixXd &J, double c, Eigen::MatrixXd &rhs) {
+  // Fill in c G and W, factorise and solve in place; false where the matrix is singular. Columns of the right-hand side
+  // from `dense` on are zero above the constraints.
+  bool solve_new(const Eigen::MatrixXd &J, double c, Eigen::MatrixXd &rhs, int dense) {
     const int nc = n_ - nv_;
     K_.topRightCorner(nv_, nc) = -c * J.transpose();
     K_.bottomLeftCorner(nc, nv_) = J;
     lu_ = K_;
     c_ = c;
     if (!factorise()) return false;
-    solve(rhs, c);
+    if (few_) { // other than in Python: what each constraint moves is solved for once, not with every right-hand side
+      of_constraints_.setZero();
+      of_constraints_.bottomRows(nc).setIdentity();
+      substitute_all(of_constraints_.data(), nc);
+    }
+    solve(rhs, c, dense);
     return true;
   }
 
   // x = K⁻¹ x with the last factors. With another c than theirs, the unknowns that K multiplies with c G are scaled.
-  // (Without constraints only the first column of x is anything but zero.)
-  void solve(Eigen::MatrixXd &x, double c) const {
-    int columns = n_ == nv_ ? 1 : static_cast<int>(x.cols());
-    if (n_ >= Lapack::LARGE) {
-      char plain = 'N';
-      int n = n_, info = 0;
-      Lapack::solve(&plain, &n, &columns, const_cast<double *>(lu_.data()), &n, const_cast<int *>(pivots_.data()), x.data(),
-                    &n, &info);
-    } else {
-      for (int column = 0; column < columns; ++column) substitute(&x(0, column));
-    }
-    if (c != c_) x.bottomRows(n_ - nv_) *= c_ / c;
+  void solve(Eigen::MatrixXd &x, double c, int dense) const {
+    const int nc = n_ - nv_, columns = static_cast<int>(x.cols());
+    substitute_all(x.data(), few_ || !nc ? dense : columns);
+    if (few_ && dense < columns)
+      x.rightCols(columns - dense) = (of_constraints_ * x.bottomRightCorner(nc, columns - dense)).eval();
+    if (c != c_) x.bottomRows(nc) *= c_ / c;
   }
 
 private:
+  void substitute_all(double *x, int columns) const {
+    if (n_ < Lapack::LARGE) {
+      for (int column = 0; column < columns; ++column) substitute(x + static_cast<long>(column) * n_);
+    } else if (columns) {
+      char plain = 'N';
+      int n = n_, info = 0;
+      Lapack::solve(&plain, &n, &columns, const_cast<double *>(lu_.data()), &n, const_cast<int *>(pivots_.data()), x, &n,
+                    &info);
+    }
+  }
+
   bool factorise() {
     if (n_ >= Lapack::LARGE) {
       int n = n_, info = 0;
@@ -94,8 +107,11 @@ private:
     }
   }
 
+  static constexpr int FEW = 8; // velocities for each constraint from which these are few
+
   int nv_, n_;
-  Eigen::MatrixXd K_, lu_;
+  bool few_;
+  Eigen::MatrixXd K_, lu_, of_constraints_;
   std::vector<int> pivots_;
   double c_ = 1.0;
 };

@@ -30,15 +30,17 @@ nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, b
   Stretch out;
   Failure failure = Failure::none;
   nb::object error = nb::none();
-  if (system.calls_python()) {
-    try {
+  try {
+    if (system.calls_python()) {
       failure = stepper.run(t_end, most, keep_tables, out);
-    } catch (nb::python_error &raised) {
-      error = nb::borrow(raised.value());
+    } else {
+      nb::gil_scoped_release release;
+      failure = stepper.run(t_end, most, keep_tables, out);
     }
-  } else {
-    nb::gil_scoped_release release;
-    failure = stepper.run(t_end, most, keep_tables, out);
+  } catch (nb::python_error &raised) {
+    error = nb::borrow(raised.value());
+  } catch (const std::exception &raised) {
+    error = nb::module_::import_("builtins").attr("RuntimeError")(raised.what());
   }
   const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc;
   nb::object base = nb::none(), Z = nb::none();
@@ -57,6 +59,7 @@ nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, b
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
+  m.attr("INTERFACE") = 1; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_lapack", [](nb::capsule factorise, nb::capsule solve) {
     Lapack::factorise = reinterpret_cast<Lapack::Factorise>(factorise.data());
     Lapack::solve = reinterpret_cast<Lapack::Solve>(solve.data());
@@ -131,9 +134,9 @@ NB_MODULE(twin, m) {
              if (!projection.acceleration(t, p, v, a, lam)) return nb::none();
              return nb::make_tuple(a, lam, a.allFinite() && lam.allFinite());
            })
-      .def("state", [](Projection &projection, double t, const Vec &p, const Vec &v) {
-        const State state = projection.state(t, p, v);
-        return nb::make_tuple(state.p, state.v, state.lam, state.failure);
+      .def("project", [](Projection &projection, double t, const Vec &p, const Vec &v) {
+        const State state = projection.project(t, p, v);
+        return nb::make_tuple(state.p, state.v, state.failure, state.gap);
       });
 
   nb::class_<Stepper>(m, "Stepper")

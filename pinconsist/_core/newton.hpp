@@ -78,9 +78,9 @@ public:
         reuse_.made(c);
         ++njev;
         ++nlu;
-        if (!kkt_.solve_new(system_.J, c, rhs_)) return fail(step, predicted, Failure::singular);
+        if (!kkt_.solve_new(system_.J, c, rhs_, 1)) return fail(step, predicted, Failure::singular);
       } else {
-        kkt_.solve(rhs_, c);
+        kkt_.solve(rhs_, c, 1);
       }
       reuse_.iterated();
       moves_.col(0) = rhs_.col(0) + rhs_.col(1) / c;
@@ -151,7 +151,7 @@ private:
     closing_.setZero();
     closing_.col(0).tail(nc) = system_.phi;
     closing_.col(1).tail(nc) = system_.rho;
-    kkt_.solve(closing_, c);
+    kkt_.solve(closing_, c, 0);
     reuse_.iterated();
     if (measure) {
       const double gap = largest(system_.phi) / (1.0 + largest(step.p));

@@ -88,8 +88,12 @@ class CompiledStepper(Stepper):
             self._core.control_error(*control.spread, control.max_order, control.max_step)
 
     def change_system(self, system) -> None:
+        self.system.twin = None
         super().change_system(system)
         self._take(twin_of(system)[0])
+
+    def close(self) -> None:
+        self._twin = self._core = self.system.twin = None
 
     def begin(self, t, p, v, t_end):
         states = super().begin(t, p, v, t_end)

@@ -31,8 +31,18 @@ def kkt_at(system, t, p, v) -> KKT:
     kkt = KKT(system.nv, system.nc)
     W = system.linearize(t, p, v, zero_v, zero_c, 0.0, kkt.A)
     if kkt.solve_new(G, W, 1.0, np.zeros(system.nv + system.nc)) is None:
-        raise SingularSystemError(f"the equations of motion are singular at t = {t:.6g}")
+        raise SingularSystemError(singular(t))
     return kkt
+
+
+def singular(t) -> str:
+    """What a message says of a singular position."""
+    return f"the equations of motion are singular at t = {t:.6g}"
+
+
+def not_closed(gap) -> str:
+    """What a message says of a position that stays off the constraint."""
+    return f"the position could not be put on the constraint: |Φ| = {gap:.3g} remains"
 
 
 def velocity_shift(system, t, p, v, rho):
@@ -70,7 +80,7 @@ def project_position(system, t, p, v):
         small = 1e-4 * (1.0 + np.max(np.abs(v))) / np.max(np.abs(step))  # not so small that v rounds it away
         move = (system.rate(t, p, v) - system.rate(t, p, v - small * step)) / small
         p, last = system.integrate(p, -move), size
-    raise AssemblyError(f"the position could not be put on the constraint: |Φ| = {last:.3g} remains")
+    raise AssemblyError(not_closed(last))
 
 
 def consistent_initial_velocity(system, t0, p0, v0, h):

@@ -123,6 +123,8 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
         if record.nsteps == 0:  # nothing was reached that could be lost
             raise
         status, message = FAILED, f"{str(error) or 'out of memory'} (reached t = {record.reached:.6g})"
+    finally:
+        stepper.close()
     newton, rows = stepper.newton, record.arrays(stepper.system)
     h, order = record.steps(rows[0])
     return Trajectory(

@@ -11,10 +11,10 @@ import logging
 import numpy as np
 from scipy.integrate import DOP853, solve_ivp
 
-from ..errors import PinconsistError
+from ..errors import AssemblyError, PinconsistError, SingularSystemError
 from . import bdf
 from .acceleration import NotFiniteError, solve_acceleration
-from .consistency import project_position, project_velocity
+from .consistency import not_closed, project_position, project_velocity, singular
 
 log = logging.getLogger(__name__)
 
@@ -25,12 +25,12 @@ START_BUDGET = 400  # evaluations for each step of the history
 def state(system, t, p, v):
     """(t, p, v, λ) with p and v put on the constraints and λ the one of the differential equation."""
     if (twin := getattr(system, "twin", None)) is not None:
-        p, v, lam, failure = twin.state(t, p, v)
+        p, v, failure, gap = twin.project(t, p, v)
         if failure:
-            raise PinconsistError(f"no start at t = {t:.6g}: {failure}")
-        return t, p, v, lam
-    p = project_position(system, t, p, v)
-    v = project_velocity(system, t, p, v)
+            raise SingularSystemError(singular(t)) if failure == "singular" else AssemblyError(not_closed(gap))
+    else:
+        p = project_position(system, t, p, v)
+        v = project_velocity(system, t, p, v)
     return t, p, v, solve_acceleration(system, t, p, v)[1]
 
 

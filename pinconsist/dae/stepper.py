@@ -69,6 +69,9 @@ class Stepper:
         self.newton = Newton(system, correct=method.consistency == "every-step")
         self._begun = False
 
+    def close(self) -> None:
+        """Let go of what only a run needs: the twin holds the user's functions, unseen by the garbage collector."""
+
     def change_system(self, system) -> None:
         """Go on with another system of the same sizes, from the next :meth:`begin` on; the work is counted on."""
         before, self.system = self.newton, system

@@ -98,7 +98,7 @@ class DriveRow:
     def hand_over(self, twin) -> bool:
         """Tell the compiled twin of the row; False where it has to ask Python."""
         curve = self.loop.curve
-        if not isinstance(curve, Motion) or self.loop.rate is not None:
+        if type(curve) is not Motion or self.loop.rate is not None:
             return False
         twin.add_drive(self._joint.place, self._period or 0.0, curve.numbers)
         return True

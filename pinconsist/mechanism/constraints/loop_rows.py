@@ -117,7 +117,9 @@ class Tilt(_Axis):
 
     def __init__(self, e):
         self.axis2 = e
-        self.directions = -across(e) @ pin.skew(e).T  # tilt1 turns about the first row of across(e), tilt2 about the second
+        self.directions = (
+            -across(e) @ pin.skew(e).T
+        )  # tilt1 turns about the first row of across(e), tilt2 about the second
 
     def rows(self, d, R, linear, angular):
         """Φ and J."""

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import InputError
 from .joints import JointDamping, JointFriction
 from .label import unused
-from .torques import JointTorque, Torque
+from .torques import Checked, JointTorque, Torque
 
 
 class Force(Protocol):
@@ -68,5 +68,6 @@ def bound_forces(model, forces) -> dict[str, Force]:
     bound: dict[str, Force] = {}
     for force in (*model_forces(model), *forces):
         label = unused(getattr(force, "label", "") or type(force).__name__, bound)
-        bound[label] = force.bind(model) if hasattr(force, "bind") else force
+        force = force.bind(model) if hasattr(force, "bind") else force
+        bound[label] = force if isinstance(force, Torque) or hasattr(force, "hand_over") else Checked(force, label)
     return bound

@@ -100,7 +100,7 @@ class _BoundServo:
         """Tell the compiled twin of this law; False where it has to ask Python."""
         servo, target = self._servo, self._servo.target
         motion = target if callable(target) else Motion(target)
-        own = isinstance(motion, Motion) and servo.rate is None
+        own = type(motion) is Motion and servo.rate is None
         if own:
             twin.add_servo(self._coordinate.place, self._period or 0.0, motion.numbers, servo.stiffness, servo.damping)
         return own

@@ -92,7 +92,7 @@ class _TorqueCurves:
 
     def hand_over(self, twin) -> bool:
         """Tell the compiled twin of this law; False where it has to ask Python."""
-        own = all(isinstance(curve, Motion) and not shape for curve, _, shape, _ in self._curves)
+        own = all(type(curve) is Motion and not shape for curve, _, shape, _ in self._curves)
         if own:
             twin.add_constant(self._constant)
             for curve, columns, _, _ in self._curves:
@@ -151,20 +151,40 @@ class Torque:
         return None, columns
 
     def _given_gradient(self, t, q, v):
-        what = f"the gradient {function_name(self.gradient)}"
-        parts = called(self.gradient, what, t, read_only(q), read_only(v))
-        shape = (len(v), len(v))
-        if isinstance(parts, tuple | list) and len(parts) == 2:
-            given = [np.asarray(part) for part in parts if part is not None]
-            wrong = next((wrong for part in given if (wrong := _wrong(part, shape))), "")
-        else:
-            wrong = repr(parts)
-        if wrong:
-            raise InputError(
-                f"{what} returned {wrong} at t = {t:.6g}; it must return two matrices of shape {shape}, "
-                "(∂τ/∂q, ∂τ/∂v), or None for either"
-            )
-        return tuple(None if part is None else np.asarray(part, float) for part in parts)
+        return _gradient(self.gradient, f"the gradient {function_name(self.gradient)}", t, q, v)
+
+
+class Checked:
+    """A force object of the user's own: what it returns is looked at before anybody relies on it."""
+
+    def __init__(self, force, label):
+        self._force, self._label = force, label
+
+    def torque(self, t, q, v):
+        return returned(self._force.torque, f"the torque of {self._label!r}", v.shape, t, read_only(q), read_only(v))
+
+    def derivatives(self, t, q, v):
+        return _gradient(self._force.derivatives, f"the derivatives of {self._label!r}", t, q, v)
+
+    def __getattr__(self, name):  # `stored`, where there is one
+        return getattr(self.__dict__["_force"], name)
+
+
+def _gradient(function, what, t, q, v):
+    """What a user's gradient returned, checked."""
+    parts = called(function, what, t, read_only(q), read_only(v))
+    shape = (len(v), len(v))
+    if isinstance(parts, tuple | list) and len(parts) == 2:
+        given = [np.asarray(part) for part in parts if part is not None]
+        wrong = next((wrong for part in given if (wrong := _wrong(part, shape))), "")
+    else:
+        wrong = repr(parts)
+    if wrong:
+        raise InputError(
+            f"{what} returned {wrong} at t = {t:.6g}; it must return two matrices of shape {shape}, "
+            "(∂τ/∂q, ∂τ/∂v), or None for either"
+        )
+    return tuple(None if part is None else np.asarray(part, float) for part in parts)
 
 
 def _wrong(matrix, shape) -> str:
