@@ -4,6 +4,7 @@ import ast
 import inspect
 import subprocess
 import sys
+from functools import cached_property
 from pathlib import Path
 
 import pytest
@@ -151,11 +152,12 @@ def test_parameters(name):
 
 
 def methods(kind):
-    """Public methods of a class, with their parameters, and attributes that are computed."""
+    """Public methods of a class, with their functions, and attributes that are computed."""
     for name, member in vars(kind).items():
-        if not name.startswith("_") and (callable(member) or isinstance(member, property | classmethod)):
-            function = member.fget if isinstance(member, property) else getattr(kind, name)
-            yield name, function, isinstance(member, property)
+        computed = isinstance(member, property | cached_property)
+        if not name.startswith("_") and (callable(member) or computed or isinstance(member, classmethod)):
+            function = getattr(member, "fget", None) or getattr(member, "func", None) or getattr(kind, name)
+            yield name, function, computed
 
 
 @pytest.mark.parametrize("name", METHODS)
