@@ -68,6 +68,7 @@ public:
       rhs_.col(1).tail(nc) = system_.phi;
       rhs_.col(2).tail(nc) = system_.rho;
       ++nfev;
+      const bool was_stale = stale;
       if (slow || !(stale || iteration > 1)) {
         system_.linearize(t, step.p, v_, a_, c, kkt_.A());
         if (slow && !stale) { // the turning of the constraint forces, left out at first, slows Newton down
@@ -123,7 +124,7 @@ public:
         step.failure = Failure::none;
         return;
       }
-      if (rate > 2.0 && iteration > 2) return fail(step, predicted, Failure::diverged);
+      if (rate > 2.0 && iteration > 2 && !was_stale) return fail(step, predicted, Failure::diverged);
       slow = rate > FRESH_RATE || size * std::pow(rate, MAX_ITERATIONS - iteration) > tol;
       last = size;
       x_ -= moves_.col(0);

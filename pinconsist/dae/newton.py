@@ -159,6 +159,7 @@ class Newton:
             self._constraint[:] = phi
             self._hidden[:] = rho
             self.nfev += 1
+            was_stale = stale
             if slow or not (stale or iteration > 1):
                 W = system.linearize(t, p, v, a, lam, c, kkt.A)
                 if slow and not stale:  # the turning of the constraint forces, left out at first, slows Newton down
@@ -202,7 +203,7 @@ class Newton:
                     y, p = self._close(t, base, psi_x, c, p, raw, y, weight)
                 change = y - predicted
                 return Attempt(y, p, change, weighted_size(change, weight, nv))
-            if rate > 2.0 and iteration > 2:
+            if rate > 2.0 and iteration > 2 and not was_stale:  # else a new matrix comes next
                 return Attempt(predicted, p, failure="Newton diverged")
             slow = rate > FRESH_RATE or size * rate ** (MAX_ITERATIONS - iteration) > tol
             last = size
