@@ -131,7 +131,7 @@ def test_a_jump_of_the_velocities_is_survived():
 @pytest.mark.parametrize("links, order", [(32, 2), (32, 3), (64, 1), (64, 3), (64, 5)])
 @pytest.mark.parametrize("backend", ["auto", "python"])
 def test_fixed_steps_with_kept_matrices_come_down_to_rounding(links, order, backend):
-    """A kept matrix that no longer contracts at the rounding floor asks for a new one before it is called divergence."""
+    """A kept matrix that no longer contracts at the rounding floor is renewed before that is called divergence."""
     sol = pc.simulate(pc.load(f"chain_{links}"), (0.0, 0.05), step=1e-3, max_order=order, backend=backend)
     assert sol.success and sol.nsteps == 50, sol.message
     assert sol.nlu < sol.nfev / 2  # matrices were kept
