@@ -22,7 +22,7 @@ CHAINS = {8: 1.0, 32: 1.0, 64: 1.0, 128: 1.0, 256: 1.0}  # links → s
 
 @dataclass(frozen=True)
 class Overhead:
-    """Wall time of a run beside the bare Pinocchio calls of one residual.
+    """Wall time of a step beside the bare Pinocchio calls of one residual.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class Overhead:
         Accepted steps.
     residuals : float
         Residual evaluations per accepted step.
-    step_time, bare_time : float
-        Median wall time of an accepted step (of the whole run, assembly and start included), and of the calls rnea,
-        computeJointJacobians, constraint calc and Jacobian made from Python, s.
+    step_time, run_time, bare_time : float
+        Median wall time of an accepted step, of the whole run (assembly and start included) divided by its steps, and
+        of the calls rnea, computeJointJacobians, constraint calc and Jacobian made from Python, s.
     ratio : float
-        Median of their ratios, measured alternately.
+        Median of the ratios of a step to these calls, measured alternately.
     """
 
     backend: str
@@ -44,6 +44,7 @@ class Overhead:
     steps: int
     residuals: float
     step_time: float
+    run_time: float
     bare_time: float
     ratio: float
 
@@ -60,8 +61,8 @@ def overhead(scene="crank_rocker", tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> 
     mech = load(scene)
     timed = scene == "crank_rocker"
     span, start = ((0.0, 5.0), ({"crank": 0.0}, SPEED)) if timed else ((0.0, 0.1 * mech.duration), (None, None))
-    q = assemble(mech, *start).q
-    system = MechanismSystem(mech, q)
+    begin = assemble(mech, *start)
+    system = MechanismSystem(mech, begin.q)
     rows = []
     for backend in backends():
         for tol in tolerances:
@@ -69,9 +70,11 @@ def overhead(scene="crank_rocker", tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> 
             for _ in range(repeats):
                 begun = time.perf_counter()
                 sol = simulate(mech, span, *start, rtol=tol, atol=tol, backend=backend)
-                times.append(((time.perf_counter() - begun) / sol.nsteps, _bare_calls(system, q)))
-            step, bare = np.array(times).T
-            medians = map(float, np.median((step, bare, step / bare), axis=1))
+                run = (time.perf_counter() - begun) / sol.nsteps
+                steps, seconds = _steps(system, begin, span[1], backend, tol)
+                times.append((seconds / steps, run, _bare_calls(system, begin.q)))
+            step, run, bare = np.array(times).T
+            medians = map(float, np.median((step, run, bare, step / bare), axis=1))
             rows.append(Overhead(backend, tol, sol.nsteps, sol.nfev / sol.nsteps, *medians))
     return rows
 
@@ -126,11 +129,11 @@ def chain_steps(chains=None, repeats=3) -> list[ChainStep]:
     return rows
 
 
-def _steps(system, start, until, backend) -> tuple[int, float]:
+def _steps(system, start, until, backend, tol=1e-6) -> tuple[int, float]:
     """Accepted steps, and the seconds that they took."""
     system.twin = None
     span = (0.0, until)
-    method = method_of(span, "BDF", None, 5, 1e-6, 1e-6, "every-step", None, np.inf, None, backend)
+    method = method_of(span, "BDF", None, 5, tol, tol, "every-step", None, np.inf, None, backend)
     stepper = stepper_for(system, method)
     stepper.begin(0.0, start.q, start.v, until)
     steps, begun = 0, time.perf_counter()
