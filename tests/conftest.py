@@ -1,6 +1,9 @@
 """The suite runs on the compiled twin where it is built; ``pytest --backend python`` runs it on the Python method."""
 
+import os
 import signal
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -13,8 +16,11 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     wanted = config.getoption("--backend")
-    if wanted == "python":
-        _core.load = lambda: (None, "the tests run on Python")
+    if wanted == "python":  # in this process, and in those that tests start
+        sys.modules["pinconsist._core.twin"] = None
+        _core.load.cache_clear()
+        paths = [str(Path(__file__).parent / "without_twin"), *filter(None, [os.environ.get("PYTHONPATH")])]
+        os.environ["PYTHONPATH"] = os.pathsep.join(paths)
     elif wanted == "compiled" and _core.load()[0] is None:
         raise pytest.UsageError(_core.load()[1])
 

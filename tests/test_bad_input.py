@@ -165,8 +165,9 @@ def test_an_exception_of_a_users_function_comes_through(step):
     with pytest.raises(pc.UserFunctionError, match="ZeroDivisionError") as caught:
         run(forces=lambda t, q, v: 1 / 0, step=step)
     assert isinstance(caught.value.__cause__, ZeroDivisionError)
-    with pytest.raises(KeyError, match="mine"):
+    with pytest.raises(pc.UserFunctionError, match="the callback raised KeyError: 'mine'") as caught:
         run(callback=lambda t, q, v, lam: {}["mine"], step=step)
+    assert isinstance(caught.value.__cause__, KeyError)
 
 
 def test_torques_and_gradients_are_checked_where_they_are_called():
