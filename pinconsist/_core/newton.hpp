@@ -8,7 +8,7 @@
 namespace pinconsist {
 
 constexpr int MAX_ITERATIONS = 10;
-constexpr double FRESH_RATE = 0.4, STALE_FACTOR = 0.3, STAGNANT = 0.7;
+constexpr double FRESH_RATE = 0.4, STALE_FACTOR = 0.3, STAGNANT = 0.7, STAGNATED = 1e-9, LAST = 1e-12, REST = 16.0;
 
 // Why there is no step; the words stand in dae/compiled.py, in this order.
 enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far };
@@ -116,7 +116,8 @@ public:
       if (iteration == 2 && !stale) foresight_.measured(rate, c);
       const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const bool settled = std::min(size, to_come) <= (stale ? STALE_FACTOR * tol : tol);
-      if (settled || (rate > STAGNANT && !stale && at_floor(step.p))) {
+      const double noise = rate > STAGNANT ? STAGNATED : iteration == MAX_ITERATIONS ? LAST : 0.0;
+      if (settled || (noise > 0.0 && !stale && at_floor(step.p, c, noise))) {
         if (stale && correct_ && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol)
           close(t, base, c, weight, step, false);
         step.change = step.y - predicted;
@@ -165,10 +166,11 @@ private:
     step.y.tail(nv + nc) -= closing_.col(1);
   }
 
-  bool at_floor(const Vec &p) const {
+  bool at_floor(const Vec &p, double c, double noise) const {
     const int nv = system_.nv;
-    const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv));
-    return step <= 1e-9 * (largest(v_) + step) && moved <= 1e4 * EPS * (1.0 + largest(p));
+    const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv)), reach = 1.0 + largest(p);
+    const bool at_rest = std::abs(c) * step <= REST * EPS * reach;
+    return (step <= noise * (largest(v_) + step) || at_rest) && moved <= 1e4 * EPS * reach;
   }
 
   System &system_;

@@ -28,6 +28,8 @@ EPS = np.finfo(float).eps
 MAX_ITERATIONS = 10
 FRESH_RATE = 0.4  # a slower contraction asks for a new and complete matrix
 STALE_FACTOR = 0.3  # of the stopping size for a kept matrix: what linear convergence leaves is felt by the multipliers
+STAGNATED, LAST = 1e-9, 1e-12  # relative to the velocities: increments that may be noise, and after the last iteration
+REST = 16.0  # roundings of the position, below which a move is none
 STAGNANT = 0.7  # and a slower one than this, close to the solution, is rounding
 
 
@@ -197,7 +199,8 @@ class Newton:
                 foresight.measured(rate, c)
             to_come = size if iteration == 1 else size * rate / (1.0 - rate) if rate < 1.0 else np.inf
             settled = min(size, to_come) <= (STALE_FACTOR * tol if stale else tol)
-            if settled or (rate > STAGNANT and not stale and _at_floor(steps[:nv], v, p)):
+            noise = STAGNATED if rate > STAGNANT else LAST if iteration == MAX_ITERATIONS else 0.0
+            if settled or (noise and not stale and _at_floor(steps[:nv], v, p, c, noise)):
                 # an old matrix takes ρ out only but for a part that is about as large as the rate
                 if stale and self.correct and rate * _rms(steps[:nv, 2] * weight[nx:]) > HIDDEN * tol:
                     y, p = self._close(t, base, psi_x, c, p, raw, y, weight)
@@ -244,11 +247,12 @@ def _rms(x) -> float:
     return sqrt(x.dot(x) / len(x))
 
 
-def _at_floor(steps, v, p) -> bool:
+def _at_floor(steps, v, p, c, noise) -> bool:
     """Whether the increments are what rounding leaves, so that more iterations or a smaller step cannot help."""
     step, moved = (np.max(np.abs(steps[:, i]), initial=0.0) for i in (0, 1))
-    scale = np.max(np.abs(v), initial=0.0) + step
-    return step <= 1e-9 * scale and moved <= 1e4 * EPS * (1.0 + np.max(np.abs(p), initial=0.0))
+    scale, reach = np.max(np.abs(v), initial=0.0) + step, 1.0 + np.max(np.abs(p), initial=0.0)
+    at_rest = abs(c) * step <= REST * EPS * reach  # no position feels it
+    return (step <= noise * scale or at_rest) and moved <= 1e4 * EPS * reach
 
 
 def culprits(system, t, p, v) -> str:

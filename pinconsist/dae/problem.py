@@ -90,6 +90,13 @@ class HessenbergProblem:
     U_p, U_v : callable, optional
         ``(np, np)`` and ``(np, nv)``; forward differences where missing (they steer Newton only).
 
+    Raises
+    ------
+    InputError
+        Something that is not callable; where a run starts, shapes that do not fit, numbers that are not finite.
+    UserFunctionError
+        While it runs, one of the functions raised an exception.
+
     References
     ----------
     C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), eq. (4.1).
