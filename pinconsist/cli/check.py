@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from ..errors import AssemblyError, SingularSystemError
 from . import output, scene
 
@@ -21,7 +17,7 @@ def check(
     package_dirs: scene.PackageDirs = None,
     reanchor: scene.Reanchor = False,
     at: scene.At = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: output.Json = False,
 ) -> int:
     """Say what a scene is: bodies, loops, rank, redundant rows, mobility, and its closed configuration.
 

@@ -43,7 +43,7 @@ def compare(
             "in slow motion, for the first step size.",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: output.Json = False,
 ) -> int:  # fmt: skip
     """Compare the first constraint forces from exact and from numerically consistent initial values.
 

@@ -12,6 +12,9 @@ import tempfile
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from .. import files
 from ..errors import AssemblyError, InputError, MissingExtraError
@@ -24,6 +27,8 @@ EXIT_CODES = (
 WIDTH = 160  # of tables that go to a file or a pipe
 PLAIN_WIDTH = 80  # of text that goes there
 NAME_WIDTH = 16  # to which a narrow terminal may squeeze a column of text
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 
 
 def table(columns, rows, *, title=None):

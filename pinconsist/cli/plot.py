@@ -25,7 +25,7 @@ def plot(
     ] = None,
     until: scene.Until = None,
     scene_of_run: motion.SceneOfRun = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: output.Json = False,
 ) -> int:
     """Draw a saved run, or a scene.
 

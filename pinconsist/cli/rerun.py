@@ -12,10 +12,9 @@ from .motion import SceneOfRun
 from .simulate import exit_code, watched
 
 Run = Annotated[str, typer.Argument(metavar="RUN.npz", help="A saved run.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 
 
-def rerun(run: Run, scene_of_run: SceneOfRun = None, as_json: Json = False) -> int:
+def rerun(run: Run, scene_of_run: SceneOfRun = None, as_json: output.Json = False) -> int:
     """Make a saved run again from what its file says, and compare every number.
 
     The exit code is 0 if all are the same, bit for bit, and 1 if not. What
@@ -36,7 +35,7 @@ def rerun(run: Run, scene_of_run: SceneOfRun = None, as_json: Json = False) -> i
     return output.FINE if made.same else output.FAILED
 
 
-def resume(run: Run, scene_of_run: SceneOfRun = None, as_json: Json = False) -> int:
+def resume(run: Run, scene_of_run: SceneOfRun = None, as_json: output.Json = False) -> int:
     """Continue a run that was interrupted, from the last time at which it was saved.
 
     The numbers are those of the run that was not interrupted, bit for bit. It

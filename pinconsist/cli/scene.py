@@ -44,6 +44,7 @@ PackageDirs = Annotated[
 Reanchor = Annotated[
     bool, _option("--reanchor", help="Move the anchors of loops that cannot close to where they fit best.")
 ]
+From = Annotated[float, typer.Option("--from", metavar="SECONDS", help="Time at the start.", rich_help_panel=START)]
 At = Annotated[
     list[str] | None,
     _option(

@@ -23,9 +23,7 @@ def simulate(
     free_flyer: scene.FreeFlyer = False,
     package_dirs: scene.PackageDirs = None,
     reanchor: scene.Reanchor = False,
-    start: Annotated[
-        float, typer.Option("--from", metavar="SECONDS", help="Time at the start.", rich_help_panel=scene.START)
-    ] = 0.0,
+    start: scene.From = 0.0,
     until: scene.Until = None,
     at: scene.At = None,
     with_velocity: scene.WithVelocity = None,

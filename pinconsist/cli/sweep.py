@@ -44,9 +44,7 @@ def sweep(
     free_flyer: scene.FreeFlyer = False,
     package_dirs: scene.PackageDirs = None,
     reanchor: scene.Reanchor = False,
-    start: Annotated[
-        float, typer.Option("--from", metavar="SECONDS", help="Time at the start.", rich_help_panel=scene.START)
-    ] = 0.0,
+    start: scene.From = 0.0,
     until: scene.Until = None,
     at: scene.At = None,
     with_velocity: scene.WithVelocity = None,
@@ -73,7 +71,7 @@ def sweep(
             "command goes on after it was stopped.",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: output.Json = False,
 ) -> int:  # fmt: skip
     """Simulate a scene many times, with one thing or several varied.
 
