@@ -131,7 +131,9 @@ def test_a_selection_holds_or_is_refused(varied):
     assert outcome.outcome != "FAILED", outcome
 
 
-@pytest.mark.parametrize("case", [case for case in cases(["forces"]) if case.family == "user function"], ids=str)
+@pytest.mark.parametrize(
+    "case", [case for case in cases(["forces"]) if case.family == "user function"], ids=lambda case: case.varied
+)
 def test_every_nonsense_of_a_user_is_refused_by_name(case):
     outcome = run(case)
     assert outcome.outcome == "refused", outcome

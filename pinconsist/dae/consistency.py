@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import AssemblyError, SingularSystemError
 from . import bdf
-from .newton import EPS, KKT, Newton
+from .newton import EPS, KKT, Newton, largest
 
 MODES = ("exact", "initial", "every-step")
 
@@ -47,7 +47,7 @@ def not_closed(gap) -> str:
 
 def velocity_shift(system, t, p, v, rho):
     """M⁻¹ G S⁻¹ ρ, shape (nv,): the smallest velocity, in the mass metric, that carries the residual ρ."""
-    return kkt_at(system, t, p, v).solve(np.concatenate((np.zeros(system.nv), rho)))[: system.nv]
+    return kkt_at(system, t, p, v).solve(np.concatenate((np.zeros(system.nv), rho)), 1.0)[: system.nv]
 
 
 def project_velocity(system, t, p, v):
@@ -72,12 +72,12 @@ def project_position(system, t, p, v):
     last = np.inf
     for _ in range(20):
         _, phi, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
-        size = np.max(np.abs(phi))
-        rounding = 1e-13 * (1.0 + np.max(np.abs(p))) * (1.0 + np.max(np.abs(G)))
+        size = largest(phi)
+        rounding = 1e-13 * (1.0 + largest(p)) * (1.0 + largest(G))
         if size <= EPS or (size <= rounding and size >= 0.5 * last):
             return p
         step = velocity_shift(system, t, p, v, phi)
-        small = 1e-4 * (1.0 + np.max(np.abs(v))) / np.max(np.abs(step))  # not so small that v rounds it away
+        small = 1e-4 * (1.0 + largest(v)) / largest(step)  # not so small that v rounds it away
         move = (system.rate(t, p, v) - system.rate(t, p, v - small * step)) / small
         p, last = system.integrate(p, -move), size
     raise AssemblyError(not_closed(last))

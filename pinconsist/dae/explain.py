@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .newton import largest
+
 NEARLY_DEPENDENT = 1e-2
 
 
@@ -26,7 +28,7 @@ def explain(stepper, failure: str) -> str:
     if "not finite" in failure:
         hints.append("a force or a user's function returned NaN or infinity")
     if not hints:
-        speed = np.max(np.abs(stepper.y[system.nx : system.nx + system.nv]), initial=0.0)
+        speed = largest(stepper.y[system.nx : system.nx + system.nv])
         smaller = "a smaller step" if method.step is not None else "looser tolerances, or max_step"
         hints.append(f"the largest velocity there is {speed:.3g}; try {smaller}, and look at the motion just before")
     return f"{where}. " + "; ".join(hints)

@@ -68,24 +68,26 @@ class KKT:
     """
 
     def __init__(self, nv: int, nc: int):
+        self.A = np.zeros(
+            (nv, nv)
+        )  # by itself: arithmetic on part of a matrix takes four times as long as copying there
         self._K = np.zeros((nv + nc, nv + nc), order="F")
-        self.A, self._minus_cG, self._W = self._K[:nv, :nv], self._K[:nv, nv:], self._K[nv:, :nv]
+        self._upper_left, self._minus_cG, self._W = self._K[:nv, :nv], self._K[:nv, nv:], self._K[nv:, :nv]
 
     def solve_new(self, G, W, c, rhs):
-        """Fill in c G and W, factorise and solve as :meth:`solve`; None where the matrix is singular."""
-        np.multiply(G, -c, self._minus_cG)
-        self._W[:] = W
+        """Fill in A, c G and W, factorise and solve as :meth:`solve`; None where the matrix is singular."""
+        self._upper_left[:], self._minus_cG[:], self._W[:] = self.A, G * -c, W
         self._lu, self._pivots, x, info = dgesv(self._K, rhs)
         self._c = c
         return x if info == 0 else None
 
-    def solve(self, rhs, c=None):
+    def solve(self, rhs, c):
         """K⁻¹ rhs with the last factors; rhs has shape (nv+nc,) or (nv+nc, columns).
 
         With another c than the factors', the unknowns that K multiplies with c G are scaled to it.
         """
         x = dgetrs(self._lu, self._pivots, rhs)[0]
-        if c is not None and c != self._c:
+        if c != self._c:
             x[len(self.A) :] *= self._c / c
         return x
 
@@ -224,7 +226,7 @@ class Newton:
         steps = self._kkt.solve(self._rhs[:, 1:], c)
         self._reuse.iterated()
         if size is not None:  # the increment of a matrix of this step: what Foresight reckons with
-            gap = np.max(np.abs(phi), initial=0.0) / (1.0 + np.max(np.abs(p), initial=0.0))
+            gap = largest(phi) / (1.0 + largest(p))
             self._foresight.looked(gap, steps[:nv, 1] * weight[nx:], v * weight[nx:], size, c)
         p, xi = system.position(t, base, psi_x, c, raw - steps[:nv, 0] / c)
         return np.concatenate((xi, y[nx:] - steps[:, 1])), p
@@ -243,14 +245,19 @@ def _paired(weight, nx, nv):
     return np.column_stack((weight[nx:], np.full(nv, weight[:nx].max(initial=0.0))))
 
 
+def largest(x) -> float:
+    """The largest magnitude in an array, 0 in an empty one."""
+    return np.abs(x).max(initial=0.0)
+
+
 def _rms(x) -> float:
     return sqrt(x.dot(x) / len(x))
 
 
 def _at_floor(steps, v, p, c, noise) -> bool:
     """Whether the increments are what rounding leaves, so that more iterations or a smaller step cannot help."""
-    step, moved = (np.max(np.abs(steps[:, i]), initial=0.0) for i in (0, 1))
-    scale, reach = np.max(np.abs(v), initial=0.0) + step, 1.0 + np.max(np.abs(p), initial=0.0)
+    step, moved = (largest(steps[:, i]) for i in (0, 1))
+    scale, reach = largest(v) + step, 1.0 + largest(p)
     at_rest = abs(c) * step <= REST * EPS * reach  # no position feels it
     return (step <= noise * scale or at_rest) and moved <= 1e4 * EPS * reach
 
@@ -265,6 +272,6 @@ def culprits(system, t, p, v) -> str:
 def rounding_weights(system, y):
     """Weight and tolerance with which Newton runs down to rounding: increments relative to the state's size."""
     p, v = y[: system.nx], y[system.nx : system.nx + system.nv]
-    size_v = np.max(np.abs(v), initial=0.0) or 1.0
-    size_x = 1.0 + np.max(np.abs(p), initial=0.0)
+    size_v = largest(v) or 1.0
+    size_x = 1.0 + largest(p)
     return np.concatenate((np.full(system.nx, 1.0 / size_x), np.full(system.nv, 1.0 / size_v))), 2.0 * EPS

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import InputError, UserFunctionError
+from .newton import largest
 
 
 class Index3System(Protocol):
@@ -161,10 +162,10 @@ class HessenbergProblem:
 
     def position(self, t, base, psi, c, v):
         p = psi + c * self.rate(t, base, v)
-        scale = 1.0 + np.max(np.abs(p), initial=0.0)
+        scale = 1.0 + largest(p)
         for _ in range(20):  # one turn where U does not depend on p
             gap = psi + c * self.rate(t, p, v) - p
-            if np.max(np.abs(gap), initial=0.0) <= 4e-16 * scale:
+            if largest(gap) <= 4e-16 * scale:
                 break
             p = p + np.linalg.solve(np.eye(self.nx) - c * self._jacobian_U_p(t, p, v), gap)
         return p, p
@@ -252,14 +253,14 @@ def _columns(function, x):
 
 def _along(function, t, p, dt, dp):
     """Derivative of function(t + ε dt, p + ε dp) at ε = 0 by fourth-order central differences."""
-    e = 1e-3 * (1.0 + np.max(np.abs(p), initial=0.0)) / (1.0 + abs(dt) + np.max(np.abs(dp), initial=0.0))
+    e = 1e-3 * (1.0 + largest(p)) / (1.0 + abs(dt) + largest(dp))
     at = [np.asarray(function(t + s * e * dt, p + s * e * dp), float) for s in (-2, -1, 1, 2)]
     return (at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * e)
 
 
 def _second_along(function, t, p, dp, ddp):
     """Second derivative of function(t + ε, p + ε dp + ε²/2 ddp) at ε = 0, sixth-order central differences."""
-    e = 2e-2 * (1.0 + np.max(np.abs(p), initial=0.0)) / (2.0 + np.max(np.abs(dp), initial=0.0))
+    e = 2e-2 * (1.0 + largest(p)) / (2.0 + largest(dp))
     weights = {-3: 2.0, -2: -27.0, -1: 270.0, 0: -490.0, 1: 270.0, 2: -27.0, 3: 2.0}
     total = sum(
         w * np.asarray(function(t + s * e, p + s * e * dp + 0.5 * (s * e) ** 2 * ddp), float)

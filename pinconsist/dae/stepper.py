@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import PinconsistError, SingularSystemError
 from . import bdf, consistency, start
 from .dense import Segment
-from .newton import EPS, Newton
+from .newton import EPS, Newton, largest
 
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
 
@@ -241,7 +241,7 @@ class Stepper:
 def _velocity_rounding(system, t, p, v) -> float:
     """Velocity that eps in v and in Φ brings about: positions move by eps/σ, W turns with them, v by eps/σ² |v|."""
     nv, nc = system.nv, system.nc
-    size = EPS * np.abs(v).max()
+    size = EPS * largest(v)
     if not nc:
         return size
     try:
@@ -249,6 +249,6 @@ def _velocity_rounding(system, t, p, v) -> float:
     except SingularSystemError:
         return np.inf
     W = system.linearize(t, p, v, np.zeros(nv), np.zeros(nc), 0.0, kkt.A)
-    turn, inverse = np.abs(W), np.abs(kkt.solve(np.vstack((np.zeros((nv, nc)), np.eye(nc))))[:nv])
+    turn, inverse = np.abs(W), np.abs(kkt.solve(np.vstack((np.zeros((nv, nc)), np.eye(nc))), 1.0)[:nv])
     s = inverse.sum(axis=1).max()
-    return size * (1.0 + (1.0 + np.abs(p).max()) * s**2 * turn.sum(axis=1).max())
+    return size * (1.0 + (1.0 + largest(p)) * s**2 * turn.sum(axis=1).max())

@@ -68,7 +68,8 @@ class MechanismSystem:
         self._damping = sum(damping) if damping else None
         self._laws = [force for force in forces if not isinstance(force, SteadyTorque | ViscousDamping)]
         self._forced = bool(forces)
-        self._M, self._f_q, self._f_v = self.data.M, self.data.dtau_dq, self.data.dtau_dv  # live views of the workspace
+        # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
+        self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
         self._planar = any(joint.shortname() == "JointModelPlanar" for joint in self.model.joints)
         self._moving, self._J = self.rows.moving, None
 
