@@ -57,8 +57,8 @@ _WHERE = {
     "sweeps.outcome": ("Outcome",),
     "sweeps.sweep": ("sweep",),
     "view.meshcat": ("export_html", "replay"),
-    "view.plots": (
-        "plot_comparison",
+    "view.plots.comparison": ("plot_comparison", "plot_work_precision"),
+    "view.plots.pictures": (
         "plot_drift",
         "plot_energy",
         "plot_multipliers",
@@ -66,7 +66,6 @@ _WHERE = {
         "plot_solution",
         "plot_steps",
         "plot_trajectory",
-        "plot_work_precision",
     ),
 }
 _MODULE_OF = {name: module for module, names in _WHERE.items() for name in names}

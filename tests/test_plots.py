@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
-from pinconsist.view.plots import PICTURES
+from pinconsist.view.plots.pictures import PICTURES
 
 pytest.importorskip("matplotlib")
 

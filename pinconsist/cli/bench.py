@@ -173,7 +173,7 @@ def _equal_rows(equal_error):
 
 
 def _draw(study, file):
-    from ..view.plots import plot_work_precision
+    from ..view.plots.comparison import plot_work_precision
 
     output.written(file, lambda: plot_work_precision(study.series(), file))
 

@@ -77,7 +77,7 @@ def compare(
     if html:
         _show(what, html, result.runs[0], order, q0 or None, v0 or None)
     if plot:
-        from ..view.plots import plot_comparison
+        from ..view.plots.comparison import plot_comparison
 
         output.written(plot, lambda: plot_comparison(result.runs, plot))
     if as_json:

@@ -131,7 +131,7 @@ def simulate(
         look = {"speed": shown.pace(speed, sol), "traces": traces or (), "forces": forces}
         drawn(html, sol, out, lambda: export_html(mech, sol, html, **look))
     if plot:
-        from ..view.plots import plot_solution
+        from ..view.plots.pictures import plot_solution
 
         drawn(plot, sol, out, lambda: plot_solution(sol, plot, mech))
     if as_json:
