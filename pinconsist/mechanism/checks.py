@@ -1,4 +1,4 @@
-"""Checks that the records of forces and motions share: of their fields, of names on a model, of users' functions."""
+"""Checks that the records of forces, loops and motions share: of fields, of names on a model, of users' functions."""
 
 from __future__ import annotations
 
@@ -57,6 +57,21 @@ def name(value, what: str) -> str:
     if not isinstance(value, str) or not value:
         raise InputError(f"{what} must be a name, got {value!r}")
     return value
+
+
+def require_names(record, who: str, *fields: str) -> None:
+    """Raise InputError where one of these fields of a record is no text."""
+    for field in fields:
+        if not isinstance(given := getattr(record, field), str):
+            raise InputError(f"{who}: {field} must be a name, got {given!r}")
+
+
+def require_functions(record, who: str, of: str, *fields: str, optional: tuple[str, ...] = ()) -> None:
+    """Raise InputError where one of these fields is no function `of` its arguments; the `optional` may be None."""
+    for field in (*fields, *optional):
+        given = getattr(record, field)
+        if not (callable(given) or (given is None and field in optional)):
+            raise InputError(f"{who}: {field} must be a function of {of}, got {given!r}")
 
 
 def amounts(values, what: str, least: float = -inf, functions: bool = False):

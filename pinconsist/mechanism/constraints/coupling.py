@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...errors import InputError
+from ..checks import require_names
 from .coordinate import Coordinate, nearest
 
 TURN = 2.0 * math.pi
@@ -53,9 +54,7 @@ class Coupling:
     rows: ClassVar[tuple[str, ...]] = ("coupling",)
 
     def __post_init__(self):
-        for field in ("name", "joint", "other"):
-            if not isinstance(getattr(self, field), str):
-                raise InputError(f"coupling {self.name!r}: {field} must be a name, got {getattr(self, field)!r}")
+        require_names(self, f"coupling {self.name!r}", "name", "joint", "other")
         if self.joint == self.other:
             raise InputError(f"coupling {self.name!r}: joint {self.joint!r} cannot follow itself")
         for field in ("ratio", "offset"):

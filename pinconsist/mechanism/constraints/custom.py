@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ...errors import InputError, PinconsistError, UserFunctionError
+from ...errors import InputError, PinconsistError
+from ..checks import called, read_only, require_functions
 from .differences import first, is_slope, second
 
 TIME_STEP = 1e-3
@@ -63,7 +64,7 @@ class Constraint:
     jacobian: Callable | None = None
     rate: Callable | None = None
     moving: bool = True
-    rows: tuple[str, ...] = None  # type: ignore[assignment]  # filled in below
+    rows: tuple[str, ...] = None  # type: ignore[assignment]  # None until __post_init__ names them: read, they are a tuple
     step: float = 1e-3
 
     kind: ClassVar[str] = "constraint"
@@ -71,10 +72,7 @@ class Constraint:
     def __post_init__(self):
         if not isinstance(self.name, str):
             raise InputError(f"constraint {self.name!r}: its name must be a text")
-        for field in ("function", "jacobian", "rate"):
-            function = getattr(self, field)
-            if not (callable(function) or (function is None and field != "function")):
-                raise InputError(f"constraint {self.name!r}: {field} must be a function of (t, q), got {function!r}")
+        require_functions(self, f"constraint {self.name!r}", "(t, q)", "function", optional=("jacobian", "rate"))
         if isinstance(self.size, bool) or not isinstance(self.size, int | np.integer) or self.size < 1:
             raise InputError(f"constraint {self.name!r}: size must be a positive whole number, got {self.size!r}")
         if self.rate is not None and not self.moving:
@@ -167,12 +165,8 @@ class ConstraintRows:
         return np.column_stack(columns)
 
     def _call(self, field, t, q, shape):
-        q = q.view()
-        q.flags.writeable = False
-        try:
-            value = getattr(self.loop, field)(t, q)
-        except Exception as error:
-            raise UserFunctionError(f"the {field} of constraint {self.loop.name!r}", t, error) from error
+        q = read_only(q)
+        value = called(getattr(self.loop, field), f"the {field} of constraint {self.loop.name!r}", t, q)
         try:
             value = np.asarray(value)
             if value.dtype.kind not in "biuf":

@@ -9,7 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...errors import InputError, PinconsistError, UserFunctionError
+from ...errors import InputError, PinconsistError
+from ..checks import called, require_functions, require_names
 from .coordinate import Coordinate, nearest
 from .differences import first, is_slope, second
 from .motion import Motion
@@ -55,13 +56,9 @@ class Drive:
     rows: ClassVar[tuple[str, ...]] = ("motor",)
 
     def __post_init__(self):
-        for field in ("name", "joint"):
-            if not isinstance(getattr(self, field), str):
-                raise InputError(f"drive {self.name!r}: {field} must be a name, got {getattr(self, field)!r}")
-        for field in ("curve", "rate", "acceleration"):
-            function = getattr(self, field)
-            if not (callable(function) or (function is None and field != "curve")):
-                raise InputError(f"drive {self.name!r}: {field} must be a function of time, got {function!r}")
+        who = f"drive {self.name!r}"
+        require_names(self, who, "name", "joint")
+        require_functions(self, who, "time", "curve", optional=("rate", "acceleration"))
 
 
 class DriveRow:
@@ -124,10 +121,8 @@ class DriveRow:
         return self._call("curve", self.loop.curve, t)
 
     def _call(self, field, function, t) -> float:
-        try:
-            value = float(function(t))
-        except Exception as error:
-            raise UserFunctionError(f"the {field} of drive {self.loop.name!r}", t, error) from error
+        what = f"the {field} of drive {self.loop.name!r}"
+        value = called(lambda t: float(function(t)), what, t)
         if not isfinite(value):
-            raise InputError(f"the {field} of drive {self.loop.name!r} is {value} at t = {t:.6g}; it must be finite")
+            raise InputError(f"{what} is {value} at t = {t:.6g}; it must be finite")
         return value

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
+from ..checks import require_names
 
 ROW_NAMES = {
     "point": ("x", "y", "z"),
@@ -75,9 +76,7 @@ class Loop:
     def __post_init__(self):
         if not isinstance(self.kind, str) or self.kind not in ROW_NAMES:
             raise InputError(f"loop {self.name!r}: unknown kind {self.kind!r}; known are {', '.join(ROW_NAMES)}")
-        for field in ("name", "frame1", "frame2"):
-            if not isinstance(getattr(self, field), str):
-                raise InputError(f"loop {self.name!r}: {field} must be a name, got {getattr(self, field)!r}")
+        require_names(self, f"loop {self.name!r}", "name", "frame1", "frame2")
         for field in AXES.get(self.kind, ()):
             if getattr(self, field) is None:
                 needs = "its axis, for instance axis = (0, 1, 0)"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
-from ..checks import name, number, put, returned
+from ..checks import name, number, put, require_functions, returned
 from ..constraints.coordinate import Coordinate, nearest
 from ..constraints.differences import first
 from ..constraints.motion import Motion
@@ -58,8 +58,7 @@ class Servo:
             put(self, target=number(self.target, f"{who}: target"))
             if self.rate is not None:
                 raise InputError(f"{who}: a rate goes with a target that is a function of time, not {self.target!r}")
-        if not (self.rate is None or callable(self.rate)):
-            raise InputError(f"{who}: rate must be a function of time, got {self.rate!r}")
+        require_functions(self, who, "time", optional=("rate",))
         for field in ("stiffness", "damping"):
             put(self, **{field: number(getattr(self, field), f"{who}: {field}", least=0.0)})
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
-from ..checks import amounts, called, function_name, joint_index, put, read_only, returned, spread
+from ..checks import amounts, called, function_name, joint_index, put, read_only, require_functions, returned, spread
 from ..constraints.motion import Motion
 from .label import label
 
@@ -124,10 +124,7 @@ class Torque:
     gradient: Callable | None = None
 
     def __post_init__(self):
-        for field in ("function", "gradient"):
-            given = getattr(self, field)
-            if not (callable(given) or (given is None and field == "gradient")):
-                raise InputError(f"Torque: {field} must be a function of (t, q, v), got {given!r}")
+        require_functions(self, "Torque", "(t, q, v)", "function", optional=("gradient",))
 
     @property
     def label(self) -> str:
