@@ -91,8 +91,8 @@ def energy_of(solution, mechanism) -> Energy:
         potential[i] = pin.computePotentialEnergy(model, data, q)
         for column, (label, force) in enumerate(forces.items()):
             power[i, column] = force.torque(time, q, v) @ v
-            if label in springs:
-                stored[i, springs.index(label)], rate = force.stored(q, v)  # type: ignore[attr-defined]
+            if hasattr(force, "stored"):
+                stored[i, springs.index(label)], rate = force.stored(q, v)
                 power[i, column] += rate
         if movers:
             brought = -lam * rows.time_rate(time, q)

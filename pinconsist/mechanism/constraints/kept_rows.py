@@ -55,8 +55,8 @@ class KeptRows:
             self._datas.append(constraint.createData())
         self._pairs = [(one.extract(), data.extract()) for one, data in zip(self._models, self._datas, strict=True)]
         self._values = [data.constraint_position_error for _, data in self._pairs]  # views, which calc refreshes
-        if self._pieces:
-            self.evaluate = self._fastest()  # type: ignore[method-assign]
+        self.evaluate = self._fastest()
+        """(Φ, J) of (data, q, t), shapes (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`."""
 
     def _add_mapped(self, matrix, offset):
         """Rows ``matrix @ (Pinocchio's rows from offset on)``; selections that follow each other become one."""
@@ -72,10 +72,6 @@ class KeptRows:
     def constraints(self):
         """Pinocchio's constraint models and data behind the fast rows."""
         return self._models, self._datas
-
-    def evaluate(self, data: pin.Data, q, t):
-        """(Φ, J), shapes (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`."""
-        return np.zeros(0), np.zeros((0, self.model.nv))
 
     def hand_over(self, twin) -> None:
         """Tell the compiled twin of these rows; what it has not got it asks the closures for."""
@@ -93,10 +89,15 @@ class KeptRows:
 
     def _fastest(self):
         """The leanest function that evaluates these rows."""
+        if not self._pieces:
+            return self._evaluate_nothing
         if len(self._pieces) > 1 or self.model.nv == 1 or not isinstance(self._pieces[0], _Selection):
             return self._evaluate_pieces
         self._index = self._pieces[0].compact()
         return self._evaluate_one if len(self._values) == 1 else self._evaluate_selection
+
+    def _evaluate_nothing(self, data, q, t):
+        return np.zeros(0), np.zeros((0, self.model.nv))
 
     def _evaluate_one(self, data, q, t):
         constraint, constraint_data = self._pairs[0]
