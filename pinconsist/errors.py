@@ -29,9 +29,6 @@ class FormatError(PinconsistError, ValueError):
         where = ": ".join(part for part in (self.path, element) if part)
         super().__init__(f"{where}: {message}" if where else message)
 
-    def __reduce__(self):
-        return _rebuild, (type(self), (self.reason,), {"path": self.path, "element": self.element})
-
 
 class AssemblyError(PinconsistError):
     """No closed configuration, or no velocity on the constraints, was found.
@@ -47,9 +44,6 @@ class AssemblyError(PinconsistError):
     def __init__(self, message: str, *, gaps: dict | None = None, q=None):
         super().__init__(message)
         self.gaps, self.q = dict(gaps or {}), q
-
-    def __reduce__(self):
-        return _rebuild, (type(self), self.args, {"gaps": self.gaps, "q": self.q})
 
 
 class EquilibriumError(PinconsistError):
@@ -69,9 +63,6 @@ class EquilibriumError(PinconsistError):
         super().__init__(message)
         self.q, self.residual, self.names = q, residual, tuple(names)
 
-    def __reduce__(self):
-        return _rebuild, (type(self), self.args, {"q": self.q, "residual": self.residual, "names": self.names})
-
 
 class SingularSystemError(PinconsistError):
     """The equations of motion have no unique solution at a configuration.
@@ -86,9 +77,6 @@ class SingularSystemError(PinconsistError):
         super().__init__(message)
         self.names = tuple(names)
 
-    def __reduce__(self):
-        return _rebuild, (type(self), self.args, {"names": self.names})
-
 
 class SavingError(PinconsistError):
     """A run could not be written to its file; nothing of it is lost.
@@ -102,9 +90,6 @@ class SavingError(PinconsistError):
     def __init__(self, message: str, *, solution=None):
         super().__init__(message)
         self.solution = solution
-
-    def __reduce__(self):
-        return _rebuild, (type(self), self.args, {"solution": self.solution})
 
 
 class UserFunctionError(PinconsistError):
@@ -128,7 +113,3 @@ class UserFunctionError(PinconsistError):
 
 class MissingExtraError(PinconsistError, ImportError):
     """An optional package is needed; the message names the pip extra that brings it."""
-
-
-def _rebuild(cls, args, kwargs):
-    return cls(*args, **kwargs)
