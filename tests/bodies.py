@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from pinconsist.mechanism.constraints.loops import LoopRows
+
 
 def placement(rng, reach=0.5):
     return pin.SE3(pin.exp3(rng.normal(size=3)), rng.uniform(-reach, reach, 3))
@@ -45,6 +47,13 @@ def frame_pose(model, q, name):
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
     return data.oMf[model.getFrameId(name)]
+
+
+def loop_rows(mech, q, t=0.0):
+    """Φ and J of all loops."""
+    q, data = np.asarray(q, float), mech.model.createData()
+    pin.computeJointJacobians(mech.model, data, q)
+    return LoopRows(mech.model, mech.loops).evaluate(data, q, t)
 
 
 def differences(function, x, step=1e-4):

@@ -48,6 +48,15 @@ def on_stage(model, q, frame):
     return data.oMf[model.getFrameId("stage")].actInv(data.oMf[model.getFrameId(frame)])
 
 
+def slider(mass=2.0, gravity=0.0):
+    """A block on a rail along z."""
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, 0.0, -gravity])
+    slide = add_body(model, 0, pin.JointModelPZ(), pin.SE3.Identity(), "slide", mass, (0, 0, 0), 1.0)
+    add_point(model, slide, "block", 0, 0)
+    return pc.Mechanism(model, name="slider")
+
+
 def heavy_top():
     """A free body held at its pivot by a point loop: a top on SO(3) with its multipliers."""
     model = pin.Model()
@@ -74,6 +83,17 @@ def spherical_chain():
         pc.Loop("elbow", "distance", "universe", "elbow", xyz1=(0.2, -0.5, 0.6), length=0.9),
     ]
     return pc.Mechanism(model, loops, name="spherical_chain")
+
+
+def held_mass(rows):
+    """A unit mass held by constraints R = `rows` p, shape (nc, 3)."""
+    return pc.HessenbergProblem(
+        U=lambda t, p, v: v,
+        F=lambda t, p, v: np.zeros(3),
+        G=lambda t, p, v: rows.T,
+        R=lambda t, p: rows @ p,
+        R_p=lambda t, p: rows,
+    )
 
 
 def car_axis():

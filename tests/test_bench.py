@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 
 import pytest
+from command_line import called
 
-from pinconsist.cli import main
 from pinconsist.errors import InputError
 from pinconsist.study.bench import robots
 from pinconsist.study.overhead import backends, chain_steps, overhead
@@ -52,10 +52,10 @@ def test_what_cannot_close_runs_in_two_other_ways():
 def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
     figure = tmp_path / "bench.png"
     options = ["--tol", "1e-4", "--tol", "1e-6", "--repeats", "1", "--method", "LSODA"]
-    with pytest.raises(SystemExit) as end:
-        main(["bench", "--scene", "problem51", "--until", "0.2", *options, "--plot", str(figure), "--json"])
-    assert end.value.code == 0 and figure.stat().st_size > 1000
-    (study,) = json.loads(capsys.readouterr().out)["scenes"]
+    scene = ["--scene", "problem51", "--until", "0.2"]
+    code, out, _ = called(capsys, "bench", *scene, *options, "--plot", figure, "--json")
+    assert code == 0 and figure.stat().st_size > 1000
+    (study,) = json.loads(out)["scenes"]
     assert (
         study["scene"] == "problem51" and study["until"] == 0.2 and study["versions"].keys() == {"pinconsist", "scipy"}
     )
@@ -64,15 +64,11 @@ def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
 
 
 def test_the_command_prints_tables(capsys):
-    with pytest.raises(SystemExit):
-        main(
-            ["bench", "--scene", "problem51", "--until", "0.2", "--tol", "1e-5", "--repeats", "1", "--method", "MuJoCo"]
-        )
-    text = capsys.readouterr().out
+    options = ["--tol", "1e-5", "--repeats", "1", "--method", "MuJoCo"]
+    _, text, _ = called(capsys, "bench", "--scene", "problem51", "--until", "0.2", *options)
     assert "time at equal error" in text and "MuJoCo implicitfast, soft loops" in text and "1.00" in text
 
 
 def test_the_command_refuses_what_it_does_not_know(capsys):
-    with pytest.raises(SystemExit) as end:
-        main(["bench", "--scene", "problem51", "--method", "nonsense"])
-    assert end.value.code == 2 and "no method 'nonsense'" in capsys.readouterr().err
+    code, _, err = called(capsys, "bench", "--scene", "problem51", "--method", "nonsense")
+    assert code == 2 and "no method 'nonsense'" in err

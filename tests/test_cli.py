@@ -11,10 +11,12 @@ import shutil
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 
 import pinconsist
 from pinconsist.cli import main
@@ -28,13 +30,7 @@ PROGRAM = (sys.executable, "-m", "pinconsist.cli")
 def run(capsys, tmp_path, monkeypatch):
     """Run the command line in an empty folder → exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main([str(each) for each in arguments])
-        return end.value.code, *capsys.readouterr()
-
-    return call
+    return partial(called, capsys)
 
 
 def numbers_after(text, *labels):

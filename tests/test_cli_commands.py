@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import re
+from functools import partial
 from math import pi
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 from test_view_forces import arrow, stated
 
 import pinconsist
-from pinconsist.cli import main
 from pinconsist.cli.app import OVERVIEW, app
 from pinconsist.cli.scene import joint_values
 
@@ -25,13 +26,7 @@ def run(capsys, tmp_path, monkeypatch):
     """Run the command line in an empty folder, 80 columns wide → exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main([str(each) for each in arguments])
-        return end.value.code, *capsys.readouterr()
-
-    return call
+    return partial(called, capsys)
 
 
 def test_the_overview_names_every_command_and_fits_80_columns():

@@ -10,10 +10,12 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 
 import pinconsist as pc
 from pinconsist import solution_file
@@ -296,15 +298,8 @@ def test_bad_scenes_and_spans(tmp_path):
 
 
 def test_the_commands(tmp_path, monkeypatch, capsys):
-    from pinconsist.cli import main
-
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main([str(each) for each in arguments])
-        return end.value.code, *capsys.readouterr()
-
+    run = partial(called, capsys)
     cut = pc.record("four_bar", (0.0, 0.5), "run.npz", save_every=0.2, callback=until(0.3))
     code, out, _ = run("rerun", "run.npz")
     assert code == 0 and "the same numbers" in out  # up to where it was cut short

@@ -5,22 +5,13 @@ import dataclasses
 import numpy as np
 import pinocchio as pin
 import pytest
+from scenes import slider
 
 import pinconsist as pc
 from pinconsist.dae.acceleration import solve_acceleration
 
 TIGHT = {"rtol": 1e-9, "atol": 1e-11}
 M, G = 2.0, 9.81
-
-
-def slider(gravity=0.0):
-    """A block of 2 kg on a rail along z."""
-    model = pin.Model()
-    model.gravity.linear = np.array([0.0, 0.0, -gravity])
-    slide = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "slide")
-    model.appendBodyToJoint(slide, pin.Inertia(M, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("block", slide, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    return pc.Mechanism(model, name="slider")
 
 
 def everything():
@@ -85,7 +76,7 @@ def test_damped_oscillator():
     """Kinetic, potential and elastic energy by hand; what the damper takes is the rest."""
     k, d, rest = 50.0, 3.0, 0.4
     forces = [pc.JointSpring("slide", k, rest), pc.JointDamping({"slide": d})]
-    sol = pc.simulate(slider(G), (0.0, 1.0), {"slide": 1.0}, forces=forces, max_step=0.01, **TIGHT)
+    sol = pc.simulate(slider(M, G), (0.0, 1.0), {"slide": 1.0}, forces=forces, max_step=0.01, **TIGHT)
     x, v, energy = sol.q[:, 0], sol.v[:, 0], sol.energy()
     np.testing.assert_allclose(energy.kinetic, 0.5 * M * v**2, rtol=1e-12)
     np.testing.assert_allclose(energy.potential, M * G * x, rtol=1e-12)
@@ -99,7 +90,7 @@ def test_damped_oscillator():
 
 def test_a_spring_with_a_damper_in_it():
     spring = pc.SpringDamper("universe", "block", 80.0, 1.0, 4.0, xyz1=(0.0, 0.0, 3.0))
-    sol = pc.simulate(slider(), (0.0, 1.0), {"slide": 1.5}, forces=[spring], **TIGHT)
+    sol = pc.simulate(slider(M), (0.0, 1.0), {"slide": 1.5}, forces=[spring], **TIGHT)
     energy = sol.energy()
     np.testing.assert_allclose(energy.elastic, 0.5 * 80.0 * (3.0 - sol.q[:, 0] - 1.0) ** 2, rtol=1e-9)
     np.testing.assert_allclose(energy.power["spring universe-block"], -4.0 * sol.v[:, 0] ** 2, rtol=1e-9, atol=1e-12)
@@ -108,7 +99,7 @@ def test_a_spring_with_a_damper_in_it():
 def test_work_of_friction_torque_and_wrench():
     """f times the way, for each of three constant forces."""
     forces = [pc.JointFriction({"slide": 3.0}), {"slide": 5.0}, pc.Wrench("block", (7.0, 0, -1.5))]
-    sol = pc.simulate(slider(), (0.0, 1.0), v0={"slide": 2.0}, forces=forces, max_step=0.02)
+    sol = pc.simulate(slider(M), (0.0, 1.0), v0={"slide": 2.0}, forces=forces, max_step=0.02)
     way, work = sol.q[-1, 0] - sol.q[0, 0], sol.energy().work
     assert way == pytest.approx(2.0 + 0.5 * (5.0 - 3.0 - 1.5) / M, rel=1e-6)
     assert work["friction slide"][-1] == pytest.approx(-3.0 * way, rel=1e-7)
@@ -119,7 +110,7 @@ def test_work_of_friction_torque_and_wrench():
 
 def test_power_of_a_motor_is_its_torque_times_its_speed():
     motion = pc.Motion(0.2, 1.0, 0.3, 0.7)
-    mech = slider(G).with_loops(pc.Drive("motor", "slide", motion))
+    mech = slider(M, G).with_loops(pc.Drive("motor", "slide", motion))
     sol = pc.simulate(mech, (0.0, 2.0), **TIGHT)
     energy = sol.energy()
     rate = np.array([motion.rate(t) for t in sol.t])
@@ -131,13 +122,13 @@ def test_power_of_a_motor_is_its_torque_times_its_speed():
 def test_a_users_constraint_that_moves_has_its_power_too():
     """The block is carried by Φ = q - sin t, without derivatives."""
     carried = pc.Constraint("carrier", lambda t, q: [q[0] - np.sin(t)], 1)
-    sol = pc.simulate(slider(G).with_loops(carried), (0.0, 2.0), **TIGHT)
+    sol = pc.simulate(slider(M, G).with_loops(carried), (0.0, 2.0), **TIGHT)
     expected = M * (G - np.sin(sol.t)) * np.cos(sol.t)
     np.testing.assert_allclose(sol.energy().power["carrier"], expected, atol=1e-6)
 
 
 def test_names_of_forces_and_drives_do_not_meet():
-    mech = slider().with_loops(pc.Drive("servo slide", "slide", pc.Motion(speed=1.0)))
+    mech = slider(M).with_loops(pc.Drive("servo slide", "slide", pc.Motion(speed=1.0)))
     energy = pc.simulate(mech, (0.0, 0.1), forces=[pc.Servo("slide", 0.0, 1.0), {"slide": 1.0}]).energy()
     assert list(energy.power) == ["servo slide", "torque slide", "servo slide 2"]
     assert not energy.stored and not energy.elastic.any()
@@ -145,27 +136,27 @@ def test_names_of_forces_and_drives_do_not_meet():
 
 def test_what_an_impact_takes_is_work_of_events():
     impact = pc.Event(lambda t, q, v, lam: q[0], direction=-1, apply=lambda t, q, v: -0.5 * v)
-    sol = pc.simulate(slider(G), (0.0, 0.8), {"slide": 1.0}, events=impact)
+    sol = pc.simulate(slider(M, G), (0.0, 0.8), {"slide": 1.0}, events=impact)
     energy = sol.energy()
     fall = M * G * 1.0
     assert len(sol.t_events[0]) == 1
     assert energy.work["events"][-1] == pytest.approx(-0.75 * fall, rel=1e-6) and energy.work["events"][0] == 0.0
     assert energy.balance_error < 1e-9
-    quiet = pc.simulate(slider(G), (0.0, 0.1), {"slide": 1.0}).energy()
+    quiet = pc.simulate(slider(M, G), (0.0, 0.1), {"slide": 1.0}).energy()
     assert quiet.work == {} and quiet.power == {}
 
 
 def test_backwards_the_same_works_come_out_with_the_other_sign():
     damping = [pc.JointDamping({"slide": 3.0})]
-    there = pc.simulate(slider(G), (0.0, 0.5), v0={"slide": 3.0}, forces=damping, **TIGHT)
-    back = pc.simulate(slider(G), (0.5, 0.0), there.q[-1], there.v[-1], forces=damping, **TIGHT)
+    there = pc.simulate(slider(M, G), (0.0, 0.5), v0={"slide": 3.0}, forces=damping, **TIGHT)
+    back = pc.simulate(slider(M, G), (0.5, 0.0), there.q[-1], there.v[-1], forces=damping, **TIGHT)
     works = [sol.energy().work["damping slide"][-1] for sol in (there, back)]
     assert works[0] < -1.0 and works[1] == pytest.approx(-works[0], rel=1e-6)
     assert back.energy().balance_error < 1e-6
 
 
 def test_the_energy_of_a_stored_solution_needs_its_mechanism(tmp_path):
-    mech, forces = slider(G), [pc.JointDamping({"slide": 3.0})]
+    mech, forces = slider(M, G), [pc.JointDamping({"slide": 3.0})]
     sol = pc.simulate(mech, (0.0, 0.5), forces=forces)
     back = pc.Solution.load(sol.save(tmp_path / "run"))
     with pytest.raises(pc.InputError, match=r"needs its mechanism here: sol\.energy\(mechanism\)"):
@@ -183,7 +174,7 @@ def test_the_energy_of_a_stored_solution_needs_its_mechanism(tmp_path):
 
 
 def test_it_prints_as_a_table():
-    energy = pc.simulate(slider(G), (0.0, 0.5), {"slide": 1.0}, forces=[pc.JointDamping({"slide": 3.0})]).energy()
+    energy = pc.simulate(slider(M, G), (0.0, 0.5), {"slide": 1.0}, forces=[pc.JointDamping({"slide": 3.0})]).energy()
     lines = str(energy).splitlines()
     assert [line.split("  ")[0] for line in lines] == [
         "energy, J", "kinetic", "potential", "elastic", "total", "work of damping slide", "balance error",

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scenes import held_mass
 
-import pinconsist as pc
 from pinconsist.dae.explain import explain
 
 FAILURE = "the error test fails at any step size"
@@ -15,13 +15,7 @@ def stopped(rows, v=(3.0, -40.0, 0.5), step=None, consistency="every-step"):
     """A run that stopped at t = 0.25 where R_p = `rows`, shape (nc, 3)."""
     rows = np.asarray(rows, float)
     p, nc = np.zeros(3), len(rows)
-    problem = pc.HessenbergProblem(
-        U=lambda t, p, v: v,
-        F=lambda t, p, v: np.zeros(3),
-        G=lambda t, p, v: rows.T,
-        R=lambda t, p: rows @ p,
-        R_p=lambda t, p: rows,
-    ).at(0.25, p, np.array(v))
+    problem = held_mass(rows).at(0.25, p, np.array(v))
     method = SimpleNamespace(consistency=consistency, step=step)
     y = np.concatenate((p, v, np.zeros(nc)))
     return SimpleNamespace(system=problem, method=method, t=0.25, h=1e-3, k=4, p=p, y=y)

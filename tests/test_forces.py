@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodies import differences, frame_pose, mixed_tree, random_state
+from scenes import slider
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
@@ -120,16 +121,6 @@ def test_springs_are_the_gradient_of_what_they_store(name):
 
 
 # Motions in closed form -----------------------------------------------------------------------------------------------
-
-
-def slider(mass=2.0, gravity=0.0):
-    """A block on a rail along z."""
-    model = pin.Model()
-    model.gravity.linear = np.array([0.0, 0.0, -gravity])
-    slide = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "slide")
-    model.appendBodyToJoint(slide, pin.Inertia(mass, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("block", slide, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    return pc.Mechanism(model, name="slider")
 
 
 def rotor(joint=None, inertia=2.0):

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from bodies import loop_rows
 from urdf_texts import CHAIN, A, B, C, joint, write
 
 from pinconsist.errors import FormatError, InputError
 from pinconsist.formats import load, models
-from pinconsist.mechanism.constraints.loops import LoopRows
 
 ROBOTS = Path(__file__).parents[2] / "shared" / "robots"
 needs_robots = pytest.mark.skipif(not ROBOTS.is_dir(), reason="the public robots are not beside the repository")
@@ -20,12 +20,6 @@ needs_robots = pytest.mark.skipif(not ROBOTS.is_dir(), reason="the public robots
 @pytest.fixture
 def robot(tmp_path):
     return partial(write, tmp_path)
-
-
-def closures(mech, q):
-    data = mech.model.createData()
-    pin.computeJointJacobians(mech.model, data, q)
-    return LoopRows(mech.model, mech.loops).evaluate(data)
 
 
 # Built-in models ------------------------------------------------------------------------------------------------------
@@ -55,7 +49,7 @@ def test_built_in_model(name):
     assert mech.nq == mech.nv == len(joints)
     assert [loop.name for loop in mech.loops] == loops
     assert all(loop.kind == "hinge" for loop in mech.loops)
-    gap, jacobian = closures(mech, mech.guess)
+    gap, jacobian = loop_rows(mech, mech.guess)
     assert np.max(np.abs(gap), initial=0.0) < 1e-14
     assert not loops or np.linalg.matrix_rank(jacobian) == 2 * len(loops)
     assert pickle.loads(pickle.dumps(mech)).geometry == mech.geometry
@@ -216,7 +210,7 @@ def test_real_robot(name, capfd):
     assert mech.name == name
     assert (mech.nv, len(mech.loops), mech.nc) == (nv, loops, rows)
     assert mech.actuated and all(loop.name.startswith("closedloop") for loop in mech.loops)
-    phi, jacobian = closures(mech, pin.neutral(mech.model))
+    phi, jacobian = loop_rows(mech, pin.neutral(mech.model))
     singular = np.linalg.svd(jacobian, compute_uv=False)
     assert np.sum(singular > 1e-8 * singular[0]) == rank
     assert abs(np.abs(phi.reshape(-1, 6)[:, :3]).max() - gap) < 0.0051

@@ -4,12 +4,10 @@ import pickle
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from bodies import frame_pose
+from bodies import frame_pose, loop_rows
 
 import pinconsist as pc
-from pinconsist.mechanism.constraints.loops import LoopRows
 from pinconsist.mechanism.constraints.motion import Motion
 from pinconsist.view.visuals import visuals
 
@@ -98,9 +96,7 @@ def two_arms(equality, **rest):
 
 
 def gap(mech, q):
-    data = mech.model.createData()
-    pin.computeJointJacobians(mech.model, data, np.array(q))
-    return LoopRows(mech.model, mech.loops).evaluate(data, np.array(q))[0]
+    return loop_rows(mech, q)[0]
 
 
 def test_all_bodies_of_the_world_are_parsed(scene):

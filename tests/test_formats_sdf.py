@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import frame_pose
+from bodies import frame_pose, loop_rows
 from sdf_texts import BAR, CHAIN, A, B, C, axis, joint, link, write
 
 import pinconsist as pc
 from pinconsist.formats.robots import ROBOTS, robot_file
-from pinconsist.mechanism.constraints.loops import LoopRows
 from pinconsist.view.visuals import visuals
 
 FOUR_BAR = Path(__file__).parent / "data" / "four_bar.sdf"
@@ -60,9 +59,7 @@ def at(mech, frame, q=None):
 
 
 def gap(mech, q):
-    data = mech.model.createData()
-    pin.computeJointJacobians(mech.model, data, q)
-    return np.max(np.abs(LoopRows(mech.model, mech.loops).evaluate(data, q, 0.0)[0]), initial=0.0)
+    return np.max(np.abs(loop_rows(mech, q)[0]), initial=0.0)
 
 
 # The four-bar ---------------------------------------------------------------------------------------------------------

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from bodies import loop_rows
 from pinocchio.robot_wrapper import RobotWrapper
 from urdf_texts import BAR, CHAIN, A, B, C, joint, write
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.coupling import Coupling
-from pinconsist.mechanism.constraints.loops import LoopRows
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"
@@ -33,16 +33,9 @@ def on_c(*names):
     return "".join(f'<link name="{name}"/>' + joint(f"{name}_mount", "c", name, "fixed", "") for name in names)
 
 
-def rows(mech, q):
-    """Φ and J of all loops at q."""
-    data = mech.model.createData()
-    pin.computeJointJacobians(mech.model, data, q)
-    return LoopRows(mech.model, mech.loops).evaluate(data, q)
-
-
 def same_rows(mech, other, seed=0):
     for q in np.random.default_rng(seed).uniform(-3, 3, (5, mech.nq)):
-        for mine, theirs in zip(rows(mech, q), rows(other, q), strict=True):
+        for mine, theirs in zip(loop_rows(mech, q), loop_rows(other, q), strict=True):
             np.testing.assert_allclose(mine, theirs, atol=1e-13)
 
 
@@ -138,7 +131,7 @@ def test_loop_joint_moves_about_its_axis_only(robot):
     # the twist of b in its own axes, at its own origin, which the anchor shares
     for kind, free in (("revolute", [0, 0, 0, 0, 0, 1]), ("prismatic", [0, 0, 1, 0, 0, 0])):
         mech = pc.load(robot(body + loop_joint(f'type="{kind}"', ends)))
-        phi, J = rows(mech, q)
+        phi, J = loop_rows(mech, q)
         np.testing.assert_allclose(phi, 0, atol=1e-15)
         null = np.linalg.svd(J)[2][len(J) :]
         assert len(null) == 1
@@ -296,7 +289,7 @@ def test_constraint_models_are_loops(kind, make):
     pin.computeJointJacobians(model, data, closed)
     constraint.calc(model, data, constraint_data)
     jacobian = constraint.jacobian(model, data, constraint_data)
-    phi, J = rows(mech, closed)
+    phi, J = loop_rows(mech, closed)
     np.testing.assert_allclose(phi, 0, atol=1e-15)
     assert J.shape == jacobian.shape
     rank = np.linalg.matrix_rank(J, tol=1e-9)
@@ -332,7 +325,7 @@ def test_joints_without_frames_get_one_in_a_copy():
     data = model.createData()
     pin.forwardKinematics(model, data, q)
     gap = place1.actInv(data.oMi[lower] * place2)
-    np.testing.assert_allclose(rows(mech, q)[0], [*gap.translation, *pin.log3(gap.rotation)], atol=1e-13)
+    np.testing.assert_allclose(loop_rows(mech, q)[0], [*gap.translation, *pin.log3(gap.rotation)], atol=1e-13)
 
 
 def test_records_stand_among_constraint_models_and_closure_holds_for_both():

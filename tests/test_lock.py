@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import mixed_tree, random_state
+from bodies import loop_rows, mixed_tree, random_state
 from scenes import add_body, add_point, at
 
 import pinconsist as pc
@@ -166,17 +166,9 @@ def test_own_constraints_see_the_whole_configuration():
     rng = np.random.default_rng(0)
     q = mech.guess.copy()
     q[[0, 3]] = rng.normal(size=2)
-    whole, part = (each_rows(m, x) for m, x in ((mech, q), (small, q[[0, 3]])))
+    whole, part = (loop_rows(m, x, 0.25) for m, x in ((mech, q), (small, q[[0, 3]])))
     np.testing.assert_allclose(part[0], whole[0], atol=1e-14)
     np.testing.assert_allclose(part[1], whole[1][:, [0, 3]], atol=1e-14)
-
-
-def each_rows(mech, q):
-    from pinconsist.mechanism.constraints.loops import LoopRows
-
-    data = mech.model.createData()
-    pin.computeJointJacobians(mech.model, data, q)
-    return LoopRows(mech.model, mech.loops).evaluate(data, q, 0.25)
 
 
 # Forces ---------------------------------------------------------------------------------------------------------------

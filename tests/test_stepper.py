@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scenes import held_mass
 
 import pinconsist as pc
 from pinconsist.dae.acceleration import NotFiniteError, solve_acceleration
@@ -17,14 +18,7 @@ def rounding(sigma, v=(1.0, -2.0, 0.5), p=(0.0, 3.0, 0.0)):
     """Of a unit mass held by two rows at right angles, one of length `sigma`."""
     rows = np.array([[1.0, 0.0, 0.0], [0.0, sigma, 0.0]])
     p, v = np.array(p), np.array(v)
-    problem = pc.HessenbergProblem(
-        U=lambda t, p, v: v,
-        F=lambda t, p, v: np.zeros(3),
-        G=lambda t, p, v: rows.T,
-        R=lambda t, p: rows @ p,
-        R_p=lambda t, p: rows,
-    ).at(0.0, p, v)
-    return _velocity_rounding(problem, 0.0, p, v)
+    return _velocity_rounding(held_mass(rows).at(0.0, p, v), 0.0, p, v)
 
 
 def test_rounding_grows_with_the_square_of_the_distance_from_regular():

@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 import pytest
+from command_line import called
 
-from pinconsist.cli import main
 from pinconsist.errors import InputError
 from pinconsist.study.peers.constraint_dynamics import ScipyIvp
 from pinconsist.study.peers.problem import Peer, Rows, SolverFailed
@@ -121,16 +121,11 @@ def test_the_command(monkeypatch, capsys):
     known = {others.OWN: None, "scipy LSODA": ScipyIvp("LSODA"), "fake": Fake(fail)}
     monkeypatch.setattr(others, "methods", lambda: known)
     monkeypatch.setitem(SUBJECTS, "scales", lambda long, count, seed: iter([case()]))
-    with pytest.raises(SystemExit) as ended:
-        main(["stress", "scales", "--peers"])
-    text = capsys.readouterr().out
-    assert ended.value.code == 0 and "1/1" in text and "0/1" in text and "no more steps" in text
-    with pytest.raises(SystemExit) as ended:
-        main(["stress", "scales", "--peers", "--json"])
-    rows = json.loads(capsys.readouterr().out)["cases"]
+    code, text, _ = called(capsys, "stress", "scales", "--peers")
+    assert code == 0 and "1/1" in text and "0/1" in text and "no more steps" in text
+    rows = json.loads(called(capsys, "stress", "scales", "--peers", "--json")[1])["cases"]
     assert [(row["method"], row["outcome"]) for row in rows] == [
         (others.OWN, "held"), ("scipy LSODA", "held"), ("fake", "FAILED"),
     ]  # fmt: skip
-    with pytest.raises(SystemExit) as ended:
-        main(["stress", "steps", "--peers"])
-    assert ended.value.code == 2 and "steps: not with --peers" in capsys.readouterr().err
+    code, _, err = called(capsys, "stress", "steps", "--peers")
+    assert code == 2 and "steps: not with --peers" in err

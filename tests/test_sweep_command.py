@@ -14,11 +14,13 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from math import pi
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 
 import pinconsist as pc
 from pinconsist.cli import main
@@ -42,13 +44,7 @@ forces:
 def run(capsys, tmp_path, monkeypatch):
     """Run the command in an empty folder → exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main(["sweep", *map(str, arguments)])
-        return end.value.code, *capsys.readouterr()
-
-    return call
+    return partial(called, capsys, "sweep")
 
 
 def table(file):

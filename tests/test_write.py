@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import mixed_tree, random_state
+from bodies import loop_rows, mixed_tree, random_state
 from scenes import heavy_top, spherical_chain
 from urdf_texts import A, B, joint
 from urdf_texts import write as write_urdf
@@ -14,7 +14,6 @@ from urdf_texts import write as write_urdf
 import pinconsist as pc
 from pinconsist.mechanism.constraints.coupling import Coupling
 from pinconsist.mechanism.constraints.custom import Constraint
-from pinconsist.mechanism.constraints.loops import LoopRows
 from pinconsist.mechanism.system import MechanismSystem
 
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"
@@ -27,9 +26,7 @@ def equations(mech, t, q, v):
     model, data = mech.model, mech.model.createData()
     M = np.triu(pin.crba(model, data, q))
     bias = np.array(pin.rnea(model, data, q, v, np.zeros(model.nv)))
-    pin.computeJointJacobians(model, data, q)
-    phi, J = LoopRows(model, mech.loops).evaluate(data, q, t)
-    return M, bias, phi, J, MechanismSystem(mech, mech.guess).torque(t, q, v)
+    return M, bias, *loop_rows(mech, q, t), MechanismSystem(mech, mech.guess).torque(t, q, v)
 
 
 def require_same(mech, back, seed=0):

@@ -1,0 +1,12 @@
+"""The command line, called in the process of the tests."""
+
+import pytest
+
+from pinconsist.cli import main
+
+
+def called(capsys, *arguments):
+    """Exit code, stdout and stderr of `pinconsist` with these arguments."""
+    with pytest.raises(SystemExit) as end:
+        main([str(each) for each in arguments])
+    return end.value.code, *capsys.readouterr()
