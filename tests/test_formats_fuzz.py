@@ -48,39 +48,22 @@ def outcome(path):
     return mech
 
 
+@pytest.mark.parametrize(
+    ("name", "text"), [("scene.urdf", URDF), ("scene.sdf", SDF), ("scene.xml", MJCF)], ids=["URDF", "SDF", "MJCF"]
+)
 @fuzzed
-def test_urdf(tmp_path, rng):
-    path = tmp_path / "scene.urdf"
-    path.write_bytes(mutated_xml(URDF, rng))
+def test_xml(tmp_path, name, text, rng):
+    path = tmp_path / name
+    path.write_bytes(mutated_xml(text, rng))
     outcome(path)
 
 
+@pytest.mark.parametrize("text", [LOOP_FILE, ROBOT_YAML], ids=["loop file", "robot.yaml"])
 @fuzzed
-def test_loop_file(tmp_path, rng):
+def test_yaml(tmp_path, text, rng):
     (tmp_path / "scene.urdf").write_text(PLAIN_URDF)
-    (tmp_path / "scene.yaml").write_bytes(mutated_yaml(LOOP_FILE, rng))
+    (tmp_path / "scene.yaml").write_bytes(mutated_yaml(text, rng))
     outcome(tmp_path / "scene.urdf")
-
-
-@fuzzed
-def test_robot_yaml(tmp_path, rng):
-    (tmp_path / "scene.urdf").write_text(PLAIN_URDF)
-    (tmp_path / "scene.yaml").write_bytes(mutated_yaml(ROBOT_YAML, rng))
-    outcome(tmp_path / "scene.urdf")
-
-
-@fuzzed
-def test_sdf(tmp_path, rng):
-    path = tmp_path / "scene.sdf"
-    path.write_bytes(mutated_xml(SDF, rng))
-    outcome(path)
-
-
-@fuzzed
-def test_mjcf(tmp_path, rng):
-    path = tmp_path / "scene.xml"
-    path.write_bytes(mutated_xml(MJCF, rng))
-    outcome(path)
 
 
 @pytest.mark.parametrize(
