@@ -9,9 +9,10 @@ from __future__ import annotations
 from functools import cache
 from importlib.util import find_spec
 
+import numpy as np
 import pinocchio  # loads the libraries that the twin is linked with
 
-INTERFACE = 1  # as in module.cpp: an editable install may hold an older build
+INTERFACE = 2  # as in module.cpp: an editable install may hold an older build
 
 
 @cache
@@ -30,7 +31,10 @@ def load():
             f"the compiled part of pinconsist was built for Pinocchio {twin.PINOCCHIO_VERSION}, and this is "
             f"{pinocchio.__version__}; install pinconsist again"
         )
+    from scipy.integrate import DOP853
     from scipy.linalg import cython_lapack
 
     twin.use_lapack(*(cython_lapack.__pyx_capi__[name] for name in ("dgetrf", "dgetrs")))
+    coefficients = ("A", "B", "C", "E3", "E5", "D", "A_EXTRA", "C_EXTRA")
+    twin.use_dop853(*(np.ascontiguousarray(getattr(DOP853, name)) for name in coefficients))
     return twin, ""

@@ -8,7 +8,8 @@
 
 namespace pinconsist {
 
-constexpr double EPS = std::numeric_limits<double>::epsilon(), INF = std::numeric_limits<double>::infinity();
+constexpr double EPS = std::numeric_limits<double>::epsilon(), INF = std::numeric_limits<double>::infinity(),
+                 NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
 
 template <class Derived> double largest(const Eigen::MatrixBase<Derived> &x) {
   return x.size() ? x.cwiseAbs().maxCoeff() : 0.0;
@@ -25,6 +26,8 @@ class Projection {
 public:
   explicit Projection(System &system)
       : system_(system), kkt_(system.nv, system.nc), rhs_(system.nv + system.nc, 1), zero_(Vec::Zero(system.nv)) {}
+
+  System &system() const { return system_; }
 
   // Acceleration and multipliers of the differential equation itself; false where it is singular.
   bool acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {

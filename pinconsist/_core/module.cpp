@@ -1,9 +1,11 @@
 // What Python sees of the twin: a system that is told its rows and forces, and a stepper that runs stretches.
+#include "one_step.hpp"
 #include "stepper.hpp"
 
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/unique_ptr.h>
 #include <nanobind/stl/vector.h>
 #include <pinocchio/config.hpp>
 
@@ -59,10 +61,15 @@ nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, b
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 1; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 2; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_lapack", [](nb::capsule factorise, nb::capsule solve) {
     Lapack::factorise = reinterpret_cast<Lapack::Factorise>(factorise.data());
     Lapack::solve = reinterpret_cast<Lapack::Solve>(solve.data());
+  });
+
+  m.def("use_dop853", [](const Table &A, const Vec &B, const Vec &C, const Vec &E3, const Vec &E5, const Table &D,
+                         const Table &A_extra, const Vec &C_extra) {
+    OneStep::method = {A, A_extra, D, B, C, E3, E5, C_extra};
   });
 
   nb::class_<System>(m, "System")
@@ -137,7 +144,23 @@ NB_MODULE(twin, m) {
       .def("project", [](Projection &projection, double t, const Vec &p, const Vec &v) {
         const State state = projection.project(t, p, v);
         return nb::make_tuple(state.p, state.v, state.failure, state.gap);
-      });
+      })
+      .def(
+          "one_step",
+          [](Projection &projection, const Vec &base, double t0, const Vec &y0, double t_end, double rtol, double atol,
+             double max_step, bool dense) {
+            return std::make_unique<OneStep>(projection, base, t0, y0, t_end, rtol, atol, max_step, dense);
+          },
+          nb::keep_alive<0, 1>());
+
+  nb::class_<OneStep>(m, "OneStep")
+      .def_ro("t", &OneStep::t)
+      .def_ro("y", &OneStep::y)
+      .def_ro("step_size", &OneStep::step_size)
+      .def_ro("finished", &OneStep::finished)
+      .def_ro("evaluations", &OneStep::evaluations)
+      .def("step", &OneStep::step)
+      .def("sample", &OneStep::sample);
 
   nb::class_<Stepper>(m, "Stepper")
       .def(nb::init<System &, bool>(), "system"_a, "correct"_a, nb::keep_alive<1, 2>())

@@ -86,7 +86,12 @@ private:
     used_h = h;
     used_k = k;
     ++taken;
-    choice = control.next_step(system_, Z, k, h, error, weight_);
+    if (error > 1.0) { // rounding, which tells nothing of the steps to come: shorter ones only feel it more
+      choice = {h, k};
+      control.restart();
+    } else {
+      choice = control.next_step(system_, Z, k, h, error, weight_);
+    }
     return Failure::none;
   }
 

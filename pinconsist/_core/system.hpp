@@ -74,6 +74,13 @@ public:
     }
   }
 
+  Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const {
+    if (vector_like) return rate;
+    Mat derivative = Mat::Zero(nx, nx);
+    pinocchio::dDifference(model_, base, p, derivative, pinocchio::ARG1);
+    return derivative * rate;
+  }
+
   void position(const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const {
     xi = psi_x + c * v;
     if (vector_like) p = xi;

@@ -7,10 +7,14 @@ import numpy as np
 from ..errors import PinconsistError, SingularSystemError
 from .newton import KKT, culprits
 
-SINGULAR = "the equations of motion are singular at t = {:.6g} ([[M, -G], [W, 0]])"
 NOT_FINITE = (
     "the equations of motion are not finite at t = {:.6g}{}: a force or a user's function returns NaN or infinity"
 )
+
+
+def singular(t) -> str:
+    """What a message says of a singular position."""
+    return f"the equations of motion are singular at t = {t:.6g} ([[M, -G], [W, 0]])"
 
 
 class NotFiniteError(PinconsistError):
@@ -30,7 +34,7 @@ def solve_acceleration(system, t, p, v):
     if (twin := getattr(system, "twin", None)) is not None:
         solution = twin.acceleration(t, p, v)
         if solution is None:
-            raise SingularSystemError(SINGULAR.format(t))
+            raise SingularSystemError(singular(t))
         a, lam, finite = solution
         if not finite:
             raise NotFiniteError(NOT_FINITE.format(t, culprits(system, t, p, v)))
@@ -43,5 +47,5 @@ def solve_acceleration(system, t, p, v):
         raise NotFiniteError(NOT_FINITE.format(t, culprits(system, t, p, v)))
     x = kkt.solve_new(G, W, 1.0, rhs)
     if x is None:
-        raise SingularSystemError(SINGULAR.format(t))
+        raise SingularSystemError(singular(t))
     return x[: system.nv], x[system.nv :]

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..errors import AssemblyError, SingularSystemError
 from . import bdf
+from .acceleration import singular
 from .newton import EPS, KKT, Newton, largest
 
 MODES = ("exact", "initial", "every-step")
@@ -33,11 +34,6 @@ def kkt_at(system, t, p, v) -> KKT:
     if kkt.solve_new(G, W, 1.0, np.zeros(system.nv + system.nc)) is None:
         raise SingularSystemError(singular(t))
     return kkt
-
-
-def singular(t) -> str:
-    """What a message says of a singular position."""
-    return f"the equations of motion are singular at t = {t:.6g}"
 
 
 def not_closed(gap) -> str:

@@ -245,7 +245,7 @@ def _paired(weight, nx, nv):
     return np.column_stack((weight[nx:], np.full(nv, weight[:nx].max(initial=0.0))))
 
 
-def largest(x) -> float:
+def largest(x):
     """The largest magnitude in an array, 0 in an empty one."""
     return np.abs(x).max(initial=0.0)
 

@@ -96,8 +96,7 @@ class Record:
         self._flush()
         self._orders += orders.tolist()
         self._blocks.append((t, p, v, lam))
-        if self.wishes.callback is not None:
-            self._report(zip(t, p, v, lam, strict=True), int(orders[-1]))
+        self._report(zip(t, p, v, lam, strict=True), int(orders[-1]))
 
     def jump(self, t, p, v, lam) -> None:
         """The state after an event: a second row at the same time."""

@@ -9,12 +9,12 @@ from __future__ import annotations
 import logging
 
 import numpy as np
-from scipy.integrate import DOP853, solve_ivp
 
 from ..errors import AssemblyError, PinconsistError, SingularSystemError
 from . import bdf
-from .acceleration import NotFiniteError, solve_acceleration
-from .consistency import not_closed, project_position, project_velocity, singular
+from .acceleration import singular, solve_acceleration
+from .consistency import not_closed, project_position, project_velocity
+from .one_step import one_step
 
 log = logging.getLogger(__name__)
 
@@ -32,27 +32,6 @@ def state(system, t, p, v):
         p = project_position(system, t, p, v)
         v = project_velocity(system, t, p, v)
     return t, p, v, solve_acceleration(system, t, p, v)[1]
-
-
-def right_hand_side(system, base):
-    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy."""
-    nx = system.nx
-
-    def f(t, y):
-        p = y[:nx] if system.vector_like else system.integrate(base, y[:nx])
-        v = y[nx:]
-        try:
-            a, _ = solve_acceleration(system, t, p, v)
-        except NotFiniteError:  # a step far too long for a stiff force: scipy takes a shorter one
-            return np.full(len(y), np.nan)
-        return np.concatenate((system.chart_rate(base, p, system.rate(t, p, v)), a))
-
-    return f
-
-
-def chart_state(system, base, p, v):
-    """[ξ | v] of a state."""
-    return bdf.table_row(system, base, p, v, np.zeros(0))
 
 
 class _TooMuchWork(Exception):
@@ -82,22 +61,14 @@ def integrate_index1(system, t0, p0, v0, times, rtol, atol, budget=None):
                 turn = bdf.fastest_turn(turns, system.rate(t, p, v)) * abs(target - t)
                 stop = t + (target - t) / max(1, int(np.ceil(turn / MAX_TURN)))
                 stop = target if abs(target - stop) < 1e-14 * max(1.0, abs(target)) else stop
-            f = right_hand_side(system, p)
-
-            def counted(t, y, f=f):
-                nonlocal evaluations
-                evaluations += 1
-                if budget is not None and evaluations > budget:
+            run = one_step(system, p, t, p, v, stop, rtol, atol)
+            while not run.finished:
+                run.step()
+                if budget is not None and evaluations + run.evaluations > budget:
                     raise _TooMuchWork
-                return f(t, y)
-
-            with _far_tries():
-                run = solve_ivp(counted, (t, stop), chart_state(system, p, p, v), "DOP853", rtol=rtol, atol=atol)
-            if not run.success:
-                raise PinconsistError(f"the index-1 equations could not be integrated from t = {t:.6g}: {run.message}")
-            y = run.y[:, -1]
-            p = y[: system.nx] if system.vector_like else system.integrate(p, y[: system.nx])
-            t, p, v, lam = state(system, stop, p, y[system.nx :])
+            evaluations += run.evaluations
+            p = run.y[: system.nx] if system.vector_like else system.integrate(p, run.y[: system.nx])
+            t, p, v, lam = state(system, stop, p, run.y[system.nx :])
         states.append((t, p, v, lam) if t != t0 else state(system, t0, p0, v0))
     return states
 
@@ -140,29 +111,23 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
     states : list of (t, p, v, λ), oldest first
     """
     rtol, atol = max(1e-2 * control.tightest[0], 1e-13), 1e-2 * control.tightest[1]
-    f, y0, atol = right_hand_side(system, p0), chart_state(system, p0, p0, v0), max(atol, 1e-14)
     turns = bdf.turning_coordinates(system, p0)
     speed = bdf.fastest_turn(turns, system.rate(t0, p0, v0))
-    with _far_tries():
-        solver = DOP853(f, t0, y0, t_end, rtol=rtol, atol=atol, max_step=MAX_TURN / speed if speed else np.inf)
-    pieces, longest = [], 0.0
-    for _ in range(6):  # scipy starts with a careful step: go on while its steps grow
-        with _far_tries():
-            reason = solver.step()
-        if solver.status == "failed":
-            raise PinconsistError(f"no start at t = {t0:.6g}: {reason}")
-        pieces.append(solver.dense_output())
-        grows, longest = abs(solver.step_size) > 1.5 * longest, abs(solver.step_size)
-        turned = bdf.fastest_turn(turns, solver.y[: system.nx]) > MAX_TURN
-        if solver.status == "finished" or turned or not grows:
+    max_step = MAX_TURN / speed if speed else np.inf
+    run = one_step(system, p0, t0, p0, v0, t_end, rtol, max(atol, 1e-14), max_step, dense=True)
+    longest = 0.0
+    for _ in range(6):  # it starts with a careful step: go on while its steps grow
+        run.step()
+        grows, longest = run.step_size > 1.5 * longest, run.step_size
+        if run.finished or not grows or bdf.fastest_turn(turns, run.y[: system.nx]) > MAX_TURN:
             break
 
     def sample(h):
         times = t0 + h * np.arange(k + 2)
-        return times, _dense(pieces, times)
+        return times, run.sample(times)
 
-    reach = (solver.t - t0) / (k + 1)
-    while bdf.fastest_turn(turns, _dense(pieces, np.array([t0 + (k + 1) * reach]))[0, : system.nx]) > MAX_TURN:
+    reach = (run.t - t0) / (k + 1)
+    while bdf.fastest_turn(turns, run.sample(np.array([t0 + (k + 1) * reach]))[0, : system.nx]) > MAX_TURN:
         reach *= 0.7  # from rest the one-step method may turn a joint far in one step
     h = reach if first_step is None else np.copysign(min(abs(first_step), abs(reach)), reach)
     if first_step is None:
@@ -178,22 +143,9 @@ def adaptive_history(system, t0, p0, v0, t_end, k, control, first_step):
         times, rows = sample(h)
     else:
         h, times = t_end - t0, np.array([t0, t_end])
-        rows = _dense(pieces, times)
+        rows = run.sample(times)
     states = [(t0, p0, v0, solve_acceleration(system, t0, p0, v0)[1])]
     for t, y in zip(times[1:], rows[1:], strict=True):
         p = y[: system.nx] if system.vector_like else system.integrate(p0, y[: system.nx])
         states.append(state(system, t, p, y[system.nx :]))
     return h, states
-
-
-def _far_tries():
-    """A first try of the one-step method may go so far that numbers overflow; it then takes a shorter one."""
-    return np.errstate(over="ignore", invalid="ignore")
-
-
-def _dense(pieces, times):
-    """Values at `times`, in their order away from the start, by the pieces that hold them; rows are times."""
-    ends = np.array([piece.t for piece in pieces])
-    direction = np.sign(ends[-1] - pieces[0].t_old)
-    holders = np.minimum(np.searchsorted(direction * ends, direction * times), len(pieces) - 1)
-    return np.concatenate([pieces[i](times[holders == i]).T for i in np.unique(holders)])

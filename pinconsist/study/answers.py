@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from ..dae.acceleration import solve_acceleration
-from ..dae.start import chart_state, right_hand_side
+from ..dae.one_step import chart_state, right_hand_side
 from ..errors import InputError, PinconsistError
 from .peers.problem import Problem
 

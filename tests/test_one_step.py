@@ -1,0 +1,74 @@
+"""The one-step method by which a run begins: the compiled one against scipy's, and where it cannot go on."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinconsist as pc
+from pinconsist import _core
+from pinconsist.dae.compiled import twin_of
+from pinconsist.dae.one_step import CompiledOneStep, OneStep
+from pinconsist.errors import PinconsistError, SingularSystemError
+from pinconsist.mechanism.assembly import assemble
+from pinconsist.mechanism.system import MechanismSystem
+
+needs_twin = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
+SCENES = {"crank_rocker": {"crank": 12.0}, "stewart_platform": None, "planar_pendulum": None}
+
+
+def run_of(kind, mech, v0=None, t_end=1.0, **options):
+    begin = assemble(mech, None, v0)
+    system = MechanismSystem(mech, begin.q)
+    if kind is CompiledOneStep:
+        system.twin = _core.load()[0].Projection(twin_of(system)[0])
+    return kind(system, begin.q, 0.0, begin.q, begin.v, t_end, 1e-8, 1e-8, **options)
+
+
+@needs_twin
+@pytest.mark.parametrize("t_end", [0.02, -0.02])
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_compiled_one_is_scipys(scene, t_end):
+    scipys, ours = (run_of(k, pc.load(scene), SCENES[scene], t_end, dense=True) for k in (OneStep, CompiledOneStep))
+    while not scipys.finished:
+        scipys.step()
+        ours.step()
+        assert ours.evaluations == scipys.evaluations and ours.finished == scipys.finished
+        # what error estimates leave of rounding moves the steps, by parts of the tolerance
+        assert ours.t == pytest.approx(scipys.t, rel=1e-6) and ours.step_size == pytest.approx(
+            scipys.step_size, rel=1e-5
+        )
+    assert ours.t == t_end
+    np.testing.assert_allclose(ours.y, scipys.y, atol=1e-10 * (1.0 + np.abs(scipys.y).max()))
+    times = np.linspace(0.0, t_end, 17)
+    samples = scipys.sample(times)
+    np.testing.assert_allclose(ours.sample(times), samples, atol=1e-10 * (1.0 + np.abs(samples).max()))
+
+
+@needs_twin
+def test_the_largest_step_is_kept():
+    run = run_of(CompiledOneStep, pc.load("planar_pendulum"), max_step=0.03)
+    while not run.finished:
+        run.step()
+        assert run.step_size <= 0.03 * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize("kind", [OneStep, pytest.param(CompiledOneStep, marks=needs_twin)])
+def test_equations_without_a_solution_are_named(kind):
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "weightless")
+    with pytest.raises(SingularSystemError, match="singular at t = 0"):
+        run_of(kind, pc.Mechanism(model, [])).step()
+
+
+@pytest.mark.parametrize("kind", [OneStep, pytest.param(CompiledOneStep, marks=needs_twin)])
+def test_a_pole_ends_it(kind):
+    def away(t, q, v):
+        return np.where(np.abs(v) < 1e6, v**2, np.nan)
+
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slider")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    run = run_of(kind, pc.Mechanism(model, [], [pc.Torque(away)]), {"slider": 1.0}, 2.0)
+    with pytest.raises(PinconsistError, match=r"from t = 0\.99999"):
+        while not run.finished:
+            run.step()
