@@ -131,7 +131,8 @@ public:
   }
 
   void mass_matrix(const Vec &p, Eigen::Ref<Mat> M) {
-    M = pinocchio::crba(model_, data_, p).selfadjointView<Eigen::Upper>();
+    const Eigen::Ref<const Vec> at(p); // of this kind the library holds it ready; another takes 40 s to compile
+    M = pinocchio::crba(model_, data_, at).selfadjointView<Eigen::Upper>();
   }
 
   // Φ of several configurations, one a row.
