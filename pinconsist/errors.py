@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import traceback
 
 
@@ -107,8 +108,8 @@ class UserFunctionError(PinconsistError):
         super().__init__(f"{what} raised {type(error).__name__}: {error} (at t = {t:.6g}{where})")
         self.t = t
 
-    def __reduce__(self):
-        return PinconsistError, self.args
+    def __reduce__(self):  # not by __init__, which would look for a traceback
+        return copyreg.__newobj__, (type(self), *self.args), vars(self)
 
 
 class MissingExtraError(PinconsistError, ImportError):

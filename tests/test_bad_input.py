@@ -168,6 +168,8 @@ def test_an_exception_of_a_users_function_comes_through(step):
     with pytest.raises(pc.UserFunctionError, match="the callback raised KeyError: 'mine'") as caught:
         run(callback=lambda t, q, v, lam: {}["mine"], step=step)
     assert isinstance(caught.value.__cause__, KeyError)
+    travelled = pickle.loads(pickle.dumps(caught.value))  # as from a worker of a sweep
+    assert type(travelled) is pc.UserFunctionError and travelled.t == 0.0 and str(travelled) == str(caught.value)
 
 
 def test_torques_and_gradients_are_checked_where_they_are_called():

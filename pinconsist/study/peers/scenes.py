@@ -45,7 +45,7 @@ def problem_of(name: str, until: float | None = None) -> Problem:
     span, q0, v0, about = STARTS.get(name, CHAINS if name.startswith("chain_") else OTHERS)
     if name == "stiff_four_bar":
         mechanism = stiff_four_bar()
-        span, v0 = (0.0, 0.5), {"crank": 12.0}
+        span, v0 = (0.0, 2.0), {"crank": 12.0}  # four turns; the reference follows so far
         about = (
             f"crank-rocker, its coupler cut by a bushing of {BUSHING:g} N/m with {DAMPER:g} N·s/m, crank at 12 rad/s"
         )
