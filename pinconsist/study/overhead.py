@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg.lapack import dgesv
 
 from .. import _core
 from ..dae.compiled import stepper_for
@@ -35,8 +36,11 @@ class Overhead:
     step_time, run_time, bare_time : float
         Median wall time of an accepted step, of the whole run (assembly and start included) divided by its steps, and
         of the calls rnea, computeJointJacobians, constraint calc and Jacobian made from Python, s.
+    least_time : float
+        The same with what every step with its own Newton matrix needs besides: computeRNEADerivatives and LAPACK's
+        dgesv of the KKT matrix for three right-hand sides, s.
     ratio : float
-        Median of the ratios of a step to these calls, measured alternately.
+        Median of the ratios of a step to the bare calls, measured alternately.
     """
 
     backend: str
@@ -46,6 +50,7 @@ class Overhead:
     step_time: float
     run_time: float
     bare_time: float
+    least_time: float
     ratio: float
 
 
@@ -72,18 +77,20 @@ def overhead(scene="crank_rocker", tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> 
                 sol = simulate(mech, span, *start, rtol=tol, atol=tol, backend=backend)
                 run = (time.perf_counter() - begun) / sol.nsteps
                 steps, seconds = _steps(system, begin, span[1], backend, tol)
-                times.append((seconds / steps, run, _bare_calls(system, begin.q)))
-            step, run, bare = np.array(times).T
-            medians = map(float, np.median((step, run, bare, step / bare), axis=1))
+                times.append((seconds / steps, run, *_bare_calls(system, begin.q)))
+            step, run, bare, least = np.array(times).T
+            medians = map(float, np.median((step, run, bare, least, step / bare), axis=1))
             rows.append(Overhead(backend, tol, sol.nsteps, sol.nfev / sol.nsteps, *medians))
     return rows
 
 
-def _bare_calls(system, q, count=2000) -> float:
-    """Seconds that one set of Pinocchio's calls of a residual takes."""
+def _bare_calls(system, q, count=2000) -> tuple[float, float]:
+    """Seconds that Pinocchio's calls of one residual take, and the same with derivatives and LAPACK's solution."""
     model, data, v, a = system.model, system.data, np.ones(system.nv), np.ones(system.nv)
     models, datas = system.kept_rows.constraints
     pairs = list(zip(models, datas, strict=True))
+    matrix = np.asfortranarray(np.eye(system.nv + system.nc) + 0.1)
+    sides = np.ones((len(matrix), 3), order="F")
     start = time.perf_counter()
     for _ in range(count):
         pin.rnea(model, data, q, v, a)
@@ -91,7 +98,11 @@ def _bare_calls(system, q, count=2000) -> float:
         for constraint, constraint_data in pairs:
             constraint.calc(model, data, constraint_data)
             constraint.jacobian(model, data, constraint_data)
-    return (time.perf_counter() - start) / count
+    bare = time.perf_counter()
+    for _ in range(count):
+        pin.computeRNEADerivatives(model, data, q, v, a)
+        dgesv(matrix, sides)
+    return (bare - start) / count, (time.perf_counter() - start) / count
 
 
 @dataclass(frozen=True)
