@@ -7,7 +7,7 @@
 
 namespace pinconsist {
 
-constexpr double SMALLEST = 16.0;
+constexpr double SMALLEST = 16.0, USUAL = 0.1;
 constexpr std::chrono::milliseconds PATIENCE{50}; // after which Python is asked whether somebody interrupts
 
 inline double spacing(double t) { return std::nextafter(std::abs(t), INF) - std::abs(t); }
@@ -137,7 +137,7 @@ private:
   double rounding_error(double t_next) {
     Vec noise = Vec::Zero(weight_.size());
     const double size = projection_.velocity_rounding(t_next, attempt_.p, attempt_.y.segment(system_.nx, system_.nv));
-    noise.tail(system_.nv).setConstant(std::ldexp(size, k + 1));
+    noise.tail(system_.nv).setConstant(USUAL * std::ldexp(size, k + 1));
     return control.error_in(system_, noise, k, weight_);
   }
 

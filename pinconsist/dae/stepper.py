@@ -12,6 +12,7 @@ from .dense import Segment
 from .newton import EPS, Newton, largest
 
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
+USUAL = 0.1  # of its bound: what rounding does; with 1 energies lose a digit at 1e-11, with 1e-3 runs end
 
 
 @dataclass(slots=True)
@@ -228,7 +229,8 @@ class Stepper:
         """The error that rounding leaves in this step: beside a singular position smaller steps cannot lower it."""
         system, k = self.system, self.k
         noise = np.zeros(len(weight))
-        noise[system.nx :] = 2.0 ** (k + 1) * _velocity_rounding(system, t, step.p, step.y[system.nx :][: system.nv])
+        v = step.y[system.nx :][: system.nv]
+        noise[system.nx :] = USUAL * 2.0 ** (k + 1) * _velocity_rounding(system, t, step.p, v)
         return self.control.error_in(system, noise, k, weight)
 
     def _make_consistent(self, Z, states):
