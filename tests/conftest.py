@@ -5,6 +5,7 @@ import signal
 import sys
 from pathlib import Path
 
+import pinocchio as pin
 import pytest
 
 from pinconsist import _core
@@ -23,6 +24,12 @@ def pytest_configure(config):
         os.environ["PYTHONPATH"] = os.pathsep.join(paths)
     elif wanted == "compiled" and _core.load()[0] is None:
         raise pytest.UsageError(_core.load()[1])
+
+
+@pytest.fixture(autouse=True)
+def chance_as_always():
+    """Pinocchio's random bodies are the same in every order of the tests, and on every worker."""
+    pin.seed(0)
 
 
 @pytest.fixture(autouse=True)
