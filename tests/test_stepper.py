@@ -14,7 +14,7 @@ from pinconsist.dae.stepper import _velocity_rounding
 from pinconsist.dae.stepsize import ErrorControl
 
 
-def rounding(sigma, v=(1.0, -2.0, 0.5), p=(0.0, 3.0, 0.0)):
+def rounding(sigma, v=(1.0, -2.0, 0.5), p=(0.0, 0.0, 3.0)):
     """Of a unit mass held by two rows at right angles, one of length `sigma`."""
     rows = np.array([[1.0, 0.0, 0.0], [0.0, sigma, 0.0]])
     p, v = np.array(p), np.array(v)
@@ -26,6 +26,10 @@ def test_rounding_grows_with_the_square_of_the_distance_from_regular():
     for sigma in (1.0, 1e-2, 1e-4):
         assert rounding(sigma) == pytest.approx(2.0 * EPS * (1.0 + 4.0 / sigma**2), rel=1e-6)
     assert rounding(0.0) == np.inf
+
+
+def test_an_open_loop_is_no_rounding():
+    assert rounding(1.0, p=(0.0, 1e-15, 3.0)) > 0.0 == rounding(1.0, p=(0.0, 1e-12, 3.0))
 
 
 def test_without_constraints_only_the_velocity_is_rounded():

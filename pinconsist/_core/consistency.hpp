@@ -9,7 +9,7 @@
 namespace pinconsist {
 
 constexpr double EPS = std::numeric_limits<double>::epsilon(), INF = std::numeric_limits<double>::infinity(),
-                 NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
+                 NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN(), OPEN = 1e-13;
 
 template <class Derived> double largest(const Eigen::MatrixBase<Derived> &x) {
   return x.size() ? x.cwiseAbs().maxCoeff() : 0.0;
@@ -57,14 +57,15 @@ public:
   // Velocity that eps in v and in Φ brings about (dae/stepper.py).
   double velocity_rounding(double t, const Vec &p, const Vec &v) {
     const int nv = system_.nv, nc = system_.nc;
-    const double size = EPS * largest(v);
+    const double size = EPS * largest(v), reach = 1.0 + largest(p);
     if (!nc) return size;
     system_.constraint(t, p, v);
+    if (largest(system_.phi) > OPEN * reach * (1.0 + largest(system_.J))) return 0.0; // more than rounding is wrong
     Mat inverse = Mat::Zero(nv + nc, nc);
     inverse.bottomRows(nc).setIdentity();
     if (!solve(p, inverse)) return INF;
     const double s = inverse.topRows(nv).cwiseAbs().rowwise().sum().maxCoeff();
-    return size * (1.0 + (1.0 + largest(p)) * s * s * system_.J.cwiseAbs().rowwise().sum().maxCoeff());
+    return size * (1.0 + reach * s * s * system_.J.cwiseAbs().rowwise().sum().maxCoeff());
   }
 
 private:

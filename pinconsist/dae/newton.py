@@ -65,6 +65,8 @@ class KKT:
     ----------
     A : ndarray
         The upper left block, to be filled before :meth:`solve_new`.
+    W : ndarray
+        The lower left block that is factorised.
     """
 
     def __init__(self, nv: int, nc: int):
@@ -72,11 +74,11 @@ class KKT:
             (nv, nv)
         )  # by itself: arithmetic on part of a matrix takes four times as long as copying there
         self._K = np.zeros((nv + nc, nv + nc), order="F")
-        self._upper_left, self._minus_cG, self._W = self._K[:nv, :nv], self._K[:nv, nv:], self._K[nv:, :nv]
+        self._upper_left, self._minus_cG, self.W = self._K[:nv, :nv], self._K[:nv, nv:], self._K[nv:, :nv]
 
     def solve_new(self, G, W, c, rhs):
         """Fill in A, c G and W, factorise and solve as :meth:`solve`; None where the matrix is singular."""
-        self._upper_left[:], self._minus_cG[:], self._W[:] = self.A, G * -c, W
+        self._upper_left[:], self._minus_cG[:], self.W[:] = self.A, G * -c, W
         self._lu, self._pivots, x, info = dgesv(self._K, rhs)
         self._c = c
         return x if info == 0 else None

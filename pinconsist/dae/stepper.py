@@ -12,6 +12,7 @@ from .dense import Segment
 from .newton import EPS, Newton, largest
 
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
+OPEN = 1e-13  # gap, relative to positions and Jacobian, that rounding does not explain
 USUAL = 0.1  # of its bound: what rounding does; with 1 energies lose a digit at 1e-11, with 1e-3 runs end
 
 
@@ -245,16 +246,21 @@ class Stepper:
 
 
 def _velocity_rounding(system, t, p, v) -> float:
-    """Velocity that eps in v and in Φ brings about: positions move by eps/σ, W turns with them, v by eps/σ² |v|."""
+    """Velocity that eps in v and in Φ brings about: positions move by eps/σ, W turns with them, v by eps/σ² |v|.
+
+    0 where loops gape: more than rounding is wrong there.
+    """
     nv, nc = system.nv, system.nc
-    size = EPS * largest(v)
+    size, reach = EPS * largest(v), 1.0 + largest(p)
     if not nc:
         return size
+    _, phi, G, _ = system.evaluate(t, p, v, np.zeros(nv))
+    if largest(phi) > OPEN * reach * (1.0 + largest(G)):
+        return 0.0
     try:
         kkt = consistency.kkt_at(system, t, p, v)
     except SingularSystemError:
         return np.inf
-    W = system.linearize(t, p, v, np.zeros(nv), np.zeros(nc), 0.0, kkt.A)
-    turn, inverse = np.abs(W), np.abs(kkt.solve(np.vstack((np.zeros((nv, nc)), np.eye(nc))), 1.0)[:nv])
-    s = inverse.sum(axis=1).max()
-    return size * (1.0 + (1.0 + largest(p)) * s**2 * turn.sum(axis=1).max())
+    inverse = kkt.solve(np.vstack((np.zeros((nv, nc)), np.eye(nc))), 1.0)[:nv]
+    s, turn = (np.abs(matrix).sum(axis=1).max() for matrix in (inverse, kkt.W))
+    return size * (1.0 + reach * s**2 * turn)
