@@ -62,7 +62,7 @@ class ExudynAlpha(Peer):
             try:
                 return tree.mbs.SolveDynamic(settings, solverType=kind, showHints=False)
             except Exception as error:
-                raise SolverFailed(f"SolveDynamic: {str(error).splitlines()[0]}") from error
+                raise SolverFailed(f"SolveDynamic: {error}") from error
 
         def read(success, thin):
             if not success:
