@@ -7,7 +7,7 @@
 
 namespace pinconsist {
 
-constexpr double SMALLEST = 16.0, USUAL = 0.1;
+constexpr double SMALLEST = 16.0;
 constexpr std::chrono::milliseconds PATIENCE{50}; // after which Python is asked whether somebody interrupts
 
 inline double spacing(double t) { return std::nextafter(std::abs(t), INF) - std::abs(t); }
@@ -54,7 +54,7 @@ private:
   Failure advance(double t_end) {
     const bool charted = turns.rows() > 0;
     if (charted && fixed() && std::abs(h) > longest_step(velocity(), k)) return Failure::turns_too_far;
-    double error, t_next;
+    double error, t_next, tried_h = 0.0, tried_error = 0.0;
     int order;
     while (true) {
       t_next = next_time(t_end);
@@ -68,7 +68,9 @@ private:
         smaller = control.after_failure(h);
       } else {
         error = control.error(attempt_, k);
-        if (error <= 1.0 || error <= rounding_error(t_next)) break;
+        if (error <= 1.0 || is_rounding(t_next, error, tried_h, tried_error)) break;
+        tried_h = std::abs(h);
+        tried_error = error;
         const Choice again = control.after_rejection(system_, Z, attempt_.change, k, h, error, weight_);
         smaller = again.h;
         k = again.k;
@@ -86,13 +88,27 @@ private:
     used_h = h;
     used_k = k;
     ++taken;
-    if (error > 1.0) { // rounding, which tells nothing of the steps to come: shorter ones only feel it more
-      choice = {h, k};
+    if (error > 1.0) { // rounding: a longer step that was tried is as good
+      choice = {std::copysign(std::max(std::abs(h), tried_h), h), k};
       control.restart();
     } else {
       choice = control.next_step(system_, Z, k, h, error, weight_);
     }
+    --trusted_;
     return Failure::none;
+  }
+
+  // Whether it is rounding that fails the error test, which a shorter step would feel as much.
+  bool is_rounding(double t_next, double error, double longer, double its_error) {
+    const double size = std::abs(h);
+    const bool fell = size < longer && error < its_error * std::pow(size / longer, 0.5 * (k + 1));
+    const bool known = trusted_ > 0 && size <= felt_;
+    if ((!known && (fell || longer == 0.0)) || error > rounding_error(t_next)) return false;
+    if (longer != 0.0) {
+      felt_ = std::max(known ? felt_ : 0.0, longer);
+      trusted_ = REMEMBERED;
+    }
+    return true;
   }
 
   // Change to the step and order that the control chose.
@@ -137,7 +153,7 @@ private:
   double rounding_error(double t_next) {
     Vec noise = Vec::Zero(weight_.size());
     const double size = projection_.velocity_rounding(t_next, attempt_.p, attempt_.y.segment(system_.nx, system_.nv));
-    noise.tail(system_.nv).setConstant(USUAL * std::ldexp(size, k + 1));
+    noise.tail(system_.nv).setConstant(std::ldexp(size, k + 1));
     return control.error_in(system_, noise, k, weight_);
   }
 
@@ -160,6 +176,8 @@ private:
 
   System &system_;
   Projection projection_;
+  double felt_ = 0.0; // length of the steps that are known to feel rounding, and for how many steps
+  int trusted_ = 0;
   Attempt attempt_;
   Vec predicted_, psi_, weight_;
 };

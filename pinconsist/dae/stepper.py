@@ -9,11 +9,11 @@ import numpy as np
 from ..errors import PinconsistError, SingularSystemError
 from . import bdf, consistency, start
 from .dense import Segment
+from .foresight import REMEMBERED
 from .newton import EPS, Newton, largest
 
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
 OPEN = 1e-13  # gap, relative to positions and Jacobian, that rounding does not explain
-USUAL = 0.1  # of its bound: what rounding does; with 1 energies lose a digit at 1e-11, with 1e-3 runs end
 
 
 @dataclass(slots=True)
@@ -70,6 +70,10 @@ class Stepper:
         self.control.fit(system)
         self.newton = Newton(system, correct=method.consistency == "every-step")
         self._begun = False
+        self._felt, self._trusted = (
+            0.0,
+            0,
+        )  # length of the steps that are known to feel rounding, and for how many steps
 
     def close(self) -> None:
         """Let go of what only a run needs: the twin holds the user's functions, unseen by the garbage collector."""
@@ -130,6 +134,7 @@ class Stepper:
         system, control = self.system, self.control
         if self._turns is not None and (too_fast := self._turns_too_far(self.velocity_and_multipliers()[0])):
             return too_fast
+        tried = (0.0, 0.0)
         while True:
             t_next = self._next_time(t_end)
             h, k, Z = self.h, self.k, self.Z
@@ -143,8 +148,9 @@ class Stepper:
             else:
                 d = step.change
                 error = control.error(step, k)
-                if error <= 1.0 or error <= self._rounding_error(t_next, step, weight):
+                if error <= 1.0 or self._is_rounding(t_next, step, weight, error, tried):
                     break
+                tried = abs(h), error
                 smaller, self.k = control.after_rejection(system, Z, d, k, h, error, weight)
             self.newton.forget()
             if abs(smaller) < SMALLEST * np.spacing(abs(self.t)):
@@ -154,12 +160,29 @@ class Stepper:
         self.Z = Z = bdf.advance(k).dot(Z)
         self.t_old, self.t, self.p, self.y, self.used, self._points = self.t, t_next, step.p, step.y, (h, k), k + 1
         self._taken += 1
-        if error > 1.0:  # rounding, which tells nothing of the steps to come: shorter ones only feel it more
-            self._choice = h, k
+        if error > 1.0:  # rounding: a longer step that was tried is as good
+            self._choice = float(np.copysign(max(abs(h), tried[0]), h)), k
             control.restart()
         else:
             self._choice = control.next_step(system, Z, k, h, error, weight)
+        self._trusted -= 1
         return ""
+
+    def _is_rounding(self, t, step, weight, error, tried) -> bool:
+        """Whether it is rounding that fails the error test, which a shorter step would feel as much.
+
+        That has to show: a longer step, tried from the same point, had no error to match its order. For a while steps
+        up to that length are then believed at once, as far as the bound allows.
+        """
+        h = abs(self.h)
+        longer, its_error = tried
+        fell = h < longer and error < its_error * (h / longer) ** (0.5 * (self.k + 1))
+        known = self._trusted > 0 and h <= self._felt
+        if (not known and (fell or not longer)) or error > self._rounding_error(t, step, weight):
+            return False
+        if longer:
+            self._felt, self._trusted = max(self._felt if known else 0.0, longer), REMEMBERED
+        return True
 
     def prepare_next(self) -> None:
         """Change to the step and order that the control chose; the last step's segment is gone after this."""
@@ -231,7 +254,7 @@ class Stepper:
         system, k = self.system, self.k
         noise = np.zeros(len(weight))
         v = step.y[system.nx :][: system.nv]
-        noise[system.nx :] = USUAL * 2.0 ** (k + 1) * _velocity_rounding(system, t, step.p, v)
+        noise[system.nx :] = 2.0 ** (k + 1) * _velocity_rounding(system, t, step.p, v)
         return self.control.error_in(system, noise, k, weight)
 
     def _make_consistent(self, Z, states):
