@@ -7,6 +7,7 @@ import numpy as np
 from .newton import largest
 
 NEARLY_DEPENDENT = 1e-2
+SHARED = 0.9  # of the largest part in a dependency: a row with as much is named too
 
 
 def explain(stepper, failure: str) -> str:
@@ -19,10 +20,10 @@ def explain(stepper, failure: str) -> str:
             f"consistency={method.consistency!r} with variable steps leaves multiplier errors of order k-1 at every "
             "change of step, which the error test then fights; take consistency='every-step'"
         )
-    condition, row = _weakest_row(stepper)
+    condition, rows = _weakest_rows(stepper)
     if condition < NEARLY_DEPENDENT:
         hints.append(
-            f"the constraints are nearly dependent there ({row}; smallest singular value {condition:.1e} of the "
+            f"the constraints are nearly dependent there ({rows}; smallest singular value {condition:.1e} of the "
             "largest): a singular position, where the motion branches"
         )
     if "not finite" in failure:
@@ -34,8 +35,8 @@ def explain(stepper, failure: str) -> str:
     return f"{where}. " + "; ".join(hints)
 
 
-def _weakest_row(stepper):
-    """(σ_min/σ_max of W with rows of unit length, the row that takes the largest part in it)."""
+def _weakest_rows(stepper):
+    """(σ_min/σ_max of W with rows of unit length, the row that takes the largest part in it, or two that share it)."""
     system, y = stepper.system, stepper.y
     if not system.nc:
         return 1.0, ""
@@ -49,4 +50,7 @@ def _weakest_row(stepper):
     if not np.isfinite(W).all():
         return 1.0, ""
     U, s, _ = np.linalg.svd(W)
-    return float(s[-1] / s[0]), system.describe_row(int(np.argmax(np.abs(U[:, len(s) - 1]))))
+    parts = np.abs(U[:, len(s) - 1])
+    first, *others = np.argsort(-parts)
+    rows = [first, *(row for row in others[:1] if parts[row] > SHARED * parts[first])]
+    return float(s[-1] / s[0]), " and ".join(system.describe_row(int(row)) for row in rows)
