@@ -245,6 +245,15 @@ def test_no_run_at_rounding_is_a_matter_of_luck(nudge):
     assert sol.check().energy_error < 1e-8
 
 
+@pytest.mark.parametrize("backend", ["auto", "python"])
+@pytest.mark.parametrize("away", np.linspace(0.9e-6, 1.1e-5, 12))
+def test_no_run_creeps_beside_a_singular_position(away, backend):
+    """Noise that Newton cannot pass, of a start too close: through it or a reason, never steps of 1e-16 s for ever."""
+    mech, q0 = pc.load("n_four_bar_1"), {"crank0": np.pi / 2 - away, "coupler0": away - np.pi / 2}
+    sol = pc.simulate(mech, (0.0, 0.3), q0, {"crank0": 1.0}, rtol=1e-7, atol=1e-7, backend=backend, max_steps=2_000)
+    assert sol.status == 0 or "the constraints are nearly dependent" in sol.message, sol.message
+
+
 # --- multipliers at every step
 
 

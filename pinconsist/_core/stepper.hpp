@@ -8,6 +8,7 @@
 namespace pinconsist {
 
 constexpr double SMALLEST = 16.0;
+constexpr double SETBACKS = 50.0;
 constexpr std::chrono::milliseconds PATIENCE{50}; // after which Python is asked whether somebody interrupts
 
 inline double spacing(double t) { return std::nextafter(std::abs(t), INF) - std::abs(t); }
@@ -64,7 +65,8 @@ private:
       newton.attempt(t_next, base, psi_, predicted_, h / bdf::alpha(k), weight_, tol, attempt_);
       double smaller;
       if (attempt_.failure != Failure::none) {
-        if (fixed()) return attempt_.failure;
+        setbacks_ += 1.0;
+        if (fixed() || setbacks_ > SETBACKS) return attempt_.failure;
         smaller = control.after_failure(h);
       } else {
         error = control.error(attempt_, k);
@@ -95,6 +97,7 @@ private:
       choice = control.next_step(system_, Z, k, h, error, weight_);
     }
     --trusted_;
+    setbacks_ = std::max(0.0, setbacks_ - 0.5);
     return Failure::none;
   }
 
@@ -176,7 +179,8 @@ private:
 
   System &system_;
   Projection projection_;
-  double felt_ = 0.0; // length of the steps that are known to feel rounding, and for how many steps
+  double setbacks_ = 0.0;
+  double felt_ = 0.0; // up to which length steps are known to feel rounding, and how many
   int trusted_ = 0;
   Attempt attempt_;
   Vec predicted_, psi_, weight_;

@@ -14,6 +14,7 @@ from .newton import EPS, Newton, largest
 
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
 OPEN = 1e-13  # gap, relative to positions and Jacobian, that rounding does not explain
+SETBACKS = 50.0  # failures of Newton, beyond one in two steps, after which there is no way on
 
 
 @dataclass(slots=True)
@@ -70,10 +71,8 @@ class Stepper:
         self.control.fit(system)
         self.newton = Newton(system, correct=method.consistency == "every-step")
         self._begun = False
-        self._felt, self._trusted = (
-            0.0,
-            0,
-        )  # length of the steps that are known to feel rounding, and for how many steps
+        self._setbacks = 0.0
+        self._felt, self._trusted = 0.0, 0  # up to which length steps are known to feel rounding, and how many
 
     def close(self) -> None:
         """Let go of what only a run needs: the twin holds the user's functions, unseen by the garbage collector."""
@@ -143,7 +142,8 @@ class Stepper:
             step = self.newton.attempt(t_next, self.base, psi, predicted, h / bdf.alpha(k), weight, tol)
             if step.failure:
                 smaller = control.after_failure(h)
-                if smaller is None:
+                self._setbacks += 1.0
+                if smaller is None or self._setbacks > SETBACKS:
                     return step.failure
             else:
                 d = step.change
@@ -166,6 +166,7 @@ class Stepper:
         else:
             self._choice = control.next_step(system, Z, k, h, error, weight)
         self._trusted -= 1
+        self._setbacks = max(0.0, self._setbacks - 0.5)
         return ""
 
     def _is_rounding(self, t, step, weight, error, tried) -> bool:
