@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
+import shutil
 from functools import partial
 from math import pi
 from pathlib import Path
@@ -18,6 +20,7 @@ from pinconsist.cli.app import OVERVIEW, app
 from pinconsist.cli.scene import joint_values
 
 COMMANDS = [command.name for command in app.registered_commands]
+MODELS = Path(__file__).resolve().parents[1] / "models"
 KANGAROO = Path(__file__).resolve().parents[2] / "shared" / "robots" / "kangaroo_like"
 
 
@@ -58,6 +61,53 @@ def test_plot_of_a_scene_simulates_it_and_names_the_file_after_it(run):
     told = json.loads(out)
     assert code == 0 and told["files"] == {"out": "planar_pendulum.png"} and told["t"] == [0, 0.5]
     assert Path("planar_pendulum.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.fixture
+def general(tmp_path, monkeypatch):
+    """A saved general problem with the sizes of the one scene in its folder: a point on a circle, and a four-bar."""
+    problem = pinconsist.HessenbergProblem(
+        U=lambda t, p, v: v,
+        F=lambda t, p, v: np.array([0.0, -9.81, 0.0]),
+        G=lambda t, p, v: np.array([[p[0]], [p[1]], [0.0]]),
+        R=lambda t, p: np.array([(p[0] ** 2 + p[1] ** 2 - 1.0) / 2]),
+    )
+    pinconsist.integrate(problem, (0.0, 0.1), [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]).save(tmp_path / "p.npz")
+    for suffix in (".urdf", ".yaml"):
+        shutil.copy(MODELS / f"four_bar{suffix}", tmp_path)
+
+
+def test_a_general_problem_is_drawn_without_a_scene(run, general):
+    """One URDF beside it must not be taken for its scene."""
+    code, out, err = run("plot", "p.npz", "--what", "trajectory,multipliers,steps,phase", "--json")
+    assert (code, err) == (0, "") and json.loads(out)["scene"] is None and Path("p.png").stat().st_size
+    assert run("plot", "p.npz")[1].startswith("general problem: t = 0 … 0.1 s")
+    code, _, err = run("plot", "p.npz", "--what", "energy", "--out", "e.png")
+    assert code == 2 and "a general problem, which has no scene; what can be drawn of it: trajectory" in err
+    code, _, err = run("replay", "p.npz", "--html", "p.html")
+    assert code == 2 and "a general problem, which has no scene to play" in err
+
+
+def test_a_name_in_a_saved_run_is_no_folder(run):
+    """A run of a mechanism called `arm`, saved in Python, is not one of what lies in a folder `arm`."""
+    mech = dataclasses.replace(pinconsist.load("four_bar"), name="arm")
+    pinconsist.simulate(mech, (0.0, 0.1)).save("run.npz")
+    Path("arm").mkdir()
+    shutil.copy(MODELS / "four_bar.urdf", "arm")
+    code, _, err = run("plot", "run.npz")
+    assert code == 2 and "only the name, 'arm'" in err and "by --scene" in err
+    assert run("plot", "run.npz", "--scene", "four_bar")[0] == 0
+
+
+@pytest.mark.parametrize("command", [("plot",), ("replay", "--html", "x.html")])
+def test_a_scene_that_changed_since_the_run_is_told(run, command):
+    for suffix in (".urdf", ".yaml"):
+        shutil.copy(MODELS / f"four_bar{suffix}", f"bar{suffix}")
+    run("simulate", "bar.urdf", "--until", 0.1, "--out", "run.npz")
+    assert run(*command, "run.npz")[2] == ""
+    Path("bar.yaml").write_text(Path("bar.yaml").read_text() + "\ngravity: [0, 0, -1.6]\n")
+    code, _, err = run(*command, "run.npz")
+    assert code == 0 and "(bar.yaml has changed); energies and forces are those of the changed scene" in err
 
 
 @pytest.mark.parametrize(

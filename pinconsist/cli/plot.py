@@ -10,6 +10,8 @@ import typer
 from ..errors import InputError
 from . import motion, output, scene
 
+OF_A_SCENE = ("drift", "energy")  # pictures for which the rows of a file are not enough
+
 
 def plot(
     source: motion.Source,
@@ -41,11 +43,17 @@ def plot(
         if name not in PICTURES:
             raise InputError(f"--what {what}: there is no picture {name!r}; there are {', '.join(PICTURES)}")
     mech, sol, code = motion.motion(source, scene_of_run, until)
+    if mech is None and (without := [name for name in names if name in OF_A_SCENE]):
+        there = ", ".join(name for name in PICTURES if name not in OF_A_SCENE)
+        raise InputError(
+            f"--what {without[0]}: {source} holds a general problem, which has no scene; what can be drawn "
+            f"of it: {there}"
+        )
     output.written(out, lambda: plot_solution(sol, out, mech, names))
     if as_json:
         output.print_json({
-            "scene": mech.name, "t": [sol.t[0], sol.t[-1]], "rows": len(sol.t), "message": sol.message, "what": names,
-            "files": {"out": out},
+            "scene": mech and mech.name, "t": [sol.t[0], sol.t[-1]], "rows": len(sol.t), "message": sol.message,
+            "what": names, "files": {"out": out},
         })  # fmt: skip
         return code
     print(motion.told(mech, sol))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 import time
 import webbrowser
-from functools import partial
 from typing import Annotated
 
 import typer
 
+from ..errors import InputError
 from . import motion, output, scene, shown
 
 
@@ -33,7 +33,14 @@ def replay(
     Example: pinconsist replay run.npz --forces --trace coupler_tip --speed 0.5
     """
     output.require_writable(html)
-    require = partial(shown.require_drawable, traces=traces, speed=speed)
+
+    def require(mech):
+        if mech is None:
+            raise InputError(
+                f"{source} holds a general problem, which has no scene to play; pinconsist plot {source} draws it"
+            )
+        shown.require_drawable(mech, traces, speed)
+
     mech, sol, code = motion.motion(source, scene_of_run, until, require)
     look = {"speed": shown.pace(speed, sol), "traces": traces or (), "forces": forces}
     print(motion.told(mech, sol))
