@@ -66,6 +66,7 @@ def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
 def test_the_command_prints_tables(capsys):
     options = ["--tol", "1e-5", "--repeats", "1", "--method", "MuJoCo"]
     _, text, _ = called(capsys, "bench", "--scene", "problem51", "--until", "0.2", *options)
+    text = " ".join(text.split())
     assert "time at equal error" in text and "MuJoCo implicitfast, soft loops" in text and "1.00" in text
 
 

@@ -7,16 +7,17 @@ from scipy.linalg import null_space
 
 import pinconsist as pc
 from pinconsist.dae.acceleration import solve_acceleration
-from pinconsist.dae.one_step import right_hand_side
+from pinconsist.dae.one_step import RightHandSide
 from pinconsist.errors import InputError, PinconsistError
 from pinconsist.study.answers import Answers
+from pinconsist.study.equal_error import at_equal_error
 from pinconsist.study.peers import OWN, peers
 from pinconsist.study.peers.constraint_dynamics import accelerations
 from pinconsist.study.peers.equations import Equations
 from pinconsist.study.peers.problem import Peer, SolverFailed
 from pinconsist.study.peers.scenes import problem_of
 from pinconsist.study.reference import reference_problem
-from pinconsist.study.workprecision import FEWEST, Point, _chosen, _equal_error, work_precision
+from pinconsist.study.workprecision import FEWEST, Point, _chosen, work_precision
 
 PEERS = {peer.name: peer for peer in peers() if not (peer.detail and not peer.fixed_step)}
 SHORT = {"problem51": 0.3, "pendulum": 0.5, "crank_rocker": 0.1}
@@ -85,7 +86,7 @@ def growth(answers):
     problem, system = answers.problem, answers.problem.system
     n, size, times = system.nv, 1e-5, np.linspace(*answers.problem.span, 50)
     rows = answers.at(times)
-    rate, gains = right_hand_side(system, problem.q0), np.zeros((3, 2))
+    rate, gains = RightHandSide(system, problem.q0), np.zeros((3, 2))
     for tangent in null_space(system.loop_rows(problem.q0)[1]).T:
         for part, change in enumerate(((size * tangent, 0 * tangent), (0 * tangent, size * tangent))):
             start = np.concatenate((problem.q0, problem.v0)) + np.concatenate(change)
@@ -216,15 +217,15 @@ def test_a_study_names_what_it_cannot_do_and_cuts_what_takes_too_long():
 
 def test_equal_error_is_read_off_a_straight_line_in_the_logarithms():
     points = [
-        Point(OWN, 1e-3, "done", 1, (1.0, 2.0), q=1e-3),
-        Point(OWN, 1e-5, "done", 1, (4.0, 8.0), q=1e-5),
+        Point(OWN, 1e-3, "done", 1, (1.0, 2.0), q=1e-3, lam_row=0.0, lam_first=1e-4),
+        Point(OWN, 1e-5, "done", 1, (4.0, 8.0), q=1e-5, lam_row=0.0, lam_first=1e-8),
         Point("other", 1e-3, "done", 1, (10.0, 20.0), q=1e-3),
         Point("other", 1e-5, "done", 1, (40.0, 80.0), q=1e-5),
         Point("coarse", 1e-3, "done", 1, (1.0, 1.0), q=1e-2),
     ]
-    target, found = _equal_error(points, 1e-4)
-    assert target == 1e-4 and found["coarse"] is None
-    assert found[OWN] == pytest.approx((3.0, 1.0)) and found["other"] == pytest.approx((30.0, 10.0))
+    found = at_equal_error(points, 1e-4, OWN)
+    assert found["coarse"] is None
+    assert found[OWN] == pytest.approx((3.0, 1.0, 0.0, 1e-6)) and found["other"][:2] == pytest.approx((30.0, 10.0))
 
 
 def test_bad_input():

@@ -73,7 +73,7 @@ def bench(
         float | None,
         typer.Option(metavar="SECONDS", help="Simulated time. Default: 0.5 for robots, for scenes their own."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    as_json: output.Json = False,
 ) -> int:
     """Measure run time and accuracy on this machine. Pin the threads first: OMP_NUM_THREADS=1.
 
@@ -134,23 +134,40 @@ def _print_study(study, repeats):
         + f"\nCPU times, medians of {repeats} runs in turn in one process; a run is cut after {study.budget:g} s; "
         f"the reference is good to {study.reference:.0e} in q"
     )
-    rows = []
+    rows, targets = [], " and ".join(f"{target:.0e}" for target, _ in study.equal_error)
     for point in study.points:
         start = (point.method, "" if point.tol != point.tol else f"{point.tol:g}")
         if point.status == "done":
-            errors = (f"{value:.1e}" for value in (point.q, point.q_end, point.v, point.lam, point.lam_first))
+            errors = (point.q, point.q_end, point.v, point.lam, point.lam_row, point.lam_first)
+            errors = (f"{value:.1e}" for value in errors)
             rows.append((*start, point.steps, f"{1e3 * point.time:.1f}", *errors, ""))
         else:
-            rows.append((*start, point.steps or "", *[""] * 6, point.status))
+            rows.append((*start, point.steps or "", *[""] * 7, point.status))
     output.table(
-        ("method", "tol>", "steps>", "time [ms]>", "q>", "q at end>", "v>", "λ>", "λ, 1st step>", "remark"),
+        (
+            "method",
+            "tol>",
+            "steps>",
+            "time [ms]>",
+            "q>",
+            "q at end>",
+            "v>",
+            "λ>",
+            "λ, 1st row>",
+            "λ, 1st step>",
+            "remark",
+        ),
         rows,
         title="largest errors over the run: q in rad and m, v and λ in parts of their largest value",
     )
     output.table(
-        ("method", *(f"{what} at {target:.0e}>" for target, _ in study.equal_error for what in ("time [ms]", "ratio"))),
+        (
+            "method",
+            *(f"{what}>" for _ in study.equal_error for what in ("time [ms]", "ratio", "λ, 1st row", "1st step")),
+        ),
         _equal_rows(study.equal_error),
-        title=f"time at equal error in q (largest over the run), and its ratio to {_own()}: median of ratios",
+        title=f"time at equal error in q (largest over the run), {targets}; its ratio to {_own()}: median of ratios; "
+        "errors of the first multipliers",
     )
 
 
@@ -165,9 +182,12 @@ def _equal_rows(equal_error):
     for method in dict.fromkeys(name for _, found in equal_error for name in found):
         cells = []
         for _, found in equal_error:
-            reached = found.get(method)
-            ratio = f"{reached[1]:.2f}" if reached and reached[1] == reached[1] else ""
-            cells += [f"{1e3 * reached[0]:.1f}" if reached else "not reached", ratio]
+            one = found.get(method)
+            if one is None:
+                cells += ["not reached", "", "", ""]
+                continue
+            ratio = f"{one.ratio:.2f}" if one.ratio == one.ratio else ""
+            cells += [f"{1e3 * one.time:.1f}", ratio, f"{one.lam_row:.1e}", f"{one.lam_first:.1e}"]
         rows.append((method, *cells))
     return rows
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from ..dae.acceleration import solve_acceleration
-from ..dae.one_step import chart_state, right_hand_side
+from ..dae.one_step import RightHandSide, chart_state
 from ..errors import InputError, PinconsistError
 from .peers.problem import Problem
 
@@ -64,7 +64,7 @@ class Answers:
     def _dense(self, rtol, most):
         """(dense output, evaluations), or (None, evaluations) where that many are not enough."""
         problem, system = self.problem, self.system
-        f, count = right_hand_side(system, problem.q0), 0
+        f, count = RightHandSide(system, problem.q0), 0
 
         def counted(t, y):
             nonlocal count
@@ -90,11 +90,15 @@ class Answers:
         return q, v, self.problem.multipliers(q, kept)
 
     def errors(self, rows) -> tuple[float, ...]:
-        """(q, v, λ, q at the end, λ at the first step): the largest; v and λ in parts of their largest in the run."""
+        """(q, v, λ, q at the end, λ in the first row, λ at the method's own first step).
+
+        The first three the largest; v and λ in parts of their largest in the run.
+        """
         q, v, lam = self.at(np.clip(rows.t, *self.problem.span))
         by_q, by_v, by_lam = (np.abs(a - b).max(axis=1) for a, b in ((rows.q, q), (rows.v, v), (rows.lam, lam)))
         relative = by_lam / self._largest_lam  # the start is given, not computed
-        return (by_q.max(), by_v.max() / self._largest_v, relative[1:].max(), by_q[-1], relative[rows.first])
+        first = relative[1], relative[rows.first]
+        return (by_q.max(), by_v.max() / self._largest_v, relative[1:].max(), by_q[-1], *first)
 
 
 def _size(values):

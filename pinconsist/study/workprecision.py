@@ -6,12 +6,12 @@ import signal
 import time
 import warnings
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from ..errors import InputError, PinconsistError
 from .answers import Answers
+from .equal_error import at_equal_error
 from .peers import OWN, peers
 from .peers.problem import Problem, SolverFailed
 
@@ -43,9 +43,11 @@ class Point:
     q, v, lam : float
         Largest error over the run: of positions (rad, m); of velocities and multipliers, in parts of the largest
         velocity and multiplier of the run.
-    q_end, lam_first : float
-        Error in q at the end, and of the multipliers at the first step by the method itself (the package's rows of the
-        one-step start are before it).
+    q_end : float
+        Error in q at the end.
+    lam_row, lam_first : float
+        Error of the multipliers in the first row behind the initial values, and at the first step by the method itself:
+        the package's rows of the one-step start are before it, for all others it is the first row.
     """
 
     method: str
@@ -57,6 +59,7 @@ class Point:
     v: float = np.nan
     lam: float = np.nan
     q_end: float = np.nan
+    lam_row: float = np.nan
     lam_first: float = np.nan
 
     @property
@@ -80,8 +83,7 @@ class Study:
         How far two references differ in q, rad and m.
     points : tuple of Point
     equal_error : tuple of (target, dict)
-        Method → (time, s, at which it reaches this error in q; how many times that of the package's BDF), medians over
-        the repeats; None where no tolerance reached it.
+        Method → :class:`~pinconsist.study.equal_error.Equal`, None where no tolerance reached this error in q.
     """
 
     scene: str
@@ -161,7 +163,7 @@ def work_precision(
     ordered = tuple(points.values())
     return Study(
         problem.name, problem.description, problem.span[1], budget, versions, answers.doubt, ordered,
-        tuple(_equal_error(ordered, target) for target in TARGETS),
+        tuple((target, at_equal_error(ordered, target, OWN)) for target in TARGETS),
     )  # fmt: skip
 
 
@@ -236,7 +238,7 @@ def _first_run(problem, peer, setting, answers, budget):
 
             def thin(count, first=1):
                 steps.append(count - 1)
-                return np.unique(np.concatenate(([0, first], np.linspace(0, count - 1, LOOKED_AT).astype(int))))
+                return np.unique(np.concatenate(([0, 1, first], np.linspace(0, count - 1, LOOKED_AT).astype(int))))
 
             errors = answers.errors(read(result, thin))
         return solve, Point(peer.name, np.nan, "done", steps[0], (), *errors), spent
@@ -270,31 +272,3 @@ class _Limit:
     def __exit__(self, *error):
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, self.before)
-
-
-def _equal_error(points, target):
-    """(target, {method: (time, ratio) or None}) by straight lines between the points of a log-log diagram."""
-    runs = {}
-    for point in points:
-        if point.times and np.isfinite(point.q):
-            runs.setdefault(point.method, []).append(point)
-    times = {method: _times_at(rows, target) for method, rows in runs.items()}
-    own = times.get(OWN)
-    found = {}
-    for method, reached in times.items():
-        if reached is None:
-            found[method] = None
-            continue
-        ratio = float(np.median(reached / own)) if own is not None else np.nan
-        found[method] = float(np.median(reached)), ratio
-    return target, found
-
-
-def _times_at(rows, target):
-    """Times of the repeats at which the error reaches `target`, or None where it does not."""
-    for before, after in pairwise(rows):
-        if after.q <= target <= before.q:
-            part = np.log(before.q / target) / np.log(before.q / after.q)
-            logs = [np.log(np.array(point.times)) for point in (before, after)]
-            return np.exp(logs[0] + part * (logs[1] - logs[0]))
-    return np.array(rows[0].times) if rows and rows[0].q <= target else None
