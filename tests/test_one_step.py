@@ -72,3 +72,21 @@ def test_a_pole_ends_it(kind):
     with pytest.raises(PinconsistError, match=r"from t = 0\.99999"):
         while not run.finished:
             run.step()
+
+
+@pytest.mark.parametrize("backend", ["auto", "python"])
+@pytest.mark.parametrize("since", [0.0, 1e-3])
+def test_a_force_that_stops_the_start_is_named(since, backend):
+    mech = pc.load("four_bar").with_forces({"crank": lambda t: np.nan if t > since else 0.0})
+    with pytest.raises(PinconsistError, match=r"from t = .*not finite at t = .*'torque crank'"):
+        pc.simulate(mech, (0.0, 1.0), step=0.01, backend=backend)
+
+
+@pytest.mark.parametrize("kind", [OneStep, pytest.param(CompiledOneStep, marks=needs_twin)])
+def test_a_state_outlives_the_next_step(kind):
+    run = run_of(kind, pc.load("crank_rocker"), {"crank": 12.0})
+    before = run.y
+    kept = before.copy()
+    run.step()
+    run.step()
+    np.testing.assert_array_equal(before, kept)

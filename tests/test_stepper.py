@@ -9,9 +9,11 @@ from scenes import held_mass
 import pinconsist as pc
 from pinconsist.dae.acceleration import NotFiniteError, solve_acceleration
 from pinconsist.dae.consistency import project_position
-from pinconsist.dae.newton import EPS
-from pinconsist.dae.stepper import _velocity_rounding
+from pinconsist.dae.sizes import EPS
+from pinconsist.dae.stepper import Stepper, _velocity_rounding
 from pinconsist.dae.stepsize import ErrorControl
+from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.plan import method_of
 
 
 def rounding(sigma, v=(1.0, -2.0, 0.5), p=(0.0, 0.0, 3.0)):
@@ -30,6 +32,43 @@ def test_rounding_grows_with_the_square_of_the_distance_from_regular():
 
 def test_an_open_loop_is_no_rounding():
     assert rounding(1.0, p=(0.0, 1e-15, 3.0)) > 0.0 == rounding(1.0, p=(0.0, 1e-12, 3.0))
+
+
+class Judge:
+    """What a stepper knows when it judges whether an error is rounding, whose bound is 10 tolerances here."""
+
+    k, _felt, _trusted = 3, 0.0, 0
+    _rounding_error = staticmethod(lambda t, step, weight: 10.0)
+
+    def says(self, h, error, tried):
+        self.h = h
+        return Stepper._is_rounding(self, 0.0, None, None, error, tried)
+
+
+def test_rounding_has_to_show_itself_and_is_then_believed_for_a_while():
+    """A truncation error of order 3 falls by 2⁴ when h is halved; what falls by less than 2² is rounding."""
+    judge = Judge()
+    assert not judge.says(0.1, 2.0, (0.0, 0.0))  # a first try shows nothing
+    assert not judge.says(0.05, 2.0, (0.1, 9.0))
+    assert not judge.says(0.1, 9.0, (0.1, 9.0))  # the same step, with another order
+    assert not judge.says(0.05, 11.0, (0.1, 2.0))  # more than rounding explains
+    assert (judge._felt, judge._trusted) == (0.0, 0)
+    assert judge.says(-0.05, 2.0, (0.1, 7.0))
+    assert judge._felt == 0.1 and judge._trusted > 10
+    assert judge.says(0.1, 9.0, (0.0, 0.0)) and not judge.says(0.1, 11.0, (0.0, 0.0))
+    assert not judge.says(0.11, 9.0, (0.0, 0.0))  # longer than what has shown itself
+    judge._trusted = 0
+    assert not judge.says(0.1, 9.0, (0.0, 0.0))
+
+
+def test_nothing_is_believed_beyond_an_event():
+    mech = pc.load("n_four_bar_2")
+    start = pc.assemble(mech, v={"crank0": 1.0})
+    method = method_of((0.0, 10.0), "BDF", None, 5, 1e-12, 1e-12, "every-step", None, np.inf, None, "python")
+    stepper = Stepper(MechanismSystem(mech, start.q), method)
+    stepper._felt, stepper._trusted, stepper._setbacks = 1.0, 20, 40.0
+    stepper.begin(0.0, start.q, start.v, 10.0)
+    assert (stepper._felt, stepper._trusted, stepper._setbacks) == (0.0, 0, 0.0)
 
 
 def test_without_constraints_only_the_velocity_is_rounded():

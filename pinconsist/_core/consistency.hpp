@@ -9,7 +9,7 @@
 namespace pinconsist {
 
 constexpr double EPS = std::numeric_limits<double>::epsilon(), INF = std::numeric_limits<double>::infinity(),
-                 NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN(), OPEN = 1e-13;
+                 NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN(), GAP = 1e-13;
 
 template <class Derived> double largest(const Eigen::MatrixBase<Derived> &x) {
   return x.size() ? x.cwiseAbs().maxCoeff() : 0.0;
@@ -57,18 +57,20 @@ public:
   // Velocity that eps in v and in Φ brings about (dae/stepper.py).
   double velocity_rounding(double t, const Vec &p, const Vec &v) {
     const int nv = system_.nv, nc = system_.nc;
-    const double size = EPS * largest(v), reach = 1.0 + largest(p);
+    const double size = EPS * largest(v);
     if (!nc) return size;
     system_.constraint(t, p, v);
-    if (largest(system_.phi) > OPEN * reach * (1.0 + largest(system_.J))) return 0.0; // more than rounding is wrong
+    if (largest(system_.phi) > rounding_gap(p)) return 0.0; // more than rounding is wrong
     Mat inverse = Mat::Zero(nv + nc, nc);
     inverse.bottomRows(nc).setIdentity();
     if (!solve(p, inverse)) return INF;
     const double s = inverse.topRows(nv).cwiseAbs().rowwise().sum().maxCoeff();
-    return size * (1.0 + reach * s * s * system_.J.cwiseAbs().rowwise().sum().maxCoeff());
+    return size * (1.0 + (1.0 + largest(p)) * s * s * system_.J.cwiseAbs().rowwise().sum().maxCoeff());
   }
 
 private:
+  double rounding_gap(const Vec &p) const { return GAP * (1.0 + largest(p)) * (1.0 + largest(system_.J)); }
+
   bool solve(const Vec &p, Mat &rhs) {
     system_.mass_matrix(p, kkt_.A());
     return kkt_.solve_new(system_.J, 1.0, rhs, static_cast<int>(rhs.cols()));
@@ -86,8 +88,7 @@ private:
     for (int i = 0; i < 20; ++i) {
       system_.constraint(t, state.p, state.v);
       const double size = largest(system_.phi);
-      const double rounding = 1e-13 * (1.0 + largest(state.p)) * (1.0 + largest(system_.J));
-      if (size <= EPS || (size <= rounding && size >= 0.5 * last)) return true;
+      if (size <= EPS || (size <= rounding_gap(state.p) && size >= 0.5 * last)) return true;
       if (!shift(state.p, system_.phi)) return singular(state), false;
       Vec moved;
       system_.integrate(state.p, -rhs_.col(0).head(system_.nv), moved);

@@ -155,22 +155,25 @@ NB_MODULE(twin, m) {
 
   nb::class_<OneStep>(m, "OneStep")
       .def_ro("t", &OneStep::t)
-      .def_ro("y", &OneStep::y)
+      .def_prop_ro("y", [](const OneStep &s) { return s.y; }) // a copy: a view would not outlive the next step
       .def_ro("step_size", &OneStep::step_size)
       .def_ro("finished", &OneStep::finished)
       .def_ro("evaluations", &OneStep::evaluations)
+      .def_prop_ro("culprit",
+                   [](const OneStep &s) -> nb::object {
+                     if (!s.culprit_p.size()) return nb::none();
+                     return nb::make_tuple(s.culprit_t, s.culprit_p, s.culprit_v);
+                   })
       .def("step", &OneStep::step)
       .def("sample", &OneStep::sample);
 
   nb::class_<Stepper>(m, "Stepper")
       .def(nb::init<System &, bool>(), "system"_a, "correct"_a, nb::keep_alive<1, 2>())
-      .def_rw("t", &Stepper::t)
-      .def_rw("h", &Stepper::h)
-      .def_rw("k", &Stepper::k)
-      .def_rw("p", &Stepper::p)
-      .def_rw("y", &Stepper::y)
-      .def_rw("base", &Stepper::base)
-      .def_rw("Z", &Stepper::Z)
+      .def_ro("t", &Stepper::t)
+      .def_ro("h", &Stepper::h)
+      .def_ro("k", &Stepper::k)
+      .def_prop_ro("p", [](const Stepper &s) { return s.p; })
+      .def_prop_ro("y", [](const Stepper &s) { return s.y; })
       .def_rw("turns", &Stepper::turns)
       .def("begin",
            [](Stepper &s, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base, const Table &Z) {
@@ -180,8 +183,7 @@ NB_MODULE(twin, m) {
              s.y = y;
              s.base = base;
              s.Z = Z;
-             s.control.restart();
-             s.newton.forget();
+             s.begin_anew();
            })
       .def("fix_step",
            [](Stepper &s, double start, long taken, long steps) {

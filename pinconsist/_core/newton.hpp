@@ -8,7 +8,7 @@
 namespace pinconsist {
 
 constexpr int MAX_ITERATIONS = 10;
-constexpr double FRESH_RATE = 0.4, STALE_FACTOR = 0.3, STAGNANT = 0.7, STAGNATED = 1e-9, LAST = 1e-12, REST = 16.0;
+constexpr double FRESH_RATE = 0.4, STALE_FACTOR = 0.3, STAGNANT = 0.7, STAGNATED = 1e-9, LAST = 1e-12;
 
 // Why there is no step; the words stand in dae/compiled.py, in this order.
 enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far };
@@ -117,7 +117,7 @@ public:
       const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const bool settled = std::min(size, to_come) <= (stale ? STALE_FACTOR * tol : tol);
       const double noise = rate > STAGNANT ? STAGNATED : iteration == MAX_ITERATIONS ? LAST : 0.0;
-      if (settled || (noise > 0.0 && !stale && at_floor(step.p, c, noise))) {
+      if (settled || (noise > 0.0 && !stale && at_floor(step.p, noise))) {
         if (stale && correct_ && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol)
           close(t, base, c, weight, step, false);
         step.change = step.y - predicted;
@@ -166,11 +166,10 @@ private:
     step.y.tail(nv + nc) -= closing_.col(1);
   }
 
-  bool at_floor(const Vec &p, double c, double noise) const {
+  bool at_floor(const Vec &p, double noise) const {
     const int nv = system_.nv;
-    const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv)), reach = 1.0 + largest(p);
-    const bool at_rest = std::abs(c) * step <= REST * EPS * reach;
-    return (step <= noise * (largest(v_) + step) || at_rest) && moved <= 1e4 * EPS * reach;
+    const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv));
+    return step <= noise * (largest(v_) + step) && moved <= 1e4 * EPS * (1.0 + largest(p));
   }
 
   System &system_;

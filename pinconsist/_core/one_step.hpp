@@ -18,6 +18,9 @@ public:
   bool finished = false;
   long evaluations = 0;
   Vec y;
+  // Where evaluations have been singular or not finite since the last one that came to something; empty if none was.
+  double culprit_t = 0.0;
+  Vec culprit_p, culprit_v;
 
   OneStep(Projection &projection, const Vec &base, double t0, const Vec &y0, double t_end, double rtol,
           double atol, double max_step, bool dense)
@@ -57,6 +60,7 @@ public:
       rejected = true;
     }
     if (dense_) interpolate(y_new, f_new, t_new, h);
+    if (singular_) return "singular";
     std::swap(y, y_new);
     std::swap(f_, f_new);
     t = t_new;
@@ -101,11 +105,13 @@ private:
     if (system_.vector_like) p_ = state.head(nx);
     else system_.integrate(base_, state.head(nx), p_);
     const bool regular = projection_.acceleration(time, p_, v_, a_, lam_);
-    singular_ |= !regular;
     if (!regular || !a_.allFinite() || !lam_.allFinite()) {
+      if (!singular_ && state.allFinite()) culprit_t = time, culprit_p = p_, culprit_v = v_;
+      singular_ |= !regular;
       f.setConstant(state.size(), NOT_A_NUMBER);
       return;
     }
+    if (!singular_) culprit_p.resize(0);
     f.resize(state.size());
     f.head(nx) = system_.chart_rate(base_, p_, v_);
     f.tail(nv) = a_;

@@ -8,7 +8,7 @@
 namespace pinconsist {
 
 constexpr double SMALLEST = 16.0;
-constexpr double SETBACKS = 50.0;
+constexpr double SLOW = 0.5, SETBACKS = 50.0;
 constexpr std::chrono::milliseconds PATIENCE{50}; // after which Python is asked whether somebody interrupts
 
 inline double spacing(double t) { return std::nextafter(std::abs(t), INF) - std::abs(t); }
@@ -49,6 +49,14 @@ public:
       if (std::chrono::steady_clock::now() - begun > PATIENCE) break;
     }
     return Failure::none;
+  }
+
+  // Nothing is known of what comes: the run starts, or starts again.
+  void begin_anew() {
+    control.restart();
+    newton.forget();
+    setbacks_ = felt_ = 0.0;
+    trusted_ = 0;
   }
 
 private:
@@ -104,10 +112,10 @@ private:
   // Whether it is rounding that fails the error test, which a shorter step would feel as much.
   bool is_rounding(double t_next, double error, double longer, double its_error) {
     const double size = std::abs(h);
-    const bool fell = size < longer && error < its_error * std::pow(size / longer, 0.5 * (k + 1));
+    const bool shown = size < longer && error >= its_error * std::pow(size / longer, SLOW * (k + 1));
     const bool known = trusted_ > 0 && size <= felt_;
-    if ((!known && (fell || longer == 0.0)) || error > rounding_error(t_next)) return false;
-    if (longer != 0.0) {
+    if (!(shown || known) || error > rounding_error(t_next)) return false;
+    if (shown) {
       felt_ = std::max(known ? felt_ : 0.0, longer);
       trusted_ = REMEMBERED;
     }

@@ -7,14 +7,19 @@ import numpy as np
 from ..errors import PinconsistError, SingularSystemError
 from .newton import KKT, culprits
 
-NOT_FINITE = (
-    "the equations of motion are not finite at t = {:.6g}{}: a force or a user's function returns NaN or infinity"
-)
-
 
 def singular(t) -> str:
     """What a message says of a singular position."""
     return f"the equations of motion are singular at t = {t:.6g} ([[M, -G], [W, 0]])"
+
+
+def not_finite(system, t, p, v) -> str:
+    """What a message says of accelerations that are not finite; it names the forces that are not."""
+    whose = culprits(system, t, p, v)
+    return (
+        f"the equations of motion are not finite at t = {t:.6g}{whose}: a force or a user's function returns NaN or "
+        "infinity"
+    )
 
 
 class NotFiniteError(PinconsistError):
@@ -37,14 +42,14 @@ def solve_acceleration(system, t, p, v):
             raise SingularSystemError(singular(t))
         a, lam, finite = solution
         if not finite:
-            raise NotFiniteError(NOT_FINITE.format(t, culprits(system, t, p, v)))
+            raise NotFiniteError(not_finite(system, t, p, v))
         return a, lam
     f0, _, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
     kkt = KKT(system.nv, system.nc)
     W = system.linearize(t, p, v, np.zeros(system.nv), np.zeros(system.nc), 0.0, kkt.A)
     rhs = -np.concatenate((f0, system.acceleration_bias(t, p, v)))
     if not np.isfinite(rhs).all():
-        raise NotFiniteError(NOT_FINITE.format(t, culprits(system, t, p, v)))
+        raise NotFiniteError(not_finite(system, t, p, v))
     x = kkt.solve_new(G, W, 1.0, rhs)
     if x is None:
         raise SingularSystemError(singular(t))

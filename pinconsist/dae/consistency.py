@@ -20,9 +20,11 @@ import numpy as np
 from ..errors import AssemblyError, SingularSystemError
 from . import bdf
 from .acceleration import singular
-from .newton import EPS, KKT, Newton, largest
+from .newton import KKT, Newton
+from .sizes import EPS, largest
 
 MODES = ("exact", "initial", "every-step")
+GAP = 1e-13  # gap of closed loops, relative to positions and W
 
 
 def kkt_at(system, t, p, v) -> KKT:
@@ -34,6 +36,11 @@ def kkt_at(system, t, p, v) -> KKT:
     if kkt.solve_new(G, W, 1.0, np.zeros(system.nv + system.nc)) is None:
         raise SingularSystemError(singular(t))
     return kkt
+
+
+def rounding_gap(p, W) -> float:
+    """The gap that rounding leaves in closed loops, from the position and from W or G."""
+    return GAP * (1.0 + largest(p)) * (1.0 + largest(W))
 
 
 def not_closed(gap) -> str:
@@ -69,8 +76,7 @@ def project_position(system, t, p, v):
     for _ in range(20):
         _, phi, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
         size = largest(phi)
-        rounding = 1e-13 * (1.0 + largest(p)) * (1.0 + largest(G))
-        if size <= EPS or (size <= rounding and size >= 0.5 * last):
+        if size <= EPS or (size <= rounding_gap(p, G) and size >= 0.5 * last):
             return p
         step = velocity_shift(system, t, p, v, phi)
         small = 1e-4 * (1.0 + largest(v)) / largest(step)  # not so small that v rounds it away

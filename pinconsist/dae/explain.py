@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .newton import largest
+from .sizes import largest
 
 NEARLY_DEPENDENT = 1e-2
 SHARED = 0.9  # of the largest part in a dependency: a row with as much is named too

@@ -23,13 +23,12 @@ from scipy.linalg.lapack import dgesv, dgetrs
 
 from .foresight import HIDDEN, Foresight
 from .reuse import Reuse
+from .sizes import EPS, largest, rms, weighted_size
 
-EPS = np.finfo(float).eps
 MAX_ITERATIONS = 10
 FRESH_RATE = 0.4  # a slower contraction asks for a new and complete matrix
 STALE_FACTOR = 0.3  # of the stopping size for a kept matrix: what linear convergence leaves is felt by the multipliers
 STAGNATED, LAST = 1e-9, 1e-12  # relative to the velocities: increments that may be noise, and after the last iteration
-REST = 16.0  # roundings of the position, below which a move is none
 STAGNANT = 0.7  # and a slower one than this, close to the solution, is rounding
 
 
@@ -70,9 +69,8 @@ class KKT:
     """
 
     def __init__(self, nv: int, nc: int):
-        self.A = np.zeros(
-            (nv, nv)
-        )  # by itself: arithmetic on part of a matrix takes four times as long as copying there
+        # By itself: arithmetic on part of a matrix takes four times as long as copying there.
+        self.A = np.zeros((nv, nv))
         self._K = np.zeros((nv + nc, nv + nc), order="F")
         self._upper_left, self._minus_cG, self.W = self._K[:nv, :nv], self._K[:nv, nv:], self._K[nv:, :nv]
 
@@ -204,9 +202,9 @@ class Newton:
             to_come = size if iteration == 1 else size * rate / (1.0 - rate) if rate < 1.0 else np.inf
             settled = min(size, to_come) <= (STALE_FACTOR * tol if stale else tol)
             noise = STAGNATED if rate > STAGNANT else LAST if iteration == MAX_ITERATIONS else 0.0
-            if settled or (noise and not stale and _at_floor(steps[:nv], v, p, c, noise)):
+            if settled or (noise and not stale and _at_floor(steps[:nv], v, p, noise)):
                 # an old matrix takes ρ out only but for a part that is about as large as the rate
-                if stale and self.correct and rate * _rms(steps[:nv, 2] * weight[nx:]) > HIDDEN * tol:
+                if stale and self.correct and rate * rms(steps[:nv, 2] * weight[nx:]) > HIDDEN * tol:
                     y, p = self._close(t, base, psi_x, c, p, raw, y, weight)
                 change = y - predicted
                 return Attempt(y, p, change, weighted_size(change, weight, nv))
@@ -234,12 +232,6 @@ class Newton:
         return np.concatenate((xi, y[nx:] - steps[:, 1])), p
 
 
-def weighted_size(change, weight, nv) -> float:
-    """√(Σ (weight·change)² / nv) over [ξ | v]: not below the root mean square of either part, where nx = nv."""
-    e = change[: len(weight)] * weight
-    return sqrt(e.dot(e) / nv)
-
-
 def _paired(weight, nx, nv):
     """(nv, 2): weights of the velocities, and of the positions that the constraint's increments move."""
     if nx == nv:
@@ -247,21 +239,10 @@ def _paired(weight, nx, nv):
     return np.column_stack((weight[nx:], np.full(nv, weight[:nx].max(initial=0.0))))
 
 
-def largest(x):
-    """The largest magnitude in an array, 0 in an empty one."""
-    return np.abs(x).max(initial=0.0)
-
-
-def _rms(x) -> float:
-    return sqrt(x.dot(x) / len(x))
-
-
-def _at_floor(steps, v, p, c, noise) -> bool:
+def _at_floor(steps, v, p, noise) -> bool:
     """Whether the increments are what rounding leaves, so that more iterations or a smaller step cannot help."""
     step, moved = (largest(steps[:, i]) for i in (0, 1))
-    scale, reach = largest(v) + step, 1.0 + largest(p)
-    at_rest = abs(c) * step <= REST * EPS * reach  # no position feels it
-    return (step <= noise * scale or at_rest) and moved <= 1e4 * EPS * reach
+    return step <= noise * (largest(v) + step) and moved <= 1e4 * EPS * (1.0 + largest(p))
 
 
 def culprits(system, t, p, v) -> str:

@@ -7,7 +7,7 @@ from scipy.integrate import DOP853
 
 from ..errors import PinconsistError, SingularSystemError
 from . import bdf
-from .acceleration import NotFiniteError, singular, solve_acceleration
+from .acceleration import NotFiniteError, not_finite, singular, solve_acceleration
 
 FAILED = "the index-1 equations could not be integrated from t = {:.6g}: {}"
 
@@ -44,10 +44,10 @@ class OneStep:
     """
 
     def __init__(self, system, base, t0, p0, v0, t_end, rtol, atol, max_step=np.inf, dense=False):
-        f, y0 = right_hand_side(system, base), chart_state(system, base, p0, v0)
+        self._f, y0 = RightHandSide(system, base), chart_state(system, base, p0, v0)
         self._pieces, self._dense, self.step_size = [], dense, 0.0
         with _far_tries():
-            self._solver = DOP853(f, t0, y0, t_end, rtol=rtol, atol=atol, max_step=max_step)
+            self._solver = DOP853(self._f, t0, y0, t_end, rtol=rtol, atol=atol, max_step=max_step)
 
     t = property(lambda self: self._solver.t)
     y = property(lambda self: self._solver.y)
@@ -60,7 +60,8 @@ class OneStep:
         with _far_tries():
             reason = solver.step()
         if solver.status == "failed":
-            raise PinconsistError(FAILED.format(solver.t, reason))
+            cause = self._f.not_finite
+            raise PinconsistError(FAILED.format(solver.t, cause or reason)) from cause
         self.step_size = abs(solver.step_size)
         if self._dense:
             self._pieces.append(solver.dense_output())
@@ -77,7 +78,7 @@ class CompiledOneStep:
     """The same by the twin of a system."""
 
     def __init__(self, system, base, t0, p0, v0, t_end, rtol, atol, max_step=np.inf, dense=False):
-        y0 = chart_state(system, base, p0, v0)
+        self._system, y0 = system, chart_state(system, base, p0, v0)
         self._run = system.twin.one_step(base, t0, y0, t_end, rtol, atol, max_step, dense)
         self.sample = self._run.sample
 
@@ -89,11 +90,13 @@ class CompiledOneStep:
 
     def step(self) -> None:
         """One step, as of :class:`OneStep`."""
-        reason = self._run.step()
+        run = self._run
+        reason = run.step()
         if reason == "singular":
-            raise SingularSystemError(singular(self._run.t))
+            raise SingularSystemError(singular(run.culprit[0]))
         if reason:
-            raise PinconsistError(FAILED.format(self._run.t, reason))
+            cause = NotFiniteError(not_finite(self._system, *run.culprit)) if run.culprit else None
+            raise PinconsistError(FAILED.format(run.t, cause or reason)) from cause
 
 
 def one_step(system, *arguments, **options) -> OneStep | CompiledOneStep:
@@ -102,20 +105,30 @@ def one_step(system, *arguments, **options) -> OneStep | CompiledOneStep:
     return kind(system, *arguments, **options)
 
 
-def right_hand_side(system, base):
-    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy."""
-    nx = system.nx
+class RightHandSide:
+    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy.
 
-    def f(t, y):
-        p = y[:nx] if system.vector_like else system.integrate(base, y[:nx])
-        v = y[nx:]
+    Attributes
+    ----------
+    not_finite : NotFiniteError or None
+        What evaluations have run into since the last one that came to something.
+    """
+
+    def __init__(self, system, base):
+        self.system, self.base, self.not_finite = system, base, None
+
+    def __call__(self, t, y):
+        system, base = self.system, self.base
+        p = y[: system.nx] if system.vector_like else system.integrate(base, y[: system.nx])
+        v = y[system.nx :]
         try:
             a, _ = solve_acceleration(system, t, p, v)
-        except NotFiniteError:  # a step far too long for a stiff force: scipy takes a shorter one
+        except NotFiniteError as error:  # a step far too long for a stiff force: scipy takes a shorter one
+            if np.isfinite(y).all():  # the stages after it are only led on from there
+                self.not_finite = error
             return np.full(len(y), np.nan)
+        self.not_finite = None
         return np.concatenate((system.chart_rate(base, p, system.rate(t, p, v)), a))
-
-    return f
 
 
 def chart_state(system, base, p, v):

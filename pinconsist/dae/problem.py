@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import InputError, UserFunctionError
-from .newton import largest
+from .sizes import largest
 
 
 class Index3System(Protocol):
@@ -18,6 +18,11 @@ class Index3System(Protocol):
     Positions may live on a manifold: they are stored in ``npos`` numbers and moved by tangent vectors of ``nx``.
     Velocities have ``nv`` numbers, multipliers ``nc``. With ``W = Φ_p U_v`` the matrix ``W M⁻¹ G`` must be regular.
     A rigid-body system has ``U = v``, ``f₀ = nle - τ``, ``G = Jᵀ``, ``W = J``.
+
+    To all methods ``t`` is the time, s; ``p``, ``p0``, ``p1`` and ``base`` are positions, shape (npos,), the last one
+    the centre of a chart ξ ↦ base ⊕ ξ; ``xi`` and ``psi`` tangent vectors, ``rate`` a tangent velocity, (nx,); ``v`` a
+    velocity and ``a`` its derivative, (nv,); ``lam`` multipliers, (nc,); ``c`` the step times the coefficient by which
+    a BDF formula weighs the new derivative, s. All arrays are of float; none is changed but ``A``.
 
     Attributes
     ----------
@@ -34,47 +39,73 @@ class Index3System(Protocol):
     vector_like: bool
 
     def integrate(self, p, xi):
-        """p ⊕ ξ: the position reached from `p` by the tangent vector `xi`."""
+        """p ⊕ ξ, shape (npos,): the position reached from `p` by the tangent vector `xi`."""
 
     def difference(self, p0, p1):
-        """ξ with p0 ⊕ ξ = p1."""
+        """ξ with `p0` ⊕ ξ = `p1`, shape (nx,)."""
 
     def rate(self, t, p, v):
-        """U: the tangent velocity of the position, shape (nx,)."""
+        """U at (`t`, `p`, `v`), shape (nx,): the tangent velocity of the position."""
 
     def chart_rate(self, base, p, rate):
-        """dξ/dt of p = base ⊕ ξ moving at `rate`."""
+        """The rate dξ/dt, shape (nx,), of the coordinate ξ with `p` = `base` ⊕ ξ, where `p` moves at `rate`."""
 
     def position(self, t, base, psi, c, v):
-        """(p, ξ) with p = base ⊕ ξ and ξ = ψ + c U(t, p, v): the position that a BDF step gives to a velocity."""
+        """(p, ξ) with p = `base` ⊕ ξ and ξ = `psi` + `c` U(t, p, v): the position that a BDF step gives to `v` at `t`.
+
+        Shapes (npos,) and (nx,).
+        """
 
     def evaluate(self, t, p, v, a):
-        """(f, Φ, G, ρ): f = M a + f₀, (nv,); constraint, (nc,); force directions, (nv, nc); hidden residual, (nc,).
+        """(f, Φ, G, ρ) at (`t`, `p`, `v`): f = M `a` + f₀, the constraint, force directions, the hidden residual.
 
-        The arrays are the caller's to change, and valid until the next call.
+        Shapes (nv,), (nc,), (nv, nc), (nc,). The arrays are the caller's to change, and valid until the next call.
         """
 
     def linearize(self, t, p, v, a, lam, c, A):
-        """Fill A = M + c ∂f/∂v + c² ∂f/∂p, (nv, nv), and return W, (nc, nv), at the point evaluated last."""
+        """Fill a Newton step's matrices, at the point (`t`, `p`, `v`, `a`) that was evaluated last.
+
+        Parameters
+        ----------
+        t, p, v, a
+            That point.
+        lam : ndarray, shape (nc,)
+            Multipliers, for systems whose `A` has the part of G λ; others see :meth:`force_gradient`.
+        c : float
+            By which a velocity moves the position, s; 0 asks for M alone.
+        A : ndarray, shape (nv, nv)
+            Becomes M + c ∂f/∂v + c² ∂f/∂p.
+
+        Returns
+        -------
+        ndarray, shape (nc, nv)
+            W.
+        """
 
     def force_gradient(self, t, p, v, lam):
-        """∂(G λ)/∂ξ, (nv, nv) in velocity columns, where :meth:`linearize` leaves it out; else zero."""
+        """∂(G `lam`)/∂ξ at (`t`, `p`, `v`), (nv, nv) in velocity columns, where :meth:`linearize` leaves it out.
+
+        Else zero, as one number.
+        """
 
     def constraint(self, t, p, rate):
-        """(Φ, ρ), each (nc,): the constraint, and the hidden one ρ = Φ_p U + Φ_t with U = `rate`."""
+        """(Φ, ρ) at (`t`, `p`), each (nc,): the constraint, and the hidden one ρ = Φ_p U + Φ_t with U = `rate`."""
 
     def acceleration_bias(self, t, p, v):
-        """γ with dρ/dt = W v' + γ, shape (nc,)."""
+        """γ at (`t`, `p`, `v`), shape (nc,), with dρ/dt = W v' + γ."""
 
     def position_scale(self, p):
-        """Magnitude of each tangent coordinate, shape (nx,), by which a relative tolerance is multiplied."""
+        """The size of each tangent coordinate at `p`, shape (nx,), by which a relative tolerance is multiplied."""
 
     def describe_row(self, row: int) -> str:
-        """The name by which messages speak of constraint row `row`."""
+        """The name by which messages speak of constraint row `row`, counted from 0."""
 
 
-class HessenbergProblem:
+class HessenbergProblem(Index3System):
     """The general index-3 form (4.1) of Arévalo (2008): p' = U, v' = F + G Λ, 0 = R, with R_p U_v G regular.
+
+    Its methods are the method's to call, on the problem of known sizes that :meth:`at` makes; M is the identity, and
+    positions add up as vectors.
 
     Parameters
     ----------
@@ -127,7 +158,28 @@ class HessenbergProblem:
         self.npos = self.nx = self.nv = self.nc = 0
 
     def at(self, t, p, v) -> HessenbergProblem:
-        """The problem with its sizes, learnt from one evaluation in which the four callables must agree."""
+        """The problem with its sizes, learnt from one evaluation; a run begins with it.
+
+        Parameters
+        ----------
+        t : float
+            When, s.
+        p, v : ndarray, shapes (np,), (nv,)
+            Position and velocity.
+
+        Returns
+        -------
+        HessenbergProblem
+            A copy that knows ``npos``, ``nx``, ``nv`` and ``nc``.
+
+        Raises
+        ------
+        InputError
+            `p` or `v` is no vector; a function returns another shape than the others ask for, or a number that is not
+            finite.
+        UserFunctionError
+            A function raised an exception.
+        """
         if np.ndim(p) != 1 or np.ndim(v) != 1:
             raise InputError(f"HessenbergProblem: p0 and v0 need shapes (n,), got {np.shape(p)} and {np.shape(v)}")
         sized = copy(self)

@@ -50,7 +50,9 @@ def integrate_index1(system, t0, p0, v0, times, rtol, atol, budget=None):
     Raises
     ------
     PinconsistError
-        scipy gives up.
+        The one-step method gives up.
+    SingularSystemError
+        The equations are singular on the way.
     """
     states, t, p, v, evaluations = [], t0, p0, v0, 0
     turns = bdf.turning_coordinates(system, p0)

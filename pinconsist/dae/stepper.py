@@ -10,10 +10,11 @@ from ..errors import PinconsistError, SingularSystemError
 from . import bdf, consistency, start
 from .dense import Segment
 from .foresight import REMEMBERED
-from .newton import EPS, Newton, largest
+from .newton import Newton
+from .sizes import EPS, largest
 
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
-OPEN = 1e-13  # gap, relative to positions and Jacobian, that rounding does not explain
+SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
 SETBACKS = 50.0  # failures of Newton, beyond one in two steps, after which there is no way on
 
 
@@ -71,8 +72,6 @@ class Stepper:
         self.control.fit(system)
         self.newton = Newton(system, correct=method.consistency == "every-step")
         self._begun = False
-        self._setbacks = 0.0
-        self._felt, self._trusted = 0.0, 0  # up to which length steps are known to feel rounding, and how many
 
     def close(self) -> None:
         """Let go of what only a run needs: the twin holds the user's functions, unseen by the garbage collector."""
@@ -94,6 +93,8 @@ class Stepper:
         system, method = self.system, self.method
         self.control.restart()
         self.newton.forget()
+        self._setbacks = 0.0
+        self._felt, self._trusted = 0.0, 0  # up to which length steps are known to feel rounding, and how many
         if method.step is not None:
             steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
             if self._begun and abs(t_end - t) > 1e-3 * method.step:
@@ -133,7 +134,7 @@ class Stepper:
         system, control = self.system, self.control
         if self._turns is not None and (too_fast := self._turns_too_far(self.velocity_and_multipliers()[0])):
             return too_fast
-        tried = (0.0, 0.0)
+        tried = (0.0, 0.0)  # length of the step that failed the error test last, and its error
         while True:
             t_next = self._next_time(t_end)
             h, k, Z = self.h, self.k, self.Z
@@ -177,11 +178,11 @@ class Stepper:
         """
         h = abs(self.h)
         longer, its_error = tried
-        fell = h < longer and error < its_error * (h / longer) ** (0.5 * (self.k + 1))
+        shown = h < longer and error >= its_error * (h / longer) ** (SLOW * (self.k + 1))
         known = self._trusted > 0 and h <= self._felt
-        if (not known and (fell or not longer)) or error > self._rounding_error(t, step, weight):
+        if not (shown or known) or error > self._rounding_error(t, step, weight):
             return False
-        if longer:
+        if shown:
             self._felt, self._trusted = max(self._felt if known else 0.0, longer), REMEMBERED
         return True
 
@@ -279,7 +280,7 @@ def _velocity_rounding(system, t, p, v) -> float:
     if not nc:
         return size
     _, phi, G, _ = system.evaluate(t, p, v, np.zeros(nv))
-    if largest(phi) > OPEN * reach * (1.0 + largest(G)):
+    if largest(phi) > consistency.rounding_gap(p, G):
         return 0.0
     try:
         kkt = consistency.kkt_at(system, t, p, v)

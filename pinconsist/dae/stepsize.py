@@ -12,7 +12,8 @@ import numpy as np
 
 from ..errors import InputError
 from . import bdf
-from .newton import rounding_weights, weighted_size
+from .newton import rounding_weights
+from .sizes import weighted_size
 
 NEWTON_FACTOR = 3e-3  # of the error test; keeps loop gaps down for 3 % more residuals
 SAFETY = 0.8  # 0.9 rejects twice as often: as many residuals, larger errors
@@ -105,7 +106,7 @@ class ErrorControl:
         return weight, NEWTON_FACTOR
 
     def error(self, step, k) -> float:
-        """Local error of an attempt of order k over its tolerance, in the norm of ``newton.weighted_size``."""
+        """Local error of an attempt of order k over its tolerance, in the norm of ``sizes.weighted_size``."""
         return bdf.error_constant(k) * step.size
 
     def error_in(self, system, d, k, weight) -> float:
