@@ -14,14 +14,14 @@ import sys
 from pathlib import Path
 
 BLOCK = re.compile(r"^    (pinconsist [^\n]+)\n\n```text\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-WIDTH = {"COLUMNS": "164"}  # of the terminal that tables are set for
+TERMINAL = {"COLUMNS": "164"}  # that tables are set for
 
 
 def renewed(match) -> str:
     """The block with what its command prints now."""
     command = match[1]
     print(command, flush=True)
-    run = subprocess.run(shlex.split(command), capture_output=True, text=True, env=os.environ | WIDTH)
+    run = subprocess.run(shlex.split(command), capture_output=True, text=True, env=os.environ | TERMINAL)
     if run.returncode:
         sys.exit(f"exit code {run.returncode}\n{run.stdout}{run.stderr}")
     lines = [line.rstrip() for line in run.stdout.strip("\n").splitlines()]
@@ -31,6 +31,8 @@ def renewed(match) -> str:
 def main(page: str, *headings: str) -> None:
     path = Path(page)
     parts = re.split(r"^(?=## )", path.read_text(), flags=re.MULTILINE)
+    if missing := set(headings) - {part.splitlines()[0] for part in parts}:
+        sys.exit(f"{page} has no {', '.join(sorted(missing))}")
     for i, part in enumerate(parts):
         if not headings or part.splitlines()[0] in headings:
             parts[i] = BLOCK.sub(renewed, part)

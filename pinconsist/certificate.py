@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .dae.acceleration import solve_acceleration
+from .dae.sizes import largest
 from .energy import energy_of
+from .mechanism.reactions import not_determined, undetermined
 from .mechanism.system import MechanismSystem
 
 
@@ -31,6 +33,8 @@ class Certificate:
         None for a general problem.
     energy : ndarray or None
         Kinetic, potential and elastic energy of each row, J.
+    undetermined : dict of str to float
+        Loops whose own forces mean nothing, see :attr:`Reaction.dependence`; empty for a general problem.
     """
 
     position: float
@@ -40,6 +44,7 @@ class Certificate:
     force_first: float
     energy_error: float | None
     energy: np.ndarray | None = field(repr=False, compare=False)
+    undetermined: dict[str, float] = field(default_factory=dict)
 
     def __str__(self):
         lines = [
@@ -65,6 +70,11 @@ class Certificate:
                 "the energy balance misses more than 1 %: tighten rtol, or a force or a drive jumps (restart there "
                 "by an event), or the rows are too few to see the work of the forces"
             )
+        if self.undetermined:
+            found.append(
+                f"{not_determined(self.undetermined)}; the motion and all loops' Jᵀλ together are right. "
+                "mechanism.reduced() drops what it finds superfluous"
+            )
         return found
 
 
@@ -85,7 +95,7 @@ def _certify_problem(solution, system):
         forces.append(G @ lam)
         exact.append(G @ solve_acceleration(system, t, p, v)[1])
     labels = [system.describe_row(row) for row in range(system.nc)]
-    return _certificate(solution, labels, phi, rho, forces, exact, None)
+    return _certificate(solution, labels, phi, rho, forces, exact, None, {})
 
 
 def _certify_mechanism(solution, mechanism):
@@ -99,24 +109,26 @@ def _certify_mechanism(solution, mechanism):
         exact.append(J[system.kept].T @ solve_acceleration(system, t, q, v)[1])
     energy = energy_of(solution, mechanism)
     labels = [f"loop {loop!r} row {row}" for loop, row in mechanism.row_labels]
-    return _certificate(solution, labels, phi, rho, forces, exact, energy)
+    found = undetermined(mechanism, solution.t, solution.q)
+    return _certificate(solution, labels, phi, rho, forces, exact, energy, found)
 
 
-def _certificate(solution, labels, phi, rho, forces, exact, energy):
+def _certificate(solution, labels, phi, rho, forces, exact, energy, found):
     phi, error = np.abs(phi), np.abs(np.subtract(forces, exact))
     where = ""
     if phi.size:
         i, row = np.unravel_index(np.argmax(phi), phi.shape)
         where = f"{labels[row]} at t = {solution.t[i]:.6g}"
-    scale = np.max(np.abs(exact), initial=0.0) or 1.0
+    scale = largest(exact) or 1.0
     multistep = 1 + np.flatnonzero(solution.order > 0)  # empty with t_eval: then all rows count
     error = error[multistep] if len(multistep) else error
     return Certificate(
         position=float(np.max(phi, initial=0.0)),
         position_at=where,
-        velocity=float(np.max(np.abs(rho), initial=0.0)),
+        velocity=float(largest(rho)),
         force=float(np.max(error, initial=0.0) / scale),
         force_first=float(np.max(error[:1], initial=0.0) / scale),
         energy_error=None if energy is None else energy.balance_error,
         energy=None if energy is None else energy.total,
+        undetermined=found,
     )

@@ -78,26 +78,26 @@ def energy_of(solution, mechanism) -> Energy:
     """Measure the energies and powers of a solution of a mechanism."""
     model, data = mechanism.model, mechanism.model.createData()
     forces, rows = bound_forces(model, mechanism.forces), LoopRows(model, mechanism.loops)
-    springs = [label for label, force in forces.items() if hasattr(force, "stored")]
+    springs = {label: force.stored for label, force in forces.items() if hasattr(force, "stored")}
     movers = {}
     for closure in rows.closures:
         if closure.moving:
             movers[unused(closure.loop.name, (*forces, *movers))] = rows.slices[closure.loop.name]
     t, n = solution.t, len(solution.t)
     kinetic, potential = np.zeros((2, n))
-    stored, power = np.zeros((n, len(springs))), np.zeros((n, len(forces) + len(movers)))
+    power, stored = np.zeros((n, len(forces) + len(movers))), {label: np.zeros(n) for label in springs}
     for i, (time, q, v, lam) in enumerate(zip(t, solution.q, solution.v, solution.lam, strict=True)):
         kinetic[i] = pin.computeKineticEnergy(model, data, q, v)  # rotor inertia included
         potential[i] = pin.computePotentialEnergy(model, data, q)
         for column, (label, force) in enumerate(forces.items()):
             power[i, column] = force.torque(time, q, v) @ v
-            if hasattr(force, "stored"):
-                stored[i, springs.index(label)], rate = force.stored(q, v)
+            if label in springs:
+                stored[label][i], rate = springs[label](q, v)
                 power[i, column] += rate
         if movers:
             brought = -lam * rows.time_rate(time, q)
             power[i, len(forces) :] = [brought[part].sum() for part in movers.values()]
-    elastic = stored.sum(axis=1)
+    elastic = sum(stored.values(), np.zeros(n))
     total = kinetic + potential + elastic
     work = _integrals(t, power)
     names = (*forces, *movers)
@@ -107,7 +107,7 @@ def energy_of(solution, mechanism) -> Energy:
         works[unused(EVENTS, names)] = jumps
     return Energy(
         t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total,
-        stored=dict(zip(springs, stored.T, strict=True)), power=dict(zip(names, power.T, strict=True)), work=works,
+        stored=stored, power=dict(zip(names, power.T, strict=True)), work=works,
         error=total - total[0] - work.sum(axis=1) - jumps,
         _terms=max(np.abs(total).max(), elastic.max(), _weights(model, data, solution.q[0])),
     )  # fmt: skip

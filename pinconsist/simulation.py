@@ -9,6 +9,7 @@ from .dae import integrate as dae
 from .dae.events import as_events
 from .dae.problem import HessenbergProblem
 from .dae.record import Wishes
+from .dae.sizes import largest
 from .errors import InputError
 from .mechanism.acting import acting
 from .mechanism.assembly import assemble
@@ -163,8 +164,8 @@ def integrate(
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
     system = system_of(system, span[0], p0, v0)
     phi = system.evaluate(span[0], p0, v0, np.zeros(system.nv))[1]
-    size = np.max(np.abs(phi), initial=0.0)
-    if not size <= 1e-6 * (1.0 + np.max(np.abs(p0), initial=0.0)):
+    size = largest(phi)
+    if not size <= 1e-6 * (1.0 + largest(p0)):
         raise InputError(
             f"p0 is off the constraint by {size:.3g} ({system.describe_row(int(np.argmax(np.abs(phi))))}); an index-3 "
             "method turns that into a multiplier error of that size over the step squared. Give a p0 on the "

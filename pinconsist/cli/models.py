@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from ..errors import MissingExtraError
 from . import output
 
 
 def models(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    as_json: output.Json = False,
 ) -> int:
     """List the built-in scenes, the families of scenes, and the robots that are installed.
 

@@ -28,7 +28,7 @@ WIDTH = 160  # of tables that go to a file or a pipe
 PLAIN_WIDTH = 80  # of text that goes there
 NAME_WIDTH = 16  # to which a narrow terminal may squeeze a column of text
 
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead.")]
 
 
 def table(columns, rows, *, title=None):

@@ -19,6 +19,11 @@ def overhead(scenes, as_json) -> dict:
     if not as_json:
         for name, rows in results["overhead"].items():
             _print_overhead(name, rows)
+        output.paragraph(
+            "run/steps: the whole run, assembly and start included; K⁻¹: computeRNEADerivatives and LAPACK's dgesv, "
+            "which a step with a Newton matrix of its own needs besides; step/bare: the median over runs made in turn"
+        )
+        print()
         if not scenes:
             _print_chains(results["chains"])
     return results
@@ -37,9 +42,6 @@ def _print_overhead(name, rows):
         ],
         title=f"{name}{how}: a step beside rnea + joint Jacobians + constraint + its Jacobian",
     )  # fmt: skip
-    output.paragraph(
-        "K⁻¹: computeRNEADerivatives and LAPACK's dgesv, which a step with a Newton matrix of its own needs"
-    )
 
 
 def _print_chains(rows):

@@ -35,7 +35,7 @@ def stress(
     ] = False,
     sample: Annotated[int, typer.Option(metavar="N", help="With --peers: cases of each kind.")] = 4,
     every: Annotated[bool, typer.Option("--every", help="A row for every random chain, also where it held.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    as_json: output.Json = False,
 ) -> int:
     """Try to break the method, and print what was tried and what held.
 

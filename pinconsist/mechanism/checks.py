@@ -60,10 +60,9 @@ def name(value, what: str) -> str:
 
 
 def require_names(record, who: str, *fields: str) -> None:
-    """Raise InputError where one of these fields of a record is no text."""
+    """Raise InputError where one of these fields of a record is no name."""
     for field in fields:
-        if not isinstance(given := getattr(record, field), str):
-            raise InputError(f"{who}: {field} must be a name, got {given!r}")
+        name(getattr(record, field), f"{who}: {field}")
 
 
 def require_functions(record, who: str, of: str, *fields: str, optional: tuple[str, ...] = ()) -> None:

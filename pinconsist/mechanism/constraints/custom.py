@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError, PinconsistError
-from ..checks import called, read_only, require_functions
+from ..checks import called, read_only, require_functions, require_names
 from .differences import first, is_slope, second
 
 TIME_STEP = 1e-3
@@ -64,14 +64,14 @@ class Constraint:
     jacobian: Callable | None = None
     rate: Callable | None = None
     moving: bool = True
-    rows: tuple[str, ...] = None  # type: ignore[assignment]  # None until __post_init__ names them: read, they are a tuple
+    # None until __post_init__ names them: read, they are a tuple
+    rows: tuple[str, ...] = None  # type: ignore[assignment]
     step: float = 1e-3
 
     kind: ClassVar[str] = "constraint"
 
     def __post_init__(self):
-        if not isinstance(self.name, str):
-            raise InputError(f"constraint {self.name!r}: its name must be a text")
+        require_names(self, f"constraint {self.name!r}", "name")
         require_functions(self, f"constraint {self.name!r}", "(t, q)", "function", optional=("jacobian", "rate"))
         if isinstance(self.size, bool) or not isinstance(self.size, int | np.integer) or self.size < 1:
             raise InputError(f"constraint {self.name!r}: size must be a positive whole number, got {self.size!r}")
@@ -93,6 +93,8 @@ class ConstraintRows:
         self.moving, self.steady = constraint.moving, not constraint.moving
         self.turns = (True,) * constraint.size  # measured as they are
         self._units = np.eye(model.nv)
+        fields = "function", "jacobian", "rate"
+        self._what = {field: f"the {field} of constraint {constraint.name!r}" for field in fields}
 
     def evaluate(self, data, q, t):
         """Φ and J."""
@@ -166,7 +168,7 @@ class ConstraintRows:
 
     def _call(self, field, t, q, shape):
         q = read_only(q)
-        value = called(getattr(self.loop, field), f"the {field} of constraint {self.loop.name!r}", t, q)
+        value = called(getattr(self.loop, field), self._what[field], t, q)
         try:
             value = np.asarray(value)
             if value.dtype.kind not in "biuf":

@@ -70,27 +70,35 @@ class DriveRow:
         self.loop = drive
         self._joint = Coordinate(model, drive.joint, f"drive {drive.name!r}", "driven")
         self._period = 2.0 * np.pi if self._joint.wraps else None
-        self._rate = drive.rate or getattr(drive.curve, "rate", None)
-        self._acceleration = drive.acceleration or getattr(drive.curve, "acceleration", None)
+        given = {
+            "curve": drive.curve,
+            "rate": drive.rate or getattr(drive.curve, "rate", None),
+            "acceleration": drive.acceleration or getattr(drive.curve, "acceleration", None),
+        }
+        self._motion = {
+            field: (lambda t, function=function: float(function(t)), f"the {field} of drive {drive.name!r}")
+            for field, function in given.items()
+            if function is not None
+        }
         self._J = np.zeros((1, model.nv))
         self._J[0, self._joint.column] = 1.0
 
     def evaluate(self, data, q, t):
         """Φ and J."""
-        gap = self._joint.value(q) - self._curve(t)
+        gap = self._joint.value(q) - self._call("curve", t)
         return np.array([nearest(gap, self._period)]), self._J.copy()
 
     def rate(self, t, q):
         """Φ_t."""
-        if self._rate is not None:
-            return -np.array([self._call("rate", self._rate, t)])
-        return -first(lambda s: self._curve(t + s), STEP).reshape(1)
+        if "rate" in self._motion:
+            return -np.array([self._call("rate", t)])
+        return -first(lambda s: self._call("curve", t + s), STEP).reshape(1)
 
     def acceleration_bias(self, data, t, q, v):
         """Φ_tt; J is constant."""
-        if self._acceleration is not None:
-            return -np.array([self._call("acceleration", self._acceleration, t)])
-        return -second(lambda s: self._curve(t + s), STEP).reshape(1)
+        if "acceleration" in self._motion:
+            return -np.array([self._call("acceleration", t)])
+        return -second(lambda s: self._call("curve", t + s), STEP).reshape(1)
 
     def hand_over(self, twin) -> bool:
         """Tell the compiled twin of the row; False where it has to ask Python."""
@@ -102,13 +110,12 @@ class DriveRow:
 
     def check_derivatives(self, t, q) -> None:
         """Raise InputError where a given rate is not that of the curve, or an acceleration not that of the rate."""
-        pairs = ("rate", self._rate, "curve", self.loop.curve), ("acceleration", self._acceleration, "rate", self._rate)
-        for name, given, of, function in pairs:
-            if given is None or function is None:
+        for name, of in ("rate", "curve"), ("acceleration", "rate"):
+            if name not in self._motion or of not in self._motion:
                 continue
-            slope = self._call(name, given, t)
+            slope = self._call(name, t)
             try:
-                right = is_slope(slope, lambda s, of=of, f=function: self._call(of, f, t + s), CHECKED_OVER)
+                right = is_slope(slope, lambda s, of=of: self._call(of, t + s), CHECKED_OVER)
             except PinconsistError:  # it need not be defined beyond the span
                 continue
             if not right:
@@ -117,12 +124,9 @@ class DriveRow:
                     "changes there. Correct it, or leave it out: differences then stand in"
                 )
 
-    def _curve(self, t) -> float:
-        return self._call("curve", self.loop.curve, t)
-
-    def _call(self, field, function, t) -> float:
-        what = f"the {field} of drive {self.loop.name!r}"
-        value = called(lambda t: float(function(t)), what, t)
+    def _call(self, field, t) -> float:
+        function, what = self._motion[field]
+        value = called(function, what, t)
         if not isfinite(value):
             raise InputError(f"{what} is {value} at t = {t:.6g}; it must be finite")
         return value

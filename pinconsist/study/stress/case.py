@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import simulation
+from ...dae.sizes import largest
 from ...errors import PinconsistError
 
 HELD, REFUSED, FAILED = "held", "refused", "FAILED"
@@ -139,11 +140,6 @@ def completed(solution):
     if not solution.success:
         raise Refused(solution.message)
     return solution
-
-
-def largest(values) -> float:
-    """The largest magnitude."""
-    return float(np.max(np.abs(values), initial=0.0))
 
 
 def relative(values, reference) -> float:

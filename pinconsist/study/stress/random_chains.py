@@ -7,12 +7,13 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
+from ...dae.sizes import largest
 from ...errors import PinconsistError
 from ...mechanism.constraints.loops import GROUND, Loop
 from ...mechanism.mechanism import Mechanism
 from ...mechanism.system import MechanismSystem
 from ..reference import reference_solution
-from .case import EITHER, MAX_STEPS, Case, Figure, completed, largest
+from .case import EITHER, MAX_STEPS, Case, Figure, completed
 from .scenes import add_frame
 
 UNTIL = 0.3

@@ -7,10 +7,11 @@ from functools import cache, partial
 import numpy as np
 import pinocchio as pin
 
+from ...dae.sizes import largest
 from ...mechanism.constraints.loops import Loop
 from ...mechanism.forces import JointDamping, JointSpring
 from ...mechanism.mechanism import Mechanism
-from .case import EITHER, HELD, MAX_STEPS, Case, Figure, completed, largest, relative
+from .case import EITHER, HELD, MAX_STEPS, Case, Figure, completed, relative
 from .scenes import GRAVITY, MASSES, NAMES, START, add_frame, four_bar, reference
 
 UNTIL = 1.0

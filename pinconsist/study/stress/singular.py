@@ -8,10 +8,11 @@ from functools import partial
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from ...dae.sizes import largest
 from ...formats.catalogue import load
 from ...mechanism.constraints.loops import Loop
 from ...mechanism.system import MechanismSystem
-from .case import EITHER, HELD, MAX_STEPS, REFUSED, Case, Figure, completed, largest, relative
+from .case import EITHER, HELD, MAX_STEPS, REFUSED, Case, Figure, completed, relative
 from .scenes import GRAVITY, START, four_bar
 
 RTOL = 1e-7

@@ -7,11 +7,12 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
+from ...dae.sizes import largest
 from ...formats.catalogue import load
 from ...mechanism.assembly import assemble
 from ...mechanism.system import MechanismSystem
 from ..reference import reference_problem
-from .case import EITHER, HELD, MAX_STEPS, REFUSED, Case, Figure, completed, largest
+from .case import EITHER, HELD, MAX_STEPS, REFUSED, Case, Figure, completed
 
 REFUSED_FROM = 1e-5
 """Of a position off the constraint, in lengths of the mechanism, that `integrate` must refuse."""

@@ -7,10 +7,11 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
+from ...dae.sizes import largest
 from ...mechanism.constraints.loops import GROUND, Loop
 from ...mechanism.mechanism import Mechanism
 from ..reference import reference_problem
-from .case import Case, Figure, completed, largest
+from .case import Case, Figure, completed
 from .scenes import GRAVITY, add_frame, four_bar
 
 EPS = np.finfo(float).eps
