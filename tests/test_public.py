@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import re
 import subprocess
 import sys
 from functools import cached_property
@@ -173,6 +174,38 @@ def test_type_checkers_know_what_is_returned(name):
     functions = [f for _, f, _ in methods(public)] if isinstance(public, type) else [public]
     for function in functions:
         assert function.__annotations__.get("return"), function
+
+
+def documented():
+    """Everything public: what it is, and the function behind it (None of a class and of what is computed)."""
+    for name in pc.__all__:
+        public = getattr(pc, name)
+        is_class = isinstance(public, type)
+        yield pytest.param(public, None if is_class else public, id=name)
+        for member, function, computed in methods(public) if is_class else ():
+            yield pytest.param(getattr(public, member), None if computed else function, id=f"{name}.{member}")
+
+
+def told(doc):
+    """What a docstring speaks of as code: the entries of its lists of parameters and attributes, words in backticks."""
+    entries = re.findall(r"^(?:Parameters|Attributes)\n-+\n(.*?)(?=\n\n\w+\n-+$|\Z)", doc, re.MULTILINE | re.DOTALL)
+    heads = [line.split(" : ")[0] for entry in entries for line in entry.splitlines() if line[:1].strip()]
+    return {word for part in (*heads, *re.findall(r"`+([^`]+)`+", doc)) for word in re.findall(r"\w+", part)}
+
+
+SAYS_WHAT = re.compile(r"(The|A|An|What|Where|Whether|How)\b|\W|\w\b")  # "The index …", "(Φ, ρ), …", "U at …"
+
+
+@pytest.mark.parametrize(("public", "function"), list(documented()))
+def test_docstrings_are_complete(public, function):
+    """Each says what it is and names each parameter; and what a function returns, under Returns or from its start on."""
+    doc = inspect.getdoc(public) or ""
+    assert doc and not doc.startswith(f"{getattr(public, '__name__', '')}("), "none, or only that of a dataclass"
+    if function is not None or "__init__" in getattr(public, "__dict__", ()):  # an error may have that of Exception
+        missing = set(re.findall(r"\w+", parameters(public))) - told(doc)
+        assert not missing, f"parameters that its docstring does not name: {missing}"
+    if function is not None and function.__annotations__.get("return", "not said") not in (None, "None"):
+        assert "\nReturns\n---" in doc or SAYS_WHAT.match(doc), "it does not say what it returns"
 
 
 def test_type_checkers_see_the_names_that_are_loaded_when_they_are_used():

@@ -10,6 +10,7 @@ from scenes import car_axis
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
+from pinconsist.mechanism.reactions import undetermined
 
 G, MASS = 9.81, 1.7
 RPY1, XYZ1 = (0.5, -0.4, 1.1), (0.2, 0.3, 2.0)  # anchor 1 in the ground: oblique
@@ -228,6 +229,51 @@ def test_redundant_rows_share_the_load_at_least_norm():
     for name in ("left", "right"):
         np.testing.assert_allclose(sol.reaction(name).force, [[0, 0, MASS * G / 2]] * len(sol.t), atol=1e-8)
         np.testing.assert_allclose(sol.reaction(name).moment, 0, atol=1e-8)
+
+
+def stayed_lid(lever):
+    """A lid on two balls along x, kept from turning about them by a stay that passes their line at `lever`, m."""
+    model = pin.Model()
+    free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "lid")
+    model.appendBodyToJoint(free, pin.Inertia(MASS, -0.4 * Z, np.diag([0.1, 0.2, 0.15])), pin.SE3.Identity())
+    ends = ("universe", "lid")
+    model.addFrame(pin.Frame("lid", free, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    balls = [pc.Loop(f"ball{x}", "point", *ends, xyz1=(x, 0, 0), xyz2=(x, 0, 0)) for x in (-0.5, 0.5)]
+    stay = pc.Loop("stay", "distance", *ends, xyz1=(0, 1, 0), xyz2=(0, 0, -lever), length=float(np.hypot(1, lever)))
+    return pc.Mechanism(model, [*balls, stay])
+
+
+@pytest.mark.parametrize(("lever", "known"), [(1e-3, True), (1e-6, False)])
+def test_forces_that_only_rounded_numbers_determine_are_told(lever, known):
+    """The stay's tension is the weight's moment about the balls' line over the lever: of 1 μm it means nothing."""
+    sol = pc.simulate(stayed_lid(lever), (0.0, 0.01))
+    stay, concerns = sol.reaction("stay"), " ".join(sol.check().concerns)
+    assert set(sol.check().undetermined) == (set() if known else {"ball-0.5", "ball0.5", "stay"})
+    assert ("stay are not determined: their rows depend on others to 5e-07;" in concerns) is not known
+    assert str(stay).endswith("not determined: its rows depend on others to 5e-07") is not known
+    assert stay.dependence is None if known else stay.dependence == pytest.approx(4.7e-7, rel=0.01)
+
+
+def test_a_dead_centre_that_is_passed_leaves_forces_as_they_are():
+    mech = pc.load("slider_crank")
+    q = np.array([pc.assemble(mech, {"crank": angle}).q for angle in (1e-6, 1.0)])
+    mech = mech.with_loops(*mech.loops, pc.Drive("press", "piston", lambda t: 1.0))
+    assert "press" in undetermined(mech, np.zeros(1), q[:1])
+    assert undetermined(mech, np.zeros(2), q) == undetermined(mech, np.zeros(1), q[1:]) == {}
+
+
+def test_of_cassie_the_shins_are_not_determined_and_nothing_else():
+    """Without them the robot carries the same forces."""
+    try:
+        mech = pc.load("cassie")
+    except pc.MissingExtraError as error:
+        pytest.skip(str(error))
+    shins = {f"{side}-shin-spring-joint" for side in ("left", "right")}
+    sol, without = (pc.simulate(each, (0.0, 0.05)) for each in (mech, mech.reduced()))
+    assert {loop.name for loop in mech.loops if sol.reaction(loop.name).dependence} == shins
+    for name in {loop.name for loop in mech.anchored_loops} - shins:
+        force, same = sol.reaction(name).force[0], without.reaction(name).force[0]
+        np.testing.assert_allclose(force, same, atol=1e-3 * np.linalg.norm(same))
 
 
 def test_reading_a_solution_back(tmp_path):

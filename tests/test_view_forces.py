@@ -113,6 +113,23 @@ def test_forces_are_drawn_where_there_are_some():
             shown(four_bar, SimpleNamespace(t=still.t, q=still.q, **lam), forces=True)
 
 
+def test_forces_that_are_not_determined_are_not_drawn():
+    """Two loops of Cassie with 1e5 to 1e6 N; the others carry a few hundred, of which the scale is made."""
+    try:
+        mech = pc.load("cassie")
+    except pc.MissingExtraError as error:
+        pytest.skip(str(error))
+    sol = pc.simulate(mech, (0.0, 0.1))
+    page = shown(mech, sol, forces=True)
+    shins = {f"{side}-shin-spring-joint" for side in ("left", "right")}
+    assert min(np.linalg.norm(sol.reaction(name).force, axis=1).max() for name in shins) > 5e4
+    drawn_loops = {each["path"].split("/")[2].removesuffix(" moment") for each in drawn(page, "/forces/")}
+    assert drawn_loops == {loop.name for loop in mech.anchored_loops} - shins
+    assert max(np.linalg.norm(sol.reaction(name).force, axis=1).max() for name in drawn_loops) < 1000
+    (note,) = [each["text"] for each in page["legend"] if each["text"].startswith("not drawn")]
+    assert all(name in note for name in shins) and note.endswith("their rows depend on others to 3e-07 … 4e-06")
+
+
 def test_paths_follow_their_frames_each_in_its_color():
     mech = pc.load("four_bar")
     sol = pc.simulate(mech, (0.0, 0.5))

@@ -50,7 +50,7 @@ def test_a_weight_on_a_bracket_needs_force_and_moment(first):
     np.testing.assert_allclose(turn * per_metre(page)[0], [[0, -WEIGHT * 9.81 * ARM, 0]] * 6, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(centre, np.zeros((6, 3)), atol=1e-6)
     assert [each["text"].split(":")[0] for each in page["legend"][1:]] == [
-        "force of a loop on its second body (its first, where that is the ground)",
+        "force of a loop on its second, or only, moving body",
         "moment of a loop on that body",
     ]
 
@@ -88,7 +88,7 @@ def test_a_drive_of_a_slider_pushes():
     _, push = arrow(page := shown(mech, sol, forces=True), "/forces/press piston")
     factor, most = stated(page)
     force = sol.reaction("press").torque.clip(-most, most)
-    assert "ground), or force of a drive or motor on its joint: " in page["legend"][1]["text"]
+    assert "moving body, or force of a drive or motor on its joint: " in page["legend"][1]["text"]
     np.testing.assert_allclose(
         push[:-1] * factor, force[:-1, None] * [[1, 0, 0]], rtol=5e-3, atol=1e-2 * abs(force).max()
     )

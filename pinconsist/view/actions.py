@@ -38,7 +38,7 @@ def motors(mech: Mechanism) -> list:
     return [force for force in mech.forces if isinstance(force, MOTORS)]
 
 
-def actions(run: Run, poses: np.ndarray, size: float) -> list[Action]:
+def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> list[Action]:
     """All that can be drawn.
 
     A loop acts on its body 2, or on its body 1 where the other is the ground; drives and motors act on their joints,
@@ -52,9 +52,11 @@ def actions(run: Run, poses: np.ndarray, size: float) -> list[Action]:
         World poses of the joints.
     size : float
         Size of the scene, m, by which moments are told from rounding.
+    without : collection of str
+        Loops that are left out, as their forces are not determined.
     """
     out = []
-    for loop in run.mech.loops:
+    for loop in (each for each in run.mech.loops if each.name not in without):
         found = reaction(run.mech, loop.name, run.t, run.q, run.lam)
         if isinstance(loop, Loop):
             out += _of_loop(run, poses, loop, found)

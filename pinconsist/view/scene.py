@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mechanism.names import near
+from ..mechanism.reactions import not_determined, undetermined
 from .actions import FORCE, MOMENT, Action, actions
 from .arrows import COLORS, arrow, scale_of
 from .camera import camera, floor, plane_normal, surroundings, view_axes, y_up
@@ -20,7 +21,7 @@ TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
 SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its plate", "distance": "at its bar's end"}
 ACTS = {  # kind, and whether on a joint
-    (FORCE, False): "force of a loop on its second body (its first, where that is the ground)",
+    (FORCE, False): "force of a loop on its second, or only, moving body",
     (FORCE, True): "force of a drive or motor on its joint",
     (MOMENT, False): "moment of a loop on that body",
     (MOMENT, True): "torque of a drive or motor on its joint",
@@ -75,8 +76,11 @@ def scene(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetiti
         path = f"/{number + 1} {_part(run.title)}" if len(runs) > 1 else ""
         copies.append(Copy(now, path, bodies, skeleton(run.mech, bodies), skins[id(run.mech)]))
     size = max(copy.size for copy in copies) or 1.0
+    doubtful: dict[str, float] = {}
     for copy in copies if forces else ():
-        copy.acting = actions(copy.run, copy.bodies, size)
+        found = undetermined(copy.run.mech, copy.run.t, copy.run.q)
+        copy.acting = actions(copy.run, copy.bodies, size, found)
+        doubtful |= found
     acting = [action for copy in copies for action in copy.acting]
     scales = {kind: scale_of(kind, acting, size) for kind in (FORCE, MOMENT)}
     for copy in copies:
@@ -108,7 +112,7 @@ def scene(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetiti
         "target": target,
         "clock": [first, speed * (-1.0 if last < first else 1.0), float(clock[-1])],
         "titles": titles,
-        "legend": _legend(runs, traces, forces, scales, acting),
+        "legend": _legend(runs, traces, forces, scales, acting, doubtful),
     }
 
 
@@ -184,7 +188,7 @@ def _below(cloud: np.ndarray, axes: np.ndarray, size: float) -> np.ndarray:
     return np.array([middle[0], seen[:, 1].min() - 0.06 * size, middle[2]]) @ axes
 
 
-def _legend(runs, traces, forces: bool, scales, acting) -> list[dict]:
+def _legend(runs, traces, forces: bool, scales, acting, doubtful) -> list[dict]:
     out = [{"color": TRACES[k % len(TRACES)], "text": f"path of {name}"} for k, name in enumerate(traces)]
     kinds = {loop.kind for run in runs for loop in run.mech.anchored_loops}
     if kinds:
@@ -195,6 +199,8 @@ def _legend(runs, traces, forces: bool, scales, acting) -> list[dict]:
             told = sorted({each.on_joint for each in acting if each.kind == kind})
             text = ", or ".join(ACTS[kind, on_joint] for on_joint in told)
             out.append({"color": COLORS[kind], "text": f"{text}: {scale.text}"})
-    if forces and not any(scales.values()):
+    if doubtful:
+        out.append({"color": COLORS[FORCE], "text": f"not drawn: {not_determined(doubtful)}"})
+    elif forces and not any(scales.values()):
         out.append({"color": COLORS[FORCE], "text": "no loop pulls here"})
     return out
