@@ -16,7 +16,7 @@ HOW = "method step max_order rtol atol forces t_eval dense_output events callbac
 HOW += " max_steps backend"
 PARAMETERS = {  # those after the bar by name only
     "Assembly": "q v gaps rows rank mobility redundant moved iterations",
-    "Certificate": "position position_at velocity force force_first energy_error energy",
+    "Certificate": "position position_at velocity force force_first energy_error energy undetermined",
     "Constraint": "name function size jacobian rate moving rows step",
     "Coupling": "name joint other ratio offset higher",
     "Drive": "name joint curve rate acceleration",
@@ -35,7 +35,7 @@ PARAMETERS = {  # those after the bar by name only
     "Modes": "eigenvalues shapes massless",
     "Motion": "start speed amplitude frequency phase",
     "Outcome": "index case value error message traceback finished",
-    "Reaction": "loop kind axes t force moment torque joint_forces",
+    "Reaction": "loop kind axes t force moment torque joint_forces dependence",
     "Rerun": "same differences solution",
     "Servo": "joint target stiffness damping rate",
     "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
