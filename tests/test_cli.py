@@ -247,7 +247,7 @@ def test_check(run):
     assert "equations of motion: regular" in out
     assert numbers_after(out, "largest gap at the guess:")[0] > 1e-2
     assert numbers_after(out, "largest gap once closed:")[0] < 1e-10
-    assert any(line.split() == ["left_crank", "-2"] for line in out.splitlines())
+    assert any(line.split() == ["left_crank", "-2", "-2"] for line in out.splitlines())
 
 
 def test_check_json(run):

@@ -243,6 +243,59 @@ def finite_differences(mech, q, step=1e-6):
     return np.array(columns).T
 
 
+def test_check_says_what_it_read(run):
+    """Forces, gravity, duration, how each loop holds, and the guess beside the closed values."""
+    out = run("check", "flyball_governor")[1]
+    assert "\nforces: damping\ngravity: 0 0 -9.81 m/s²; duration: 5 s\n" in out
+    rows = [line.split() for line in out.splitlines()]
+    assert "right_pin hinge 5 right_tip collar_sleeve axis 0 1 0".split() in rows
+    assert "motor drive 1 shaft along a curve speed 16".split() in rows
+    out = run("check", "four_bar", "--at", "coupler=0.5")[1]
+    assert "\nforces: none\n" in out
+    assert re.search(r"^ coupler +0\.5 +0\.5$", out, re.M) and re.search(r"^ crank +-1 +-0\.8", out, re.M)
+    told = json.loads(run("check", "four_bar", "--at", "coupler=0.5", "--json")[1])
+    assert told["guess"]["coupler"] == 0.5 and told["loops"][0]["axis"] == [0, 1, 0]
+    assert (told["forces"], told["gravity"], told["duration"]) == ([], [0, 0, -9.81], 5)
+
+
+@pytest.fixture
+def bar(tmp_path):
+    """A four-bar in files of its own, `bar.urdf` and `bar.yaml`; changed by a word and what stands instead."""
+
+    def write(urdf=("", ""), loops=("", "")):
+        for suffix, words in ((".urdf", urdf), (".yaml", loops)):
+            text = (MODELS / f"four_bar{suffix}").read_text()
+            assert words[0] in text
+            (tmp_path / f"bar{suffix}").write_text(text.replace(*words) if words[0] else text)
+        return tmp_path / "bar.urdf"
+
+    return write
+
+
+LIMITED = ('<joint name="rocker" type="continuous">', '<joint name="rocker" type="revolute">'
+           '<limit lower="-1" upper="1" effort="1" velocity="1"/>')  # fmt: skip
+
+
+def test_a_coordinate_outside_of_its_limits_is_told(run, bar):
+    """The closed rocker stands at -1.413; by whole turns it may be elsewhere."""
+    wrong = "rocker = -1.41339 is outside the limits of its file, -1 … 1: a wrong anchor or guess?"
+    path = bar(LIMITED)
+    code, _, err = run("check", path)
+    assert code == 0 and err == f"pinconsist: warning: {wrong}\n"
+    assert json.loads(run("check", path, "--json")[1])["warnings"] == [wrong]
+    path.write_text(path.read_text().replace('lower="-1" upper="1"', 'lower="4" upper="5"'))
+    assert run("check", path)[2] == ""
+
+
+def test_loops_that_leave_no_motion_are_told(run, bar):
+    """A hinge whose axis lies in the plane of the bars holds a turn that a planar hinge would leave."""
+    turned = "axis: [1, 0, 0], rpy2: [0, 1.0876642702222767, 0]"
+    code, _, err = run("check", bar(loops=("axis: [0, 1, 0]", turned)))
+    assert code == 0
+    assert "nothing can move: the loops hold all 3 velocities, and nothing is driven" in err
+    assert "without rows tilt1, tilt2 loop 'coupler_rocker' would leave 1 motion, as a planar hinge does" in err
+
+
 @pytest.mark.skipif(not KANGAROO.is_dir(), reason="the robots are not here")
 def test_check_of_a_leg_with_many_redundant_rows(run):
     code, out, _ = run("check", KANGAROO, "--reanchor")

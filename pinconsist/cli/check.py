@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import AssemblyError, SingularSystemError
-from . import output, scene
+from . import doubts, inventory, output, scene
 
 NOTHING = 1e-15  # rad or m, of a joint that stands at zero
 LINES, TERMS = 12, 4  # of redundant rows, and of the rows each depends on
@@ -37,11 +37,12 @@ def check(
     except AssemblyError as error:
         return _open(mech, before, _gaps(mech, error.q), error, as_json)
     scene.tell_moved(mech, q0, assembly)
-    singular = _singular(mech, assembly.q)
+    singular, found = _singular(mech, assembly.q), doubts.doubts(mech, assembly)
     if as_json:
-        output.print_json(_report(mech, before, assembly, singular))
+        output.print_json(_report(mech, guess, before, assembly, singular) | {"warnings": found})
     else:
-        _print(mech, before, assembly, singular)
+        _print(mech, guess, before, assembly, singular)
+    doubts.tell(found)
     if singular:
         output.print_error(singular)
     return output.WRONG_INPUT if singular else output.FINE
@@ -77,7 +78,7 @@ def _open(mech, before, after, error, as_json) -> int:
             "q": scene.by_joint(mech, error.q),
         })  # fmt: skip
     else:
-        _print_inventory(mech)
+        inventory.print_inventory(mech)
         rows = [(name, f"{before[name]:.3g}", f"{gap:.3g}") for name, gap in _worst_first(after)]
         output.table(("loop", "gap at the guess [m, rad]>", "gap left [m, rad]>"), rows)
     output.print_error(error)
@@ -88,34 +89,8 @@ def _worst_first(gaps):
     return sorted(gaps.items(), key=lambda item: -item[1])
 
 
-def _print_inventory(mech):
-    mass = sum(inertia.mass for inertia in list(mech.model.inertias)[1:])
-    count = output.counted(len(mech.joints), "moving body").replace("bodys", "bodies")
-    print(f"{mech.name}: {count}, {mass:.4g} kg in all, nq = {mech.nq}, nv = {mech.nv}")
-    massless = [n for n, body in zip(mech.joints, list(mech.model.inertias)[1:], strict=True) if body.mass == 0.0]
-    if massless:
-        output.paragraph(f"bodies without mass, at joints: {', '.join(massless)}", hanging="  ")
-    if mech.actuated:
-        output.paragraph(f"motors: {', '.join(mech.actuated)}", hanging="  ")
-    print()
-    if mech.loops:
-        rows = [(loop.name, loop.kind, len(loop.rows), *_ends(loop)) for loop in mech.loops]
-        output.table(("loop", "kind", "rows>", "joins", "and"), rows)
-    else:
-        print("loops: none, a plain tree; a loop file beside it, or --loops FILE, closes some\n")
-
-
-def _ends(loop):
-    """What a loop joins: two frames, a joint and its drive, two joints, or what a function of the user's says."""
-    if loop.kind == "drive":
-        return loop.joint, "along a curve"
-    if loop.kind == "coupling":
-        return loop.joint, loop.other
-    return ("a function", "") if loop.kind == "constraint" else (loop.frame1, loop.frame2)
-
-
-def _print(mech, before, assembly, singular):
-    _print_inventory(mech)
+def _print(mech, guess, before, assembly, singular):
+    inventory.print_inventory(mech)
     if mech.loops:
         dropped = len(assembly.redundant)
         print(f"rows: {assembly.rows}, of which {assembly.rank} independent and {dropped} redundant")
@@ -129,13 +104,18 @@ def _print(mech, before, assembly, singular):
         iterations = output.counted(assembly.iterations, "iteration")
         print(f"closing took {iterations} and moved no joint by more than {assembly.moved:.3g} rad or m")
     print(f"equations of motion: {'singular, see below' if singular else 'regular there'}\n")
-    values = [(joint, _shown(value)) for joint, value in scene.by_joint(mech, assembly.q).items()]
-    output.table(("joint", "closed configuration [rad, m]>"), values)
+    output.table(("joint [rad, m]", "guess>", "closed>"), _values(mech, guess, assembly.q))
 
 
-def _shown(value) -> str:
-    values = value if isinstance(value, list) else [value]
-    return " ".join(f"{each if abs(each) > NOTHING else 0.0:.9g}" for each in values)
+def _values(mech, *configurations):
+    """A line for each number of a configuration: its joint, and its value in each of several configurations."""
+    by_joint = [scene.by_joint(mech, q) for q in configurations]
+    for joint, first in by_joint[0].items():
+        count = len(first) if isinstance(first, list) else 0
+        names = [f"{joint}[{k}]" for k in range(count)] or [joint]
+        numbers = [values[joint] if count else [values[joint]] for values in by_joint]
+        for name, *each in zip(names, *numbers, strict=True):
+            yield name, *(f"{value if abs(value) > NOTHING else 0.0:.9g}" for value in each)
 
 
 def _redundant_lines(redundant) -> list[str]:
@@ -154,7 +134,7 @@ def _redundant_lines(redundant) -> list[str]:
     return lines[:LINES] + more
 
 
-def _report(mech, before, assembly, singular) -> dict:
+def _report(mech, guess, before, assembly, singular) -> dict:
     redundant = [
         {
             "loop": loop, "row": row,
@@ -163,12 +143,9 @@ def _report(mech, before, assembly, singular) -> dict:
         for (loop, row), combination in assembly.redundant.items()
     ]  # fmt: skip
     return {
-        "scene": mech.name, "closed": True, "bodies": len(mech.joints), "nq": mech.nq, "nv": mech.nv,
-        "actuated": mech.actuated,
-        "loops": [
-            {"name": loop.name, "kind": loop.kind, "ends": _ends(loop)} for loop in mech.loops
-        ],
+        "scene": mech.name, "closed": True, **inventory.inventory(mech),
         "rows": assembly.rows, "rank": assembly.rank, "mobility": assembly.mobility, "redundant": redundant,
         "gaps_before": before, "gaps": assembly.gaps, "iterations": assembly.iterations, "moved": assembly.moved,
-        "regular": not singular, "q": scene.by_joint(mech, assembly.q), **({"error": singular} if singular else {}),
+        "regular": not singular, "guess": scene.by_joint(mech, guess), "q": scene.by_joint(mech, assembly.q),
+        **({"error": singular} if singular else {}),
     }  # fmt: skip

@@ -26,13 +26,16 @@ EXIT_CODES = (
 )
 WIDTH = 160  # of tables that go to a file or a pipe
 PLAIN_WIDTH = 80  # of text that goes there
-NAME_WIDTH = 16  # to which a narrow terminal may squeeze a column of text
+NAME_WIDTH = 14  # to which a narrow terminal may squeeze a column of text
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead.")]
 
 
-def table(columns, rows, *, title=None):
-    """Print a table and an empty line; a column named ``...>`` holds numbers: aligned right, never shortened."""
+def table(columns, rows, *, title=None, width=WIDTH):
+    """Print a table and an empty line; a column named ``...>`` holds numbers: aligned right, never shortened.
+
+    `width` is that of a table which goes to no terminal.
+    """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
@@ -43,12 +46,12 @@ def table(columns, rows, *, title=None):
     least = 0  # rich drops columns from a table that is squeezed further; a terminal wraps the lines instead
     for k, name in enumerate(columns):
         title_of, of_numbers = name.removesuffix(">"), name.endswith(">")
-        width = max(map(len, [title_of, *(row[k] for row in rows)]))
-        least += 3 + (width if of_numbers else min(width, NAME_WIDTH))
+        own = max(map(len, [title_of, *(row[k] for row in rows)]))
+        least += 3 + (own if of_numbers else min(own, NAME_WIDTH))
         grid.add_column(title_of, justify="right" if of_numbers else "left", no_wrap=of_numbers, overflow="fold")
     plain = {"highlight": False, "markup": False, "emoji": False}
     console = Console(**plain)
-    console = Console(**plain, width=max(least, console.width if console.is_terminal else WIDTH))
+    console = Console(**plain, width=max(least, console.width if console.is_terminal else width))
     for row in rows:
         grid.add_row(*map(Text, row))
     with console.capture() as drawn:
