@@ -7,22 +7,29 @@ import traceback
 
 
 class PinconsistError(Exception):
-    """Base of every error that pinconsist raises on purpose."""
+    """Base of every error that pinconsist raises on purpose; ``str(error)`` is a message for a person."""
 
 
 class InputError(PinconsistError, ValueError):
-    """An argument that cannot be used: wrong size, NaN, unknown name, impossible option."""
+    """An argument that cannot be used: wrong size, NaN, unknown name, impossible option. A ValueError too."""
 
 
 class FormatError(PinconsistError, ValueError):
-    """A file that cannot be read as a scene.
+    """A file that cannot be read as what it should be: a scene, a recorded run. A ValueError too.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong; ``str(error)`` puts file and element before it.
 
     Attributes
     ----------
     path : str
-        The file.
+        The file; empty if there is none.
     element : str
         The element, record or line at fault; empty if the whole file is meant.
+    reason : str
+        The message alone.
     """
 
     def __init__(self, message: str, *, path: object = "", element: str = ""):
@@ -34,12 +41,18 @@ class FormatError(PinconsistError, ValueError):
 class AssemblyError(PinconsistError):
     """No closed configuration, or no velocity on the constraints, was found.
 
+    Parameters
+    ----------
+    message : str
+        For a person, ``str(error)``: names the loops and their gaps, or the velocities, and says what may help.
+
     Attributes
     ----------
     gaps : dict[str, float]
-        Remaining gap of each loop that did not close: the largest row of Φ, in m (or rad).
+        Remaining gap of each loop that did not close: the largest row of Φ, in m (or rad). Empty where
+        velocities contradict the loops, or a run or a motion cannot follow them.
     q : ndarray or None
-        The best configuration that was reached, shape (nq,).
+        The best or last configuration that was reached, shape (nq,), where one is known.
     """
 
     def __init__(self, message: str, *, gaps: dict | None = None, q=None):
@@ -49,6 +62,11 @@ class AssemblyError(PinconsistError):
 
 class EquilibriumError(PinconsistError):
     """No configuration was found in which the forces balance.
+
+    Parameters
+    ----------
+    message : str
+        For a person, ``str(error)``: what still pushes, on which joints, and what may help.
 
     Attributes
     ----------
@@ -68,10 +86,15 @@ class EquilibriumError(PinconsistError):
 class SingularSystemError(PinconsistError):
     """The equations of motion have no unique solution at a configuration.
 
+    Parameters
+    ----------
+    message : str
+        For a person, ``str(error)``: what is undetermined, and what may help.
+
     Attributes
     ----------
     names : tuple[str, ...]
-        The joints or loops whose directions are undetermined.
+        The joints or loops whose directions are undetermined; empty where that cannot be told.
     """
 
     def __init__(self, message: str, *, names: tuple = ()):
@@ -82,10 +105,15 @@ class SingularSystemError(PinconsistError):
 class SavingError(PinconsistError):
     """A run could not be written to its file; nothing of it is lost.
 
+    Parameters
+    ----------
+    message : str
+        For a person, ``str(error)``: the file, and why it cannot be written.
+
     Attributes
     ----------
     solution : Solution
-        The run.
+        The run, to be saved elsewhere: ``error.solution.save(file)``.
     """
 
     def __init__(self, message: str, *, solution=None):
@@ -95,6 +123,15 @@ class SavingError(PinconsistError):
 
 class UserFunctionError(PinconsistError):
     """A function given by the user raised an exception; that exception is the ``__cause__``.
+
+    ``str(error)`` names the function, the exception, the time, and the line that raised it.
+
+    Parameters
+    ----------
+    what : str
+        The function, as the message names it.
+    error : BaseException
+        The exception.
 
     Attributes
     ----------
@@ -113,4 +150,4 @@ class UserFunctionError(PinconsistError):
 
 
 class MissingExtraError(PinconsistError, ImportError):
-    """An optional package is needed; the message names the pip extra that brings it."""
+    """An optional package is needed; ``str(error)`` says what to install by pip. An ImportError too."""

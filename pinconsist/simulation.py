@@ -51,16 +51,18 @@ def simulate(
     t_span : (float, float)
         Start and end, s. An end before the start integrates backwards.
     q0 : mapping or array, optional
-        Joint name → value, or a configuration (nq,): the guess from which the loops are closed. Default: the scene's.
+        Mapping joint name → value: the named joints are kept if the loops allow it, the others follow. Array (nq,): a
+        guess, of which nothing is kept. The loops are closed from there. Default: the scene's guess.
     v0 : mapping or array, optional
-        Joint name → velocity (the other joints follow), or (nv,), which is put on the constraints. Default: rest.
+        Mapping joint name → velocity: the named joints keep it, the others follow. Array (nv,): put on the
+        constraints in the mass metric. Default: rest.
     method : {"BDF", "ImplicitEuler"}
         BDF of variable order, or implicit Euler (BDF-1).
     step : float, optional
         Fixed step, s: the largest step not above it that divides the interval. ``max_order`` is then the order
         throughout, 1 to 6, and Newton runs to rounding. Without it step and order vary (orders 1 to 5).
     max_order : int
-        Highest order.
+        Highest order, 1 to 5; with ``step`` the order throughout, 1 to 6. On the command line it is ``--order``.
     rtol, atol : float or (float, float)
         Tolerances of the local error, of positions and velocities; a pair gives the parts (q, v). The multipliers
         are never in the error test. They converge with the velocities.
@@ -68,7 +70,8 @@ def simulate(
         Forces on top of the mechanism's own; see :class:`Mechanism`.
     t_eval : array, optional
         Times of the rows, inside the span, in its direction. Default: every accepted step. With it nothing else is
-        kept, so that memory does not grow with the run.
+        kept, so that memory does not grow with the run. Its rows are interpolated between steps: their loops are
+        closed to the tolerance only.
     dense_output : bool
         Give ``sol.sol(t) -> (q, v, lam)`` for any time.
     events : Event or function, or sequence of them, optional
@@ -91,7 +94,9 @@ def simulate(
     Returns
     -------
     Solution
-        ``success`` is False, with what was reached and a message, where the integration fails.
+        ``success`` is False, with what was reached and a message, where the integration fails. ``lam[0]`` belongs to
+        the start, ``lam[1]`` to the first step, which with variable steps is one of the one-step start (``order`` 0),
+        not of the method itself; see :class:`Solution`. Ctrl-C ends the run with what was reached, ``status`` 1.
 
     Raises
     ------
@@ -101,6 +106,8 @@ def simulate(
         The loops cannot be closed, or `v0` contradicts them.
     SingularSystemError
         Some joint can move without any inertia.
+    UserFunctionError
+        A function of yours raised an exception before anything was reached; later that is a failed solution.
     """
     mech = acting(mech, forces, "simulate")
     span = span_of(t_span)
@@ -110,7 +117,7 @@ def simulate(
     require_regular(system, assembly.q)
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
     trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes)
-    return Solution.from_trajectory(trajectory, plan)
+    return Solution._from_trajectory(trajectory, plan)
 
 
 def integrate(
@@ -139,6 +146,7 @@ def integrate(
     Parameters
     ----------
     system : HessenbergProblem or Mechanism or Index3System
+        What to integrate; a mechanism with the forces that it has itself.
     t_span : (float, float)
         Start and end, s.
     p0, v0 : array
@@ -173,7 +181,7 @@ def integrate(
         )
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
     trajectory = dae.integrate(system, span, p0, v0, plan, wishes)
-    return Solution.from_trajectory(trajectory, plan)
+    return Solution._from_trajectory(trajectory, plan)
 
 
 def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:

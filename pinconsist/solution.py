@@ -27,15 +27,19 @@ class Solution:
     t : ndarray, shape (n,)
         Times, s.
     q, v, lam : ndarray, shapes (n, nq), (n, nv), (n, nc)
-        Configurations, velocities, multipliers. ``lam[0]`` is the multiplier of the differential equation at the
-        start; with redundant rows, the multipliers of smallest norm. Signs, frames and units:
-        :mod:`pinconsist.mechanism.constraints.loops`.
+        Configurations, velocities, multipliers; with redundant rows, the multipliers of smallest norm. Signs, frames
+        and units: :mod:`pinconsist.mechanism.constraints.loops`. Without ``t_eval`` every accepted step has its row:
+        ``lam[0]`` belongs to the start and is the multiplier of the differential equation there, ``lam[1]`` belongs
+        to the first step. With variable steps, and with fixed ones of an order above 1, rows of the one-step start
+        (``order`` 0) come before the first step of the method itself. Rows of ``t_eval``, and where an event ends a
+        step, are interpolated: their loops are closed to the tolerance only, those of steps to rounding.
     success : bool
-        True unless the integration failed (a run stopped by an event or a callback is a success, as in scipy).
+        True unless the integration failed. A run stopped by an event or a callback is a success, as in scipy; so is
+        one that Ctrl-C interrupted, with what was reached.
     status : int
-        0 end reached, 1 stopped by an event or a callback, -1 failed.
+        0 end reached, 1 stopped by an event or a callback or interrupted (Ctrl-C), -1 failed.
     message : str
-        What happened, for a person.
+        What happened, for a person; begins with "interrupted" after Ctrl-C.
     nsteps, nfev, njev, nlu : int
         Accepted steps, residual evaluations, Newton matrices, factorisations.
     rejected : dict
@@ -84,8 +88,8 @@ class Solution:
     system: Any = field(default=None, repr=False, compare=False)
 
     @classmethod
-    def from_trajectory(cls, trajectory, plan) -> Solution:
-        """The solution of a trajectory made by a method; a failure if a row that left the system opened."""
+    def _from_trajectory(cls, trajectory, plan) -> Solution:
+        """The solution of a trajectory made by a method (`plan`); a failure if a row that left the system opened."""
         system = trajectory.system
         if hasattr(system, "opened") and (opened := system.opened(trajectory.t, trajectory.p)):
             i, gap, (loop, row) = opened
@@ -139,10 +143,15 @@ class Solution:
             Needed for a solution read from a file: the mechanism with the forces of the run, those given to
             ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`).
 
+        Returns
+        -------
+        Certificate
+            The largest residuals over all rows; ``print`` shows them.
+
         Raises
         ------
         InputError
-            No mechanism, another one, or one with another number of forces than the run had.
+            No mechanism, another one, or one with another number of forces than the run had; no rows.
         """
         self._require_scene(mechanism, "check")
         return certify(self, mechanism)
@@ -155,10 +164,16 @@ class Solution:
         mechanism : Mechanism, optional
             As in :meth:`check`.
 
+        Returns
+        -------
+        Energy
+            A value for each row.
+
         Raises
         ------
         InputError
-            No mechanism, another one, one with another number of forces than the run had, or a general problem.
+            No mechanism, another one, one with another number of forces than the run had, or a general problem; no
+            rows.
         """
         self._require_scene(mechanism, "energy")
         mechanism = mechanism or getattr(self.system, "mechanism", None)
@@ -177,6 +192,11 @@ class Solution:
             Needed for a solution read from a file: the mechanism that was simulated.
         axes : {"world", "anchor"}
             In which force and moment are given: world axes, or those of the loop's anchor 1.
+
+        Returns
+        -------
+        Reaction
+            A row for each row of the solution.
 
         Raises
         ------
@@ -218,7 +238,13 @@ class Solution:
             )
 
     def summary(self) -> str:
-        """A few lines for a person."""
+        """Say in a few lines how the run went.
+
+        Returns
+        -------
+        str
+            The message; steps, their sizes and orders; rejected ones by reason; what the run took; what was skipped.
+        """
         lines = [self.message]
         if len(self.t):
             wasted = ", ".join(f"{count} by {reason}" for reason, count in self.rejected.items() if count)
@@ -238,10 +264,20 @@ class Solution:
         return "\n".join(lines)
 
     def save(self, file) -> Path:
-        """Write an npz file without pickles, whole or not at all; returns its path.
+        """Write an npz file without pickles, whole or not at all.
 
         The file says by which versions it was made. It can be repeated and continued where the run itself was made
-        by :func:`pinconsist.record`.
+        by :func:`pinconsist.record`. It does not hold ``system``, ``sol`` and the events.
+
+        Parameters
+        ----------
+        file : path-like
+            The file; ``.npz`` is put behind a name without it. One that is there is replaced.
+
+        Returns
+        -------
+        Path
+            The file that was written.
 
         Raises
         ------
@@ -253,6 +289,17 @@ class Solution:
     @classmethod
     def load(cls, file) -> Solution:
         """Read what :meth:`save` wrote.
+
+        Parameters
+        ----------
+        file : path-like
+            The file, with its ``.npz``.
+
+        Returns
+        -------
+        Solution
+            Without ``system``, ``sol`` and events: :meth:`check`, :meth:`energy` and :meth:`reaction` want the
+            mechanism.
 
         Raises
         ------

@@ -135,12 +135,44 @@ class Mechanism:
         return [(loop.name, row) for loop in self.loops for row in loop.rows]
 
     def columns(self, joint: str) -> slice:
-        """Where a joint's numbers stand in v, in τ and in the columns of J."""
+        """Where a joint's numbers stand in v, in τ and in the columns of J.
+
+        Parameters
+        ----------
+        joint : str
+            Its name.
+
+        Returns
+        -------
+        slice
+            ``v[mechanism.columns(joint)]`` has as many numbers as the joint has degrees of freedom.
+
+        Raises
+        ------
+        InputError
+            No such joint.
+        """
         start = self.model.idx_vs[i := self.joint_index(joint)]
         return slice(start, start + self.model.nvs[i])
 
     def joint_index(self, joint: str) -> int:
-        """Index of a joint in ``model.joints`` (its place in v: :meth:`columns`); InputError names those there are."""
+        """The index of a joint in ``model.joints``, in which the ground is 0; its place in v is :meth:`columns`.
+
+        Parameters
+        ----------
+        joint : str
+            Its name.
+
+        Returns
+        -------
+        int
+            1 to ``len(joints)``.
+
+        Raises
+        ------
+        InputError
+            No such joint; names those there are.
+        """
         if joint not in self.joints:
             known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
             near = ", ".join(similar(joint, self.joints)) if len(self.joints) > 12 else ""
@@ -149,13 +181,49 @@ class Mechanism:
         return self.model.getJointId(joint)
 
     def configuration(self, values, base=None) -> np.ndarray:
-        """A full configuration (nq,) from joint name → value (rest from `base`, default neutral), or from an array."""
+        """A full configuration, quaternions and (cos, sin) pairs at unit length. The loops are not closed.
+
+        Parameters
+        ----------
+        values : mapping or array
+            Joint name → value, as many numbers as the joint has in q (one angle, rad, where it stores (cos, sin)); or
+            a configuration (nq,).
+        base : array, optional
+            The configuration (nq,) from which the joints come that a mapping does not name. Default ``pin.neutral``.
+
+        Returns
+        -------
+        ndarray, shape (nq,)
+            A copy.
+
+        Raises
+        ------
+        InputError
+            Unknown joint, wrong size, NaN, a quaternion or pair of length zero.
+        """
         start = pin.neutral(self.model) if base is None else np.array(base, float)
         q = self._fill(values, start, "idx_qs", "nqs", "configuration")
         return normalized(self.model, q, self.name)
 
     def velocity(self, values) -> np.ndarray:
-        """A full velocity (nv,) from joint name → value (rest zero), or from an array."""
+        """A full velocity. It is not put on the constraints.
+
+        Parameters
+        ----------
+        values : mapping or array
+            Joint name → velocity, rad/s or m/s, as many numbers as the joint has degrees of freedom, the other joints
+            at rest; or a velocity (nv,).
+
+        Returns
+        -------
+        ndarray, shape (nv,)
+            A copy.
+
+        Raises
+        ------
+        InputError
+            Unknown joint, wrong size, NaN.
+        """
         return self._fill(values, np.zeros(self.nv), "idx_vs", "nvs", "velocity")
 
     def _fill(self, values, full, starts, sizes, what):
@@ -177,15 +245,60 @@ class Mechanism:
         return values
 
     def with_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:
-        """The same mechanism with these loops instead of its own."""
+        """The same mechanism with these loops instead of its own.
+
+        Parameters
+        ----------
+        *loops : Loop, Drive, Coupling or Constraint
+            One argument each; none makes a tree. ``with_loops(*mechanism.loops, drive)`` adds one.
+
+        Returns
+        -------
+        Mechanism
+
+        Raises
+        ------
+        InputError
+            Unknown frames or joints, two of one name, something that is no loop.
+        """
         return replace(self, loops=loops)
 
     def with_forces(self, *forces) -> Mechanism:
-        """The same mechanism with these forces added."""
+        """The same mechanism with these forces added to its own.
+
+        Parameters
+        ----------
+        *forces
+            One argument each, as in ``forces`` of :class:`Mechanism`.
+
+        Returns
+        -------
+        Mechanism
+
+        Raises
+        ------
+        InputError
+            Unknown frames or joints, wrong sizes, something that is no force.
+        """
         return replace(self, forces=(*self.forces, *forces))
 
     def with_gravity(self, gravity) -> Mechanism:
-        """The same mechanism under another gravity vector (3,), m/s², in world axes; InputError if it is none."""
+        """The same mechanism under another gravity.
+
+        Parameters
+        ----------
+        gravity : array, shape (3,)
+            m/s², in world axes.
+
+        Returns
+        -------
+        Mechanism
+
+        Raises
+        ------
+        InputError
+            Not three finite numbers.
+        """
         model = self.model.copy()
         gravity = finite_array(gravity, "gravity")
         if gravity.shape != (3,):
@@ -194,7 +307,23 @@ class Mechanism:
         return replace(self, model=model)
 
     def with_armature(self, armature: Mapping[str, float]) -> Mechanism:
-        """With rotor inertia added: joint name → kg·m² (or kg), not negative. InputError: unknown joint, no number."""
+        """The same mechanism with rotor inertia added to its own.
+
+        Parameters
+        ----------
+        armature : mapping
+            Joint name → rotor inertia as seen from the joint, kg·m² (or kg), not negative; it counts for each velocity
+            of the joint.
+
+        Returns
+        -------
+        Mechanism
+
+        Raises
+        ------
+        InputError
+            No mapping, unknown joint, or a value that is not one number of at least zero.
+        """
         model = self.model.copy()
         if not isinstance(armature, Mapping):
             raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
@@ -215,9 +344,15 @@ class Mechanism:
         Parameters
         ----------
         joints : str or sequence of str
+            Names of those to lock.
         q : mapping or array, optional
             Where they are locked: joint name → value (others from ``guess``), or a configuration (nq,). Default
             ``guess``, of which the rest is the new guess.
+
+        Returns
+        -------
+        Mechanism
+            Of the joints that are left.
 
         Raises
         ------
@@ -244,6 +379,10 @@ class Mechanism:
         q : mapping or array, optional
             From where assembly starts, as for :func:`~pinconsist.assemble`.
 
+        Returns
+        -------
+        Mechanism
+
         Raises
         ------
         AssemblyError
@@ -258,8 +397,24 @@ class Mechanism:
     def reanchored(self, q=None) -> Mechanism:
         """The same mechanism with every loop's anchor 2 moved to where anchor 1 fits best.
 
-        Starts assembly at `q` (default ``guess``); the loops that cannot close there get their second anchor moved
-        by the remaining gap, and a warning lists each move. Loops that close stay as they are.
+        The loops that cannot close get their second anchor (a loop that holds a distance: its length) moved by the gap
+        that remains, and a warning lists each move. Loops that close stay as they are.
+
+        Parameters
+        ----------
+        q : mapping or array, optional
+            From where assembly starts: joint name → value (others from ``guess``), or a configuration (nq,). Default
+            ``guess``.
+
+        Returns
+        -------
+        Mechanism
+            Its guess is the configuration that was reached, in which its loops close.
+
+        Raises
+        ------
+        InputError
+            Unknown joint, wrong size, NaN.
         """
         from .editing.reanchor import reanchor
 

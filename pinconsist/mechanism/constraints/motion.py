@@ -45,18 +45,40 @@ class Motion:
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """Its numbers in their order."""
+        """The five numbers: (start, speed, amplitude, frequency, phase)."""
         return tuple(getattr(self, each.name) for each in fields(self))
 
     def __call__(self, t: float) -> float:
         return self.start + self.speed * t + self.amplitude * sin(2 * pi * self.frequency * t + self.phase)
 
     def rate(self, t: float) -> float:
-        """Its derivative by time."""
+        """The derivative by time.
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+
+        Returns
+        -------
+        float
+            rad/s or m/s; per second, whatever the unit of ``start``.
+        """
         w = 2 * pi * self.frequency
         return self.speed + self.amplitude * w * cos(w * t + self.phase)
 
     def acceleration(self, t: float) -> float:
-        """Its second derivative by time."""
+        """The second derivative by time.
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+
+        Returns
+        -------
+        float
+            rad/s² or m/s²; per second squared, whatever the unit of ``start``.
+        """
         w = 2 * pi * self.frequency
         return -self.amplitude * w**2 * sin(w * t + self.phase)

@@ -44,7 +44,24 @@ class JointDamping:
         return label("damping", self.coefficients)
 
     def bind(self, model) -> ViscousDamping:
-        """The force on one model."""
+        """The force on one model; systems call it, users need not.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The model that the names of joints and frames belong to.
+
+        Returns
+        -------
+        Force
+            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
+            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
+
+        Raises
+        ------
+        InputError
+            A joint that the model does not have, or numbers that do not fit its velocities.
+        """
         return ViscousDamping(spread(model, self.coefficients, "JointDamping", alike=True))
 
 
@@ -99,7 +116,24 @@ class JointFriction:
         return label("friction", self.coefficients)
 
     def bind(self, model) -> SmoothFriction:
-        """The force on one model."""
+        """The force on one model; systems call it, users need not.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The model that the names of joints and frames belong to.
+
+        Returns
+        -------
+        Force
+            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
+            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
+
+        Raises
+        ------
+        InputError
+            A joint that the model does not have, or numbers that do not fit its velocities.
+        """
         return SmoothFriction(spread(model, self.coefficients, "JointFriction", alike=True), self.width)
 
 
@@ -156,7 +190,24 @@ class JointSpring:
         return f"spring {self.joint}"
 
     def bind(self, model) -> _BoundJointSpring:
-        """The force on one model."""
+        """The force on one model; systems call it, users need not.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The model that the names of joints and frames belong to.
+
+        Returns
+        -------
+        Force
+            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
+            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
+
+        Raises
+        ------
+        InputError
+            The model has no such joint, or it has several degrees of freedom.
+        """
         return _BoundJointSpring(self, model)
 
 

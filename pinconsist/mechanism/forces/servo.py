@@ -68,7 +68,24 @@ class Servo:
         return f"servo {self.joint}"
 
     def bind(self, model) -> _BoundServo:
-        """The force on one model."""
+        """The force on one model; systems call it, users need not.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The model that the names of joints and frames belong to.
+
+        Returns
+        -------
+        Force
+            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
+            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
+
+        Raises
+        ------
+        InputError
+            The model has no such joint, or it has several degrees of freedom.
+        """
         return _BoundServo(self, model)
 
 

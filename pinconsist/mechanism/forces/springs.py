@@ -72,7 +72,24 @@ class SpringDamper:
         return f"spring {self.frame1}" if self.frame2 == GROUND else f"spring {self.frame1}-{self.frame2}"
 
     def bind(self, model: pin.Model) -> _BoundSpring:
-        """The force on one model."""
+        """The force on one model; systems call it, users need not.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The model that the names of joints and frames belong to.
+
+        Returns
+        -------
+        Force
+            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
+            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
+
+        Raises
+        ------
+        InputError
+            The model has no such frames, or several of a name; or both belong to one body.
+        """
         return _BoundSpring(self, model)
 
 

@@ -43,7 +43,24 @@ class JointTorque:
         return label("torque", self.torques)
 
     def bind(self, model) -> SteadyTorque | _TorqueCurves:
-        """The force on one model."""
+        """The force on one model; systems call it, users need not.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The model that the names of joints and frames belong to.
+
+        Returns
+        -------
+        Force
+            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
+            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
+
+        Raises
+        ------
+        InputError
+            A joint that the model does not have, or numbers that do not fit its velocities.
+        """
         if not isinstance(self.torques, Mapping):
             return SteadyTorque(spread(model, self.torques, "JointTorque"))
         curves = {joint: torque for joint, torque in self.torques.items() if callable(torque)}
@@ -132,10 +149,53 @@ class Torque:
         return f"torque {function_name(self.function)}"
 
     def torque(self, t, q, v) -> np.ndarray:
+        """What the function returns at a state, checked.
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+        q, v : ndarray, shapes (nq,), (nv,)
+            Configuration and velocity.
+
+        Returns
+        -------
+        ndarray, shape (nv,)
+            τ, N·m or N.
+
+        Raises
+        ------
+        InputError
+            It returned another shape, or no real numbers.
+        UserFunctionError
+            It raised an exception.
+        """
         what = f"the torque function {function_name(self.function)}"
         return returned(self.function, what, v.shape, t, read_only(q), read_only(v))
 
     def derivatives(self, t, q, v) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """What ``gradient`` returns at a state, checked; without one, forward differences by velocity.
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+        q, v : ndarray, shapes (nq,), (nv,)
+            Configuration and velocity.
+
+        Returns
+        -------
+        (ndarray or None, ndarray or None)
+            (∂τ/∂q, ∂τ/∂v), each (nv, nv) in the tangent space; None where it is not given. Without ``gradient`` the
+            first one is None.
+
+        Raises
+        ------
+        InputError
+            A function returned other shapes, or no finite real numbers.
+        UserFunctionError
+            It raised an exception.
+        """
         if self.gradient is not None:
             return self._given_gradient(t, q, v)
         at = self.torque(t, q, v)

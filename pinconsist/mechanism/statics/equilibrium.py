@@ -73,7 +73,25 @@ class Equilibrium:
         return bool((self.stiffness > 0).all())
 
     def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
-        """What a loop does to its bodies here, in one row; see :meth:`Solution.reaction`."""
+        """What a loop does to its bodies here.
+
+        Parameters
+        ----------
+        loop : str
+            Name of a loop, drive, coupling or constraint of the mechanism.
+        axes : {"world", "anchor"}
+            In which force and moment are given: world axes, or those of the loop's anchor 1.
+
+        Returns
+        -------
+        Reaction
+            Of one row.
+
+        Raises
+        ------
+        InputError
+            No such loop; other axes.
+        """
         return reaction(self.mechanism, loop, np.array([self.t]), self.q[None], self.lam[None], axes)
 
     def __str__(self):

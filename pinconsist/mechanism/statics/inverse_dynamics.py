@@ -52,7 +52,25 @@ class InverseDynamics:
         locked(self.t, self.q, self.v, self.a, self.lam, *self.torques.values())
 
     def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
-        """What a loop does to its bodies over the motion; see :meth:`Solution.reaction`."""
+        """What a loop does to its bodies over the motion.
+
+        Parameters
+        ----------
+        loop : str
+            Name of a loop, drive, coupling or constraint of the mechanism.
+        axes : {"world", "anchor"}
+            In which force and moment are given: world axes, or those of the loop's anchor 1.
+
+        Returns
+        -------
+        Reaction
+            A row for each of the n times.
+
+        Raises
+        ------
+        InputError
+            No such loop; other axes.
+        """
         return reaction(self.mechanism, loop, self.t, self.q, self.lam, axes)
 
 

@@ -88,7 +88,20 @@ class Linearization:
         return np.block([[np.zeros((n, n)), np.eye(n)], [below[:, :n], below[:, n:]]])
 
     def modes(self) -> Modes:
-        """Natural frequencies, damping ratios and shapes; see :class:`Modes`."""
+        """Find natural frequencies, damping ratios and mode shapes, motions without inertia condensed.
+
+        Those of them without damping follow the others at once; those with damping are of first order.
+
+        Returns
+        -------
+        Modes
+            The finite modes, the slowest first.
+
+        Raises
+        ------
+        SingularSystemError
+            A motion has neither inertia nor damping nor stiffness: anything is a solution.
+        """
         return modes(self)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 from ...errors import InputError
@@ -20,7 +21,7 @@ PICTURES = {
     "steps": ("step size and order over time", panels.steps),
     "phase": ("phase portrait, velocity over configuration of each joint", panels.phase),
 }
-"""Name → what it shows, and what draws it."""
+"""Name → what it shows, and what draws it: on two panels side by side, the phase portrait on a grid of its own."""
 
 
 def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers")) -> Figure:
@@ -32,7 +33,8 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
         Or any object with ``t``, shape (n,), s, and ``q``, ``v``, ``lam``, of n rows each; ``lam`` may have no
         columns, and is then not drawn.
     file : path, optional
-        Where the figure is written, whole or not at all; the ending chooses the format.
+        Where the figure is written, whole or not at all, over what was there; the ending chooses the format, such as
+        ``.png``, ``.pdf`` or ``.svg``. Default: it is only returned.
     mech : Mechanism, optional
         Gives the curves the names of its joints and loop rows. Needed for the drift and the energy of a solution that
         was read from a file; by default the mechanism that was simulated.
@@ -42,6 +44,7 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
     Returns
     -------
     matplotlib.figure.Figure
+        Without a window, and unknown to pyplot; a notebook shows it.
 
     Raises
     ------
@@ -50,63 +53,102 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
         matplotlib cannot write.
     MissingExtraError
         matplotlib is not installed.
+    OSError
+        The file cannot be written.
     """
     names = _known(what)
     subject = Subject(sol, mech)
     if len(names) > 1 and not subject.lam.shape[1]:
         names = [name for name in names if name != "multipliers"]
-    heights = [HEIGHT * panels.lines(subject) if name == "phase" else HEIGHT for name in names]
+    groups = [(phase, list(group)) for phase, group in groupby(names, lambda name: name == "phase")]
+    heights = [HEIGHT * (panels.lines(subject) if phase else len(group)) for phase, group in groups]
     with new_figure(WIDTH, sum(heights) + (0.3 if subject.mech is not None else 0.0), file) as figure:
-        parts = figure.subfigures(len(names), 1, height_ratios=heights, squeeze=False)[:, 0]
-        for part, name in zip(parts, names, strict=True):
-            PICTURES[name][1](part, subject)
+        parts = figure.subfigures(len(groups), 1, height_ratios=heights, squeeze=False)[:, 0]
+        for part, (phase, group) in zip(parts, groups, strict=True):
+            if phase:
+                panels.phase(part, subject)
+                continue
+            rows = part.subplots(len(group), 2, squeeze=False)  # in one grid, so that panels of equal width line up
+            for (left, right), name in zip(rows, group, strict=True):
+                PICTURES[name][1](left, right, subject)
         if subject.mech is not None:
             figure.suptitle(subject.mech.name)
     return figure
 
 
 def plot_trajectory(sol, file=None, mech=None) -> Figure:
-    """Configuration and velocity over time; parameters and errors as :func:`plot_solution`."""
+    """A figure of configuration and velocity over time.
+
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+
+    See Also
+    --------
+    plot_solution : Several pictures in one figure, and what `sol`, `file` and `mech` may be.
+    """
     return plot_solution(sol, file, mech, ["trajectory"])
 
 
 def plot_multipliers(sol, file=None, mech=None) -> Figure:
-    """λ of each row over time, and its first twenty steps once more, magnified.
+    """A figure of λ of each row over time, and its first twenty steps once more, magnified.
 
     Row 0 is the multiplier of the differential equation; from exact initial values (``consistency="exact"``) the rows
-    after it are wrong by O(1), whatever the step size (Arévalo 2008). Parameters and errors as :func:`plot_solution`.
+    after it are wrong by O(1), whatever the step size (Arévalo 2008).
+
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+
+    See Also
+    --------
+    plot_solution : Several pictures in one figure, and what `sol`, `file` and `mech` may be.
     """
     return plot_solution(sol, file, mech, ["multipliers"])
 
 
 def plot_drift(sol, file=None, mech=None) -> Figure:
-    """Largest size of Φ (m, rad) and of J v + Φ_t (m/s, rad/s) of each loop; parameters as :func:`plot_solution`."""
+    """A figure of the largest size of Φ (m, rad) and of J v + Φ_t (m/s, rad/s) of each loop over time.
+
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+
+    See Also
+    --------
+    plot_solution : Several pictures in one figure, and what `sol`, `file` and `mech` may be.
+    """
     return plot_solution(sol, file, mech, ["drift"])
 
 
 def plot_energy(sol, file=None, mech=None) -> Figure:
-    """Energies and work of the forces, J, and the error of their balance, J (:class:`~pinconsist.Energy`).
+    """A figure of energies and work of the forces, J, and the error of their balance, J (:class:`~pinconsist.Energy`).
 
-    Parameters and errors as :func:`plot_solution`.
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+
+    See Also
+    --------
+    plot_solution : Several pictures in one figure, and what `sol`, `file` and `mech` may be.
     """
     return plot_solution(sol, file, mech, ["energy"])
 
 
 def plot_steps(sol, file=None, mech=None) -> Figure:
-    """Step size, s, and order over time; parameters as :func:`plot_solution`.
+    """A figure of step size, s, and order over time; InputError for one with ``t_eval``, whose rows are no steps.
 
-    Raises
-    ------
-    InputError
-        A solution with ``t_eval``, whose rows are no steps.
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+
+    See Also
+    --------
+    plot_solution : Several pictures in one figure, and what `sol`, `file` and `mech` may be.
     """
     return plot_solution(sol, file, mech, ["steps"])
 
 
 def plot_phase(sol, file=None, mech=None) -> Figure:
-    """Velocity over configuration, a panel for each of the twelve widest joints of one freedom.
+    """A figure of velocity over configuration, a panel for each of the twelve widest joints of one freedom.
 
-    A square marks the start. Parameters and errors as :func:`plot_solution`.
+    A square marks the start.
+
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+
+    See Also
+    --------
+    plot_solution : Several pictures in one figure, and what `sol`, `file` and `mech` may be.
     """
     return plot_solution(sol, file, mech, ["phase"])
 
