@@ -26,12 +26,15 @@ def test_code_on_the_pages(page):
     assert not report, "".join(report)
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "examples" / "README.md"], ids=lambda page: page.name)
+ALL_PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", ALL_PAGES, ids=lambda page: f"{page.parent.name}-{page.name}")
 def test_links_and_files_named_on_the_pages_exist(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)\)", text):
         assert target.startswith("http") or (page.parent / target).is_file(), target
-    for path in re.findall(r"`(pinconsist/[\w/]+\.py)`", text):
+    for path in re.findall(r"`((?:pinconsist|tests)/[\w/]+\.[a-z]+)`", text):
         assert (ROOT / path).is_file(), path
 
 
@@ -45,9 +48,10 @@ def test_the_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     assert "loops closed to" in capsys.readouterr().out and (tmp_path / "four_bar.html").is_file()
 
 
-def test_the_loop_files_of_the_readme_are_read(tmp_path):
-    blocks = re.findall(r"^```yaml\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
-    record = re.search(r"`(\{name: pin.*?\})`", README, flags=re.DOTALL)[1]
+def test_the_loop_files_of_the_page_on_robots_are_read(tmp_path):
+    page = (ROOT / "docs" / "robots.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```yaml\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL)
+    record = re.search(r"`(\{name: pin.*?\})`", page, flags=re.DOTALL)[1]
     robot, own, anchors = (
         loopfile.read(write(tmp_path / f"{k}.yaml", text)) for k, text in enumerate([*blocks, f"loops: [{record}]"])
     )
@@ -70,7 +74,7 @@ def test_the_table_of_the_readme_is_what_compare_prints():
     runs = [run for run in pc.compare("problem51", steps, count=2).runs for _ in (1, 2)]
     for (_, row, *told), run in zip(rows, runs, strict=True):
         found = [getattr(run, name)[int(row)] for name in ("exact", "consistent", "every_step")]
-        assert [float(number) for number in told] == pytest.approx(found, rel=5e-5)  # five digits
+        assert [float(number) for number in told] == pytest.approx(found, rel=5e-3)  # three digits
 
 
 def sections(doc):
