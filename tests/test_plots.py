@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
+from pinconsist.view.plots.look import style
 from pinconsist.view.plots.pictures import PICTURES
 
 pytest.importorskip("matplotlib")
@@ -138,11 +139,34 @@ def test_lines_differ_in_grey(sol):
         assert len(set(looks)) == len(looks)
 
 
-def test_twelve_lines_differ_in_grey():
+def test_lines_take_their_looks_in_turn():
     t = np.linspace(0, 1, 5)
     q = np.outer(t, range(1, 13))
     axis = pc.plot_trajectory(SimpleNamespace(t=t, q=q, v=q, lam=np.zeros((5, 0)))).axes[0]
-    assert len({(line.get_linestyle(), line.get_marker()) for line in axis.lines}) == 12
+    looks = [style(k) for k in range(12)]
+    assert [(line.get_color(), line.get_marker()) for line in axis.lines] == [
+        (look["color"], look["marker"]) for look in looks
+    ]
+    assert [line.is_dashed() for line in axis.lines] == [look["linestyle"] != "-" for look in looks]
+
+
+def test_many_lines_differ():
+    """24 in all, 12 also without colour."""
+    looks = [style(k) for k in range(24)]
+    assert len({(look["color"], look["linestyle"], look["marker"]) for look in looks}) == 24
+    assert len({(look["linestyle"], look["marker"]) for look in looks[:12]}) == 12
+
+
+def test_panels_line_up_and_no_label_is_cut(sol):
+    """Also where legends are of different widths, as those of joints and of loop rows."""
+    figure = pc.plot_solution(sol, what=["trajectory", "steps", "phase", "multipliers", "drift"])
+    figure.draw_without_rendering()
+    boxes = [axis.get_window_extent() for axis in figure.axes]
+    for rows in (boxes[0:4], boxes[7:11]):  # what stands in one grid, above and below the phase portrait
+        for column in (rows[0::2], rows[1::2]):
+            assert np.ptp([box.x0 for box in column]) < 0.5 and np.ptp([box.x1 for box in column]) < 0.5
+    whole = figure.get_tightbbox()
+    assert whole.x0 >= 0 and whole.x1 <= figure.get_figwidth()
 
 
 def test_a_saved_run_needs_its_mechanism_for_some(sol, rocker, tmp_path):
@@ -183,7 +207,10 @@ def test_what_a_solution_does_not_have_is_said(rocker):
 
 def test_work_precision_sorts_by_error_and_leaves_out_what_failed(tmp_path):
     series = {"BDF": ([0.1, 0.4, 0.2, np.nan], [1e-2, 1e-6, 1e-4, 1e-8]), "Radau": ([1.0], [1e-5])}
+    series["pinconsist BDF"] = ([0.1], [1e-3])
     (axis,) = pc.plot_work_precision(series, tmp_path / "wp.pdf").axes
+    widths = {label: line.get_linewidth() for label, line in named(axis).items()}
+    assert widths["pinconsist BDF"] > 1.5 * widths["BDF"] == 1.5 * widths["Radau"]
     assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
     assert named(axis)["BDF"].get_xydata().tolist() == [[1e-6, 0.4], [1e-4, 0.2], [1e-2, 0.1]]
     assert Path(tmp_path / "wp.pdf").read_bytes().startswith(b"%PDF")

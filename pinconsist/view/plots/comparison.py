@@ -13,6 +13,8 @@ from .look import legend_beside, new_figure, positive, sparse, style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+OWN = "pinconsist BDF"  # what the others are measured against
+
 
 def plot_comparison(rows, file=None) -> Figure:
     """Error of the multipliers over time, from exact and from consistent initial values, a panel for each step size.
@@ -92,7 +94,8 @@ def plot_work_precision(series, file=None) -> Figure:
         for k, (label, pair) in enumerate(series.items()):
             times, errors = _pair(label, pair)
             order = np.argsort(errors)
-            axis.plot(errors[order], times[order], label=label, **style(k))
+            bold = {"linewidth": 2.6, "markersize": 6} if label == OWN else {}
+            axis.plot(errors[order], times[order], label=label, **style(k), **bold)
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.set_xlabel("error")

@@ -1,4 +1,4 @@
-"""The panels of each picture: functions of a (sub)figure and a subject."""
+"""The panels of each picture: functions of two axes, of the phase portrait of a (sub)figure, and of a subject."""
 
 from __future__ import annotations
 
@@ -11,30 +11,27 @@ FIRST_STEPS = 20
 PORTRAITS, ABREAST = 12, 4
 
 
-def trajectory(figure, subject):
+def trajectory(left, right, subject):
     """q and v over time."""
-    left, right = figure.subplots(1, 2)
     curves(left, subject.t, subject.q, subject.labels["q"], "configuration q  [rad, m]")
     curves(right, subject.t, subject.v, subject.labels["v"], "velocity v  [rad/s, m/s]")
 
 
-def multipliers(figure, subject):
+def multipliers(left, right, subject):
     """λ over time, and its first steps magnified."""
     if not subject.lam.shape[1]:
         raise InputError("there are no multipliers to draw: the solution has no constraints")
-    left, right = figure.subplots(1, 2)
     first, labels = slice(0, FIRST_STEPS + 1), subject.labels["lam"]
     named = curves(left, subject.t, subject.lam, labels, "multipliers λ  [N, N·m]")
     title = f"λ, the first {min(FIRST_STEPS, subject.t.size - 1)} steps"
     curves(right, subject.t[first], subject.lam[first], labels, title, magnified=named)
 
 
-def drift(figure, subject):
+def drift(left, right, subject):
     """|Φ| and |J v + Φ_t| of each loop."""
     loops, gaps, rates = subject.residuals
     if not loops:
         raise InputError("there is no drift to draw: the solution has no constraints")
-    left, right = figure.subplots(1, 2)
     _specks(left, subject.t, gaps, loops, "loops gape by |Φ|  [m, rad]")
     _specks(right, subject.t, rates, loops, "loops open at |J v + Φ_t|  [m/s, rad/s]")
 
@@ -55,13 +52,12 @@ def _specks(axis, t, values, labels, title):
         axis.text(0.5, 0.5, "zero throughout", transform=axis.transAxes, ha="center", va="bottom")
 
 
-def energy(figure, subject):
+def energy(left, right, subject):
     """Energies and works, and the error of the balance."""
     found = subject.sol.energy(subject.need_mechanism("energy"))
     parts = {"kinetic": found.kinetic, "potential": found.potential}
     parts |= {"elastic": found.elastic} if found.stored else {}
     parts |= {"total": found.total} | {f"work of {name}": work for name, work in found.work.items()}
-    left, right = figure.subplots(1, 2)
     curves(left, found.t, np.column_stack(list(parts.values())), list(parts), "energy and work  [J]")
     right.plot(found.t, found.error, markevery=sparse(found.t.size, 8), **style(0))
     right.set_title("error of the energy balance  [J]")
@@ -69,14 +65,13 @@ def energy(figure, subject):
     right.set_xlabel("t  [s]")
 
 
-def steps(figure, subject):
+def steps(left, right, subject):
     """Step size and order at the end of each step."""
     h, order = np.asarray(subject.sol.h), np.asarray(subject.sol.order)
     taken = h != 0  # zero where an event jumps
     if len(h) != subject.t.size - 1 or not taken.any():
         raise InputError("there are no steps to draw: with t_eval the rows of a solution are no steps")
     t, h, order = subject.t[1:][taken], np.abs(h[taken]), order[taken]
-    left, right = figure.subplots(1, 2)
     left.plot(t, h, drawstyle="steps-pre", color=COLORS[0])
     left.set_title("step size  [s]")
     left.set_yscale("log")
