@@ -171,6 +171,6 @@ def test_bad_loop_file_is_named_and_nothing_is_printed(robot, capfd, text, messa
     assert capfd.readouterr() == ("", "")
 
 
-def test_frame_name_of_a_link_and_a_joint_is_ambiguous(robot):
-    with pytest.raises(FormatError, match="loop 1 'n': the name 'b' belongs to a link and to a joint"):
-        load(robot(A + B + joint("b"), "loops: [{name: n, kind: point, frame1: b}]"))
+def test_frame_name_of_a_link_and_a_joint_elsewhere_is_ambiguous(robot):
+    with pytest.raises(FormatError, match="loop 1 'n': the name 'c' belongs to a link and to a joint that stands else"):
+        load(robot(A + B + C + joint("c") + joint("k", "b", "c"), "loops: [{name: n, kind: point, frame1: c}]"))

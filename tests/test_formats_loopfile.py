@@ -6,11 +6,12 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 import pytest
-from urdf_texts import BAR, CHAIN, A, joint, write
+from urdf_texts import BAR, CHAIN, A, B, C, joint, write
 
 import pinconsist as pc
 from pinconsist.errors import FormatError
 from pinconsist.formats import load
+from pinconsist.mechanism.assembly import LoopSolver
 
 
 @pytest.fixture
@@ -37,6 +38,20 @@ def test_every_field_of_a_loop_reaches_the_loop(robot):
     (loop,) = load(robot(CHAIN, f"loops:\n  - {text}\nguess: {{j: 1.5}}\nactuated: [k]")).loops
     assert (loop.frame1, loop.frame2, loop.kind, loop.axis) == ("c", "a", "hinge", (0, 2, 0))
     assert (loop.xyz1, loop.rpy1, loop.xyz2, loop.rpy2) == ((1, 2, 0.3), (4, 5, 6), (7, 8, 9), (1, 0, 1))
+
+
+@pytest.mark.parametrize("kind", ["revolute", "fixed"])
+def test_a_link_and_its_joint_may_share_a_name(robot, kind):
+    """As in exported files: both stand in one place, so that the name means it, in loops and in forces."""
+    inside = '<origin xyz="1 0.1 0.2" rpy="0.3 0 0.2"/><axis xyz="0 1 1"/>'
+    loops = "loops: [{{name: n, kind: point, frame1: {0}}}]\nforces: [{{kind: wrench, frame: {0}, force: [0, 0, 1]}}]"
+    chain = A + B + C + joint()
+    named, other = (load(robot(chain + joint(name, "b", "c", kind, inside), loops.format("c"))) for name in ("c", "k"))
+    for mech in (named, other):
+        assert mech.loops[0].frame1 == "c" and len(mech.forces) == 1
+    q = np.full(other.nq, 0.3)
+    systems = [LoopSolver(mech) for mech in (named, other)]
+    np.testing.assert_array_equal(*(solver.rows(q)[1] for solver in systems))
 
 
 def test_duration(robot):

@@ -13,6 +13,7 @@ import logging
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pinocchio as pin
 import yaml
 
 from ..errors import FormatError, InputError
@@ -102,6 +103,26 @@ def beside_scene(loops, kind: str) -> LoopFile:
     return record
 
 
+def told_apart(records, model):
+    """A model in which a name that loops or forces use means one frame, where its link and its joint stand alike.
+
+    Link and joint of one name are common in exported files. The joint's frame then gets a name of its own; where the
+    two stand apart they stay, and :func:`check` refuses the name.
+    """
+    used = {getattr(each, field, None) for each in records for field in ("frame", "frame1", "frame2")}
+    names, model = [frame.name for frame in model.frames], model.copy()
+    for twice in (each for each in sorted(set(names) & used) if names.count(each) == 2):
+        first, second = (frame for frame in model.frames if frame.name == twice)
+        if first.parentJoint == second.parentJoint and first.placement.isApprox(second.placement):
+            own = f"{twice}_joint"
+            while own in names:
+                own += "_"
+            names.append(own)
+            joints = (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
+            (first if first.type in joints else second).name = own
+    return model
+
+
 def check(record: LoopFile, model, path) -> None:
     """Raise FormatError for frames and joints of a loop file that a model does not have, or not of that kind."""
     frames, joints = [frame.name for frame in model.frames], tuple(model.names)[1:]
@@ -127,7 +148,7 @@ def _check_frame(frame, frames, path, element):
     if frame not in frames:
         raise FormatError(f"the model has no frame {frame!r}{near(frame, frames)}", path=path, element=element)
     if frames.count(frame) > 1:
-        reason = f"the name {frame!r} belongs to a link and to a joint; rename one of them"
+        reason = f"the name {frame!r} belongs to a link and to a joint that stands elsewhere; rename one of them"
         raise FormatError(reason, path=path, element=element)
 
 

@@ -25,6 +25,7 @@ def load(path: Path, name: str, *, loops, closure, free_flyer, package_dirs, wri
         content=content,
     )  # fmt: skip
     model = record.settings.applied(scene.model, loop_path)
+    model = loopfile.told_apart((*scene.loops, *record.loops, *record.forces), model)
     loopfile.check(record, model, loop_path)
     closures = (*scene.loops, *record.loops)
     if loop_path is None and not closures:
