@@ -11,7 +11,7 @@ __version__ = "0.1.0"
 _WHERE = {
     "certificate": ("Certificate",),
     "dae.events": ("Event",),
-    "dae.problem": ("HessenbergProblem",),
+    "dae.hessenberg": ("HessenbergProblem",),
     "energy": ("Energy",),
     "errors": (
         "AssemblyError",

@@ -2,7 +2,7 @@
 
 from .certificate import Certificate as Certificate
 from .dae.events import Event as Event
-from .dae.problem import HessenbergProblem as HessenbergProblem
+from .dae.hessenberg import HessenbergProblem as HessenbergProblem
 from .energy import Energy as Energy
 from .errors import AssemblyError as AssemblyError
 from .errors import EquilibriumError as EquilibriumError

@@ -10,7 +10,7 @@ from .dae.bdf import MAX_ORDER
 from .dae.compiled import BACKENDS
 from .dae.stepsize import ErrorControl, FixedStep
 from .errors import InputError
-from .mechanism.mechanism import finite_array
+from .mechanism.checks import finite_array
 
 MAX_ADAPTIVE_ORDER = 5
 

@@ -7,13 +7,14 @@ import numpy as np
 from .dae import consistency as paper
 from .dae import integrate as dae
 from .dae.events import as_events
-from .dae.problem import HessenbergProblem
+from .dae.hessenberg import HessenbergProblem
 from .dae.record import Wishes
 from .dae.sizes import largest
 from .errors import InputError
 from .mechanism.acting import acting
 from .mechanism.assembly import assemble
-from .mechanism.mechanism import Mechanism, finite_array
+from .mechanism.checks import finite_array
+from .mechanism.mechanism import Mechanism
 from .mechanism.regular import require_regular
 from .mechanism.system import MechanismSystem
 from .plan import method_of, span_of

@@ -16,6 +16,7 @@ from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
 from .skips import skipped
 from .solution_file import read, write
+from .summary import summary_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -245,23 +246,7 @@ class Solution:
         str
             The message; steps, their sizes and orders; rejected ones by reason; what the run took; what was skipped.
         """
-        lines = [self.message]
-        if len(self.t):
-            wasted = ", ".join(f"{count} by {reason}" for reason, count in self.rejected.items() if count)
-            rejected = f" ({sum(self.rejected.values())} rejected: {wasted})" if wasted else ""
-            lines.append(f"t = {self.t[0]:g} … {self.t[-1]:g} s in {self.nsteps} steps{rejected}")
-        taken = np.abs(self.h[self.h != 0])
-        if len(taken):
-            counts = np.bincount(self.order[self.h != 0])
-            orders = [f"{count} of order {k}" for k, count in enumerate(counts) if k and count]
-            orders += [f"{counts[0]} by the one-step start"] if counts[0] else []
-            lines.append(f"steps {taken.min():.3g} … {taken.max():.3g} s: {', '.join(orders)}")
-        lines.append(f"{self.nfev} residuals, {self.njev} Newton matrices, {self.nlu} factorisations")
-        if backend := self.method.get("backend"):
-            lines.append(f"steps made by the {backend} method" if backend == "compiled" else f"steps made in {backend}")
-        if skips := self.method.get("skipped"):
-            lines.append(f"skipped: {', '.join(skips)}")
-        return "\n".join(lines)
+        return summary_of(self)
 
     def save(self, file) -> Path:
         """Write an npz file without pickles, whole or not at all.

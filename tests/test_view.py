@@ -16,7 +16,8 @@ from browser import needs_browser, reported
 from pinconsist import export_html, load, plot_comparison, plot_solution, replay
 from pinconsist.errors import InputError, MissingExtraError
 from pinconsist.mechanism.constraints.loops import Loop
-from pinconsist.mechanism.mechanism import Geometry, Mechanism
+from pinconsist.mechanism.geometry import Geometry
+from pinconsist.mechanism.mechanism import Mechanism
 from pinconsist.view.camera import plane_normal
 from pinconsist.view.motion import MAX_FRAMES, Run, body_poses, playing_times
 from pinconsist.view.scene import scene

@@ -17,7 +17,7 @@ import pinocchio as pin
 from ..errors import FormatError
 from ..mechanism.constraints.coupling import Coupling
 from ..mechanism.constraints.loops import Loop
-from ..mechanism.mechanism import Geometry
+from ..mechanism.geometry import Geometry
 from .joints import replaced
 from .loop_joints import loop_joints
 from .mimic import couplings

@@ -14,9 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import AssemblyError, InputError
+from .checks import finite_array
 from .constraints.loops import LoopRows
 from .constraints.rank import dependencies, independent_rows
-from .mechanism import Mechanism, finite_array
+from .mechanism import Mechanism
 
 CLOSED = 1e-10  # m or rad; what rounding leaves is far below
 NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little

@@ -44,6 +44,19 @@ def numbers(values, what: str, least: float = -inf) -> tuple[float, ...]:
     return tuple(number(each, what, least) for each in values)
 
 
+def finite_array(value, what: str) -> np.ndarray:
+    """A float array copied from user input, or InputError."""
+    try:
+        if np.asarray(value).dtype.kind not in "biufO":  # numpy would read "0.1" and drop imaginary parts
+            raise TypeError
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: expected numbers, got {value!r}") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} has a number that is not finite (NaN or infinity)")
+    return array
+
+
 def triple(values, what: str) -> tuple[float, float, float]:
     """Three finite floats; else InputError."""
     result = numbers(values, what)

@@ -13,7 +13,7 @@ from ..formats.force_records import force_record
 from ..formats.reading import near
 from ..formats.records_writing import force_entries
 from ..mechanism.acting import acting
-from ..mechanism.mechanism import finite_array
+from ..mechanism.checks import finite_array
 from ..simulation import simulate
 from .scene import Scene
 

@@ -12,7 +12,8 @@ from ..dae.start import integrate_index1
 from ..dae.stepsize import FixedStep
 from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assemble
-from ..mechanism.mechanism import Mechanism, finite_array
+from ..mechanism.checks import finite_array
+from ..mechanism.mechanism import Mechanism
 from ..simulation import system_of
 from .reference import reference_problem
 

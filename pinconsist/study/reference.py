@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ..dae.problem import HessenbergProblem
+from ..dae.hessenberg import HessenbergProblem
 from ..dae.start import integrate_index1
 from ..errors import InputError, PinconsistError
+from ..mechanism.checks import finite_array
 from ..mechanism.constraints.loops import GROUND, Loop
 from ..mechanism.forces import Torque
-from ..mechanism.mechanism import Mechanism, finite_array
+from ..mechanism.mechanism import Mechanism
 from ..simulation import system_of
 
 

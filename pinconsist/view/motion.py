@@ -10,8 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
+from ..mechanism.checks import finite_array
 from ..mechanism.constraints.loops import Loop
-from ..mechanism.mechanism import Mechanism, finite_array
+from ..mechanism.mechanism import Mechanism
 
 MAX_FRAMES = 3000
 log = logging.getLogger(__name__)

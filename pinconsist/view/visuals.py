@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 from defusedxml import ElementTree
 
-from ..mechanism.mechanism import Geometry, Mechanism
+from ..mechanism.geometry import Geometry
+from ..mechanism.mechanism import Mechanism
 from .shapes import Shape, ball, buffer, cylinder
 
 log = logging.getLogger(__name__)

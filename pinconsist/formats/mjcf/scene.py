@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError, InputError
-from ...mechanism.mechanism import Geometry, Mechanism
+from ...mechanism.geometry import Geometry
+from ...mechanism.mechanism import Mechanism
 from .. import loopfile
 from ..closure import closed_by
 from .actuators import actuated, refuse_tendons

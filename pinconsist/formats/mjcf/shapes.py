@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError
-from ...mechanism.mechanism import Geometry
+from ...mechanism.geometry import Geometry
 from ..xml_reading import text
 from .bodies import Body
 from .document import sections

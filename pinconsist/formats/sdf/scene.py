@@ -14,7 +14,8 @@ from ...errors import FormatError, InputError
 from ...mechanism.constraints.coupling import Coupling
 from ...mechanism.constraints.loops import Loop
 from ...mechanism.forces import JointSpring
-from ...mechanism.mechanism import Geometry, Mechanism
+from ...mechanism.geometry import Geometry
+from ...mechanism.mechanism import Mechanism
 from .. import loopfile
 from ..closure import closed_by
 from ..reading import read_bytes

@@ -10,7 +10,8 @@ import pinocchio as pin
 from ...errors import EquilibriumError, SingularSystemError
 from ..acting import acting
 from ..assembly import assemble
-from ..mechanism import Mechanism, finite_array
+from ..checks import finite_array
+from ..mechanism import Mechanism
 from ..reactions import Reaction, reaction
 from ..system import MechanismSystem
 from .variations import TangentSpace, by_position, closed_near, joints_in, locked, step_sizes

@@ -10,9 +10,10 @@ import pinocchio as pin
 from ...errors import AssemblyError, InputError, SingularSystemError
 from ..acting import acting
 from ..assembly import assemble
+from ..checks import finite_array
 from ..constraints.drive import Drive
 from ..constraints.rank import row_scales
-from ..mechanism import Mechanism, finite_array
+from ..mechanism import Mechanism
 from ..reactions import Reaction, reaction
 from ..system import MechanismSystem
 from .variations import TangentSpace, bias, closed_near, joints_in, locked, step_sizes

@@ -10,8 +10,8 @@ import pinocchio as pin
 from ...errors import SingularSystemError
 from ..acting import acting
 from ..assembly import assemble
+from ..checks import finite_array
 from ..constraints.differences import first
-from ..mechanism import finite_array
 from ..regular import MASSLESS
 from ..system import MechanismSystem
 from .equilibrium import equilibrium

@@ -1,0 +1,232 @@
+"""The general Hessenberg index-3 form, built from callables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+
+import numpy as np
+
+from ..errors import InputError, UserFunctionError
+from .problem import Index3System
+from .sizes import largest
+
+
+class HessenbergProblem(Index3System):
+    """The general index-3 form (4.1) of Arévalo (2008): p' = U, v' = F + G Λ, 0 = R, with R_p U_v G regular.
+
+    Its methods are the method's to call, on the problem of known sizes that :meth:`at` makes; M is the identity, and
+    positions add up as vectors.
+
+    Parameters
+    ----------
+    U, F : callable
+        ``U(t, p, v) -> (np,)`` and ``F(t, p, v) -> (nv,)``.
+    G : callable
+        ``G(t, p, v) -> (nv, nc)``.
+    R : callable
+        ``R(t, p) -> (nc,)``.
+    R_p, R_t : callable, optional
+        ``R_p(t, p) -> (nc, np)``, ``R_t(t, p) -> (nc,)``. Without them, fourth-order central differences, good to
+        about 1e-12 of the problem's scale; the multipliers inherit that. ``R_p`` without ``R_t`` means R_t by
+        differences too: give ``R_t`` for a constraint that moves.
+    U_p, U_v : callable, optional
+        ``(np, np)`` and ``(np, nv)``; forward differences where missing (they steer Newton only).
+
+    Raises
+    ------
+    InputError
+        Something that is not callable; where a run starts, shapes that do not fit, numbers that are not finite.
+    UserFunctionError
+        While it runs, one of the functions raised an exception.
+
+    References
+    ----------
+    C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), eq. (4.1).
+    """
+
+    vector_like = True
+
+    def __init__(
+        self,
+        U: Callable,
+        F: Callable,
+        G: Callable,
+        R: Callable,
+        *,
+        R_p: Callable | None = None,
+        R_t: Callable | None = None,
+        U_p: Callable | None = None,
+        U_v: Callable | None = None,
+    ):
+        given = {"U": U, "F": F, "G": G, "R": R, "R_p": R_p, "R_t": R_t, "U_p": U_p, "U_v": U_v}
+        for name, function in given.items():
+            if not (callable(function) or (function is None and "_" in name)):
+                raise InputError(f"HessenbergProblem: {name} must be callable, got {type(function).__name__}")
+        self.U, self.F, self.G, self.R, self._R_p, self._R_t, self._U_p, self._U_v = (
+            _guarded(name, function) for name, function in given.items()
+        )
+        self.npos = self.nx = self.nv = self.nc = 0
+
+    def at(self, t, p, v) -> HessenbergProblem:
+        """The problem with its sizes, learnt from one evaluation; a run begins with it.
+
+        Parameters
+        ----------
+        t : float
+            When, s.
+        p, v : ndarray, shapes (np,), (nv,)
+            Position and velocity.
+
+        Returns
+        -------
+        HessenbergProblem
+            A copy that knows ``npos``, ``nx``, ``nv`` and ``nc``.
+
+        Raises
+        ------
+        InputError
+            `p` or `v` is no vector; a function returns another shape than the others ask for, or a number that is not
+            finite.
+        UserFunctionError
+            A function raised an exception.
+        """
+        if np.ndim(p) != 1 or np.ndim(v) != 1:
+            raise InputError(f"HessenbergProblem: p0 and v0 need shapes (n,), got {np.shape(p)} and {np.shape(v)}")
+        sized = copy(self)
+        sized.npos = sized.nx = nx = len(p)
+        sized.nv = nv = len(v)
+        sized.nc = nc = len(np.atleast_1d(self.R(t, p)))
+        expected = {"U": (nx,), "F": (nv,), "G": (nv, nc), "R": (nc,)}
+        values = {"U": self.U(t, p, v), "F": self.F(t, p, v), "G": self.G(t, p, v), "R": self.R(t, p)}
+        optional = {"R_p": (nc, nx), "R_t": (nc,), "U_p": (nx, nx), "U_v": (nx, nv)}
+        for name, shape in optional.items():
+            if (function := getattr(self, "_" + name)) is not None:
+                expected[name] = shape
+                values[name] = function(t, p) if name[0] == "R" else function(t, p, v)
+        for name, value in values.items():
+            if np.shape(value) != expected[name]:
+                raise InputError(f"HessenbergProblem: {name} returned shape {np.shape(value)}, needs {expected[name]}")
+            if not np.isfinite(np.asarray(value, float)).all():
+                raise InputError(f"HessenbergProblem: {name} is not finite at t = {t:g}")
+        return sized
+
+    def integrate(self, p, xi):
+        return p + xi
+
+    def difference(self, p0, p1):
+        return p1 - p0
+
+    def rate(self, t, p, v):
+        return np.asarray(self.U(t, p, v), float)
+
+    def chart_rate(self, base, p, rate):
+        return rate
+
+    def position(self, t, base, psi, c, v):
+        p = psi + c * self.rate(t, base, v)
+        scale = 1.0 + largest(p)
+        for _ in range(20):  # one turn where U does not depend on p
+            gap = psi + c * self.rate(t, p, v) - p
+            if largest(gap) <= 4e-16 * scale:
+                break
+            p = p + np.linalg.solve(np.eye(self.nx) - c * self._jacobian_U_p(t, p, v), gap)
+        return p, p
+
+    def evaluate(self, t, p, v, a):
+        rho = self._hidden(t, p, self.rate(t, p, v))
+        return a - self.F(t, p, v), np.asarray(self.R(t, p), float), np.asarray(self.G(t, p, v), float), rho
+
+    def linearize(self, t, p, v, a, lam, c, A):
+        E = np.linalg.inv(np.eye(self.nx) - c * self._jacobian_U_p(t, p, v))
+        U_v = E @ self._jacobian_U_v(t, p, v)
+
+        def force(p, v):
+            return np.asarray(self.F(t, p, v), float) + np.asarray(self.G(t, p, v), float) @ lam
+
+        A[:] = np.eye(self.nv)
+        if c:
+            A -= c * _columns(lambda x: force(p, x), v) + c**2 * _columns(lambda x: force(x, v), p) @ U_v
+        return self._jacobian_R_p(t, p) @ U_v
+
+    def force_gradient(self, t, p, v, lam):
+        return 0.0  # linearize has it
+
+    def constraint(self, t, p, rate):
+        return np.asarray(self.R(t, p), float), self._hidden(t, p, rate)
+
+    def _hidden(self, t, p, rate):
+        if self._R_p is None:
+            return _along(self.R, t, p, 1.0, rate)
+        R_t = self._R_t(t, p) if self._R_t is not None else _along(self.R, t, p, 1.0, np.zeros_like(p))
+        return np.asarray(self._R_p(t, p), float) @ rate + R_t
+
+    def acceleration_bias(self, t, p, v):
+        U = self.rate(t, p, v)
+        if self._R_p is not None:
+            return _along(lambda t, p: self._hidden(t, p, self.rate(t, p, v)), t, p, 1.0, U)
+        return _second_along(self.R, t, p, U, _along(lambda t, p: self.rate(t, p, v), t, p, 1.0, U))
+
+    def position_scale(self, p):
+        return np.abs(p)
+
+    def describe_row(self, row):
+        return f"row {row} of R"
+
+    def _jacobian_R_p(self, t, p):
+        if self._R_p is not None:
+            return np.asarray(self._R_p(t, p), float)
+        return np.column_stack([_along(self.R, t, p, 0.0, unit) for unit in np.eye(self.nx)])
+
+    def _jacobian_U_p(self, t, p, v):
+        if self._U_p is not None:
+            return np.asarray(self._U_p(t, p, v), float)
+        return _columns(lambda x: np.asarray(self.U(t, x, v), float), p)
+
+    def _jacobian_U_v(self, t, p, v):
+        if self._U_v is not None:
+            return np.asarray(self._U_v(t, p, v), float)
+        return _columns(lambda x: np.asarray(self.U(t, p, x), float), v)
+
+
+def _guarded(name, function):
+    """The user's function, with its exceptions told as ours."""
+    if function is None:
+        return None
+
+    def call(t, *state):
+        try:
+            return function(t, *state)
+        except Exception as error:
+            raise UserFunctionError(f"{name} of the problem", t, error) from error
+
+    return call
+
+
+def _columns(function, x):
+    """Forward-difference Jacobian: enough for a Newton matrix."""
+    at = function(x)
+    jacobian = np.empty((len(at), len(x)))
+    for i in range(len(x)):
+        moved = x.copy()
+        moved[i] += 1.5e-8 * (1.0 + abs(x[i]))
+        jacobian[:, i] = (function(moved) - at) / (moved[i] - x[i])
+    return jacobian
+
+
+def _along(function, t, p, dt, dp):
+    """Derivative of function(t + ε dt, p + ε dp) at ε = 0 by fourth-order central differences."""
+    e = 1e-3 * (1.0 + largest(p)) / (1.0 + abs(dt) + largest(dp))
+    at = [np.asarray(function(t + s * e * dt, p + s * e * dp), float) for s in (-2, -1, 1, 2)]
+    return (at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * e)
+
+
+def _second_along(function, t, p, dp, ddp):
+    """Second derivative of function(t + ε, p + ε dp + ε²/2 ddp) at ε = 0, sixth-order central differences."""
+    e = 2e-2 * (1.0 + largest(p)) / (2.0 + largest(dp))
+    weights = {-3: 2.0, -2: -27.0, -1: 270.0, 0: -490.0, 1: 270.0, 2: -27.0, 3: 2.0}
+    total = sum(
+        w * np.asarray(function(t + s * e, p + s * e * dp + 0.5 * (s * e) ** 2 * ddp), float)
+        for s, w in weights.items()
+    )
+    return total / (180.0 * e**2)

@@ -1,0 +1,135 @@
+"""What the names of joints mean in q and v."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError
+from .checks import finite_array, normalized
+from .names import similar
+
+
+class JointNames:
+    """The part of a :class:`~pinconsist.Mechanism` that reads and fills states by the names of its joints."""
+
+    model: pin.Model
+    name: str
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, without the ground."""
+        return tuple(self.model.names)[1:]
+
+    def columns(self, joint: str) -> slice:
+        """Where a joint's numbers stand in v, in τ and in the columns of J.
+
+        Parameters
+        ----------
+        joint : str
+            Its name.
+
+        Returns
+        -------
+        slice
+            ``v[mechanism.columns(joint)]`` has as many numbers as the joint has degrees of freedom.
+
+        Raises
+        ------
+        InputError
+            No such joint.
+        """
+        start = self.model.idx_vs[i := self.joint_index(joint)]
+        return slice(start, start + self.model.nvs[i])
+
+    def joint_index(self, joint: str) -> int:
+        """The index of a joint in ``model.joints``, in which the ground is 0; its place in v is :meth:`columns`.
+
+        Parameters
+        ----------
+        joint : str
+            Its name.
+
+        Returns
+        -------
+        int
+            1 to ``len(joints)``.
+
+        Raises
+        ------
+        InputError
+            No such joint; names those there are.
+        """
+        if joint not in self.joints:
+            known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
+            near = ", ".join(similar(joint, self.joints)) if len(self.joints) > 12 else ""
+            near = f"near it: {near}; " if near else ""
+            raise InputError(f"{self.name}: no joint {joint!r}; {near}the joints are {known}")
+        return self.model.getJointId(joint)
+
+    def configuration(self, values, base=None) -> np.ndarray:
+        """A full configuration, quaternions and (cos, sin) pairs at unit length. The loops are not closed.
+
+        Parameters
+        ----------
+        values : mapping or array
+            Joint name → value, as many numbers as the joint has in q (one angle, rad, where it stores (cos, sin)); or
+            a configuration (nq,).
+        base : array, optional
+            The configuration (nq,) from which the joints come that a mapping does not name. Default ``pin.neutral``.
+
+        Returns
+        -------
+        ndarray, shape (nq,)
+            A copy.
+
+        Raises
+        ------
+        InputError
+            Unknown joint, wrong size, NaN, a quaternion or pair of length zero.
+        """
+        start = pin.neutral(self.model) if base is None else np.array(base, float)
+        q = self._fill(values, start, "idx_qs", "nqs", "configuration")
+        return normalized(self.model, q, self.name)
+
+    def velocity(self, values) -> np.ndarray:
+        """A full velocity. It is not put on the constraints.
+
+        Parameters
+        ----------
+        values : mapping or array
+            Joint name → velocity, rad/s or m/s, as many numbers as the joint has degrees of freedom, the other joints
+            at rest; or a velocity (nv,).
+
+        Returns
+        -------
+        ndarray, shape (nv,)
+            A copy.
+
+        Raises
+        ------
+        InputError
+            Unknown joint, wrong size, NaN.
+        """
+        return self._fill(values, np.zeros(self.model.nv), "idx_vs", "nvs", "velocity")
+
+    def _fill(self, values, full, starts, sizes, what):
+        if isinstance(values, Mapping):
+            for joint, value in values.items():
+                i = self.joint_index(joint)
+                start, size = getattr(self.model, starts)[i], getattr(self.model, sizes)[i]
+                value = finite_array(value, f"{what} of joint {joint!r}").ravel()
+                is_angle_of_pair = what == "configuration" and size == 2 and value.size == 1
+                if is_angle_of_pair and self.model.nvs[i] == 1:  # Pinocchio's unbounded revolute stores cos, sin
+                    value = np.array([np.cos(value[0]), np.sin(value[0])])
+                if value.size != size:
+                    raise InputError(f"{what} of joint {joint!r} needs {size} number(s), got {value.size}")
+                full[start : start + size] = value
+            return full
+        values = finite_array(values, what)
+        if values.shape != full.shape:
+            raise InputError(f"{what} needs shape {full.shape} for {self.name!r}, got {values.shape}")
+        return values

@@ -1,0 +1,26 @@
+"""A run in a few lines for a person."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def summary_of(solution) -> str:
+    """The message; steps, their sizes and orders; rejected ones by reason; what the run took; what was skipped."""
+    lines = [solution.message]
+    if len(solution.t):
+        wasted = ", ".join(f"{count} by {reason}" for reason, count in solution.rejected.items() if count)
+        rejected = f" ({sum(solution.rejected.values())} rejected: {wasted})" if wasted else ""
+        lines.append(f"t = {solution.t[0]:g} … {solution.t[-1]:g} s in {solution.nsteps} steps{rejected}")
+    taken = np.abs(solution.h[solution.h != 0])
+    if len(taken):
+        counts = np.bincount(solution.order[solution.h != 0])
+        orders = [f"{count} of order {k}" for k, count in enumerate(counts) if k and count]
+        orders += [f"{counts[0]} by the one-step start"] if counts[0] else []
+        lines.append(f"steps {taken.min():.3g} … {taken.max():.3g} s: {', '.join(orders)}")
+    lines.append(f"{solution.nfev} residuals, {solution.njev} Newton matrices, {solution.nlu} factorisations")
+    if backend := solution.method.get("backend"):
+        lines.append(f"steps made by the {backend} method" if backend == "compiled" else f"steps made in {backend}")
+    if skips := solution.method.get("skipped"):
+        lines.append(f"skipped: {', '.join(skips)}")
+    return "\n".join(lines)
