@@ -65,6 +65,13 @@ def as_tree(kind):
     return pc.Mechanism(model, name=f"{kind} tree")
 
 
+def own_fields(kind, axis, axis2, length):
+    """Those of the fields axis, axis2 and length that a loop of this kind has."""
+    given = {"axis": axis, "axis2": axis2, "length": length}
+    own = {"point": (), "frame": (), "distance": ("length",), "universal": ("axis", "axis2")}.get(kind, ("axis",))
+    return {field: given[field] for field in own}
+
+
 def as_loop(kind, guess=None):
     """The body free, closed to the arm by a loop of this kind."""
     model = pin.Model()
@@ -73,7 +80,7 @@ def as_loop(kind, guess=None):
     model.appendBodyToJoint(free, BODY, pin.SE3.Identity())
     model.addFrame(pin.Frame("body_end", free, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     loop = pc.Loop(
-        "held", kind, "arm_end", "body_end", XYZ1, RPY1, XYZ2, RPY2, axis=AXIS, axis2=AXIS2, length=LENGTH
+        "held", kind, "arm_end", "body_end", XYZ1, RPY1, XYZ2, RPY2, **own_fields(kind, AXIS, AXIS2, LENGTH)
     )  # fmt: skip
     return pc.Mechanism(model, [loop], name=f"{kind} loop", guess=guess)
 

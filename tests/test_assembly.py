@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodies import frame_pose, mixed_tree, random_state
+from held_bodies import own_fields
 from zoo import FourBar
 
 import pinconsist as pc
@@ -227,8 +228,8 @@ def test_distance_from_coincident_anchors():
 def test_every_kind_of_joint(kind, frames):
     """Free flyer, spherical, planar and unbounded joints, from random guesses; unit norms are kept."""
     model, rng = mixed_tree(), np.random.default_rng(11)
-    length = {"length": 0.4} if kind == "distance" else {}
-    loop = pc.Loop("tie", kind, *frames, xyz1=(0.1, 0.0, 0.2), rpy2=(0.3, -0.2, 0.5), axis=(1, 2, 2), **length)
+    own = own_fields(kind, (1, 2, 2), None, 0.4)
+    loop = pc.Loop("tie", kind, *frames, xyz1=(0.1, 0.0, 0.2), rpy2=(0.3, -0.2, 0.5), **own)
     mech = pc.Mechanism(model, [loop])
     for _ in range(3):
         guess, v = random_state(model, rng)

@@ -99,6 +99,16 @@ DESCRIBE = {
     "axis NaN": (lambda: loop("hinge", axis=(0, nan, 0)), "loop 'tip': axis has a number that is not finite"),
     "xyz": (lambda: loop(xyz1=(1, 2)), r"loop 'tip': xyz1 needs three numbers, got \(1, 2\)"),
     "xyz text": (lambda: loop(xyz2="123"), "xyz2 needs three numbers, got '123'"),
+    "length of a hinge": (
+        lambda: loop("hinge", axis=(0, 1, 0), length=0.3),
+        "loop 'tip': a loop of kind 'hinge' has no length, which is for distance; beside frames .* has axis",
+    ),
+    "axis of a point": (
+        lambda: loop(axis=(0, 1, 0)),
+        "kind 'point' has no axis, which is for hinge, slider, .*; beside frames and anchors it has nothing",
+    ),
+    "axis2 of a slider": (lambda: loop("slider", axis=(0, 1, 0), axis2=(1, 0, 0)), "has no axis2, which is for univ"),
+    "axis of a distance": (lambda: loop("distance", axis=(0, 1, 0), length=1.0), "it has length"),
     "frame number": (lambda: loop(frame1=3), "loop 'tip': frame1 must be a name, got 3"),
     "gravity": (lambda: FOUR_BAR.with_gravity([0, -9.81]), "gravity needs three numbers"),
     "armature name": (lambda: FOUR_BAR.with_armature({"crnk": 1.0}), "no joint 'crnk'"),

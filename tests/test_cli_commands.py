@@ -206,6 +206,11 @@ def test_other_words_are_no_joint_values(text):
         joint_values([f"a={text}"], "--at")
 
 
+def test_a_number_that_a_loop_does_not_have_cannot_vary(run):
+    code, _, err = run("sweep", "four_bar", "--vary", "coupler_rocker.length=1,2")
+    assert code == 2 and "a loop of kind 'hinge' has no length" in err
+
+
 LEVEL = ("--at", "crank0=pi/2", "crank1=pi/2", "crank2=pi/2")
 
 

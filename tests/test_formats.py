@@ -109,8 +109,9 @@ def test_closure_replaces_the_kind_of_every_loop_but_distances(robot):
     path = robot(
         CHAIN,
         "loops: [{name: s, kind: distance, frame1: c, length: 1e-1}, "
-        "{name: t, kind: frame, frame1: b, axis: [0, 1, 0]}]",
+        "{name: t, kind: hinge, frame1: b, axis: [0, 1, 0]}]",
     )
+    assert [loop.kind for loop in load(path, closure="frame").loops] == ["distance", "frame"]
     assert [loop.kind for loop in load(path, closure="hinge").loops] == ["distance", "hinge"]
     with pytest.raises(InputError, match=r"distance.*not one of point, frame, hinge"):
         load("four_bar", closure="distance")

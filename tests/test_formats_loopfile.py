@@ -54,6 +54,12 @@ def test_a_link_and_its_joint_may_share_a_name(robot, kind):
     np.testing.assert_array_equal(*(solver.rows(q)[1] for solver in systems))
 
 
+def test_a_field_of_another_kind_is_refused(robot):
+    text = "{name: n, kind: hinge, frame1: c, axis: [0, 1, 0], length: 0.3}"
+    with pytest.raises(FormatError, match="loop 1 'n': a loop of kind 'hinge' has no length, which is for distance"):
+        load(robot(CHAIN, f"loops: [{text}]"))
+
+
 def test_duration(robot):
     assert load(robot(CHAIN, "duration: 0.03")).duration == 0.03
     assert load(robot(CHAIN, "guess: {k: 1.5}")).duration == load("four_bar").duration == 5.0

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodies import differences, frame_pose, mixed_tree, random_state
+from held_bodies import own_fields
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.kept_rows import KeptRows
@@ -20,10 +21,9 @@ TRANSLATIONAL = {"distance": 1, "slider": 2, "cylinder": 2, "plane": 1}  # leadi
 
 
 def loop_of(kind, frame1, frame2, **fields):
-    length = {"length": 0.7} if kind == "distance" else {}
     offsets = {"xyz1": (0.1, -0.2, 0.3), "rpy1": (0.4, 0.1, -0.6), "xyz2": (-0.3, 0.2, 0.1), "rpy2": (-0.2, 0.5, 0.3)}
-    axes = {"axis": AXIS, "axis2": AXIS2}
-    return pc.Loop(f"{kind} {frame1} {frame2}", kind, frame1, frame2, **axes, **length, **(offsets | fields))
+    own = own_fields(kind, AXIS, AXIS2, 0.7)
+    return pc.Loop(f"{kind} {frame1} {frame2}", kind, frame1, frame2, **own, **(offsets | fields))
 
 
 def loop_open_by(model, q, kind, frame1, frame2, gap):

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodies import frame_pose, mixed_tree, random_state
-from held_bodies import AXIS, AXIS2, JOINTS, LENGTH, E, as_loop, as_tree, free_state, joint_wrench
+from held_bodies import AXIS, AXIS2, JOINTS, LENGTH, E, as_loop, as_tree, free_state, joint_wrench, own_fields
 from scipy.integrate import solve_ivp
 
 import pinconsist as pc
@@ -109,7 +109,7 @@ def two_bodies(gap):
 @pytest.mark.parametrize("kind", JOINTS)
 def test_reanchoring_moves_only_what_the_loop_holds(kind):
     gap = pin.SE3(pin.exp3(np.array([0.2, -0.3, 0.25])), np.array([0.1, 0.3, -0.2]))
-    loop = pc.Loop("held", kind, "left_end", "right_end", axis=AXIS, axis2=AXIS2, length=0.1)
+    loop = pc.Loop("held", kind, "left_end", "right_end", **own_fields(kind, AXIS, AXIS2, 0.1))
     mech = pc.Mechanism(two_bodies(gap), [loop])
     with pytest.raises(pc.AssemblyError, match=r"'held'.* cannot close|loops cannot close.*'held'"):
         pc.assemble(mech.with_loops(loop, pc.Loop("rails", "frame", "universe", "left_end")))

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
-from held_bodies import JOINTS, anchor, as_loop
+from held_bodies import JOINTS, anchor, as_loop, own_fields
 from scenes import car_axis
 from scipy.interpolate import CubicSpline
 
@@ -41,8 +41,8 @@ def hanging(kind, centre):
     free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "body")
     model.appendBodyToJoint(free, pin.Inertia(MASS, com, np.diag([0.1, 0.2, 0.15])), pin.SE3.Identity())
     model.addFrame(pin.Frame("end", free, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    axes = {"axis": at_anchor.rotation.T @ WORLD_AXIS.get(kind, X), "axis2": at_anchor.rotation.T @ Z}
-    loop = pc.Loop("held", kind, "universe", "end", XYZ1, RPY1, XYZ2, RPY2, length=0.9, **axes)
+    axes = (at_anchor.rotation.T @ each for each in (WORLD_AXIS.get(kind, X), Z))
+    loop = pc.Loop("held", kind, "universe", "end", XYZ1, RPY1, XYZ2, RPY2, **own_fields(kind, *axes, 0.9))
     return pc.Mechanism(model, [loop]), pin.SE3ToXYZQUAT(pose)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from bodies import loop_rows, mixed_tree, random_state
+from held_bodies import own_fields
 from scenes import heavy_top, spherical_chain
 from urdf_texts import A, B, joint
 from urdf_texts import write as write_urdf
@@ -149,7 +150,7 @@ def test_everything_that_may_stand_among_loops_and_forces(tmp_path):
     ends = dict(frame1="left_tip", frame2="right_tip", xyz1=(0.1, 0.2, 0.3), rpy2=(0.4, 1 / 3, 1e-7))
     mech = five.with_loops(
         *(
-            pc.Loop(kind, kind, **ends, axis=(0, 1, 0), axis2=(1, 0, 0.1), length=0.5)
+            pc.Loop(kind, kind, **ends, **own_fields(kind, (0, 1, 0), (1, 0, 0.1), 0.5))
             for kind in ("point", "frame", "hinge", "distance", "slider", "cylinder", "plane", "universal")
         ),
         pc.Loop("bare", "point", "left_tip"),

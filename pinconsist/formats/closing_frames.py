@@ -24,7 +24,7 @@ _COLLECTION = re.compile(r"(closedloop.*?)_?([AB])(_?[36]D)?", re.IGNORECASE)
 _log = logging.getLogger(__name__)
 
 
-def loops(model, path) -> tuple[Loop, ...]:
+def loops(model, path, closure=None) -> tuple[Loop, ...]:
     """The loops between the pairs of closing frames of a model; what was assumed is logged.
 
     Parameters
@@ -32,6 +32,8 @@ def loops(model, path) -> tuple[Loop, ...]:
     model : pin.Model
     path : path-like
         The file, for the log.
+    closure : str, optional
+        As for :func:`pinconsist.load`: only a hinge takes the exporter's axis.
     """
     pairs = {}
     for frame in model.frames:
@@ -49,7 +51,8 @@ def loops(model, path) -> tuple[Loop, ...]:
             continue
         frame1, frame2 = (ends[side] for side in sorted(ends))
         if family == "closing":
-            found.append(Loop(name, "point", frame1, frame2, axis=(0.0, 0.0, 1.0)))
+            kind, axis = ("hinge", (0.0, 0.0, 1.0)) if closure == "hinge" else ("point", None)
+            found.append(Loop(name, kind, frame1, frame2, axis=axis))
         else:
             found.append(Loop(name, "point" if "3D" in name.upper() else "frame", frame1, frame2))
     if found:

@@ -19,4 +19,8 @@ def closed_by(loops, closure) -> tuple:
     """The points, frames and hinges, closed in another way where one is given; other kinds and records stay."""
     if closure is None:
         return tuple(loops)
-    return tuple(replace(loop, kind=closure) if loop.kind in CLOSURES else loop for loop in loops)
+    return tuple(_closed(loop, closure) if loop.kind in CLOSURES else loop for loop in loops)
+
+
+def _closed(loop, closure):
+    return replace(loop, kind=closure, axis=loop.axis if closure == "hinge" else None)

@@ -29,7 +29,7 @@ def load(path: Path, name: str, *, loops, closure, free_flyer, package_dirs, wri
     loopfile.check(record, model, loop_path)
     closures = (*scene.loops, *record.loops)
     if loop_path is None and not closures:
-        closures = closing_frames.loops(model, path)
+        closures = closing_frames.loops(model, path, closure)
         if not closures:
             tell_overlooked(path)
     closures = closed_by(closures, closure)

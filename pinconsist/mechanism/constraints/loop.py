@@ -28,6 +28,7 @@ AXES = {
     "universal": ("axis", "axis2"),
 }
 """Kinds that have a direction, and the fields that hold it."""
+_OWN = AXES | {"distance": ("length",)}
 GROUND = "universe"
 
 
@@ -58,7 +59,8 @@ class Loop:
     Raises
     ------
     InputError
-        Unknown kind, numbers that are not finite or of the wrong count, a missing or useless axis or length.
+        Unknown kind, numbers that are not finite or of the wrong count, a missing or useless axis or length, or one
+        that a loop of this kind does not have.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Loop:
         if not isinstance(self.kind, str) or self.kind not in ROW_NAMES:
             raise InputError(f"loop {self.name!r}: unknown kind {self.kind!r}; known are {', '.join(ROW_NAMES)}")
         require_names(self, f"loop {self.name!r}", "name", "frame1", "frame2")
+        self._require_own_fields()
         for field in AXES.get(self.kind, ()):
             if getattr(self, field) is None:
                 needs = "its axis, for instance axis = (0, 1, 0)"
@@ -97,6 +100,17 @@ class Loop:
             if isinstance(length, str | bool) or not np.isscalar(length) or not 0 < length < np.inf:
                 raise InputError(f"loop {self.name!r}: kind 'distance' needs length > 0 in m, got {length!r}")
             object.__setattr__(self, "length", float(length))
+
+    def _require_own_fields(self):
+        """Raise InputError for a field that another kind has: most likely that kind was meant."""
+        own = _OWN.get(self.kind, ())
+        for field in ("axis", "axis2", "length"):
+            if field not in own and getattr(self, field) is not None:
+                kinds = ", ".join(kind for kind, fields in _OWN.items() if field in fields)
+                raise InputError(
+                    f"loop {self.name!r}: a loop of kind {self.kind!r} has no {field}, which is for {kinds}; beside "
+                    f"frames and anchors it has {' and '.join(own) or 'nothing'}"
+                )
 
     @property
     def rows(self) -> tuple[str, ...]:

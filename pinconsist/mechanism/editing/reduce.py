@@ -92,7 +92,7 @@ def _with_fewer_rows(mechanism, places):
             mechanism = mechanism.with_loops(*others)
             changes.append(f"loop {loop.name!r} follows from the others and is dropped")
         elif loop.kind in _BY_POINTS:
-            point = replace(loop, kind="point")
+            point = replace(loop, kind="point", axis=None, axis2=None)
             loops = [point if other is loop else other for other in mechanism.loops]
             if _same_rank(mechanism, loops, places):
                 mechanism = mechanism.with_loops(*loops)
