@@ -16,6 +16,7 @@ from browser import needs_browser, reported
 from pinconsist import export_html, load, plot_comparison, plot_solution, replay
 from pinconsist.errors import InputError, MissingExtraError
 from pinconsist.mechanism.constraints.loops import Loop
+from pinconsist.mechanism.forces import SpringDamper
 from pinconsist.mechanism.geometry import Geometry
 from pinconsist.mechanism.mechanism import Mechanism
 from pinconsist.view.camera import plane_normal
@@ -187,6 +188,39 @@ def test_a_distance_loop_shows_as_a_bar_between_its_anchors():
     np.testing.assert_allclose(centre, (tip + np.array([0, 0, -2])) / 2, atol=1e-6)
     along = np.array([0, 0, -2]) - tip
     np.testing.assert_allclose(pin.Quaternion(turn).matrix()[:, 1], along / np.linalg.norm(along), atol=1e-6)
+
+
+def test_a_sliding_body_is_a_block_that_moves_and_its_rail_stays():
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3(np.eye(3), np.array([0.5, 0, 0])), "piston")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    q = np.array([[-0.2], [0.3]])
+    shapes = simple_shapes(Mechanism(model), body_poses(model, q), size=1.0)
+    (piston,) = [shape for shape in shapes if shape.node == joint]
+    (rail,) = [shape for shape in shapes if shape.node == 0]
+    along = piston.placement.rotation[:, 1]
+    np.testing.assert_allclose(np.abs(along), [1, 0, 0], atol=1e-12)
+    assert piston.geometry["type"] == "BoxGeometry" and piston.color != rail.color
+    assert rail.geometry["height"] == pytest.approx(0.5) and rail.geometry["type"] == "CylinderGeometry"
+    np.testing.assert_allclose(rail.placement.translation, [0.55, 0, 0], atol=1e-12)
+
+
+def test_a_spring_is_a_coil_between_its_points():
+    spring = SpringDamper("tip", xyz2=(0.0, 0.3, -2.0), stiffness=1.0)
+    mech, sol = two_links().with_forces(spring), swing(np.linspace(0, 1, 51))
+    commands = scene(mech, sol, speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
+    (coil,) = [each["object"] for each in commands if each.get("object") and each["path"] == "/springs/1/coil"]
+    points = np.reshape(coil["geometries"][0]["data"]["attributes"]["position"]["array"], (-1, 3))
+    np.testing.assert_allclose(points[:6].mean(axis=0), [0, -0.5, 0], atol=1e-6)
+    np.testing.assert_allclose(points[-6:].mean(axis=0), [0, 0.5, 0], atol=1e-6)
+    assert 0.01 < np.abs(points[:, [0, 2]]).max() < 0.1  # it winds about the line
+    (animation,) = [command for command in commands if command["type"] == "set_animation"]
+    (clip,) = [each["clip"] for each in animation["animations"] if each["path"] == "/springs/1"]
+    centre, turn, scale = (np.reshape(track["values"], (51, -1)) for track in clip["tracks"])
+    for row in (0, 30):
+        tip = LENGTH * sum(np.array([np.cos(a), 0, -np.sin(a)]) for a in np.cumsum(sol.q[row]))
+        half = pin.Quaternion(turn[row]).matrix() @ [0, scale[row, 1] / 2, 0]
+        np.testing.assert_allclose([centre[row] - half, centre[row] + half], [tip, [0, 0.3, -2]], atol=1e-5)
 
 
 def meshed(tmp_path, hand):

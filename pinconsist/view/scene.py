@@ -16,6 +16,7 @@ from .commands import Node, animation, at_start, drawn, line, placed
 from .motion import Run, body_poses, in_world, playing_times
 from .shapes import CLOSED, Shape, ball, bars, simple_shapes, skeleton
 from .side_by_side import runs_of
+from .springs import springs
 
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
@@ -151,6 +152,10 @@ def _draw(copy: Copy, size: float, traces, scales):
         shapes.append(ball(frame.parentJoint, frame.placement.translation, 0.009 * size, color=color, on_top=True))
         copy.things.append(line(f"{copy.path}/traces/{_part(name)}", "Line", points, color))
         cloud.append(points[some])
+    for node, coil, ends in springs(mech, bodies, size, copy.path):
+        copy.nodes.append(node)
+        copy.things.append(drawn(f"{node.path}/coil", coil))
+        cloud.append(ends[some])
     copy.body = np.concatenate([points.reshape(-1, 3) for points in cloud])
     cloud = [copy.body]
     copy.things += [drawn(f"{paths[shape.node]}/{k}", shape) for k, shape in enumerate(shapes)]

@@ -52,6 +52,14 @@ def cylinder(node: int, start, end, radius: float, **look) -> Shape:
     return Shape(node, {**form, "radialSegments": 24}, middle, bounds, **look)
 
 
+def block(node: int, centre, along, length: float, width: float, **look) -> Shape:
+    """A box of square section on a node, its length in a direction."""
+    form = {"type": "BoxGeometry", "width": width, "height": length, "depth": width}
+    corner = np.array([[width, length, width], [-width, -length, -width]]) / 2
+    place = pin.SE3(turn_from_y(np.asarray(along, float)).matrix(), np.array(centre, float))
+    return Shape(node, form, place, corner, **look)
+
+
 def ring(node: int, arc: float, tube: float, **look) -> Shape:
     """A part of a ring of radius 1 about a node's z axis, from its x axis on; `arc` in rad."""
     form = {"type": "TorusGeometry", "radius": 1.0, "tube": tube, "arc": arc, "radialSegments": 10}
@@ -142,11 +150,12 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
     out, fixed = [], []
     for joint, ends in link_ends(mech).items():
         parent, rail = mech.model.parents[joint], _rail(mech, joint, poses, size)
-        if parent == 0 and 0 not in covered and rail is not None:
+        slides = slide_axis(mech, joint)
+        if parent == 0 and 0 not in covered and rail is not None and slides is None:
             fixed.append(rail.mean(0))
         if joint in covered:
             continue
-        out += _body(joint, ends, radius)
+        out += _body(joint, ends, slides, radius)
         if rail is not None and np.linalg.norm(rail[1] - rail[0]) > radius / 2:
             out.append(cylinder(parent, *rail, 0.45 * radius, color=RAIL))
     fixed += [place.translation for loop in mech.anchored_loops for j, place in anchors(mech.model, loop) if j == 0]
@@ -155,9 +164,21 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
     return out + _closures(mech, poses, radius)
 
 
-def _body(joint: int, ends, radius: float) -> list[Shape]:
+def slide_axis(mech: Mechanism, joint: int) -> np.ndarray | None:
+    """The direction, shape (3,), in which a joint slides on its parent's body; None for others."""
+    if mech.model.nvs[joint] != 1:
+        return None
+    slides, turns = np.reshape(mech.model.createData().joints[joint].S, (2, 3))
+    return None if turns.any() else slides
+
+
+def _body(joint: int, ends, slides: np.ndarray | None, radius: float) -> list[Shape]:
+    """Links from the joint's origin, which is a ball, or, of a sliding body, a block of its color."""
     color = LINK_COLORS[(joint - 1) % len(LINK_COLORS)]
-    out = [ball(joint, np.zeros(3), BALL * radius, color=JOINT)]
+    if slides is None:
+        out = [ball(joint, np.zeros(3), BALL * radius, color=JOINT)]
+    else:
+        out = [block(joint, np.zeros(3), slides, 7 * radius, 4 * radius, color=color)]
     for end in ends:
         if np.linalg.norm(end) > radius / 10:
             out += [cylinder(joint, np.zeros(3), end, radius, color=color), ball(joint, end, radius, color=color)]
@@ -184,9 +205,7 @@ def _ground(points, radius: float) -> list[Shape]:
     """A block at every fixed point, and thin bars between them: the frame that stands still."""
     places = np.unique(np.round(points, 12), axis=0) if len(points) else np.zeros((0, 3))
     side = 3.2 * radius
-    form = {"type": "BoxGeometry", "width": side, "height": side, "depth": side}
-    corner = np.array([[side, side, side], [-side, -side, -side]]) / 2
-    blocks = [Shape(0, form, pin.SE3(np.eye(3), place), corner, color=GROUND, opacity=0.5) for place in places]
+    blocks = [block(0, place, (0, 1, 0), side, side, color=GROUND, opacity=0.5) for place in places]
     if len(places) < 2:
         return blocks
     middle = places.mean(0)
