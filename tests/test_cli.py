@@ -111,8 +111,21 @@ def test_several_values_after_one_option(run):
 
 
 def test_joints_that_cannot_stay_are_told(run):
-    code, _, err = run("simulate", "four_bar", "--at", "crank=0.3", "rocker=2", "--until", 0)
-    assert code == 0 and "the loops do not close with rocker = 2; it is at" in err
+    code, _, err = run("simulate", "four_bar", "--at", "rocker=-1", "--until", 0)
+    assert code == 0 and re.search(r"the loops do not close with rocker = -1; they do at rocker = \S{1,8}$", err)
+    code, out, err = run("check", "four_bar", "--at", "crank=-1", "coupler=0.67", "rocker=-1.41")
+    assert code == 0 and "they do at crank = -0.997491, coupler = 0.671199, rocker = -1.41221\n" in err
+    assert "equations of motion: regular" in out
+
+
+@pytest.mark.parametrize("command", ["simulate", "check"])
+def test_joints_that_contradict_each_other_are_refused(run, command):
+    """Each position is possible by itself; the rocker's for the crank's is that of `check --at crank=0.3`."""
+    code, out, err = run(command, "four_bar", "--at", "crank=0.3", "rocker=2")
+    rocker = json.loads(run("check", "four_bar", "--at", "crank=0.3", "--json")[1])["q"]["rocker"]
+    assert code == 2 and not out
+    assert "the loops do not allow the positions given for crank, rocker together: with crank = 0.3 they close " in err
+    assert f"close at rocker = {rocker:.6g}. Name fewer joints by --at" in err
 
 
 def test_simulate_writes_its_files(run):

@@ -17,6 +17,7 @@ from .output import counted
 PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")
 PANEL = "Scene"
 START = "Start"
+ROUNDING, CLOSE_BY = 1e-9, 1e-2  # rad or m
 
 
 def _option(*names, panel=PANEL, **more):
@@ -108,13 +109,41 @@ def by_joint(mech, vector, *, velocity=False) -> dict:
 
 
 def tell_moved(mech, wanted, assembly):
-    """Say on stderr which of the joints named by --at could not stay where they were put."""
+    """Say on stderr which of the joints named by --at could not stay where they were put.
+
+    Raises
+    ------
+    InputError
+        Each could stay alone, but not all together. Joints that end close by are told only: rounded values that
+        choose one of several ways to close the loops are no contradiction.
+    """
+    from ..mechanism.assembly import assemble
+
+    moved = [joint for joint, value in wanted.items() if not _is_at(mech, assembly.q, joint, value, ROUNDING)]
+    if len(wanted) > 1 and any(not _is_at(mech, assembly.q, joint, wanted[joint], CLOSE_BY) for joint in moved):
+        alone = {joint: assemble(mech, {joint: wanted[joint]}).q for joint in wanted}
+        if all(_is_at(mech, q, joint, wanted[joint], ROUNDING) for joint, q in alone.items()):
+            first = next(iter(wanted))
+            others = ", ".join(f"{joint} = {_at(mech, alone[first], joint)}" for joint in wanted if joint != first)
+            raise InputError(
+                f"{mech.name}: the loops do not allow the positions given for {', '.join(wanted)} together: with "
+                f"{first} = {_at(mech, alone[first], first)} they close at {others}. Name fewer joints by --at"
+            )
+    if moved:
+        asked = ", ".join(f"{joint} = {' '.join(f'{each:g}' for each in value)}" for joint, value in wanted.items())
+        start = ", ".join(f"{joint} = {_at(mech, assembly.q, joint)}" for joint in wanted)
+        print(f"pinconsist: note: the loops do not close with {asked}; they do at {start}", file=sys.stderr)
+
+
+def _is_at(mech, q, joint, value, tolerance) -> bool:
     import numpy as np
 
-    for joint, value in wanted.items():
-        if not np.allclose(mech.configuration({joint: value}, base=assembly.q), assembly.q, rtol=0, atol=1e-9):
-            asked, start = " ".join(f"{each:g}" for each in value), by_joint(mech, assembly.q)[joint]
-            print(f"pinconsist: note: the loops do not close with {joint} = {asked}; it is at {start}", file=sys.stderr)
+    return np.allclose(mech.configuration({joint: value}, base=q), q, rtol=0, atol=tolerance)
+
+
+def _at(mech, q, joint) -> str:
+    numbers = by_joint(mech, q)[joint]
+    return " ".join(f"{each:.6g}" for each in (numbers if isinstance(numbers, list) else [numbers]))
 
 
 def describe(mech, assembly) -> str:
