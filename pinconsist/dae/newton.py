@@ -155,7 +155,7 @@ class Newton:
         last, rate, slow = 0.0, 0.0, False
         a = (v - psi[nx : nx + nv]) / c
         p, xi = system.position(t, base, psi_x, c, v)
-        stale = reuse.pays(c)
+        stale = reuse.possible and reuse.pays(c)
         for iteration in range(1, MAX_ITERATIONS + 1):
             f, phi, G, rho = system.evaluate(t, p, v, a)
             f -= G.dot(lam)

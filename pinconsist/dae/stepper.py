@@ -65,7 +65,7 @@ class Stepper:
         Who makes the steps, for the record.
     """
 
-    at_once, backend = 1, "python"
+    at_once, backend = 50, "python"
 
     def __init__(self, system, method):
         self.system, self.method, self.control = system, method, method.control
@@ -122,12 +122,18 @@ class Stepper:
 
     def stretch(self, t_end, most, watched) -> Stretch:
         """Accepted steps towards `t_end`, at most `most`, with interpolants where they are `watched`."""
-        self.prepare_next()
-        failure = self.advance(t_end)
-        if failure:
-            return Stretch(failure)
-        rows = [(self.t, self.p, *self.velocity_and_multipliers())]
-        return Stretch(pieces=[(rows, self.segment() if watched else None, self.used[1])])
+        stretch = Stretch()
+        try:
+            while len(stretch.pieces) < most and self.t != t_end:
+                self.prepare_next()
+                stretch.failure = self.advance(t_end)
+                if stretch.failure:
+                    break
+                rows = [(self.t, self.p, *self.velocity_and_multipliers())]
+                stretch.pieces.append((rows, self.segment() if watched else None, self.used[1]))
+        except BaseException as error:  # what was reached is kept; the caller raises it
+            stretch.error = error
+        return stretch
 
     def advance(self, t_end) -> str:
         """One accepted step towards `t_end`; returns why there is none, or an empty string."""
