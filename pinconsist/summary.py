@@ -6,12 +6,11 @@ import numpy as np
 
 
 def summary_of(solution) -> str:
-    """The message; steps, their sizes and orders; rejected ones by reason; what the run took; what was skipped."""
+    """The message; steps, their sizes and orders; rejected ones by reason; what the run took; loop rows left out."""
     lines = [solution.message]
     if len(solution.t):
-        wasted = ", ".join(f"{count} by {reason}" for reason, count in solution.rejected.items() if count)
-        rejected = f" ({sum(solution.rejected.values())} rejected: {wasted})" if wasted else ""
-        lines.append(f"t = {solution.t[0]:g} … {solution.t[-1]:g} s in {solution.nsteps} steps{rejected}")
+        wasted = _rejected({reason: count for reason, count in solution.rejected.items() if count})
+        lines.append(f"t = {solution.t[0]:g} … {solution.t[-1]:g} s in {solution.nsteps} steps{wasted}")
     taken = np.abs(solution.h[solution.h != 0])
     if len(taken):
         counts = np.bincount(solution.order[solution.h != 0])
@@ -21,6 +20,13 @@ def summary_of(solution) -> str:
     lines.append(f"{solution.nfev} residuals, {solution.njev} Newton matrices, {solution.nlu} factorisations")
     if backend := solution.method.get("backend"):
         lines.append(f"steps made by the {backend} method" if backend == "compiled" else f"steps made in {backend}")
-    if skips := solution.method.get("skipped"):
-        lines.append(f"skipped: {', '.join(skips)}")
+    if rows := [skip for skip in solution.method.get("skipped", ()) if "loop rows" in skip]:
+        lines.append(f"skipped: {', '.join(rows)}")  # of the rest, work that nobody asked for, `method` tells
     return "\n".join(lines)
+
+
+def _rejected(counts) -> str:
+    if len(counts) < 2:
+        return "".join(f" ({count} rejected by {reason})" for reason, count in counts.items())
+    each = ", ".join(f"{count} by {reason}" for reason, count in counts.items())
+    return f" ({sum(counts.values())} rejected: {each})"

@@ -1,5 +1,6 @@
 """What is skipped is told, can be switched off for a measurement, and changes no result."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -77,18 +78,28 @@ def test_bad_input():
         list(ablate(["nowhere"]))
 
 
-def test_the_summary_tells_what_was_skipped(tmp_path):
+def test_what_was_skipped_is_told(tmp_path):
+    """All of it in the method; in the summary the loop rows alone, which a reader of its multipliers misses."""
     mech = pc.load("four_bar")
     sol = pc.simulate(mech, (0.0, 0.1), backend="python")
-    line = (
-        "skipped: charts (all joints vector-like), 3 of 5 loop rows (dependent or zero), geometry, dense output, events"
-    )
-    assert line in sol.summary().splitlines()
-    assert line in pc.Solution.load(sol.save(tmp_path / "run")).summary().splitlines()
-    asked = pc.simulate(
-        mech, (0.0, 0.1), dense_output=True, events=[lambda t, q, v, lam: t - 1.0], backend="python"
-    ).summary()
+    rows = "3 of 5 loop rows (dependent or zero)"
+    for each in (sol, pc.Solution.load(sol.save(tmp_path / "run"))):
+        assert each.method["skipped"] == ["charts (all joints vector-like)", rows, "geometry", "dense output", "events"]
+        assert f"skipped: {rows}" in each.summary().splitlines()
+    events = [lambda t, q, v, lam: t - 1.0]
+    asked = pc.simulate(mech, (0.0, 0.1), dense_output=True, events=events, backend="python").method["skipped"]
     assert "geometry" in asked and "dense output" not in asked and "events" not in asked
+    assert "skipped" not in pc.simulate(pc.load("planar_pendulum"), (0.0, 0.1)).summary()
+
+
+def test_the_summary_tells_rejected_steps_once():
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.1))
+    for rejected, told in (
+        ({"error": 29, "newton": 0}, "steps (29 rejected by error)\n"),
+        ({"error": 2, "newton": 1}, "steps (3 rejected: 2 by error, 1 by newton)\n"),
+        ({"error": 0}, "steps\n"),
+    ):
+        assert told in dataclasses.replace(sol, rejected=rejected).summary()
 
 
 def test_importing_costs_little():

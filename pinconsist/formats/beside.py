@@ -25,6 +25,7 @@ def tell_overlooked(path: Path) -> None:
     others = sorted(each.name for each in (*path.parent.glob("*.yaml"), *path.parent.glob("*.yml")))
     if others:
         _log.warning(
-            "%s has no loop file (%s.yaml or robot.yaml) and is read as a plain tree; name one by loops= if it is %s",
+            "%s has no loop file (%s.yaml or robot.yaml) and is read as a plain tree; name one by loops=, "
+            "on the command line --loops, if it is %s",
             path, path.stem, " or ".join(others),
         )  # fmt: skip

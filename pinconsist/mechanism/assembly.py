@@ -116,7 +116,7 @@ def assemble(
     gaps = solver.gaps(best)
     open_loops = {name: gap for name, gap in gaps.items() if not gap <= tolerance}
     if open_loops:
-        raise _not_closed(mechanism, guess, best, open_loops, fixed, t)
+        raise _not_closed(mechanism, solver, guess, best, open_loops, fixed)
     _tell_nearly(mechanism, gaps, tolerance)
     return _report(mechanism, solver, guess, best, v, gaps, iterations)
 
@@ -273,23 +273,41 @@ def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
     return alone
 
 
-def _not_closed(mechanism, guess, best, open_loops, fixed, t):
+def _not_closed(mechanism, solver, guess, best, open_loops, fixed):
     gaps = {loop.name: open_loops.get(loop.name, 0.0) for loop in mechanism.loops}
-    alone = impossible_alone(mechanism, guess, gaps, fixed, t)
-    named = sorted((alone or open_loops).items(), key=lambda item: -item[1])
-    units = {loop.name: "m" if loop.kind in ("point", "distance") else "m or rad" for loop in mechanism.loops}
-    listed = ", ".join(f"{name!r} (gap {gap:.3g} {units[name]})" for name, gap in named)
     held = f" with {', '.join(fixed)} held" if fixed else ""
-    if alone:
-        of_all = f"{len(alone)} of {len(mechanism.loops)}"
-        what = f"{of_all} loops cannot close{held}, each even with all others cut: {listed}"
+    if len(mechanism.loops) == 1:
+        ((name, gap),) = named = list(open_loops.items())
+        what = f"loop {name!r} cannot close{held}: {gap:.3g} {_open_row(mechanism, solver, best, name)}"
     else:
+        alone = impossible_alone(mechanism, guess, gaps, fixed, solver.t)
+        named = sorted((alone or open_loops).items(), key=lambda item: -item[1])
+        listed = ", ".join(f"{name!r} (gap {gap:.3g} {_unit(mechanism, name)})" for name, gap in named)
         what = f"the loops cannot close together{held}, though each can alone; left open: {listed}"
+        if alone:
+            of_all = f"{len(alone)} of {len(mechanism.loops)}"
+            worst = f", the worst first: {listed}" if len(named) > 1 else f": {listed}"
+            what = f"{of_all} loops cannot close{held}, {'each ' * (len(named) > 1)}even with all others cut{worst}"
     let_go = ", let the held joints go" if fixed else ""
     return AssemblyError(
-        f"{mechanism.name}: {what}; the worst is {named[0][0]!r}. Check lengths, units and anchors; try "
+        f"{mechanism.name}: {what}. Check lengths, units and anchors; try "
         f'another guess{let_go}, load with closure="point", or take mechanism.reanchored(), which moves the anchors '
         "to the best fit",
         gaps=dict(named),
         q=best,
     )
+
+
+def _open_row(mechanism, solver, q, name) -> str:
+    """Unit and name of the row of a loop that stays open farthest."""
+    rows = solver.loop_rows
+    part = rows.slices[name]
+    worst = part.start + int(np.argmax(np.abs(solver.rows(q)[0][part])))
+    anchored = name in (loop.name for loop in mechanism.anchored_loops)  # others measure by their joint
+    unit = "m or rad" if not anchored else "rad" if rows.turns[worst] else "m"
+    return f"{unit} stay open in row {rows.labels[worst][1]}"
+
+
+def _unit(mechanism, name) -> str:
+    kinds = {loop.name: loop.kind for loop in mechanism.loops}
+    return "m" if kinds[name] in ("point", "distance") else "m or rad"
