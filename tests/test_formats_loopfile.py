@@ -11,7 +11,7 @@ from urdf_texts import BAR, CHAIN, A, B, C, joint, write
 import pinconsist as pc
 from pinconsist.errors import FormatError
 from pinconsist.formats import load
-from pinconsist.mechanism.assembly import LoopSolver
+from pinconsist.mechanism.loop_solver import LoopSolver
 
 
 @pytest.fixture

@@ -51,8 +51,8 @@ def nothing_moves(mech, assembly) -> str:
     """What holds a mechanism of mobility 0 that no drive moves; empty for others."""
     import numpy as np
 
-    from ..mechanism.assembly import LoopSolver
     from ..mechanism.constraints.rank import independent_rows
+    from ..mechanism.loop_solver import LoopSolver
 
     solver = LoopSolver(mech)
     if assembly.mobility or solver.loop_rows.moving or not mech.loops:

@@ -1,8 +1,4 @@
-"""Closed configurations: from any guess onto the loops, velocities onto their derivative, and a report.
-
-The solver is Levenberg-Marquardt on the configuration manifold, dx = -Jᵀ (J Jᵀ + μ 1)⁻¹ Φ with |dx| ≤ 1 and μ ~ |Φ|²
-near the end; it needs no mass matrix and does not mind redundant rows.
-"""
+"""Closed configurations: from any guess onto the loops, velocities onto their derivative, and a report."""
 
 from __future__ import annotations
 
@@ -15,15 +11,12 @@ import pinocchio as pin
 
 from ..errors import AssemblyError, InputError
 from .checks import finite_array
-from .constraints.loops import LoopRows
 from .constraints.rank import dependencies, independent_rows
+from .loop_solver import CLOSED, LoopSolver
 from .mechanism import Mechanism
 
-CLOSED = 1e-10  # m or rad; what rounding leaves is far below
 NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little
 NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relative to the largest
-MAX_ITERATIONS = 200
-RESTARTS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,72 +155,6 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
             )
         )
     return result
-
-
-class LoopSolver:
-    """Levenberg-Marquardt on the loops of one mechanism."""
-
-    def __init__(self, mechanism, t: float = 0.0):
-        self.t = t
-        self.model, self.data = mechanism.model, mechanism.model.createData()
-        self.mechanism, self.loop_rows = mechanism, LoopRows(mechanism.model, mechanism.loops)
-
-    def rows(self, q):
-        pin.computeJointJacobians(self.model, self.data, q)
-        phi, J = self.loop_rows.evaluate(self.data, q, self.t)
-        return np.array(phi), np.array(J)
-
-    def size(self, q) -> float:
-        return float(np.max(np.abs(self.rows(q)[0]), initial=0.0))
-
-    def gaps(self, q) -> dict:
-        phi, _ = self.rows(q)
-        return {name: float(np.abs(phi[rows]).max()) for name, rows in self.loop_rows.slices.items()}
-
-    def free_columns(self, names) -> np.ndarray:
-        """Mask of the velocities that may move."""
-        free = np.ones(self.model.nv, dtype=bool)
-        for joint in names:
-            free[self.mechanism.columns(joint)] = False
-        return free
-
-    def close(self, guess, free):
-        """The best configuration reached from the guess, and the iterations; a few nudged starts where it sticks."""
-        best, total = self._descend(guess, free)
-        rng = np.random.default_rng(0)
-        for _ in range(RESTARTS):
-            if self.size(best) <= CLOSED:
-                break
-            nudge = np.where(free, rng.uniform(-0.5, 0.5, self.model.nv), 0.0)
-            other, iterations = self._descend(pin.integrate(self.model, guess, nudge), free)
-            total += iterations
-            if self.size(other) < 0.5 * self.size(best):
-                best = other
-        return best, total
-
-    def _descend(self, q, free):
-        phi, J = self.rows(q)
-        value, damping = phi @ phi, 1.0
-        for iteration in range(MAX_ITERATIONS):
-            if value == 0.0 or not free.any():
-                return q, iteration
-            J = np.where(free, J, 0.0)
-            mu = damping * min(value, 1e-2)
-            dx = -J.T @ np.linalg.lstsq(J @ J.T + mu * np.eye(len(phi)), phi, rcond=1e-14)[0]
-            dx *= min(1.0, 1.0 / max(np.linalg.norm(dx), 1e-300))
-            new_q = pin.integrate(self.model, q, dx)
-            new_phi, new_J = self.rows(new_q)
-            new_value = new_phi @ new_phi
-            if new_value < value:
-                improved = value - new_value
-                q, phi, J, value, damping = new_q, new_phi, new_J, new_value, max(damping / 4, 1e-6)
-                if np.max(np.abs(phi)) < 1e-15 or improved < 1e-12 * value:
-                    return q, iteration + 1
-            elif np.max(np.abs(phi)) < 1e-13 or damping > 1e12:
-                return q, iteration + 1
-            else:
-                damping = max(damping * 8, 1e-3)
-        return q, MAX_ITERATIONS
 
 
 def _report(mechanism, solver, guess, q, v, gaps, iterations):

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import SingularSystemError
-from .assembly import LoopSolver
 from .constraints.rank import independent_rows
+from .loop_solver import LoopSolver
 
 NEARBY = 1e-3
 """How far, in rad and m, the rank of the loops is looked at from a position with dependent rows."""

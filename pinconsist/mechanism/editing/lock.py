@@ -10,13 +10,13 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
-from ..assembly import CLOSED
 from ..constraints.coupling import Coupling
 from ..constraints.custom import Constraint
 from ..constraints.drive import Drive
 from ..constraints.loop import Loop
 from ..constraints.loops import LoopRows
 from ..forces import JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Torque, Wrench
+from ..loop_solver import CLOSED
 from ..mechanism import Mechanism
 from .rebuild import rebuilt
 

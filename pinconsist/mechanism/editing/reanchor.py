@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from ..assembly import CLOSED, LoopSolver, impossible_alone
+from ..assembly import impossible_alone
 from ..constraints.loop_rows import blocks
+from ..loop_solver import CLOSED, LoopSolver
 from ..mechanism import Mechanism
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
-from ..assembly import CLOSED, LoopSolver, assemble
+from ..assembly import assemble
 from ..constraints.drive import Drive
 from ..constraints.rank import independent_rows
+from ..loop_solver import CLOSED, LoopSolver
 from ..mechanism import Mechanism
 
 PLACES = 5
