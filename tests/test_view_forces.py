@@ -332,3 +332,51 @@ def test_forces_paths_and_two_runs_move_in_a_browser(tmp_path):
             start, _ = arrow(page, f"/{run}/forces/coupler_rocker")
             frames = round(50 * float(seconds))
             np.testing.assert_allclose(matrix[:3, 3], start[frames] + shift(page, f"/{run}"), atol=1e-4)
+
+
+def test_exact_beside_consistent_says_what_to_see():
+    """By how much the first force is wrong; nothing of runs that start alike, or from rest, where exact values do."""
+    mech, (exact, consistent) = exact_and_consistent()
+    notes = [
+        shown(mech, pair, forces=True)["legend"][-1]["text"] for pair in ((exact, consistent), (consistent, exact))
+    ]
+    assert [re.sub(r"\d+ %", "…", note) for note in notes] == [
+        "left: the first force is wrong by …, however small the step; right: numerically consistent",
+        "right: the first force is wrong by …, however small the step; left: numerically consistent",
+    ]
+    off = np.linalg.norm(exact.lam[1] - consistent.lam[1]) / np.linalg.norm(consistent.lam[1])
+    assert float(re.search(r"(\d+) %", notes[0])[1]) == pytest.approx(100 * off, abs=0.5)
+    for pair in ((consistent, consistent), (exact, exact)):
+        assert not any("wrong" in each["text"] for each in shown(mech, list(pair), forces=True)["legend"])
+    rest = [pc.simulate(mech, (0.0, 0.1), step=0.001, consistency=mode) for mode in ("exact", "every-step")]
+    assert not any("wrong" in each["text"] for each in shown(mech, rest, forces=True)["legend"])  # λ is right from rest
+
+
+PLAYER = """
+const space = element => element.dispatchEvent(new KeyboardEvent("keydown", {key: " ", bubbles: true}));
+report.playing_after = [document.body, scrub, play].map(element => { space(element); return animator.playing; });
+play.click();
+report.playing_after.push(animator.playing);
+scrub.value = 0.5;
+scrub.dispatchEvent(new Event("input"));
+follow();
+report.sought = [animator.playing, time.textContent, scrub.getAttribute("aria-valuetext")];
+const box = element => { const {top, bottom, width} = element.getBoundingClientRect(); return [top, bottom, width]; };
+report.boxes = {canvas: box(canvas), play: box(play), scrub: box(scrub), notes: box(document.getElementById("notes"))};
+report.high = window.innerHeight;
+"""
+
+
+@needs_browser
+def test_the_player_below_the_scene_counts_simulated_time(tmp_path):
+    mech, sols = exact_and_consistent(0.2)
+    page = pc.export_html(mech, sols, tmp_path / "two.html", forces=True, speed=0.1)
+    report = reported(page, PLAYER, tmp_path)
+    assert report["errors"] == []
+    assert report["playing_after"] == [True, False, False, True]  # a button does by itself what the space bar does
+    assert report["sought"] == [False, *["t = 0.050 s  (speed × 0.1)"] * 2]
+    boxes = report["boxes"]
+    assert boxes["canvas"][0] == 0 and boxes["canvas"][1] <= boxes["notes"][0] + 1
+    for part in ("play", "scrub"):
+        assert boxes["notes"][0] < boxes[part][0] < boxes[part][1] < boxes["notes"][1] <= report["high"]
+        assert boxes[part][2] > 20

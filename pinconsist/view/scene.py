@@ -15,7 +15,7 @@ from .camera import camera, floor, plane_normal, surroundings, view_axes, y_up
 from .commands import Node, animation, at_start, drawn, line, placed
 from .motion import Run, body_poses, in_world, playing_times
 from .shapes import CLOSED, Shape, ball, bars, simple_shapes, skeleton
-from .side_by_side import runs_of
+from .side_by_side import contrast, runs_of
 from .springs import springs
 
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
@@ -103,6 +103,9 @@ def scene(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetiti
     if len(clock) > 1:
         out.append(animation(nodes, clock, repetitions))
     first, last = runs[0].t[[0, -1]]
+    legend = _legend(runs, traces, forces, scales, acting, doubtful)
+    if forces and (note := contrast(sol)):
+        legend.append({"color": COLORS[FORCE], "text": note})
     titles = [
         {"text": copy.run.title, "at": y_up(_below(copy.body, axes, size) + offset)}
         for copy, offset in zip(copies, offsets, strict=True)
@@ -113,7 +116,7 @@ def scene(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetiti
         "target": target,
         "clock": [first, speed * (-1.0 if last < first else 1.0), float(clock[-1])],
         "titles": titles,
-        "legend": _legend(runs, traces, forces, scales, acting, doubtful),
+        "legend": legend,
     }
 
 

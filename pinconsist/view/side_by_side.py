@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from ..errors import InputError
 from .actions import motors
 from .motion import Run
+
+FIRST = 8  # rows, among which the first of a multistep method are
+VISIBLE = 0.02  # of a force: less is not worth a word
 
 
 def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:
@@ -27,8 +32,7 @@ def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:
     InputError
         No solution, another number of mechanisms than of solutions, a solution that does not fit its mechanism.
     """
-    several = isinstance(sol, Mapping | list | tuple)
-    sols = list(sol.values() if isinstance(sol, Mapping) else sol) if several else [sol]
+    sols = _listed(sol)
     if not sols:
         raise InputError("nothing to show: the list of solutions is empty")
     mechs = list(mech) if isinstance(mech, list | tuple) else [mech] * len(sols)
@@ -38,6 +42,31 @@ def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:
     titles = ([str(title) for title in sol] if isinstance(sol, Mapping) else _titles(mechs, sols)) if titled else [""]
     needs = [(("lam", "v") if motors(each) else ("lam",)) if forces else () for each in mechs]
     return [Run.of(*each, needs=need) for *each, need in zip(mechs, sols, titles, needs, strict=True)]
+
+
+def contrast(sol) -> str:
+    """Of two solutions of which one starts from exact values, what to look at; empty where there is nothing to see."""
+    sols = _listed(sol)
+    if len(sols) != 2 or [_consistency(each) for each in sols].count("exact") != 1:
+        return ""
+    exact = [_consistency(each) for each in sols].index("exact")
+    off, right = (sols[k].lam[1:FIRST] for k in (exact, 1 - exact))
+    if off.shape != right.shape or not right.size:
+        return ""
+    errors, sizes = np.linalg.norm(off - right, axis=1), np.linalg.norm(right, axis=1)
+    worst = errors.argmax()
+    if not sizes[worst] or errors[worst] < VISIBLE * sizes[worst]:
+        return ""
+    wrong = errors[worst] / sizes[worst]
+    here, there = ("left", "right") if exact == 0 else ("right", "left")
+    told = f"{100 * wrong:.0f} %" if wrong < 2 else f"{wrong:.0f} times its size"
+    return f"{here}: the first force is wrong by {told}, however small the step; {there}: numerically consistent"
+
+
+def _listed(sol) -> list:
+    if isinstance(sol, Mapping):
+        return list(sol.values())
+    return list(sol) if isinstance(sol, list | tuple) else [sol]
 
 
 def _titles(mechs, sols) -> list[str]:
