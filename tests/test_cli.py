@@ -58,8 +58,15 @@ def test_version(run):
 
 def test_help_documents_the_exit_codes(run):
     code, out, _ = run("simulate", "--help")
+    words = " ".join(out.split())
     assert code == 0
-    assert "Exit codes: 0 fine; 1 the integration failed" in out and "130 interrupted" in out
+    assert "Exit codes: 0 fine; 1 the integration failed" in words and "130 interrupted" in words
+    assert "--json then has run.interrupted = true" in words
+
+
+def test_help_is_a_command_too(run):
+    assert run("help") == run("--help")
+    assert run("help", "rerun") == run("rerun", "--help") and "1 the numbers differ" in run("help", "rerun")[1]
 
 
 def test_models(run):
@@ -158,6 +165,10 @@ def test_json_is_all_there_is_on_stdout(run):
         (["simulate", "four_bar", "--at", "crnk=1"], "no joint 'crnk'; the joints are crank, coupler, rocker"),
         (["simulate", "four_bar", "--at", "crank"], "--at needs joint=value, got 'crank'"),
         (["simulate", "four_bar", "--at", "crank=x"], "'x' is not a number"),
+        (
+            ["simulate", "four_bar", "--with-velocity", "crank=1,rocker=3"],
+            "not a number; several are separated by blan",
+        ),
         (["simulate", "four_bar", "--at", "crank=1", "crank=2"], "names joint 'crank' twice"),
         (["simulate", "four_bar", "--at", "crank=nan"], "not finite"),
         (["simulate", "four_bar", "--until", "soon"], "--until"),
@@ -186,6 +197,7 @@ def test_json_is_all_there_is_on_stdout(run):
         (["replay", "nowhere.npz"], "nowhere.npz: no such file"),
         (["replay", "four_bar", "--scene", "five_bar"], "--scene"),
         (["replay", "four_bar", "--trace", "couple"], "no frame 'couple' to trace; near it: coupler"),
+        (["replay", "four_bar", "--trace", "tip"], "to trace; there are: coupler, coupler_bar, coupler_tip"),
         (["replay", "four_bar", "--speed", "0"], "--speed 0.0"),
         (["simulate", "four_bar", "--forces"], "give --html"),
         (["replay", "four_bar", "--html", "nowhere/x.html"], "there is no folder"),

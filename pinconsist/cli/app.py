@@ -13,8 +13,8 @@ import typer
 
 from ..errors import PinconsistError, SavingError
 from ..interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
-from . import bench, check, compare, models, plot, replay, rerun, simulate, stress, sweep
-from .output import EXIT_CODES, FAILED, INTERRUPTED, WRONG_INPUT, print_error, rescued
+from . import bench, check, compare, exit_codes, models, plot, replay, rerun, simulate, stress, sweep
+from .output import FAILED, INTERRUPTED, WRONG_INPUT, print_error, rescued
 from .unbroken import unbroken_stdout
 
 OVERVIEW = """\
@@ -37,13 +37,14 @@ right from the first step on.
 A scene is a built-in name, a .urdf, .sdf or .xml (MJCF) file, or a folder that
 holds one .urdf. Each command explains itself: pinconsist COMMAND --help"""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+STUDIES = (["bench"], ["compare"], ["stress"])
 SEVERAL = {"--step": NUMBER, "--at": re.compile(r"[^-].*=.*"), "--with-velocity": re.compile(r"[^-].*=.*")}
 
 app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=EXIT_CODES,
+    epilog=exit_codes.ALL,
 )
 for command, function in (
     ("simulate", simulate.simulate),
@@ -58,7 +59,7 @@ for command, function in (
     ("stress", stress.stress),
     ("sweep", sweep.sweep),
 ):
-    app.command(command, epilog=EXIT_CODES)(function)
+    app.command(command, epilog=exit_codes.OF[command])(function)
 
 
 def main(argv=None):
@@ -69,7 +70,7 @@ def main(argv=None):
     argv : sequence of str, optional
         Arguments without the program's name; default those of the process.
     """
-    arguments = spread(sys.argv[1:] if argv is None else argv)
+    arguments = spread(_asked_for_help(sys.argv[1:] if argv is None else argv))
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal without λ still shows the numbers
@@ -98,6 +99,11 @@ def _without_source(show):
             show(message, category, *where, **more)
 
     return tell
+
+
+def _asked_for_help(arguments):
+    """``help`` and ``help COMMAND`` as ``--help`` and ``COMMAND --help``."""
+    return [*arguments[1:2], "--help"] if list(arguments[:1]) == ["help"] else arguments
 
 
 def spread(arguments) -> list[str]:
@@ -136,7 +142,7 @@ def _run(arguments) -> int:
         print_error("out of memory; what --out --save-every saved on the way is there")
         return FAILED
     except Exception as error:
-        if interrupted():  # which left a study with half a run
+        if interrupted() and arguments[:1] in STUDIES:  # which was left with half a run
             return _interrupted()
         if not hasattr(error, "format_message"):  # what every usage error of typer has, whichever click it builds on
             raise

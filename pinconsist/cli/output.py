@@ -20,10 +20,6 @@ from .. import files
 from ..errors import AssemblyError, InputError, MissingExtraError
 
 FINE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-EXIT_CODES = (
-    "Exit codes: 0 fine; 1 the integration failed (what was reached is saved); "
-    "2 wrong input, loops that cannot close, or a singular position; 130 interrupted (what was reached is saved)."
-)
 WIDTH = 160  # of tables that go to a file or a pipe
 PLAIN_WIDTH = 80  # of text that goes there
 NAME_WIDTH = 14  # to which a narrow terminal may squeeze a column of text

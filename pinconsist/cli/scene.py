@@ -83,7 +83,8 @@ def joint_values(texts, option: str) -> dict[str, list[float]]:
         try:
             values[joint] = [_number(each) for each in numbers.split(",")]
         except ValueError:
-            raise InputError(f"{option} {text}: {numbers!r} is not a number") from None
+            several = "; several are separated by blanks" if "=" in numbers else ""
+            raise InputError(f"{option} {text}: {numbers!r} is not a number{several}") from None
     return values
 
 
