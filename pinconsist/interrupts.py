@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from contextlib import contextmanager
+import traceback as tracebacks
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 
 IMPATIENCE = 1.0  # s after a signal in which others mean the same: fingers bounce, and supervisors send several
 _ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -20,7 +21,7 @@ def ended_like_ctrl_c():
     Only signals that would end the process are changed: one that the application handles, or that `nohup` ignores,
     stays so. Signals belong to the main thread; in others nothing happens.
     """
-    if threading.current_thread() is not threading.main_thread():
+    if not _in_main_thread():
         yield
         return
     before = {each: signal.getsignal(each) for each in (signal.SIGINT, *_ENDING)}
@@ -39,7 +40,7 @@ def ended_like_ctrl_c():
 
 def ignored_from_now_on() -> None:
     """The process ends because of a signal; those that still come must not end it before its exit code is out."""
-    if threading.current_thread() is threading.main_thread():
+    if _in_main_thread():
         for each in (signal.SIGINT, *_ENDING):
             signal.signal(each, signal.SIG_IGN)
 
@@ -50,16 +51,100 @@ def interrupted() -> bool:
 
 
 @contextmanager
-def held_back():
-    """Within the block Ctrl-C, SIGTERM and SIGHUP wait, so that a file is written to its end."""
-    if not hasattr(signal, "pthread_sigmask"):
+def held_back(*, late=True):
+    """Within the block Ctrl-C, SIGTERM and SIGHUP wait, so that what it makes is made to its end.
+
+    They are held back from Python, not from the thread: the system gives a signal to any thread, such as those of
+    numpy's BLAS, and Python then handles it in the main one. Only handlers in Python wait; a signal that ends the
+    process without them still does. Blocks may be nested.
+
+    Parameters
+    ----------
+    late : bool
+        Whether a KeyboardInterrupt that waited is raised at the end of a block that went well. Without it the handlers
+        are told, and nothing is raised: it came too late to end what is finished.
+    """
+    if not _in_main_thread():
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *_ENDING})
+    outermost, was = not _gate.held, _gate.open
+    done = _gate.open = False
     try:
+        if outermost:
+            _gate.take_over()
+        yield
+        done = True
+    finally:
+        with nullcontext() if late or not done else suppress(KeyboardInterrupt):
+            if outermost:
+                _gate.give_back()
+            _gate.open = was
+            if was:
+                _gate.pass_on()
+
+
+@contextmanager
+def let_through():
+    """Within the block, inside of one of `held_back`, signals act at once; so do those that have waited."""
+    if not _in_main_thread():
+        yield
+        return
+    was, _gate.open = _gate.open, True
+    try:
+        _gate.pass_on()
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        _gate.open = was
+
+
+def raised_by_a_handler(error) -> bool:
+    """Whether an exception came from the handler of a signal, and not from the code that it broke into."""
+    return any(frame.f_code is _Gate.__call__.__code__ for frame, _ in tracebacks.walk_tb(error.__traceback__))
+
+
+class _Gate:
+    """Stands where the handlers stood: lets signals through to them, or keeps them waiting."""
+
+    def __init__(self):
+        self.open, self.held, self.handlers, self.waiting = True, False, {}, []
+
+    def __call__(self, number, frame):
+        if self.open:
+            self.handlers[number](number, frame)
+        elif number not in self.waiting:
+            self.waiting.append(number)
+
+    def take_over(self):
+        self.held = True
+        for number in (signal.SIGINT, *_ENDING):
+            if callable(handler := signal.getsignal(number)):
+                self.handlers[number] = handler
+                signal.signal(number, self)
+
+    def give_back(self):
+        self.held = False
+        try:
+            while self.handlers:
+                number, handler = next(iter(self.handlers.items()))
+                if signal.getsignal(number) is self:
+                    signal.signal(number, handler)
+                del self.handlers[number]
+        except BaseException:  # raised by a handler that is back already
+            self.give_back()
+            raise
+
+    def pass_on(self):
+        """Tell the handlers what has waited, each of them, whatever they raise."""
+        with ExitStack() as told:
+            while self.waiting:
+                told.callback(signal.raise_signal, self.waiting.pop())
+
+
+_gate = _Gate()
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
 
 
 def _interrupt(number, frame):

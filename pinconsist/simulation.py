@@ -11,6 +11,7 @@ from .dae.hessenberg import HessenbergProblem
 from .dae.record import Wishes
 from .dae.sizes import largest
 from .errors import InputError
+from .interrupts import held_back, let_through
 from .mechanism.acting import acting
 from .mechanism.assembly import assemble
 from .mechanism.checks import finite_array
@@ -113,12 +114,14 @@ def simulate(
     mech = acting(mech, forces, "simulate")
     span = span_of(t_span)
     plan = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
-    assembly = assemble(mech, q0, v0, t=span[0])
+    with let_through():  # nothing is reached yet; `record` holds signals back all the time
+        assembly = assemble(mech, q0, v0, t=span[0])
     system = MechanismSystem(mech, assembly.q, span[0])
     require_regular(system, assembly.q)
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
-    trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes)
-    return Solution._from_trajectory(trajectory, plan)
+    with held_back(late=False):  # the steps let signals through
+        trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes)
+        return Solution._from_trajectory(trajectory, plan)
 
 
 def integrate(
@@ -181,8 +184,9 @@ def integrate(
             "constraint, or use simulate(), which assembles"
         )
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
-    trajectory = dae.integrate(system, span, p0, v0, plan, wishes)
-    return Solution._from_trajectory(trajectory, plan)
+    with held_back(late=False):  # the steps let signals through
+        trajectory = dae.integrate(system, span, p0, v0, plan, wishes)
+        return Solution._from_trajectory(trajectory, plan)
 
 
 def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:

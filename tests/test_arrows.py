@@ -14,7 +14,7 @@ TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FIL
 MAY_IMPORT = {
     "errors": set(),
     "_core": set(),
-    "dae": {"_core", "errors"},
+    "dae": {"_core", "errors", "interrupts"},
     "mechanism": {"errors"},
     "energy": {"mechanism", "errors"},
     "certificate": {"dae", "mechanism", "energy", "errors"},
@@ -22,7 +22,7 @@ MAY_IMPORT = {
     "summary": set(),
     "solution": {"certificate", "energy", "skips", "summary", "mechanism", "solution_file", "errors"},
     "plan": {"dae", "mechanism", "errors"},
-    "simulation": {"plan", "dae", "mechanism", "solution", "errors"},
+    "simulation": {"plan", "dae", "mechanism", "solution", "interrupts", "errors"},
     "files": {"errors"},
     "interrupts": set(),
     "solution_file": {"files", "errors"},

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError
+from ..interrupts import let_through, raised_by_a_handler
 from .acceleration import solve_acceleration
 from .compiled import stepper_for
 from .consistency import project_position, project_velocity
@@ -109,19 +110,22 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
     wishes = wishes or Wishes()
     stepper, record = stepper_for(system, method), Record(wishes, t_span)
     watch = EventWatch(wishes.events, wishes.finish)
+    status, message = SUCCESS, "the end of the interval was reached"
     try:
-        lam0 = solve_acceleration(system, t_span[0], p0, v0)[1]
-        record.first(t_span[0], p0, v0, lam0)
-        watch.restart(t_span[0], p0, v0, lam0)
-        _march(stepper, t_span, p0, v0, method, record, watch)
-        status, message = SUCCESS, "the end of the interval was reached"
+        with let_through():
+            lam0 = solve_acceleration(system, t_span[0], p0, v0)[1]
+            record.first(t_span[0], p0, v0, lam0)
+            watch.restart(t_span[0], p0, v0, lam0)
+            _march(stepper, t_span, p0, v0, method, record, watch)
     except Stop as stop:
         status, message = stop.status, str(stop)
     except KeyboardInterrupt:
-        status, message = STOPPED, f"interrupted at t = {record.reached:.6g}; the solution holds what was reached"
-    except (PinconsistError, MemoryError) as error:
+        if not record.nsteps or record.reached != t_span[1] or wishes.events:  # else it came after the last step
+            status, message = STOPPED, f"interrupted at t = {record.reached:.6g}; the solution holds what was reached"
+    except (PinconsistError, MemoryError, SystemExit) as raised:
+        error = _ending(raised, record.reached)
         if record.nsteps == 0:  # nothing was reached that could be lost
-            raise
+            raise error from error.__cause__
         status, message = FAILED, f"{str(error) or 'out of memory'} (reached t = {record.reached:.6g})"
     finally:
         stepper.close()
@@ -132,6 +136,17 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
         backend=stepper.backend, dense=record.dense(), events=watch.found, h=h, order=order,
     )  # fmt: skip
+
+
+def _ending(error, t):
+    """The error that a run ends with: sys.exit() in a user's function is one of that function, and ends no program."""
+    if not isinstance(error, SystemExit):
+        return error
+    if raised_by_a_handler(error):  # which is meant to end the program
+        raise error
+    told = UserFunctionError("a function of yours", t, error)
+    told.__cause__ = error
+    return told
 
 
 def _march(stepper, t_span, p, v, method, record, watch):

@@ -61,26 +61,25 @@ def carried_out(recipe, mechanism, file, *, begun=None, callback=None):
     chain, saving = _Chain(recipe, mechanism, callback), _Saving(file)
     if begun is not None and recipe.checkpoint is not None:
         chain.take_up(begun)
-    try:
-        for end in chain.ends_to_come():
-            chain.advance(end)
-            if chain.status != 0:
-                break
-            if end != recipe.t_span[1] and saving.is_due():
-                saving.save(chain.solution())
-    except (PinconsistError, KeyboardInterrupt, MemoryError) as error:
-        if chain.last is None:  # nothing was reached that could be lost
-            raise
-        chain.stop(error)
-    with held_back():
+    with held_back(late=False):  # the steps, and they alone, let signals through
+        try:
+            for end in chain.ends_to_come():
+                chain.advance(end)
+                if chain.status != 0:
+                    break
+                if end != recipe.t_span[1] and saving.is_due():
+                    saving.save(chain.solution())
+        except (PinconsistError, KeyboardInterrupt, MemoryError) as error:
+            if chain.last is None:  # nothing was reached that could be lost
+                raise
+            chain.stop(error)
         return chain.solution() if file is None else saved(chain.solution(), file)
 
 
 def saved(solution, file):
     """Save a solution; SavingError, with the solution, where that fails."""
     try:
-        with held_back():
-            solution.save(file)
+        solution.save(file)
     except OSError as error:
         raise SavingError(f"{file} cannot be written: {error.strerror or error}", solution=solution) from error
     return solution
@@ -112,7 +111,7 @@ class _Chain:
         self.recipe, self.mechanism = recipe, mechanism
         self.watch = None if callback is None else _Watch(callback)
         self.parts, self.counted, self.rejected = [], dict.fromkeys(COUNTERS, 0), {}
-        self.last, self.status, self.message = None, 0, ""
+        self.last, self.status, self.message, self.whole = None, 0, "", False
 
     def take_up(self, solution):
         """Begin with the rows of a saved run up to its last checkpoint."""
@@ -128,9 +127,7 @@ class _Chain:
 
     def advance(self, end):
         """One stretch."""
-        run = self._stretch(end)
-        with held_back():
-            self._add(run, end)
+        self._add(self._stretch(end), end)
 
     def _stretch(self, end):
         at, options = self.recipe.checkpoint, dict(self.recipe.options)
@@ -177,11 +174,13 @@ class _Chain:
             counted = {"counted": dict(self.counted), "rejected": dict(self.rejected)}
             self.recipe = replace(self.recipe, checkpoint=state | counted)
         elif self.status == 0:
-            self.recipe = replace(self.recipe, checkpoint=None)
+            self.recipe, self.whole = replace(self.recipe, checkpoint=None), True
 
     def stop(self, error):
-        """End as the error says that came between two stretches."""
-        where = self.recipe.checkpoint["t"]
+        """End as the error says that came between two stretches; one that came after the last ends nothing."""
+        if self.whole:
+            return
+        where = self.recipe.t_span[0] if self.recipe.checkpoint is None else self.recipe.checkpoint["t"]
         if isinstance(error, KeyboardInterrupt):
             self.status, self.message = 1, f"interrupted at t = {where:.6g}; the solution holds what was reached"
         elif isinstance(error, MemoryError):
