@@ -32,7 +32,7 @@ def plane_normal(bones: np.ndarray) -> np.ndarray | None:
 
 def view_axes(normal: np.ndarray | None) -> np.ndarray:
     """The viewer's right, up and towards-the-viewer directions as rows, for motion in a plane or, None, in space."""
-    back = np.array([0.9, -1.2, 0.7]) if normal is None else normal
+    back = np.array([1.3, -0.68, 0.75]) if normal is None else normal  # beside the arms of threefold robots
     back = back / np.linalg.norm(back)
     right = np.array([-back[1], back[0], 0.0]) if np.hypot(*back[:2]) > 1e-6 else np.array([1.0, 0.0, 0.0])
     right /= np.linalg.norm(right)
