@@ -8,6 +8,7 @@ import pty
 import re
 import select
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -423,6 +424,84 @@ def on_a_terminal(arguments, columns=80, interrupt_after=None):
 def test_a_narrow_terminal_loses_no_digits():
     code, shown = on_a_terminal(["compare", "problem51", "--step", "0.01", "--rows", "1"], columns=30)
     assert code == 0 and "2.0808e+00" in shown and "8.1200e-02" in shown and "v1" in shown
+
+
+def test_a_comparison_says_at_which_run_it_is():
+    code, shown = on_a_terminal(["compare", "problem51", "--step", "0.01", "0.001"])
+    assert code == 0 and "step size 0.01 s, 1 of 2" in shown and "step size 0.001 s, 2 of 2" in shown
+
+
+def test_checking_and_writing_are_told_on_a_terminal(tmp_path):
+    file = tmp_path / "run.png"
+    code, shown = on_a_terminal(["simulate", "four_bar", "--until", "0.1", "--plot", str(file)], columns=200)
+    assert code == 0 and "checking …" in shown and f"writing {file} …" in shown
+    assert "writing" not in shown.split("loops closed to")[0]
+
+
+@pytest.fixture
+def cut_short(monkeypatch):
+    """Let Ctrl-C come when a run has passed half a second."""
+
+    def interrupted(mech, span, *start, **options):
+        def stop(t, q, v, lam):
+            if t > 0.5:
+                raise KeyboardInterrupt
+
+        return simulate(mech, span, *start, **options | {"callback": stop})
+
+    simulate = pinconsist.simulate
+    monkeypatch.setattr("pinconsist.recording.stretches.simulate", interrupted)
+    monkeypatch.setattr(
+        "pinconsist.recording.stretches.integrate", partial(interrupted_integrate, pinconsist.integrate)
+    )
+
+
+def interrupted_integrate(integrate, mech, span, q, v, **options):
+    def stop(t, q, v, lam):
+        raise KeyboardInterrupt
+
+    return integrate(mech, span, q, v, **options | {"callback": stop})
+
+
+def test_an_interrupted_run_says_what_resume_will_do(run, cut_short):
+    code, out, _ = run("simulate", "four_bar", "--until", 2, "--out", "run.npz")
+    assert code == 130 and "interrupted at t = 0.5" in out
+    assert out.endswith(
+        "pinconsist resume run.npz begins again at t = 0 s: without --save-every there are no checkpoints\n"
+    )
+    code, out, _ = run("resume", "run.npz")
+    assert code == 130 and out.startswith(
+        "run.npz has no checkpoint (simulate --save-every), so that it begins again\n"
+    )
+    assert "\nmade again from t = 0 s\n" in out and "begins again at t = 0 s" in out
+    code, out, _ = run("simulate", "four_bar", "--until", 2, "--out", "run.npz", "--save-every", 0.25)
+    assert code == 130 and out.endswith("pinconsist resume run.npz continues it from t = 0.25 s, its last checkpoint\n")
+    told = json.loads(run("resume", "run.npz", "--json")[1])
+    assert (told["success"], told["interrupted"], told["from"]) == (True, True, 0.25)
+
+
+def test_a_check_that_is_interrupted_leaves_all_files(run, monkeypatch):
+    def interrupted(sol):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pinconsist.Solution.check", interrupted)
+    arguments = ("simulate", "four_bar", "--until", 0.1, "--out", "run.npz", "--plot", "run.svg")
+    code, out, _ = run(*arguments)
+    assert code == 130 and "not checked: interrupted\n\nwritten: run.npz, run.svg\n" in out
+    assert Path("run.svg").stat().st_size and pinconsist.Solution.load("run.npz").t[-1] == 0.1
+    assert json.loads(run(*arguments, "--json")[1])["certificate"] is None
+
+
+def test_ctrl_c_while_files_are_written_waits_for_them(run, monkeypatch):
+    def drawn(*arguments):
+        os.kill(os.getpid(), signal.SIGINT)
+        return draw(*arguments)
+
+    draw = pinconsist.plot_solution
+    monkeypatch.setattr("pinconsist.view.plots.pictures.plot_solution", drawn)
+    code, out, err = run("simulate", "four_bar", "--until", 0.1, "--plot", "run.svg")
+    assert code == 130 and out.endswith("\nwritten: run.svg\n") and "pinconsist: interrupted" in err
+    assert Path("run.svg").stat().st_size
 
 
 @pytest.mark.slow

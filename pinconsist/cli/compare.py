@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +10,7 @@ import typer
 
 from ..errors import InputError
 from . import output, scene
+from .progress import doing
 
 STEPS = (0.002, 0.0002)  # of the duration
 LONGEST = 10.0  # s of playing
@@ -73,7 +74,12 @@ def compare(
         duration = what.duration
         names = [name for name, size in zip(what.joints, list(what.model.nvs)[1:], strict=True) for _ in range(size)]
     steps = step or [duration * share for share in STEPS]
-    result = compare_errors(what, steps, order=order, count=rows, q0=q0 or None, v0=v0 or None)
+    runs = []
+    for k, h in enumerate(steps, start=1):
+        with doing(f"step size {h:g} s, {k} of {len(steps)}: {rows} steps in three ways, and the reference"):
+            result = compare_errors(what, [h], order=order, count=rows, q0=q0 or None, v0=v0 or None)
+            runs += result.runs
+    result = replace(result, runs=tuple(runs))
     if html:
         _show(what, html, result.runs[0], order, q0 or None, v0 or None)
     if plot:

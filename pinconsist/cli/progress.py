@@ -1,12 +1,28 @@
-"""A progress bar for runs that take long enough to be watched."""
+"""What is shown of work that takes long enough to be watched."""
 
 from __future__ import annotations
 
 import time
+from contextlib import contextmanager
 from typing import Any
+
+from .output import on_terminal
 
 PATIENCE = 1.0  # s before the bar appears
 PERIOD = 0.1  # s between its updates
+
+
+@contextmanager
+def doing(what: str):
+    """Say what takes its time, on stderr, where somebody may be watching."""
+    if not on_terminal():
+        yield
+        return
+    from rich.console import Console
+    from rich.text import Text
+
+    with Console(stderr=True).status(Text(f"{what} …")):
+        yield
 
 
 class Progress:

@@ -9,7 +9,7 @@ import typer
 
 from . import output
 from .motion import SceneOfRun
-from .simulate import exit_code, watched
+from .simulate import exit_code, to_be_continued, watched
 
 Run = Annotated[str, typer.Argument(metavar="RUN.npz", help="A saved run.")]
 
@@ -36,10 +36,11 @@ def rerun(run: Run, scene_of_run: SceneOfRun = None, as_json: output.Json = Fals
 
 
 def resume(run: Run, scene_of_run: SceneOfRun = None, as_json: output.Json = False) -> int:
-    """Continue a run that was interrupted, from the last time at which it was saved.
+    """Continue a run that was interrupted, from its last checkpoint.
 
+    Checkpoints are those of simulate --save-every; a run without begins again.
     The numbers are those of the run that was not interrupted, bit for bit. It
-    is saved on the way as it was by simulate --save-every, in the same file.
+    is saved on the way as before, in the same file.
 
     Example: pinconsist resume run.npz
     """
@@ -47,18 +48,25 @@ def resume(run: Run, scene_of_run: SceneOfRun = None, as_json: output.Json = Fal
     from ..solution import Solution
 
     before = Solution.load(run)
+    at = (before.recipe or {}).get("checkpoint")
+    if before.status != 0 and before.recipe and at is None and not as_json:
+        print(f"{run} has no checkpoint (simulate --save-every), so that it begins again", flush=True)
     began = time.perf_counter()
     with watched(*_span(run)) as progress:
         sol = go_on(run, scene=scene_of_run, callback=progress)
-    seconds, at = time.perf_counter() - began, (before.recipe or {}).get("checkpoint")
+    seconds = time.perf_counter() - began
     start = sol.recipe["t_span"][0] if at is None else at["t"]
     if as_json:
         about = {"success": sol.success, "message": sol.message, "from": start, "to": sol.t[-1], "steps": sol.nsteps}
+        about |= {"interrupted": exit_code(sol) == output.INTERRUPTED}
         output.print_json(about | {"seconds": seconds, "file": run})
     elif before.status == 0:
         print(f"{run} is complete: {sol.message}")
     else:
-        print(f"continued from t = {start:g} s\n{sol.summary()}\ntook {seconds:.3g} s\n\nwritten: {run}")
+        how = f"continued from t = {start:g} s" if at else f"made again from t = {start:g} s"
+        print(f"{how}\n{sol.summary()}\ntook {seconds:.3g} s\n\nwritten: {run}")
+        if exit_code(sol) == output.INTERRUPTED:
+            print(to_be_continued(sol, run))
     return exit_code(sol)
 
 

@@ -10,8 +10,9 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError, SavingError
-from . import output, scene, shown
-from .progress import Progress
+from ..interrupts import held_back
+from . import doubts, output, scene, shown
+from .progress import Progress, doing
 
 METHOD, FILES = "Method", "Results"
 
@@ -66,7 +67,7 @@ def simulate(
         float | None,
         typer.Option(
             metavar="SECONDS", rich_help_panel=FILES,
-            help="Save the run at every so many simulated seconds too; after a kill, pinconsist resume continues it.",
+            help="Save the run at every so many simulated seconds too; from there pinconsist resume continues it.",
         ),
     ] = None,
     html: Annotated[
@@ -109,6 +110,7 @@ def simulate(
     until = start + mech.duration if until is None else until
     assembly = assemble(mech, q0 or None, v0 or None)
     scene.tell_moved(mech, q0, assembly)
+    doubts.tell(doubts.doubts(mech, assembly))
     if not as_json:
         print(scene.describe(mech, assembly) + "\n")
     options = {"method": method, "step": step, "rtol": rtol, "atol": atol, "consistency": consistency}
@@ -122,23 +124,36 @@ def simulate(
     seconds = time.perf_counter() - began
     if not as_json:
         print(f"{sol.summary()}\ntook {seconds:.3g} s\n")
-    certificate = sol.check()
+    certificate = _checked(sol)
     if not as_json:
-        print(certificate)
-    if html:
-        from ..view.meshcat import export_html
+        print(certificate or "not checked: interrupted")
+    with held_back():  # one more Ctrl-C waits until the files are there and are told
+        if html:
+            from ..view.meshcat import export_html
 
-        look = {"speed": shown.pace(speed, sol), "traces": traces or (), "forces": forces}
-        drawn(html, sol, out, lambda: export_html(mech, sol, html, **look))
-    if plot:
-        from ..view.plots.pictures import plot_solution
+            look = {"speed": shown.pace(speed, sol), "traces": traces or (), "forces": forces}
+            drawn(html, sol, out, lambda: export_html(mech, sol, html, **look))
+        if plot:
+            from ..view.plots.pictures import plot_solution
 
-        drawn(plot, sol, out, lambda: plot_solution(sol, plot, mech))
-    if as_json:
-        output.print_json(_report(mech, assembly, sol, certificate, seconds, {"out": out, "html": html, "plot": plot}))
-    elif files:
-        print(f"\nwritten: {', '.join(files)}")
-    return exit_code(sol)
+            drawn(plot, sol, out, lambda: plot_solution(sol, plot, mech))
+        if as_json:
+            written = {"out": out, "html": html, "plot": plot}
+            output.print_json(_report(mech, assembly, sol, certificate, seconds, written))
+        elif files:
+            print(f"\nwritten: {', '.join(files)}")
+        if out and exit_code(sol) == output.INTERRUPTED and not as_json:
+            print(to_be_continued(sol, out))
+    return exit_code(sol) if certificate else output.INTERRUPTED
+
+
+def _checked(sol):
+    """The certificate; None where it took too long for who watched."""
+    try:
+        with doing("checking"):
+            return sol.check()
+    except KeyboardInterrupt:
+        return None
 
 
 def run(mech, span, **options):
@@ -157,11 +172,20 @@ def watched(start, end):
 def drawn(file, sol, out, write):
     """Call `write`, which writes `file`; where that fails, a run that is in no file yet is not lost."""
     try:
-        output.written(file, write)
+        with doing(f"writing {file}"):
+            output.written(file, write)
     except InputError as error:
         if out:
             raise
         raise SavingError(str(error), solution=sol) from error
+
+
+def to_be_continued(sol, file) -> str:
+    """What `pinconsist resume` will do with a run that was interrupted."""
+    at, start = sol.recipe["checkpoint"], sol.recipe["t_span"][0]
+    if at:
+        return f"pinconsist resume {file} continues it from t = {at['t']:g} s, its last checkpoint"
+    return f"pinconsist resume {file} begins again at t = {start:g} s: without --save-every there are no checkpoints"
 
 
 def exit_code(sol) -> int:
@@ -184,7 +208,7 @@ def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
     return {
         "scene": about_scene,
         "run": about_run,
-        "certificate": {name: getattr(certificate, name) for name in names},
+        "certificate": certificate and {name: getattr(certificate, name) for name in names},
         "end": {"q": scene.by_joint(mech, sol.q[-1]), "v": scene.by_joint(mech, sol.v[-1], velocity=True)},
         "files": files,
     }
