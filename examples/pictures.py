@@ -24,7 +24,7 @@ FLAGS = "--headless --no-sandbox --disable-quic --no-first-run --disable-backgro
 FLAGS += " --disable-sync --disable-component-update --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
 WIDE, HIGH, MARGIN = 690, 600, 20  # pixels of a still
 PLAIN = "<style>.dg, #notes { display: none !important; }</style>"
-STOP = "setTimeout(() => {{ viewer.animator.pause(); viewer.animator.seek({time}); }}, 500);"
+STOP = "setTimeout(() => {{ viewer.animator.pause(); viewer.animator.seek({time}); fit(); }}, 500);"
 LOOK = {
     "font.size": 10,
     "axes.grid": True,

@@ -21,10 +21,11 @@ log = logging.getLogger(__name__)
 
 
 def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces=(), forces: bool = False) -> Path:
-    """Write the motion as one page that any browser plays, without network, with play, pause and time controls.
+    """Write the motion as one page that any browser plays, without network; the space bar plays and pauses.
 
     Shapes come from the mechanism's robot file where their meshes are found, else from joints, inertias and loops. A
     loop shows as a clear shell (anchor 1) and a red core (anchor 2): it is closed where the core sits in the shell.
+    Springs of the mechanism between two points are coils.
 
     Parameters
     ----------
@@ -46,7 +47,8 @@ def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces
         Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 where body 2 is the ground), and
         its moment as an arrow that turns about its axis: those of :meth:`Solution.reaction`. So are the torques of
         drives, and of the mechanism's servos and joint torques together, on joints of one degree of freedom; where the
-        joint slides they are forces. The page says how many newtons a length is, and where arrows are cut.
+        joint slides they are forces. The page says how many newtons a length is, and where arrows are cut. Loops whose
+        forces are not determined (:attr:`Reaction.dependence`) are named, not drawn.
 
     Returns
     -------
