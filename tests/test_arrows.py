@@ -30,7 +30,7 @@ MAY_IMPORT = {
     "formats": {"mechanism", "files", "errors"},
     "view": {"mechanism", "files", "errors"},
     "study": {"_core", "plan", "dae", "mechanism", "formats", "errors", "simulation", "solution"},
-    "sweeps": {"mechanism", "interrupts", "files", "solution_file", "errors", "simulation"},
+    "sweeps": {"_core", "mechanism", "interrupts", "files", "solution_file", "errors", "simulation"},
     "cli": {"simulation", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
     | {"sweeps", "recording", "files", "interrupts"},
 }

@@ -249,6 +249,55 @@ def test_a_mechanism_in_memory_has_to_be_given_again(tmp_path):
     assert pc.resume(file, scene=mech).success
 
 
+def without_digests(file):
+    """As an older version would have written it."""
+    with np.load(file) as stored:
+        parts = dict(stored)
+    about = json.loads(str(parts["about"]))
+    del about["recipe"]["mechanism"]
+    np.savez(file, **parts | {"about": np.array(json.dumps(about))})
+
+
+OTHERS = {
+    "bodies, joints or gravity": lambda mech: mech.with_gravity([0, 0, -1.0]),
+    "loops": lambda mech: dataclasses.replace(mech, loops=[dataclasses.replace(mech.loops[0], xyz1=(1e-3, 0, 0))]),
+    "own forces": lambda mech: dataclasses.replace(mech, forces=[pc.JointDamping({"crank": 0.1}), push]),
+    "guess": lambda mech: dataclasses.replace(mech, guess={"crank": 0.7}),
+}
+
+
+@pytest.mark.parametrize("part", OTHERS)
+def test_a_run_in_memory_is_not_continued_with_another_mechanism(tmp_path, part):
+    mech, file = dataclasses.replace(pc.load("four_bar"), forces=[pc.JointDamping({"crank": 0.2}), push]), "run.npz"
+    file, other = tmp_path / file, OTHERS[part](mech)
+    pc.record(mech, (0.0, 0.5), file, save_every=0.2, callback=until(0.3))
+    before = file.read_bytes()
+    with pytest.raises(
+        pc.InputError, match=f"cannot be continued, its scene is another: the mechanism has other {part}"
+    ):
+        pc.resume(file, scene=other)
+    assert file.read_bytes() == before
+    assert f"the mechanism has other {part}" in pc.rerun(file, scene=other).differences
+    assert pc.rerun(file, scene=mech).differences == ()
+    same_again = dataclasses.replace(pc.load("four_bar"), forces=[pc.JointDamping({"crank": 0.2}), push])
+    assert pc.resume(file, scene=same_again).success
+
+
+def test_files_of_older_versions_are_continued_without_digests(tmp_path):
+    mech, file = pc.load("four_bar"), tmp_path / "run.npz"
+    pc.record(mech, (0.0, 0.5), file, save_every=0.2, callback=until(0.3))
+    without_digests(file)
+    assert pc.rerun(file, scene=mech).differences == () and pc.resume(file, scene=mech).success
+
+
+def test_a_run_of_a_file_is_not_continued_with_another_mechanism(tmp_path):
+    file = tmp_path / "run.npz"
+    pc.record("four_bar", (0.0, 0.5), file, save_every=0.2, callback=until(0.3))
+    with pytest.raises(pc.InputError, match="the mechanism has other bodies, joints or gravity"):
+        pc.resume(file, scene=pc.load("four_bar").with_gravity([0, 0, -1.0]))
+    assert pc.resume(file, scene=pc.load("four_bar")).success
+
+
 def test_a_solution_of_simulate_does_not_say_how_it_was_made(tmp_path):
     file = pc.simulate(pc.load("four_bar"), (0.0, 0.1)).save(tmp_path / "run.npz")
     for call in (pc.rerun, pc.resume):

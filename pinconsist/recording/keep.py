@@ -12,11 +12,12 @@ from ..errors import FormatError, InputError
 from ..files import require_writable
 from ..interrupts import ended_like_ctrl_c
 from ..mechanism.acting import acting
+from ..mechanism.digest import digests
 from ..mechanism.mechanism import Mechanism
 from ..solution import Solution
 from ..solution_file import versions
 from .recipe import Recipe, recipe_of
-from .rerun import Rerun, changed_files, compared
+from .rerun import Rerun, changed_files, changed_mechanism, compared
 from .scene import Scene, loaded
 from .stretches import carried_out, checkpoints
 
@@ -107,14 +108,14 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
     FormatError
         The file is no whole run, or does not say how it was made.
     InputError
-        The scene's files have changed, or forces are missing.
+        The scene has changed, or forces are missing.
     SavingError
         As `record`.
     """
-    solution, recipe, mechanism, now = _again(file, scene, forces)
+    solution, recipe, mechanism, changed = _again(file, scene, forces)
     if solution.status == 0:
         return solution
-    if changed := changed_files(recipe.files, now):
+    if changed:
         raise InputError(
             f"{file} cannot be continued, its scene is another: {'; '.join(changed)}. See pinconsist rerun"
         )
@@ -138,7 +139,7 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
     Returns
     -------
     Rerun
-        Whether the numbers are the same, and what else is not: versions, files of the scene.
+        Whether the numbers are the same, and what else is not: versions, files of the scene, the mechanism.
 
     Raises
     ------
@@ -147,12 +148,12 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
     InputError
         The scene cannot be loaded, or forces are missing.
     """
-    old, recipe, mechanism, now = _again(file, scene, forces)
+    old, recipe, mechanism, changed = _again(file, scene, forces)
     recipe = replace(recipe, checkpoint=None)
     if old.status != 0 and len(old.t):  # it was cut short, and nothing after that is to be compared
         callback = _Until(old.t[-1], recipe.t_span[1] >= recipe.t_span[0], callback)
     new = carried_out(recipe, mechanism, None, callback=callback)
-    return compared(old, new, recipe.files, now)
+    return compared(old, new, changed)
 
 
 def _scene(scene, load, file):
@@ -182,16 +183,19 @@ def _as_scene(source, load):
 
 
 def _again(file, scene, forces):
-    """The run in a file, its recipe, its mechanism with all forces, and the hashes of the scene's files as they are."""
+    """The run in a file, its recipe, its mechanism with all forces, and what has changed in its scene."""
     solution = Solution.load(file)
     recipe = Recipe.read(solution, file)
     if isinstance(scene, Mechanism):
-        mechanism, now = scene, recipe.files
+        same = solution.versions.get("pin") == versions()["pin"]
+        then = recipe.mechanism
+        mechanism, changed = scene, changed_mechanism(then, digests(scene), same) if then else []
     elif recipe.scene is None:
         raise InputError(f"{file} is a run of a mechanism that stood in memory ({solution.scene}): give it by scene=")
     else:
         where = recipe.made_from(file)
         mechanism, now = loaded(where if scene is None else replace(where, source=os.fspath(scene)), file)
+        changed = changed_files(recipe.files, now)
     if forces is None:
         if recipe.forces is None:
             raise InputError(
@@ -205,7 +209,7 @@ def _again(file, scene, forces):
         raise InputError(f"{file} is a run of another scene: its rows have {sizes} numbers of q, v and λ, those of "
                          f"{mechanism.name!r} {(mechanism.nq, mechanism.nv, mechanism.nc)}")  # fmt: skip
     _require_checkpoint(recipe, solution, file)
-    return solution, recipe, mechanism, now
+    return solution, recipe, mechanism, changed
 
 
 def _require_checkpoint(recipe, solution, file):

@@ -14,6 +14,7 @@ from ..formats.reading import near
 from ..formats.records_writing import force_entries
 from ..mechanism.acting import acting
 from ..mechanism.checks import finite_array
+from ..mechanism.digest import digests
 from ..simulation import simulate
 from .scene import Scene
 
@@ -46,6 +47,8 @@ class Recipe:
         Period of checkpoints, s of simulated time.
     checkpoint : dict or None
         The last one: state, number of rows, counters.
+    mechanism : dict or None
+        Digests of the mechanism without `forces`; None in files of older versions.
     """
 
     scene: dict | None
@@ -57,6 +60,7 @@ class Recipe:
     options: dict = field(default_factory=dict)
     save_every: float | None = None
     checkpoint: dict | None = None
+    mechanism: dict | None = None
 
     @classmethod
     def read(cls, solution, file) -> Recipe:
@@ -103,7 +107,8 @@ def recipe_of(scene, files, mechanism, t_span, q0, v0, forces, options, save_eve
     except InputError:  # a function of the user's
         entries = None
     span = finite_array(t_span, "t_span").tolist()
-    return checked(Recipe(scene, files, span, _plain(q0, "q0"), _plain(v0, "v0"), entries, options, save_every))
+    start = _plain(q0, "q0"), _plain(v0, "v0")
+    return checked(Recipe(scene, files, span, *start, entries, options, save_every, mechanism=digests(mechanism)))
 
 
 def checked(recipe) -> Recipe:
@@ -116,6 +121,8 @@ def checked(recipe) -> Recipe:
         raise InputError(f"t_span needs two numbers (start, end), got {recipe.t_span!r}")
     if not isinstance(recipe.files, dict):
         raise InputError(f"no hashes of files: {recipe.files!r}")
+    if not isinstance(recipe.mechanism, dict | None):
+        raise InputError(f"no digests of the mechanism: {recipe.mechanism!r}")
     if period is None:
         return recipe
     period = finite_array(period, "save_every")

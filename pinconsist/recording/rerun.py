@@ -35,15 +35,15 @@ class Rerun:
         return "\n".join((*self.differences, told))
 
 
-def compared(old, new, files_then, files_now) -> Rerun:
-    """Two runs of one recipe, and what they were made from."""
+def compared(old, new, changes) -> Rerun:
+    """Two runs of one recipe, and what has changed in their scene."""
     about, made_now = [], versions()
     for name, then in old.versions.items():
         if then != (now := made_now.get(name)):
             about.append(f"{name} {then} then, {now} now")
     ways = old.method.get("backend"), new.method.get("backend")
     about += [f"the method ran {ways[0]} then, {ways[1]} now"] if ways[0] != ways[1] else []
-    about += changed_files(files_then, files_now)
+    about += changes
     numbers = [
         told for name in (*ROWS, *STEPPED) if (told := _difference(name, getattr(old, name), getattr(new, name)))
     ]
@@ -55,6 +55,13 @@ def changed_files(then, now) -> list[str]:
     told = [f"{name} has changed" for name in then if name in now and then[name] != now[name]]
     told += [f"{name} is not read any more" for name in then if name not in now]
     return told + [f"{name} was not read then" for name in now if name not in then]
+
+
+def changed_mechanism(then, now, same_pinocchio) -> list[str]:
+    """A sentence if a mechanism is not what it was, as far as its digests tell: models only of one Pinocchio."""
+    told = {"model": "bodies, joints or gravity", "loops": "loops", "forces": "own forces", "guess": "guess"}
+    other = [told[part] for part in told if (part != "model" or same_pinocchio) and then.get(part) != now[part]]
+    return [f"the mechanism has other {', other '.join(other)}"] if other else []
 
 
 def _difference(name, old, new):
