@@ -153,7 +153,8 @@ def test_parameters(name):
 
 def methods(kind):
     """Public methods of a class, with their functions, and attributes that are computed."""
-    for name, member in vars(kind).items():
+    bases = [base for base in reversed(kind.__mro__) if base.__module__.startswith("pinconsist")]
+    for name, member in {name: member for base in bases for name, member in vars(base).items()}.items():
         computed = isinstance(member, property | cached_property)
         if not name.startswith("_") and (callable(member) or computed or isinstance(member, classmethod)):
             function = getattr(member, "fget", None) or getattr(member, "func", None) or getattr(kind, name)

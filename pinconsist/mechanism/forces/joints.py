@@ -11,6 +11,7 @@ from ..checks import amounts, name, number, put, spread
 from ..constraints.coordinate import Coordinate, nearest
 from ..constraints.motion import Motion
 from .label import label
+from .record import ForceRecord
 
 FRICTION_WIDTH = 1e-2
 """Velocity over which dry friction changes sign, rad/s or m/s."""
@@ -18,7 +19,7 @@ TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
-class JointDamping:
+class JointDamping(ForceRecord):
     """Viscous damping τ = -d v, the `damping` of URDF joints.
 
     Parameters
@@ -44,24 +45,6 @@ class JointDamping:
         return label("damping", self.coefficients)
 
     def bind(self, model) -> ViscousDamping:
-        """The force on one model; systems call it, users need not.
-
-        Parameters
-        ----------
-        model : pin.Model
-            The model that the names of joints and frames belong to.
-
-        Returns
-        -------
-        Force
-            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
-            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
-
-        Raises
-        ------
-        InputError
-            A joint that the model does not have, or numbers that do not fit its velocities.
-        """
         return ViscousDamping(spread(model, self.coefficients, "JointDamping", alike=True))
 
 
@@ -84,7 +67,7 @@ class ViscousDamping:
 
 
 @dataclass(frozen=True)
-class JointFriction:
+class JointFriction(ForceRecord):
     """Dry (Coulomb) friction, smoothed: τ = -f tanh(v / width), the `friction` of URDF joints.
 
     At rest the smoothed law creeps: |v| stays below width·artanh(load / f).
@@ -116,24 +99,6 @@ class JointFriction:
         return label("friction", self.coefficients)
 
     def bind(self, model) -> SmoothFriction:
-        """The force on one model; systems call it, users need not.
-
-        Parameters
-        ----------
-        model : pin.Model
-            The model that the names of joints and frames belong to.
-
-        Returns
-        -------
-        Force
-            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
-            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
-
-        Raises
-        ------
-        InputError
-            A joint that the model does not have, or numbers that do not fit its velocities.
-        """
         return SmoothFriction(spread(model, self.coefficients, "JointFriction", alike=True), self.width)
 
 
@@ -157,7 +122,7 @@ class SmoothFriction:
 
 
 @dataclass(frozen=True)
-class JointSpring:
+class JointSpring(ForceRecord):
     """A linear spring in a joint, τ = -k (q_joint - rest).
 
     Parameters
@@ -190,24 +155,6 @@ class JointSpring:
         return f"spring {self.joint}"
 
     def bind(self, model) -> _BoundJointSpring:
-        """The force on one model; systems call it, users need not.
-
-        Parameters
-        ----------
-        model : pin.Model
-            The model that the names of joints and frames belong to.
-
-        Returns
-        -------
-        Force
-            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
-            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
-
-        Raises
-        ------
-        InputError
-            The model has no such joint, or it has several degrees of freedom.
-        """
         return _BoundJointSpring(self, model)
 
 

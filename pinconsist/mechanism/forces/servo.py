@@ -12,13 +12,14 @@ from ..checks import name, number, put, require_functions, returned
 from ..constraints.coordinate import Coordinate, nearest
 from ..constraints.differences import first
 from ..constraints.motion import Motion
+from .record import ForceRecord
 
 TURN = 2.0 * np.pi
 STEP = 1e-3  # s, of the differences that stand in for a missing rate
 
 
 @dataclass(frozen=True)
-class Servo:
+class Servo(ForceRecord):
     """PD control of a joint: τ = k (θ_d(t) - θ) + d (θ̇_d(t) - θ̇).
 
     A servo gives way and forces nothing exactly; a :class:`Drive` holds its curve whatever torque that takes.
@@ -68,24 +69,6 @@ class Servo:
         return f"servo {self.joint}"
 
     def bind(self, model) -> _BoundServo:
-        """The force on one model; systems call it, users need not.
-
-        Parameters
-        ----------
-        model : pin.Model
-            The model that the names of joints and frames belong to.
-
-        Returns
-        -------
-        Force
-            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
-            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
-
-        Raises
-        ------
-        InputError
-            The model has no such joint, or it has several degrees of freedom.
-        """
         return _BoundServo(self, model)
 
 

@@ -12,6 +12,7 @@ from ...errors import InputError
 from ..checks import frame_of, name, number, put, triple
 from ..constraints.loop import GROUND
 from .points import Points
+from .record import ForceRecord
 
 SHORTEST = 1e-9
 """Distance of the two points within which the direction of a spring fades away, m."""
@@ -19,7 +20,7 @@ ZERO = np.zeros(3)
 
 
 @dataclass(frozen=True)
-class SpringDamper:
+class SpringDamper(ForceRecord):
     """A spring and damper along the line between two points.
 
     The tension, positive where it pulls, is T = k (l - l₀) + d dl/dt, with l the distance of the points. Two points
@@ -72,24 +73,6 @@ class SpringDamper:
         return f"spring {self.frame1}" if self.frame2 == GROUND else f"spring {self.frame1}-{self.frame2}"
 
     def bind(self, model: pin.Model) -> _BoundSpring:
-        """The force on one model; systems call it, users need not.
-
-        Parameters
-        ----------
-        model : pin.Model
-            The model that the names of joints and frames belong to.
-
-        Returns
-        -------
-        Force
-            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
-            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
-
-        Raises
-        ------
-        InputError
-            The model has no such frames, or several of a name; or both belong to one body.
-        """
         return _BoundSpring(self, model)
 
 

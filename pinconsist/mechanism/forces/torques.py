@@ -11,10 +11,11 @@ from ...errors import InputError
 from ..checks import amounts, called, function_name, joint_index, put, read_only, require_functions, returned, spread
 from ..constraints.motion import Motion
 from .label import label
+from .record import ForceRecord
 
 
 @dataclass(frozen=True)
-class JointTorque:
+class JointTorque(ForceRecord):
     """Torques at joints, constant or as functions of time.
 
     Parameters
@@ -43,24 +44,6 @@ class JointTorque:
         return label("torque", self.torques)
 
     def bind(self, model) -> SteadyTorque | _TorqueCurves:
-        """The force on one model; systems call it, users need not.
-
-        Parameters
-        ----------
-        model : pin.Model
-            The model that the names of joints and frames belong to.
-
-        Returns
-        -------
-        Force
-            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
-            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
-
-        Raises
-        ------
-        InputError
-            A joint that the model does not have, or numbers that do not fit its velocities.
-        """
         if not isinstance(self.torques, Mapping):
             return SteadyTorque(spread(model, self.torques, "JointTorque"))
         curves = {joint: torque for joint, torque in self.torques.items() if callable(torque)}

@@ -10,12 +10,13 @@ import numpy as np
 from ...errors import InputError
 from ..checks import frame_of, name, put, returned, triple
 from .points import Points
+from .record import ForceRecord
 
 ZERO = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Wrench:
+class Wrench(ForceRecord):
     """A force and a moment from outside on the body of a frame.
 
     Parameters
@@ -60,24 +61,6 @@ class Wrench:
         return f"wrench {self.frame}"
 
     def bind(self, model) -> _BoundWrench:
-        """The force on one model; systems call it, users need not.
-
-        Parameters
-        ----------
-        model : pin.Model
-            The model that the names of joints and frames belong to.
-
-        Returns
-        -------
-        Force
-            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
-            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
-
-        Raises
-        ------
-        InputError
-            The model has no such frame, or several of the name; or it belongs to the ground.
-        """
         return _BoundWrench(self, model)
 
 
