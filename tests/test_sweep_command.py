@@ -68,6 +68,15 @@ def test_the_table_has_the_numbers_of_simulate_to_the_last_bit(run):
         assert [float(row[f"v.{joint}"]) for joint in mech.joints] == sol.v[-1].tolist()
 
 
+def test_a_row_costs_no_certificate(run, monkeypatch):
+    """The forces and what they are compared with, which no row tells, would take ten times as long as the run."""
+    for name in ("solve_acceleration", "certify"):
+        monkeypatch.setattr(f"pinconsist.certificate.{name}", lambda *_: 1 / 0)
+    monkeypatch.setattr(pc.Solution, "check", lambda *_: 1 / 0)
+    code, out, _ = run("crank_rocker", "--vary", "crank_speed=5:6:0.5", "--until", 0.2, "--out", "table.csv")
+    assert code == 0 and out.startswith("3 cases: 3 done\n")
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """The table of a sweep that nobody stopped, in one process."""
@@ -97,7 +106,9 @@ def test_a_stopped_sweep_goes_on_to_the_same_table_byte_for_byte(run, whole, wor
     else:
         assert process.returncode == 130 and out.endswith("the same command goes on from t.csv.partial\n")
     code, out, err = run(*SWEEP, "--out", "t.csv")
-    assert (code, err) == (0, "") and out.startswith(f"{done} of 31 cases are in t.csv.partial already\n")
+    told = [int(line.removesuffix(" of 31 cases")) for line in err.splitlines()]  # for a log
+    assert told == [k for k in (4, 7, 10, 13, 16, 19, 22, 25, 28, 31) if k > done]
+    assert code == 0 and out.startswith(f"{done} of 31 cases are in t.csv.partial already\n")
     assert Path("t.csv").read_bytes() == whole and not journal.exists()
 
 
@@ -144,6 +155,19 @@ def test_the_journal_of_another_sweep_is_refused_and_kept(run, journal, argument
     code, out, err = run(*arguments)
     assert (code, out) == (2, "") and f"holds 3 cases of another sweep, which differs in {different}. " in err
     assert journal.read_bytes() == before and not Path("a.csv").exists()
+
+
+def test_the_journal_of_the_other_backend_is_refused_and_kept(run, journal):
+    """Its rows differ in the last bits, so that the table would be that of neither."""
+    other = re.sub(rb'"backend": "(compiled|python)"', b'"backend": "another"', journal.read_bytes())
+    journal.write_bytes(other)
+    code, _, err = run(*PENDULUM)
+    assert code == 2 and "another sweep, which differs in backend. " in err and journal.read_bytes() == other
+
+
+def test_the_backend_of_a_journal_is_the_one_that_runs(run, journal):
+    header = json.loads(journal.read_bytes().splitlines()[0])["about"]
+    assert pc.simulate(pc.load("planar_pendulum"), (0.0, 0.1)).method["backend"].startswith(header["backend"])
 
 
 def test_the_journal_of_a_scene_whose_file_has_changed_is_refused(run):

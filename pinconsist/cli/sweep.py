@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import sys
 from collections import Counter
-from contextlib import nullcontext
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +18,7 @@ from . import output, scene
 from .simulate import METHOD
 
 PANEL = "Cases"
+LOGGED = 10  # cases, from which on a log is told of every tenth
 MOST_TOLD = 5  # cases without an end, of which the messages are printed
 
 
@@ -153,7 +157,7 @@ def _run(study, cases, workers, rows, keep) -> tuple[dict[int, dict], bool]:
     from ..sweeps.sweep import sweep as in_a_loop
 
     missing = [i for i in range(len(cases)) if i not in rows]
-    with _progress(len(cases), len(rows)) as bar:
+    with _progress(len(cases), len(rows)) as one_more:
 
         def arrived(outcome):
             if outcome.success:
@@ -164,8 +168,7 @@ def _run(study, cases, workers, rows, keep) -> tuple[dict[int, dict], bool]:
                 return
             keep(missing[outcome.index], row)
             rows[missing[outcome.index]] = row
-            if bar:
-                bar.advance(bar.task_ids[0])
+            one_more()
 
         waiting = [cases[i] for i in missing]
         if workers == 1:
@@ -175,18 +178,27 @@ def _run(study, cases, workers, rows, keep) -> tuple[dict[int, dict], bool]:
     return rows, len(rows) == len(cases)
 
 
+@contextmanager
 def _progress(total, done):
-    """A bar on stderr where somebody may be watching."""
+    """What to call for each case: it moves a bar where somebody may be watching, and fills a log with ten lines."""
     if not output.on_terminal():
-        return nullcontext()
+        yield partial(_tell_tenths, total, itertools.count(done + 1))
+        return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (MofNCompleteColumn(), TextColumn("cases"), BarColumn(bar_width=20), TimeRemainingColumn(),
                TextColumn("left"))  # fmt: skip
-    bar = Progress(*columns, console=Console(stderr=True), transient=True)
-    bar.add_task("", total=total, completed=done)
-    return bar
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=total, completed=done)
+        yield lambda: bar.advance(task)
+
+
+def _tell_tenths(total, numbers):
+    number = next(numbers)
+    if total >= LOGGED and 10 * number // total > 10 * (number - 1) // total:
+        with suppress(OSError):  # a log that cannot be written ends no sweep
+            print(f"{number} of {total} cases", file=sys.stderr, flush=True)
 
 
 def _report(study, cases, measured, whole, out, as_json) -> int:
