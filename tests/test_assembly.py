@@ -137,6 +137,36 @@ def test_least_energy_of_the_joints_not_named():
     assert result.v == pytest.approx([1.0, -M[0, 1] / M[1, 1]])
 
 
+@pytest.mark.parametrize("turn", np.linspace(-7.0, 7.0, 15))
+def test_a_named_joint_is_led_there_in_the_mode_of_assembly_of_the_scene(turn):
+    """Grashof four-bar: coupler and rocker are never in line, so that the sign of their angle is the mode."""
+    mech = pc.load("four_bar")
+    result = pc.assemble(mech, {"crank": turn})
+    crank, coupler, rocker = result.q
+    assert crank == turn and result.largest_gap[1] < TIGHT and np.sin(crank + coupler - rocker) > 0.5
+    crossed = replace(mech, guess=pc.assemble(mech, {"crank": -1.0, "coupler": -2.4, "rocker": -2.5}).q)
+    crank, coupler, rocker = pc.assemble(crossed, {"crank": turn}).q
+    assert crank == turn and np.sin(crank + coupler - rocker) < -0.5
+
+
+def test_an_orientation_is_led_too():
+    """A ball joint of the Stewart platform's base turns by 0.4 rad; the legs follow, from their own side."""
+    mech = pc.load("stewart_platform")
+    pose = mech.guess[mech.model.idx_qs[mech.joint_index("platform_pose")] :][:7].copy()
+    pose[3:] = pin.Quaternion(pin.exp3(np.array([0.2, 0.3, -0.1]))).coeffs()
+    result = pc.assemble(mech, {"platform_pose": pose})
+    np.testing.assert_allclose(result.q[-7:], pose, atol=1e-15)
+    lengths = [result.q[mech.model.idx_qs[mech.joint_index(f"leg{k}_length")]] for k in range(1, 7)]
+    assert result.largest_gap[1] < TIGHT and min(lengths) > 0.5
+
+
+def test_where_the_way_is_blocked_the_loops_close_in_another_mode():
+    """The four-bar's rocker stops short of 2 rad on its way from -1.4, and stands there in the crossed mode alone."""
+    result = pc.assemble(pc.load("four_bar"), {"rocker": 2.0})
+    crank, coupler, rocker = result.q
+    assert rocker == 2.0 and result.largest_gap[1] < TIGHT and np.sin(crank + coupler - rocker) < 0
+
+
 def test_contradictory_velocities_are_refused_by_name():
     with pytest.raises(pc.AssemblyError, match=r"four_bar.*velocities given for crank, rocker"):
         pc.assemble(pc.load("four_bar"), v={"crank": 1.0, "rocker": 5.0})

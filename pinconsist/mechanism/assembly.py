@@ -67,7 +67,9 @@ def assemble(
     mechanism : Mechanism
     q : mapping or array, optional
         Guess: joint name → value (the others from ``mechanism.guess``; the named joints are kept if the loops
-        allow it), or a configuration (nq,) of which nothing is kept.
+        allow it), or a configuration (nq,) of which nothing is kept. Where ``mechanism.guess`` is closed, the named
+        joints are led from there in small steps with the loops closed, so that the mode of assembly stays; where that
+        way is blocked, the loops are closed from the guess, in whichever mode is near.
     v : mapping or array, optional
         Velocity: joint name → value (these joints keep it, the others follow), or an array (nv,) that is projected
         in the mass metric. Default rest.
@@ -101,8 +103,9 @@ def assemble(
     guess = mechanism.configuration({**soft, **fixed}, base=mechanism.configuration(base))
     solver = LoopSolver(mechanism, t)
     attempts = [{**soft, **fixed}] + ([fixed] if soft and soft.keys() - fixed.keys() else [])
+    start = _led(solver, {**soft, **fixed}, base, guess)
     for names in attempts:  # named joints stay if the loops close that way, else only the fixed ones
-        best, iterations = solver.close(guess, solver.free_columns(names))
+        best, iterations = solver.close(start, solver.free_columns(names))
         if solver.size(best) <= tolerance:
             break
     solver.loop_rows.check_derivatives(t, best)
@@ -112,6 +115,13 @@ def assemble(
         raise _not_closed(mechanism, solver, guess, best, open_loops, fixed)
     _tell_nearly(mechanism, gaps, tolerance)
     return _report(mechanism, solver, guess, best, v, gaps, iterations)
+
+
+def _led(solver, named, base, guess):
+    """The guess, where it can be with the loops closed: reached from the scene's own closed configuration."""
+    mechanism = solver.mechanism
+    led = solver.led(mechanism.configuration(base), guess, solver.free_columns(named)) if named else None
+    return guess if led is None else mechanism.configuration(named, base=led)
 
 
 def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:

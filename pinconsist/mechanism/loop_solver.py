@@ -14,6 +14,12 @@ from .constraints.loops import LoopRows
 CLOSED = 1e-10  # m or rad; what rounding leaves is far below
 MAX_ITERATIONS = 200
 RESTARTS = 8
+STRIDE = 0.1  # rad or m, of the joints that are led, in one step
+SHORTEST = STRIDE / 64
+MOST_STRIDES = 400
+LEAP = 0.5  # rad or m: no other joint moves farther in one step
+CORRECTIONS = 6  # of Newton in one step; more mean that it is not near
+REGULAR = 1e-8  # singular values of J below it, relative to the largest, count as none
 
 
 class LoopSolver:
@@ -56,6 +62,44 @@ class LoopSolver:
             if self.size(other) < 0.5 * self.size(best):
                 best = other
         return best, total
+
+    def led(self, q, goal, free):
+        """From a closed configuration to one where the joints that are not free stand as in `goal`, in small steps.
+
+        Each step is closed by Newton, so that the mode of assembly stays what it is. None where the way is blocked: by
+        an end of reach, a singular position, or joints that the loops do not let go that way together.
+        """
+        way = np.where(free, 0.0, pin.difference(self.model, q, goal))
+        length = np.abs(way).max(initial=0.0)
+        if self.size(q) > CLOSED or not 0.0 < length <= MOST_STRIDES * STRIDE:
+            return None
+        share, left = min(1.0, STRIDE / length), 1.0
+        while left > 0.0:
+            share = min(share, left)
+            following = self._followed(q, share * way, free)
+            if following is not None:
+                q, left = following, left - share
+            elif (share := share / 2) * length < SHORTEST:
+                return None
+        return q
+
+    def _followed(self, q, step, free):
+        """The other joints follow a small step of some; None where they would leap, or do not close."""
+        start, (_, J) = q, self.rows(q)
+        dx = step + self._correction(J, J @ step, free)
+        for _ in range(CORRECTIONS):
+            if np.abs(dx).max() > LEAP:
+                return None
+            q = pin.integrate(self.model, q, dx)
+            phi, J = self.rows(q)
+            if np.max(np.abs(phi), initial=0.0) <= CLOSED:
+                return q if np.abs(pin.difference(self.model, start, q)).max() <= LEAP else None
+            dx = self._correction(J, phi, free)
+        return None
+
+    def _correction(self, J, phi, free):
+        """The smallest motion of the free joints that takes Φ away."""
+        return -np.linalg.lstsq(np.where(free, J, 0.0), phi, rcond=REGULAR)[0]
 
     def _descend(self, q, free):
         phi, J = self.rows(q)
