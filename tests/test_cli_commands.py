@@ -296,8 +296,15 @@ def test_a_coordinate_outside_of_its_limits_is_told(run, bar):
     code, _, err = run("check", path)
     assert code == 0 and err == f"pinconsist: warning: {wrong}\n"
     assert json.loads(run("check", path, "--json")[1])["warnings"] == [wrong]
+    assert run("simulate", path, "--until", 0)[2] == f"pinconsist: warning: {wrong}\n"
     path.write_text(path.read_text().replace('lower="-1" upper="1"', 'lower="4" upper="5"'))
     assert run("check", path)[2] == ""
+
+
+def test_a_loop_file_that_is_overlooked_is_told_with_the_option_that_names_it(run, bar):
+    bar().with_suffix(".yaml").rename("closed.yaml")
+    err = run("check", "bar.urdf")[2]
+    assert "name one by loops=, on the command line --loops, if it is closed.yaml" in err
 
 
 def test_loops_that_leave_no_motion_are_told(run, bar):

@@ -54,8 +54,10 @@ def nothing_moves(mech, assembly) -> str:
     from ..mechanism.constraints.rank import independent_rows
     from ..mechanism.loop_solver import LoopSolver
 
+    if assembly.mobility or not mech.loops:
+        return ""
     solver = LoopSolver(mech)
-    if assembly.mobility or solver.loop_rows.moving or not mech.loops:
+    if solver.loop_rows.moving:
         return ""
     _, J = solver.rows(assembly.q)
     labels, turns = mech.row_labels, solver.loop_rows.turns
