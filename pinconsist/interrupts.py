@@ -117,7 +117,7 @@ class _Gate:
     def take_over(self):
         self.held = True
         for number in (signal.SIGINT, *_ENDING):
-            if callable(handler := signal.getsignal(number)):
+            if callable(handler := signal.getsignal(number)) and handler is not self:
                 self.handlers[number] = handler
                 signal.signal(number, self)
 

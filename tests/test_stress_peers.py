@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 import time
 
 import numpy as np
@@ -129,3 +130,27 @@ def test_the_command(monkeypatch, capsys):
     ]  # fmt: skip
     code, _, err = called(capsys, "stress", "steps", "--peers")
     assert code == 2 and "steps: not with --peers" in err
+
+
+class Refusing:
+    """A finder of modules that refuses one, as an application's may."""
+
+    def find_spec(self, name, path=None, target=None):
+        if name == "away":
+            raise ModuleNotFoundError("No module named 'away'", name=name)
+
+
+def test_what_is_not_installed_is_said(monkeypatch, capsys):
+    absent, refused = Fake(), Fake()
+    absent.package = absent.module = "not_there"
+    refused.package, refused.module = "far-away", "away"
+    monkeypatch.setattr(sys, "meta_path", [Refusing(), *sys.meta_path])
+    known = {others.OWN: None, "absent": absent, "again": absent, "refused": refused, "fake": Fake(fail)}
+    monkeypatch.setattr(others, "methods", lambda: known)
+    monkeypatch.setitem(SUBJECTS, "scales", lambda long, count, seed: iter([case()]))
+    code, text, _ = called(capsys, "stress", "scales", "--peers")
+    assert code == 0 and "ModuleNotFoundError" not in text and text.endswith(
+        "\nnot_there is not installed: pip install 'pinconsist[peers]'\n"
+        "far-away is not installed: pip install 'pinconsist[peers]'\n"
+    )  # fmt: skip
+    assert others.judged(case(), refused)[0] == others.CANNOT

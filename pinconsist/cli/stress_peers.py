@@ -59,6 +59,8 @@ def _print(found, others):
         if outcome.outcome in ("FAILED", others.CUT)
     ]
     output.table(("method", "what did not hold", "figure>", "criterion>", "why"), rows)
+    for reason in others.missing():
+        print(reason)
 
 
 def _share(found, method, family, others):

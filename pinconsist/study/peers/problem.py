@@ -98,9 +98,11 @@ class Peer(ABC):
 
     def missing(self) -> str | None:
         """Why the method is not there, or None."""
-        if find_spec(self.module) is None:
-            return f"{self.package} is not installed: pip install 'pinconsist[peers]'"
-        return None
+        try:
+            found = find_spec(self.module)
+        except ImportError:  # a finder of the application's that refuses it
+            found = None
+        return None if found else f"{self.package} is not installed: pip install 'pinconsist[peers]'"
 
     def version(self) -> str:
         """Of the package."""

@@ -102,6 +102,11 @@ def methods() -> dict[str, Peer | None]:
     return {OWN: None} | {peer.name: peer for peer in peers() if peer.package != "pinconsist"}
 
 
+def missing() -> list[str]:
+    """Why methods are not there, a sentence for each package."""
+    return list(dict.fromkeys(filter(None, (peer.missing() for peer in methods().values() if peer))))
+
+
 def judged(case: Case, peer: Peer | None) -> tuple:
     """(outcome, reason, measure, figure, criterion); the words may be those of any exception."""
     if peer is not None and peer.fixed_step and case.family == "tolerance":
