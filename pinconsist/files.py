@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import InputError
@@ -28,8 +28,19 @@ def written_whole(file):
             stream.flush()
             os.fsync(stream.fileno())  # else a power cut may leave the new name with no content
         os.replace(draft, target)
+        _sync_folder(target.parent)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _sync_folder(folder) -> None:
+    """Put names on the disk, which a power cut may take back else, where platform and file system can."""
+    with suppress(OSError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 def require_writable(file) -> None:

@@ -152,6 +152,30 @@ def test_devices_and_pipes_are_written_into_and_stay(tmp_path):
     assert Path("/dev/full").is_char_device()
 
 
+def test_after_a_power_cut_there_is_the_old_file_or_the_new_one(tmp_path, monkeypatch):
+    """First the content is on the disk, then the name, then the folder that has the name."""
+    done, sync, replace = [], os.fsync, os.replace
+
+    def noted(number):
+        done.append(os.path.realpath(f"/proc/self/fd/{number}"))
+        sync(number)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    monkeypatch.setattr(os, "replace", lambda *names: (done.append("replace"), replace(*names)))
+    with written_whole(tmp_path / "file") as stream:
+        stream.write(b"content")
+    assert done[1:] == ["replace", str(tmp_path.resolve())] and Path(done[0]).parent == tmp_path.resolve()
+
+    def folders_cannot(number):
+        if os.path.isdir(f"/proc/self/fd/{number}"):
+            raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(os, "fsync", folders_cannot)  # as on some network file systems
+    with written_whole(tmp_path / "file") as stream:
+        stream.write(b"other")
+    assert (tmp_path / "file").read_bytes() == b"other"
+
+
 @pytest.mark.slow
 def test_no_permission(tmp_path, unprivileged):
     locked, file = tmp_path / "locked", tmp_path / "secret.npz"
