@@ -80,7 +80,7 @@ def simulate(
         str | None, typer.Option(metavar="FILE.png", help="Draw it over time (or .pdf, .svg).", rich_help_panel=FILES)
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object instead of text.", rich_help_panel=FILES)
+        bool, typer.Option("--json", help="Print one JSON object instead.", rich_help_panel=FILES)
     ] = False,
 ) -> int:  # fmt: skip
     """Simulate a scene: close its loops, integrate, and certify what came out.
