@@ -39,6 +39,8 @@ class Certificate:
         Kinetic, potential and elastic energy of each row, J.
     undetermined : dict of str to float
         Loops whose own forces mean nothing, see :attr:`Reaction.dependence`; empty for a general problem.
+    fixed_step : bool
+        The run had one, which is then what to make smaller.
     """
 
     position: float
@@ -49,6 +51,7 @@ class Certificate:
     energy_error: float | None
     energy: np.ndarray | None = field(repr=False, compare=False)
     undetermined: dict[str, float] = field(default_factory=dict)
+    fixed_step: bool = field(default=False, repr=False, compare=False)
 
     def __str__(self):
         lines = [
@@ -64,14 +67,14 @@ class Certificate:
     @property
     def concerns(self) -> list[str]:
         """What a person should look at before believing the solution; empty where nothing stands out."""
-        found = []
+        found, advice = [], "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
         if self.position > 1e-8:
             found.append(f"a loop gapes by {self.position:.1e}")
         if self.force > 0.01:
-            found.append("the constraint forces are off by more than 1 %: tighten rtol, or a force jumps within a step")
+            found.append(f"the constraint forces are off by more than 1 %: {advice}, or a force jumps within a step")
         if self.energy_error is not None and self.energy_error > 0.01:
             found.append(
-                "the energy balance misses more than 1 %: tighten rtol, or a force or a drive jumps (restart there "
+                f"the energy balance misses more than 1 %: {advice}, or a force or a drive jumps (restart there "
                 "by an event), or the rows are too few to see the work of the forces"
             )
         if self.undetermined:
@@ -144,4 +147,5 @@ def _certificate(solution, labels, phi, rho, forces, exact, energy, found):
         energy_error=None if energy is None else energy.balance_error,
         energy=None if energy is None else energy.total,
         undetermined=found,
+        fixed_step=solution.method.get("step") is not None,
     )

@@ -387,3 +387,10 @@ def test_of_long_runs_the_forces_of_some_rows_are_compared(monkeypatch):
     assert 0.2 * whole.force < part.force <= 1.01 * whole.force
     assert part.force_first == pytest.approx(whole.force_first, rel=0.01)
     assert (part.position, part.velocity, part.energy_error) == (whole.position, whole.velocity, whole.energy_error)
+
+
+def test_what_is_to_be_done_about_errors_fits_the_method():
+    mech = pc.load("four_bar")
+    for options, advice in ({"step": 0.05, "max_order": 1}, "a smaller step"), ({"rtol": 0.3, "atol": 0.3}, "rtol"):
+        concerns = pc.simulate(mech, (0.0, 2.0), **options).check().concerns
+        assert concerns and all(advice in concern for concern in concerns)

@@ -117,7 +117,7 @@ public:
       const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const bool settled = std::min(size, to_come) <= (stale ? STALE_FACTOR * tol : tol);
       const double noise = rate > STAGNANT ? STAGNATED : iteration == MAX_ITERATIONS ? LAST : 0.0;
-      if (settled || (noise > 0.0 && !stale && at_floor(step.p, noise))) {
+      if (settled || (noise > 0.0 && !stale && at_floor(psi.segment(nx, nv), step.p, noise))) {
         if (stale && correct_ && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol)
           close(t, base, c, weight, step, false);
         step.change = step.y - predicted;
@@ -166,10 +166,10 @@ private:
     step.y.tail(nv + nc) -= closing_.col(1);
   }
 
-  bool at_floor(const Vec &p, double noise) const {
+  template <class Velocity> bool at_floor(const Velocity &psi_v, const Vec &p, double noise) const {
     const int nv = system_.nv;
     const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv));
-    return step <= noise * (largest(v_) + step) && moved <= 1e4 * EPS * (1.0 + largest(p));
+    return step <= noise * (largest(v_) + largest(psi_v) + step) && moved <= 1e4 * EPS * (1.0 + largest(p));
   }
 
   System &system_;

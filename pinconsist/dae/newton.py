@@ -202,7 +202,7 @@ class Newton:
             to_come = size if iteration == 1 else size * rate / (1.0 - rate) if rate < 1.0 else np.inf
             settled = min(size, to_come) <= (STALE_FACTOR * tol if stale else tol)
             noise = STAGNATED if rate > STAGNANT else LAST if iteration == MAX_ITERATIONS else 0.0
-            if settled or (noise and not stale and _at_floor(steps[:nv], v, p, noise)):
+            if settled or (noise and not stale and _at_floor(steps[:nv], v, psi[nx : nx + nv], p, noise)):
                 # an old matrix takes ρ out only but for a part that is about as large as the rate
                 if stale and self.correct and rate * rms(steps[:nv, 2] * weight[nx:]) > HIDDEN * tol:
                     y, p = self._close(t, base, psi_x, c, p, raw, y, weight)
@@ -239,10 +239,11 @@ def _paired(weight, nx, nv):
     return np.column_stack((weight[nx:], np.full(nv, weight[:nx].max(initial=0.0))))
 
 
-def _at_floor(steps, v, p, noise) -> bool:
+def _at_floor(steps, v, psi_v, p, noise) -> bool:
     """Whether the increments are what rounding leaves, so that more iterations or a smaller step cannot help."""
     step, moved = (largest(steps[:, i]) for i in (0, 1))
-    return step <= noise * (largest(v) + step) and moved <= 1e4 * EPS * (1.0 + largest(p))
+    scale = largest(v) + largest(psi_v) + step  # v = ψ_v + c v' may be a small difference of larger numbers
+    return step <= noise * scale and moved <= 1e4 * EPS * (1.0 + largest(p))
 
 
 def culprits(system, t, p, v) -> str:
