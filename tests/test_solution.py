@@ -393,4 +393,4 @@ def test_what_is_to_be_done_about_errors_fits_the_method():
     mech = pc.load("four_bar")
     for options, advice in ({"step": 0.05, "max_order": 1}, "a smaller step"), ({"rtol": 0.3, "atol": 0.3}, "rtol"):
         concerns = pc.simulate(mech, (0.0, 2.0), **options).check().concerns
-        assert concerns and all(advice in concern for concern in concerns)
+        assert any(advice in concern for concern in concerns) and "rtol" not in "".join(concerns).replace(advice, "")
