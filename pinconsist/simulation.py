@@ -98,7 +98,8 @@ def simulate(
     Solution
         ``success`` is False, with what was reached and a message, where the integration fails. ``lam[0]`` belongs to
         the start, ``lam[1]`` to the first step, which with variable steps is one of the one-step start (``order`` 0),
-        not of the method itself; see :class:`Solution`. Ctrl-C ends the run with what was reached, ``status`` 1.
+        not of the method itself; see :class:`Solution`. Ctrl-C ends the run with what was reached, ``status`` 1;
+        after the last step it changes nothing.
 
     Raises
     ------
