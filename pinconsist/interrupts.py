@@ -97,6 +97,12 @@ def let_through():
         _gate.open = was
 
 
+def put_back() -> None:
+    """Let a KeyboardInterrupt wait on: it came too late for who caught it, but maybe not for those around."""
+    if _in_main_thread():
+        _gate.returned = _gate.held
+
+
 def raised_by_a_handler(error) -> bool:
     """Whether an exception came from the handler of a signal, and not from the code that it broke into."""
     return any(frame.f_code is _Gate.__call__.__code__ for frame, _ in tracebacks.walk_tb(error.__traceback__))
@@ -106,7 +112,7 @@ class _Gate:
     """Stands where the handlers stood: lets signals through to them, or keeps them waiting."""
 
     def __init__(self):
-        self.open, self.held, self.handlers, self.waiting = True, False, {}, []
+        self.open, self.held, self.returned, self.handlers, self.waiting = True, False, False, {}, []
 
     def __call__(self, number, frame):
         if self.open:
@@ -135,9 +141,12 @@ class _Gate:
 
     def pass_on(self):
         """Tell the handlers what has waited, each of them, whatever they raise."""
+        returned, self.returned = self.returned, False
         with ExitStack() as told:
             while self.waiting:
                 told.callback(signal.raise_signal, self.waiting.pop())
+        if returned:
+            raise KeyboardInterrupt
 
 
 _gate = _Gate()

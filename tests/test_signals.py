@@ -68,6 +68,7 @@ def interrupting(function, number=signal.SIGINT):
 
 
 LATE = {  # between the last step and the file
+    "march": ("pinconsist.dae.integrate", "_march"),
     "rows": ("pinconsist.dae.record.Record", "arrays"),
     "steps": ("pinconsist.dae.record.Record", "steps"),
     "solution": ("pinconsist.simulation", "Solution._from_trajectory"),
@@ -93,7 +94,7 @@ def test_signals_after_the_last_step_lose_nothing(tmp_path, monkeypatch, place, 
     assert pc.resume(tmp_path / "cut.npz").status == 0 and pc.rerun(tmp_path / "cut.npz").same
 
 
-@pytest.mark.parametrize("place", ["rows", "steps", "solution"])
+@pytest.mark.parametrize("place", ["march", "rows", "steps", "solution"])
 def test_simulate_returns_what_ctrl_c_came_too_late_for(monkeypatch, place):
     owner, name = LATE[place]
     mech = pc.load("four_bar")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError
-from ..interrupts import let_through, raised_by_a_handler
+from ..interrupts import let_through, put_back, raised_by_a_handler
 from .acceleration import solve_acceleration
 from .compiled import stepper_for
 from .consistency import project_position, project_velocity
@@ -120,7 +120,9 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
     except Stop as stop:
         status, message = stop.status, str(stop)
     except KeyboardInterrupt:
-        if not record.nsteps or record.reached != t_span[1] or wishes.events:  # else it came after the last step
+        if record.nsteps and record.reached == t_span[1] and not wishes.events:  # it came after the last step
+            put_back()
+        else:
             status, message = STOPPED, f"interrupted at t = {record.reached:.6g}; the solution holds what was reached"
     except (PinconsistError, MemoryError, SystemExit) as raised:
         error = _ending(raised, record.reached)
