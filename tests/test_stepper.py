@@ -37,7 +37,7 @@ def test_an_open_loop_is_no_rounding():
 class Judge:
     """What a stepper knows when it judges whether an error is rounding, whose bound is 10 tolerances here."""
 
-    k, _felt, _trusted = 3, 0.0, 0
+    k, _felt, _trusted, control = 3, 0.0, 0, SimpleNamespace(tightest=(1e-12, 1e-12))
     _rounding_error = staticmethod(lambda t, step, weight: 10.0)
 
     def says(self, h, error, tried):
@@ -59,6 +59,8 @@ def test_rounding_has_to_show_itself_and_is_then_believed_for_a_while():
     assert not judge.says(0.11, 9.0, (0.0, 0.0))  # longer than what has shown itself
     judge._trusted = 0
     assert not judge.says(0.1, 9.0, (0.0, 0.0))
+    judge.control = SimpleNamespace(tightest=(1e-6, 1e-6))
+    assert not judge.says(0.05, 2.0, (0.1, 2.0))  # far above rounding
 
 
 def test_nothing_is_believed_beyond_an_event():

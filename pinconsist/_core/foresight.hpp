@@ -28,6 +28,9 @@ public:
     const bool foreseen = looks_ >= 0 && allowed >= least_;
     return foreseen && gap_ * moved * moved <= CLOSED && hidden_ * moved <= allowed;
   }
+  double closing_rate(double size, double c, double moved) const {
+    return moved != 0.0 ? std::min(1.0, 2.0 * gap_ * c * c * size * size / moved) : 0.0;
+  }
   // `shift` and `speed`: root mean squares of the weighted shift of the velocities, and of themselves.
   void looked(double gap, double shift, double speed, double size, double c) {
     const double moved = std::abs(c) * size == 0.0 ? 1.0 : std::abs(c) * size;

@@ -7,7 +7,7 @@
 
 namespace pinconsist {
 
-constexpr int MAX_ITERATIONS = 10;
+constexpr int MAX_ITERATIONS = 10, CLOSINGS = 4;
 constexpr double FRESH_RATE = 0.4, STALE_FACTOR = 0.3, STAGNANT = 0.7, STAGNATED = 1e-9, LAST = 1e-12;
 
 // Why there is no step; the words stand in dae/compiled.py, in this order.
@@ -95,10 +95,7 @@ public:
         step.change = step.y - predicted;
         step.size = weighted_size(step.change, weight, nv);
         if (correct_ && !stale && foresight_.one_is_enough(step.size, c, tol)) {
-          if (!foresight_.stays_closed(step.size, c, tol)) {
-            close(t, base, c, weight, step, true);
-            step.change = step.y - predicted;
-          }
+          if (!foresight_.stays_closed(step.size, c, tol)) close(t, base, c, weight, predicted, step, MEASURED);
           step.failure = Failure::none;
           return;
         }
@@ -118,10 +115,12 @@ public:
       const bool settled = std::min(size, to_come) <= (stale ? STALE_FACTOR * tol : tol);
       const double noise = rate > STAGNANT ? STAGNATED : iteration == MAX_ITERATIONS ? LAST : 0.0;
       if (settled || (noise > 0.0 && !stale && at_floor(psi.segment(nx, nv), step.p, noise))) {
-        if (stale && correct_ && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol)
-          close(t, base, c, weight, step, false);
         step.change = step.y - predicted;
         step.size = weighted_size(step.change, weight, nv);
+        const bool hidden = stale && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol;
+        const double closing = iteration > 1 ? rate : 1.0;
+        if (correct_ && (hidden || closing * largest(system_.phi) > CLOSED * (1.0 + largest(step.p))))
+          close(t, base, c, weight, predicted, step, closing);
         step.failure = Failure::none;
         return;
       }
@@ -136,6 +135,8 @@ public:
   }
 
 private:
+  static constexpr double MEASURED = -1.0;
+
   static void fail(Attempt &step, const Vec &predicted, Failure failure) {
     step.y = predicted;
     step.failure = failure;
@@ -145,25 +146,31 @@ private:
     return std::sqrt(x.squaredNorm() / x.size());
   }
 
-  // Close the loops at the new position and take ρ out: the dynamics need no second look.
-  void close(double t, const Vec &base, double c, const Vec &weight, Attempt &step, bool measure) {
+  // Close the loops at the new position and take ρ out: the dynamics need no second look. After several iterations the
+  // `rate` at which they contracted is known; after one it is MEASURED.
+  void close(double t, const Vec &base, double c, const Vec &weight, const Vec &predicted, Attempt &step, double rate) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
-    v_ = step.y.segment(nx, nv);
-    system_.constraint(t, step.p, v_);
-    closing_.setZero();
-    closing_.col(0).tail(nc) = system_.phi;
-    closing_.col(1).tail(nc) = system_.rho;
-    kkt_.solve(closing_, c, 0);
-    reuse_.iterated();
-    if (measure) {
+    for (int turn = 0; turn < CLOSINGS; ++turn) {
+      v_ = step.y.segment(nx, nv);
+      system_.constraint(t, step.p, v_);
+      closing_.setZero();
+      closing_.col(0).tail(nc) = system_.phi;
+      closing_.col(1).tail(nc) = system_.rho;
+      kkt_.solve(closing_, c, 0);
+      reuse_.iterated();
       const double gap = largest(system_.phi) / (1.0 + largest(step.p));
-      const double shift = rms(closing_.col(1).head(nv).cwiseProduct(weight.tail(nv)));
-      foresight_.looked(gap, shift, rms(v_.cwiseProduct(weight.tail(nv))), step.size, c);
+      if (rate == MEASURED) {
+        const double shift = rms(closing_.col(1).head(nv).cwiseProduct(weight.tail(nv)));
+        foresight_.looked(gap, shift, rms(v_.cwiseProduct(weight.tail(nv))), step.size, c);
+        rate = foresight_.closing_rate(step.size, c, largest(step.change.head(nx)));
+      }
+      raw_ -= closing_.col(0).head(nv) / c;
+      system_.position(base, psi_x_, c, raw_, step.p, xi_);
+      step.y.head(nx) = xi_;
+      step.y.tail(nv + nc) -= closing_.col(1);
+      if (gap * rate <= CLOSED) break;
     }
-    raw_ -= closing_.col(0).head(nv) / c;
-    system_.position(base, psi_x_, c, raw_, step.p, xi_);
-    step.y.head(nx) = xi_;
-    step.y.tail(nv + nc) -= closing_.col(1);
+    step.change = step.y - predicted;
   }
 
   template <class Velocity> bool at_floor(const Velocity &psi_v, const Vec &p, double noise) const {

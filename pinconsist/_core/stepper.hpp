@@ -8,7 +8,7 @@
 namespace pinconsist {
 
 constexpr double SMALLEST = 16.0;
-constexpr double SLOW = 0.5, SETBACKS = 50.0;
+constexpr double NEAR_ROUNDING = 1e-9, HALF = 1e-8, SLOW = 0.5, SETBACKS = 100.0;
 constexpr std::chrono::milliseconds PATIENCE{50}; // after which Python is asked whether somebody interrupts
 
 inline double spacing(double t) { return std::nextafter(std::abs(t), INF) - std::abs(t); }
@@ -73,8 +73,7 @@ private:
       newton.attempt(t_next, base, psi_, predicted_, h / bdf::alpha(k), weight_, tol, attempt_);
       double smaller;
       if (attempt_.failure != Failure::none) {
-        setbacks_ += 1.0;
-        if (fixed() || setbacks_ > SETBACKS) return attempt_.failure;
+        if (fixed()) return attempt_.failure;
         smaller = control.after_failure(h);
       } else {
         error = control.error(attempt_, k);
@@ -86,7 +85,8 @@ private:
         k = again.k;
       }
       newton.forget();
-      if (std::abs(smaller) < SMALLEST * spacing(t))
+      setbacks_ += 1.0;
+      if (std::abs(smaller) < SMALLEST * spacing(t) || setbacks_ > SETBACKS)
         return attempt_.failure != Failure::none ? attempt_.failure : Failure::error_test;
       rescale(smaller, order);
     }
@@ -112,6 +112,7 @@ private:
   // Whether it is rounding that fails the error test, which a shorter step would feel as much.
   bool is_rounding(double t_next, double error, double longer, double its_error) {
     const double size = std::abs(h);
+    if (control.rtol.minCoeff() > NEAR_ROUNDING) return false;
     const bool shown = size < longer && error >= its_error * std::pow(size / longer, SLOW * (k + 1));
     const bool known = trusted_ > 0 && size <= felt_;
     if (!(shown || known) || error > rounding_error(t_next)) return false;
@@ -163,7 +164,8 @@ private:
 
   double rounding_error(double t_next) {
     Vec noise = Vec::Zero(weight_.size());
-    const double size = projection_.velocity_rounding(t_next, attempt_.p, attempt_.y.segment(system_.nx, system_.nv));
+    const Vec v = attempt_.y.segment(system_.nx, system_.nv);
+    const double size = std::min(projection_.velocity_rounding(t_next, attempt_.p, v), HALF * largest(v));
     noise.tail(system_.nv).setConstant(std::ldexp(size, k + 1));
     return control.error_in(system_, noise, k, weight_);
   }

@@ -41,6 +41,13 @@ class Foresight:
         foreseen = self._looks >= 0 and allowed >= self._least
         return foreseen and self._gap * moved**2 <= CLOSED and self._hidden * moved <= allowed
 
+    def closing_rate(self, size, c, moved) -> float:
+        """Part of the gap of the last look that a correction leaves whose Jacobian is that of the prediction.
+
+        A gap is half of what the Jacobian changes by on the way, times the way: `moved`, m or rad, of weighted `size`.
+        """
+        return min(1.0, 2.0 * self._gap * (c * size) ** 2 / moved) if moved else 0.0
+
     def looked(self, gap, shift, v, size, c) -> None:
         """A second look found this gap, relative to the positions, and shifted the velocities `v`; both weighted."""
         moved = abs(c) * size or 1.0

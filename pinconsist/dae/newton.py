@@ -21,11 +21,12 @@ from math import isfinite, sqrt
 import numpy as np
 from scipy.linalg.lapack import dgesv, dgetrs
 
-from .foresight import HIDDEN, Foresight
+from .foresight import CLOSED, HIDDEN, Foresight
 from .reuse import Reuse
 from .sizes import EPS, largest, rms, weighted_size
 
 MAX_ITERATIONS = 10
+CLOSINGS = 4  # of the loops after a step, each a look at the constraint alone
 FRESH_RATE = 0.4  # a slower contraction asks for a new and complete matrix
 STALE_FACTOR = 0.3  # of the stopping size for a kept matrix: what linear convergence leaves is felt by the multipliers
 STAGNATED, LAST = 1e-9, 1e-12  # relative to the velocities: increments that may be noise, and after the last iteration
@@ -155,7 +156,7 @@ class Newton:
         last, rate, slow = 0.0, 0.0, False
         a = (v - psi[nx : nx + nv]) / c
         p, xi = system.position(t, base, psi_x, c, v)
-        stale = reuse.possible and reuse.pays(c)
+        stale = reuse.pays(c)
         for iteration in range(1, MAX_ITERATIONS + 1):
             f, phi, G, rho = system.evaluate(t, p, v, a)
             f -= G.dot(lam)
@@ -187,7 +188,7 @@ class Newton:
                 size = weighted_size(change, weight, nv)
                 if self.correct and not stale and foresight.one_is_enough(size, c, tol):
                     if not foresight.stays_closed(size, c, tol):
-                        y, p = self._close(t, base, psi_x, c, p, raw, y, weight, size)
+                        y, p = self._close(t, base, psi_x, c, p, raw, y, weight, change, size)
                         change = y - predicted
                     return Attempt(y, p, change, size)
             increments = (steps[:nv, :2] * _paired(weight, nx, nv)).ravel("K")
@@ -203,11 +204,15 @@ class Newton:
             settled = min(size, to_come) <= (STALE_FACTOR * tol if stale else tol)
             noise = STAGNATED if rate > STAGNANT else LAST if iteration == MAX_ITERATIONS else 0.0
             if settled or (noise and not stale and _at_floor(steps[:nv], v, psi[nx : nx + nv], p, noise)):
-                # an old matrix takes ρ out only but for a part that is about as large as the rate
-                if stale and self.correct and rate * rms(steps[:nv, 2] * weight[nx:]) > HIDDEN * tol:
-                    y, p = self._close(t, base, psi_x, c, p, raw, y, weight)
                 change = y - predicted
-                return Attempt(y, p, change, weighted_size(change, weight, nv))
+                whole = weighted_size(change, weight, nv)
+                # an old matrix takes ρ out only but for a part that is about as large as the rate
+                hidden = stale and rate * rms(steps[:nv, 2] * weight[nx:]) > HIDDEN * tol
+                closing = rate if iteration > 1 else 1.0
+                if self.correct and (hidden or closing * largest(phi) > CLOSED * (1.0 + largest(p))):
+                    y, p = self._close(t, base, psi_x, c, p, raw, y, weight, rate=closing)
+                    change = y - predicted
+                return Attempt(y, p, change, whole)
             if rate > 2.0 and iteration > 2 and not was_stale:  # else a new matrix comes next
                 return Attempt(predicted, p, failure="Newton diverged")
             slow = rate > FRESH_RATE or size * rate ** (MAX_ITERATIONS - iteration) > tol
@@ -217,19 +222,29 @@ class Newton:
             a = (v - psi[nx : nx + nv]) / c
         return Attempt(predicted, p, failure="Newton did not converge")
 
-    def _close(self, t, base, psi_x, c, p, raw, y, weight, size=None):
-        """(y, p) with the loops closed at the new position and ρ taken out: the dynamics need no second look."""
-        system, nx, nv = self.system, self.system.nx, self.system.nv
-        v = y[nx : nx + nv]
-        phi, rho = system.constraint(t, p, system.rate(t, p, v))
-        self._constraint[:], self._hidden[:] = phi, rho
-        steps = self._kkt.solve(self._rhs[:, 1:], c)
-        self._reuse.iterated()
-        if size is not None:  # the increment of a matrix of this step: what Foresight reckons with
+    def _close(self, t, base, psi_x, c, p, raw, y, weight, change=None, size=0.0, rate=None):
+        """(y, p) with the loops closed at the new position and ρ taken out: the dynamics need no second look.
+
+        After one iteration, what its `change`, of weighted `size`, leaves is measured for Foresight; after several, the
+        `rate` at which they contracted is known.
+        """
+        system, foresight, nx, nv = self.system, self._foresight, self.system.nx, self.system.nv
+        for _ in range(CLOSINGS):
+            v = y[nx : nx + nv]
+            phi, rho = system.constraint(t, p, system.rate(t, p, v))
+            self._constraint[:], self._hidden[:] = phi, rho
+            steps = self._kkt.solve(self._rhs[:, 1:], c)
+            self._reuse.iterated()
             gap = largest(phi) / (1.0 + largest(p))
-            self._foresight.looked(gap, steps[:nv, 1] * weight[nx:], v * weight[nx:], size, c)
-        p, xi = system.position(t, base, psi_x, c, raw - steps[:nv, 0] / c)
-        return np.concatenate((xi, y[nx:] - steps[:, 1])), p
+            if rate is None:
+                foresight.looked(gap, steps[:nv, 1] * weight[nx:], v * weight[nx:], size, c)
+                rate = foresight.closing_rate(size, c, largest(change[:nx]))
+            raw = raw - steps[:nv, 0] / c
+            p, xi = system.position(t, base, psi_x, c, raw)
+            y = np.concatenate((xi, y[nx:] - steps[:, 1]))
+            if gap * rate <= CLOSED:
+                break
+        return y, p
 
 
 def _paired(weight, nx, nv):

@@ -14,8 +14,10 @@ from .newton import Newton
 from .sizes import EPS, largest
 
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
+NEAR_ROUNDING = 1e-9  # rtol down to which no error is believed to be rounding
+HALF = 1e-8  # of the velocities, half their digits: nor is a larger error
 SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
-SETBACKS = 50.0  # failures of Newton, beyond one in two steps, after which there is no way on
+SETBACKS = 100.0  # failed tries, beyond one for two steps, after which there is no way on
 
 
 @dataclass(slots=True)
@@ -149,8 +151,7 @@ class Stepper:
             step = self.newton.attempt(t_next, self.base, psi, predicted, h / bdf.alpha(k), weight, tol)
             if step.failure:
                 smaller = control.after_failure(h)
-                self._setbacks += 1.0
-                if smaller is None or self._setbacks > SETBACKS:
+                if smaller is None:
                     return step.failure
             else:
                 d = step.change
@@ -160,7 +161,8 @@ class Stepper:
                 tried = abs(h), error
                 smaller, self.k = control.after_rejection(system, Z, d, k, h, error, weight)
             self.newton.forget()
-            if abs(smaller) < SMALLEST * np.spacing(abs(self.t)):
+            self._setbacks += 1.0
+            if abs(smaller) < SMALLEST * np.spacing(abs(self.t)) or self._setbacks > SETBACKS:
                 return step.failure or "the error test fails at any step size"
             self.rescale(smaller, k)
         Z[k + 2] = d
@@ -179,11 +181,13 @@ class Stepper:
     def _is_rounding(self, t, step, weight, error, tried) -> bool:
         """Whether it is rounding that fails the error test, which a shorter step would feel as much.
 
-        That has to show: a longer step, tried from the same point, had no error to match its order. For a while steps
-        up to that length are then believed at once, as far as the bound allows.
+        Only tolerances near rounding ask. And it has to show: a longer step, tried from the same point, had no error to
+        match its order. For a while steps up to that length are then believed at once, as far as the bound allows.
         """
         h = abs(self.h)
         longer, its_error = tried
+        if self.control.tightest[0] > NEAR_ROUNDING:
+            return False
         shown = h < longer and error >= its_error * (h / longer) ** (SLOW * (self.k + 1))
         known = self._trusted > 0 and h <= self._felt
         if not (shown or known) or error > self._rounding_error(t, step, weight):
@@ -262,7 +266,7 @@ class Stepper:
         system, k = self.system, self.k
         noise = np.zeros(len(weight))
         v = step.y[system.nx :][: system.nv]
-        noise[system.nx :] = 2.0 ** (k + 1) * _velocity_rounding(system, t, step.p, v)
+        noise[system.nx :] = 2.0 ** (k + 1) * min(_velocity_rounding(system, t, step.p, v), HALF * largest(v))
         return self.control.error_in(system, noise, k, weight)
 
     def _make_consistent(self, Z, states):

@@ -26,7 +26,7 @@ def cases():
         )
     for exponent in range(1, 13):
         away = 10.0**-exponent
-        expected = HELD if exponent <= 4 else EITHER
+        expected = HELD if exponent <= 3 else EITHER  # nearer, v is known to less than the tolerance on the way through
         check = partial(_parallelograms, 1, 0.3, 1.0, np.pi / 2 - away)
         yield Case("singular position", f"start {away:.0e} rad from one", check, expected, "singular|dependent|branch")
     yield Case(
