@@ -8,9 +8,9 @@ from scenes import held_mass
 
 import pinconsist as pc
 from pinconsist.dae.acceleration import NotFiniteError, solve_acceleration
-from pinconsist.dae.consistency import project_position
+from pinconsist.dae.consistency import project_position, velocity_rounding
 from pinconsist.dae.sizes import EPS
-from pinconsist.dae.stepper import Stepper, _velocity_rounding
+from pinconsist.dae.stepper import Stepper
 from pinconsist.dae.stepsize import ErrorControl
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.plan import method_of
@@ -20,7 +20,7 @@ def rounding(sigma, v=(1.0, -2.0, 0.5), p=(0.0, 0.0, 3.0)):
     """Of a unit mass held by two rows at right angles, one of length `sigma`."""
     rows = np.array([[1.0, 0.0, 0.0], [0.0, sigma, 0.0]])
     p, v = np.array(p), np.array(v)
-    return _velocity_rounding(held_mass(rows).at(0.0, p, v), 0.0, p, v)
+    return velocity_rounding(held_mass(rows).at(0.0, p, v), 0.0, p, v)
 
 
 def test_rounding_grows_with_the_square_of_the_distance_from_regular():
@@ -75,7 +75,7 @@ def test_nothing_is_believed_beyond_an_event():
 
 def test_without_constraints_only_the_velocity_is_rounded():
     free = SimpleNamespace(nv=3, nc=0)
-    assert _velocity_rounding(free, 0.0, np.zeros(3), np.array([1.0, -2.0, 0.5])) == 2.0 * EPS
+    assert velocity_rounding(free, 0.0, np.zeros(3), np.array([1.0, -2.0, 0.5])) == 2.0 * EPS
 
 
 @pytest.mark.parametrize("length", [1e-3, 1.0, 1e3, 1e6])

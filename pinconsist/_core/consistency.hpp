@@ -54,7 +54,7 @@ public:
     return state;
   }
 
-  // Velocity that eps in v and in Φ brings about (dae/stepper.py).
+  // Velocity that eps in v and in Φ brings about (dae/consistency.py).
   double velocity_rounding(double t, const Vec &p, const Vec &v) {
     const int nv = system_.nv, nc = system_.nc;
     const double size = EPS * largest(v);

@@ -183,7 +183,7 @@ NB_MODULE(twin, m) {
              s.y = y;
              s.base = base;
              s.Z = Z;
-             s.begin_anew();
+             s.begin_anew(t);
            })
       .def("fix_step",
            [](Stepper &s, double start, long taken, long steps) {

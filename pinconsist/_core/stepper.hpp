@@ -8,7 +8,8 @@
 namespace pinconsist {
 
 constexpr double SMALLEST = 16.0;
-constexpr double NEAR_ROUNDING = 1e-9, HALF = 1e-8, SLOW = 0.5, SETBACKS = 100.0;
+constexpr double NEAR_ROUNDING = 1e-9, HALF = 1e-8, SLOW = 0.5, PROGRESS = 1e-6;
+constexpr int SETBACKS = 100;
 constexpr std::chrono::milliseconds PATIENCE{50}; // after which Python is asked whether somebody interrupts
 
 inline double spacing(double t) { return std::nextafter(std::abs(t), INF) - std::abs(t); }
@@ -52,11 +53,12 @@ public:
   }
 
   // Nothing is known of what comes: the run starts, or starts again.
-  void begin_anew() {
+  void begin_anew(double at) {
     control.restart();
     newton.forget();
-    setbacks_ = felt_ = 0.0;
-    trusted_ = 0;
+    since_ = mark_ = at;
+    felt_ = 0.0;
+    trusted_ = setbacks_ = 0;
   }
 
 private:
@@ -85,7 +87,7 @@ private:
         k = again.k;
       }
       newton.forget();
-      setbacks_ += 1.0;
+      ++setbacks_;
       if (std::abs(smaller) < SMALLEST * spacing(t) || setbacks_ > SETBACKS)
         return attempt_.failure != Failure::none ? attempt_.failure : Failure::error_test;
       rescale(smaller, order);
@@ -105,7 +107,7 @@ private:
       choice = control.next_step(system_, Z, k, h, error, weight_);
     }
     --trusted_;
-    setbacks_ = std::max(0.0, setbacks_ - 0.5);
+    if (std::abs(t - mark_) > PROGRESS * std::abs(t - since_)) mark_ = t, setbacks_ = 0;
     return Failure::none;
   }
 
@@ -189,7 +191,8 @@ private:
 
   System &system_;
   Projection projection_;
-  double setbacks_ = 0.0;
+  double since_ = 0.0, mark_ = 0.0; // start, and the time since which setbacks are counted
+  int setbacks_ = 0;
   double felt_ = 0.0; // up to which length steps are known to feel rounding, and how many
   int trusted_ = 0;
   Attempt attempt_;

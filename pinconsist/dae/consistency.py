@@ -143,3 +143,24 @@ def consistent_history(system, h, k, base, Z, states):
     v1 = trial.y[system.nx : system.nx + system.nv]
     rho = system.constraint(t1, trial.p, system.rate(t1, trial.p, v1))[1]
     return [v + velocity_shift(system, t, p, v, rho) for t, p, v, _ in states]
+
+
+def velocity_rounding(system, t, p, v) -> float:
+    """Velocity that eps in v and in Φ brings about: positions move by eps/σ, W turns with them, v by eps/σ² |v|.
+
+    0 where loops gape: more than rounding is wrong there.
+    """
+    nv, nc = system.nv, system.nc
+    size, reach = EPS * largest(v), 1.0 + largest(p)
+    if not nc:
+        return size
+    _, phi, G, _ = system.evaluate(t, p, v, np.zeros(nv))
+    if largest(phi) > rounding_gap(p, G):
+        return 0.0
+    try:
+        kkt = kkt_at(system, t, p, v)
+    except SingularSystemError:
+        return np.inf
+    inverse = kkt.solve(np.vstack((np.zeros((nv, nc)), np.eye(nc))), 1.0)[:nv]
+    s, turn = (np.abs(matrix).sum(axis=1).max() for matrix in (inverse, kkt.W))
+    return size * (1.0 + reach * s**2 * turn)

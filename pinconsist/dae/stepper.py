@@ -6,18 +6,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import PinconsistError, SingularSystemError
+from ..errors import PinconsistError
 from . import bdf, consistency, start
 from .dense import Segment
 from .foresight import REMEMBERED
 from .newton import Newton
-from .sizes import EPS, largest
+from .sizes import largest
 
 SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
 NEAR_ROUNDING = 1e-9  # rtol down to which no error is believed to be rounding
 HALF = 1e-8  # of the velocities, half their digits: nor is a larger error
 SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
-SETBACKS = 100.0  # failed tries, beyond one for two steps, after which there is no way on
+SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it came on by less than this part meanwhile
 
 
 @dataclass(slots=True)
@@ -95,7 +95,6 @@ class Stepper:
         system, method = self.system, self.method
         self.control.restart()
         self.newton.forget()
-        self._setbacks = 0.0
         self._felt, self._trusted = 0.0, 0  # up to which length steps are known to feel rounding, and how many
         if method.step is not None:
             steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
@@ -110,6 +109,8 @@ class Stepper:
         if abs(states[-1][0] - t_end) <= 1e-9 * abs(self.h):
             states[-1] = (t_end, *states[-1][1:])  # else a step of a few spacings of t would be left
         self.t, self.p = states[-1][:2]
+        self._since = self._mark = self.t
+        self._setbacks = 0  # since the time of the mark
         self._turns = None if system.vector_like else bdf.turning_coordinates(system, p)
         if self._turns is not None and (too_fast := self._turns_too_far(states[-1][2])):
             raise PinconsistError(f"no start at t = {t:.6g}: {too_fast}")
@@ -161,7 +162,7 @@ class Stepper:
                 tried = abs(h), error
                 smaller, self.k = control.after_rejection(system, Z, d, k, h, error, weight)
             self.newton.forget()
-            self._setbacks += 1.0
+            self._setbacks += 1
             if abs(smaller) < SMALLEST * np.spacing(abs(self.t)) or self._setbacks > SETBACKS:
                 return step.failure or "the error test fails at any step size"
             self.rescale(smaller, k)
@@ -175,7 +176,8 @@ class Stepper:
         else:
             self._choice = control.next_step(system, Z, k, h, error, weight)
         self._trusted -= 1
-        self._setbacks = max(0.0, self._setbacks - 0.5)
+        if abs(self.t - self._mark) > PROGRESS * abs(self.t - self._since):
+            self._mark, self._setbacks = self.t, 0
         return ""
 
     def _is_rounding(self, t, step, weight, error, tried) -> bool:
@@ -266,7 +268,9 @@ class Stepper:
         system, k = self.system, self.k
         noise = np.zeros(len(weight))
         v = step.y[system.nx :][: system.nv]
-        noise[system.nx :] = 2.0 ** (k + 1) * min(_velocity_rounding(system, t, step.p, v), HALF * largest(v))
+        noise[system.nx :] = 2.0 ** (k + 1) * min(
+            consistency.velocity_rounding(system, t, step.p, v), HALF * largest(v)
+        )
         return self.control.error_in(system, noise, k, weight)
 
     def _make_consistent(self, Z, states):
@@ -278,24 +282,3 @@ class Stepper:
             velocities = consistency.consistent_history(system, self.h, k, self.base, Z, states)
         D = bdf.differences(len(states) - 1)
         Z[: len(states), system.nx : system.nx + system.nv] = D @ np.array(velocities[::-1])
-
-
-def _velocity_rounding(system, t, p, v) -> float:
-    """Velocity that eps in v and in Φ brings about: positions move by eps/σ, W turns with them, v by eps/σ² |v|.
-
-    0 where loops gape: more than rounding is wrong there.
-    """
-    nv, nc = system.nv, system.nc
-    size, reach = EPS * largest(v), 1.0 + largest(p)
-    if not nc:
-        return size
-    _, phi, G, _ = system.evaluate(t, p, v, np.zeros(nv))
-    if largest(phi) > consistency.rounding_gap(p, G):
-        return 0.0
-    try:
-        kkt = consistency.kkt_at(system, t, p, v)
-    except SingularSystemError:
-        return np.inf
-    inverse = kkt.solve(np.vstack((np.zeros((nv, nc)), np.eye(nc))), 1.0)[:nv]
-    s, turn = (np.abs(matrix).sum(axis=1).max() for matrix in (inverse, kkt.W))
-    return size * (1.0 + reach * s**2 * turn)
