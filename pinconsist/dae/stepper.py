@@ -268,7 +268,8 @@ class Stepper:
         system, k = self.system, self.k
         noise = np.zeros(len(weight))
         v = step.y[system.nx :][: system.nv]
-        noise[system.nx :] = 2.0 ** (k + 1) * min(
+        size = min(consistency.velocity_rounding(system, t, step.p, v), HALF * largest(v))
+        noise[system.nx :] = 2.0 ** (k + 1) * size
             consistency.velocity_rounding(system, t, step.p, v), HALF * largest(v)
         )
         return self.control.error_in(system, noise, k, weight)
