@@ -270,8 +270,6 @@ class Stepper:
         v = step.y[system.nx :][: system.nv]
         size = min(consistency.velocity_rounding(system, t, step.p, v), HALF * largest(v))
         noise[system.nx :] = 2.0 ** (k + 1) * size
-            consistency.velocity_rounding(system, t, step.p, v), HALF * largest(v)
-        )
         return self.control.error_in(system, noise, k, weight)
 
     def _make_consistent(self, Z, states):
