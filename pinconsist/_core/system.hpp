@@ -161,7 +161,8 @@ public:
 
   // ∂(Jᵀλ)/∂q by forward differences: wanted only where Newton is slow.
   void force_gradient(double t, const Vec &p, const Vec &lam, Mat &gradient) {
-    const Mat kept = J;
+    const Mat kept_J = J;
+    const Vec kept_phi = phi;
     evaluate_rows(t, p);
     const Vec at = J.transpose() * lam;
     const double step = 1e-7;
@@ -175,7 +176,8 @@ public:
       gradient.col(i) = (J.transpose() * lam - at) / step;
       unit[i] = 0.0;
     }
-    J = kept;
+    J = kept_J;
+    phi = kept_phi;
   }
 
 private:
