@@ -1,6 +1,7 @@
 # What type checkers see of the names that __init__.py loads when they are first used; tests/test_public.py compares.
 
 from .certificate import Certificate as Certificate
+from .comparison import compare as compare
 from .dae.events import Event as Event
 from .dae.hessenberg import HessenbergProblem as HessenbergProblem
 from .energy import Energy as Energy
@@ -44,13 +45,12 @@ from .recording.keep import record as record
 from .recording.keep import rerun as rerun
 from .recording.keep import resume as resume
 from .recording.rerun import Rerun as Rerun
+from .reference import reference_problem as reference_problem
+from .reference import reference_solution as reference_solution
 from .simulation import consistent_initial_velocity as consistent_initial_velocity
 from .simulation import integrate as integrate
 from .simulation import simulate as simulate
 from .solution import Solution as Solution
-from .study.compare import compare as compare
-from .study.reference import reference_problem as reference_problem
-from .study.reference import reference_solution as reference_solution
 from .sweeps.outcome import Outcome as Outcome
 from .sweeps.sweep import sweep as sweep
 from .view.meshcat import export_html as export_html

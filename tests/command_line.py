@@ -5,8 +5,8 @@ import pytest
 from pinconsist.cli import main
 
 
-def called(capsys, *arguments):
-    """Exit code, stdout and stderr of `pinconsist` with these arguments."""
+def called(capsys, *arguments, main=main):
+    """Exit code, stdout and stderr of `pinconsist`, or another command line, with these arguments."""
     with pytest.raises(SystemExit) as end:
         main([str(each) for each in arguments])
     return end.value.code, *capsys.readouterr()

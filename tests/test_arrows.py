@@ -9,8 +9,9 @@ ROOT = Path(__file__).resolve().parents[1] / "pinconsist"
 FILES = {path.relative_to(ROOT).as_posix(): path for path in sorted(ROOT.rglob("*.py"))}
 TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
 
-# Which part may import which. simulation.py and study join dae and mechanism into runs; mechanism knows nothing of dae
-# (it answers the protocol Index3System without importing it), the certificate only how to solve for accelerations.
+# Which part may import which. simulation.py and comparison.py join dae and mechanism into runs; mechanism knows nothing
+# of dae (it answers the protocol Index3System without importing it), the certificate only how to solve for
+# accelerations.
 MAY_IMPORT = {
     "errors": set(),
     "_core": set(),
@@ -29,10 +30,11 @@ MAY_IMPORT = {
     "recording": {"simulation", "formats", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
     "formats": {"mechanism", "files", "errors"},
     "view": {"mechanism", "files", "errors"},
-    "study": {"_core", "plan", "dae", "mechanism", "formats", "errors", "simulation", "solution"},
+    "reference": {"dae", "mechanism", "errors", "simulation"},
+    "comparison": {"reference", "dae", "mechanism", "errors", "simulation"},
     "sweeps": {"_core", "mechanism", "interrupts", "files", "solution_file", "errors", "simulation"},
-    "cli": {"simulation", "study", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
-    | {"sweeps", "recording", "files", "interrupts"},
+    "cli": {"simulation", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
+    | {"sweeps", "recording", "files", "interrupts", "comparison", "reference"},
 }
 DAE_SEEN_BY = {"certificate": {"acceleration", "sizes"}, "cli": set()}
 OPTIONAL = {"meshcat", "matplotlib", "rich", "typer", "yaml", "defusedxml", "coal"}
@@ -122,8 +124,7 @@ def test_only_the_mechanism_files_of_the_loops_name_pinocchios_constraints():
         found -= {"Constraint", "ConstraintRows"}  # the users' own Φ, mechanism/constraints/custom.py
         if found:
             named[name] = found
-    peer = "study/peers/constraint_dynamics.py"  # Pinocchio's own solver, as its users call it
-    assert set(named) <= {"mechanism/constraints/loops.py", "mechanism/constraints/kept_rows.py", peer}, named
+    assert set(named) <= {"mechanism/constraints/loops.py", "mechanism/constraints/kept_rows.py"}, named
     anchors = {name for name, found in named.items() if any("Anchor" in each for each in found)}
     assert anchors == {"mechanism/constraints/loops.py"}
 

@@ -294,15 +294,6 @@ def test_signals_of_the_application_stay_its_own(tmp_path):
     assert seen == ["own"] and sol.status == 1
 
 
-@pytest.mark.slow
-def test_ctrl_c_in_a_study_ends_it():
-    process = subprocess.Popen([*PROGRAM, "stress"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    time.sleep(2.5)  # at whatever it is then
-    process.send_signal(signal.SIGTERM)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode in (130, -signal.SIGTERM) and "Traceback" not in err
-
-
 def test_two_viewers_at_once_have_a_port_each():
     mech = pc.load("four_bar")
     sol = pc.simulate(mech, (0.0, 0.05))

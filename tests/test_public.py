@@ -226,3 +226,12 @@ def test_the_function_simulate_is_not_hidden_by_a_module():
     code = "import pinconsist.simulation, pinconsist as pc; print(callable(pc.simulate), callable(pc.integrate))"
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert printed.strip() == "True True"
+
+
+def test_importing_costs_little():
+    """Beside Pinocchio (and numpy with it) only a few modules of Python's own library come with the package."""
+    code = "import sys, pinocchio; before = set(sys.modules); import pinconsist; print(*set(sys.modules) - before)"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    own = {name for name in printed if name.startswith("pinconsist")}
+    assert own == {"pinconsist"} and len(printed) < 20
+    assert all(name.split(".")[0] in sys.stdlib_module_names for name in set(printed) - own)

@@ -394,3 +394,27 @@ def test_what_is_to_be_done_about_errors_fits_the_method():
     for options, advice in ({"step": 0.05, "max_order": 1}, "a smaller step"), ({"rtol": 0.3, "atol": 0.3}, "rtol"):
         concerns = pc.simulate(mech, (0.0, 2.0), **options).check().concerns
         assert any(advice in concern for concern in concerns) and "rtol" not in "".join(concerns).replace(advice, "")
+
+
+def test_what_was_skipped_is_told(tmp_path):
+    """All of it in the method; in the summary the loop rows alone, which a reader of its multipliers misses."""
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 0.1), backend="python")
+    rows = "3 of 5 loop rows (dependent or zero)"
+    for each in (sol, pc.Solution.load(sol.save(tmp_path / "run"))):
+        assert each.method["skipped"] == ["charts (all joints vector-like)", rows, "geometry", "dense output", "events"]
+        assert f"skipped: {rows}" in each.summary().splitlines()
+    events = [lambda t, q, v, lam: t - 1.0]
+    asked = pc.simulate(mech, (0.0, 0.1), dense_output=True, events=events, backend="python").method["skipped"]
+    assert "geometry" in asked and "dense output" not in asked and "events" not in asked
+    assert "skipped" not in pc.simulate(pc.load("planar_pendulum"), (0.0, 0.1)).summary()
+
+
+def test_the_summary_tells_rejected_steps_once():
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.1))
+    for rejected, told in (
+        ({"error": 29, "newton": 0}, "steps (29 rejected by error)\n"),
+        ({"error": 2, "newton": 1}, "steps (3 rejected: 2 by error, 1 by newton)\n"),
+        ({"error": 0}, "steps\n"),
+    ):
+        assert told in dataclasses.replace(sol, rejected=rejected).summary()

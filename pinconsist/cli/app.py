@@ -13,7 +13,7 @@ import typer
 
 from ..errors import PinconsistError, SavingError
 from ..interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
-from . import bench, check, compare, exit_codes, models, plot, replay, rerun, simulate, stress, sweep
+from . import check, compare, exit_codes, models, plot, replay, rerun, simulate, sweep
 from .output import FAILED, INTERRUPTED, WRONG_INPUT, print_error, rescued
 from .unbroken import unbroken_stdout
 
@@ -30,14 +30,11 @@ right from the first step on.
   pinconsist plot run.npz --what drift,energy     draw it
   pinconsist replay run.npz                       play it in the browser
   pinconsist compare problem51 --step 0.01 0.001  exact and consistent starts
-  pinconsist bench --overhead                     what a step costs here
-  pinconsist stress                               what was tried to break it
   pinconsist sweep four_bar --vary crank=0:1:.1   many runs, in a table
 
 A scene is a built-in name, a .urdf, .sdf or .xml (MJCF) file, or a folder that
 holds one .urdf. Each command explains itself: pinconsist COMMAND --help"""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-STUDIES = (["bench"], ["compare"], ["stress"])
 SEVERAL = {"--step": NUMBER, "--at": re.compile(r"[^-].*=.*"), "--with-velocity": re.compile(r"[^-].*=.*")}
 
 app = typer.Typer(
@@ -55,20 +52,24 @@ for command, function in (
     ("plot", plot.plot),
     ("rerun", rerun.rerun),
     ("resume", rerun.resume),
-    ("bench", bench.bench),
-    ("stress", stress.stress),
     ("sweep", sweep.sweep),
 ):
     app.command(command, epilog=exit_codes.OF[command])(function)
 
 
-def main(argv=None):
+def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     """Run the command line and end the process with its exit code.
 
     Parameters
     ----------
     argv : sequence of str, optional
         Arguments without the program's name; default those of the process.
+    app : typer.Typer
+        The commands.
+    program : str
+        Name of the program in its help.
+    studies : sequence of str
+        Commands that may fail after a signal because they were left with half a run.
     """
     arguments = spread(_asked_for_help(sys.argv[1:] if argv is None else argv))
     for stream in (sys.stdout, sys.stderr):
@@ -80,7 +81,7 @@ def main(argv=None):
     try:
         with warnings.catch_warnings(), ended_like_ctrl_c(), unbroken_stdout() as broken:
             warnings.showwarning = _without_source(warnings.showwarning)
-            code = _run(arguments)
+            code = _run(arguments, app, program, studies)
             if code == INTERRUPTED:
                 ignored_from_now_on()
         code = code or (FAILED if broken else code)
@@ -126,10 +127,10 @@ def spread(arguments) -> list[str]:
     return result
 
 
-def _run(arguments) -> int:
+def _run(arguments, app, program, studies) -> int:
     command = typer.main.get_command(app)
     try:
-        code = command.main(arguments, prog_name="pinconsist", standalone_mode=False) or 0
+        code = command.main(arguments, prog_name=program, standalone_mode=False) or 0
         return _interrupted() if code == INTERRUPTED else code  # typer too makes this code of a KeyboardInterrupt
     except SavingError as error:
         file = rescued(error.solution)
@@ -142,7 +143,7 @@ def _run(arguments) -> int:
         print_error("out of memory; what --out --save-every saved on the way is there")
         return FAILED
     except Exception as error:
-        if interrupted() and arguments[:1] in STUDIES:  # which was left with half a run
+        if interrupted() and arguments[0] in studies:
             return _interrupted()
         if not hasattr(error, "format_message"):  # what every usage error of typer has, whichever click it builds on
             raise

@@ -58,9 +58,9 @@ def compare(
         raise InputError("--plot and --html name the same file")
     output.require_writable(plot, html)
     output.require_figure(plot)
+    from ..comparison import compare as compare_errors
     from ..mechanism.mechanism import Mechanism
-    from ..study.compare import compare as compare_errors
-    from ..study.reference import PROBLEMS, reference_problem
+    from ..reference import PROBLEMS, reference_problem
 
     q0, v0 = scene.joint_values(at, "--at"), scene.joint_values(with_velocity, "--with-velocity")
     if subject in PROBLEMS:
@@ -107,8 +107,8 @@ def _show(what, file, run, order, q0, v0):
     """A page of the first steps from exact beside those from consistent values: a second each, ten in all at most."""
     from ..mechanism.assembly import assemble
     from ..mechanism.mechanism import Mechanism
+    from ..reference import reference_problem
     from ..simulation import integrate
-    from ..study.reference import reference_problem
     from ..view.meshcat import export_html
 
     if isinstance(what, Mechanism):

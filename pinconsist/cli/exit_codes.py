@@ -22,8 +22,6 @@ OF = {
         "rerun": f"1 the numbers differ; {INPUT}",
         "resume": f"1 the integration failed {RESUMED}; 2 wrong input, or a scene that has changed; 130 interrupted "
         f"{RESUMED}: --json then has interrupted = true, and success too",
-        "bench": INPUT,
-        "stress": f"1 a case failed; {INPUT}",
         "sweep": "1 a case failed (its row says why); 2 wrong input; 130 interrupted (the rows so far are in "
         "FILE.csv.partial)",
     }.items()

@@ -14,7 +14,7 @@ def models(
     Example: pinconsist models
     """
     from ..formats.catalogue import models as built_in
-    from ..study.reference import PROBLEMS
+    from ..reference import PROBLEMS
 
     scenes, (robots, missing) = built_in(), _robots()
     if as_json:

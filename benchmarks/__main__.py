@@ -1,0 +1,5 @@
+"""``python -m benchmarks``."""
+
+from .app import main
+
+main()

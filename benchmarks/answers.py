@@ -1,0 +1,112 @@
+"""What the methods are measured against: scipy's DOP853 on the index-1 equations, dense."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from pinconsist.dae.acceleration import solve_acceleration
+from pinconsist.dae.one_step import RightHandSide, chart_state
+from pinconsist.errors import InputError, PinconsistError
+
+from .peers.problem import Problem
+
+TOLERANCES = (1e-9, 1e-11, 1e-13)
+MOST = 100_000
+"""Evaluations at the first tolerance."""
+WORTH_IT = 10
+"""A finer tolerance, for which an order of 8 needs twice the work, is given up at so many times that of the coarser:
+it is then below the noise of the accelerations, as in long chains."""
+FEW = 500
+"""Evaluations that are always granted."""
+
+
+class Answers:
+    """The answer of a problem at any time.
+
+    Attributes
+    ----------
+    dense : callable
+        t → (q, v), at the finest of the tolerances that rounding allows.
+    doubt : float
+        Largest difference in q to the same at the tolerance before it.
+
+    Raises
+    ------
+    InputError
+        Configurations that are no vectors.
+    PinconsistError
+        scipy fails, as where the rows of the loops that are kept at the start become dependent on the way.
+    """
+
+    def __init__(self, problem: Problem):
+        if not problem.system.vector_like:
+            raise InputError(f"{problem.name}: no reference for configurations that are no vectors")
+        self.problem, self.system = problem, problem.system
+        found, most = [], MOST
+        for tol in TOLERANCES:
+            run, spent = self._dense(tol, most)
+            if run is None:
+                break
+            found.append(run)
+            most = max(FEW, WORTH_IT * spent)
+        if len(found) < 2:
+            raise PinconsistError(
+                f"{problem.name}: no reference: at a tolerance of {tol:g} scipy's DOP853 takes too many steps. Some "
+                "position on the way is singular, or nearly, or the motion is too fast for its length; try an earlier "
+                "end"
+            )
+        coarse, self.dense = found[-2:]
+        n, times = self.system.nx, np.linspace(*problem.span, 200)
+        self.doubt = float(np.abs(self.dense(times)[:n] - coarse(times)[:n]).max())
+        _, v, lam = self.at(times)
+        self._largest_v, self._largest_lam = (_size(part) for part in (v, lam))
+
+    def _dense(self, rtol, most):
+        """(dense output, evaluations), or (None, evaluations) where that many are not enough."""
+        problem, system = self.problem, self.system
+        f, count = RightHandSide(system, problem.q0), 0
+
+        def counted(t, y):
+            nonlocal count
+            count += 1
+            if count > most:
+                raise _TooMany
+            return f(t, y)
+
+        y0 = chart_state(system, problem.q0, problem.q0, problem.v0)
+        try:
+            run = solve_ivp(counted, problem.span, y0, "DOP853", rtol=rtol, atol=rtol, dense_output=True)
+        except _TooMany:
+            return None, count
+        if not run.success:
+            raise PinconsistError(f"{problem.name}: no reference: {run.message}")
+        return run.sol, count
+
+    def at(self, times):
+        """(q, v, λ of all rows) at times."""
+        y = self.dense(times).T
+        q, v = y[:, : self.system.nx], y[:, self.system.nx :]
+        kept = np.array([solve_acceleration(self.system, *row)[1] for row in zip(times, q, v, strict=True)])
+        return q, v, self.problem.multipliers(q, kept)
+
+    def errors(self, rows) -> tuple[float, ...]:
+        """(q, v, λ, q at the end, λ in the first row, λ at the method's own first step).
+
+        The first three the largest; v and λ in parts of their largest in the run.
+        """
+        q, v, lam = self.at(np.clip(rows.t, *self.problem.span))
+        by_q, by_v, by_lam = (np.abs(a - b).max(axis=1) for a, b in ((rows.q, q), (rows.v, v), (rows.lam, lam)))
+        relative = by_lam / self._largest_lam  # the start is given, not computed
+        first = relative[1], relative[rows.first]
+        return (by_q.max(), by_v.max() / self._largest_v, relative[1:].max(), by_q[-1], *first)
+
+
+def _size(values):
+    """The largest magnitude, or 1 where nothing moves."""
+    size = np.abs(values).max(initial=0.0)
+    return size if size > 1e-12 else 1.0
+
+
+class _TooMany(Exception):
+    """Evaluations of the right-hand side."""

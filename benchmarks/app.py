@@ -1,0 +1,34 @@
+"""The commands of ``python -m benchmarks``."""
+
+from __future__ import annotations
+
+import typer
+
+from pinconsist.cli import app as package
+
+from . import ablate, overhead, robots, stress_command, work_precision_command
+
+WRONG_INPUT = "2 wrong input; 130 interrupted"
+COMMANDS = {
+    "work-precision": (work_precision_command.command, WRONG_INPUT),
+    "robots": (robots.command, WRONG_INPUT),
+    "overhead": (overhead.command, WRONG_INPUT),
+    "ablate": (ablate.command, WRONG_INPUT),
+    "stress": (stress_command.command, f"1 a case failed; {WRONG_INPUT}"),
+}
+"""Name → function, and its exit codes apart from 0."""
+
+app = typer.Typer(
+    help="Measure run time and accuracy on this machine. Pin the threads first: OMP_NUM_THREADS=1.",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for name, (function, codes) in COMMANDS.items():
+    app.command(name, epilog=f"Exit codes: 0 fine; {codes}.")(function)
+
+
+def main(argv=None):
+    """Run the command line and end the process with its exit code."""
+    package.main(argv, app=app, program="python -m benchmarks", studies=COMMANDS)

@@ -1,0 +1,225 @@
+"""What a step costs, beside Pinocchio's own calls and as a chain grows: ``python -m benchmarks overhead``."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from typing import Annotated
+
+import numpy as np
+import pinocchio as pin
+import typer
+from scipy.linalg.lapack import dgesv
+
+from pinconsist import _core
+from pinconsist.cli import output
+from pinconsist.dae.compiled import stepper_for
+from pinconsist.formats.catalogue import load
+from pinconsist.mechanism.assembly import assemble
+from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.plan import method_of
+from pinconsist.simulation import simulate
+
+from . import report
+
+TIMED = "crank_rocker"
+SPEED = {"crank": 12.0}  # rad/s, the timing scene
+CHAINS = {8: 1.0, 32: 1.0, 64: 1.0, 128: 1.0, 256: 1.0}  # links → s
+
+
+@dataclass(frozen=True)
+class Overhead:
+    """Wall time of a step beside the bare Pinocchio calls of one residual.
+
+    Attributes
+    ----------
+    backend : str
+    rtol : float
+    steps : int
+        Accepted steps.
+    residuals : float
+        Residual evaluations per accepted step.
+    step_time, run_time, bare_time : float
+        Median wall time of an accepted step, of the whole run (assembly and start included) divided by its steps, and
+        of the calls rnea, computeJointJacobians, constraint calc and Jacobian made from Python, s.
+    least_time : float
+        The same with what every step with its own Newton matrix needs besides: computeRNEADerivatives and LAPACK's
+        dgesv of the KKT matrix for three right-hand sides, s.
+    ratio : float
+        Median of the ratios of a step to the bare calls, measured alternately.
+    """
+
+    backend: str
+    rtol: float
+    steps: int
+    residuals: float
+    step_time: float
+    run_time: float
+    bare_time: float
+    least_time: float
+    ratio: float
+
+
+def backends() -> tuple[str, ...]:
+    """Who can make steps here."""
+    return ("python",) if _core.load()[0] is None else ("compiled", "python")
+
+
+def overhead(scene="crank_rocker", tolerances=(1e-6, 1e-7, 1e-8), repeats=9) -> list[Overhead]:
+    """Measure a scene against the bare calls on its model, alternately: the crank-rocker for 5 s from 12 rad/s, other
+    scenes from rest for a tenth of their duration.
+    """
+    mech = load(scene)
+    timed = scene == "crank_rocker"
+    span, start = ((0.0, 5.0), ({"crank": 0.0}, SPEED)) if timed else ((0.0, 0.1 * mech.duration), (None, None))
+    begin = assemble(mech, *start)
+    system = MechanismSystem(mech, begin.q)
+    rows = []
+    for backend in backends():
+        for tol in tolerances:
+            times = []
+            for _ in range(repeats):
+                begun = time.perf_counter()
+                sol = simulate(mech, span, *start, rtol=tol, atol=tol, backend=backend)
+                run = (time.perf_counter() - begun) / sol.nsteps
+                steps, seconds = _steps(system, begin, span[1], backend, tol)
+                times.append((seconds / steps, run, *_bare_calls(system, begin.q)))
+            step, run, bare, least = np.array(times).T
+            medians = map(float, np.median((step, run, bare, least, step / bare), axis=1))
+            rows.append(Overhead(backend, tol, sol.nsteps, sol.nfev / sol.nsteps, *medians))
+    return rows
+
+
+def _bare_calls(system, q, count=2000) -> tuple[float, float]:
+    """Seconds that Pinocchio's calls of one residual take, and the same with derivatives and LAPACK's solution."""
+    model, data, v, a = system.model, system.data, np.ones(system.nv), np.ones(system.nv)
+    models, datas = system.kept_rows.constraints
+    pairs = list(zip(models, datas, strict=True))
+    matrix = np.asfortranarray(np.eye(system.nv + system.nc) + 0.1)
+    sides = np.ones((len(matrix), 3), order="F")
+    start = time.perf_counter()
+    for _ in range(count):
+        pin.rnea(model, data, q, v, a)
+        pin.computeJointJacobians(model, data, q)
+        for constraint, constraint_data in pairs:
+            constraint.calc(model, data, constraint_data)
+            constraint.jacobian(model, data, constraint_data)
+    bare = time.perf_counter()
+    for _ in range(count):
+        pin.computeRNEADerivatives(model, data, q, v, a)
+        dgesv(matrix, sides)
+    return (bare - start) / count, (time.perf_counter() - start) / count
+
+
+@dataclass(frozen=True)
+class ChainStep:
+    """Time of an accepted step of a hanging chain, its start not counted.
+
+    Attributes
+    ----------
+    backend : str
+    links, steps : int
+    step_time : float
+        Median over the runs, s.
+    """
+
+    backend: str
+    links: int
+    steps: int
+    step_time: float
+
+
+def chain_steps(chains=None, repeats=3) -> list[ChainStep]:
+    """Measure the steps of ``chain_<n>``, released from rest, at tolerance 1e-6, on every backend in turn."""
+    rows = []
+    for links, until in (chains or CHAINS).items():
+        mech = load(f"chain_{links}")
+        start = assemble(mech)
+        system = MechanismSystem(mech, start.q)
+        times = {backend: [] for backend in backends()}
+        for _ in range(repeats):
+            for backend, found in times.items():
+                found.append(_steps(system, start, until, backend))
+        for backend, found in times.items():
+            steps, seconds = found[0][0], np.median([seconds for _, seconds in found])
+            rows.append(ChainStep(backend, links, steps, float(seconds / steps)))
+    return rows
+
+
+def _steps(system, start, until, backend, tol=1e-6) -> tuple[int, float]:
+    """Accepted steps, and the seconds that they took."""
+    system.twin = None
+    span = (0.0, until)
+    method = method_of(span, "BDF", None, 5, tol, tol, "every-step", None, np.inf, None, backend)
+    stepper = stepper_for(system, method)
+    stepper.begin(0.0, start.q, start.v, until)
+    steps, begun = 0, time.perf_counter()
+    while stepper.t != until:
+        stretch = stepper.stretch(until, stepper.at_once, False)
+        if stretch.failure:
+            raise RuntimeError(stretch.failure)
+        steps += len(stretch.pieces) if stretch.block is None else len(stretch.block[0])
+    return steps, time.perf_counter() - begun
+
+
+def command(
+    scene: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME|PATH ...]", help="Default: the crank-rocker, and chains of 8 to 256 links."),
+    ] = None,
+    csv: report.Csv = None,
+    as_json: output.Json = False,
+) -> int:
+    """Time a step beside the bare Pinocchio calls of one residual. Steps of chains go to FILE_chains.csv.
+
+    Example: python -m benchmarks overhead crank_rocker andrews
+    """
+    output.require_writable(csv)
+    results = {name: [asdict(row) for row in overhead(name)] for name in scene or [TIMED]}
+    chains = [] if scene else [asdict(row) for row in chain_steps()]
+    if csv:
+        report.write_csv(csv, [{"scene": name} | row for name, rows in results.items() for row in rows])
+        report.write_csv(report.beside(csv, "chains"), chains)
+    if as_json:
+        output.print_json({"machine": output.machine(), "overhead": results} | ({"chains": chains} if chains else {}))
+        return output.FINE
+    print(output.machine() + "\n")
+    for name, rows in results.items():
+        _print_overhead(name, rows)
+    output.paragraph(
+        "run/steps: the whole run, assembly and start included; K⁻¹: computeRNEADerivatives and LAPACK's dgesv, "
+        "which a step with a Newton matrix of its own needs besides; step/bare: the median over runs made in turn"
+    )
+    print()
+    if chains:
+        _print_chains(chains)
+    return output.FINE
+
+
+def _print_overhead(name, rows):
+    how = ", 5 s from 12 rad/s" if name == TIMED else ", from rest"
+    output.table(
+        ("backend", "rtol", "steps>", "residuals/step>", "step [us]>", "run/steps [us]>", "bare calls [us]>",
+         "with K⁻¹ [us]>", "step/bare>"),
+        [
+            (row["backend"], f"{row['rtol']:g}", row["steps"], f"{row['residuals']:.2f}",
+             f"{1e6 * row['step_time']:.2f}", f"{1e6 * row['run_time']:.2f}", f"{1e6 * row['bare_time']:.2f}",
+             f"{1e6 * row['least_time']:.2f}", f"{row['ratio']:.2f}")
+            for row in rows
+        ],
+        title=f"{name}{how}: a step beside rnea + joint Jacobians + constraint + its Jacobian",
+    )  # fmt: skip
+
+
+def _print_chains(rows):
+    fewest = {row["backend"]: row for row in reversed(rows)}
+    output.table(
+        ("backend", "links>", "steps>", "step [us]>", "over the shortest>", "over linear>"),
+        [
+            (row["backend"], row["links"], row["steps"], f"{1e6 * row['step_time']:.1f}",
+             f"{(growth := row['step_time'] / fewest[row['backend']]['step_time']):.1f}",
+             f"{growth * fewest[row['backend']]['links'] / row['links']:.2f}")
+            for row in rows
+        ],
+        title="hanging chains from rest, 1 s at 1e-6: a step, the start not counted",
+    )  # fmt: skip

@@ -1,0 +1,77 @@
+"""The package's own methods: every method, order and consistency, and whatever else a run can be asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinconsist.dae.bdf import MAX_ORDER
+from pinconsist.dae.consistency import MODES
+from pinconsist.simulation import integrate
+
+from .problem import Peer, Rows, SolverFailed
+
+HIGHEST = 5  # of variable step
+SETTINGS = {
+    "BDF": {},
+    "BDF, in Python": {"backend": "python"},
+    **{f"BDF ≤ {k}": {"max_order": k} for k in range(HIGHEST - 1, 1, -1)},
+    "ImplicitEuler": {"method": "ImplicitEuler"},
+}
+"""Name → keywords of :func:`pinconsist.integrate`: variable step, every step corrected."""
+DETAILS = {f"BDF ≤ {k}, exact": {"max_order": k, "consistency": "exact"} for k in range(HIGHEST, 0, -1)}
+"""The same without the correction."""
+FIXED = {
+    f"fixed BDF-{k}, {mode}": {"max_order": k, "consistency": mode} for k in range(1, MAX_ORDER + 1) for mode in MODES
+}
+"""The same for a fixed step, which is implicit Euler where the order is 1."""
+
+
+class Own(Peer):
+    """One row of the tables above.
+
+    Parameters
+    ----------
+    setting : str
+        What follows "pinconsist" in its name.
+    options : dict
+        Keywords of :func:`pinconsist.integrate`.
+    fixed_step, detail : bool
+        As in :class:`Peer`.
+    """
+
+    package = module = "pinconsist"
+
+    def __init__(self, setting, options, *, fixed_step=False, detail=False):
+        self.name, self.options = f"pinconsist {setting}", options
+        self.fixed_step, self.detail = fixed_step, detail
+
+    def can(self, problem):
+        return None
+
+    def prepare(self, problem, setting):
+        system, options = problem.system, dict(self.options)
+        if self.fixed_step:
+            options["step"] = (problem.span[1] - problem.span[0]) / setting
+        else:
+            options |= {"rtol": setting, "atol": setting}
+
+        def solve():
+            return integrate(system, problem.span, problem.q0, problem.v0, **options)
+
+        def read(sol, thin):
+            if not sol.success:
+                raise SolverFailed(sol.message)
+            first = 1 + int(np.argmax(sol.order > 0))  # what is before comes from the one-step start
+            rows = thin(len(sol.t), first)
+            return Rows(sol.t[rows], sol.q[rows], sol.v[rows], sol.lam[rows], int(np.searchsorted(rows, first)))
+
+        return solve, read
+
+
+def own_methods() -> list[Own]:
+    """All of them, the one that others are measured against first."""
+    return [
+        *(Own(*row) for row in SETTINGS.items()),
+        *(Own(*row, detail=True) for row in DETAILS.items()),
+        *(Own(*row, fixed_step=True, detail=True) for row in FIXED.items()),
+    ]

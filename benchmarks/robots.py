@@ -1,0 +1,211 @@
+"""How robots assemble and run: ``python -m benchmarks robots``."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pinocchio as pin
+import typer
+
+from pinconsist.cli import output
+from pinconsist.errors import AssemblyError, InputError, PinconsistError
+from pinconsist.formats.catalogue import is_built_in, load
+from pinconsist.mechanism.assembly import assemble
+from pinconsist.simulation import simulate
+
+from . import report
+
+SLIDING = ("cylinder", "slider", "plane")
+
+
+@dataclass(frozen=True)
+class Assemblies:
+    """How often the loops of a robot close.
+
+    Attributes
+    ----------
+    from_neutral : bool
+        Whether they do from q = 0.
+    closed, tried : int
+        From random guesses, every velocity coordinate of q = 0 moved by up to 1 rad or m.
+    time : float
+        Median wall time of those that closed, s.
+    """
+
+    from_neutral: bool
+    closed: int
+    tried: int
+    time: float
+
+
+@dataclass(frozen=True)
+class RobotRun:
+    """One robot, released from rest under gravity.
+
+    Attributes
+    ----------
+    robot, closure : str
+        Name; how its loops are closed: "as written", "point" or "re-anchored".
+    rtol : float
+        0 stands for the default tolerances.
+    status : str
+        "done", or the message of a failure.
+    steps : int
+    gap : float
+        By how much the distance of the two anchors of any loop is off in any row, by forward kinematics, m. Loops
+        along which the anchors slide are not looked at.
+    energy_error : float
+        Of the largest kinetic energy.
+    step_time : float
+        Wall time of an accepted step, s.
+    assembly : Assemblies
+    """
+
+    robot: str
+    closure: str
+    rtol: float
+    status: str
+    steps: int = 0
+    gap: float = 0.0
+    energy_error: float = 0.0
+    step_time: float = 0.0
+    assembly: Assemblies | None = None
+
+
+def robots(source, until=0.5, tolerances=(None, 1e-7), tries=20):
+    """Assemble and simulate robots from rest; yields a :class:`RobotRun` at a time.
+
+    A robot whose loops cannot close as written is run with point closures and re-anchored. A tolerance of None means
+    the default ones.
+
+    Parameters
+    ----------
+    source : str or path
+        A folder with one sub-folder for each robot, or a robot that :func:`pinconsist.load` knows by name.
+    until : float
+        s.
+    tolerances : sequence of float or None
+    tries : int
+        Random guesses from which each is assembled.
+    """
+    if isinstance(source, str) and is_built_in(source):
+        found = {source: source}
+    else:
+        found = {path.parent.name: path.parent for path in sorted(Path(source).glob("*/*.urdf"))}
+    if not found:
+        raise InputError(f"no folder with a .urdf file in {source}")
+    for name, path in found.items():
+        for closure, mech in _variants(path):
+            closing = assemblies(mech, tries)
+            for tol in tolerances:
+                yield _run(name, closure, mech, tol, until, closing)
+
+
+def assemblies(mech, tries, seed=0) -> Assemblies:
+    """Assemble a mechanism from q = 0 and from random guesses around it."""
+    rng, neutral, times = np.random.default_rng(seed), pin.neutral(mech.model), []
+
+    def closes(q):
+        start = time.perf_counter()
+        try:
+            assemble(mech, q)
+        except AssemblyError:
+            return False
+        times.append(time.perf_counter() - start)
+        return True
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # loops of rounded files that close to some nm only
+        from_neutral = closes(neutral)
+        times.clear()
+        closed = sum(closes(pin.integrate(mech.model, neutral, rng.uniform(-1.0, 1.0, mech.nv))) for _ in range(tries))
+    return Assemblies(from_neutral, closed, tries, float(np.median(times)) if times else np.nan)
+
+
+def _variants(path):
+    mech = load(path)
+    try:
+        assemble(mech)
+    except AssemblyError:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # which anchors move is what `check` tells
+            return [("point", load(path, closure="point")), ("re-anchored", mech.reanchored())]
+    return [("as written", mech)]
+
+
+def _run(name, closure, mech, tol, until, closing):
+    options, tol = ({}, 0.0) if tol is None else ({"rtol": tol, "atol": tol}, tol)
+    start = time.perf_counter()
+    try:
+        sol = simulate(mech, (0.0, until), **options)
+    except PinconsistError as error:
+        return RobotRun(name, closure, tol, str(error), assembly=closing)
+    elapsed = time.perf_counter() - start
+    gap, energy = _largest_gap(mech, sol.q), sol.check().energy_error
+    status = "done" if sol.success else sol.message
+    return RobotRun(name, closure, tol, status, sol.nsteps, gap, energy, elapsed / max(sol.nsteps, 1), closing)
+
+
+def _largest_gap(mech, configurations) -> float:
+    model, data, gap = mech.model, mech.model.createData(), 0.0
+    loops = [loop for loop in mech.anchored_loops if loop.kind not in SLIDING]
+    for q in configurations:
+        pin.framesForwardKinematics(model, data, q)
+        for loop in loops:
+            ends = [
+                (data.oMf[model.getFrameId(frame)] * place).translation
+                for frame, place in ((loop.frame1, loop.placement1), (loop.frame2, loop.placement2))
+            ]
+            gap = max(gap, abs(float(np.linalg.norm(ends[1] - ends[0])) - (loop.length or 0.0)))
+    return gap
+
+
+def command(
+    source: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FOLDER|NAME ...",
+            help="Folders with a sub-folder for each robot; robots by name, such as cassie.",
+        ),
+    ],
+    until: Annotated[float, typer.Option(metavar="SECONDS", help="Simulated time.")] = 0.5,
+    csv: report.Csv = None,
+    as_json: output.Json = False,
+) -> int:
+    """Assemble robots from q = 0 and from 20 random guesses, and let them fall from rest.
+
+    Example: python -m benchmarks robots robots/ cassie
+    """
+    output.require_writable(csv)
+    rows = [asdict(row) for each in source for row in robots(each, until)]
+    if csv:
+        report.write_csv(csv, [report.flat(row) for row in rows])
+    if as_json:
+        output.print_json({"machine": output.machine(), "robots": rows})
+        return output.FINE
+    print(output.machine() + "\n")
+    closings = {(row["robot"], row["closure"]): row["assembly"] for row in rows}
+    output.table(
+        ("robot", "loops", "from q = 0", "from random guesses>", "median time [ms]>"),
+        [
+            (robot, closure, "closed" if closing["from_neutral"] else "open", f"{closing['closed']}/{closing['tried']}",
+             f"{1e3 * closing['time']:.1f}")
+            for (robot, closure), closing in closings.items()
+        ],
+        title="assembly from q = 0 and from random guesses within 1 rad of it",
+    )  # fmt: skip
+    output.table(
+        ("robot", "loops", "rtol", "steps>", "largest gap [m]>", "energy error>", "step [us]>", "outcome"),
+        [
+            (row["robot"], row["closure"], f"{row['rtol']:g}" if row["rtol"] else "default", row["steps"],
+             f"{row['gap']:.1e}", f"{row['energy_error']:.1e}", f"{1e6 * row['step_time']:.0f}", row["status"])
+            for row in rows
+        ],
+        title=f"robots released from rest, {until:g} s",
+    )  # fmt: skip
+    return output.FINE

@@ -1,0 +1,150 @@
+"""Exact against numerically consistent initial values: the tables of Arévalo (2008), for any system and order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .dae import consistency, start
+from .dae.integrate import Method, integrate
+from .dae.start import integrate_index1
+from .dae.stepsize import FixedStep
+from .errors import InputError, PinconsistError
+from .mechanism.assembly import assemble
+from .mechanism.checks import finite_array
+from .mechanism.mechanism import Mechanism
+from .reference import reference_problem
+from .simulation import system_of
+
+
+@dataclass(frozen=True)
+class Run:
+    """Multiplier errors for one step size, in the largest component, at each time.
+
+    Attributes
+    ----------
+    h : float
+        Step, s.
+    t, exact, consistent, every_step : ndarray, shape (n,)
+        Times, and |λ_n - λ(t_n)| from exact values, from consistent ones, with every step corrected. For order k the
+        first k rows are the exact start; the first BDF step is row k.
+    v_given, v_consistent : ndarray, shape (nv,)
+        The initial velocity as given, and the numerically consistent one.
+    """
+
+    h: float
+    t: np.ndarray
+    exact: np.ndarray
+    consistent: np.ndarray
+    every_step: np.ndarray
+    v_given: np.ndarray
+    v_consistent: np.ndarray
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs for several step sizes.
+
+    Attributes
+    ----------
+    name : str
+    order : int
+    runs : tuple of Run
+    """
+
+    name: str
+    order: int
+    runs: tuple[Run, ...]
+
+    def __str__(self):
+        lines = [f"{self.name}, BDF of order {self.order}: error of the multipliers"]
+        for run in self.runs:
+            lines.append(f"h = {run.h:g} s\n{'t [s]':>10} {'exact':>12} {'consistent':>12} {'every step':>12}")
+            rows = zip(run.t[1:], run.exact[1:], run.consistent[1:], run.every_step[1:], strict=True)
+            lines += [f"{t:10.6g} {a:12.4e} {b:12.4e} {c:12.4e}" for t, a, b, c in rows]
+        return "\n".join(lines)
+
+
+def compare(subject, steps, *, order=1, count=6, q0=None, v0=None) -> Comparison:
+    """Errors of the first multipliers from exact and from numerically consistent initial values.
+
+    Parameters
+    ----------
+    subject : str or Mechanism
+        ``"problem51"``, ``"problem52"``, or a mechanism, whose reference is scipy's DOP853 at 1e-13 on the index-1
+        equations.
+    steps : sequence of float
+        Step sizes, s.
+    order : int
+        BDF order k, 1 to 6.
+    count : int
+        BDF steps to take.
+    q0, v0 : mapping or array, optional
+        Start of a mechanism, as in :func:`pinconsist.simulate`.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        Arguments that cannot be used; a system without constraints, which has no multipliers.
+    AssemblyError
+        The loops of a mechanism cannot be closed.
+    PinconsistError
+        A run or the reference fails.
+
+    References
+    ----------
+    C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), section 5.
+    """
+    steps = np.atleast_1d(finite_array(steps, "steps"))
+    if steps.size == 0 or (steps <= 0).any():
+        raise InputError(f"steps must be positive numbers of seconds, got {steps}")
+    if not 1 <= order <= 6 or count < 1:
+        raise InputError(f"order must be 1 to 6 and count at least 1, got {order} and {count}")
+    name, system, t0, p0, v0, exact = _subject(subject, q0, v0)
+    return Comparison(name, order, tuple(_run(system, t0, p0, v0, exact, float(h), order, count) for h in steps))
+
+
+def _subject(subject, q0, v0):
+    """(name, system, t0, p0, v0, λ at times) of what is compared."""
+    if isinstance(subject, Mechanism):
+        assembly = assemble(subject, q0, v0)
+        system = system_of(subject, 0.0, assembly.q, assembly.v)
+
+        def multipliers(times):
+            rows = integrate_index1(system, 0.0, assembly.q, assembly.v, times, 1e-13, 1e-13)
+            return np.array([lam for _, _, _, lam in rows])  # of the kept rows, as the runs below have them
+
+        return subject.name, system, 0.0, assembly.q, assembly.v, multipliers
+    if q0 is not None or v0 is not None:
+        raise InputError(f"{subject} has its own initial values; q0 and v0 are for mechanisms")
+    problem = reference_problem(subject)
+    t0, p0, v0 = problem.t0, problem.p0, problem.v0
+    system = system_of(problem.system, t0, p0, v0)
+    return problem.name, system, t0, p0, v0, lambda times: np.array([problem.exact(t)[2] for t in times])
+
+
+def _run(system, t0, p0, v0, exact, h, k, count):
+    if system.nc == 0:
+        raise InputError("there are no loops, so there are no multipliers to compare")
+    times = t0 + h * np.arange(k + count)
+    truth = exact(times)
+    errors = []
+    for mode in consistency.MODES:
+        trajectory = integrate(system, (t0, times[-1]), p0, v0, Method(k, mode, FixedStep(), h))
+        if trajectory.status < 0:
+            raise PinconsistError(f"consistency={mode!r}, h = {h:g}: {trajectory.message}")
+        errors.append(np.max(np.abs(trajectory.lam - truth), axis=1))
+    return Run(h, times, *errors, v0, _consistent_velocity(system, t0, p0, v0, h, k))
+
+
+def _consistent_velocity(system, t0, p0, v0, h, k):
+    if k == 1:
+        return consistency.consistent_initial_velocity(system, t0, p0, v0, h)
+    states = start.equidistant_history(system, t0, p0, v0, h, k)
+    base, Z = start.fill_table(system, states, k)
+    return consistency.consistent_history(system, h, k, base, Z, states)[0]

@@ -1,0 +1,78 @@
+"""The measuring commands measure something that can be believed; the figures themselves are not tested."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import command_line
+import pytest
+
+from benchmarks.app import main
+from benchmarks.overhead import backends, chain_steps, overhead
+from benchmarks.robots import robots
+from pinconsist.errors import InputError
+
+called = partial(command_line.called, main=main)
+ROBOTS = Path(__file__).parents[3] / "shared" / "robots"
+
+
+def test_overhead_counts_steps_residuals_and_times():
+    rows = overhead(tolerances=(1e-5,), repeats=1)
+    assert [row.backend for row in rows] == list(backends())
+    for row in rows:
+        assert row.steps > 500 and 1.0 < row.residuals < 2.7 and min(row.run_time, row.step_time) > 0.0
+        assert row.ratio == pytest.approx(row.step_time / row.bare_time) and row.least_time > row.bare_time
+
+
+def test_steps_of_chains_are_counted_and_timed():
+    rows = chain_steps({4: 1.0, 40: 0.3}, repeats=1)
+    assert [(row.links, row.backend) for row in rows] == [(n, backend) for n in (4, 40) for backend in backends()]
+    assert all(row.steps > 1 and row.step_time > 0.0 for row in rows)
+
+
+def test_a_folder_of_one_robot(tmp_path):
+    (tmp_path / "bar").mkdir()
+    urdf = Path(__file__).parents[2] / "models" / "four_bar.urdf"
+    for suffix in (".urdf", ".yaml"):
+        (tmp_path / "bar" / f"four_bar{suffix}").write_text(urdf.with_suffix(suffix).read_text())
+    run, tight = robots(tmp_path, until=0.1)
+    assert (run.robot, run.closure, run.status, run.rtol, tight.rtol) == ("bar", "as written", "done", 0.0, 1e-7)
+    closing = run.assembly
+    assert closing == tight.assembly and closing.from_neutral in (True, False)
+    assert closing.tried == 20 and 15 <= closing.closed <= 20 and closing.time > 0.0
+    assert run.steps > 5 and run.gap < 1e-12 and run.energy_error < 1e-5 and run.step_time > 0.0
+    with pytest.raises(InputError, match="no folder"):
+        list(robots(tmp_path / "bar"))
+
+
+@pytest.mark.skipif(not ROBOTS.is_dir(), reason="the folder of real robots is not beside the project")
+def test_what_cannot_close_runs_in_two_other_ways():
+    runs = [run for run in robots(ROBOTS, until=0.01, tries=1) if run.robot == "kangaroo_like"]
+    assert [run.closure for run in runs] == ["point", "point", "re-anchored", "re-anchored"]
+    assert all(run.status == "done" and run.gap < 1e-8 for run in runs)
+
+
+def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
+    figure = tmp_path / "bench.png"
+    options = ["--tol", "1e-4", "--tol", "1e-6", "--repeats", "1", "--method", "LSODA"]
+    scene = ["problem51", "--until", "0.2"]
+    code, out, _ = called(capsys, "work-precision", *scene, *options, "--plot", figure, "--json")
+    assert code == 0 and figure.stat().st_size > 1000
+    (study,) = json.loads(out)["scenes"]
+    assert (
+        study["scene"] == "problem51" and study["until"] == 0.2 and study["versions"].keys() == {"pinconsist", "scipy"}
+    )
+    assert {point["method"] for point in study["points"]} == {"pinconsist BDF", "scipy LSODA, index 1"}
+    assert all(point["status"] == "done" and point["q"] < 1e-2 for point in study["points"])
+
+
+def test_the_command_prints_tables(capsys):
+    options = ["--tol", "1e-5", "--repeats", "1", "--method", "MuJoCo"]
+    _, text, _ = called(capsys, "work-precision", "problem51", "--until", "0.2", *options)
+    text = " ".join(text.split())
+    assert "time at equal error" in text and "MuJoCo implicitfast, soft loops" in text and "1.00" in text
+
+
+def test_the_command_refuses_what_it_does_not_know(capsys):
+    code, _, err = called(capsys, "work-precision", "problem51", "--method", "nonsense")
+    assert code == 2 and "no method 'nonsense'" in err

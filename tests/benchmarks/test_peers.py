@@ -1,0 +1,238 @@
+"""Every peer that is installed solves what it is measured on, to what its setting promises; no timings."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import null_space
+
+import pinconsist as pc
+from benchmarks.answers import Answers
+from benchmarks.equal_error import at_equal_error
+from benchmarks.peers import OWN, peers
+from benchmarks.peers.constraint_dynamics import accelerations
+from benchmarks.peers.equations import Equations
+from benchmarks.peers.problem import Peer, SolverFailed
+from benchmarks.peers.scenes import problem_of
+from benchmarks.work_precision import FEWEST, Point, _chosen, work_precision
+from pinconsist.dae.acceleration import solve_acceleration
+from pinconsist.dae.one_step import RightHandSide
+from pinconsist.errors import InputError, PinconsistError
+from pinconsist.reference import reference_problem
+
+PEERS = {peer.name: peer for peer in peers() if not (peer.detail and not peer.fixed_step)}
+SHORT = {"problem51": 0.3, "pendulum": 0.5, "crank_rocker": 0.1}
+ORDERS = {  # of methods of fixed step, in q, v and λ (of all steps); None where it need not converge
+    **{f"pinconsist fixed BDF-{k}, every-step": (k, k, k) for k in (1, 2, 3)},  # higher ones: test_order.py
+    **{f"pinconsist fixed BDF-{k}, initial": (k, k, k) for k in (1, 2, 3)},
+    **{f"pinconsist fixed BDF-{k}, exact": (k, k, k - 1) for k in (1, 2, 3)},  # the first steps of raw BDF
+    "Exudyn generalized-α, index 3": (2, 2, 1),
+    "Exudyn trapezoidal, index 2": (2, 2, 2),
+    "MuJoCo implicitfast, soft loops": (1, 1, None),  # its soft loops swing in again at every step size
+}
+SLACK = 0.3  # of an order seen between two step sizes
+STEPS = 50
+EPS = np.finfo(float).eps
+
+
+@pytest.fixture(scope="module", params=SHORT)
+def answers(request):
+    return Answers(problem_of(request.param, SHORT[request.param]))
+
+
+def _run(answers, name, setting):
+    """(steps, errors of q, v and λ) or a skip."""
+    peer, counts = PEERS[name], []
+    if reason := peer.missing() or peer.can(answers.problem):
+        pytest.skip(reason)
+
+    def thin(count, first=1):
+        counts.append(count - 1)
+        return np.unique(np.r_[0, first, np.linspace(0, count - 1, 60).astype(int)])
+
+    solve, read = peer.prepare(answers.problem, setting)
+    rows = read(solve(), thin)
+    assert rows.t[0] == 0.0 and rows.t[-1] == pytest.approx(answers.problem.span[1], abs=1e-12)
+    return counts[0], np.array(answers.errors(rows)[:3])
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_half_the_step_gives_the_errors_of_the_order(answers, name):
+    (_, coarse), (_, fine) = (_run(answers, name, steps) for steps in (STEPS, 2 * STEPS))
+    h = answers.problem.span[1] / (2 * STEPS)
+    raw = not name.endswith("every-step")
+    floor = 10 * answers.doubt * np.ones(3) + (0.0, EPS / h, 100 * EPS / h**2 if raw else 100 * EPS / h)
+    for error, half, least, order in zip(coarse, fine, floor, ORDERS[name], strict=True):
+        if order is not None:
+            assert half < max(least, error * 2.0 ** (SLACK - order))
+
+
+@pytest.mark.parametrize("name", [name for name, peer in PEERS.items() if not peer.fixed_step])
+def test_errors_are_what_the_tolerance_lets_add_up(answers, growth, name):
+    """At worst all local errors, each tol (1 + |y|), are of one sign, and grow like a change of the state."""
+    tols = np.array([1e-4, 1e-6] if "Euler" in name else [1e-6, 1e-8])
+    counts, errors = zip(*(_run(answers, name, tol) for tol in tols), strict=True)
+    for count, error, tol in zip(counts, errors, tols, strict=True):
+        bound = count * tol * growth
+        assert (error[:2] < bound[:2]).all()
+        if "GGL" not in name:
+            assert error[2] < bound[2]
+    if "GGL" in name:  # λ is out of the test; that of a first step of order 1, h ∝ √tol, is off in proportion to h
+        assert errors[1][2] < errors[0][2] * (tols[1] / tols[0]) ** (0.5 * (1 - SLACK))
+
+
+@pytest.fixture(scope="module")
+def growth(answers):
+    """Changes of q, v and λ anywhere for a local error of tolerance 1 in q and v at the start, scaled as errors are."""
+    problem, system = answers.problem, answers.problem.system
+    n, size, times = system.nv, 1e-5, np.linspace(*answers.problem.span, 50)
+    rows = answers.at(times)
+    rate, gains = RightHandSide(system, problem.q0), np.zeros((3, 2))
+    for tangent in null_space(system.loop_rows(problem.q0)[1]).T:
+        for part, change in enumerate(((size * tangent, 0 * tangent), (0 * tangent, size * tangent))):
+            start = np.concatenate((problem.q0, problem.v0)) + np.concatenate(change)
+            y = solve_ivp(rate, problem.span, start, "DOP853", rtol=1e-11, atol=1e-11, t_eval=times).y.T
+            kept = [solve_acceleration(system, t, row[:n], row[n:])[1] for t, row in zip(times, y, strict=True)]
+            moved = y[:, :n], y[:, n:], problem.multipliers(y[:, :n], kept)
+            changes = [np.abs(a - b).max() / size for a, b in zip(moved, rows, strict=True)]
+            gains[:, part] = np.maximum(gains[:, part], changes)
+    q, v, lam = (np.abs(part).max() for part in rows)
+    return gains @ (1 + q, 1 + v) / (1.0, v, lam)
+
+
+@pytest.mark.parametrize("order", [5, 2])
+def test_raw_bdf_of_variable_step_says_why_it_fails(order):
+    problem = problem_of("problem51", 0.3)
+    peer = next(peer for peer in peers() if peer.name == f"pinconsist BDF ≤ {order}, exact")
+    solve, read = peer.prepare(problem, 1e-7)
+    with pytest.raises(SolverFailed, match="take consistency='every-step'"):
+        read(solve(), np.arange)
+
+
+def test_a_method_must_be_written():
+    with pytest.raises(TypeError, match="prepare"):
+        Peer()
+
+
+def test_exact_problem_as_reference():
+    exact = reference_problem("problem51").exact
+    q, v, lam = Answers(problem_of("problem51")).at(np.array([0.0, 0.4, 1.0]))
+    for t, *ours in zip((0.0, 0.4, 1.0), q, v, lam, strict=True):
+        for a, b in zip(ours, exact(t), strict=True):
+            assert np.abs(a - b).max() < 1e-10
+
+
+@pytest.mark.parametrize("scene", ["crank_rocker", "andrews", "stiff_four_bar", "chain_4"])
+def test_pinocchios_accelerations_are_those_of_the_kkt_system(scene):
+    problem = problem_of(scene)
+    a = accelerations(problem)
+    assert a.__name__ == "acceleration"
+    sol = pc.integrate(problem.system, (0.0, 0.01 * problem.span[1]), problem.q0, problem.v0)
+    state = sol.t[-1], sol.q[-1], sol.v[-1]
+    expected = solve_acceleration(problem.system, *state)[0]
+    assert np.abs(a(*state) - expected).max() < 1e-7 * (1.0 + np.abs(expected).max())
+
+
+@pytest.mark.parametrize("scene", ["bricard", "problem51"])
+def test_where_pinocchios_contacts_cannot_the_kkt_system_is_solved(scene):
+    assert accelerations(problem_of(scene)).__name__ == "by_kkt"
+
+
+@pytest.mark.parametrize("scene", ["crank_rocker", "andrews", "stiff_four_bar", "problem51"])
+def test_the_jacobian_of_the_ggl_form_by_differences(scene):
+    problem = problem_of(scene)
+    equations = Equations(problem, "GGL")
+    rng = np.random.default_rng(1)
+    y, yp = equations.y0.copy(), equations.yp0.copy()
+    n = equations.n
+    y[:n] += 1e-4 * rng.normal(size=n)  # open, too
+    y[2 * n + equations.m :] = 0.0
+
+    def residual(y, yp):
+        out = np.empty_like(y)
+        equations.residual(0.1, y, yp, out)
+        return out
+
+    for k, matrix in enumerate(equations.jacobian(0.1, y, yp)):
+        columns = []
+        for i in range(len(y)):
+            e = np.zeros(len(y))
+            e[i] = 1e-6 * (1.0 + abs((y, yp)[k][i]))
+            moved = [(y + s * e, yp) if k == 0 else (y, yp + s * e) for s in (1, -1)]
+            columns.append((residual(*moved[0]) - residual(*moved[1])) / (2 * e[i]))
+        expected = np.column_stack(columns)
+        scale = 1.0 + np.abs(expected).max(axis=1, keepdims=True)
+        assert (np.abs(matrix - expected) / scale).max() < 2e-4
+
+
+def test_a_residual_vanishes_at_its_start():
+    for form in ("GGL", "index 1"):
+        equations = Equations(problem_of("andrews"), form)
+        out = np.full_like(equations.y0, np.nan)
+        equations.residual(0.0, equations.y0, equations.yp0, out)
+        assert np.abs(out).max() < 1e-8
+
+
+def test_methods_of_fixed_step_go_on_until_the_last_target_or_the_budget():
+    problem = problem_of("problem51", 0.3)
+    study = work_precision(problem, (1e-5,), repeats=1, methods=["fixed BDF-2, every"])
+    fixed = [point for point in study.points if "fixed" in point.method]
+    assert fixed[0].steps == FEWEST and [point.tol == point.tol for point in fixed] == [False] * len(fixed)
+    assert fixed[-1].q < 1e-6 < fixed[-2].q and all(point.status == "done" for point in fixed)
+    cut = work_precision(problem, (1e-5,), repeats=1, budget=0.2, methods=["fixed BDF-1, every"])
+    assert "0.2 s" in cut.points[-1].status and not cut.points[-1].times  # foreseen, or cut
+    assert dict(cut.equal_error)[1e-6]["pinconsist fixed BDF-1, every-step"] is None
+
+
+def test_words_choose_methods():
+    def chosen(*words):
+        return {peer.name for peer in _chosen(words or None)}
+
+    others = {peer.name for peer in peers() if peer.package != "pinconsist"}
+    assert chosen("peers") == {OWN} | others
+    assert others < chosen() and "pinconsist BDF ≤ 2" in chosen() and not any("fixed" in name for name in chosen())
+    assert chosen("exact") == {OWN} | {peer.name for peer in peers() if "exact" in peer.name}
+
+
+def test_a_reference_that_takes_too_many_steps_is_given_up(monkeypatch):
+    problem = problem_of("pendulum")
+    monkeypatch.setattr("benchmarks.answers.MOST", 100)
+    with pytest.raises(PinconsistError, match=r"pendulum: no reference: at a tolerance of 1e-09 .* earlier end"):
+        Answers(problem)
+
+
+def test_a_study_names_what_it_cannot_do_and_cuts_what_takes_too_long():
+    study = work_precision(problem_of("pendulum", 0.5), (1e-4, 1e-7), repeats=2, methods=["LSODA", "MuJoCo", "DOP"])
+    by_method = {}
+    for point in study.points:
+        by_method.setdefault(point.method, []).append(point)
+    assert len(by_method[OWN]) == 2 and all(len(point.times) == 2 for point in by_method[OWN])
+    assert by_method[OWN][1].q < by_method[OWN][0].q < 1e-2
+    (refused,) = by_method["MuJoCo implicitfast, soft loops"]
+    assert refused.status != "done" and not refused.times
+    assert set(study.series()) == {OWN, "scipy LSODA, index 1", "scipy DOP853, index 1"}
+    cut = work_precision(problem_of("crank_rocker", 1.0), (1e-9,), repeats=1, budget=0.02, methods=["Radau"])
+    status = {point.method: point.status for point in cut.points}
+    assert status["scipy Radau, index 1"] == "cut after 0.02 s"
+
+
+def test_equal_error_is_read_off_a_straight_line_in_the_logarithms():
+    points = [
+        Point(OWN, 1e-3, "done", 1, (1.0, 2.0), q=1e-3, lam_row=0.0, lam_first=1e-4),
+        Point(OWN, 1e-5, "done", 1, (4.0, 8.0), q=1e-5, lam_row=0.0, lam_first=1e-8),
+        Point("other", 1e-3, "done", 1, (10.0, 20.0), q=1e-3),
+        Point("other", 1e-5, "done", 1, (40.0, 80.0), q=1e-5),
+        Point("coarse", 1e-3, "done", 1, (1.0, 1.0), q=1e-2),
+    ]
+    found = at_equal_error(points, 1e-4, OWN)
+    assert found["coarse"] is None
+    assert found[OWN] == pytest.approx((3.0, 1.0, 0.0, 1e-6)) and found["other"][:2] == pytest.approx((30.0, 10.0))
+
+
+def test_bad_input():
+    problem = problem_of("problem51", 0.1)
+    with pytest.raises(InputError, match="repeats"):
+        work_precision(problem, repeats=0)
+    with pytest.raises(InputError, match="no method 'nonsense'"):
+        work_precision(problem, methods=["nonsense"])
+    with pytest.raises(InputError, match="positive"):
+        problem_of("crank_rocker", -1.0)
