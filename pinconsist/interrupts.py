@@ -1,16 +1,14 @@
-"""Signals that end a run: what was reached is kept."""
+"""Signals that end a run: they are noted when they come, and their handlers called between steps."""
 
 from __future__ import annotations
 
 import signal
 import threading
 import time
-import traceback as tracebacks
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 
-IMPATIENCE = 1.0  # s after a signal in which others mean the same: fingers bounce, and supervisors send several
-_ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-_DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
+IMPATIENCE = 1.0  # s within which several signals are one: fingers bounce, and supervisors send several
+ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 _came: list[float] = []
 
 
@@ -21,11 +19,8 @@ def ended_like_ctrl_c():
     Only signals that would end the process are changed: one that the application handles, or that `nohup` ignores,
     stays so. Signals belong to the main thread; in others nothing happens.
     """
-    if not _in_main_thread():
-        yield
-        return
-    before = {each: signal.getsignal(each) for each in (signal.SIGINT, *_ENDING)}
-    changed = {each: handler for each, handler in before.items() if handler in _DEFAULTS}
+    defaults = (signal.SIG_DFL, signal.default_int_handler)
+    changed = {each: handler for each, handler in _handlers().items() if handler in defaults}
     if changed:
         _came.clear()
     for each in changed:
@@ -33,127 +28,110 @@ def ended_like_ctrl_c():
     try:
         yield
     finally:
-        for each, handler in changed.items():
-            if signal.getsignal(each) is _interrupt:
-                signal.signal(each, handler)
+        _put_back(changed, _interrupt)
 
 
 def ignored_from_now_on() -> None:
     """The process ends because of a signal; those that still come must not end it before its exit code is out."""
-    if _in_main_thread():
-        for each in (signal.SIGINT, *_ENDING):
-            signal.signal(each, signal.SIG_IGN)
+    for each in _handlers():
+        signal.signal(each, signal.SIG_IGN)
 
 
 def interrupted() -> bool:
-    """Whether a signal came within the block, also where who was interrupted caught it, as `simulate` does."""
+    """Whether a signal came within a block of `ended_like_ctrl_c`, also where `simulate` has dealt with it."""
     return bool(_came)
 
 
 @contextmanager
-def held_back(*, late=True):
-    """Within the block Ctrl-C, SIGTERM and SIGHUP wait, so that what it makes is made to its end.
+def deferred(*, late=True, impatient=True):
+    """Within the block signals are noted. Their handlers are called when somebody asks, or at the end.
 
-    They are held back from Python, not from the thread: the system gives a signal to any thread, such as those of
-    numpy's BLAS, and Python then handles it in the main one. Only handlers in Python wait; a signal that ends the
-    process without them still does. Blocks may be nested.
+    Yields ``interrupted()``, which calls the handlers of the signals that have come, and returns whether the work
+    should stop. Signals without a handler in Python are left alone. Blocks may be nested; the outermost one counts.
 
     Parameters
     ----------
     late : bool
-        Whether a KeyboardInterrupt that waited is raised at the end of a block that went well. Without it the handlers
-        are told, and nothing is raised: it came too late to end what is finished.
+        Whether a KeyboardInterrupt of a handler is raised at the end of a block that went well. Without it the signal
+        came too late to end what is finished. Other exceptions of handlers, such as SystemExit, are always raised.
+    impatient : bool
+        Whether the second signal, more than a second after the first, acts at once: user-defined functions may hang.
     """
-    if not _in_main_thread():
-        yield
+    if not _handlers():
+        yield lambda: False
         return
-    outermost, was = not _gate.held, _gate.open
-    done = _gate.open = False
+    outermost, before, done = not _noted.active, _noted.impatient, False
     try:
+        _noted.impatient = impatient
         if outermost:
-            _gate.take_over()
-        yield
+            _noted.begin()
+        yield _noted.call_handlers
         done = True
     finally:
-        with nullcontext() if late or not done else suppress(KeyboardInterrupt):
-            if outermost:
-                _gate.give_back()
-            _gate.open = was
-            if was:
-                _gate.pass_on()
+        _noted.impatient = before
+        if outermost:
+            with suppress(KeyboardInterrupt) if done and not late else nullcontext():
+                _noted.end()
 
 
-@contextmanager
-def let_through():
-    """Within the block, inside of one of `held_back`, signals act at once; so do those that have waited."""
-    if not _in_main_thread():
-        yield
-        return
-    was, _gate.open = _gate.open, True
-    try:
-        _gate.pass_on()
-        yield
-    finally:
-        _gate.open = was
-
-
-def put_back() -> None:
-    """Let a KeyboardInterrupt wait on: it came too late for who caught it, but maybe not for those around."""
-    if _in_main_thread():
-        _gate.returned = _gate.held
-
-
-def raised_by_a_handler(error) -> bool:
-    """Whether an exception came from the handler of a signal, and not from the code that it broke into."""
-    return any(frame.f_code is _Gate.__call__.__code__ for frame, _ in tracebacks.walk_tb(error.__traceback__))
-
-
-class _Gate:
-    """Stands where the handlers stood: lets signals through to them, or keeps them waiting."""
+class _Noted:
+    """The handler that notes signals, in place of those that were there."""
 
     def __init__(self):
-        self.open, self.held, self.returned, self.handlers, self.waiting = True, False, False, {}, []
+        self.active, self.impatient, self.since = False, False, 0.0
+        self.handlers, self.waiting, self.error = {}, [], None
 
     def __call__(self, number, frame):
-        if self.open:
-            self.handlers[number](number, frame)
-        elif number not in self.waiting:
-            self.waiting.append(number)
-
-    def take_over(self):
-        self.held = True
-        for number in (signal.SIGINT, *_ENDING):
-            if callable(handler := signal.getsignal(number)) and handler is not self:
-                self.handlers[number] = handler
-                signal.signal(number, self)
-
-    def give_back(self):
-        self.held = False
-        try:
-            while self.handlers:
-                number, handler = next(iter(self.handlers.items()))
-                if signal.getsignal(number) is self:
-                    signal.signal(number, handler)
-                del self.handlers[number]
-        except BaseException:  # raised by a handler that is back already
-            self.give_back()
-            raise
-
-    def pass_on(self):
-        """Tell the handlers what has waited, each of them, whatever they raise."""
-        returned, self.returned = self.returned, False
-        with ExitStack() as told:
-            while self.waiting:
-                told.callback(signal.raise_signal, self.waiting.pop())
-        if returned:
+        now = time.monotonic()
+        self.since = self.since if self.waiting else now
+        self.waiting.append(number)
+        if self.impatient and now - self.since > IMPATIENCE and self.call_handlers():
             raise KeyboardInterrupt
 
+    def begin(self):
+        self.active, self.waiting, self.error = True, [], None
+        self.handlers = {each: handler for each, handler in _handlers().items() if callable(handler)}
+        for each in self.handlers:
+            signal.signal(each, self)
 
-_gate = _Gate()
+    def end(self):
+        self.active = False
+        _put_back(self.handlers, self)
+        if self.call_handlers():
+            raise self.error or KeyboardInterrupt
+
+    def call_handlers(self) -> bool:
+        """Call each that has a signal waiting; whether one raised an exception, which ends the run."""
+        stop = self.error is not None
+        while self.waiting:
+            number = self.waiting.pop()
+            self.waiting = [each for each in self.waiting if each != number]
+            try:
+                self.handlers[number](number, None)
+            except KeyboardInterrupt:
+                stop = True
+            except BaseException as error:  # such as SystemExit, which is raised at the end of the block
+                self.error, stop = error, True
+        return stop
 
 
-def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()
+_noted = _Noted()
+
+
+def _handlers() -> dict:
+    """Signal → its handler; none of them in threads other than the main one, which alone is given signals."""
+    in_main = threading.current_thread() is threading.main_thread()
+    return {each: signal.getsignal(each) for each in ENDING} if in_main else {}
+
+
+def _put_back(handlers, instead):
+    try:
+        for each, handler in handlers.items():
+            if signal.getsignal(each) is instead:
+                signal.signal(each, handler)
+    except BaseException:  # raised by a handler that is back already
+        _put_back(handlers, instead)
+        raise
 
 
 def _interrupt(number, frame):

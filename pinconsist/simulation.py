@@ -11,7 +11,7 @@ from .dae.hessenberg import HessenbergProblem
 from .dae.record import Wishes
 from .dae.sizes import largest
 from .errors import InputError
-from .interrupts import held_back, let_through
+from .interrupts import deferred
 from .mechanism.acting import acting
 from .mechanism.assembly import assemble
 from .mechanism.checks import finite_array
@@ -115,13 +115,12 @@ def simulate(
     mech = acting(mech, forces, "simulate")
     span = span_of(t_span)
     plan = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
-    with let_through():  # nothing is reached yet; `record` holds signals back all the time
-        assembly = assemble(mech, q0, v0, t=span[0])
+    assembly = assemble(mech, q0, v0, t=span[0])
     system = MechanismSystem(mech, assembly.q, span[0])
     require_regular(system, assembly.q)
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
-    with held_back(late=False):  # the steps let signals through
-        trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes)
+    with deferred(late=False) as interrupted:
+        trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes, interrupted)
         return Solution._from_trajectory(trajectory, plan)
 
 
@@ -185,8 +184,8 @@ def integrate(
             "constraint, or use simulate(), which assembles"
         )
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
-    with held_back(late=False):  # the steps let signals through
-        trajectory = dae.integrate(system, span, p0, v0, plan, wishes)
+    with deferred(late=False) as interrupted:
+        trajectory = dae.integrate(system, span, p0, v0, plan, wishes, interrupted)
         return Solution._from_trajectory(trajectory, plan)
 
 

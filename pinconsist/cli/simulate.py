@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError, SavingError
-from ..interrupts import held_back
+from ..interrupts import deferred
 from . import doubts, output, scene, shown
 from .progress import Progress, doing
 
@@ -127,7 +127,7 @@ def simulate(
     certificate = _checked(sol)
     if not as_json:
         print(certificate or "not checked: interrupted")
-    with held_back():  # one more Ctrl-C waits until the files are there and are told
+    with deferred(impatient=False):  # one more Ctrl-C waits until the files are there and are told
         if html:
             from ..view.meshcat import export_html
 

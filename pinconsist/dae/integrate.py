@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError
-from ..interrupts import let_through, put_back, raised_by_a_handler
 from .acceleration import solve_acceleration
 from .compiled import stepper_for
 from .consistency import project_position, project_velocity
@@ -88,7 +88,9 @@ class Trajectory:
     events: list = field(default_factory=list)
 
 
-def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = None) -> Trajectory:
+def integrate(
+    system, t_span, p0, v0, method: Method, wishes: Wishes | None = None, interrupted: Callable[[], bool] | None = None
+) -> Trajectory:
     """Integrate an index-3 system from (p0, v0), taken as they stand.
 
     Parameters
@@ -101,6 +103,8 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
     method : Method
     wishes : Wishes, optional
         What to record.
+    interrupted : callable, optional
+        ``interrupted() -> bool``, called between batches of steps; a true value ends the run, with what was reached.
 
     Returns
     -------
@@ -112,18 +116,14 @@ def integrate(system, t_span, p0, v0, method: Method, wishes: Wishes | None = No
     watch = EventWatch(wishes.events, wishes.finish)
     status, message = SUCCESS, "the end of the interval was reached"
     try:
-        with let_through():
-            lam0 = solve_acceleration(system, t_span[0], p0, v0)[1]
-            record.first(t_span[0], p0, v0, lam0)
-            watch.restart(t_span[0], p0, v0, lam0)
-            _march(stepper, t_span, p0, v0, method, record, watch)
+        lam0 = solve_acceleration(system, t_span[0], p0, v0)[1]
+        record.first(t_span[0], p0, v0, lam0)
+        watch.restart(t_span[0], p0, v0, lam0)
+        _march(stepper, t_span, p0, v0, method, record, watch, interrupted or (lambda: False))
     except Stop as stop:
         status, message = stop.status, str(stop)
     except KeyboardInterrupt:
-        if record.nsteps and record.reached == t_span[1] and not wishes.events:  # it came after the last step
-            put_back()
-        else:
-            status, message = STOPPED, f"interrupted at t = {record.reached:.6g}; the solution holds what was reached"
+        status, message = STOPPED, f"interrupted at t = {record.reached:.6g}; the solution holds what was reached"
     except (PinconsistError, MemoryError, SystemExit) as raised:
         error = _ending(raised, record.reached)
         if record.nsteps == 0:  # nothing was reached that could be lost
@@ -144,16 +144,15 @@ def _ending(error, t):
     """The error that a run ends with: sys.exit() in a user's function is one of that function, and ends no program."""
     if not isinstance(error, SystemExit):
         return error
-    if raised_by_a_handler(error):  # which is meant to end the program
-        raise error
     told = UserFunctionError("a function of yours", t, error)
     told.__cause__ = error
     return told
 
 
-def _march(stepper, t_span, p, v, method, record, watch):
+def _march(stepper, t_span, p, v, method, record, watch, interrupted):
     (t, t_end), watched = t_span, bool(watch.events) or record.needs_segments
     while t != t_end:  # once, and again after every event that changes the state
+        _stop_if(interrupted)
         states = stepper.begin(t, p, v, t_end)
         rows = states[1:]
         stretch = Stretch(pieces=[(rows, stepper.segment() if watched and rows else None, stepper.used[1])])
@@ -194,7 +193,13 @@ def _march(stepper, t_span, p, v, method, record, watch):
             if stretch.failure or (due == ROWS_WATCHED and _choose_rows(stepper, record, watch)):
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
                 break
+            _stop_if(interrupted)
             stretch = stepper.stretch(t_end, _at_once(stepper, method, record, watch, due), watched)
+
+
+def _stop_if(interrupted):
+    if interrupted():
+        raise KeyboardInterrupt
 
 
 def _at_once(stepper, method, record, watch, due) -> int:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import PinconsistError, UserFunctionError
-from ..interrupts import held_back
 from .dense import DenseOutput
 from .events import Event
 
@@ -76,45 +75,41 @@ class Record:
         if not rows:
             return
         end = rows[-1][0]
-        with held_back():  # a row, its order and its interpolant come together or not at all
-            self.nsteps += len(rows)
-            if self.wishes.dense:
-                self._segments.append(segment.until(end))
-            self.reached = end
-            if self._pending is None:
-                self._orders += [order] * len(rows)
-                self._rows += rows
-            while self._pending and self._sign * (self._pending[-1] - end) <= 0:
-                t = self._pending.pop()
-                self._rows.append((t, *segment(t)))
+        self.nsteps += len(rows)
+        if self.wishes.dense:
+            self._segments.append(segment.until(end))
+        self.reached = end
+        if self._pending is None:
+            self._orders += [order] * len(rows)
+            self._rows += rows
+        while self._pending and self._sign * (self._pending[-1] - end) <= 0:
+            t = self._pending.pop()
+            self._rows.append((t, *segment(t)))
         self._report(rows, order)
 
     def block(self, t, p, v, lam, orders) -> None:
         """Rows as arrays, where nobody wished for anything but the steps."""
         if not len(t):
             return
-        with held_back():
-            self.nsteps += len(t)
-            self.reached = t[-1]
-            self._flush()
-            self._orders += orders.tolist()
-            self._blocks.append((t, p, v, lam))
+        self.nsteps += len(t)
+        self.reached = t[-1]
+        self._flush()
+        self._orders += orders.tolist()
+        self._blocks.append((t, p, v, lam))
         self._report(zip(t, p, v, lam, strict=True), int(orders[-1]))
 
     def jump(self, t, p, v, lam) -> None:
         """The state after an event: a second row at the same time."""
         if self._pending is None:
-            with held_back():
-                self._rows.append((t, p, v, lam))
-                self._orders.append(0)
+            self._rows.append((t, p, v, lam))
+            self._orders.append(0)
 
     def finish_by(self, finish) -> None:
         """Complete the multipliers recorded so far; those to come are completed by `finish`."""
-        with held_back():
-            self._flush()
-            self._finished += [(t, p, v, self.wishes.finish(p, lam)) for t, p, v, lam in self._blocks]
-            self._blocks = []
-            self.wishes.finish = finish
+        self._flush()
+        self._finished += [(t, p, v, self.wishes.finish(p, lam)) for t, p, v, lam in self._blocks]
+        self._blocks = []
+        self.wishes.finish = finish
 
     def _flush(self) -> None:
         """The rows so far as a block of arrays."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +18,7 @@ SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
 NEAR_ROUNDING = 1e-9  # rtol down to which no error is believed to be rounding
 HALF = 1e-8  # of the velocities, half their digits: nor is a larger error
 SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
+PATIENCE = 0.05  # s after which no more steps are made in one call
 SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it came on by less than this part meanwhile
 
 
@@ -125,9 +127,9 @@ class Stepper:
 
     def stretch(self, t_end, most, watched) -> Stretch:
         """Accepted steps towards `t_end`, at most `most`, with interpolants where they are `watched`."""
-        stretch = Stretch()
+        stretch, due = Stretch(), time.monotonic() + PATIENCE
         try:
-            while len(stretch.pieces) < most and self.t != t_end:
+            while len(stretch.pieces) < most and self.t != t_end and not (stretch.pieces and time.monotonic() > due):
                 self.prepare_next()
                 stretch.failure = self.advance(t_end)
                 if stretch.failure:

@@ -15,7 +15,7 @@ from math import ceil
 import numpy as np
 
 from ..errors import InputError, PinconsistError, SavingError, UserFunctionError
-from ..interrupts import held_back
+from ..interrupts import deferred
 from ..simulation import integrate, simulate
 
 STEPPED = ("h", "order")
@@ -61,7 +61,7 @@ def carried_out(recipe, mechanism, file, *, begun=None, callback=None):
     chain, saving = _Chain(recipe, mechanism, callback), _Saving(file)
     if begun is not None and recipe.checkpoint is not None:
         chain.take_up(begun)
-    with held_back(late=False):  # the steps, and they alone, let signals through
+    with deferred(late=False):
         try:
             for end in chain.ends_to_come():
                 chain.advance(end)
@@ -79,7 +79,8 @@ def carried_out(recipe, mechanism, file, *, begun=None, callback=None):
 def saved(solution, file):
     """Save a solution; SavingError, with the solution, where that fails."""
     try:
-        solution.save(file)
+        with deferred(impatient=False):
+            solution.save(file)
     except OSError as error:
         raise SavingError(f"{file} cannot be written: {error.strerror or error}", solution=solution) from error
     return solution
