@@ -56,7 +56,7 @@ _WHERE = {
     "reference": ("reference_problem", "reference_solution"),
     "sweeps.outcome": ("Outcome",),
     "sweeps.sweep": ("sweep",),
-    "view.meshcat": ("export_html", "replay"),
+    "view.page": ("export_html", "replay"),
     "view.plots.comparison": ("plot_comparison", "plot_work_precision"),
     "view.plots.pictures": (
         "plot_drift",

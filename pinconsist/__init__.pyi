@@ -53,8 +53,8 @@ from .simulation import simulate as simulate
 from .solution import Solution as Solution
 from .sweeps.outcome import Outcome as Outcome
 from .sweeps.sweep import sweep as sweep
-from .view.meshcat import export_html as export_html
-from .view.meshcat import replay as replay
+from .view.page import export_html as export_html
+from .view.page import replay as replay
 from .view.plots.comparison import plot_comparison as plot_comparison
 from .view.plots.comparison import plot_work_precision as plot_work_precision
 from .view.plots.pictures import plot_drift as plot_drift

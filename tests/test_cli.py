@@ -365,7 +365,7 @@ def test_replay_of_a_scene_simulates_it(run):
 def test_replay_opens_the_browser(run, monkeypatch):
     shown = []
     monkeypatch.setattr("webbrowser.get", lambda: None)
-    monkeypatch.setattr("pinconsist.view.meshcat.replay", lambda mech, sol, **options: shown.append(options))
+    monkeypatch.setattr("pinconsist.view.page.replay", lambda mech, sol, **options: shown.append(options))
     code, out, _ = run("replay", "planar_pendulum", "--once", "--forces", "--trace", "pendulum_tip")
     assert code == 0 and "open in your browser" in out
     assert shown == [{"speed": 1.0, "traces": ["pendulum_tip"], "forces": True, "loop": False, "open_browser": True}]
@@ -384,7 +384,7 @@ def test_replay_without_a_browser_serves_the_page_until_interrupted(run, monkeyp
         raise KeyboardInterrupt
 
     monkeypatch.setattr("time.sleep", interrupt)
-    monkeypatch.setattr("pinconsist.view.meshcat.replay", lambda *_, **options: f"address {options['open_browser']}")
+    monkeypatch.setattr("pinconsist.view.page.replay", lambda *_, **options: f"address {options['open_browser']}")
     code, out, _ = run("replay", "planar_pendulum", "--no-browser")
     assert code == 0 and "served at address False until Ctrl-C" in out
 

@@ -217,7 +217,7 @@ def test_sdf_includes_are_not_followed(folders):
 WATCH = """
 import sys
 folder, allowed = sys.argv[1], sys.argv[2].split(":")
-import pinconsist as pc, pinconsist.view.meshcat
+import pinconsist as pc, pinconsist.view.page
 import coal, defusedxml.ElementTree, yaml
 from pinconsist.view.visuals import visuals
 seen = []

@@ -19,9 +19,9 @@ from pinconsist.mechanism.constraints.loops import Loop
 from pinconsist.mechanism.forces import SpringDamper
 from pinconsist.mechanism.geometry import Geometry
 from pinconsist.mechanism.mechanism import Mechanism
-from pinconsist.view.camera import plane_normal
+from pinconsist.view.commands import plane_normal
 from pinconsist.view.motion import MAX_FRAMES, Run, body_poses, playing_times
-from pinconsist.view.scene import scene
+from pinconsist.view.picture import picture
 from pinconsist.view.shapes import simple_shapes, skeleton
 from pinconsist.view.visuals import visuals
 
@@ -180,7 +180,7 @@ def test_links_reach_from_joint_to_joint_and_anchor():
 def test_a_distance_loop_shows_as_a_bar_between_its_anchors():
     mech = two_links().with_loops(Loop("bar", "distance", "tip", xyz2=(0.0, 0.0, -2.0), length=1.3))
     sol = swing(np.linspace(0, 1, 51))
-    commands = scene(mech, sol, speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
+    commands = picture(mech, sol, speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
     (animation,) = [command for command in commands if command["type"] == "set_animation"]
     (clip,) = [each["clip"] for each in animation["animations"] if each["path"] == "/loops/bar"]
     tip = LENGTH * sum(np.array([np.cos(angle), 0, -np.sin(angle)]) for angle in np.cumsum(sol.q[30]))
@@ -208,7 +208,7 @@ def test_a_sliding_body_is_a_block_that_moves_and_its_rail_stays():
 def test_a_spring_is_a_coil_between_its_points():
     spring = SpringDamper("tip", xyz2=(0.0, 0.3, -2.0), stiffness=1.0)
     mech, sol = two_links().with_forces(spring), swing(np.linspace(0, 1, 51))
-    commands = scene(mech, sol, speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
+    commands = picture(mech, sol, speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
     (coil,) = [each["object"] for each in commands if each.get("object") and each["path"] == "/springs/1/coil"]
     points = np.reshape(coil["geometries"][0]["data"]["attributes"]["position"]["array"], (-1, 3))
     np.testing.assert_allclose(points[:6].mean(axis=0), [0, -0.5, 0], atol=1e-6)
@@ -235,7 +235,7 @@ def meshed(tmp_path, hand):
 def test_missing_meshes_fall_back_with_one_warning(tmp_path, caplog, hand):
     mech = meshed(tmp_path, hand)
     with caplog.at_level(logging.WARNING, "pinconsist"):
-        commands = scene(mech, swing([0, 1]), speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
+        commands = picture(mech, swing([0, 1]), speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
     (record,) = caplog.records
     assert "2 mesh" in record.getMessage() and f"{hand}.stl" in record.getMessage()
     drawn = [(command["path"], command["object"]) for command in commands if command["type"] == "set_object"]
@@ -293,7 +293,7 @@ def test_what_is_missing_is_named(tmp_path, monkeypatch):
 
 def test_importing_the_view_loads_no_viewer():
     code = """if True:
-        import sys, pinconsist.view.meshcat, pinconsist.view.plots.comparison, pinconsist.view.plots.pictures
+        import sys, pinconsist.view.page, pinconsist.view.plots.comparison, pinconsist.view.plots.pictures
         print({"meshcat", "coal", "matplotlib", "defusedxml"} & set(sys.modules))"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() in ("set()", "{'coal'}")  # Pinocchio itself may bring coal

@@ -12,14 +12,14 @@ from browser import needs_browser, reported
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.loops import Loop
-from pinconsist.view.scene import scene
+from pinconsist.view.picture import picture
 
 PLAIN = {"speed": 1.0, "fps": 50, "traces": (), "forces": False, "repetitions": 1}
 WEIGHT = 3.0  # kg
 
 
 def shown(mech, sol, **options):
-    return scene(mech, sol, **PLAIN | options)
+    return picture(mech, sol, **PLAIN | options)
 
 
 def track(page, path, name):
@@ -103,7 +103,7 @@ def test_forces_are_drawn_where_there_are_some():
     mech = pc.load("double_pendulum").with_loops()
     sol = SimpleNamespace(t=np.linspace(0, 1, 5), q=np.zeros((5, mech.nq)), lam=np.zeros((5, mech.nc)))
     page = shown(mech, sol, forces=True)
-    assert not drawn(page, "/forces") and "no loop pulls here" in [each["text"] for each in page["legend"]]
+    assert not drawn(page, "/forces") and "no forces to draw" in [each["text"] for each in page["legend"]]
     four_bar = pc.load("four_bar")
     still = SimpleNamespace(t=np.zeros(1), q=np.zeros((1, 3)), lam=np.full((1, four_bar.nc), 7.0))
     assert len(drawn(shown(four_bar, still, forces=True), "/forces")) == 4  # a shaft, a ring, and their heads

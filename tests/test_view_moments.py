@@ -11,8 +11,7 @@ from test_view_forces import arrow, drawn, shown, stated, track
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.loops import Loop
-from pinconsist.view.actions import FORCE, Action
-from pinconsist.view.arrows import scale_of
+from pinconsist.view.arrows import FORCE, Action, scale_of
 
 WEIGHT, ARM = 3.0, 0.3  # kg, m
 
@@ -111,7 +110,7 @@ def test_motors_together_are_one_torque_on_each_joint():
     np.testing.assert_allclose(turn, torque.clip(-most, most)[:, None] * axis, rtol=5e-3, atol=1e-3)
     with pytest.raises(pc.InputError, match="no v"):
         shown(mech, SimpleNamespace(t=sol.t, q=sol.q, lam=sol.lam), forces=True)
-    with pytest.raises(pc.InputError, match=re.escape("need v of shape (21, 2), got (21, 1)")):
+    with pytest.raises(pc.InputError, match=re.escape("needs v of shape (21, 2), got (21, 1)")):
         shown(mech, SimpleNamespace(t=sol.t, q=sol.q, lam=sol.lam, v=sol.v[:, :1]), forces=True)
 
 

@@ -109,7 +109,7 @@ def _show(what, file, run, order, q0, v0):
     from ..mechanism.mechanism import Mechanism
     from ..reference import reference_problem
     from ..simulation import integrate
-    from ..view.meshcat import export_html
+    from ..view.page import export_html
 
     if isinstance(what, Mechanism):
         start = assemble(what, q0, v0)

@@ -45,7 +45,7 @@ def replay(
     look = {"speed": shown.pace(speed, sol), "traces": traces or (), "forces": forces}
     print(motion.told(mech, sol))
     if html:
-        from ..view.meshcat import export_html
+        from ..view.page import export_html
 
         output.written(html, lambda: export_html(mech, sol, html, **look))
         print(f"written: {html}")
@@ -55,7 +55,7 @@ def replay(
 
 
 def _show(mech, sol, look, loop, no_browser):
-    from ..view.meshcat import replay as show
+    from ..view.page import replay as show
 
     try:
         webbrowser.get()

@@ -129,7 +129,7 @@ def simulate(
         print(certificate or "not checked: interrupted")
     with deferred(impatient=False):  # one more Ctrl-C waits until the files are there and are told
         if html:
-            from ..view.meshcat import export_html
+            from ..view.page import export_html
 
             look = {"speed": shown.pace(speed, sol), "traces": traces or (), "forces": forces}
             drawn(html, sol, out, lambda: export_html(mech, sol, html, **look))

@@ -1,4 +1,4 @@
-"""Forces as straight arrows, moments as arrows that turn about their axis: how long they are, and how that is said."""
+"""Forces as straight arrows, moments as arrows that turn about their axis: which there are, how long, how drawn."""
 
 from __future__ import annotations
 
@@ -6,19 +6,86 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .actions import FORCE, MOMENT, Action
+from ..mechanism.constraints.loop import Loop
+from ..mechanism.reactions import reaction
 from .commands import Node
-from .motion import turn_from
-from .shapes import Shape, cylinder, ring
+from .motion import Run, anchors, in_world, joint_axis, motors, point_in_world, rotation_to
+from .shapes import OCTAHEDRON, SMALLEST, Shape, cylinder, ring
 
+FORCE, MOMENT = "force", "moment"
 COLORS = {FORCE: 0x6A1B9A, MOMENT: 0x1B5E20}
 UNITS = {FORCE: "N", MOMENT: "N·m"}
-COMMON = {FORCE: 0.25, MOMENT: 0.08}  # sizes of the scene: length or radius of what is common
-LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # the most that is drawn
-RADIUS, HEAD = 0.006, 0.05  # of a shaft; length of a head; in sizes of the scene
+COMMON = {FORCE: 0.25, MOMENT: 0.08}  # sizes of the picture: length or radius of a common arrow
+LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # of the longest one
+RADIUS, HEAD = 0.006, 0.05  # of a shaft; length of a head; in sizes of the picture
 ARC = 1.5 * np.pi  # of a ring, rad
 TUBE, TIP = 0.05, 0.4  # thickness of a ring and length of its head, in its radii
-LEAST = 1e-5  # of a scale; three.js cannot invert a transformation of scale 0
+ROUNDING = 1e-9  # of the largest: below it a moment is rounding, as of a hinge's tilts in a planar loop
+
+
+@dataclass(frozen=True, eq=False)
+class Action:
+    """A force, N, or a moment, N·m, over the frames."""
+
+    name: str
+    kind: str  # FORCE or MOMENT
+    points: np.ndarray  # (m, 3), m, where it acts
+    vectors: np.ndarray  # (m, 3), world axes
+    on_joint: bool = False  # of a drive or motor; else of a loop
+
+    @property
+    def norms(self) -> np.ndarray:
+        """Euclidean norms at every frame, shape (m,)."""
+        return np.linalg.norm(self.vectors, axis=1)
+
+
+def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> list[Action]:
+    """Forces and moments of the loops, torques of drives and motors.
+
+    A loop acts on its body 2, or on its body 1 where the other is the ground; drives and motors act on their joints,
+    of which those with one degree of freedom are drawn. Couplings are not drawn: they act on two joints at once.
+
+    Parameters
+    ----------
+    run : Run
+        With multipliers, at the frames' times.
+    poses : ndarray, shape (m, njoints, 7)
+        World poses of the joints.
+    size : float
+        Size of the picture, m, by which moments are told from rounding.
+    without : collection of str
+        Loops that are left out, as their forces are not determined.
+    """
+    out = []
+    for loop in (each for each in run.mech.loops if each.name not in without):
+        found = reaction(run.mech, loop.name, run.t, run.q, run.lam)
+        if isinstance(loop, Loop):
+            joint, place = anchors(run.mech.model, loop)[1]
+            points, sign = point_in_world(poses, joint, place.translation), 1.0 if joint else -1.0
+            out.append(Action(loop.name, FORCE, points, sign * found.force))
+            if found.moment.any():
+                out.append(Action(f"{loop.name} moment", MOMENT, points, sign * found.moment))
+        elif loop.kind == "drive":
+            out += _on_joints(run, poses, loop.name, found.joint_forces)
+    if driving := motors(run.mech):
+        bound = [force.bind(run.mech.model) for force in driving]
+        states = zip(run.t, run.q, run.v, strict=True)
+        torques = np.array([sum(each.torque(*state) for each in bound) for state in states])
+        out += _on_joints(run, poses, "motor", torques)
+    largest = max((each.norms.max() / (size if each.kind == MOMENT else 1.0) for each in out), default=0.0)
+    return [each for each in out if each.kind == FORCE or each.norms.max() > ROUNDING * largest * size]
+
+
+def _on_joints(run: Run, poses: np.ndarray, name: str, torques: np.ndarray) -> list[Action]:
+    """Torques, shape (m, nv), on joints that turn, forces on those that slide; of one degree of freedom each."""
+    out = []
+    for joint, joint_name in enumerate(run.mech.joints, start=1):
+        torque, (axis, turns) = torques[:, run.mech.model.idx_vs[joint]], joint_axis(run.mech.model, joint)
+        if axis is not None and torque.any():
+            points = poses[:, joint, :3]
+            vectors = torque[:, None] * (in_world(poses[:, joint], [axis])[:, 0] - points)
+            out.append(Action(f"{name} {joint_name}", MOMENT if turns else FORCE, points, vectors, on_joint=True))
+    return out
 
 
 @dataclass(frozen=True)
@@ -33,15 +100,15 @@ class Scale:
 def scale_of(kind: str, actions: list[Action], size: float) -> Scale | None:
     """One scale for all forces, or moments, of a picture; None where there are none.
 
-    Common ones show well by it: the median, on a logarithmic scale, of what each exceeds a quarter of the time. Great
+    It is made for common ones: the median, on a logarithmic scale, of what each exceeds a quarter of the time. Larger
     ones are cut, as of wrong multipliers at the start, near dead centres, or of loops that contradict each other.
     """
-    sizes = [action.sizes for action in actions if action.kind == kind]
-    largest = max((each.max() for each in sizes), default=0.0)
+    norms = [action.norms for action in actions if action.kind == kind]
+    largest = max((each.max() for each in norms), default=0.0)
     if not largest > 1e-12:
         return None
-    some = [each[each > 1e-6 * largest] for each in sizes]
-    common = np.exp(np.median([np.log(np.percentile(each, 75)) for each in some if each.size]))
+    visible = [each[each > 1e-6 * largest] for each in norms]
+    common = np.exp(np.median([np.log(np.percentile(each, 75)) for each in visible if each.size]))
     unit = UNITS[kind]
     per_metre, most = _round(common / (COMMON[kind] * size)), LONGEST[kind] * size
     length = 10.0 ** np.floor(np.log10(COMMON[kind] * size))
@@ -57,44 +124,29 @@ def _round(value: float) -> float:
 
 
 def arrow(path: str, action: Action, scale: Scale, size: float) -> tuple[list[tuple[Node, list[Shape]]], np.ndarray]:
-    """The moving parts of an action's arrow with their shapes; and points around it, shape (m, k, 3)."""
-    sizes = action.sizes
-    reach = np.minimum(sizes * scale.metres, scale.most)
-    along = action.vectors / np.where(sizes > 0, sizes, 1.0)[:, None]
-    along[sizes == 0] = (0.0, 1.0, 0.0)
-    draw = _straight if action.kind == FORCE else _turning
-    return draw(path, action.points, along, reach, size)
+    """The moving parts of an action's arrow with their shapes; and points around it, shape (m, k, 3).
 
-
-def _straight(path, points, along, reach, size):
-    """Shaft and head; a short arrow is thinner too."""
-    radius, head = RADIUS * size, HEAD * size
-    thin = np.minimum(1.0, reach / (2 * head))  # keeps the head at half the arrow, at most
-    turns = np.array([turn_from((0, 1, 0), each).coeffs() for each in along])
-    necks = points + along * (reach - head * thin)[:, None]
-    shaft = np.column_stack((thin, reach - head * thin, thin)).clip(LEAST)
-    look = {"color": COLORS[FORCE], "on_top": True}
-    pointed = cylinder(0, np.zeros(3), (0.0, head, 0.0), 2.4 * radius, **look)
-    pointed.geometry["radiusTop"] = 0.0
-    heads = Node(f"{path}/head", np.hstack((necks, turns)), np.repeat(thin[:, None], 3, axis=1).clip(LEAST))
-    parts = [
-        (
-            Node(f"{path}/shaft", np.hstack((points, turns)), shaft),
-            [cylinder(0, np.zeros(3), (0.0, 1.0, 0.0), radius, **look)],
-        ),
-        (heads, [pointed]),
-    ]
-    return parts, (points + along * reach[:, None])[:, None]
-
-
-def _turning(path, points, along, reach, size):
-    """Three quarters of a ring about the axis with a head at its end, right-handed; the radius is the size."""
-    turns = np.array([turn_from((0, 0, 1), each).coeffs() for each in along])
-    look = {"color": COLORS[MOMENT], "on_top": True}
+    A moment is three quarters of a ring about its axis with a head at its end, right-handed; its radius is the scale.
+    """
+    norms, points, look = action.norms, action.points, {"color": COLORS[action.kind], "on_top": True}
+    reach = np.minimum(norms * scale.metres, scale.most)
+    along = action.vectors / np.where(norms > 0, norms, 1.0)[:, None]
+    along[norms == 0] = (0.0, 1.0, 0.0)
+    axis = (0, 1, 0) if action.kind == FORCE else (0, 0, 1)
+    turns = np.array([rotation_to(each, axis).coeffs() for each in along])
+    if action.kind == FORCE:
+        radius, head = RADIUS * size, HEAD * size
+        thin = np.minimum(1.0, reach / (2 * head))  # a short arrow is thinner: its head is half of it at most
+        length = reach - head * thin
+        shaft = Node(f"{path}/shaft", np.hstack((points, turns)), np.column_stack((thin, length, thin)).clip(SMALLEST))
+        necks = np.hstack((points + along * length[:, None], turns))
+        pointed = Node(f"{path}/head", necks, np.repeat(thin[:, None], 3, axis=1).clip(SMALLEST))
+        parts = [
+            (shaft, [cylinder(0, np.zeros(3), (0.0, 1.0, 0.0), radius, **look)]),
+            (pointed, [cylinder(0, np.zeros(3), (0.0, head, 0.0), 2.4 * radius, tip=0.0, **look)]),
+        ]
+        return parts, (points + along * reach[:, None])[:, None]
     end = np.array([np.cos(ARC), np.sin(ARC), 0.0])
-    onward = np.array([-end[1], end[0], 0.0])
-    pointed = cylinder(0, end, end + TIP * onward, 2.6 * TUBE, **look)
-    pointed.geometry["radiusTop"] = 0.0
-    node = Node(f"{path}/turn", np.hstack((points, turns)), np.repeat(reach[:, None], 3, axis=1).clip(LEAST))
-    around = points[:, None] + reach[:, None, None] * np.vstack((np.eye(3), -np.eye(3)))
-    return [(node, [ring(0, ARC, TUBE, **look), pointed])], around
+    cone = cylinder(0, end, end + TIP * np.array([-end[1], end[0], 0.0]), 2.6 * TUBE, tip=0.0, **look)
+    node = Node(f"{path}/turn", np.hstack((points, turns)), np.repeat(reach[:, None], 3, axis=1).clip(SMALLEST))
+    return [(node, [ring(0, ARC, TUBE, **look), cone])], points[:, None] + reach[:, None, None] * OCTAHEDRON

@@ -1,4 +1,4 @@
-"""meshcat's commands, as plain numbers and names."""
+"""meshcat's commands, as plain numbers and names: shapes and lines, their motion, camera, light and floor."""
 
 from __future__ import annotations
 
@@ -9,17 +9,22 @@ import pinocchio as pin
 
 from .shapes import Shape, buffer
 
+FIELD_OF_VIEW = 40.0  # degrees, vertical
+ASPECT = 1.3  # width to height of the narrowest pane to which the camera is fitted; in narrower ones the page zooms out
+MARGIN = 1.2
+FLOOR = 0xC4CAD2
+
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A thing of the scene that moves: where it is at every frame and, if that changes, how large."""
+    """A part of the picture that moves: its pose at every frame and, if that changes, its size."""
 
     path: str
     poses: np.ndarray  # (m, 7), position and quaternion x y z w
     scales: np.ndarray | None = None  # (m, 3), along its own axes
 
 
-def drawn(path: str, shape: Shape) -> dict:
+def draw(path: str, shape: Shape) -> dict:
     """Draw a shape."""
     material = {
         "uuid": f"{path} material",
@@ -34,16 +39,16 @@ def drawn(path: str, shape: Shape) -> dict:
     }
     matrix = shape.placement.homogeneous.T.ravel().tolist()
     thing = {"uuid": path, "type": "Mesh", "matrix": matrix, "renderOrder": int(shape.on_top)}
-    return _three(path, thing, shape.geometry, material)
+    return _set_object(path, thing, shape.geometry, material)
 
 
 def line(path: str, kind: str, points: np.ndarray, color: int) -> dict:
     """Draw a line through points, shape (k, 3), or between each two of them."""
     material = {"uuid": f"{path} material", "type": "LineBasicMaterial", "color": color}
-    return _three(path, {"uuid": path, "type": kind}, buffer(points), material)
+    return _set_object(path, {"uuid": path, "type": kind}, buffer(points), material)
 
 
-def _three(path, thing, geometry, material) -> dict:
+def _set_object(path, thing, geometry, material) -> dict:
     geometry = {**geometry, "uuid": f"{path} geometry"}
     thing = {**thing, "geometry": geometry["uuid"], "material": material["uuid"]}
     kind = {"version": 4.5, "type": "Object"}
@@ -52,37 +57,106 @@ def _three(path, thing, geometry, material) -> dict:
 
 
 def put(path: str, name: str, value) -> dict:
-    """Set a property of the thing at a path."""
+    """Set a property of the object at a path."""
     return {"type": "set_property", "path": path, "property": name, "value": value}
 
 
-def placed(path: str, offset: np.ndarray) -> dict:
-    """Shift all that is drawn below a path."""
-    return _transform(path, pin.SE3(np.eye(3), offset).homogeneous)
-
-
-def at_start(node: Node) -> dict:
-    """Put a node where it is at the first frame."""
-    matrix = pin.XYZQUATToSE3(node.poses[0]).homogeneous
-    return _transform(node.path, matrix if node.scales is None else matrix @ np.diag([*node.scales[0], 1.0]))
-
-
-def _transform(path, matrix) -> dict:
+def transform(path: str, matrix: np.ndarray) -> dict:
+    """Place all that is drawn below a path, by a matrix of shape (4, 4)."""
     return {"type": "set_transform", "path": path, "matrix": matrix.T.ravel().tolist()}
 
 
-def animation(nodes: list[Node], clock: np.ndarray, repetitions: int) -> dict:
-    """Move the nodes; `clock` holds the frames' times, s, shape (m,)."""
-    reach = max(np.abs(node.poses[:, :3]).max() for node in nodes)
+def animated(nodes: list[Node], clock: np.ndarray, repetitions: int) -> list[dict]:
+    """Place the nodes as at the first frame, then move them; `clock` holds the frames' times, s, shape (m,)."""
+    reach = max((np.abs(node.poses[:, :3]).max() for node in nodes), default=0.0)
     digits = 7 - int(np.floor(np.log10(reach or 1.0)))
-    times, animations = clock.round(6).tolist(), []
+    times, commands, animations = clock.round(6).tolist(), [], []
     for node in nodes:
         parts = [
             (".position", "vector3", node.poses[:, :3].round(digits)),
             (".quaternion", "quaternion", node.poses[:, 3:].round(7)),
-            *([(".scale", "vector3", node.scales.round(7))] if node.scales is not None else []),
         ]
+        start = pin.XYZQUATToSE3(node.poses[0]).homogeneous
+        if node.scales is not None:
+            parts.append((".scale", "vector3", node.scales.round(7)))
+            start = start @ np.diag([*node.scales[0], 1.0])
         tracks = [{"name": name, "type": kind, "times": times, "values": x.ravel().tolist()} for name, kind, x in parts]
         animations.append({"path": node.path, "clip": {"name": "default", "fps": 1, "tracks": tracks}})
-    options = {"play": True, "repetitions": repetitions}
-    return {"type": "set_animation", "path": "", "animations": animations, "options": options}
+        commands.append(transform(node.path, start))
+    if len(clock) > 1:
+        options = {"play": True, "repetitions": repetitions}
+        commands.append({"type": "set_animation", "path": "", "animations": animations, "options": options})
+    return commands
+
+
+def y_up(point) -> list[float]:
+    """A point in the axes of three.js's own world, into which meshcat turns the picture."""
+    x, y, z = map(float, point)
+    return [x, z, -y]
+
+
+def plane_normal(points: np.ndarray) -> np.ndarray | None:
+    """Normal, towards the viewer, of the plane along which all points, shape (n, k, 3), move; None if there is none.
+
+    The points may lie in different parallel planes. A mechanism at rest, or that moves along a line, is planar if all
+    its points lie in one plane.
+    """
+    steps = (points - points.mean(axis=0)).reshape(-1, 3)
+    places = (points - points.mean(axis=(0, 1))).reshape(-1, 3)
+    scale = np.linalg.norm(places, axis=1).max()
+    for spread, least in ((steps, 1e-9 * scale), (places, 0.0)):
+        _, widths, directions = np.linalg.svd(spread, full_matrices=False)
+        if len(widths) == 3 and widths[0] > least and widths[1] > 1e-3 * widths[0]:
+            if widths[2] > 1e-4 * widths[1]:
+                return None
+            normal = directions[2]
+            return normal * np.sign(normal @ [1.0, -2.0, 4.0])  # so that x, else y, points right and z, else y, up
+    return None
+
+
+def view_axes(skeletons) -> tuple[np.ndarray, bool]:
+    """The viewer's right, up and towards-the-viewer directions as rows; and whether all move in parallel planes."""
+    normal, *others = map(plane_normal, skeletons)
+    planar = normal is not None and all(each is not None and abs(each @ normal) > 1 - 1e-6 for each in others)
+    back = normal if planar else np.array([1.3, -0.68, 0.75])  # not along an arm of a threefold robot
+    back = back / np.linalg.norm(back)
+    right = np.array([-back[1], back[0], 0.0]) if np.hypot(*back[:2]) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(back, right), back]), planar
+
+
+def camera(points: np.ndarray, axes: np.ndarray, size: float) -> tuple[list[dict], list[float]]:
+    """Camera, light and background that show all points, shape (k, 3); and where the camera looks."""
+    right, up, back = axes
+    seen = points @ axes.T
+    middle, half = (seen.max(0) + seen.min(0)) / 2, np.ptp(seen, axis=0) / 2
+    distance = half[2] + MARGIN * max(half[1], half[0] / ASPECT, 0.05 * size) / np.tan(np.radians(FIELD_OF_VIEW) / 2)
+    target = middle @ axes
+    lens, fill = "/Cameras/default/rotated/<object>", "/Lights/FillLight/<object>"
+    commands = [
+        put("/Lights/PointLightNegativeX", "visible", False),  # these two stand at fixed places and reach 10 m
+        put("/Lights/PointLightPositiveX", "visible", False),
+        put("/Background", "top_color", [0.98, 0.985, 0.99]),
+        put("/Background", "bottom_color", [0.86, 0.885, 0.91]),
+        put("/Axes", "scale", [0.2 * size] * 3),
+        put("/Grid", "visible", False),  # of fixed size, and seen edge-on in planar pictures
+        put(lens, "fov", FIELD_OF_VIEW),
+        put(lens, "near", distance / 1000),
+        put(lens, "far", distance * 100),
+        put(lens, "position", y_up(target + distance * back)),
+        put(fill, "position", (back + 0.6 * up - 0.5 * right).tolist()),
+        put(fill, "intensity", 0.6),
+    ]
+    return commands, y_up(target)
+
+
+def floor(points: np.ndarray, size: float) -> dict:
+    """A grid below all points, shape (k, 3)."""
+    low, high = points.min(0), points.max(0)
+    cell = 10.0 ** np.round(np.log10(size / 5))
+    x0, y0 = np.floor(low[:2] / cell) - 2
+    x1, y1 = np.ceil(high[:2] / cell) + 2
+    along_y = [[(x * cell, y0 * cell), (x * cell, y1 * cell)] for x in np.arange(x0, x1 + 1)]
+    along_x = [[(x0 * cell, y * cell), (x1 * cell, y * cell)] for y in np.arange(y0, y1 + 1)]
+    ends = np.array(along_y + along_x).reshape(-1, 2)
+    return line("/floor", "LineSegments", np.column_stack((ends, np.full(len(ends), low[2]))), FLOOR)

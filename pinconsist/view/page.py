@@ -1,118 +1,169 @@
-"""The page of a replay: meshcat's packaged viewer and its commands as text, in one file that needs no network."""
+"""Replays in meshcat's viewer: one self-contained page, written to a file or shown in the browser.
+
+The page holds meshcat's packaged viewer and its commands, so that neither meshcat's server nor its Python side is
+needed: its server listens on every network interface, and the page that it writes runs the commands in no certain
+order.
+"""
 
 from __future__ import annotations
 
-import html
-import json
-from importlib.util import find_spec
+import logging
 from pathlib import Path
 
-from ..errors import MissingExtraError
-from .camera import ASPECT
+from ..errors import InputError, MissingExtraError
+from ..files import written_whole
+from .picture import picture
 
-PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<title>{title}</title>
-<link rel="icon" href="data:,">
-<style>
-body {{ margin: 0; display: flex; flex-direction: column; height: 100vh; overflow: hidden; background: #dbe2e8; }}
-body, button {{ font: 14px sans-serif; color: #222; }}
-#meshcat-pane {{ flex: 1; min-height: 0; overflow: hidden; }}
-#notes {{ padding: 4px 14px 10px; line-height: 1.5; }}
-#notes i {{ display: inline-block; width: 10px; height: 10px; margin-right: 7px; border-radius: 5px; }}
-#time {{ font-size: 17px; font-variant-numeric: tabular-nums; }}
-#player {{ display: flex; align-items: center; gap: 10px; }}
-#player button {{ width: 38px; height: 30px; }}
-#player input {{ width: min(45vw, 420px); }}
-.run {{ position: absolute; left: 0; top: 0; font-size: 17px; white-space: nowrap; pointer-events: none; }}
-</style>
-</head>
-<body>
-<div id="meshcat-pane"></div>
-<div id="notes"><div id="player">
-<button id="play" aria-label="play or pause" title="play or pause: space bar"></button>
-<input id="scrub" type="range" min="0" step="any" aria-label="time"><span id="time"></span>
-</div></div>
-<script>{viewer}</script>
-<script id="replay" type="application/json">{replay}</script>
-<script>
-const replay = JSON.parse(document.getElementById("replay").textContent);
-for (const note of replay.legend) {{
-  const entry = document.createElement("div");
-  entry.appendChild(document.createElement("i")).style.background = "#" + note.color.toString(16).padStart(6, "0");
-  entry.append(note.text);
-  document.getElementById("notes").append(entry);
-}}
-var viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
-for (const command of replay.commands) viewer.handle_command(command);
-const pane = viewer.dom_element, target = viewer.controls.target.set(...replay.target);
-viewer.set_3d_pane_size = () =>  // meshcat's takes the window's height
-  MeshCat.Viewer.prototype.set_3d_pane_size.call(viewer, pane.offsetWidth, pane.offsetHeight);
-let back = 1;
-function fit() {{
-  viewer.set_3d_pane_size();
-  const before = back;
-  back = Math.max(1, {aspect} * pane.offsetHeight / pane.offsetWidth);
-  viewer.camera.position.sub(target).multiplyScalar(back / before).add(target);
-}}
-fit();
-window.addEventListener("resize", fit);
-viewer.gui.__folders["Scene"].close();
-
-const [time, play, scrub] = ["time", "play", "scrub"].map(id => document.getElementById(id));
-const animator = viewer.animator, toggle = () => animator.playing ? animator.pause() : animator.play();
-const [start, rate, duration] = replay.clock;
-const digits = Math.max(0, Math.min(9, 2 - Math.floor(Math.log10(Math.abs(rate) * Math.min(1, duration || 1)))));
-const pace = Math.abs(rate) == 1 ? "" : "  (speed × " + Math.abs(rate) + ")";
-const titles = replay.titles.map(title => {{
-  const element = document.body.appendChild(document.createElement("div"));
-  element.className = "run";
-  element.textContent = title.text;
-  return {{at: title.at, element}};
-}});
-play.hidden = scrub.hidden = !duration;
-scrub.max = duration;
-scrub.addEventListener("input", () => {{ animator.pause(); animator.seek(scrub.valueAsNumber); }});
-play.addEventListener("click", toggle);
-document.addEventListener("keydown", event => {{
-  if (!duration || event.key != " " || event.target.closest("button, .dg")) return;
-  event.preventDefault();
-  toggle();
-}});
-const place = target.clone(), canvas = viewer.renderer.domElement;
-function follow() {{
-  const played = animator.actions.reduce((latest, action) => Math.max(latest, action.time), 0);
-  time.textContent = "t = " + (start + rate * Math.min(played, duration)).toFixed(digits) + " s" + pace;
-  scrub.value = played;
-  scrub.setAttribute("aria-valuetext", time.textContent);
-  play.textContent = animator.playing ? "❚❚" : "▶";
-  for (const title of titles) {{
-    place.set(...title.at).project(viewer.camera);
-    const x = (1 + place.x) / 2 * canvas.clientWidth, y = (1 - place.y) / 2 * canvas.clientHeight;
-    title.element.style.transform = `translate(${{x}}px, ${{y}}px) translate(-50%, 0)`;
-  }}
-  requestAnimationFrame(follow);
-}}
-follow();
-</script>
-</body>
-</html>
-"""
+FOREVER = 10**9
+FPS = 50
+log = logging.getLogger(__name__)
 
 
-def page(title: str, replay: dict) -> bytes:
-    """The page that plays what :func:`pinconsist.view.scene.scene` made."""
-    text = json.dumps(replay, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    return PAGE.format(title=html.escape(title), viewer=_viewer(), replay=text, aspect=ASPECT).encode()
+def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces=(), forces: bool = False) -> Path:
+    """Write the motion as one page that any browser plays, without network; the space bar plays and pauses.
+
+    Shapes come from the mechanism's robot file where their meshes are found, else from joints, inertias and loops. A
+    loop shows as a clear shell (anchor 1) and a red core (anchor 2): it is closed where the core sits in the shell.
+    Springs of the mechanism between two points are coils.
+
+    Parameters
+    ----------
+    mech : Mechanism or sequence of Mechanism
+        The scene; one for all solutions, or one for each.
+    sol : Solution, or sequence of solutions, or mapping of titles to solutions
+        What is played, its rows in their order; several stand side by side, in one scale and at one pace. Needed are
+        ``t``, shape (n,), s, monotone, and ``q``, shape (n, nq); for forces also ``lam``, shape (n, nc), and for
+        those of servos and joint torques ``v``, shape (n, nv).
+    file : path
+        The page; written whole or not at all.
+    speed : float
+        Seconds of motion per second of playing: 0.1 is slow motion.
+    fps : float
+        Frames per second of playing; lowered (and logged) so that the page has at most 3000 frames.
+    traces : sequence of str
+        Frames of the model whose paths are drawn.
+    forces : bool
+        Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 where body 2 is the ground), and
+        its moment as an arrow that turns about its axis: those of :meth:`Solution.reaction`. So are the torques of
+        drives, and of the mechanism's servos and joint torques together, on joints of one degree of freedom; where the
+        joint slides they are forces. The page says how many newtons a length is, and where arrows are cut. Loops whose
+        forces are not determined (:attr:`Reaction.dependence`) are named, not drawn.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        A solution that does not fit the mechanism, an unknown frame, a `speed` or `fps` that is not positive.
+    MissingExtraError
+        meshcat is not installed.
+    OSError
+        The file cannot be written.
+    """
+    page = _page(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, repetitions=FOREVER)
+    with written_whole(file) as stream:
+        stream.write(page)
+    return Path(file)
+
+
+def replay(
+    mech, sol, *, speed: float = 1.0, loop: bool = True, traces=(), forces: bool = False, open_browser: bool = True
+) -> str:
+    """Show the motion in the browser, in real time × `speed`.
+
+    The page of `export_html` is served on the loopback interface, on a port that is free, by a thread that ends with
+    the process. With `open_browser` the call returns when the browser has the page (or after ten seconds), and the
+    page then plays on without this process; otherwise it returns at once.
+
+    Parameters
+    ----------
+    mech, sol, speed, traces, forces
+        As in `export_html`.
+    loop : bool
+        Play again and again.
+    open_browser : bool
+        Open the page in the user's browser.
+
+    Returns
+    -------
+    str
+        Address of the page.
+
+    Raises
+    ------
+    InputError
+        As in `export_html`; or there is no free port on the loopback interface.
+    MissingExtraError
+        meshcat is not installed.
+    """
+    import webbrowser
+
+    repetitions = FOREVER if loop else 1
+    page = _page(mech, sol, speed=speed, fps=FPS, traces=traces, forces=forces, repetitions=repetitions)
+    address, fetched = _serve(page)
+    log.info("replay of %s at %s", _title(mech), address)
+    if open_browser and webbrowser.open(address):
+        fetched.wait(timeout=10)
+    return address
+
+
+def _title(mech) -> str:
+    return ", ".join(dict.fromkeys(each.name for each in mech)) if isinstance(mech, list | tuple) else mech.name
+
+
+def _page(mech, sol, **options) -> bytes:
+    """The page, put together from page.html, page.css, page.js, meshcat's viewer and the commands."""
+    import html
+    import json
+    from importlib.resources import files
+    from string import Template
+
+    text = json.dumps(picture(mech, sol, **options), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    frame, style, script = ((files(__package__) / f"page.{end}").read_text("utf-8") for end in ("html", "css", "js"))
+    parts = {"title": html.escape(_title(mech)), "style": style, "viewer": _viewer(), "replay": text, "script": script}
+    return Template(frame).substitute(parts).encode()
 
 
 def _viewer() -> str:
     """meshcat's packaged viewer; found without importing meshcat, which brings a server and IPython."""
+    from importlib.util import find_spec
+
     found = find_spec("meshcat")
     for folder in found.submodule_search_locations if found else ():
         bundle = Path(folder, "viewer", "dist", "main.min.js")
         if bundle.is_file():
             return bundle.read_text(encoding="utf-8")
     raise MissingExtraError("replays need the package meshcat; install it by: pip install meshcat")
+
+
+def _serve(page: bytes):
+    """Serve one page on a free port of the loopback interface; its address, and an event set once it was fetched."""
+    import http.server
+    import threading
+
+    fetched = threading.Event()
+
+    class OnePage(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            if self.path != "/":
+                self.send_error(404)
+                return
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.send_header("Content-Length", str(len(page)))
+            self.end_headers()
+            self.wfile.write(page)
+            fetched.set()
+
+        def log_message(self, format, *args):
+            log.debug(format, *args)
+
+    try:
+        server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), OnePage)
+    except OSError as error:
+        raise InputError(f"no page can be served on 127.0.0.1 here ({error}); write it by export_html") from error
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    return f"http://127.0.0.1:{server.server_port}/", fetched

@@ -1,4 +1,4 @@
-"""Simple shapes made from joints and loops, for scenes that bring none: what is drawn is what the model knows."""
+"""Shapes as three.js reads them, and simple ones made from joints, loops and springs: what the model knows is drawn."""
 
 from __future__ import annotations
 
@@ -8,12 +8,19 @@ import numpy as np
 import pinocchio as pin
 
 from ..mechanism.constraints.loop import Loop
+from ..mechanism.forces import SpringDamper
 from ..mechanism.mechanism import Mechanism
-from .motion import anchors, bar_poses, in_world, turn_from_y
+from .motion import anchors, bar_poses, in_world, joint_axis, point_in_world, rotation_to
 
 LINK_COLORS = (0x0072B2, 0xE69F00, 0x009E73, 0x56B4E9, 0xCC79A7, 0xB8A800)  # Okabe and Ito's, without red
-JOINT, GROUND, RAIL, CLOSED = 0x333333, 0x555555, 0xA0A4AA, 0xD50000
+JOINT, GROUND, RAIL, CLOSED, SPRING = 0x333333, 0x555555, 0xA0A4AA, 0xD50000, 0x5D4037
+LINK = 0.011  # radius of a link, in sizes of the picture
 SHELL, BALL = 2.2, 1.45  # radii of an anchor 1 and of a joint, in radii of a link
+TURNS, STRAIGHT = 9, 0.12  # of a coil; share of its length that is straight, at each end
+COIL, WIRE = 0.018, 0.003  # radius of a coil and of its wire, in sizes of the picture
+SEGMENTS, SIDES = 16, 6  # of a turn, and of the wire's section
+SMALLEST = 1e-5  # of a scale; three.js cannot invert a transformation of scale 0
+OCTAHEDRON = np.vstack((np.eye(3), -np.eye(3)))
 
 
 @dataclass(frozen=True)
@@ -37,49 +44,40 @@ class Shape:
 def ball(node: int, centre, radius: float, **look) -> Shape:
     """A sphere on a node."""
     form = {"type": "SphereGeometry", "radius": radius, "widthSegments": 24, "heightSegments": 16}
-    bounds = radius * np.vstack((np.eye(3), -np.eye(3)))
-    return Shape(node, form, pin.SE3(np.eye(3), np.array(centre)), bounds, **look)
+    return Shape(node, form, pin.SE3(np.eye(3), np.array(centre)), radius * OCTAHEDRON, **look)
 
 
-def cylinder(node: int, start, end, radius: float, **look) -> Shape:
-    """A cylinder between two points of a node."""
+def cylinder(node: int, start, end, radius: float, *, tip: float | None = None, **look) -> Shape:
+    """A cylinder between two points of a node; a cone if the radius at its end, `tip`, is 0."""
     along = np.asarray(end) - np.asarray(start)
-    length = float(np.linalg.norm(along))
-    form = {"type": "CylinderGeometry", "radiusTop": radius, "radiusBottom": radius, "height": length}
-    middle = pin.SE3(turn_from_y(along).matrix(), (np.asarray(start) + np.asarray(end)) / 2)
-    half = np.array([radius, length / 2, radius])
-    bounds = half * np.array([[1, 1, 1], [-1, 1, -1], [1, -1, 1], [-1, -1, -1]])
+    length, top = float(np.linalg.norm(along)), radius if tip is None else tip
+    form = {"type": "CylinderGeometry", "radiusTop": top, "radiusBottom": radius, "height": length}
+    middle = pin.SE3(rotation_to(along).matrix(), (np.asarray(start) + np.asarray(end)) / 2)
+    bounds = np.array([radius, length / 2, radius]) * [[1, 1, 1], [-1, 1, -1], [1, -1, 1], [-1, -1, -1]]
     return Shape(node, {**form, "radialSegments": 24}, middle, bounds, **look)
 
 
 def block(node: int, centre, along, length: float, width: float, **look) -> Shape:
     """A box of square section on a node, its length in a direction."""
     form = {"type": "BoxGeometry", "width": width, "height": length, "depth": width}
-    corner = np.array([[width, length, width], [-width, -length, -width]]) / 2
-    place = pin.SE3(turn_from_y(np.asarray(along, float)).matrix(), np.array(centre, float))
-    return Shape(node, form, place, corner, **look)
+    half = np.array([width, length, width]) / 2
+    return Shape(node, form, pin.SE3(rotation_to(along).matrix(), np.array(centre)), np.array([half, -half]), **look)
 
 
 def ring(node: int, arc: float, tube: float, **look) -> Shape:
     """A part of a ring of radius 1 about a node's z axis, from its x axis on; `arc` in rad."""
     form = {"type": "TorusGeometry", "radius": 1.0, "tube": tube, "arc": arc, "radialSegments": 10}
-    reach = (1 + tube) * np.array([[1, 1, 0], [-1, 1, 0], [1, -1, 0], [-1, -1, 0]])
-    return Shape(node, {**form, "tubularSegments": 48}, bounds=reach, **look)
+    bounds = (1 + tube) * np.array([[1, 1, 0], [-1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    return Shape(node, {**form, "tubularSegments": 48}, bounds=bounds, **look)
 
 
-def buffer(points: np.ndarray, index: np.ndarray | None = None) -> dict:
+def buffer(points: np.ndarray, triangles: np.ndarray | None = None) -> dict:
     """Points, shape (k, 3), and optionally triangles, shape (m, 3), as three.js reads them."""
-    data = {"attributes": {"position": _array(points, "Float32Array", 3)}}
-    if index is not None:
-        data["index"] = _array(index, "Uint32Array", 1)
+    numbers = [float(f"{value:.7g}") for value in points.ravel()]  # seven digits are all that arrives
+    data: dict = {"attributes": {"position": {"itemSize": 3, "type": "Float32Array", "array": numbers}}}
+    if triangles is not None:
+        data["index"] = {"itemSize": 1, "type": "Uint32Array", "array": triangles.ravel().tolist()}
     return {"type": "BufferGeometry", "data": data}
-
-
-def _array(values, kind, size):
-    flat = np.asarray(values).ravel()
-    if kind.startswith("Float"):  # seven digits are all that arrives
-        flat = [float(f"{value:.7g}") for value in flat]
-    return {"itemSize": size, "type": kind, "array": list(map(int, flat)) if kind.startswith("Uint") else flat}
 
 
 def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
@@ -89,13 +87,10 @@ def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
     """
     model = mech.model
     ends = {joint: [] for joint in range(1, model.njoints)}
-    for joint in ends:
-        if model.parents[joint]:
-            ends[model.parents[joint]].append(model.jointPlacements[joint].translation.copy())
-    for loop in mech.anchored_loops:
-        for joint, place in anchors(model, loop):
-            if joint:
-                ends[joint].append(place.translation.copy())
+    places = [(model.parents[joint], model.jointPlacements[joint]) for joint in ends]
+    for joint, place in places + [pair for loop in mech.anchored_loops for pair in anchors(model, loop)]:
+        if joint:
+            ends[joint].append(place.translation.copy())
     for joint, inertia in zip(ends, list(model.inertias)[1:], strict=True):
         if not ends[joint] and inertia.mass > 0:
             ends[joint].append(_rod_end(inertia))
@@ -111,21 +106,17 @@ def _rod_end(inertia: pin.Inertia) -> np.ndarray:
 
 def skeleton(mech: Mechanism, poses: np.ndarray) -> np.ndarray:
     """World positions over the motion of joints, link ends and anchors, shape (n, k, 3)."""
-    ends = link_ends(mech)
-    parts = [in_world(poses[:, joint], [np.zeros(3), *ends[joint]]) for joint in ends]
+    parts = [in_world(poses[:, joint], [np.zeros(3), *ends]) for joint, ends in link_ends(mech).items()]
     for loop in mech.anchored_loops:
         parts += [in_world(poses[:, joint], [place.translation]) for joint, place in anchors(mech.model, loop)]
     return np.concatenate(parts, axis=1) if parts else np.zeros((len(poses), 1, 3))
 
 
-def bars(mech: Mechanism, poses: np.ndarray) -> list[np.ndarray]:
-    """Poses, shape (n, 7) each, of the bars that stand for the distance loops."""
-    out = []
-    for loop in mech.anchored_loops:
-        if loop.kind == "distance":
-            start, end = (in_world(poses[:, j], [place.translation])[:, 0] for j, place in anchors(mech.model, loop))
-            out.append(bar_poses(start, end))
-    return out
+def bars(mech: Mechanism, poses: np.ndarray) -> dict[str, np.ndarray]:
+    """Poses, shape (n, 7) each, of the bars that stand for the distance loops, by their names."""
+    rods = {loop.name: anchors(mech.model, loop) for loop in mech.anchored_loops if loop.kind == "distance"}
+    ends = {name: [point_in_world(poses, j, place.translation) for j, place in pair] for name, pair in rods.items()}
+    return {name: bar_poses(*pair) for name, pair in ends.items()}
 
 
 def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=frozenset()) -> list[Shape]:
@@ -134,55 +125,37 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
     Parameters
     ----------
     mech : Mechanism
-        The scene.
     poses : ndarray, shape (n, njoints, 7)
         Its motion; rails of sliding joints are as long as the way that they go.
     size : float
-        Size of the scene, m, from which thicknesses are taken.
+        Size of the picture, m, from which thicknesses are taken.
     covered : set of int
         Joints whose bodies have shapes of their own; 0 is the ground.
-
-    Returns
-    -------
-    list of Shape
     """
-    radius = 0.011 * size
+    radius = LINK * size
     out, fixed = [], []
     for joint, ends in link_ends(mech).items():
         parent, rail = mech.model.parents[joint], _rail(mech, joint, poses, size)
-        slides = slide_axis(mech, joint)
-        if parent == 0 and 0 not in covered and rail is not None and slides is None:
+        axis, turns = joint_axis(mech.model, joint)
+        slides = axis is not None and not turns
+        if parent == 0 and rail is not None and not slides:
             fixed.append(rail.mean(0))
         if joint in covered:
             continue
-        out += _body(joint, ends, slides, radius)
+        color = LINK_COLORS[(joint - 1) % len(LINK_COLORS)]
+        if slides:
+            out.append(block(joint, np.zeros(3), axis, 7 * radius, 4 * radius, color=color))
+        else:
+            out.append(ball(joint, np.zeros(3), BALL * radius, color=JOINT))
+        for end in ends:
+            if np.linalg.norm(end) > radius / 10:
+                out += [cylinder(joint, np.zeros(3), end, radius, color=color), ball(joint, end, radius, color=color)]
         if rail is not None and np.linalg.norm(rail[1] - rail[0]) > radius / 2:
             out.append(cylinder(parent, *rail, 0.45 * radius, color=RAIL))
     fixed += [place.translation for loop in mech.anchored_loops for j, place in anchors(mech.model, loop) if j == 0]
     if 0 not in covered:
         out += _ground(fixed, radius)
     return out + _closures(mech, poses, radius)
-
-
-def slide_axis(mech: Mechanism, joint: int) -> np.ndarray | None:
-    """The direction, shape (3,), in which a joint slides on its parent's body; None for others."""
-    if mech.model.nvs[joint] != 1:
-        return None
-    slides, turns = np.reshape(mech.model.createData().joints[joint].S, (2, 3))
-    return None if turns.any() else slides
-
-
-def _body(joint: int, ends, slides: np.ndarray | None, radius: float) -> list[Shape]:
-    """Links from the joint's origin, which is a ball, or, of a sliding body, a block of its color."""
-    color = LINK_COLORS[(joint - 1) % len(LINK_COLORS)]
-    if slides is None:
-        out = [ball(joint, np.zeros(3), BALL * radius, color=JOINT)]
-    else:
-        out = [block(joint, np.zeros(3), slides, 7 * radius, 4 * radius, color=color)]
-    for end in ends:
-        if np.linalg.norm(end) > radius / 10:
-            out += [cylinder(joint, np.zeros(3), end, radius, color=color), ball(joint, end, radius, color=color)]
-    return out
 
 
 def _rail(mech: Mechanism, joint: int, poses: np.ndarray, size: float) -> np.ndarray | None:
@@ -208,8 +181,7 @@ def _ground(points, radius: float) -> list[Shape]:
     blocks = [block(0, place, (0, 1, 0), side, side, color=GROUND, opacity=0.5) for place in places]
     if len(places) < 2:
         return blocks
-    middle = places.mean(0)
-    pairs = [tuple(places)] if len(places) == 2 else [(middle, place) for place in places]
+    pairs = [places] if len(places) == 2 else [(places.mean(0), place) for place in places]
     return blocks + [cylinder(0, *pair, 0.45 * radius, color=RAIL) for pair in pairs]
 
 
@@ -220,8 +192,7 @@ def _closures(mech: Mechanism, poses: np.ndarray, radius: float) -> list[Shape]:
         (joint1, place1), (joint2, place2) = anchors(mech.model, loop)
         shell = ball(joint1, place1.translation, SHELL * radius, color=CLOSED, opacity=0.35)
         core = ball(joint2, place2.translation, 0.55 * SHELL * radius, color=CLOSED)
-        guide = _guide(loop, poses, (joint1, place1), (joint2, place2), radius)
-        out += [replace(shape, on_top=True) for shape in (shell, core, *guide)]
+        out += [replace(shape, on_top=True) for shape in (shell, core, *_guide(mech, loop, poses, radius))]
         if loop.kind == "distance":
             half = np.array([0.0, loop.length / 2, 0.0])
             out.append(cylinder(bar, -half, half, 0.6 * radius, color=JOINT))
@@ -229,14 +200,14 @@ def _closures(mech: Mechanism, poses: np.ndarray, radius: float) -> list[Shape]:
     return out
 
 
-def _guide(loop: Loop, poses: np.ndarray, first, second, radius: float) -> list[Shape]:
+def _guide(mech: Mechanism, loop: Loop, poses: np.ndarray, radius: float) -> list[Shape]:
     """Along what anchor 2 may move on body 1: the rail of a slider or cylinder, the plate of a plane."""
     if loop.kind not in ("slider", "cylinder", "plane"):
         return []
-    (joint1, place1), (joint2, place2) = first, second
+    (joint1, place1), (joint2, place2) = anchors(mech.model, loop)
     axis = place1.rotation @ (np.array(loop.axis) / np.linalg.norm(loop.axis))
-    start, end = (in_world(poses[:, joint1], [place1.translation + shift])[:, 0] for shift in (np.zeros(3), axis))
-    away = in_world(poses[:, joint2], [place2.translation])[:, 0] - start
+    start, end = (point_in_world(poses, joint1, place1.translation + shift) for shift in (np.zeros(3), axis))
+    away = point_in_world(poses, joint2, place2.translation) - start
     along = np.einsum("ij,ij->i", away, end - start)
     if loop.kind == "plane":
         reach = np.linalg.norm(away - along[:, None] * (end - start), axis=1).max() + SHELL * radius
@@ -245,3 +216,40 @@ def _guide(loop: Loop, poses: np.ndarray, first, second, radius: float) -> list[
     low, high = min(along.min(), 0.0) - SHELL * radius, max(along.max(), 0.0) + SHELL * radius
     ends = [place1.translation + way * axis for way in (low, high)]
     return [cylinder(joint1, *ends, 0.3 * radius, color=CLOSED)]
+
+
+def springs(mech: Mechanism, poses: np.ndarray, size: float) -> list[tuple[np.ndarray, np.ndarray, Shape, np.ndarray]]:
+    """Springs between two points as coils that stretch with them.
+
+    Of each: its poses, shape (n, 7), and scales, shape (n, 3), its coil, and its two ends, shape (n, 2, 3).
+    """
+    out = []
+    for spring in (each for each in mech.forces if isinstance(each, SpringDamper)):
+        ends = []
+        for name, xyz in ((spring.frame1, spring.xyz1), (spring.frame2, spring.xyz2)):
+            frame = mech.model.frames[mech.model.getFrameId(name)]
+            ends.append(point_in_world(poses, frame.parentJoint, frame.placement.act(np.array(xyz))))
+        lengths = np.linalg.norm(ends[1] - ends[0], axis=1)
+        stretch = np.ones((len(poses), 3))
+        stretch[:, 1] = lengths.clip(SMALLEST)
+        out.append((bar_poses(*ends), stretch, _coil(max(lengths.mean(), SMALLEST), size), np.stack(ends, axis=1)))
+    return out
+
+
+def _coil(length: float, size: float) -> Shape:
+    """A coil of length 1 along y, about its middle; its wire is round where it is stretched to `length`."""
+    share = np.concatenate(([0.0], np.linspace(STRAIGHT, 1 - STRAIGHT, TURNS * SEGMENTS + 1), [1.0]))
+    coiled = ((share - STRAIGHT) / (1 - 2 * STRAIGHT)).clip(0, 1)
+    angle = 2 * np.pi * TURNS * coiled
+    outward = np.column_stack((np.cos(angle), np.zeros_like(angle), np.sin(angle)))
+    reach = COIL * size * (2 * TURNS * np.minimum(coiled, 1 - coiled)).clip(0, 1)  # full after half a turn
+    line = reach[:, None] * outward + np.outer(length * (share - 0.5), (0, 1, 0))
+    across = np.cross(np.gradient(line, axis=0), outward)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    section = 2 * np.pi * np.arange(SIDES) / SIDES
+    skin = np.cos(section)[:, None] * outward[:, None] + np.sin(section)[:, None] * across[:, None]
+    points = (line[:, None] + WIRE * size * skin).reshape(-1, 3) / (1.0, length, 1.0)
+    here = np.arange((len(line) - 1) * SIDES).reshape(-1, SIDES)
+    beside = np.roll(here, -1, axis=1)
+    corners = np.stack((here, beside, here + SIDES, beside, beside + SIDES, here + SIDES), axis=-1)
+    return Shape(0, buffer(points, corners.reshape(-1, 3)), bounds=points, color=SPRING)

@@ -13,6 +13,7 @@ from ..mechanism.geometry import Geometry
 from ..mechanism.mechanism import Mechanism
 from .shapes import Shape, ball, buffer, cylinder
 
+CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
 log = logging.getLogger(__name__)
 
 
@@ -30,10 +31,9 @@ def visuals(mech: Mechanism) -> list[Shape]:
         log.warning("%s: the robot file's shapes do not fit the model (%s); simple ones instead", mech.name, error)
         return []
     if missing:
-        example = missing[0]
-        reason = "not found (outside of the scene's folder only those of package_dirs= are looked for) or unreadable"
-        log.warning("%s: %d mesh(es) %s, e.g. %s", mech.name, len(missing), reason, example)
-    return [shape for each in found.geometryObjects for shape in _shapes(each)]
+        reason = "not found (outside of the scene's folder only those of package_dirs= are searched) or unreadable"
+        log.warning("%s: %d mesh(es) %s, e.g. %s", mech.name, len(missing), reason, missing[0])
+    return [shape for each in found.geometryObjects if (shape := _shape(each)) is not None]
 
 
 def _loadable(geometry: Geometry, loader) -> tuple[str, list[str]]:
@@ -46,66 +46,50 @@ def _loadable(geometry: Geometry, loader) -> tuple[str, list[str]]:
             if mesh is None:
                 continue
             name = mesh.get("filename", "")
-            path = _find(name, geometry.package_dirs)
-            scale = np.array([float(x) for x in mesh.get("scale", "1 1 1").split()])
-            if path is not None and _loads(loader, path, scale):
+            try:
+                path = _find(name, geometry.package_dirs)
+                loader.load(str(path), np.array([float(x) for x in mesh.get("scale", "1 1 1").split()]))
                 mesh.set("filename", str(path))
-            else:
+            except (ValueError, RuntimeError):
                 missing.append(name)
                 link.remove(visual)
     return ElementTree.tostring(root, encoding="unicode"), missing
 
 
-def _find(name: str, folders) -> Path | None:
-    """The mesh of this name inside of one of the folders; a scene's file does not reach what lies elsewhere."""
+def _find(name: str, folders) -> Path:
+    """The mesh of this name inside of one of the folders, never elsewhere; ValueError if there is none."""
     scheme, _, rest = name.rpartition("://")
-    if scheme not in ("", "file", "package") or "\0" in rest:
-        return None
-    for folder in (Path(folder).resolve() for folder in folders):
-        tries = [folder / rest, folder / rest.lstrip("/")]  # the first is `rest` itself where that is absolute
-        if scheme == "package" and rest.startswith(folder.name + "/"):  # the folder is the package itself
-            tries.append(folder.parent / rest)
-        for path in (each.resolve() for each in tries):
-            if path.is_relative_to(folder) and path.is_file():
-                return path
-    return None
+    if scheme in ("", "file", "package") and "\0" not in rest:
+        for folder in (Path(folder).resolve() for folder in folders):
+            tries = [folder / rest, folder / rest.lstrip("/")]  # the first is `rest` itself where that is absolute
+            if scheme == "package" and rest.startswith(folder.name + "/"):  # the folder is the package itself
+                tries.append(folder.parent / rest)
+            for path in (each.resolve() for each in tries):
+                if path.is_relative_to(folder) and path.is_file():
+                    return path
+    raise ValueError(name)
 
 
-def _loads(loader, path: Path, scale: np.ndarray) -> bool:
-    try:
-        loader.load(str(path), scale)
-    except (ValueError, RuntimeError):
-        return False
-    return True
-
-
-def _shapes(item: pin.GeometryObject) -> list[Shape]:
-    """One geometry of Pinocchio as a shape; none for kinds that a URDF does not bring."""
+def _shape(item: pin.GeometryObject) -> Shape | None:
+    """One of Pinocchio's geometries as a shape; None for kinds that a URDF does not have."""
     import coal
 
     form, node, place = item.geometry, item.parentJoint, item.placement
-    red, green, blue, opacity = item.meshColor
-    color = sum(round(255 * float(np.clip(part, 0, 1))) << at for part, at in ((red, 16), (green, 8), (blue, 0)))
-    look = {"color": color, "opacity": float(opacity)}
+    color = int.from_bytes(bytes(round(255 * float(part)) for part in np.clip(item.meshColor[:3], 0, 1)), "big")
+    look = {"color": color, "opacity": float(item.meshColor[3])}
     if isinstance(form, coal.Sphere):
-        return [ball(node, place.translation, form.radius, **look)]
+        return ball(node, place.translation, form.radius, **look)
     if isinstance(form, coal.Box):
         sides = 2 * np.asarray(form.halfSide)
         box = {"type": "BoxGeometry", "width": sides[0], "height": sides[1], "depth": sides[2]}
-        return [Shape(node, box, place, _corners(sides / 2), **look)]
+        return Shape(node, box, place, sides / 2 * CORNERS, **look)
     if isinstance(form, coal.Cylinder):
         ends = [place.act(np.array([0.0, 0.0, z])) for z in (-form.halfLength, form.halfLength)]
-        return [cylinder(node, *ends, form.radius, **look)]
+        return cylinder(node, *ends, form.radius, **look)
     if isinstance(form, coal.BVHModelBase) and form.num_tris:
-        corners = np.asarray(form.vertices())
+        points = np.asarray(form.vertices())
         triangles = (form.tri_indices(k) for k in range(form.num_tris))
         faces = np.array([(each[0], each[1], each[2]) for each in triangles])  # a coal.Triangle does not iterate
-        box = np.array([corners.min(0), corners.max(0)])
-        middle = pin.SE3(np.eye(3), box.mean(0))
-        bounds = np.array([middle.act(corner) for corner in _corners(np.ptp(box, axis=0) / 2)])
-        return [Shape(node, buffer(corners, faces), place, bounds, **look)]
-    return []
-
-
-def _corners(half: np.ndarray) -> np.ndarray:
-    return half * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
+        low, high = points.min(0), points.max(0)
+        return Shape(node, buffer(points, faces), place, (low + high) / 2 + (high - low) / 2 * CORNERS, **look)
+    return None
