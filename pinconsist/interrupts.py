@@ -1,4 +1,4 @@
-"""Signals that end a run: they are noted when they come, and their handlers called between steps."""
+"""Signals that end a run: while it is made they are noted, and their handlers called between its steps."""
 
 from __future__ import annotations
 
@@ -8,24 +8,23 @@ import time
 from contextlib import contextmanager, nullcontext, suppress
 
 IMPATIENCE = 1.0  # s within which several signals are one: fingers bounce, and supervisors send several
-ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-_came: list[float] = []
+SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_came: list[float] = []  # when a signal raised KeyboardInterrupt
 
 
 @contextmanager
-def ended_like_ctrl_c():
-    """Within the block SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does, and several at once raise one.
+def ended_like_ctrl_c(*, others=True):
+    """Within the block SIGTERM and SIGHUP (`others`) raise KeyboardInterrupt, as Ctrl-C does, several at once one.
 
-    Only signals that would end the process are changed: one that the application handles, or that `nohup` ignores,
-    stays so. Signals belong to the main thread; in others nothing happens.
+    Signals that the application handles, or that `nohup` ignores, stay so.
     """
-    defaults = (signal.SIG_DFL, signal.default_int_handler)
+    defaults = (signal.default_int_handler, signal.SIG_DFL) if others else (signal.default_int_handler,)
     changed = {each: handler for each, handler in _handlers().items() if handler in defaults}
     if changed:
         _came.clear()
-    for each in changed:
-        signal.signal(each, _interrupt)
     try:
+        for each in changed:
+            signal.signal(each, _interrupt)
         yield
     finally:
         _put_back(changed, _interrupt)
@@ -37,105 +36,90 @@ def ignored_from_now_on() -> None:
         signal.signal(each, signal.SIG_IGN)
 
 
-def interrupted() -> bool:
-    """Whether a signal came within a block of `ended_like_ctrl_c`, also where `simulate` has dealt with it."""
-    return bool(_came)
+def interrupted(since=0.0) -> bool:
+    """Whether a signal raised KeyboardInterrupt, also where somebody caught it, since this `time.monotonic()`."""
+    return bool(_came) and _came[-1] >= since
 
 
-@contextmanager
-def deferred(*, late=True, impatient=True):
-    """Within the block signals are noted. Their handlers are called when somebody asks, or at the end.
+class deferred:
+    """Within the block signals with a handler in Python are noted; the handlers are called on demand, or at its end.
 
-    Yields ``interrupted()``, which calls the handlers of the signals that have come, and returns whether the work
-    should stop. Signals without a handler in Python are left alone. Blocks may be nested; the outermost one counts.
+    The block gets the function that calls them, and returns whether the work should stop. In a block within another
+    one the end is that of the outer one. Exceptions of handlers other than KeyboardInterrupt are raised at the end.
 
     Parameters
     ----------
     late : bool
-        Whether a KeyboardInterrupt of a handler is raised at the end of a block that went well. Without it the signal
-        came too late to end what is finished. Other exceptions of handlers, such as SystemExit, are always raised.
+        Whether KeyboardInterrupt is raised at the end of a block that went well, or comes too late there.
     impatient : bool
-        Whether the second signal, more than a second after the first, acts at once: user-defined functions may hang.
+        Whether a second signal, more than a second after the first, acts at once: user-defined functions may hang.
     """
-    if not _handlers():
-        yield lambda: False
-        return
-    outermost, before, done = not _noted.active, _noted.impatient, False
-    try:
-        _noted.impatient = impatient
-        if outermost:
-            _noted.begin()
-        yield _noted.call_handlers
-        done = True
-    finally:
-        _noted.impatient = before
-        if outermost:
-            with suppress(KeyboardInterrupt) if done and not late else nullcontext():
-                _noted.end()
 
+    def __init__(self, *, late=True, impatient=True):
+        self.late, self.impatient, self.handlers = late, impatient, {}
+        self.waiting, self.since, self.error = set(), 0.0, None
 
-class _Noted:
-    """The handler that notes signals, in place of those that were there."""
-
-    def __init__(self):
-        self.active, self.impatient, self.since = False, False, 0.0
-        self.handlers, self.waiting, self.error = {}, [], None
+    def __enter__(self):
+        before = _handlers()
+        self.outer = next((handler for handler in before.values() if isinstance(handler, deferred)), None)
+        if self.outer is not None:
+            self.impatient, self.outer.impatient = self.outer.impatient, self.impatient
+            return self.outer.interrupted
+        self.handlers = {each: handler for each, handler in before.items() if callable(handler)}
+        try:
+            for each in self.handlers:
+                signal.signal(each, self)
+        except BaseException:  # raised by a handler that is still there
+            _put_back(self.handlers, self)
+            raise
+        return self.interrupted
 
     def __call__(self, number, frame):
-        now = time.monotonic()
-        self.since = self.since if self.waiting else now
-        self.waiting.append(number)
-        if self.impatient and now - self.since > IMPATIENCE and self.call_handlers():
+        self.since = self.since if self.waiting else time.monotonic()
+        self.waiting.add(number)
+        if self.impatient and time.monotonic() - self.since > IMPATIENCE and self.interrupted():
             raise KeyboardInterrupt
 
-    def begin(self):
-        self.active, self.waiting, self.error = True, [], None
-        self.handlers = {each: handler for each, handler in _handlers().items() if callable(handler)}
-        for each in self.handlers:
-            signal.signal(each, self)
-
-    def end(self):
-        self.active = False
-        _put_back(self.handlers, self)
-        if self.call_handlers():
-            raise self.error or KeyboardInterrupt
-
-    def call_handlers(self) -> bool:
-        """Call each that has a signal waiting; whether one raised an exception, which ends the run."""
-        stop = self.error is not None
+    def interrupted(self) -> bool:
+        stop = False
         while self.waiting:
             number = self.waiting.pop()
-            self.waiting = [each for each in self.waiting if each != number]
             try:
                 self.handlers[number](number, None)
             except KeyboardInterrupt:
                 stop = True
-            except BaseException as error:  # such as SystemExit, which is raised at the end of the block
-                self.error, stop = error, True
-        return stop
+                _came.append(time.monotonic())
+            except BaseException as error:
+                self.error = error
+        return stop or self.error is not None
 
-
-_noted = _Noted()
+    def __exit__(self, kind, *_):
+        if self.outer is not None:
+            self.outer.impatient = self.impatient
+            return
+        with suppress(KeyboardInterrupt) if kind is None and not self.late else nullcontext():
+            _put_back(self.handlers, self)
+            if self.interrupted():
+                raise self.error or KeyboardInterrupt
 
 
 def _handlers() -> dict:
-    """Signal → its handler; none of them in threads other than the main one, which alone is given signals."""
-    in_main = threading.current_thread() is threading.main_thread()
-    return {each: signal.getsignal(each) for each in ENDING} if in_main else {}
+    """Signal → its handler; empty in threads other than the main one, which alone is given signals."""
+    main = threading.current_thread() is threading.main_thread()
+    return {each: signal.getsignal(each) for each in SIGNALS if main}
 
 
-def _put_back(handlers, instead):
+def _put_back(handlers, ours):
     try:
         for each, handler in handlers.items():
-            if signal.getsignal(each) is instead:
+            if signal.getsignal(each) is ours:
                 signal.signal(each, handler)
     except BaseException:  # raised by a handler that is back already
-        _put_back(handlers, instead)
+        _put_back(handlers, ours)
         raise
 
 
 def _interrupt(number, frame):
-    now = time.monotonic()
-    if not _came or now - _came[-1] > IMPATIENCE:
-        _came.append(now)
+    if not interrupted(time.monotonic() - IMPATIENCE):
+        _came.append(time.monotonic())
         raise KeyboardInterrupt
