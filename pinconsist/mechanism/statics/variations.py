@@ -21,6 +21,8 @@ TURNING_AXES = ("JointModelSphericalZYX", "JointModelUniversal", "JointModelComp
 """Joints whose axes depend on their own position, which Pinocchio's derivatives of rnea leave out."""
 MOTOR_WEIGHT = 10.0
 """How much more readily a motorised joint is taken as a coordinate."""
+EQUAL = 1e-6
+"""Joints whose shares in the free motions differ by less than this are equally good coordinates."""
 
 
 class TangentSpace:
@@ -61,7 +63,7 @@ def _coordinates(mechanism, free):
     """The joint velocities that describe the free ones best, motorised ones first."""
     if not free.size:
         return np.zeros(0, dtype=int)
-    weights = np.ones(len(free))
+    weights = np.linspace(1.0, 1.0 - EQUAL, len(free))  # among equals the first, whatever rounding says
     for joint in mechanism.actuated:
         weights[mechanism.columns(joint)] = MOTOR_WEIGHT
     pivots = qr(free.T * weights, mode="r", pivoting=True)[1]
