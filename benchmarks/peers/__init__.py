@@ -1,14 +1,13 @@
-"""Other integrators of the same equations, one file each, written as their own documentation writes it."""
+"""Other integrators of the same equations, written as their own documentation writes them."""
 
 from __future__ import annotations
 
 from .casadi_idas import CasadiIdas
-from .constraint_dynamics import ScipyIvp
+from .dae_solvers import Ida, SolveDae
 from .exudyn_alpha import ExudynAlpha
-from .ida import Ida
 from .mujoco_soft import Mujoco
 from .own import own_methods
-from .solve_dae_ggl import SolveDae
+from .scipy_index1 import ScipyIvp
 
 OWN = "pinconsist BDF"
 """What the others are measured against."""

@@ -7,10 +7,10 @@ import numpy as np
 from pinconsist.dae.acceleration import solve_acceleration
 from pinconsist.mechanism.forces import JointSpring, JointTorque, SpringDamper, Torque
 
-from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count, untranslated
+from .problem import Peer, Rows, SolverFailed, loop_ends, spring_ends
 
 GRID = 500
-"""Output times: the interface does not tell the steps that IDAS takes."""
+"""Output times: the interface does not return the steps that IDAS takes."""
 
 
 class CasadiIdas(Peer):
@@ -21,15 +21,8 @@ class CasadiIdas(Peer):
 
     package = module = "casadi"
     name = "CasADi IDAS, index 1"
-
-    def can(self, problem):
-        mechanism, system = problem.mechanism, problem.system
-        if any(loop.kind not in ("point", "hinge", "distance") for loop in mechanism.loops) or tilts_count(system):
-            return "only points, distances and planar hinges are written as expressions"
-        known = (JointSpring, JointTorque, SpringDamper, Torque)
-        if laws := untranslated(mechanism, known):
-            return f"forces {laws} are not written as expressions"
-        return super().can(problem) or needs_plain_joints(problem)
+    loops = ("point", "hinge", "distance")
+    forces = (JointSpring, JointTorque, SpringDamper, Torque)
 
     def prepare(self, problem, tol):
         import casadi
@@ -66,11 +59,8 @@ def _equations(casadi, problem):
     tree = _Tree(casadi, mechanism.model, q)
     rows = []
     for closure in system.rows.closures:
-        ends = [
-            tree.point(joint, place.translation)
-            for joint, place in ((closure.joint1, closure.place1), (closure.joint2, closure.place2))
-        ]
-        gap = ends[1] - ends[0]
+        one, two = (tree.point(*end) for end in loop_ends(closure))
+        gap = two - one
         if closure.loop.kind == "distance":
             L = closure.loop.length
             rows.append((casadi.dot(gap, gap) - L**2) / (2 * L))
@@ -101,8 +91,8 @@ def _torque(casadi, mechanism, tree, t, q, v):
             unit = np.eye(len(np.array(model.damping)))[column]
             tau -= casadi.DM(force.stiffness * unit) * (q[column] - force.rest)
         elif isinstance(force, SpringDamper):
-            ends = [tree.point(*end) for end in spring_ends(model, force)]
-            length = casadi.norm_2(ends[1] - ends[0])
+            one, two = (tree.point(*end) for end in spring_ends(model, force))
+            length = casadi.norm_2(two - one)
             tension = force.stiffness * (length - force.length) + force.damping * casadi.jtimes(length, q, v)
             tau -= casadi.gradient(length, q) * tension
         else:  # a user's law, which must work on expressions
@@ -111,13 +101,7 @@ def _torque(casadi, mechanism, tree, t, q, v):
 
 
 class _Tree:
-    """Positions of a tree of hinges and sliders as expressions in q, and its inverse dynamics.
-
-    Attributes
-    ----------
-    R, p : list
-        Orientation and origin of each joint's body in world axes.
-    """
+    """Orientation R and origin p of each body of a tree of hinges and sliders, in world axes, as expressions in q."""
 
     def __init__(self, casadi, model, q):
         self.casadi, self.model = casadi, model

@@ -7,40 +7,26 @@ import pinocchio as pin
 
 from pinconsist.mechanism.forces import JointSpring, JointTorque, SpringDamper, Torque
 
-from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count, untranslated
+from .problem import Peer, Rows, SolverFailed, loop_ends, spring_ends
 
 NEWTON_RELATIVE, NEWTON_ABSOLUTE = 1e-10, 1e-12
-KNOWN_FORCES = (JointSpring, JointTorque, SpringDamper, Torque)
 
 
 class ExudynAlpha(Peer):
     """Fixed steps with the solver's defaults (spectral radius 0.9, modified Newton) but for the Newton tolerances.
 
-    With the default ones its errors stop following h² at small steps.
-
-    Parameters
-    ----------
-    index : {3, 2}
-        3: `GeneralizedAlpha`; 2: `TrapezoidalIndex2`.
+    With the default ones its errors stop following h² at small steps. Index 3 is `GeneralizedAlpha`, 2
+    `TrapezoidalIndex2`.
     """
 
     package = module = "exudyn"
     fixed_step = True
+    loops = ("point", "hinge", "distance")
+    forces = (JointSpring, JointTorque, SpringDamper, Torque)
 
     def __init__(self, index):
         self.index = index
         self.name = "Exudyn generalized-α, index 3" if index == 3 else "Exudyn trapezoidal, index 2"
-
-    def can(self, problem):
-        mechanism, system = problem.mechanism, problem.system
-        other = [loop.kind for loop in mechanism.loops if loop.kind not in ("point", "hinge", "distance")]
-        if other:
-            return f"loops of kind {', '.join(sorted(set(other)))} are not translated"
-        if tilts_count(system):
-            return "hinges whose tilts count are not translated (redundant: the solver's matrix is singular)"
-        if laws := untranslated(mechanism, KNOWN_FORCES):
-            return f"forces {laws} are not translated"
-        return super().can(problem) or needs_plain_joints(problem)
 
     def prepare(self, problem, steps):
         import exudyn
@@ -49,11 +35,10 @@ class ExudynAlpha(Peer):
         tree = _Tree(problem)
         settings = exudyn.SimulationSettings()
         duration = problem.span[1] - problem.span[0]
-        settings.timeIntegration.startTime, settings.timeIntegration.endTime = problem.span
-        settings.timeIntegration.numberOfSteps = steps
-        settings.timeIntegration.verboseMode = 0
-        settings.timeIntegration.newton.relativeTolerance = NEWTON_RELATIVE
-        settings.timeIntegration.newton.absoluteTolerance = NEWTON_ABSOLUTE
+        run = settings.timeIntegration
+        run.startTime, run.endTime = problem.span
+        run.numberOfSteps, run.verboseMode = steps, 0
+        run.newton.relativeTolerance, run.newton.absoluteTolerance = NEWTON_RELATIVE, NEWTON_ABSOLUTE
         settings.solution.file.write = False
         settings.solution.sensors.writePeriod = duration / steps
         kinds = exudyn.DynamicSolverType
@@ -162,11 +147,7 @@ class _Tree:
         self.mbs.AddObject(self.items.ObjectConnectorSpringDamper(markerNumbers=ends, **values))
 
     def _add_loop(self, closure):
-        items = self.items
-        ends = [
-            self._marker(closure.joint1, closure.place1.translation),
-            self._marker(closure.joint2, closure.place2.translation),
-        ]
+        items, ends = self.items, [self._marker(*end) for end in loop_ends(closure)]
         if closure.loop.kind == "distance":
             return self.mbs.AddObject(items.ObjectConnectorDistance(markerNumbers=ends, distance=closure.loop.length))
         axes = [int(moves) for moves in self._moving_axes(closure)]

@@ -8,7 +8,7 @@ import numpy as np
 
 from pinconsist.mechanism.forces import JointSpring, JointTorque, SpringDamper
 
-from .problem import Peer, Rows, SolverFailed, needs_plain_joints, spring_ends, tilts_count, untranslated
+from .problem import Peer, Rows, SolverFailed, loop_ends, spring_ends
 
 
 class Mujoco(Peer):
@@ -20,18 +20,14 @@ class Mujoco(Peer):
     package = module = "mujoco"
     name = "MuJoCo implicitfast, soft loops"
     fixed_step = True
+    loops = ("point", "hinge")  # connect is 3 rows, weld 6
+    forces = (JointSpring, JointTorque, SpringDamper)
 
     def can(self, problem):
+        if reason := super().can(problem):
+            return reason
         import mujoco
 
-        mechanism, system = problem.mechanism, problem.system
-        if any(loop.kind not in ("point", "hinge") for loop in mechanism.loops) or tilts_count(system):
-            return "loops other than points have no equality of their own (connect is 3 rows, weld 6)"
-        known = (JointSpring, JointTorque, SpringDamper)
-        if laws := untranslated(mechanism, known):
-            return f"forces {laws} are no part of MJCF"
-        if reason := super().can(problem) or needs_plain_joints(problem):
-            return reason
         try:
             mujoco.MjModel.from_xml_string(mjcf(problem, 1e-3))
         except ValueError as error:
@@ -86,8 +82,8 @@ def mjcf(problem, h) -> str:
         return name
 
     for closure in system.rows.closures:
-        ends = [site(closure.joint1, closure.place1.translation), site(closure.joint2, closure.place2.translation)]
-        equalities.append(f'<connect site1="{ends[0]}" site2="{ends[1]}"/>')
+        one, two = (site(*end) for end in loop_ends(closure))
+        equalities.append(f'<connect site1="{one}" site2="{two}"/>')
     for force in mechanism.forces:
         if isinstance(force, SpringDamper):
             ends = [site(*end) for end in spring_ends(model, force)]

@@ -27,17 +27,7 @@ FIXED = {
 
 
 class Own(Peer):
-    """One row of the tables above.
-
-    Parameters
-    ----------
-    setting : str
-        What follows "pinconsist" in its name.
-    options : dict
-        Keywords of :func:`pinconsist.integrate`.
-    fixed_step, detail : bool
-        As in :class:`Peer`.
-    """
+    """A row of the tables above."""
 
     package = module = "pinconsist"
 
@@ -49,19 +39,16 @@ class Own(Peer):
         return None
 
     def prepare(self, problem, setting):
-        system, options = problem.system, dict(self.options)
-        if self.fixed_step:
-            options["step"] = (problem.span[1] - problem.span[0]) / setting
-        else:
-            options |= {"rtol": setting, "atol": setting}
+        sizes = {"step": (problem.span[1] - problem.span[0]) / setting} if self.fixed_step else {}
+        options = self.options | (sizes or {"rtol": setting, "atol": setting})
 
         def solve():
-            return integrate(system, problem.span, problem.q0, problem.v0, **options)
+            return integrate(problem.system, problem.span, problem.q0, problem.v0, **options)
 
         def read(sol, thin):
             if not sol.success:
                 raise SolverFailed(sol.message)
-            first = 1 + int(np.argmax(sol.order > 0))  # what is before comes from the one-step start
+            first = 1 + int(np.argmax(sol.order > 0))  # earlier rows come from the one-step start
             rows = thin(len(sol.t), first)
             return Rows(sol.t[rows], sol.q[rows], sol.v[rows], sol.lam[rows], int(np.searchsorted(rows, first)))
 

@@ -20,7 +20,7 @@ from pinconsist.mechanism.system import MechanismSystem
 class Rows(NamedTuple):
     """A solution: t (n,), q (n, nq), v (n, nv), lam (n, nc) of all rows of the loops, at minimum norm.
 
-    `first` is the row of the first step by the method itself, behind those of a one-step start.
+    `first` is the row of the first step by the method itself, after those of a one-step start.
     """
 
     t: np.ndarray
@@ -32,16 +32,7 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class Problem:
-    """An initial value problem of a mechanism, from a state that satisfies its constraints.
-
-    Attributes
-    ----------
-    name, description : str
-    mechanism : Mechanism
-    span : (float, float)
-        s.
-    q0, v0 : ndarray
-    """
+    """An initial value problem of a mechanism over a span in s, from a state that satisfies its constraints."""
 
     name: str
     description: str
@@ -60,47 +51,37 @@ class Problem:
         q, kept = np.asarray(q), np.asarray(kept)
         if self.system.dropped_are_zero or not self.system.rows.steady.all():
             return self.system.full_multipliers(q, kept)
-        solved = []
+        solved, rank = [], slice(self.system.nc)
         for position, part in zip(q, kept, strict=True):
             J = self.system.loop_rows(position)[1]
             U, sizes, Vt = np.linalg.svd(J.T, full_matrices=False)
-            rank = slice(self.system.nc)
             solved.append(Vt[rank].T @ ((U[:, rank].T @ (J[self.system.kept].T @ part)) / sizes[rank]))
         return np.array(solved)
 
     def multipliers_of_forces(self, q, forces) -> np.ndarray:
         """λ of all rows from the joint forces Jᵀλ, for stacks."""
-        solved = [
-            np.linalg.lstsq(self.system.loop_rows(row)[1].T, force, rcond=1e-10)[0]
-            for row, force in zip(q, forces, strict=True)
-        ]
-        return np.array(solved)
+        transposed = (self.system.loop_rows(row)[1].T for row in q)
+        return np.array([np.linalg.lstsq(J, tau, rcond=1e-10)[0] for J, tau in zip(transposed, forces, strict=True)])
+
+
+class SolverFailed(Exception):
+    """A method gave up; its message says why."""
 
 
 class Peer(ABC):
-    """One method.
-
-    Attributes
-    ----------
-    name : str
-    package : str
-        As pip knows it.
-    module : str
-        As Python imports it.
-    fixed_step : bool
-        It has no error control, but takes a number of steps.
-    detail : bool
-        Measured only where its name is asked for.
-    """
+    """One method: its name, its package for pip, and the module to import."""
 
     name = package = module = ""
-    fixed_step = detail = False
+    fixed_step = False  # no error control: it takes a number of steps
+    detail = False  # measured only where its name is asked for
+    loops: tuple[str, ...] | None = None  # kinds that it can translate; None where it takes Pinocchio's equations
+    forces: tuple[type, ...] = ()  # force laws that it can translate
 
     def missing(self) -> str | None:
         """Why the method is not there, or None."""
         try:
             found = find_spec(self.module)
-        except ImportError:  # a finder of the application's that refuses it
+        except ImportError:  # raised by a finder of the application
             found = None
         return None if found else f"{self.package} is not installed: pip install --group benchmarks"
 
@@ -112,32 +93,33 @@ class Peer(ABC):
             return "?"
 
     def can(self, problem: Problem) -> str | None:
-        """Why the method cannot do this problem, or None."""
-        if not problem.system.vector_like:
-            return "configurations that are no vectors (unit quaternions, cos and sin)"
-        return None
+        """Why the method cannot solve this problem, or None."""
+        mechanism, system = problem.mechanism, problem.system
+        if not system.vector_like:
+            return "configurations that are not vectors (unit quaternions, cos and sin)"
+        if self.loops is None:
+            return None
+        if kinds := {loop.kind for loop in mechanism.loops} - {*self.loops}:
+            return f"loops of kind {', '.join(sorted(kinds))} are not translated"
+        if any(system.rows.labels[row][1].startswith("tilt") for row in system.kept):
+            return "hinges whose tilts count are not translated (redundant in planar loops only)"
+        laws = {type(force).__name__ for force in mechanism.forces if not isinstance(force, self.forces)}
+        torques = [force.bind(mechanism.model) for force in mechanism.forces if isinstance(force, JointTorque)]
+        if not all(hasattr(torque, "value") for torque in torques):
+            laws.add("JointTorque of time")
+        if laws:
+            return f"forces {', '.join(sorted(laws))} are not translated"
+        plain = {f"JointModel{kind}{axis}" for kind in "RP" for axis in "XYZ"}
+        other = {joint.shortname() for joint in list(mechanism.model.joints)[1:]} - plain
+        return f"joints of kind {', '.join(sorted(other))} are not translated" if other else None
 
     @abstractmethod
     def prepare(self, problem: Problem, setting: float) -> tuple[Callable, Callable]:
         """(solve, read): ``solve()`` is what is timed, ``read(its result, thin) -> Rows`` is not.
 
-        `setting` is the tolerance (rtol = atol), or the number of steps of a method of fixed step. ``thin(n)`` gives
+        `setting` is the tolerance (rtol = atol), or the number of steps of a method of fixed step. ``thin(n)`` returns
         the indices of the steps that are looked at; ``thin(n, first)`` where that one must be among them.
         """
-
-
-def tilts_count(system) -> bool:
-    """Whether some hinge holds more than its point: in a planar loop its two other rows are redundant."""
-    return any(system.rows.labels[row][1].startswith("tilt") for row in system.kept)
-
-
-def untranslated(mechanism, known) -> str:
-    """Names of the force laws that are not among the `known` classes, or are curves of time; or ""."""
-    names = {type(force).__name__ for force in mechanism.forces if not isinstance(force, known)}
-    torques = [force for force in mechanism.forces if isinstance(force, JointTorque)]
-    if not all(hasattr(force.bind(mechanism.model), "value") for force in torques):
-        names.add("JointTorque of time")
-    return ", ".join(sorted(names))
 
 
 def spring_ends(model, spring) -> list:
@@ -149,12 +131,6 @@ def spring_ends(model, spring) -> list:
     return ends
 
 
-def needs_plain_joints(problem: Problem) -> str | None:
-    """A reason where some joint is not a hinge or slider along a coordinate axis."""
-    known = {f"JointModel{kind}{axis}" for kind in "RP" for axis in "XYZ"}
-    other = {joint.shortname() for joint in list(problem.mechanism.model.joints)[1:]} - known
-    return f"joints of kind {', '.join(sorted(other))}" if other else None
-
-
-class SolverFailed(Exception):
-    """A method gave up; its message says why."""
+def loop_ends(closure) -> list:
+    """(joint, place on its body) of the two anchors of a loop."""
+    return [(closure.joint1, closure.place1.translation), (closure.joint2, closure.place2.translation)]

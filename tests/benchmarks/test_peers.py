@@ -9,10 +9,10 @@ import pinconsist as pc
 from benchmarks.answers import Answers
 from benchmarks.equal_error import at_equal_error
 from benchmarks.peers import OWN, peers
-from benchmarks.peers.constraint_dynamics import accelerations
-from benchmarks.peers.equations import Equations
+from benchmarks.peers.dae_solvers import Equations
 from benchmarks.peers.problem import Peer, SolverFailed
 from benchmarks.peers.scenes import problem_of
+from benchmarks.peers.scipy_index1 import accelerations
 from benchmarks.work_precision import FEWEST, Point, _chosen, work_precision
 from pinconsist.dae.acceleration import solve_acceleration
 from pinconsist.dae.one_step import RightHandSide

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from benchmarks.app import main
-from benchmarks.peers.constraint_dynamics import ScipyIvp
 from benchmarks.peers.problem import Peer, Rows, SolverFailed
+from benchmarks.peers.scipy_index1 import ScipyIvp
 from benchmarks.stress import SUBJECTS, cases, others
 from benchmarks.stress.case import EITHER, HELD, REFUSED, Case, Figure, completed
 from benchmarks.stress.scenes import START, four_bar

@@ -15,12 +15,7 @@ MU, ITERATIONS = 1e-12, 10  # of Pinocchio's proximal solver: redundant rows of 
 
 
 class ScipyIvp(Peer):
-    """An explicit, switching or implicit code of scipy on v' = a(t, q, v).
-
-    Parameters
-    ----------
-    method : {"DOP853", "LSODA", "Radau"}
-    """
+    """ "DOP853", "LSODA" or "Radau" on v' = a(t, q, v)."""
 
     package = module = "scipy"
 
@@ -42,15 +37,11 @@ class ScipyIvp(Peer):
             if not sol.success:
                 raise SolverFailed(sol.message)
             rows = thin(len(sol.t))
-            return index1_rows(problem, system, sol.t[rows], sol.y[:n, rows].T, sol.y[n:, rows].T)
+            t, q, v = sol.t[rows], sol.y[:n, rows].T, sol.y[n:, rows].T
+            lam = np.array([solve_acceleration(system, *state)[1] for state in zip(t, q, v, strict=True)])
+            return Rows(t, q, v, problem.multipliers(q, lam))
 
         return solve, read
-
-
-def index1_rows(problem, system, t, q, v) -> Rows:
-    """Rows with the multipliers of the index-1 equations at each state."""
-    lam = np.array([solve_acceleration(system, *state)[1] for state in zip(t, q, v, strict=True)])
-    return Rows(t, q, v, problem.multipliers(q, lam))
 
 
 def accelerations(problem):
@@ -70,16 +61,15 @@ def accelerations(problem):
 
 
 def _pinocchios(problem):
-    """a(t, q, v) by pin.constraintDynamics, or None where its contact models cannot say what the loops say."""
+    """a(t, q, v) by pin.constraintDynamics, or None where its contact models cannot express the loops."""
     mechanism, system = problem.mechanism, problem.system
     kept = {system.rows.labels[row] for row in system.kept}
     models = pin.StdVec_RigidConstraintModel()
-    for loop in mechanism.loops:
-        rows = [row for name, row in kept if name == loop.name]
-        if loop.kind not in ("point", "hinge", "frame") or (loop.kind == "hinge" and {"tilt1", "tilt2"} & set(rows)):
+    for loop, closure in zip(mechanism.loops, system.rows.closures, strict=True):
+        tilts = {(loop.name, "tilt1"), (loop.name, "tilt2")}
+        if loop.kind not in ("point", "hinge", "frame") or (loop.kind == "hinge" and tilts & kept):
             return None
         kind = pin.ContactType.CONTACT_6D if loop.kind == "frame" else pin.ContactType.CONTACT_3D
-        closure = system.rows.closures[mechanism.loops.index(loop)]
         ends = (closure.joint1, closure.place1, closure.joint2, closure.place2)
         models.append(pin.RigidConstraintModel(kind, mechanism.model, *ends, pin.ReferenceFrame.LOCAL))
     model, data = mechanism.model, mechanism.model.createData()
