@@ -24,24 +24,14 @@ FEW = 500
 class Answers:
     """The answer of a problem at any time.
 
-    Attributes
-    ----------
-    dense : callable
-        t → (q, v), at the finest of the tolerances that rounding allows.
-    doubt : float
-        Largest difference in q to the same at the tolerance before it.
-
-    Raises
-    ------
-    InputError
-        Configurations that are no vectors.
-    PinconsistError
-        scipy fails, as where the rows of the loops that are kept at the start become dependent on the way.
+    `dense` is t → (q, v) at the finest of the tolerances that rounding allows, `doubt` its largest difference in q to
+    the tolerance before it. Raises InputError for configurations that are not vectors, and PinconsistError where scipy
+    fails, as where the rows of the loops that are kept at the start become dependent on the way.
     """
 
     def __init__(self, problem: Problem):
         if not problem.system.vector_like:
-            raise InputError(f"{problem.name}: no reference for configurations that are no vectors")
+            raise InputError(f"{problem.name}: no reference for configurations that are not vectors")
         self.problem, self.system = problem, problem.system
         found, most = [], MOST
         for tol in TOLERANCES:

@@ -29,39 +29,21 @@ CHAINS = {8: 1.0, 32: 1.0, 64: 1.0, 128: 1.0, 256: 1.0}  # links → s
 
 @dataclass(frozen=True)
 class Overhead:
-    """Wall time of a step beside the bare Pinocchio calls of one residual.
-
-    Attributes
-    ----------
-    backend : str
-    rtol : float
-    steps : int
-        Accepted steps.
-    residuals : float
-        Residual evaluations per accepted step.
-    step_time, run_time, bare_time : float
-        Median wall time of an accepted step, of the whole run (assembly and start included) divided by its steps, and
-        of the calls rnea, computeJointJacobians, constraint calc and Jacobian made from Python, s.
-    least_time : float
-        The same with what every step with its own Newton matrix needs besides: computeRNEADerivatives and LAPACK's
-        dgesv of the KKT matrix for three right-hand sides, s.
-    ratio : float
-        Median of the ratios of a step to the bare calls, measured alternately.
-    """
+    """A step beside the bare Pinocchio calls of one residual: medians of wall times, s."""
 
     backend: str
     rtol: float
-    steps: int
-    residuals: float
+    steps: int  # accepted
+    residuals: float  # per accepted step
     step_time: float
-    run_time: float
-    bare_time: float
-    least_time: float
-    ratio: float
+    run_time: float  # of the whole run, assembly and start included, divided by its steps
+    bare_time: float  # of rnea, computeJointJacobians, constraint calc and Jacobian, called from Python
+    least_time: float  # the same and computeRNEADerivatives, and dgesv of the KKT matrix for three right-hand sides
+    ratio: float  # of a step to the bare calls, measured alternately
 
 
 def backends() -> tuple[str, ...]:
-    """Who can make steps here."""
+    """The methods that are installed."""
     return ("python",) if _core.load()[0] is None else ("compiled", "python")
 
 
@@ -113,15 +95,7 @@ def _bare_calls(system, q, count=2000) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class ChainStep:
-    """Time of an accepted step of a hanging chain, its start not counted.
-
-    Attributes
-    ----------
-    backend : str
-    links, steps : int
-    step_time : float
-        Median over the runs, s.
-    """
+    """Median time of an accepted step of a hanging chain, its start not counted, s."""
 
     backend: str
     links: int
@@ -197,29 +171,39 @@ def command(
 
 
 def _print_overhead(name, rows):
-    how = ", 5 s from 12 rad/s" if name == TIMED else ", from rest"
-    output.table(
-        ("backend", "rtol", "steps>", "residuals/step>", "step [us]>", "run/steps [us]>", "bare calls [us]>",
-         "with K⁻¹ [us]>", "step/bare>"),
+    report.table(
+        rows,
         [
-            (row["backend"], f"{row['rtol']:g}", row["steps"], f"{row['residuals']:.2f}",
-             f"{1e6 * row['step_time']:.2f}", f"{1e6 * row['run_time']:.2f}", f"{1e6 * row['bare_time']:.2f}",
-             f"{1e6 * row['least_time']:.2f}", f"{row['ratio']:.2f}")
-            for row in rows
+            ("backend", "{backend}"),
+            ("rtol>", "{rtol:g}"),
+            ("steps>", "{steps}"),
+            ("residuals/step>", "{residuals:.2f}"),
+            ("step [us]>", report.scaled("step_time", 1e6, 2)),
+            ("run/steps [us]>", report.scaled("run_time", 1e6, 2)),
+            ("bare calls [us]>", report.scaled("bare_time", 1e6, 2)),
+            ("with K⁻¹ [us]>", report.scaled("least_time", 1e6, 2)),
+            ("step/bare>", "{ratio:.2f}"),
         ],
-        title=f"{name}{how}: a step beside rnea + joint Jacobians + constraint + its Jacobian",
-    )  # fmt: skip
+        title=f"{name}{', 5 s from 12 rad/s' if name == TIMED else ', from rest'}: a step beside rnea + joint Jacobians"
+        " + constraint + its Jacobian",
+    )
 
 
 def _print_chains(rows):
-    fewest = {row["backend"]: row for row in reversed(rows)}
-    output.table(
-        ("backend", "links>", "steps>", "step [us]>", "over the shortest>", "over linear>"),
+    shortest = {row["backend"]: row for row in reversed(rows)}
+
+    def growth(row, name):
+        return row[name] / shortest[row["backend"]][name]
+
+    report.table(
+        rows,
         [
-            (row["backend"], row["links"], row["steps"], f"{1e6 * row['step_time']:.1f}",
-             f"{(growth := row['step_time'] / fewest[row['backend']]['step_time']):.1f}",
-             f"{growth * fewest[row['backend']]['links'] / row['links']:.2f}")
-            for row in rows
+            ("backend", "{backend}"),
+            ("links>", "{links}"),
+            ("steps>", "{steps}"),
+            ("step [us]>", report.scaled("step_time", 1e6)),
+            ("over the shortest>", lambda row: f"{growth(row, 'step_time'):.1f}"),
+            ("over linear>", lambda row: f"{growth(row, 'step_time') / growth(row, 'links'):.2f}"),
         ],
         title="hanging chains from rest, 1 s at 1e-6: a step, the start not counted",
-    )  # fmt: skip
+    )

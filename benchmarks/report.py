@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -28,18 +27,21 @@ def write_csv(file, rows) -> None:
         output.written(file, write)
 
 
-def flat(row: Mapping) -> dict:
-    """A row without mappings in it: their keys stand after the name of the field that held them."""
-    cells = {}
-    for name, value in row.items():
-        cells |= {f"{name}_{key}": each for key, each in value.items()} if isinstance(value, Mapping) else {name: value}
-    return cells
-
-
 def _cell(value):
     if value is None or value != value:
         return ""
     return f"{value:.4g}" if isinstance(value, float) else value
+
+
+def table(rows, columns, title) -> None:
+    """Print rows, mappings, in columns (heading, format string or function of a row)."""
+    cells = [[cell.format(**row) if isinstance(cell, str) else cell(row) for _, cell in columns] for row in rows]
+    output.table([heading for heading, _ in columns], cells, title=title)
+
+
+def scaled(name, factor, digits=1):
+    """Cell of a column: a number of the row times a factor."""
+    return lambda row: f"{factor * row[name]:.{digits}f}"
 
 
 def beside(file, suffix) -> Path:

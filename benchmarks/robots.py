@@ -25,73 +25,35 @@ SLIDING = ("cylinder", "slider", "plane")
 
 @dataclass(frozen=True)
 class Assemblies:
-    """How often the loops of a robot close.
+    """How often the loops of a robot close."""
 
-    Attributes
-    ----------
-    from_neutral : bool
-        Whether they do from q = 0.
-    closed, tried : int
-        From random guesses, every velocity coordinate of q = 0 moved by up to 1 rad or m.
-    time : float
-        Median wall time of those that closed, s.
-    """
-
-    from_neutral: bool
-    closed: int
+    from_neutral: bool  # from q = 0
+    closed: int  # of those tried from random guesses: each velocity coordinate of q = 0 moved by up to 1 rad or m
     tried: int
-    time: float
+    time: float  # median wall time of those that closed, s
 
 
 @dataclass(frozen=True)
 class RobotRun:
-    """One robot, released from rest under gravity.
-
-    Attributes
-    ----------
-    robot, closure : str
-        Name; how its loops are closed: "as written", "point" or "re-anchored".
-    rtol : float
-        0 stands for the default tolerances.
-    status : str
-        "done", or the message of a failure.
-    steps : int
-    gap : float
-        By how much the distance of the two anchors of any loop is off in any row, by forward kinematics, m. Loops
-        along which the anchors slide are not looked at.
-    energy_error : float
-        Of the largest kinetic energy.
-    step_time : float
-        Wall time of an accepted step, s.
-    assembly : Assemblies
-    """
+    """One robot, released from rest under gravity."""
 
     robot: str
-    closure: str
-    rtol: float
-    status: str
+    closure: str  # how its loops are closed: "as written", "point" or "re-anchored"
+    rtol: float  # 0 for the default tolerances
+    status: str  # "done", or the message of a failure
+    assembly: Assemblies
     steps: int = 0
-    gap: float = 0.0
-    energy_error: float = 0.0
-    step_time: float = 0.0
-    assembly: Assemblies | None = None
+    gap: float = np.nan  # largest error of the distance of two anchors, by forward kinematics, m; none slides
+    energy_error: float = np.nan  # of the largest kinetic energy
+    step_time: float = np.nan  # wall time of an accepted step, s
 
 
 def robots(source, until=0.5, tolerances=(None, 1e-7), tries=20):
-    """Assemble and simulate robots from rest; yields a :class:`RobotRun` at a time.
+    """Assemble robots from `tries` random guesses, and simulate them from rest; yields a :class:`RobotRun` at a time.
 
-    A robot whose loops cannot close as written is run with point closures and re-anchored. A tolerance of None means
-    the default ones.
-
-    Parameters
-    ----------
-    source : str or path
-        A folder with one sub-folder for each robot, or a robot that :func:`pinconsist.load` knows by name.
-    until : float
-        s.
-    tolerances : sequence of float or None
-    tries : int
-        Random guesses from which each is assembled.
+    `source` is a folder with one sub-folder for each robot, or a robot that :func:`pinconsist.load` knows by name. One
+    whose loops cannot close as written is run with point closures and re-anchored. A tolerance of None means the
+    default ones.
     """
     if isinstance(source, str) and is_built_in(source):
         found = {source: source}
@@ -139,16 +101,15 @@ def _variants(path):
 
 
 def _run(name, closure, mech, tol, until, closing):
-    options, tol = ({}, 0.0) if tol is None else ({"rtol": tol, "atol": tol}, tol)
+    options = {} if tol is None else {"rtol": tol, "atol": tol}
     start = time.perf_counter()
     try:
         sol = simulate(mech, (0.0, until), **options)
     except PinconsistError as error:
-        return RobotRun(name, closure, tol, str(error), assembly=closing)
+        return RobotRun(name, closure, tol or 0.0, str(error), closing)
     elapsed = time.perf_counter() - start
-    gap, energy = _largest_gap(mech, sol.q), sol.check().energy_error
-    status = "done" if sol.success else sol.message
-    return RobotRun(name, closure, tol, status, sol.nsteps, gap, energy, elapsed / max(sol.nsteps, 1), closing)
+    figures = sol.nsteps, _largest_gap(mech, sol.q), sol.check().energy_error, elapsed / max(sol.nsteps, 1)
+    return RobotRun(name, closure, tol or 0.0, "done" if sol.success else sol.message, closing, *figures)
 
 
 def _largest_gap(mech, configurations) -> float:
@@ -184,28 +145,34 @@ def command(
     output.require_writable(csv)
     rows = [asdict(row) for each in source for row in robots(each, until)]
     if csv:
-        report.write_csv(csv, [report.flat(row) for row in rows])
+        report.write_csv(csv, [row | row.pop("assembly") for row in map(dict, rows)])
     if as_json:
         output.print_json({"machine": output.machine(), "robots": rows})
         return output.FINE
     print(output.machine() + "\n")
-    closings = {(row["robot"], row["closure"]): row["assembly"] for row in rows}
-    output.table(
-        ("robot", "loops", "from q = 0", "from random guesses>", "median time [ms]>"),
+    report.table(
+        {(row["robot"], row["closure"]): row | row["assembly"] for row in rows}.values(),
         [
-            (robot, closure, "closed" if closing["from_neutral"] else "open", f"{closing['closed']}/{closing['tried']}",
-             f"{1e3 * closing['time']:.1f}")
-            for (robot, closure), closing in closings.items()
+            ("robot", "{robot}"),
+            ("loops", "{closure}"),
+            ("from q = 0", lambda row: "closed" if row["from_neutral"] else "open"),
+            ("from random guesses>", "{closed}/{tried}"),
+            ("median time [ms]>", report.scaled("time", 1e3)),
         ],
         title="assembly from q = 0 and from random guesses within 1 rad of it",
-    )  # fmt: skip
-    output.table(
-        ("robot", "loops", "rtol", "steps>", "largest gap [m]>", "energy error>", "step [us]>", "outcome"),
+    )
+    report.table(
+        rows,
         [
-            (row["robot"], row["closure"], f"{row['rtol']:g}" if row["rtol"] else "default", row["steps"],
-             f"{row['gap']:.1e}", f"{row['energy_error']:.1e}", f"{1e6 * row['step_time']:.0f}", row["status"])
-            for row in rows
+            ("robot", "{robot}"),
+            ("loops", "{closure}"),
+            ("rtol", lambda row: f"{row['rtol']:g}" if row["rtol"] else "default"),
+            ("steps>", "{steps}"),
+            ("largest gap [m]>", "{gap:.1e}"),
+            ("energy error>", "{energy_error:.1e}"),
+            ("step [us]>", report.scaled("step_time", 1e6, 0)),
+            ("outcome", "{status}"),
         ],
         title=f"robots released from rest, {until:g} s",
-    )  # fmt: skip
+    )
     return output.FINE

@@ -6,13 +6,14 @@ import signal
 import time
 import warnings
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from pinconsist.errors import InputError, PinconsistError
 
 from .answers import Answers
-from .equal_error import at_equal_error
 from .peers import OWN, peers
 from .peers.problem import Problem, SolverFailed
 
@@ -29,39 +30,19 @@ LOOKED_AT = 400
 
 @dataclass(frozen=True)
 class Point:
-    """One method at one tolerance.
-
-    Attributes
-    ----------
-    method : str
-    tol : float
-        rtol = atol; not a number for methods of fixed step.
-    status : str
-        "done", or why there is nothing else.
-    steps : int
-    times : tuple of float
-        CPU times of the repeats, s: what else runs on the machine does not count.
-    q, v, lam : float
-        Largest error over the run: of positions (rad, m); of velocities and multipliers, in parts of the largest
-        velocity and multiplier of the run.
-    q_end : float
-        Error in q at the end.
-    lam_row, lam_first : float
-        Error of the multipliers in the first row behind the initial values, and at the first step by the method itself:
-        the package's rows of the one-step start are before it, for all others it is the first row.
-    """
+    """One method at one tolerance; errors are the largest over the run, against the reference."""
 
     method: str
-    tol: float
-    status: str
+    tol: float  # rtol = atol; not a number for methods of fixed step
+    status: str  # "done", or why there is nothing else
     steps: int = 0
-    times: tuple[float, ...] = ()
-    q: float = np.nan
-    v: float = np.nan
-    lam: float = np.nan
+    times: tuple[float, ...] = ()  # CPU times of the repeats, s: what else runs on the machine does not count
+    q: float = np.nan  # rad, m
+    v: float = np.nan  # in parts of the largest velocity of the run
+    lam: float = np.nan  # in parts of the largest multiplier of the run
     q_end: float = np.nan
-    lam_row: float = np.nan
-    lam_first: float = np.nan
+    lam_row: float = np.nan  # in the first row after the initial values
+    lam_first: float = np.nan  # at the first step by the method itself; the package's one-step start is before it
 
     @property
     def time(self) -> float:
@@ -69,35 +50,30 @@ class Point:
         return float(np.median(self.times)) if self.times else np.nan
 
 
+class Equal(NamedTuple):
+    """One method where its largest error in q is the target: medians over the repeats, errors of the multipliers."""
+
+    time: float  # CPU time, s
+    ratio: float  # to that of the package
+    lam_row: float
+    lam_first: float
+
+
 @dataclass(frozen=True)
 class Study:
-    """All methods on one problem.
-
-    Attributes
-    ----------
-    scene, description : str
-    until, budget : float
-        s of the scene, and s of CPU time that one run may take.
-    versions : dict
-        Package → version of the methods that ran.
-    reference : float
-        How far two references differ in q, rad and m.
-    points : tuple of Point
-    equal_error : tuple of (target, dict)
-        Method → :class:`~benchmarks.equal_error.Equal`, None where no tolerance reached this error in q.
-    """
+    """All methods on one problem."""
 
     scene: str
     description: str
-    until: float
-    budget: float
-    versions: dict
-    reference: float
+    until: float  # s of the scene
+    budget: float  # s of CPU time that one run may take
+    versions: dict  # of the packages whose methods ran
+    reference: float  # how far two references differ in q
     points: tuple[Point, ...]
-    equal_error: tuple
+    equal_error: tuple  # (target, method → Equal, or None where no run reached it)
 
     def series(self) -> dict:
-        """Method → (median times, errors in q), as a figure wants them."""
+        """Method → (median times, errors in q), as a figure needs them."""
         found = {}
         for point in self.points:
             if point.times:
@@ -105,12 +81,8 @@ class Study:
         return {method: tuple(map(np.array, zip(*rows, strict=True))) for method, rows in found.items()}
 
 
-class _OutOfTime(Exception):
-    """The budget of a run is spent."""
-
-
 def work_precision(
-    problem: Problem, tolerances=TOLERANCES, *, repeats=3, budget=10.0, methods=None, tell=None
+    problem: Problem, tolerances=TOLERANCES, *, repeats=3, budget=10.0, methods=None, report=lambda name: None
 ) -> Study:
     """Measure a problem with every method that is installed and can do it.
 
@@ -127,29 +99,23 @@ def work_precision(
         CPU time of one run, s, and as much again for what is built before it; a method that needs more is cut, and its
         finer runs are left out.
     methods : sequence of str, optional
-        Only methods in whose name one of these words stands, "peers" for all of other packages; the package's BDF
+        Only methods whose name contains one of these words, "peers" for all of other packages; the package's BDF
         always runs. Default: the peers, and the package's BDF of each order.
-    tell : callable, optional
+    report : callable
         Called with the name of each method before its first run.
-
-    Returns
-    -------
-    Study
 
     Raises
     ------
     InputError
-        Impossible numbers, or a word that stands in no name.
+        Impossible numbers, or a word that no name contains.
     """
     if repeats < 1 or not budget > 0 or not all(0 < tol < 1 for tol in tolerances) or not len(tolerances):
         raise InputError("a measurement needs repeats ≥ 1, a budget > 0 s, and tolerances between 0 and 1")
     answers = Answers(problem)
     runs, points, versions = [], {}, {}
     for peer in _chosen(methods):
-        if tell is not None:
-            tell(peer.name)
-        reason = peer.missing() or peer.can(problem)
-        if reason:
+        report(peer.name)
+        if reason := peer.missing() or peer.can(problem):
             points[peer.name, 0] = Point(peer.name, np.nan, reason)
             continue
         versions[peer.package] = peer.version()
@@ -168,8 +134,38 @@ def work_precision(
     )  # fmt: skip
 
 
+def at_equal_error(points, target, own) -> dict:
+    """Method → :class:`Equal` or None at one error in q, by straight lines between its points in log-log diagrams.
+
+    Where the coarsest run is already better it stands as it is. `own` is the method whose time is 1.
+    """
+    runs = {}
+    for point in points:
+        if point.times and np.isfinite(point.q):
+            runs.setdefault(point.method, []).append(point)
+    reached = {method: _at(rows, target) for method, rows in runs.items()}
+    reference = reached.get(own) or (np.nan,)
+    return {
+        method: found and Equal(float(np.median(found[0])), float(np.median(found[0] / reference[0])), *found[1])
+        for method, found in reached.items()
+    }
+
+
+def _at(rows, target):
+    """(times of the repeats, first multipliers' errors) where the error reaches `target`, or None."""
+
+    def values(point):
+        return np.array(point.times), np.array((point.lam_row, point.lam_first))
+
+    for before, after in pairwise(rows):
+        if after.q <= target <= before.q:
+            part = np.log(before.q / target) / np.log(before.q / after.q)
+            return tuple(a ** (1.0 - part) * b**part for a, b in zip(values(before), values(after), strict=True))
+    return values(rows[0]) if rows and rows[0].q <= target else None
+
+
 def _timed(solve) -> float:
-    """CPU time of one run, s; fast ones are run until the clock, which may tick slowly, has something to tell."""
+    """CPU time of one run, s; fast ones are repeated, since the clock may tick slowly."""
     start, count, elapsed = time.process_time(), 0, 0.0
     while elapsed < LEAST:
         solve()
@@ -188,7 +184,7 @@ def _chosen(methods):
     for word in methods:
         if not any(named(peer, word) for peer in known):
             raise InputError(f"no method {word!r}; there are {', '.join(peer.name for peer in known)}")
-    return [p for p in known if p.name == OWN or any(named(p, word) for word in methods)]
+    return [peer for peer in known if peer.name == OWN or any(named(peer, word) for word in methods)]
 
 
 def _tolerances(problem, peer, tolerances, answers, budget):
@@ -208,56 +204,53 @@ def _fixed_steps(problem, peer, tolerances, answers, budget):
         yield solve, replace(point, steps=steps)
         if spent >= budget or point.q <= min(TARGETS):
             return
-        more = _more_steps(steps, point.q, before)
+        more = 4 * steps
+        if before is not None and point.q < before[1] / 2:  # or what the last target needs by the order seen
+            order = np.log(before[1] / point.q) / np.log(steps / before[0])
+            more = min(more, int(1.2 * steps * (point.q / min(TARGETS)) ** (1 / order)) + 1)
         if spent * more / steps > budget:
             yield None, Point(peer.name, np.nan, f"more steps ({more}) would take longer than {budget:g} s", more)
             return
         before, steps = (steps, point.q), more
 
 
-def _more_steps(steps, error, before):
-    """Four times as many, or what the last target needs by the order seen between two runs."""
-    if before is not None and error < before[1] / 2:
-        order = np.log(before[1] / error) / np.log(steps / before[0])
-        return min(4 * steps, int(1.2 * steps * (error / min(TARGETS)) ** (1 / order)) + 1)
-    return 4 * steps
-
-
 def _first_run(problem, peer, setting, answers, budget):
-    """(solve, Point, seconds spent) of a run that is not timed; without `solve` where it came to nothing."""
-    nothing, limits, start = Point(peer.name, np.nan, ""), (_Limit(budget), _Limit(budget)), time.process_time()
+    """(solve, Point, seconds spent) of a run that is not timed; `solve` is None where it failed or was cut."""
+    building, running = _Limit(budget), _Limit(budget)
+    start, steps = time.process_time(), []
+
+    def thin(count, first=1):
+        steps.append(count - 1)
+        return np.unique(np.concatenate(([0, 1, first], np.linspace(0, count - 1, LOOKED_AT).astype(int))))
+
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            with limits[0]:
+            with building:
                 solve, read = peer.prepare(problem, setting)
             start = time.process_time()
-            with limits[1]:
+            with running:
                 result = solve()
             spent = time.process_time() - start
-            steps = []
-
-            def thin(count, first=1):
-                steps.append(count - 1)
-                return np.unique(np.concatenate(([0, 1, first], np.linspace(0, count - 1, LOOKED_AT).astype(int))))
-
             errors = answers.errors(read(result, thin))
         return solve, Point(peer.name, np.nan, "done", steps[0], (), *errors), spent
     except (_OutOfTime, SolverFailed, PinconsistError, ValueError, RuntimeError, ArithmeticError, SystemError) as error:
-        if any(limit.reached for limit in limits):  # some solvers tell of the interruption in their own words
-            what = "cut" if limits[1].reached else "the building of its model was cut"
-            return None, replace(nothing, status=f"{what} after {budget:g} s"), budget
-        said = str(error).splitlines()[0].split(". ")[0] if str(error) else repr(error)
-        return None, replace(nothing, status=f"failed: {said}"), time.process_time() - start
+        spent = time.process_time() - start
+        if running.reached:  # some solvers report the interruption in their own words
+            status, spent = f"cut after {budget:g} s", budget
+        elif building.reached:
+            status, spent = f"the building of its model was cut after {budget:g} s", budget
+        else:
+            status = f"failed: {str(error).splitlines()[0].split('. ')[0] if str(error) else repr(error)}"
+        return None, Point(peer.name, np.nan, status), spent
+
+
+class _OutOfTime(Exception):
+    """The budget of a run is spent."""
 
 
 class _Limit:
-    """Raise _OutOfTime in what runs inside, after some seconds of CPU time.
-
-    Attributes
-    ----------
-    reached : bool
-    """
+    """Raise _OutOfTime in what runs inside, after some seconds of CPU time; then `reached` is true."""
 
     def __init__(self, seconds):
         self.seconds, self.reached = seconds, False

@@ -9,12 +9,12 @@ from typing import Annotated
 import typer
 
 from pinconsist.cli import output
+from pinconsist.view.plots.comparison import plot_work_precision
 
 from . import report
-from .equal_error import Equal
 from .peers import OWN
 from .peers.scenes import problem_of
-from .work_precision import TOLERANCES, work_precision
+from .work_precision import TOLERANCES, Equal, work_precision
 
 SCENE = "crank_rocker"
 
@@ -64,12 +64,12 @@ def command(
     for name in scene or [SCENE]:
         with report.status() as show:
             options = {"repeats": repeats, "budget": budget, "methods": method}
-            options["tell"] = lambda peer, name=name: show(f"{name}: {peer}")
+            options["report"] = lambda peer, name=name: show(f"{name}: {peer}")
             studies.append(work_precision(problem_of(name, until), tol or TOLERANCES, **options))
         if not as_json:
-            _print_study(studies[-1], repeats)
+            _print(studies[-1], repeats)
     if plot is not None:
-        _draw(studies[0], plot)
+        output.written(plot, lambda: plot_work_precision(studies[0].series(), plot))
     if csv:
         _write(csv, studies, repeats)
     if as_json:
@@ -81,8 +81,7 @@ def _write(file, studies, repeats):
     points, equal = [], []
     for study in studies:
         run = {"scene": study.scene, "until": study.until, "repeats": repeats, "budget": study.budget}
-        for point in study.points:
-            points.append(run | asdict(point) | {"times": point.time})
+        points += [run | _row(point) for point in study.points]
         for target, found in study.equal_error:
             for method, one in found.items():
                 values = one._asdict() if one else dict.fromkeys(Equal._fields)
@@ -91,66 +90,52 @@ def _write(file, studies, repeats):
     report.write_csv(report.beside(file, "equal_error"), equal)
 
 
-def _print_study(study, repeats):
+def _row(point):
+    """A point with its median time in place of all times."""
+    return {"time" if name == "times" else name: value for name, value in asdict(point).items()} | {"time": point.time}
+
+
+def _done(format, scale=1.0):
+    """Cell that stays empty where there is no result."""
+    name, _, spec = format.partition(":")
+    return lambda row: f"{scale * row[name]:{spec}}" if row["status"] == "done" else ""
+
+
+def _print(study, repeats):
+    versions = ", ".join(f"{package} {version}" for package, version in study.versions.items())
     print(
-        f"{study.scene}: {study.description}, {study.until:g} s\n"
-        + ", ".join(f"{package} {version}" for package, version in study.versions.items())
-        + f"\nCPU times, medians of {repeats} runs in turn in one process; a run is cut after {study.budget:g} s; "
+        f"{study.scene}: {study.description}, {study.until:g} s\n{versions}\n"
+        f"CPU times, medians of {repeats} runs in turn in one process; a run is cut after {study.budget:g} s; "
         f"the reference is good to {study.reference:.0e} in q"
     )
-    rows, targets = [], " and ".join(f"{target:.0e}" for target, _ in study.equal_error)
-    for point in study.points:
-        start = (point.method, "" if point.tol != point.tol else f"{point.tol:g}")
-        if point.status == "done":
-            errors = (point.q, point.q_end, point.v, point.lam, point.lam_row, point.lam_first)
-            errors = (f"{value:.1e}" for value in errors)
-            rows.append((*start, point.steps, f"{1e3 * point.time:.1f}", *errors, ""))
-        else:
-            rows.append((*start, point.steps or "", *[""] * 7, point.status))
+    columns = [
+        ("method", "{method}"),
+        ("tol>", lambda row: "" if row["tol"] != row["tol"] else f"{row['tol']:g}"),
+        ("steps>", lambda row: row["steps"] or ""),
+        ("time [ms]>", _done("time:.1f", 1e3)),
+        ("q>", _done("q:.1e")),
+        ("q at end>", _done("q_end:.1e")),
+        ("v>", _done("v:.1e")),
+        ("λ>", _done("lam:.1e")),
+        ("λ, 1st row>", _done("lam_row:.1e")),
+        ("λ, 1st step>", _done("lam_first:.1e")),
+        ("remark", lambda row: "" if row["status"] == "done" else row["status"]),
+    ]
+    title = "largest errors over the run: q in rad and m, v and λ in parts of their largest value"
+    report.table(map(_row, study.points), columns, title)
+    columns = ("time [ms]>", "ratio>", "λ, 1st row>", "1st step>")
+    methods = dict.fromkeys(name for _, found in study.equal_error for name in found)
+    targets = " and ".join(f"{target:.0e}" for target, _ in study.equal_error)
     output.table(
-        (
-            "method",
-            "tol>",
-            "steps>",
-            "time [ms]>",
-            "q>",
-            "q at end>",
-            "v>",
-            "λ>",
-            "λ, 1st row>",
-            "λ, 1st step>",
-            "remark",
-        ),
-        rows,
-        title="largest errors over the run: q in rad and m, v and λ in parts of their largest value",
-    )
-    output.table(
-        (
-            "method",
-            *(f"{what}>" for _ in study.equal_error for what in ("time [ms]", "ratio", "λ, 1st row", "1st step")),
-        ),
-        _equal_rows(study.equal_error),
+        ("method", *columns * len(study.equal_error)),
+        [(name, *(cell for _, found in study.equal_error for cell in _equal(found.get(name)))) for name in methods],
         title=f"time at equal error in q (largest over the run), {targets}; its ratio to {OWN}: median of ratios; "
         "errors of the first multipliers",
     )
 
 
-def _equal_rows(equal_error):
-    rows = []
-    for method in dict.fromkeys(name for _, found in equal_error for name in found):
-        cells = []
-        for _, found in equal_error:
-            one = found.get(method)
-            if one is None:
-                cells += ["not reached", "", "", ""]
-                continue
-            ratio = f"{one.ratio:.2f}" if one.ratio == one.ratio else ""
-            cells += [f"{1e3 * one.time:.1f}", ratio, f"{one.lam_row:.1e}", f"{one.lam_first:.1e}"]
-        rows.append((method, *cells))
-    return rows
-
-
-def _draw(study, file):
-    from pinconsist.view.plots.comparison import plot_work_precision
-
-    output.written(file, lambda: plot_work_precision(study.series(), file))
+def _equal(one):
+    if one is None:
+        return "not reached", "", "", ""
+    ratio = f"{one.ratio:.2f}" if one.ratio == one.ratio else ""
+    return f"{1e3 * one.time:.1f}", ratio, f"{one.lam_row:.1e}", f"{one.lam_first:.1e}"

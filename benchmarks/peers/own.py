@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pinconsist import __version__
 from pinconsist.dae.bdf import MAX_ORDER
 from pinconsist.dae.consistency import MODES
 from pinconsist.simulation import integrate
@@ -34,6 +35,9 @@ class Own(Peer):
     def __init__(self, setting, options, *, fixed_step=False, detail=False):
         self.name, self.options = f"pinconsist {setting}", options
         self.fixed_step, self.detail = fixed_step, detail
+
+    def version(self):
+        return __version__
 
     def can(self, problem):
         return None

@@ -1,5 +1,6 @@
 """The measuring commands measure something that can be believed; the figures themselves are not tested."""
 
+import csv
 import json
 from functools import partial
 from pathlib import Path
@@ -56,7 +57,8 @@ def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
     figure = tmp_path / "bench.png"
     options = ["--tol", "1e-4", "--tol", "1e-6", "--repeats", "1", "--method", "LSODA"]
     scene = ["problem51", "--until", "0.2"]
-    code, out, _ = called(capsys, "work-precision", *scene, *options, "--plot", figure, "--json")
+    table = tmp_path / "bench.csv"
+    code, out, _ = called(capsys, "work-precision", *scene, *options, "--plot", figure, "--csv", table, "--json")
     assert code == 0 and figure.stat().st_size > 1000
     (study,) = json.loads(out)["scenes"]
     assert (
@@ -64,6 +66,10 @@ def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
     )
     assert {point["method"] for point in study["points"]} == {"pinconsist BDF", "scipy LSODA, index 1"}
     assert all(point["status"] == "done" and point["q"] < 1e-2 for point in study["points"])
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    assert [float(row["q"]) for row in rows] == pytest.approx([point["q"] for point in study["points"]], rel=1e-3)
+    equal = list(csv.DictReader((tmp_path / "bench_equal_error.csv").read_text().splitlines()))
+    assert {row["target"] for row in equal} == {"0.0001", "1e-06"} and equal[0]["ratio"] == "1"
 
 
 def test_the_command_prints_tables(capsys):

@@ -7,13 +7,12 @@ from scipy.linalg import null_space
 
 import pinconsist as pc
 from benchmarks.answers import Answers
-from benchmarks.equal_error import at_equal_error
 from benchmarks.peers import OWN, peers
 from benchmarks.peers.dae_solvers import Equations
 from benchmarks.peers.problem import Peer, SolverFailed
 from benchmarks.peers.scenes import problem_of
 from benchmarks.peers.scipy_index1 import accelerations
-from benchmarks.work_precision import FEWEST, Point, _chosen, work_precision
+from benchmarks.work_precision import FEWEST, Point, _chosen, at_equal_error, work_precision
 from pinconsist.dae.acceleration import solve_acceleration
 from pinconsist.dae.one_step import RightHandSide
 from pinconsist.errors import InputError, PinconsistError
