@@ -168,7 +168,7 @@ def test_json_is_all_there_is_on_stdout(run):
         (["simulate", "four_bar", "--at", "crank=x"], "'x' is not a number"),
         (
             ["simulate", "four_bar", "--with-velocity", "crank=1,rocker=3"],
-            "not a number; several are separated by blan",
+            "not a number; separate several by blanks",
         ),
         (["simulate", "four_bar", "--at", "crank=1", "crank=2"], "names joint 'crank' twice"),
         (["simulate", "four_bar", "--at", "crank=nan"], "not finite"),
@@ -467,13 +467,11 @@ def test_an_interrupted_run_says_what_resume_will_do(run, cut_short):
     code, out, _ = run("simulate", "four_bar", "--until", 2, "--out", "run.npz")
     assert code == 130 and "interrupted at t = 0.5" in out
     assert out.endswith(
-        "pinconsist resume run.npz begins again at t = 0 s: without --save-every there are no checkpoints\n"
+        "pinconsist resume run.npz starts again at t = 0 s: without --save-every there are no checkpoints\n"
     )
     code, out, _ = run("resume", "run.npz")
-    assert code == 130 and out.startswith(
-        "run.npz has no checkpoint (simulate --save-every), so that it begins again\n"
-    )
-    assert "\nmade again from t = 0 s\n" in out and "begins again at t = 0 s" in out
+    assert code == 130 and out.startswith("run.npz has no checkpoint (simulate --save-every), so it starts again\n")
+    assert "\nstarted again from t = 0 s\n" in out and "starts again at t = 0 s" in out
     code, out, _ = run("simulate", "four_bar", "--until", 2, "--out", "run.npz", "--save-every", 0.25)
     assert code == 130 and out.endswith("pinconsist resume run.npz continues it from t = 0.25 s, its last checkpoint\n")
     told = json.loads(run("resume", "run.npz", "--json")[1])

@@ -103,7 +103,7 @@ def test_a_name_in_a_saved_run_is_no_folder(run):
     Path("arm").mkdir()
     shutil.copy(MODELS / "four_bar.urdf", "arm")
     code, _, err = run("plot", "run.npz")
-    assert code == 2 and "only the name, 'arm'" in err and "by --scene" in err
+    assert code == 2 and "only the name of its scene, 'arm'" in err and "by --scene" in err
     assert run("plot", "run.npz", "--scene", "four_bar")[0] == 0
 
 
@@ -196,7 +196,9 @@ def test_models_lists_families_and_the_robots_that_are_installed(run, monkeypatc
     monkeypatch.setattr("pinconsist.formats.robots.robot_file", missing)
     assert json.loads(run("models", "--json")[1])["robots"] == []
     out = run("models")[1]
-    assert "robots that can be had by: pip install 'pinconsist[robots]'\n  cassie, " in out and "which is" not in out
+    assert (
+        "robots that are available after: pip install 'pinconsist[robots]'\n  cassie, " in out and "which is" not in out
+    )
 
 
 @pytest.mark.parametrize(

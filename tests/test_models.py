@@ -11,8 +11,8 @@ from bodies import circles_meet
 from scenes import ANDREWS_JOINTS, on_stage
 
 import pinconsist as pc
-from pinconsist.cli.scene import Scene
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.recording.scene import Scene
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 G = 9.81

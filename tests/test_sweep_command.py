@@ -281,7 +281,7 @@ def test_an_interrupted_sweep_without_a_file_prints_what_was_reached(run, monkey
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "say what varies"),
+        ([], "give what varies"),
         (["--vary", "pendulum"], "needs name=values"),
         (["--vary", "pendulum="], "needs name=values"),
         (["--vary", "pendulum=a"], "'a' is not a number"),

@@ -1,4 +1,4 @@
-"""The `pinconsist` command: its overview, and what errors look like from outside."""
+"""The `pinconsist` command: its overview, the exit codes, and how errors are reported."""
 
 from __future__ import annotations
 
@@ -13,9 +13,16 @@ import typer
 
 from ..errors import PinconsistError, SavingError
 from ..interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
-from . import check, compare, exit_codes, models, plot, replay, rerun, simulate, sweep
+from .check import check
+from .compare import compare
+from .models import models
 from .output import FAILED, INTERRUPTED, WRONG_INPUT, print_error, rescued
-from .unbroken import unbroken_stdout
+from .plot import plot
+from .replay import replay
+from .rerun import rerun, resume
+from .simulate import simulate
+from .sweep import sweep
+from .terminal import tolerate_broken_pipe
 
 OVERVIEW = """\
 pinconsist simulates closed-chain mechanisms, with constraint forces that are
@@ -26,35 +33,48 @@ right from the first step on.
   pinconsist simulate four_bar --html run.html    5 s, certified, and a page
   pinconsist simulate four_bar --out run.npz      save the run
   pinconsist rerun run.npz                        the same numbers again?
-  pinconsist resume run.npz                       continue what was cut short
+  pinconsist resume run.npz                       continue an interrupted run
   pinconsist plot run.npz --what drift,energy     draw it
   pinconsist replay run.npz                       play it in the browser
   pinconsist compare problem51 --step 0.01 0.001  exact and consistent starts
   pinconsist sweep four_bar --vary crank=0:1:.1   many runs, in a table
 
 A scene is a built-in name, a .urdf, .sdf or .xml (MJCF) file, or a folder that
-holds one .urdf. Each command explains itself: pinconsist COMMAND --help"""
+holds one .urdf. For the options of a command: pinconsist COMMAND --help"""
+
+SCENE = "2 wrong input, loops that cannot close, or a singular position"
+SAVED = "(what was reached is saved by --out)"
+RESUMED = "(what was reached is in the file)"
+SHOWN = f"1 the integration of a scene failed (what was reached is shown); {SCENE}; 130 interrupted"
+INPUT = "2 wrong input; 130 interrupted"
+COMMANDS = {
+    simulate: f"1 the integration failed {SAVED}; {SCENE}; 130 interrupted {SAVED}: --json then has "
+    "run.interrupted = true, and run.success too",
+    compare: f"{SCENE}; 130 interrupted",
+    check: f"{SCENE}; 130 interrupted",
+    models: INPUT,
+    replay: SHOWN,
+    plot: SHOWN,
+    rerun: f"1 the numbers differ; {INPUT}",
+    resume: f"1 the integration failed {RESUMED}; 2 wrong input, or a scene that has changed; 130 interrupted "
+    f"{RESUMED}: --json then has interrupted = true, and success too",
+    sweep: "1 a case failed (its row says why); 2 wrong input; 130 interrupted (the rows so far are in "
+    "FILE.csv.partial)",
+}
+"""Each command and its exit codes other than 0."""
+
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 SEVERAL = {"--step": NUMBER, "--at": re.compile(r"[^-].*=.*"), "--with-velocity": re.compile(r"[^-].*=.*")}
+"""Options that take several values, and what a further value looks like."""
 
 app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=exit_codes.ALL,
+    epilog=f"Exit codes: 0 fine; 1 a run or a case failed, or numbers differ; {SCENE}; 130 interrupted.",
 )
-for command, function in (
-    ("simulate", simulate.simulate),
-    ("compare", compare.compare),
-    ("check", check.check),
-    ("models", models.models),
-    ("replay", replay.replay),
-    ("plot", plot.plot),
-    ("rerun", rerun.rerun),
-    ("resume", rerun.resume),
-    ("sweep", sweep.sweep),
-):
-    app.command(command, epilog=exit_codes.OF[command])(function)
+for command, codes in COMMANDS.items():
+    app.command(command.__name__, epilog=f"Exit codes: 0 fine; {codes}.")(command)
 
 
 def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
@@ -69,9 +89,11 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     program : str
         Name of the program in its help.
     studies : sequence of str
-        Commands that may fail after a signal because they were left with half a run.
+        Commands that may fail after a signal because a run inside them returned what was reached.
     """
-    arguments = spread(_asked_for_help(sys.argv[1:] if argv is None else argv))
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] == ["help"]:
+        arguments = [*arguments[1:2], "--help"]
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal without λ still shows the numbers
@@ -79,9 +101,9 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     handler.setFormatter(logging.Formatter("pinconsist: warning: %(message)s"))
     log.addHandler(handler)
     try:
-        with warnings.catch_warnings(), ended_like_ctrl_c(), unbroken_stdout() as broken:
+        with warnings.catch_warnings(), ended_like_ctrl_c(), tolerate_broken_pipe() as broken:
             warnings.showwarning = _without_source(warnings.showwarning)
-            code = _run(arguments, app, program, studies)
+            code = _run(spread(arguments), app, program, studies)
             if code == INTERRUPTED:
                 ignored_from_now_on()
         code = code or (FAILED if broken else code)
@@ -91,56 +113,49 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
 
 
 def _without_source(show):
-    """A `warnings.showwarning` that tells what is meant for the user as a sentence; the rest it leaves to `show`."""
+    """A `warnings.showwarning` that prints a warning for the user without the line of code; others go to `show`."""
 
-    def tell(message, category, *where, **more):
+    def show_sentence(message, category, *where, **more):
         if category is UserWarning:
             print(f"pinconsist: warning: {message}", file=sys.stderr)
         else:
             show(message, category, *where, **more)
 
-    return tell
-
-
-def _asked_for_help(arguments):
-    """``help`` and ``help COMMAND`` as ``--help`` and ``COMMAND --help``."""
-    return [*arguments[1:2], "--help"] if list(arguments[:1]) == ["help"] else arguments
+    return show_sentence
 
 
 def spread(arguments) -> list[str]:
     """The arguments with ``--step 0.1 0.2`` as ``--step 0.1 --step 0.2``, and joint=value lists alike."""
-    result, option, first = [], None, False
+    result, option = [], None
     several = SEVERAL if "compare" in arguments[:1] else SEVERAL.keys() - {"--step"}  # simulate takes one step size
     for argument in arguments:
         name, sign, value = argument.partition("=")
         if name in several:
-            option, first = name, not sign
+            option = name
             result += [name, value] if sign else [name]
             continue
-        if option and not first:
-            if SEVERAL[option].fullmatch(argument):
-                result.append(option)
-            else:
-                option = None
+        if option and result[-1] != option:  # which has its first value already
+            option = option if SEVERAL[option].fullmatch(argument) else None
+            result += [option] if option else []
         result.append(argument)
-        first = False
     return result
 
 
 def _run(arguments, app, program, studies) -> int:
-    command = typer.main.get_command(app)
     try:
-        code = command.main(arguments, prog_name=program, standalone_mode=False) or 0
+        code = typer.main.get_command(app).main(arguments, prog_name=program, standalone_mode=False) or 0
         return _interrupted() if code == INTERRUPTED else code  # typer too makes this code of a KeyboardInterrupt
     except SavingError as error:
         file = rescued(error.solution)
-        mistake = f"{error}; the run is {f'saved as {file} instead' if file else 'lost, no other folder takes it'}"
+        message = f"{error}; the run is {f'saved as {file} instead' if file else 'lost, no other folder takes it'}"
+        print_error(message)
     except PinconsistError as error:
-        mistake = error
+        message = str(error)
+        print_error(error)
     except (typer.Abort, KeyboardInterrupt):
         return _interrupted()
     except MemoryError:
-        print_error("out of memory; what --out --save-every saved on the way is there")
+        print_error("out of memory; what --out --save-every saved before is in the file")
         return FAILED
     except Exception as error:
         if interrupted() and arguments[0] in studies:
@@ -149,10 +164,10 @@ def _run(arguments, app, program, studies) -> int:
             raise
         context = getattr(error, "ctx", None)
         help_of = f" (see {context.command_path} --help)" if context else ""
-        mistake = error.format_message().rstrip(".") + help_of
-    print_error(mistake)
+        message = error.format_message().rstrip(".") + help_of
+        print_error(message)
     if "--json" in arguments:
-        print(json.dumps({"error": str(mistake)}))
+        print(json.dumps({"error": message}))
     return WRONG_INPUT
 
 

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from ..errors import AssemblyError, SingularSystemError
-from . import doubts, inventory, output, scene
+from dataclasses import fields
 
-NOTHING = 1e-15  # rad or m, of a joint that stands at zero
+from ..errors import AssemblyError, SingularSystemError
+from . import options as given
+from . import output, scene
+
+NOTHING = 1e-15  # rad or m, of a joint that is at zero
 LINES, TERMS = 12, 4  # of redundant rows, and of the rows each depends on
+LOOP_FIELDS = ("xyz1", "rpy1", "xyz2", "rpy2", "axis", "axis2", "length", "joint", "other", "ratio", "offset", "higher")
+"""Fields of loops and couplings that say where and along what they hold; zero anchors are left out."""
 
 
 def check(
-    source: scene.Source,
-    loops: scene.Loops = None,
-    closure: scene.Closure = None,
-    free_flyer: scene.FreeFlyer = False,
-    package_dirs: scene.PackageDirs = None,
-    reanchor: scene.Reanchor = False,
-    at: scene.At = None,
+    source: given.Source,
+    loops: given.Loops = None,
+    closure: given.Closure = None,
+    free_flyer: given.FreeFlyer = False,
+    package_dirs: given.PackageDirs = None,
+    reanchor: given.Reanchor = False,
+    at: given.At = None,
     as_json: output.Json = False,
 ) -> int:
-    """Say what a scene is: bodies, loops, rank, redundant rows, mobility, and its closed configuration.
+    """Describe a scene: bodies, loops, rank, redundant rows, mobility, and its closed configuration.
 
-    At a position of your choice by --at, also a singular one, where more rows
-    depend on each other, the mobility is larger, and the exit code is 2.
+    --at sets the position. At a singular one more rows depend on each other,
+    the mobility is larger, and the exit code is 2.
 
     Example: pinconsist check four_bar --at crank=pi/2
     """
@@ -35,14 +40,26 @@ def check(
     try:
         assembly = assemble(mech, q0 or None)
     except AssemblyError as error:
-        return _open(mech, before, _gaps(mech, error.q), error, as_json)
-    scene.tell_moved(mech, q0, assembly)
-    singular, found = _singular(mech, assembly.q), doubts.doubts(mech, assembly)
+        return _report_open(mech, before, _gaps(mech, error.q), error, as_json)
+    scene.report_moved(mech, q0, assembly)
+    singular, warnings = _singular(mech, assembly.q), scene.scene_warnings(mech, assembly)
     if as_json:
-        output.print_json(_report(mech, guess, before, assembly, singular) | {"warnings": found})
+        output.print_json({
+            "scene": mech.name, "closed": True, **_inventory(mech),
+            "rows": assembly.rows, "rank": assembly.rank, "mobility": assembly.mobility,
+            "redundant": [
+                {"loop": loop, "row": row, "depends_on": [
+                    {"loop": of, "row": name, "factor": factor} for (of, name), factor in combination.items()
+                ]}
+                for (loop, row), combination in assembly.redundant.items()
+            ],
+            "gaps_before": before, "gaps": assembly.gaps, "iterations": assembly.iterations, "moved": assembly.moved,
+            "regular": not singular, "guess": scene.by_joint(mech, guess), "q": scene.by_joint(mech, assembly.q),
+            **({"error": singular} if singular else {}), "warnings": warnings,
+        })  # fmt: skip
     else:
         _print(mech, guess, before, assembly, singular)
-    doubts.tell(found)
+    scene.log_warnings(warnings)
     if singular:
         output.print_error(singular)
     return output.WRONG_INPUT if singular else output.FINE
@@ -70,7 +87,7 @@ def _singular(mech, q) -> str:
     return ""
 
 
-def _open(mech, before, after, error, as_json) -> int:
+def _report_open(mech, before, after, error, as_json) -> int:
     """The loops cannot close: which, and by how much."""
     if as_json:
         output.print_json({
@@ -78,7 +95,7 @@ def _open(mech, before, after, error, as_json) -> int:
             "q": scene.by_joint(mech, error.q),
         })  # fmt: skip
     else:
-        inventory.print_inventory(mech)
+        _print_inventory(mech)
         rows = [(name, f"{before[name]:.3g}", f"{gap:.3g}") for name, gap in _worst_first(after)]
         output.table(("loop", "gap at the guess [m, rad]>", "gap left [m, rad]>"), rows)
     output.print_error(error)
@@ -90,7 +107,7 @@ def _worst_first(gaps):
 
 
 def _print(mech, guess, before, assembly, singular):
-    inventory.print_inventory(mech)
+    _print_inventory(mech)
     if mech.loops:
         dropped = len(assembly.redundant)
         print(f"rows: {assembly.rows}, of which {assembly.rank} independent and {dropped} redundant")
@@ -107,15 +124,15 @@ def _print(mech, guess, before, assembly, singular):
     output.table(("joint [rad, m]", "guess>", "closed>"), _values(mech, guess, assembly.q))
 
 
-def _values(mech, *configurations):
-    """A line for each number of a configuration: its joint, and its value in each of several configurations."""
-    by_joint = [scene.by_joint(mech, q) for q in configurations]
-    for joint, first in by_joint[0].items():
-        count = len(first) if isinstance(first, list) else 0
-        names = [f"{joint}[{k}]" for k in range(count)] or [joint]
-        numbers = [values[joint] if count else [values[joint]] for values in by_joint]
-        for name, *each in zip(names, *numbers, strict=True):
-            yield name, *(f"{value if abs(value) > NOTHING else 0.0:.9g}" for value in each)
+def _values(mech, guess, closed):
+    """A line for each number of a configuration: its joint, and its value in both configurations."""
+    guess, closed = scene.by_joint(mech, guess), scene.by_joint(mech, closed)
+    for joint, values in guess.items():
+        several = isinstance(values, list)
+        pairs = zip(values, closed[joint], strict=True) if several else [(values, closed[joint])]
+        for k, pair in enumerate(pairs):
+            numbers = (f"{value if abs(value) > NOTHING else 0.0:.9g}" for value in pair)
+            yield f"{joint}[{k}]" if several else joint, *numbers
 
 
 def _redundant_lines(redundant) -> list[str]:
@@ -134,18 +151,63 @@ def _redundant_lines(redundant) -> list[str]:
     return lines[:LINES] + more
 
 
-def _report(mech, guess, before, assembly, singular) -> dict:
-    redundant = [
-        {
-            "loop": loop, "row": row,
-            "depends_on": [{"loop": of, "row": name, "factor": value} for (of, name), value in combination.items()],
-        }
-        for (loop, row), combination in assembly.redundant.items()
-    ]  # fmt: skip
+def _print_inventory(mech):
+    """Bodies, motors, forces and loops for a person."""
+    about, masses = _inventory(mech), [inertia.mass for inertia in list(mech.model.inertias)[1:]]
+    print(
+        f"{mech.name}: {output.counted(about['bodies'], 'moving body')}, {sum(masses):.4g} kg in all, nq = {mech.nq}, "
+        f"nv = {mech.nv}"
+    )
+    if massless := [joint for joint, mass in zip(mech.joints, masses, strict=True) if mass == 0.0]:
+        output.paragraph(f"bodies without mass, at joints: {', '.join(massless)}", hanging="  ")
+    if mech.actuated:
+        output.paragraph(f"motors: {', '.join(mech.actuated)}", hanging="  ")
+    output.paragraph(f"forces: {', '.join(about['forces']) or 'none'}", hanging="  ")
+    gravity = about["gravity"]
+    print(f"gravity: {f'{scene.text(gravity)} m/s²' if gravity.any() else 'none'}; duration: {mech.duration:g} s\n")
+    if mech.loops:
+        rows = [(loop.name, loop.kind, len(loop.rows), *_ends(loop), _parameters(loop)) for loop in mech.loops]
+        output.table(("loop", "kind", "rows>", "joins", "and", "by"), rows, width=output.PLAIN_WIDTH)
+    else:
+        print("loops: none, a plain tree; a loop file next to it, or --loops FILE, closes some\n")
+
+
+def _inventory(mech) -> dict:
+    """What the scene holds, for JSON."""
+    from ..mechanism.forces import bound_forces
+
     return {
-        "scene": mech.name, "closed": True, **inventory.inventory(mech),
-        "rows": assembly.rows, "rank": assembly.rank, "mobility": assembly.mobility, "redundant": redundant,
-        "gaps_before": before, "gaps": assembly.gaps, "iterations": assembly.iterations, "moved": assembly.moved,
-        "regular": not singular, "guess": scene.by_joint(mech, guess), "q": scene.by_joint(mech, assembly.q),
-        **({"error": singular} if singular else {}),
+        "bodies": len(mech.joints), "nq": mech.nq, "nv": mech.nv, "actuated": mech.actuated,
+        "forces": list(bound_forces(mech.model, mech.forces)), "gravity": mech.model.gravity.linear,
+        "duration": mech.duration,
+        "loops": [
+            {"name": loop.name, "kind": loop.kind, "ends": _ends(loop), "rows": loop.rows} | _fields(loop)
+            for loop in mech.loops
+        ],
     }  # fmt: skip
+
+
+def _ends(loop):
+    """What a loop joins: two frames, a joint and its drive, two joints, or what the user's function couples."""
+    if loop.kind == "drive":
+        return loop.joint, "along a curve"
+    if loop.kind == "coupling":
+        return loop.joint, loop.other
+    return ("a function", "") if loop.kind == "constraint" else (loop.frame1, loop.frame2)
+
+
+def _fields(loop) -> dict:
+    """The fields that say how a loop holds, by the names they have in a loop file."""
+    from ..mechanism.constraints.motion import Motion
+
+    record = loop.curve if isinstance(getattr(loop, "curve", None), Motion) else loop
+    values = {each.name: getattr(record, each.name) for each in fields(record)}
+    if record is loop:
+        values = {name: values[name] for name in LOOP_FIELDS if name in values}
+    return {name: value for name, value in values.items() if value not in (None, (), (0.0, 0.0, 0.0))}
+
+
+def _parameters(loop) -> str:
+    """Like "axis 0 1 0, xyz2 0.2 0 0"; what the columns next to it show is left out."""
+    values = {name: value for name, value in _fields(loop).items() if name not in ("joint", "other") and value != 0.0}
+    return ", ".join(f"{name} {scene.text(value)}" for name, value in values.items())

@@ -9,8 +9,10 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
+from . import options as given
 from . import output, scene
-from .progress import doing
+from .options import option
+from .terminal import doing
 
 STEPS = (0.002, 0.0002)  # of the duration
 LONGEST = 10.0  # s of playing
@@ -20,28 +22,28 @@ def compare(
     subject: Annotated[
         str, typer.Argument(metavar="SUBJECT", help="problem51, problem52, or a scene as in: pinconsist simulate.")
     ],
-    loops: scene.Loops = None,
-    closure: scene.Closure = None,
-    free_flyer: scene.FreeFlyer = False,
-    reanchor: scene.Reanchor = False,
-    at: scene.At = None,
-    with_velocity: scene.WithVelocity = None,
+    loops: given.Loops = None,
+    closure: given.Closure = None,
+    free_flyer: given.FreeFlyer = False,
+    reanchor: given.Reanchor = False,
+    at: given.At = None,
+    with_velocity: given.WithVelocity = None,
     step: Annotated[
         list[float] | None,
-        typer.Option(
-            metavar="SECONDS ...",
-            help="Step sizes, one or several. Default: 0.01 0.001; of a scene, a 500th and a 5000th of its duration.",
+        option(
+            "--step", "SECONDS ...",
+            "Step sizes, one or several. Default: 0.01 0.001; for a scene 1/500 and 1/5000 of its duration.",
         ),
     ] = None,
-    order: Annotated[int, typer.Option(metavar="K", help="BDF order, 1 to 6.")] = 1,
-    rows: Annotated[int, typer.Option(metavar="N", help="Steps to take and print.")] = 6,
-    plot: Annotated[str | None, typer.Option(metavar="FILE.png", help="Draw the errors over time.")] = None,
+    order: Annotated[int, option("--order", "K", "BDF order, 1 to 6.")] = 1,
+    rows: Annotated[int, option("--rows", "N", "Steps to take and print.")] = 6,
+    plot: Annotated[str | None, option("--plot", "FILE.png", "Draw the errors over time.")] = None,
     html: Annotated[
         str | None,
-        typer.Option(
-            metavar="FILE.html",
-            help="Write a page that plays the steps from exact beside those from consistent values, with their forces, "
-            "in slow motion, for the first step size.",
+        option(
+            "--html", "FILE.html",
+            "Write a page that plays the steps from exact next to those from consistent values, with their forces, in "
+            "slow motion, for the first step size.",
         ),
     ] = None,
     as_json: output.Json = False,
@@ -62,81 +64,79 @@ def compare(
     from ..mechanism.mechanism import Mechanism
     from ..reference import PROBLEMS, reference_problem
 
-    q0, v0 = scene.joint_values(at, "--at"), scene.joint_values(with_velocity, "--with-velocity")
+    q0 = scene.joint_values(at, "--at") or None
+    v0 = scene.joint_values(with_velocity, "--with-velocity") or None
     if subject in PROBLEMS:
         if loops or closure or free_flyer or reanchor or q0 or v0:
             raise InputError(f"{subject} has its own loops and initial values; these options are for scenes")
-        what, names, duration = subject, None, Mechanism.duration
+        what, duration = subject, Mechanism.duration
         if html and not isinstance(reference_problem(subject).system, Mechanism):
             raise InputError(f"--html shows bodies, and {subject} has none")
     else:
-        what = scene.Scene(subject, loops, closure, free_flyer, [], reanchor, q0).load()
+        what = scene.Scene(subject, loops, closure, free_flyer, [], reanchor, q0 or {}).load()
         duration = what.duration
-        names = [name for name, size in zip(what.joints, list(what.model.nvs)[1:], strict=True) for _ in range(size)]
     steps = step or [duration * share for share in STEPS]
     runs = []
     for k, h in enumerate(steps, start=1):
         with doing(f"step size {h:g} s, {k} of {len(steps)}: {rows} steps in three ways, and the reference"):
-            result = compare_errors(what, [h], order=order, count=rows, q0=q0 or None, v0=v0 or None)
+            result = compare_errors(what, [h], order=order, count=rows, q0=q0, v0=v0)
             runs += result.runs
-    result = replace(result, runs=tuple(runs))
     if html:
-        _show(what, html, result.runs[0], order, q0 or None, v0 or None)
+        _show(what, html, runs[0], order, q0, v0)
     if plot:
         from ..view.plots.comparison import plot_comparison
 
-        output.written(plot, lambda: plot_comparison(result.runs, plot))
+        output.written(plot, lambda: plot_comparison(runs, plot))
+    result = replace(result, runs=tuple(runs))
     if as_json:
-        runs = [asdict(run) for run in result.runs]
-        output.print_json(
-            {"name": result.name, "order": result.order, "runs": runs, "files": {"plot": plot, "html": html}}
-        )
-        return output.FINE
-    start = f"; rows 0 to {order - 1} are its exact start" if order > 1 else ""
-    print(f"{result.name}, BDF of order {order}: error of the multipliers, largest component{start}\n")
-    for run in result.runs:
-        _print_run(run, order, names)
-    if not any(run.v_given.any() for run in result.runs):
-        print("from rest exact values are nearly consistent; --with-velocity JOINT=VALUE shows more\n")
-    if plot or html:
-        print(f"written: {', '.join(filter(None, (plot, html)))}")
+        output.print_json(asdict(result) | {"files": {"plot": plot, "html": html}})
+    else:
+        _print(result, None if subject in PROBLEMS else what)
+        output.print_written(plot, html)
     return output.FINE
 
 
 def _show(what, file, run, order, q0, v0):
-    """A page of the first steps from exact beside those from consistent values: a second each, ten in all at most."""
+    """A page of the first steps from exact next to those from consistent values: a second each, ten at most in all."""
     from ..mechanism.assembly import assemble
-    from ..mechanism.mechanism import Mechanism
     from ..reference import reference_problem
     from ..simulation import integrate
     from ..view.page import export_html
 
-    if isinstance(what, Mechanism):
-        start = assemble(what, q0, v0)
-        mech, q, v = what, start.q, start.v
-    else:
+    if isinstance(what, str):
         problem = reference_problem(what)
         mech, q, v = problem.system, problem.p0, problem.v0
-    options = {"step": run.h, "max_order": order}
+    else:
+        start = assemble(what, q0, v0)
+        mech, q, v = what, start.q, start.v
     sols = {
-        title: integrate(mech, (run.t[0], run.t[-1]), q, v, consistency=mode, **options)
+        title: integrate(mech, (run.t[0], run.t[-1]), q, v, consistency=mode, step=run.h, max_order=order)
         for title, mode in (("from exact values", "exact"), ("from consistent values", "initial"))
     }
     speed = max(run.h, (run.t[-1] - run.t[0]) / LONGEST)
     output.written(file, lambda: export_html(mech, sols, file, speed=speed, forces=True))
 
 
-def _print_run(run, order, names):
-    columns = zip(run.t, run.exact, run.consistent, run.every_step, strict=True)
-    rows = [  # the first `order` rows are the exact start, of which nothing can be learnt
-        (k, f"{t:.9g}", *map(output.number, errors)) for k, (t, *errors) in enumerate(columns) if k >= order
-    ]
-    output.table(
-        ("row>", "t [s]>", "from exact>", "from consistent>", "every step>"), rows, title=f"step size h = {run.h:g} s"
-    )
-    names = names or [f"v{k + 1}" for k in range(len(run.v_given))]
-    columns = zip(names, run.v_given, run.v_consistent, run.v_consistent - run.v_given, strict=True)
-    output.table(
-        ("initial velocity", "given>", "consistent>", "change>"),
-        [(name, f"{given:.9g}", f"{new:.9g}", output.number(change)) for name, given, new, change in columns],
-    )
+def _print(result, mech):
+    order = result.order
+    start = f"; rows 0 to {order - 1} are its exact start" if order > 1 else ""
+    print(f"{result.name}, BDF of order {order}: error of the multipliers, largest component{start}\n")
+    for run in result.runs:
+        columns = zip(run.t, run.exact, run.consistent, run.every_step, strict=True)
+        rows = [  # the first `order` rows are the exact start, which shows nothing
+            (k, f"{t:.9g}", *map(output.number, errors)) for k, (t, *errors) in enumerate(columns) if k >= order
+        ]
+        heads = ("row>", "t [s]>", "from exact>", "from consistent>", "every step>")
+        output.table(heads, rows, title=f"step size h = {run.h:g} s")
+        columns = zip(_names(mech, run), run.v_given, run.v_consistent, run.v_consistent - run.v_given, strict=True)
+        rows = [(name, f"{given:.9g}", f"{new:.9g}", output.number(change)) for name, given, new, change in columns]
+        output.table(("initial velocity", "given>", "consistent>", "change>"), rows)
+    if not any(run.v_given.any() for run in result.runs):
+        print("from rest exact values are nearly consistent; --with-velocity JOINT=VALUE shows more\n")
+
+
+def _names(mech, run):
+    """A name for each velocity: its joint's, or its number in a problem without joints."""
+    if mech is None:
+        return [f"v{k + 1}" for k in range(len(run.v_given))]
+    return [name for name, size in zip(mech.joints, list(mech.model.nvs)[1:], strict=True) for _ in range(size)]

@@ -6,17 +6,16 @@ from ..errors import MissingExtraError
 from . import output
 
 
-def models(
-    as_json: output.Json = False,
-) -> int:
+def models(as_json: output.Json = False) -> int:
     """List the built-in scenes, the families of scenes, and the robots that are installed.
 
     Example: pinconsist models
     """
     from ..formats.catalogue import models as built_in
+    from ..formats.robots import ROBOTS
     from ..reference import PROBLEMS
 
-    scenes, (robots, missing) = built_in(), _robots()
+    scenes, robots = built_in(), [name for name in ROBOTS if _is_installed(name)]
     if as_json:
         output.print_json({"models": scenes, "robots": robots, "problems": list(PROBLEMS)})
         return output.FINE
@@ -25,22 +24,18 @@ def models(
     if robots:
         print("robots of the pip package example-robot-data, which is installed:")
         output.paragraph(", ".join(robots), indent="  ")
-    if missing:
-        print("robots that can be had by: pip install 'pinconsist[robots]'")
+    if missing := [name for name in ROBOTS if name not in robots]:
+        print("robots that are available after: pip install 'pinconsist[robots]'")
         output.paragraph(", ".join(missing), indent="  ")
-    print(f"\nfor compare also {' and '.join(PROBLEMS)}, whose answers are known in closed form")
+    print(f"\nfor compare also {' and '.join(PROBLEMS)}, whose solutions are known in closed form")
     return output.FINE
 
 
-def _robots() -> tuple[list[str], list[str]]:
-    """Robots whose files are there, and those whose files are not."""
-    from ..formats.robots import ROBOTS, robot_file
+def _is_installed(robot) -> bool:
+    from ..formats.robots import robot_file
 
-    found, missing = [], []
-    for name in ROBOTS:
-        try:
-            robot_file(name)
-            found.append(name)
-        except MissingExtraError:
-            missing.append(name)
-    return found, missing
+    try:
+        robot_file(robot)
+    except MissingExtraError:
+        return False
+    return True

@@ -1,4 +1,4 @@
-"""What commands print and write: tables, numbers, JSON, exit codes, and files checked before a long run."""
+"""What commands print and write: exit codes, messages, tables, JSON, and files that are checked before a long run."""
 
 from __future__ import annotations
 
@@ -41,19 +41,18 @@ def table(columns, rows, *, title=None, width=WIDTH):
     rows = [[str(cell) for cell in row] for row in rows]
     least = 0  # rich drops columns from a table that is squeezed further; a terminal wraps the lines instead
     for k, name in enumerate(columns):
-        title_of, of_numbers = name.removesuffix(">"), name.endswith(">")
-        own = max(map(len, [title_of, *(row[k] for row in rows)]))
+        heading, of_numbers = name.removesuffix(">"), name.endswith(">")
+        own = max(map(len, [heading, *(row[k] for row in rows)]))
         least += 3 + (own if of_numbers else min(own, NAME_WIDTH))
-        grid.add_column(title_of, justify="right" if of_numbers else "left", no_wrap=of_numbers, overflow="fold")
-    plain = {"highlight": False, "markup": False, "emoji": False}
-    console = Console(**plain)
-    console = Console(**plain, width=max(least, console.width if console.is_terminal else width))
+        grid.add_column(heading, justify="right" if of_numbers else "left", no_wrap=of_numbers, overflow="fold")
     for row in rows:
         grid.add_row(*map(Text, row))
+    console = Console(highlight=False, markup=False, emoji=False)
+    console.width = max(least, console.width if console.is_terminal else width)
     with console.capture() as drawn:
         console.print(grid, crop=False)
-    lines = [line.rstrip() for line in drawn.get().splitlines()]
-    print("\n".join([*([title] if title else []), *filter(None, lines), ""]))
+    lines = filter(None, (line.rstrip() for line in drawn.get().splitlines()))
+    print(*filter(None, [title]), *lines, "", sep="\n")
 
 
 def paragraph(text, *, indent="", hanging=""):
@@ -64,7 +63,7 @@ def paragraph(text, *, indent="", hanging=""):
 
 
 def print_error(error):
-    """Say on stderr what went wrong and, where the advice is in terms of Python, which options it means."""
+    """Print an error on stderr and, where its advice is in terms of Python, the options to use instead."""
     print(f"pinconsist: error: {error}", file=sys.stderr)
     if isinstance(error, AssemblyError) and error.gaps:
         print("on the command line: --at JOINT=VALUE, --closure point, --reanchor", file=sys.stderr)
@@ -75,6 +74,12 @@ def number(value) -> str:
     return f"{value:.4e}"
 
 
+def counted(count: int, noun: str) -> str:
+    """``1 loop``, ``2 loops``, ``2 bodies``."""
+    plural = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}s"
+    return f"{count} {noun if count == 1 else plural}"
+
+
 def machine() -> str:
     """The machine and the versions behind a measurement, in a line."""
     import platform
@@ -82,11 +87,6 @@ def machine() -> str:
 
     packages = ", ".join(f"{name} {version(name)}" for name in ("pin", "numpy", "scipy"))
     return f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {packages}"
-
-
-def counted(count: int, noun: str) -> str:
-    """``1 loop``, ``2 loops``."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def print_json(values):
@@ -123,8 +123,14 @@ def require_figure(file):
         raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
 
 
+def print_written(*given, before=""):
+    """Name the files that were written, if any."""
+    if names := [file for file in given if file]:
+        print(f"{before}written: {', '.join(names)}")
+
+
 def written(file, write):
-    """Call `write`, which writes `file`; trouble with the disk is a message, no traceback."""
+    """Call `write`, which writes `file`; a disk error becomes an InputError."""
     try:
         return write()
     except OSError as error:

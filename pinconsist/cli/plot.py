@@ -5,30 +5,31 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from ..errors import InputError
-from . import motion, output, scene
+from . import options as given
+from . import output
+from .options import option
+from .run import in_a_line, run_of
 
-OF_A_SCENE = ("drift", "energy")  # pictures for which the rows of a file are not enough
+OF_A_SCENE = ("drift", "energy")  # pictures that need the mechanism
 
 
 def plot(
-    source: motion.Source,
+    source: given.RunOrScene,
     what: Annotated[
         str,
-        typer.Option(
-            metavar="NAME,NAME,...",
-            help="Pictures, one under the other: trajectory, multipliers, drift, energy, steps, phase.",
+        option(
+            "--what", "NAME,NAME,...",
+            "Pictures, one under the other: trajectory, multipliers, drift, energy, steps, phase.",
         ),
     ] = "trajectory,multipliers",
     out: Annotated[
-        str | None, typer.Option(metavar="FILE.png", help="The figure (or .pdf, .svg). Default: NAME.png here.")
+        str | None, option("--out", "FILE.png", "The figure (or .pdf, .svg). Default: NAME.png here.")
     ] = None,
-    until: scene.Until = None,
-    scene_of_run: motion.SceneOfRun = None,
+    until: given.Until = None,
+    scene_of_run: given.SceneOfRun = None,
     as_json: output.Json = False,
-) -> int:
+) -> int:  # fmt: skip
     """Draw a saved run, or a scene.
 
     Example: pinconsist plot run.npz --what multipliers,energy --out run.png
@@ -42,7 +43,7 @@ def plot(
     for name in names:
         if name not in PICTURES:
             raise InputError(f"--what {what}: there is no picture {name!r}; there are {', '.join(PICTURES)}")
-    mech, sol, code = motion.motion(source, scene_of_run, until)
+    mech, sol, code = run_of(source, scene_of_run, until)
     if mech is None and (without := [name for name in names if name in OF_A_SCENE]):
         there = ", ".join(name for name in PICTURES if name not in OF_A_SCENE)
         raise InputError(
@@ -55,9 +56,7 @@ def plot(
             "scene": mech and mech.name, "t": [sol.t[0], sol.t[-1]], "rows": len(sol.t), "message": sol.message,
             "what": names, "files": {"out": out},
         })  # fmt: skip
-        return code
-    print(motion.told(mech, sol))
-    for name in names:
-        print(f"  {name:12} {PICTURES[name][0]}")
-    print(f"written: {out}")
+    else:
+        print(in_a_line(mech, sol), *(f"  {name:12} {PICTURES[name][0]}" for name in names), sep="\n")
+        output.print_written(out)
     return code

@@ -1,33 +1,35 @@
-"""`pinconsist replay`."""
+"""`pinconsist replay`, and the options for how a page looks."""
 
 from __future__ import annotations
 
 import logging
 import time
 import webbrowser
+from math import floor, log10
 from typing import Annotated
 
-import typer
-
 from ..errors import InputError
-from . import motion, output, scene, shown
+from . import options as given
+from . import output
+from .options import option
+from .run import in_a_line, run_of
 
 
 def replay(
-    source: motion.Source,
-    scene_of_run: motion.SceneOfRun = None,
-    until: scene.Until = None,
-    forces: shown.Forces = False,
-    traces: shown.Traces = None,
-    speed: shown.Speed = None,
-    loop: Annotated[bool, typer.Option("--loop/--once", help="Play again and again, or once.")] = True,
+    source: given.RunOrScene,
+    scene_of_run: given.SceneOfRun = None,
+    until: given.Until = None,
+    forces: given.Forces = False,
+    traces: given.Traces = None,
+    speed: given.Speed = None,
+    loop: Annotated[bool, option("--loop/--once", None, "Play again and again, or once.")] = True,
     html: Annotated[
-        str | None, typer.Option(metavar="FILE.html", help="Write the page instead of opening a browser.")
+        str | None, option("--html", "FILE.html", "Write the page instead of opening a browser.")
     ] = None,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Only print the page's address and serve it until Ctrl-C.")
+        bool, option("--no-browser", None, "Only print the page's address and serve it until Ctrl-C.")
     ] = False,
-) -> int:
+) -> int:  # fmt: skip
     """Play a saved run, or a scene, in the browser.
 
     Example: pinconsist replay run.npz --forces --trace coupler_tip --speed 0.5
@@ -39,22 +41,22 @@ def replay(
             raise InputError(
                 f"{source} holds a general problem, which has no scene to play; pinconsist plot {source} draws it"
             )
-        shown.require_drawable(mech, traces, speed)
+        require_drawable(mech, traces, speed)
 
-    mech, sol, code = motion.motion(source, scene_of_run, until, require)
-    look = {"speed": shown.pace(speed, sol), "traces": traces or (), "forces": forces}
-    print(motion.told(mech, sol))
+    mech, sol, code = run_of(source, scene_of_run, until, require)
+    how = look(sol, forces, traces, speed)
+    print(in_a_line(mech, sol))
     if html:
         from ..view.page import export_html
 
-        output.written(html, lambda: export_html(mech, sol, html, **look))
-        print(f"written: {html}")
-        return code
-    _show(mech, sol, look, loop, no_browser)
+        output.written(html, lambda: export_html(mech, sol, html, **how))
+        output.print_written(html)
+    else:
+        _serve(mech, sol, how | {"loop": loop}, no_browser)
     return code
 
 
-def _show(mech, sol, look, loop, no_browser):
+def _serve(mech, sol, how, no_browser):
     from ..view.page import replay as show
 
     try:
@@ -62,7 +64,7 @@ def _show(mech, sol, look, loop, no_browser):
     except webbrowser.Error:
         no_browser = True
         print("no browser was found here")
-    address = show(mech, sol, **look, loop=loop, open_browser=not no_browser)
+    address = show(mech, sol, **how, open_browser=not no_browser)
     if not no_browser:
         print("the page is open in your browser, and plays on without this command")
         return
@@ -72,3 +74,32 @@ def _show(mech, sol, look, loop, no_browser):
             time.sleep(3600)
     except KeyboardInterrupt:
         logging.getLogger(__name__).debug("no longer served")
+
+
+def look(sol, forces, traces, speed) -> dict:
+    """The options of a page for `view`; without `speed` real time, or slower if the run would be over at once."""
+    length = abs(sol.t[-1] - sol.t[0])
+    if speed is None:
+        speed = 10.0 ** floor(log10(length)) if 0 < length < 1 else 1.0
+    return {"speed": speed, "traces": traces or (), "forces": forces}
+
+
+def require_drawable(mech, traces, speed):
+    """Raise InputError before a long run for a --trace of no frame, or a --speed that is not positive."""
+    if speed is not None and not 0 < speed < float("inf"):
+        raise InputError(f"--speed {speed}: needs a positive number")
+    if traces:
+        from ..formats.reading import near
+
+        names = [frame.name for frame in mech.model.frames]
+        for name in traces:
+            if name not in names:
+                raise InputError(f"{mech.name}: no frame {name!r} to trace{near(name, names)}")
+
+
+def require_page(html, forces, traces, speed):
+    """Raise InputError for options of a page without --html."""
+    values = {"--forces": forces, "--trace": traces, "--speed": speed is not None}
+    without = [name for name, value in values.items() if value]
+    if without and not html:
+        raise InputError(f"{without[0]} sets how the page of --html looks; give --html FILE.html too")

@@ -1,13 +1,11 @@
-"""Options that say which mechanism is meant and from where it starts, the same for all commands."""
+"""The scene of a command: joint values as they are typed, what is printed about it, and what looks like a mistake."""
 
 from __future__ import annotations
 
+import logging
 import re
 import sys
-from math import pi
-from typing import Annotated
-
-import typer
+from math import isfinite, pi, remainder, tau
 
 from ..errors import InputError
 from ..recording.scene import Scene as Scene
@@ -15,59 +13,10 @@ from ..recording.scene import loaded as loaded
 from .output import counted
 
 PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")
-PANEL = "Scene"
-START = "Start"
 ROUNDING, CLOSE_BY = 1e-9, 1e-2  # rad or m
-
-
-def _option(*names, panel=PANEL, **more):
-    return typer.Option(*names, rich_help_panel=panel, show_default=False, **more)
-
-
-Source = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE",
-        help="A built-in scene (see: pinconsist models), a .urdf, .sdf or .xml (MJCF) file, or a folder of a .urdf.",
-    ),
-]
-Loops = Annotated[
-    str | None, _option("--loops", metavar="FILE", help="Loop file (YAML). Default: the one beside the .urdf.")
-]
-Closure = Annotated[
-    str | None,
-    _option("--closure", metavar="KIND", help="Close every loop by this kind instead, such as point, hinge or frame."),
-]
-FreeFlyer = Annotated[bool, _option("--free-flyer", help="Let the root link float instead of fixing it to the ground.")]
-PackageDirs = Annotated[
-    list[str] | None, _option("--package-dir", metavar="DIR", help="Folder to look for meshes in; may be repeated.")
-]
-Reanchor = Annotated[
-    bool, _option("--reanchor", help="Move the anchors of loops that cannot close to where they fit best.")
-]
-From = Annotated[float, typer.Option("--from", metavar="SECONDS", help="Time at the start.", rich_help_panel=START)]
-At = Annotated[
-    list[str] | None,
-    _option(
-        "--at", metavar="JOINT=VALUE ...", panel=START,
-        help="Start with these joints here, in rad or m, such as 0.3 or pi/2; the others follow. Several "
-        "numbers: joint=0,0,0,1.",
-    ),
-]  # fmt: skip
-WithVelocity = Annotated[
-    list[str] | None,
-    _option(
-        "--with-velocity", metavar="JOINT=VALUE ...", panel=START,
-        help="Start with these joint velocities, in rad/s or m/s; the others follow. Default: rest.",
-    ),
-]  # fmt: skip
-Until = Annotated[
-    float | None,
-    _option(
-        "--until", metavar="SECONDS", panel=START,
-        help="Time at the end. Default: the scene's own duration, 5 s where it says none.",
-    ),
-]  # fmt: skip
+MOST_SHOWN = 3  # warnings of a kind
+TILTS = ("tilt1", "tilt2", "rx", "ry", "rz", "cross")
+_log = logging.getLogger(__name__)
 
 
 def joint_values(texts, option: str) -> dict[str, list[float]]:
@@ -83,13 +32,13 @@ def joint_values(texts, option: str) -> dict[str, list[float]]:
         try:
             values[joint] = [_number(each) for each in numbers.split(",")]
         except ValueError:
-            several = "; several are separated by blanks" if "=" in numbers else ""
+            several = "; separate several by blanks" if "=" in numbers else ""
             raise InputError(f"{option} {text}: {numbers!r} is not a number{several}") from None
     return values
 
 
 def _number(text) -> float:
-    """A number, also in parts of pi: singular positions are exact or none."""
+    """A number, also in parts of pi: a singular position is met exactly or not at all."""
     match = PARTS_OF_PI.fullmatch(text.replace(" ", ""))
     if not match:
         return float(text)
@@ -109,47 +58,105 @@ def by_joint(mech, vector, *, velocity=False) -> dict:
     return result
 
 
-def tell_moved(mech, wanted, assembly):
-    """Say on stderr which of the joints named by --at could not stay where they were put.
-
-    Raises
-    ------
-    InputError
-        Each could stay alone, but not all together. Joints that end close by are told only: rounded values that
-        choose one of several ways to close the loops are no contradiction.
-    """
-    from ..mechanism.assembly import assemble
-
-    moved = [joint for joint, value in wanted.items() if not _is_at(mech, assembly.q, joint, value, ROUNDING)]
-    if len(wanted) > 1 and any(not _is_at(mech, assembly.q, joint, wanted[joint], CLOSE_BY) for joint in moved):
-        alone = {joint: assemble(mech, {joint: wanted[joint]}).q for joint in wanted}
-        if all(_is_at(mech, q, joint, wanted[joint], ROUNDING) for joint, q in alone.items()):
-            first = next(iter(wanted))
-            others = ", ".join(f"{joint} = {_at(mech, alone[first], joint)}" for joint in wanted if joint != first)
-            raise InputError(
-                f"{mech.name}: the loops do not allow the positions given for {', '.join(wanted)} together: with "
-                f"{first} = {_at(mech, alone[first], first)} they close at {others}. Name fewer joints by --at"
-            )
-    if moved:
-        asked = ", ".join(f"{joint} = {' '.join(f'{each:g}' for each in value)}" for joint, value in wanted.items())
-        start = ", ".join(f"{joint} = {_at(mech, assembly.q, joint)}" for joint in wanted)
-        print(f"pinconsist: note: the loops do not close with {asked}; they do at {start}", file=sys.stderr)
-
-
-def _is_at(mech, q, joint, value, tolerance) -> bool:
-    import numpy as np
-
-    return np.allclose(mech.configuration({joint: value}, base=q), q, rtol=0, atol=tolerance)
-
-
-def _at(mech, q, joint) -> str:
-    numbers = by_joint(mech, q)[joint]
-    return " ".join(f"{each:.6g}" for each in (numbers if isinstance(numbers, list) else [numbers]))
-
-
 def describe(mech, assembly) -> str:
     """The scene in one line."""
     text = f"{mech.name}: {counted(len(mech.joints), 'joint')}, {counted(len(mech.loops), 'loop')}"
     if mech.loops:
         text += f" of {counted(assembly.rows, 'row')} ({assembly.rank} independent)"
     return f"{text}, mobility {assembly.mobility}"
+
+
+def report_moved(mech, wanted, assembly):
+    """Print on stderr where the joints given by --at are, if they could not stay where they were put.
+
+    Raises
+    ------
+    InputError
+        Each position is possible, but not all together. Joints that end close by are reported only: rounded values
+        that choose one of several ways to close the loops do not contradict each other.
+    """
+    from ..mechanism.assembly import assemble
+
+    def is_at(q, joint, tolerance):
+        q_wanted = mech.configuration({joint: wanted[joint]}, base=q)
+        return all(abs(q_wanted - q) <= tolerance)
+
+    def positions(configurations):
+        return ", ".join(f"{joint} = {text(by_joint(mech, q)[joint], 6)}" for joint, q in configurations.items())
+
+    moved = [joint for joint in wanted if not is_at(assembly.q, joint, ROUNDING)]
+    if len(wanted) > 1 and not all(is_at(assembly.q, joint, CLOSE_BY) for joint in moved):
+        alone = {joint: assemble(mech, {joint: wanted[joint]}).q for joint in wanted}
+        if all(is_at(q, joint, ROUNDING) for joint, q in alone.items()):
+            first, *others = wanted
+            q = alone[first]
+            raise InputError(
+                f"{mech.name}: the loops do not allow the positions given for {', '.join(wanted)} together: with "
+                f"{positions({first: q})} they close at {positions(dict.fromkeys(others, q))}. Name fewer joints by "
+                "--at"
+            )
+    if moved:
+        asked = ", ".join(f"{joint} = {text(value, 6)}" for joint, value in wanted.items())
+        start = positions(dict.fromkeys(wanted, assembly.q))
+        print(f"pinconsist: note: the loops do not close with {asked}; they do at {start}", file=sys.stderr)
+
+
+def text(value, digits=4) -> str:
+    """A number, or several with blanks between them."""
+    return " ".join(f"{each:.{digits}g}" for each in (value if hasattr(value, "__len__") else [value]))
+
+
+def scene_warnings(mech, assembly) -> list[str]:
+    """What looks like a mistake in a scene that closes: a sentence for each."""
+    outside = _outside_limits(mech, assembly.q)
+    more = [f"… and {len(outside) - MOST_SHOWN} more joints"] if len(outside) > MOST_SHOWN else []
+    return [*outside[:MOST_SHOWN], *more, *_immobile(mech, assembly)]
+
+
+def log_warnings(sentences):
+    """Log what `scene_warnings` returned."""
+    for sentence in sentences:
+        _log.warning("%s", sentence)
+
+
+def _outside_limits(mech, q) -> list[str]:
+    """Joints with one coordinate that is outside the limits of their file; whole turns do not count."""
+    model, found = mech.model, []
+    for i, joint in enumerate(mech.joints, start=1):
+        k = model.idx_qs[i]
+        low, high, value = model.lowerPositionLimit[k], model.upperPositionLimit[k], q[k]
+        if model.nqs[i] != 1 or not low < high or low - ROUNDING <= value <= high + ROUNDING:
+            continue
+        middle, turns = (low + high) / 2, model.joints[i].shortname().startswith("JointModelR")
+        if turns and isfinite(middle) and abs(remainder(value - middle, tau)) <= high - middle:
+            continue
+        found.append(
+            f"{joint} = {value:.6g} is outside the limits of its file, {low:.6g} … {high:.6g}: a wrong anchor or guess?"
+        )
+    return found
+
+
+def _immobile(mech, assembly) -> list[str]:
+    """A sentence about a mechanism of mobility 0 that no drive moves, and the rows that hold it."""
+    import numpy as np
+
+    from ..mechanism.constraints.rank import independent_rows
+    from ..mechanism.loop_solver import LoopSolver
+
+    if assembly.mobility or not mech.loops:
+        return []
+    solver = LoopSolver(mech)
+    if solver.loop_rows.moving:
+        return []
+    _, J = solver.rows(assembly.q)
+    helping = []
+    for loop in mech.loops:
+        rows = [row for row in loop.rows if row in TILTS]
+        kept = np.array([of != loop.name or row not in rows for of, row in mech.row_labels])
+        if left := mech.nv - len(independent_rows(J[kept], solver.loop_rows.turns[kept])):
+            helping.append(f"without rows {', '.join(rows)} loop {loop.name!r} would leave {counted(left, 'motion')}")
+    advice = f"; {'; '.join(helping[:MOST_SHOWN])}, as a planar hinge does" if helping else ""
+    return [
+        f"nothing can move: the loops hold all {mech.nv} velocities, and nothing is driven. Check the axes of loops "
+        f"and joints{advice}"
+    ]

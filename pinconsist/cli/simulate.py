@@ -3,101 +3,70 @@
 from __future__ import annotations
 
 import time
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from ..errors import InputError, SavingError
 from ..interrupts import deferred
-from . import doubts, output, scene, shown
-from .progress import Progress, doing
-
-METHOD, FILES = "Method", "Results"
+from . import options as given
+from . import output, replay, scene
+from .options import METHOD, RESULTS, option
+from .run import exit_code, resume_hint
+from .terminal import doing, progress_of_run
 
 
 def simulate(
-    source: scene.Source,
-    loops: scene.Loops = None,
-    closure: scene.Closure = None,
-    free_flyer: scene.FreeFlyer = False,
-    package_dirs: scene.PackageDirs = None,
-    reanchor: scene.Reanchor = False,
-    start: scene.From = 0.0,
-    until: scene.Until = None,
-    at: scene.At = None,
-    with_velocity: scene.WithVelocity = None,
-    step: Annotated[
-        float | None,
-        typer.Option(metavar="SECONDS", help="Fixed step. Default: step and order vary.", rich_help_panel=METHOD),
-    ] = None,
+    source: given.Source,
+    loops: given.Loops = None,
+    closure: given.Closure = None,
+    free_flyer: given.FreeFlyer = False,
+    package_dirs: given.PackageDirs = None,
+    reanchor: given.Reanchor = False,
+    start: given.From = 0.0,
+    until: given.Until = None,
+    at: given.At = None,
+    with_velocity: given.WithVelocity = None,
+    step: given.Step = None,
     order: Annotated[
         int | None,
-        typer.Option(
-            metavar="K", help="Highest order, 1 to 5 (default 5); with --step the order throughout, 1 to 6.",
-            rich_help_panel=METHOD,
-        ),
+        option("--order", "K", "Highest order, 1 to 5 (default 5); with --step the order throughout, 1 to 6.", METHOD),
     ] = None,
-    method: Annotated[str, typer.Option(metavar="NAME", help="BDF or ImplicitEuler.", rich_help_panel=METHOD)] = "BDF",
-    rtol: Annotated[
-        float, typer.Option(metavar="NUMBER", help="Relative tolerance of each step.", rich_help_panel=METHOD)
-    ] = 1e-6,
-    atol: Annotated[
-        float, typer.Option(metavar="NUMBER", help="Absolute tolerance of each step.", rich_help_panel=METHOD)
-    ] = 1e-8,
-    max_step: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Largest varying step.", rich_help_panel=METHOD)
-    ] = None,
-    max_steps: Annotated[
-        int | None, typer.Option(metavar="N", help="Give up after so many steps.", rich_help_panel=METHOD)
-    ] = None,
+    method: Annotated[str, option("--method", "NAME", "BDF or ImplicitEuler.", METHOD)] = "BDF",
+    rtol: given.Rtol = 1e-6,
+    atol: given.Atol = 1e-8,
+    max_step: Annotated[float | None, option("--max-step", "SECONDS", "Largest variable step.", METHOD)] = None,
+    max_steps: given.MaxSteps = None,
     consistency: Annotated[
         str,
-        typer.Option(
-            metavar="MODE", rich_help_panel=METHOD,
-            help="every-step: forces right throughout. initial: only the initial velocities are changed (needs "
-            "--step). exact: plain BDF, whose first forces are wrong.",
+        option(
+            "--consistency", "MODE",
+            "every-step: forces right throughout. initial: only the initial velocities are changed (needs --step). "
+            "exact: plain BDF, whose first forces are wrong.",
+            METHOD,
         ),
     ] = "every-step",
-    out: Annotated[
-        str | None, typer.Option(metavar="FILE.npz", help="Save the run.", rich_help_panel=FILES)
-    ] = None,
+    out: Annotated[str | None, option("--out", "FILE.npz", "Save the run.", RESULTS)] = None,
     save_every: Annotated[
         float | None,
-        typer.Option(
-            metavar="SECONDS", rich_help_panel=FILES,
-            help="Save the run at every so many simulated seconds too; from there pinconsist resume continues it.",
+        option(
+            "--save-every", "SECONDS",
+            "Also save the run after each such interval of simulated time; pinconsist resume continues from there.",
+            RESULTS,
         ),
     ] = None,
-    html: Annotated[
-        str | None, typer.Option(metavar="FILE.html", help="Write a page that plays it.", rich_help_panel=FILES)
-    ] = None,
-    forces: shown.Forces = False,
-    traces: shown.Traces = None,
-    speed: shown.Speed = None,
-    plot: Annotated[
-        str | None, typer.Option(metavar="FILE.png", help="Draw it over time (or .pdf, .svg).", rich_help_panel=FILES)
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object instead.", rich_help_panel=FILES)
-    ] = False,
+    html: Annotated[str | None, option("--html", "FILE.html", "Write a page that plays it.", RESULTS)] = None,
+    forces: given.Forces = False,
+    traces: given.Traces = None,
+    speed: given.Speed = None,
+    plot: Annotated[str | None, option("--plot", "FILE.png", "Draw it over time (or .pdf, .svg).", RESULTS)] = None,
+    as_json: Annotated[bool, option("--json", None, "Print one JSON object instead.", RESULTS)] = False,
 ) -> int:  # fmt: skip
-    """Simulate a scene: close its loops, integrate, and certify what came out.
+    """Simulate a scene: close its loops, integrate, and certify the result.
 
     Example: pinconsist simulate crank_rocker --with-velocity crank=12 --until 2 --out run.npz --html run.html
     """
-    out = out and str(Path(out).with_suffix(".npz") if not Path(out).suffix else out)
-    if out and Path(out).suffix != ".npz":
-        raise InputError(f"--out {out}: a run is saved as .npz")
-    files = [file for file in (out, html, plot) if file]
-    if len({Path(file).absolute() for file in files}) < len(files):
-        raise InputError("two of --out, --html and --plot name the same file")
-    if save_every is not None and not out:
-        raise InputError("--save-every says when the run is saved; give --out FILE.npz too")
-    output.require_writable(*files)
-    output.require_figure(plot)
-    shown.require_page(html, forces, traces, speed)
+    out = _check_files(out, html, plot, save_every)
+    replay.require_page(html, forces, traces, speed)
     from ..mechanism.assembly import assemble
     from ..recording.recipe import recipe_of
     from ..recording.stretches import carried_out
@@ -105,21 +74,23 @@ def simulate(
     q0 = scene.joint_values(at, "--at")
     v0 = scene.joint_values(with_velocity, "--with-velocity")
     what = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
-    mech, read = what.load_with_hashes()
-    shown.require_drawable(mech, traces, speed)
+    mech, hashes = what.load_with_hashes()
+    replay.require_drawable(mech, traces, speed)
     until = start + mech.duration if until is None else until
     assembly = assemble(mech, q0 or None, v0 or None)
-    scene.tell_moved(mech, q0, assembly)
-    doubts.tell(doubts.doubts(mech, assembly))
+    scene.report_moved(mech, q0, assembly)
+    scene.log_warnings(scene.scene_warnings(mech, assembly))
     if not as_json:
         print(scene.describe(mech, assembly) + "\n")
-    options = {"method": method, "step": step, "rtol": rtol, "atol": atol, "consistency": consistency}
-    given = {"max_order": order, "max_step": max_step, "max_steps": max_steps}
-    options |= {name: value for name, value in given.items() if value is not None}
+    settings = {
+        "method": method, "step": step, "rtol": rtol, "atol": atol, "consistency": consistency, "max_order": order,
+        "max_step": max_step, "max_steps": max_steps,
+    }  # fmt: skip
+    settings = {name: value for name, value in settings.items() if value is not None or name == "step"}
     where = what.record(out or "run.npz")
-    recipe = recipe_of(where, read, mech, (start, until), q0 or None, v0 or None, (), options, save_every)
+    recipe = recipe_of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)
     began = time.perf_counter()
-    with watched(start, until) as progress:  # what was reached is saved before anything else can go wrong
+    with progress_of_run(start, until) as progress:  # what was reached is saved before anything else can go wrong
         sol = carried_out(recipe, mech, out, callback=progress)
     seconds = time.perf_counter() - began
     if not as_json:
@@ -127,28 +98,43 @@ def simulate(
     certificate = _checked(sol)
     if not as_json:
         print(certificate or "not checked: interrupted")
-    with deferred(impatient=False):  # one more Ctrl-C waits until the files are there and are told
+    with deferred(impatient=False):  # a further Ctrl-C waits until the files are written and named
         if html:
             from ..view.page import export_html
 
-            look = {"speed": shown.pace(speed, sol), "traces": traces or (), "forces": forces}
-            drawn(html, sol, out, lambda: export_html(mech, sol, html, **look))
+            look = replay.look(sol, forces, traces, speed)
+            _drawn(html, sol, out, lambda: export_html(mech, sol, html, **look))
         if plot:
             from ..view.plots.pictures import plot_solution
 
-            drawn(plot, sol, out, lambda: plot_solution(sol, plot, mech))
+            _drawn(plot, sol, out, lambda: plot_solution(sol, plot, mech))
         if as_json:
-            written = {"out": out, "html": html, "plot": plot}
-            output.print_json(_report(mech, assembly, sol, certificate, seconds, written))
-        elif files:
-            print(f"\nwritten: {', '.join(files)}")
-        if out and exit_code(sol) == output.INTERRUPTED and not as_json:
-            print(to_be_continued(sol, out))
+            files = {"out": out, "html": html, "plot": plot}
+            output.print_json(_report(mech, assembly, sol, certificate, seconds, files))
+        else:
+            output.print_written(out, html, plot, before="\n")
+            if out and exit_code(sol) == output.INTERRUPTED:
+                print(resume_hint(sol, out))
     return exit_code(sol) if certificate else output.INTERRUPTED
 
 
+def _check_files(out, html, plot, save_every):
+    """The file of --out with its ending; raises before the run what would fail after it."""
+    out = out and str(Path(out).with_suffix(".npz") if not Path(out).suffix else out)
+    if out and Path(out).suffix != ".npz":
+        raise InputError(f"--out {out}: a run is saved as .npz")
+    files = [file for file in (out, html, plot) if file]
+    if len({Path(file).absolute() for file in files}) < len(files):
+        raise InputError("two of --out, --html and --plot name the same file")
+    if save_every is not None and not out:
+        raise InputError("--save-every sets when the run is saved; give --out FILE.npz too")
+    output.require_writable(*files)
+    output.require_figure(plot)
+    return out
+
+
 def _checked(sol):
-    """The certificate; None where it took too long for who watched."""
+    """The certificate; None if Ctrl-C ended the check."""
     try:
         with doing("checking"):
             return sol.check()
@@ -156,21 +142,8 @@ def _checked(sol):
         return None
 
 
-def run(mech, span, **options):
-    """Simulate, with a progress bar where somebody may watch it; Ctrl-C returns what was reached."""
-    from ..simulation import simulate as simulate_mechanism
-
-    with watched(*span) as progress:
-        return simulate_mechanism(mech, span, callback=progress, **options)
-
-
-def watched(start, end):
-    """A progress bar, as a callback, where somebody may watch it."""
-    return Progress(start, end) if output.on_terminal() else nullcontext()
-
-
-def drawn(file, sol, out, write):
-    """Call `write`, which writes `file`; where that fails, a run that is in no file yet is not lost."""
+def _drawn(file, sol, out, write):
+    """Call `write`, which writes `file`; if that fails, a run that is in no file yet is not lost."""
     try:
         with doing(f"writing {file}"):
             output.written(file, write)
@@ -180,35 +153,20 @@ def drawn(file, sol, out, write):
         raise SavingError(str(error), solution=sol) from error
 
 
-def to_be_continued(sol, file) -> str:
-    """What `pinconsist resume` will do with a run that was interrupted."""
-    at, start = sol.recipe["checkpoint"], sol.recipe["t_span"][0]
-    if at:
-        return f"pinconsist resume {file} continues it from t = {at['t']:g} s, its last checkpoint"
-    return f"pinconsist resume {file} begins again at t = {start:g} s: without --save-every there are no checkpoints"
-
-
-def exit_code(sol) -> int:
-    """Of a run; its only callback never stops it, so a run that was stopped was interrupted."""
-    return {0: output.FINE, 1: output.INTERRUPTED, -1: output.FAILED}[sol.status]
-
-
 def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
-    about_scene = {
-        "name": mech.name, "joints": len(mech.joints), "nq": mech.nq, "nv": mech.nv,
-        "loops": [loop.name for loop in mech.loops], "rows": assembly.rows, "rank": assembly.rank,
-        "mobility": assembly.mobility,
-    }  # fmt: skip
-    about_run = {
-        "success": sol.success, "interrupted": exit_code(sol) == output.INTERRUPTED, "message": sol.message,
-        "t": [sol.t[0], sol.t[-1]], "steps": sol.nsteps, "rejected": sol.rejected, "nfev": sol.nfev,
-        "njev": sol.njev, "nlu": sol.nlu, "seconds": seconds, "method": sol.method,
-    }  # fmt: skip
     names = ("position", "position_at", "velocity", "force", "force_first", "energy_error")
     return {
-        "scene": about_scene,
-        "run": about_run,
+        "scene": {
+            "name": mech.name, "joints": len(mech.joints), "nq": mech.nq, "nv": mech.nv,
+            "loops": [loop.name for loop in mech.loops], "rows": assembly.rows, "rank": assembly.rank,
+            "mobility": assembly.mobility,
+        },
+        "run": {
+            "success": sol.success, "interrupted": exit_code(sol) == output.INTERRUPTED, "message": sol.message,
+            "t": [sol.t[0], sol.t[-1]], "steps": sol.nsteps, "rejected": sol.rejected, "nfev": sol.nfev,
+            "njev": sol.njev, "nlu": sol.nlu, "seconds": seconds, "method": sol.method,
+        },
         "certificate": certificate and {name: getattr(certificate, name) for name in names},
         "end": {"q": scene.by_joint(mech, sol.q[-1]), "v": scene.by_joint(mech, sol.v[-1], velocity=True)},
         "files": files,
-    }
+    }  # fmt: skip

@@ -1,0 +1,99 @@
+"""The run of a command: simulated while its progress is shown, or read from a file; its exit code."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+from ..errors import InputError
+from . import output, scene
+from .terminal import progress_of_run
+
+_log = logging.getLogger(__name__)
+
+
+def exit_code(sol) -> int:
+    """Of a run; its only callback never stops it, so a run that was stopped was interrupted."""
+    return {0: output.FINE, 1: output.INTERRUPTED, -1: output.FAILED}[sol.status]
+
+
+def resume_hint(sol, file) -> str:
+    """What `pinconsist resume` will do with a run that was interrupted."""
+    at, start = sol.recipe["checkpoint"], sol.recipe["t_span"][0]
+    if at:
+        return f"pinconsist resume {file} continues it from t = {at['t']:g} s, its last checkpoint"
+    return f"pinconsist resume {file} starts again at t = {start:g} s: without --save-every there are no checkpoints"
+
+
+def run_of(source, scene_of_run, until, require=lambda mech: None):
+    """Mechanism, solution and exit code of a saved run, or of a scene, which is simulated first.
+
+    The mechanism of a saved general problem, which has no scene, is None. `require` is called with the mechanism
+    before a long run begins.
+    """
+    if Path(source).suffix == ".npz":
+        if until is not None:
+            raise InputError("--until is for a scene, which is simulated until then; a saved run (.npz) has its end")
+        mech, sol = _saved(source, scene_of_run)
+        require(mech)
+        return mech, sol, output.FINE
+    if scene_of_run:
+        raise InputError("--scene names the scene of a saved run (.npz); a scene itself needs none")
+    mech = scene.Scene(source).load()
+    require(mech)
+    from ..simulation import simulate
+
+    span = (0.0, mech.duration if until is None else until)
+    with progress_of_run(*span) as progress:
+        sol = simulate(mech, span, callback=progress)
+    return mech, sol, exit_code(sol)
+
+
+def in_a_line(mech, sol) -> str:
+    """The run in one line."""
+    name = "general problem" if mech is None else mech.name
+    return f"{name}: t = {sol.t[0]:g} … {sol.t[-1]:g} s, {len(sol.t)} rows; {sol.message}"
+
+
+def _saved(file, given):
+    """Mechanism, None of a general problem, and solution of a saved run."""
+    from ..recording.rerun import changed_files
+    from ..solution import Solution
+
+    sol = Solution.load(file)
+    what = _scene_of(sol, file, given)
+    if what is None:
+        return None, sol
+    mech, hashes = scene.loaded(what, file)
+    sizes = sol.q.shape[1], sol.v.shape[1], sol.lam.shape[1]
+    if sizes != (mech.nq, mech.nv, mech.nc):
+        raise InputError(
+            f"{file} is a run of another scene than {what.source}: it has {sizes[0]} numbers in a configuration, "
+            f"{sizes[1]} in a velocity and {sizes[2]} multipliers, the scene {mech.nq}, {mech.nv} and {mech.nc}; "
+            "name its scene by --scene"
+        )
+    if changed := changed_files((sol.recipe or {}).get("files", hashes), hashes):
+        _log.warning(
+            "the scene is not as it was when this run was made (%s); energies and forces are those of the "
+            "changed scene",
+            "; ".join(changed),
+        )
+    return mech, sol
+
+
+def _scene_of(sol, file, given):
+    """The scene of a saved run; None of a general problem, which no file of the folder must stand in for."""
+    from ..formats.catalogue import is_built_in
+
+    about = (sol.recipe or {}).get("scene")
+    if about:
+        recorded = scene.Scene.recorded(about, file)
+        return replace(recorded, source=given) if given else recorded
+    name = given or sol.scene
+    if name and not given and not is_built_in(name):
+        raise InputError(
+            f"{file} holds only the name of its scene, {name!r}, because the run was made in Python; give the scene "
+            "by --scene"
+        )
+    return scene.Scene(name) if name else None
