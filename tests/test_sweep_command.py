@@ -104,7 +104,7 @@ def test_a_stopped_sweep_goes_on_to_the_same_table_byte_for_byte(run, whole, wor
         with open(journal, "ab") as stream:
             stream.write(b'[30, {"status": "do')  # as a line is left that was being written
     else:
-        assert process.returncode == 130 and out.endswith("the same command goes on from t.csv.partial\n")
+        assert process.returncode == 130 and out.endswith("the same command continues from t.csv.partial\n")
     code, out, err = run(*SWEEP, "--out", "t.csv")
     told = [int(line.removesuffix(" of 31 cases")) for line in err.splitlines()]  # for a log
     assert told == [k for k in (4, 7, 10, 13, 16, 19, 22, 25, 28, 31) if k > done]
