@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-import scenes
-import zoo
+from helpers import scenes, zoo
 
 import pinconsist as pc
 from pinconsist.dae import stepsize

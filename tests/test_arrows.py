@@ -173,3 +173,16 @@ def test_habits(name):
     assert len(text.splitlines()) <= LONGEST, f"{name} has {len(text.splitlines())} lines"
     if text.strip() and not name.endswith("__main__.py"):
         assert ast.get_docstring(tree), f"{name} does not say what it is for"
+
+
+def test_tests_import_no_tests():
+    """What they share stands in tests/helpers."""
+    tests = {path: path.stem for path in Path(__file__).parent.rglob("test_*.py")}
+    helpers = list(Path(__file__).parent.rglob("helpers/*.py"))
+    for path in [*tests, *helpers]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+            if isinstance(node, ast.ImportFrom) and node.module:
+                names.append(node.module)
+            taken = {name.rpartition(".")[2] for name in names} & set(tests.values())
+            assert not taken, f"{path.name} imports {taken}"

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import frame_pose, mixed_tree, random_state
-from held_bodies import own_fields
-from zoo import FourBar
+from helpers.bodies import frame_pose, mixed_tree, random_state
+from helpers.held_bodies import own_fields
+from helpers.zoo import FourBar
 
 import pinconsist as pc
 

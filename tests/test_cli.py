@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import called
+from helpers.command_line import called
 
 import pinconsist
 from pinconsist.cli import main

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import called
-from test_view_forces import arrow, stated
+from helpers.command_line import called
+from helpers.pictures import arrow, stated
 
 import pinconsist
 from pinconsist.cli.app import OVERVIEW, app

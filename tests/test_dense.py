@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-import scenes
-from test_order import scaled_bead
+from helpers import scenes
+from helpers.zoo import scaled_bead
 
 import pinconsist as pc
 from pinconsist.dae.record import Record

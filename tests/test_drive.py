@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from zoo import SliderCrank
+from helpers.zoo import SliderCrank
 
 import pinconsist as pc
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pinocchio as pin
 import pytest
-from scenes import slider
+from helpers.scenes import slider
 
 import pinconsist as pc
 from pinconsist.dae.acceleration import solve_acceleration

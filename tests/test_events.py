@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-import scenes
+from helpers import scenes
 
 import pinconsist as pc
 

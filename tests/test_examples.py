@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import zoo
-from bodies import circles_meet
+from helpers import zoo
+from helpers.bodies import circles_meet
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj
 

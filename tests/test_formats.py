@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import loop_rows
-from urdf_texts import CHAIN, A, B, C, joint, write
+from helpers.bodies import loop_rows
+from helpers.urdf_texts import CHAIN, A, B, C, joint, write
 
 from pinconsist.errors import FormatError, InputError
 from pinconsist.formats import load, models

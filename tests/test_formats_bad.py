@@ -4,7 +4,7 @@ import os
 from functools import partial
 
 import pytest
-from urdf_texts import CHAIN, A, B, C, joint, write
+from helpers.urdf_texts import CHAIN, A, B, C, joint, write
 
 from pinconsist.errors import FormatError, InputError
 from pinconsist.formats import load

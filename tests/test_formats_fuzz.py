@@ -7,9 +7,9 @@ import logging
 import numpy as np
 import pinocchio as pin
 import pytest
-from fuzz_seeds import LOOP_FILE, MJCF, PLAIN_URDF, ROBOT_YAML, SDF, URDF
+from helpers.fuzz_seeds import LOOP_FILE, MJCF, PLAIN_URDF, ROBOT_YAML, SDF, URDF
+from helpers.mutations import mutated_xml, mutated_yaml
 from hypothesis import HealthCheck, given, settings, strategies
-from mutations import mutated_xml, mutated_yaml
 
 import pinconsist as pc
 

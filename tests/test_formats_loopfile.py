@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 import pytest
-from urdf_texts import BAR, CHAIN, A, B, C, joint, write
+from helpers.urdf_texts import BAR, CHAIN, A, B, C, joint, write
 
 import pinconsist as pc
 from pinconsist.errors import FormatError

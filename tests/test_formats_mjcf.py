@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bodies import frame_pose, loop_rows
+from helpers.bodies import frame_pose, loop_rows
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.motion import Motion

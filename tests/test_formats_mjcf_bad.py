@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.mjcf_zoo import BRICK, ROD, ZOO, body, chain, world
+from helpers.mutations import mutated_xml
 from hypothesis import HealthCheck, given, settings, strategies
-from mjcf_zoo import BRICK, ROD, ZOO, body, chain, world
-from mutations import mutated_xml
 
 import pinconsist as pc
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from mjcf_zoo import JOINTS, ROD, ZOO, body, world
+from helpers.mjcf_zoo import JOINTS, ROD, ZOO, body, world
 
 import pinconsist as pc
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
 
-from mujoco_peer import Peer, differences
+from helpers.mujoco_peer import Peer, differences
 
 
 @pytest.fixture(autouse=True)

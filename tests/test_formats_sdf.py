@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import frame_pose, loop_rows
-from sdf_texts import BAR, CHAIN, A, B, C, axis, joint, link, write
+from helpers.bodies import frame_pose, loop_rows
+from helpers.sdf_texts import BAR, CHAIN, A, B, C, axis, joint, link, write
 
 import pinconsist as pc
 from pinconsist.formats.robots import ROBOTS, robot_file

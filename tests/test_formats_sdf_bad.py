@@ -3,7 +3,7 @@
 from functools import partial
 
 import pytest
-from sdf_texts import BAR, CHAIN, A, B, C, axis, joint, link, write
+from helpers.sdf_texts import BAR, CHAIN, A, B, C, axis, joint, link, write
 
 import pinconsist as pc
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import loop_rows
+from helpers.bodies import loop_rows
+from helpers.urdf_texts import BAR, CHAIN, A, B, C, joint, write
 from pinocchio.robot_wrapper import RobotWrapper
-from urdf_texts import BAR, CHAIN, A, B, C, joint, write
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.coupling import Coupling

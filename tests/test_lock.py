@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import loop_rows, mixed_tree, random_state
-from scenes import add_body, add_point, at
+from helpers.bodies import loop_rows, mixed_tree, random_state
+from helpers.scenes import add_body, add_point, at
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.coupling import Coupling

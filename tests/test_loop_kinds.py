@@ -5,8 +5,8 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import frame_pose, mixed_tree, random_state
-from held_bodies import AXIS, AXIS2, JOINTS, LENGTH, E, as_loop, as_tree, free_state, joint_wrench, own_fields
+from helpers.bodies import frame_pose, mixed_tree, random_state
+from helpers.held_bodies import AXIS, AXIS2, JOINTS, LENGTH, E, as_loop, as_tree, free_state, joint_wrench, own_fields
 from scipy.integrate import solve_ivp
 
 import pinconsist as pc

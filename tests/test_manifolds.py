@@ -3,8 +3,8 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-import scenes
-from bodies import mixed_tree, random_state
+from helpers import scenes
+from helpers.bodies import mixed_tree, random_state
 
 import pinconsist as pc
 from pinconsist.dae import bdf

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
-from zoo import FourBar, G, SliderCrank, reduced_solution
+from helpers.zoo import FourBar, G, SliderCrank, reduced_solution
 
 import pinconsist as pc
 from pinconsist.mechanism.system import MechanismSystem

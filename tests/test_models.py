@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import circles_meet
-from scenes import ANDREWS_JOINTS, on_stage
+from helpers.bodies import circles_meet
+from helpers.scenes import ANDREWS_JOINTS, on_stage
 
 import pinconsist as pc
 from pinconsist.mechanism.system import MechanismSystem

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.zoo import scaled_bead
 
 import pinconsist as pc
 
@@ -82,32 +83,6 @@ def test_every_step_correction_lowers_the_rounding_floor():
     run = pc.compare("problem51", [h], order=5, count=7).runs[0]
     assert run.every_step[5:].max() < 1000 * np.finfo(float).eps / h
     assert run.consistent[5:].max() > 100 * run.every_step[5:].max()
-
-
-def scaled_bead():
-    """(problem, exact): a bead driven round the unit circle, its velocity counted in units that change with t and p."""
-    alpha = 0.8  # rad/s²
-
-    def scale(t, p):
-        return 1.5 + p[0] / 2 + t / 4
-
-    def F(t, p, v):
-        s = scale(t, p)
-        return alpha * np.array([-p[1], p[0]]) / s - v * (s * v[0] / 2 + 1 / 4) / s
-
-    def exact(t):
-        angle, speed = t + alpha * t**2 / 2, 1 + alpha * t
-        p = np.array([np.cos(angle), np.sin(angle)])
-        return p, speed * np.array([-p[1], p[0]]) / scale(t, p), -(speed**2)
-
-    problem = pc.HessenbergProblem(
-        U=lambda t, p, v: scale(t, p) * v,
-        F=F,
-        G=lambda t, p, v: p[:, None] / scale(t, p),
-        R=lambda t, p: np.array([(p @ p - 1) / 2]),
-        R_p=lambda t, p: p[None],
-    )
-    return problem, exact
 
 
 @pytest.mark.parametrize("k", range(1, 6))

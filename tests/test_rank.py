@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from scenes import on_stage
+from helpers.scenes import on_stage
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.rank import independent_rows, row_scales

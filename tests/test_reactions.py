@@ -5,8 +5,8 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
-from held_bodies import JOINTS, anchor, as_loop, own_fields
-from scenes import car_axis
+from helpers.held_bodies import JOINTS, anchor, as_loop, own_fields
+from helpers.scenes import car_axis
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc

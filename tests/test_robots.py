@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import frame_pose
+from helpers.bodies import frame_pose
 
 import pinconsist as pc
 

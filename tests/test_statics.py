@@ -5,8 +5,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
-import scenes
-import zoo
+from helpers import scenes, zoo
 from scipy.optimize import brentq
 
 import pinconsist as pc

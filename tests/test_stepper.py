@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import held_mass
+from helpers.scenes import held_mass
 
 import pinconsist as pc
 from pinconsist.dae.acceleration import NotFiniteError, solve_acceleration

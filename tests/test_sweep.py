@@ -11,7 +11,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
 import pytest
-import sweep_cases as cases
+from helpers import sweep_cases as cases
 
 import pinconsist as pc
 from pinconsist.sweeps.pool import sweep_in_processes

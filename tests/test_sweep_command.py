@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import called
+from helpers.command_line import called
 
 import pinconsist as pc
 from pinconsist.cli import main

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import sweep_cases as cases
+from helpers import sweep_cases as cases
 
 import pinconsist as pc
 from pinconsist.sweeps.outcome import Attempt
@@ -106,7 +106,7 @@ def test_mpi_gives_the_numbers_of_a_loop(tmp_path, loop):
     result = tmp_path / "told.json"
     root = ["--allow-run-as-root"] if os.geteuid() == 0 else []
     command = ["mpiexec", *root, "--oversubscribe", "-n", "3", sys.executable, "-m", "mpi4py.futures",
-               str(TESTS / "mpi_sweep.py"), str(result)]  # fmt: skip
+               str(TESTS / "helpers" / "mpi_sweep.py"), str(result)]  # fmt: skip
     run = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert run.returncode == 0, run.stderr
     assert json.loads(result.read_text()) == loop | {"processes": 2}  # the third is their master

@@ -6,9 +6,9 @@ import threading
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import placement, random_state
-from test_jacobians import closed_gap, loop_open_by
-from test_twin import LOOSE, compare_terms, needs_twin
+from helpers.bodies import placement, random_state
+from helpers.loops import closed_gap, loop_open_by
+from helpers.twin import LOOSE, compare_terms, needs_twin
 
 import pinconsist as pc
 

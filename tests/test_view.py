@@ -11,7 +11,7 @@ from urllib.request import urlopen
 import numpy as np
 import pinocchio as pin
 import pytest
-from browser import needs_browser, reported
+from helpers.browser import needs_browser, reported
 
 from pinconsist import export_html, load, plot_comparison, plot_solution, replay
 from pinconsist.errors import InputError, MissingExtraError

@@ -8,51 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
-from browser import needs_browser, reported
+from helpers.browser import needs_browser, reported
+from helpers.pictures import arrow, drawn, shown, stated, track
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.loops import Loop
-from pinconsist.view.picture import picture
 
-PLAIN = {"speed": 1.0, "fps": 50, "traces": (), "forces": False, "repetitions": 1}
 WEIGHT = 3.0  # kg
-
-
-def shown(mech, sol, **options):
-    return picture(mech, sol, **PLAIN | options)
-
-
-def track(page, path, name):
-    """Values of one track of the animation, a row for each frame."""
-    (animation,) = [each for each in page["commands"] if each["type"] == "set_animation"]
-    (clip,) = [each["clip"] for each in animation["animations"] if each["path"] == path]
-    values = {each["name"]: each["values"] for each in clip["tracks"]}
-    return np.reshape(values[name], (len(clip["tracks"][0]["times"]), -1))
-
-
-def arrow(page, path):
-    """Start and vector of an arrow at every frame, from its shaft and head: (n, 3) each."""
-    start, neck = track(page, f"{path}/shaft", ".position"), track(page, f"{path}/head", ".position")
-    turns = [pin.Quaternion(row).matrix()[:, 1] for row in track(page, f"{path}/head", ".quaternion")]
-    (head,) = [each["object"]["geometries"][0]["height"] for each in drawn(page, f"{path}/head")]
-    tip = neck + turns * (head * track(page, f"{path}/head", ".scale")[:, :1])
-    np.testing.assert_allclose(
-        turns, [pin.Quaternion(row).matrix()[:, 1] for row in track(page, f"{path}/shaft", ".quaternion")]
-    )
-    np.testing.assert_allclose(start + turns * track(page, f"{path}/shaft", ".scale")[:, 1:2], neck, atol=1e-5)
-    return start, tip - start
-
-
-def drawn(page, start):
-    return [each for each in page["commands"] if each["type"] == "set_object" and each["path"].startswith(start)]
-
-
-def stated(page):
-    """Newtons per metre, and the force at which arrows are cut, as the legend says."""
-    (text,) = [each["text"] for each in page["legend"] if each["text"].startswith("force")]
-    metres, newtons = map(float, re.search(r"(\S+) m of arrow is (\S+) N", text).groups())
-    cut = re.search(r"cut at (\S+) N", text)
-    return newtons / metres, float(cut[1]) if cut else np.inf
 
 
 def shift(page, path):

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
-from browser import needs_browser, reported
-from test_view_forces import arrow, drawn, shown, stated, track
+from helpers.browser import needs_browser, reported
+from helpers.pictures import arrow, drawn, shown, stated, track
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.loops import Loop

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodies import loop_rows, mixed_tree, random_state
-from held_bodies import own_fields
-from scenes import heavy_top, spherical_chain
-from urdf_texts import A, B, joint
-from urdf_texts import write as write_urdf
+from helpers.bodies import loop_rows, mixed_tree, random_state
+from helpers.held_bodies import own_fields
+from helpers.scenes import heavy_top, spherical_chain
+from helpers.urdf_texts import A, B, joint
+from helpers.urdf_texts import write as write_urdf
 
 import pinconsist as pc
 from pinconsist.mechanism.constraints.coupling import Coupling
@@ -307,7 +307,7 @@ BAD_SETTINGS = {
 
 @pytest.mark.parametrize("text", BAD_SETTINGS)
 def test_bad_settings_are_named(tmp_path, text):
-    from urdf_texts import CHAIN
+    from helpers.urdf_texts import CHAIN
 
     path = write_urdf(tmp_path, CHAIN.replace('"k" type="revolute"', '"k" type="prismatic"'), text)
     with pytest.raises(pc.FormatError, match=BAD_SETTINGS[text]) as caught:

@@ -3,10 +3,10 @@
 import json
 from functools import partial
 
-import command_line
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers import command_line
 
 import pinconsist as pc
 from benchmarks.ablate import SKIPS, ablate

@@ -5,8 +5,8 @@ import json
 from functools import partial
 from pathlib import Path
 
-import command_line
 import pytest
+from helpers import command_line
 
 from benchmarks.app import main
 from benchmarks.overhead import backends, chain_steps, overhead

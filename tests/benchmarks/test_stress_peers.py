@@ -6,9 +6,9 @@ import sys
 import time
 from functools import partial
 
-import command_line
 import numpy as np
 import pytest
+from helpers import command_line
 
 from benchmarks.app import main
 from benchmarks.peers.problem import Peer, Rows, SolverFailed

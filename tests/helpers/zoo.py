@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import solve_ivp
 
+import pinconsist as pc
+
 G = 9.81
 
 
@@ -120,3 +122,29 @@ def reduced_solution(linkage, q0, rate0, times):
         forces = linkage.T.T @ (linkage.mass(x) @ xdd + linkage.bias(x, xd))
         rows.append((S @ x, S @ xd, forces))
     return tuple(np.array(column) for column in zip(*rows, strict=True))
+
+
+def scaled_bead():
+    """(problem, exact): a bead driven round the unit circle, its velocity counted in units that change with t and p."""
+    alpha = 0.8  # rad/s²
+
+    def scale(t, p):
+        return 1.5 + p[0] / 2 + t / 4
+
+    def F(t, p, v):
+        s = scale(t, p)
+        return alpha * np.array([-p[1], p[0]]) / s - v * (s * v[0] / 2 + 1 / 4) / s
+
+    def exact(t):
+        angle, speed = t + alpha * t**2 / 2, 1 + alpha * t
+        p = np.array([np.cos(angle), np.sin(angle)])
+        return p, speed * np.array([-p[1], p[0]]) / scale(t, p), -(speed**2)
+
+    problem = pc.HessenbergProblem(
+        U=lambda t, p, v: scale(t, p) * v,
+        F=F,
+        G=lambda t, p, v: p[:, None] / scale(t, p),
+        R=lambda t, p: np.array([(p @ p - 1) / 2]),
+        R_p=lambda t, p: p[None],
+    )
+    return problem, exact

@@ -1,7 +1,7 @@
 """Valid files with nearly every word that is read, for the fuzz test to spoil."""
 
-import sdf_texts
-from urdf_texts import BAR, joint
+from helpers import sdf_texts
+from helpers.urdf_texts import BAR, joint
 
 BOX = """<visual><origin xyz="0 0 1" rpy="1 0 0"/><geometry><box size="1 2 3"/></geometry><material name="m"/></visual>
 <collision><geometry><mesh filename="x.stl" scale="1 1 1"/></geometry></collision>"""

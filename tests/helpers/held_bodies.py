@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from bodies import frame_pose
 
 import pinconsist as pc
+from helpers.bodies import frame_pose
 
 AXIS, AXIS2 = (0.3, -0.5, 0.8), (0.9, 0.2, -0.4)
 E, A = (np.array(axis) / np.linalg.norm(axis) for axis in (AXIS, AXIS2))

@@ -1,0 +1,1 @@
+"""What several test modules share: models, files as text, tables and comparisons."""

@@ -1,0 +1,36 @@
+"""Loops of every kind between the frames of ``bodies.mixed_tree``."""
+
+import numpy as np
+import pinocchio as pin
+
+import pinconsist as pc
+from helpers.bodies import frame_pose
+from helpers.held_bodies import AXIS, AXIS2, E, own_fields
+from pinconsist.mechanism.constraints.loops import ROW_NAMES
+
+KINDS = tuple(ROW_NAMES)
+PAIRS = [("arm", "wheel"), ("arm", "universe"), ("universe", "puck"), ("raft", "arm0"), ("raft", "wheel")]
+
+
+def loop_of(kind, frame1, frame2, **fields):
+    offsets = {"xyz1": (0.1, -0.2, 0.3), "rpy1": (0.4, 0.1, -0.6), "xyz2": (-0.3, 0.2, 0.1), "rpy2": (-0.2, 0.5, 0.3)}
+    own = own_fields(kind, AXIS, AXIS2, 0.7)
+    return pc.Loop(f"{kind} {frame1} {frame2}", kind, frame1, frame2, **own, **(offsets | fields))
+
+
+def loop_open_by(model, q, kind, frame1, frame2, gap):
+    """A loop whose anchor 2 stands at `gap` (SE3) seen from its anchor 1 at configuration q."""
+    loop = loop_of(kind, frame1, frame2)
+    anchor = frame_pose(model, q, frame2).actInv(frame_pose(model, q, frame1) * loop.placement1 * gap)
+    return loop_of(kind, frame1, frame2, xyz2=anchor.translation, rpy2=pin.rpy.matrixToRpy(anchor.rotation))
+
+
+def closed_gap(kind, rng):
+    """A pose of anchor 2 seen from anchor 1 that closes a loop of this kind, anywhere in what it leaves free."""
+    slide, angle, cross = rng.uniform(-0.5, 0.5), rng.uniform(-2, 2), np.cross(E, rng.normal(size=3))
+    turn = np.eye(3) if kind in ("point", "frame", "slider") else pin.exp3(angle * E)
+    if kind == "universal":  # any turn that leaves the two axes perpendicular
+        across, a = cross / np.linalg.norm(cross), np.array(AXIS2) / np.linalg.norm(AXIS2)
+        turn = turn @ pin.Quaternion.FromTwoVectors(a, across).matrix() @ pin.exp3(1.3 * a)
+    shift = {"slider": slide * E, "cylinder": slide * E, "plane": cross, "distance": 0.7 * E}.get(kind, np.zeros(3))
+    return pin.SE3(turn, shift)

@@ -1,0 +1,46 @@
+"""The terms of the compiled twin against those in Python."""
+
+import numpy as np
+import pytest
+
+from pinconsist import _core
+from pinconsist.dae import compiled, start
+from pinconsist.dae.acceleration import solve_acceleration
+from pinconsist.mechanism.system import MechanismSystem
+
+needs_twin = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
+LOOSE = {"rtol": 1e-4, "atol": 1e-6}  # errors far above rounding, which the choice of steps enlarges
+
+
+def twin_of(system):
+    twin, why = compiled.twin_of(system)
+    assert twin is not None, why
+    return twin
+
+
+def assert_same(a, b, size=1e-12):
+    """Equal to rounding of the largest number."""
+    a, b = np.asarray(a), np.asarray(b)
+    np.testing.assert_allclose(a, b, atol=size * (1.0 + np.abs(a).max(initial=0.0)), rtol=0)
+
+
+def compare_terms(mech, q, t=0.3, seed=0):
+    """Residuals, matrix, accelerations and projections of both, with all rows that the system keeps."""
+    system, rng = MechanismSystem(mech, q, t), np.random.default_rng(seed)
+    twin = twin_of(MechanismSystem(mech, q, t))
+    assert twin.nc == system.nc
+    v, a, c = rng.normal(size=system.nv), rng.normal(size=system.nv), 0.07
+    f, phi, G, rho = (np.array(part) for part in system.evaluate(t, q, v, a))
+    A = np.empty((system.nv, system.nv))
+    system.linearize(t, q, v, a, np.zeros(system.nc), c, A)
+    for ours, theirs in zip(
+        (f, phi, G.T, rho, A), (*twin.evaluate(t, q, v, a), twin.linearize(t, q, v, a, c)), strict=True
+    ):
+        assert_same(ours, theirs)
+    projection = _core.load()[0].Projection(twin)
+    start_state = start.state(system, t, q, v)
+    assert projection.project(t, q, v)[2] == ""
+    for ours, theirs in zip(start_state[1:3], projection.project(t, q, v), strict=False):
+        assert_same(ours, theirs, 1e-10)
+    for ours, theirs in zip(solve_acceleration(system, t, q, v), projection.acceleration(t, q, v)[:2], strict=True):
+        assert_same(ours, theirs, 1e-10)
