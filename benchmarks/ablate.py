@@ -23,7 +23,7 @@ from pinconsist.dae.events import Event
 from pinconsist.dae.foresight import Foresight
 from pinconsist.dae.reuse import Reuse
 from pinconsist.errors import InputError
-from pinconsist.formats.catalogue import load
+from pinconsist.formats.load import load
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.simulation import simulate
 

@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dgesv
 from pinconsist import _core
 from pinconsist.cli import output
 from pinconsist.dae.compiled import stepper_for
-from pinconsist.formats.catalogue import load
+from pinconsist.formats.load import load
 from pinconsist.mechanism.assembly import assemble
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.plan import method_of

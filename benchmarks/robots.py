@@ -14,7 +14,8 @@ import typer
 
 from pinconsist.cli import output
 from pinconsist.errors import AssemblyError, InputError, PinconsistError
-from pinconsist.formats.catalogue import is_built_in, load
+from pinconsist.formats.catalogue import is_built_in
+from pinconsist.formats.load import load
 from pinconsist.mechanism.assembly import assemble
 from pinconsist.simulation import simulate
 

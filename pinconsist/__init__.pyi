@@ -14,8 +14,8 @@ from .errors import PinconsistError as PinconsistError
 from .errors import SavingError as SavingError
 from .errors import SingularSystemError as SingularSystemError
 from .errors import UserFunctionError as UserFunctionError
-from .formats.catalogue import load as load
 from .formats.catalogue import models as models
+from .formats.load import load as load
 from .formats.write import write as write
 from .mechanism.assembly import Assembly as Assembly
 from .mechanism.assembly import assemble as assemble

@@ -41,7 +41,6 @@ OPTIONAL = {"meshcat", "matplotlib", "rich", "typer", "yaml", "defusedxml", "coa
 TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files only where they are used
     "formats/loopfile.py": {"yaml"},
     "formats/write.py": {"yaml"},
-    "formats/xml_reading.py": {"defusedxml"},
     "view/visuals.py": {"defusedxml"},
 }
 LONGEST = 300

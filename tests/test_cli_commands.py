@@ -193,7 +193,7 @@ def test_models_lists_families_and_the_robots_that_are_installed(run, monkeypatc
     def missing(name):
         raise pinconsist.MissingExtraError(name)
 
-    monkeypatch.setattr("pinconsist.formats.robots.robot_file", missing)
+    monkeypatch.setattr("pinconsist.formats.catalogue.robot_file", missing)
     assert json.loads(run("models", "--json")[1])["robots"] == []
     out = run("models")[1]
     assert (

@@ -12,7 +12,7 @@ from helpers.bodies import frame_pose, loop_rows
 from helpers.sdf_texts import BAR, CHAIN, A, B, C, axis, joint, link, write
 
 import pinconsist as pc
-from pinconsist.formats.robots import ROBOTS, robot_file
+from pinconsist.formats.catalogue import ROBOTS, robot_file
 from pinconsist.view.visuals import visuals
 
 FOUR_BAR = Path(__file__).parent / "data" / "four_bar.sdf"
@@ -653,12 +653,12 @@ def test_cassie_floats_and_falls():
 def test_robots_that_are_not_installed_name_their_package(monkeypatch, tmp_path):
     from importlib.metadata import PackageNotFoundError
 
-    from pinconsist.formats import robots
+    from pinconsist.formats import catalogue
 
     def missing(name):
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr(robots, "distribution", missing)
+    monkeypatch.setattr(catalogue, "distribution", missing)
     with pytest.raises(pc.MissingExtraError, match=r"example-robot-data.*pip install 'pinconsist\[robots\]'"):
         pc.load("cassie")
 
@@ -666,6 +666,6 @@ def test_robots_that_are_not_installed_name_their_package(monkeypatch, tmp_path)
         def locate_file(self, path):
             return tmp_path / path
 
-    monkeypatch.setattr(robots, "distribution", lambda name: Empty())
+    monkeypatch.setattr(catalogue, "distribution", lambda name: Empty())
     with pytest.raises(pc.MissingExtraError, match="does not hold"):
         pc.load(next(iter(ROBOTS)))

@@ -196,7 +196,10 @@ BAD = {
     ),
     # shapes
     "size": (shape("<sphere><radius>-1</radius></sphere>"), "link 'a': visual: sphere: a size is negative"),
-    "size text": (shape("<box><size>1 1</size></box>"), "link 'a': visual 'v': size: '1 1' is not 3 finite numbers"),
+    "size text": (
+        shape("<box><size>1 1</size></box>"),
+        "link 'a': visual 'v': box: size: '1 1' is not 3 finite numbers",
+    ),
     "no uri": (shape("<mesh/>"), "link 'a': visual 'v': mesh: <uri> is missing"),
     "climbing mesh": (
         mesh("../x.stl"),

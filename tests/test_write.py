@@ -237,8 +237,11 @@ def turning_gravity():
 
 
 REFUSED = {
-    "drive": (with_loop(pc.Drive("motor", "crank", np.sin)), "drive 'motor' follows a function of yours"),
-    "drive with rate": (with_loop(pc.Drive("motor", "crank", pc.Motion(), np.cos)), "drive 'motor' follows a function"),
+    "drive": (with_loop(pc.Drive("motor", "crank", np.sin)), "drive 'motor': curve is a function of yours"),
+    "drive with rate": (
+        with_loop(pc.Drive("motor", "crank", pc.Motion(), np.cos)),
+        "drive 'motor': rate is a function of yours",
+    ),
     "constraint": (with_loop(Constraint("own", lambda t, q: q[:1], 1)), "constraint 'own' is a function of yours"),
     "law": (with_force(lambda t, q, v: -v), "the force .*lambda.* is a function of yours"),
     "torque": (with_force({"crank": np.sin}), "force 'torque crank': torques: crank is a function of yours"),
@@ -297,11 +300,11 @@ BAD_SETTINGS = {
     "joints: {k: {type: unbounded}}": "joint 'k': only a revolute joint can be made unbounded",
     "joints: {i: {type: unbounded}}": "joint 'i': there is no joint of this name to replace",
     "gravity: [0, 0]": "gravity: three numbers are needed",
-    "gravity: down": "gravity: a list of numbers is needed",
+    "gravity: down": "gravity: three numbers are needed",
     "joint_order: j": "joint_order: a list is needed",
     "joint_order: [j]": r"joint_order: it must hold each joint once; unknown or twice: \[\], missing: \['k'\]",
     "joint_order: [j, j]": "joint_order: it must hold each joint once",
-    "joint_order: [k, j]": "joint_order: joint 'k' comes before 'j', on which it hangs",
+    "joint_order: [k, j]": "joint_order: joint 'k' comes before its parent 'j'",
 }
 
 

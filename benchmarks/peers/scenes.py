@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from pinconsist.errors import AssemblyError, InputError
-from pinconsist.formats.catalogue import is_built_in, load
+from pinconsist.formats.catalogue import is_built_in
+from pinconsist.formats.load import load
 from pinconsist.mechanism.assembly import assemble
 from pinconsist.mechanism.constraints.loops import Loop
 from pinconsist.mechanism.forces import JointSpring

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from pinconsist.dae.sizes import largest
-from pinconsist.formats.catalogue import load
+from pinconsist.formats.load import load
 from pinconsist.mechanism.constraints.loops import Loop
 from pinconsist.mechanism.system import MechanismSystem
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinconsist.dae.sizes import largest
-from pinconsist.formats.catalogue import load
+from pinconsist.formats.load import load
 from pinconsist.mechanism.assembly import assemble
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.reference import reference_problem

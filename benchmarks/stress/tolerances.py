@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache, partial
 
-from pinconsist.formats.catalogue import load
+from pinconsist.formats.load import load
 
 from .case import EITHER, HELD, Case, Figure, completed, relative
 from .scenes import reference

@@ -11,8 +11,8 @@ def models(as_json: output.Json = False) -> int:
 
     Example: pinconsist models
     """
+    from ..formats.catalogue import ROBOTS
     from ..formats.catalogue import models as built_in
-    from ..formats.robots import ROBOTS
     from ..reference import PROBLEMS
 
     scenes, robots = built_in(), [name for name in ROBOTS if _is_installed(name)]
@@ -32,7 +32,7 @@ def models(as_json: output.Json = False) -> int:
 
 
 def _is_installed(robot) -> bool:
-    from ..formats.robots import robot_file
+    from ..formats.catalogue import robot_file
 
     try:
         robot_file(robot)

@@ -1,5 +1,6 @@
 """Files → Mechanism."""
 
-from .catalogue import load, models
+from .catalogue import models
+from .load import load
 
 __all__ = ["load", "models"]

@@ -1,95 +1,58 @@
-"""Scenes by name or path."""
+"""Scenes by name: those in ``models/``, families of any size such as ``chain_16``, and robots of a pip package.
+
+Families are in the plane x-z, gravity along -z. A rod is slender and uniform, 1 m and 1 kg, and extends along +x of its
+link frame (a crank of the four-bars along +z: upright at zero); a positive angle about +y turns +z to +x and +x to -z.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
-from importlib import import_module
+import re
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, distribution
+from math import pi, sin
 from pathlib import Path
+from typing import NamedTuple
 
-from ..errors import FormatError, InputError
-from ..mechanism.mechanism import Mechanism
-from .beside import loop_file
-from .closure import check_closure
-from .reading import alike
-from .robots import ROBOTS, robot_file
+from ..errors import FormatError, InputError, MissingExtraError
+from ..mechanism.constraints.loop import GROUND, Loop
+from ..mechanism.names import near
+from .loopfile import LoopFile, find_loop_file
+from .loopfile import read as read_loop_file
 
-_READERS = {".urdf": "urdf_scene", ".sdf": "sdf.scene", ".xml": "mjcf.scene", ".mjcf": "mjcf.scene"}
-"""Suffix → the module whose ``load`` reads such a file; imported when it is needed."""
-_READABLE = (
-    "what can be read is URDF (.urdf), with a loop file (.yaml) beside it or given by loops=, "
-    "SDF (.sdf) and MJCF (.xml)"
-)
+READERS = {".urdf": "urdf", ".sdf": "sdf", ".xml": "mjcf.scene", ".mjcf": "mjcf.scene"}
+"""Suffix → the module whose ``read`` reads such a file; imported when it is needed."""
+ROBOTS = {
+    name: f"cassie_description/robots/{name}.sdf"
+    for name in ("cassie", "cassie_reduced", "cassie_simple", "cassie_v2", "cassie_wo_gearbox_spring")
+}
+"""Name → file of the pip package example-robot-data."""
+_PACKAGE, _SHARE = "example-robot-data", "cmeel.prefix/share"
+
+MOST = 2000
+"""Largest number of a family: the dense matrices, with several times as many rows, must fit into memory."""
+RADIUS = 0.02  # m, of a rod
+SPAN = 0.6  # of a chain's length: how far its ends are apart
+BLUE, ORANGE, DARK, STEEL = "0.16 0.44 0.72 1", "0.93 0.52 0.14 1", "0.20 0.22 0.25 1", "0.55 0.58 0.62 1"
+PIN = f'<geometry><cylinder radius="{1.5 * RADIUS}" length="{4 * RADIUS}"/></geometry>'
 
 
-def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=()) -> Mechanism:
-    """A mechanism from a built-in name, a file, a folder or an object of Pinocchio's.
+class Source(NamedTuple):
+    """Where a scene is read from: a file, or a URDF text and what a loop file would say of it."""
 
-    Parameters
-    ----------
-    source : str, path-like, pin.Model or RobotWrapper
-        A name of :func:`models`, with a number for ``<n>``; or a ``.urdf``, ``.sdf`` or MJCF ``.xml`` file; or a folder
-        that holds one ``.urdf``; or a model as it stands in memory; or a robot of the pip package example-robot-data:
-        ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``, named
-        like their files.
-    loops : path-like or sequence, optional
-        The loop file. Without it: ``<stem>.yaml`` or ``.yml`` beside the URDF, else ``robot.yaml`` or ``.yml``
-        there, else what the URDF says itself: ``<loop_joint>`` elements, or pairs of frames with closing names
-        (:mod:`pinconsist.formats.loop_joints`, :mod:`pinconsist.formats.closing_frames`), else none (a plain tree).
-        SDF and MJCF files close their loops themselves (:mod:`pinconsist.formats.sdf`,
-        :mod:`pinconsist.formats.mjcf`); a loop file beside them is not looked for.
-        Of a model in memory, a sequence of Pinocchio's constraint models and of Loop, Drive and Coupling records.
-    closure : {"point", "frame", "hinge", ...}, optional
-        Close every loop in this way instead (a kind of :class:`~pinconsist.Loop`); loops that hold a distance stay
-        as they are.
-    free_flyer : bool
-        Let the root link of a file float freely instead of fixing it to the ground, where it stands. SDF files too
-        are fixed by default, though a model that nothing ties to the world floats in SDF: so one scene in two formats
-        is one mechanism, as with Pinocchio's own readers. Not for MJCF, which says itself what floats.
-    package_dirs : sequence of path-like
-        Folders in which mesh files are looked for, before the folder of the URDF.
+    path: Path
+    name: str
+    content: bytes | None = None
+    loop_file: LoopFile = LoopFile()
+    package_dirs: tuple = ()
 
-    Returns
-    -------
-    Mechanism
-        Its ``continuous`` joints are plain revolute joints, one angle that counts its turns.
 
-    Raises
-    ------
-    InputError
-        Unknown name or impossible option.
-    MissingExtraError
-        The files of a robot are not installed; names the pip package that brings them.
-    FormatError
-        A file that cannot be read as a scene; names the file and the element.
-    """
-    check_closure(closure)
-    if isinstance(package_dirs, (str, os.PathLike)):
-        package_dirs = (package_dirs,)
-    package_dirs = tuple(package_dirs) if isinstance(package_dirs, Iterable) else (package_dirs,)
-    if not all(isinstance(folder, (str, os.PathLike)) for folder in package_dirs):
-        raise InputError(f"package_dirs= needs folders, got {package_dirs!r}")
-    if not isinstance(source, (str, os.PathLike)):
-        from . import pinocchio_model
+class Family(NamedTuple):
+    """Scenes that differ in a number: a line of description, the smallest number, and ``build(n) -> parts, loops``."""
 
-        if free_flyer:
-            raise InputError("free_flyer= is for files; a model in memory has its root joint already")
-        return pinocchio_model.read(source, loops=() if loops is None else loops, closure=closure)
-    if not (loops is None or isinstance(loops, (str, os.PathLike))):
-        raise InputError(
-            f"loops= needs the path of a loop file, got {type(loops).__name__}; records go by load(…).with_loops(…)"
-        )
-    options = {"loops": loops, "closure": closure, "free_flyer": free_flyer, "package_dirs": package_dirs}
-    if written := _member(source):
-        from . import urdf_scene
-
-        return urdf_scene.load(Path(f"{source}.urdf"), source, written=written, **options)
-    if isinstance(source, str) and source in ROBOTS:
-        (path, share), name = robot_file(source), source
-        options["package_dirs"] = (*package_dirs, share)
-    else:
-        path, name = _find(source)
-    return import_module(f".{_READERS[path.suffix.lower()]}", __package__).load(path, name, **options)
+    description: str
+    least: int
+    build: Callable
 
 
 def models() -> dict[str, str]:
@@ -105,23 +68,78 @@ def models() -> dict[str, str]:
     FormatError
         A damaged installation: a loop file among the models that cannot be read.
     """
-    from . import families, loopfile
-
-    files = {path.stem: loopfile.read(loop_file(path)).description for path in _built_in().values()}
-    return files | families.listed()
+    files = {path.stem: read_loop_file(find_loop_file(path)).description for path in _built_in().values()}
+    return files | {f"{name}_<n>": family.description for name, family in FAMILIES.items()}
 
 
 def is_built_in(source) -> bool:
-    """Whether `source` is a name by which :func:`load` knows a scene, and no path."""
-    from . import families
-
-    return isinstance(source, str) and (source in _built_in() or source in ROBOTS or families.found(source) is not None)
+    """Whether `source` is a name by which :func:`pinconsist.load` knows a scene, and no path."""
+    return isinstance(source, str) and (source in _built_in() or source in ROBOTS or _family(source) is not None)
 
 
-def _member(source):
-    from . import families
+def find(source: str | os.PathLike) -> Source:
+    """The scene of a name, a file or a folder.
 
-    return families.member(source) if isinstance(source, str) else None
+    Raises
+    ------
+    InputError
+        Unknown name, or a number that a family does not have.
+    MissingExtraError
+        The files of a robot are not installed.
+    FormatError
+        A folder without a single URDF, a file of an unknown kind.
+    """
+    built_in, path = _built_in(), Path(source)
+    if isinstance(source, str):
+        if found := _family(source):
+            parts, record = found[0].build(found[1])
+            text = "\n".join((f'<robot name="{source}">', *parts, "</robot>"))
+            return Source(Path(f"{source}.urdf"), source, text.encode(), record)
+        if source in ROBOTS:
+            robot, share = robot_file(source)
+            return Source(robot, source, package_dirs=(share,))
+        if source in built_in:
+            return Source(built_in[source], source)
+    if os.path.isdir(path):
+        found = sorted(path.glob("*.urdf"))
+        if len(found) != 1:
+            names = ": " + ", ".join(each.name for each in found) if found else ""
+            raise FormatError(f"a folder with one .urdf file is needed, this has {len(found)}{names}", path=path)
+        path = found[0]
+    elif path.suffix.lower() not in READERS:
+        if isinstance(source, str) and not path.suffix and len(path.parts) == 1 and not os.path.exists(path):
+            names = (*built_in, *(f"{name}_<n>" for name in FAMILIES))
+            raise InputError(
+                f"there is no built-in model and no file {source!r}{near(source, (*names, *ROBOTS))}. "
+                f"Built in are: {', '.join(names)}"
+            )
+        raise FormatError(
+            f"files of kind {path.suffix or 'without suffix'!r} cannot be read; what can be read is URDF (.urdf), with "
+            "a loop file (.yaml) beside it or given by loops=, SDF (.sdf) and MJCF (.xml)",
+            path=path,
+        )
+    return Source(path, path.stem if path.stem not in ("robot", "model") else path.resolve().parent.name)
+
+
+def robot_file(name: str) -> tuple[Path, Path]:
+    """The file of a robot of `ROBOTS`, and the folder in which its meshes are looked for.
+
+    Raises
+    ------
+    MissingExtraError
+        The package is not installed, or does not hold the file.
+    """
+    try:
+        share = Path(str(distribution(_PACKAGE).locate_file(_SHARE)))
+    except PackageNotFoundError:
+        raise MissingExtraError(
+            f"the files of {name!r} come with the pip package {_PACKAGE}, which is not installed: "
+            "pip install 'pinconsist[robots]'"
+        ) from None
+    path = share / _PACKAGE / "robots" / ROBOTS[name]
+    if not path.is_file():
+        raise MissingExtraError(f"the pip package {_PACKAGE} is installed, but does not hold {path}; version 6 does")
+    return path, share
 
 
 def _built_in():
@@ -130,28 +148,86 @@ def _built_in():
     return {path.stem: path for path in sorted(folder.glob("*.urdf"))}
 
 
-def _find(source):
-    """The URDF file of a source, and the mechanism's name."""
-    from . import families
+def _family(name: str) -> tuple[Family, int] | None:
+    """The family and the number in a name such as ``chain_16``, or None; InputError for a number it does not have."""
+    match = re.fullmatch(r"(\w+)_(\d+)", name, re.ASCII)
+    if not match or match[1] not in FAMILIES:
+        return None
+    family, n = FAMILIES[match[1]], int(match[2]) if len(match[2]) < 10 else MOST + 1
+    if not family.least <= n <= MOST:
+        raise InputError(f"{match[1]}_<n> needs a number from {family.least} to {MOST}, got {match[2]}")
+    return family, n
 
-    built_in = _built_in()
-    if isinstance(source, str) and source in built_in:
-        return built_in[source], source
-    path = Path(source)
-    if os.path.isdir(path):
-        found = sorted(path.glob("*.urdf"))
-        if len(found) != 1:
-            names = ": " + ", ".join(each.name for each in found) if found else ""
-            raise FormatError(f"a folder with one .urdf file is needed, this has {len(found)}{names}", path=path)
-        path = found[0]
-    elif path.suffix.lower() not in _READERS:
-        is_name = isinstance(source, str) and not path.suffix and len(path.parts) == 1 and not os.path.exists(path)
-        if is_name:
-            names = (*built_in, *families.listed())
-            raise InputError(
-                f"there is no built-in model and no file {source!r}{alike(source, (*names, *ROBOTS))}. "
-                f"Built in are: {', '.join(names)}"
-            )
-        raise FormatError(f"files of kind {path.suffix or 'without suffix'!r} cannot be read; {_READABLE}", path=path)
-    name = path.stem if path.stem not in ("robot", "model") else path.resolve().parent.name
-    return path, name
+
+def _chain(n):
+    """Rods one after the other, the last pinned to the ground; they hang in the arc of a circle."""
+    from scipy.optimize import brentq
+
+    def excess(turn):  # of n chords of length 1, neighbours at this angle
+        return sin(n * turn / 2) / sin(turn / 2) - SPAN * n
+
+    turn = brentq(excess, 1e-9, 2 * pi / n, xtol=1e-15)
+    parts = [_ground([(0.0, 0.0), (SPAN * n, 0.0)])]
+    guess, last = {}, ("ground", 0.0, 0.0)
+    for i in range(n):
+        parts += [_rod(f"rod{i}", (BLUE, ORANGE)[i % 2]), _hinge(f"joint{i}", *last, f"rod{i}")]
+        guess[f"joint{i}"] = -turn if i else turn * (n - 1) / 2
+        last = (f"rod{i}", 1.0, 0.0)
+    return parts, LoopFile((_pinned("end", last[0], GROUND, xyz2=(SPAN * n, 0.0, 0.0)),), guess=guess)
+
+
+def _n_four_bar(n):
+    """Upright cranks side by side, level couplers between their ends."""
+    parts = [_ground([(float(i), 0.0) for i in range(n + 1)])]
+    parts += [_rod("crank0_bar", BLUE, upright=True), _hinge("crank0", "ground", 0.0, 0.0, "crank0_bar")]
+    end, loops = ("crank0_bar", 0.0, 1.0), []
+    for i in range(n):
+        parts += [_rod(f"coupler{i}_bar", ORANGE), _hinge(f"coupler{i}", *end, f"coupler{i}_bar")]
+        end = (f"coupler{i}_bar", 1.0, 0.0)
+    for i in range(1, n + 1):
+        crank = f"crank{i}_bar"
+        parts += [_rod(crank, BLUE, upright=True), _hinge(f"crank{i}", "ground", float(i), 0.0, crank)]
+        loops.append(_pinned(f"B{i}", f"coupler{i - 1}_bar", crank, xyz2=(0.0, 0.0, 1.0)))
+    return parts, LoopFile(tuple(loops))
+
+
+FAMILIES = {
+    "chain": Family(f"chain of n rods of 1 m, n ≥ 2, pinned at both ends, {SPAN:g} n m apart", 2, _chain),
+    "n_four_bar": Family("n four-bars side by side, n ≥ 1, that pass through singular positions", 1, _n_four_bar),
+}
+
+
+def _ground(pivots):
+    shape = f'<geometry><box size="{6 * RADIUS} {6 * RADIUS} {3 * RADIUS}"/></geometry>'
+    visuals = "".join(_visual(f"{x!r} 0 {z - 1.5 * RADIUS!r}", "0 0 0", shape, STEEL) for x, z in pivots)
+    return f'<link name="ground">{visuals}</link>'
+
+
+def _rod(name, color, upright=False):
+    """m l²/12 across, m r²/2 along."""
+    along, across = RADIUS**2 / 2, 1 / 12
+    (ixx, izz), middle = ((across, along), "0 0 0.5") if upright else ((along, across), "0.5 0 0")
+    size = f"{2 * RADIUS} {RADIUS} 1" if upright else f"1 {RADIUS} {2 * RADIUS}"
+    bar = _visual(middle, "0 0 0", f'<geometry><box size="{size}"/></geometry>', color)
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{middle}"/><mass value="1"/>'
+        f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{across!r}" iyz="0" izz="{izz!r}"/></inertial>'
+        f"{bar}{_visual('0 0 0', f'{pi / 2!r} 0 0', PIN, DARK)}</link>"
+    )
+
+
+def _visual(xyz, rpy, shape, color):
+    material = f'<material name="{color}"><color rgba="{color}"/></material>'
+    return f'<visual><origin xyz="{xyz}" rpy="{rpy}"/>{shape}{material}</visual>'
+
+
+def _hinge(name, parent, x, z, child):
+    return (
+        f'<joint name="{name}" type="continuous"><origin xyz="{x!r} 0 {z!r}"/><parent link="{parent}"/>'
+        f'<child link="{child}"/><axis xyz="0 1 0"/></joint>'
+    )
+
+
+def _pinned(name, frame1, frame2, xyz2):
+    """The end of a rod pinned to another body."""
+    return Loop(name, "hinge", frame1, frame2, xyz1=(1.0, 0.0, 0.0), xyz2=xyz2, axis=(0.0, 1.0, 0.0))

@@ -1,4 +1,16 @@
-"""Joints replaced by others: `joint_name` and `joint_type` of robot.yaml, `joints: {name: {type: …}}` of our own files.
+"""What a loop file says of the tree itself, because the robot's file has no word for it.
+
+::
+
+    joints:
+      hip:   {type: spherical, damping: [0.1, 0.1, 0.2]}
+      motor: {armature: 0.02}
+    gravity: [0, 0, -1.62]
+    joint_order: [hip, motor]
+
+``armature``, ``damping`` and ``friction`` replace those of the robot's file: one number for each velocity of the
+joint, or one for all of them. ``joint_order`` is the order of the joints in q and v. ``type``, as ``joint_type`` in a
+robot.yaml, replaces a joint:
 
 ================= ==================================================================================================
 type              what the joint becomes
@@ -16,15 +28,23 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
 from ..mechanism.editing.rebuild import rebuilt
-from .reading import finite, near, shown
+from .reading import finite, located, require_known, shown
+from .records import amount, known_keys, mapping, name
 
-_AXES = {"X": pin.JointModelRX, "Y": pin.JointModelRY, "Z": pin.JointModelRZ}
-_SCREWS = {"RX": pin.JointModelHX, "RY": pin.JointModelHY, "RZ": pin.JointModelHZ}
-_UNIVERSAL = re.compile("UJOINT_([XYZ])([XYZ])")
+VALUES = {
+    "armature": ("armature",),
+    "damping": ("damping",),
+    "friction": ("upperDryFrictionLimit", "lowerDryFrictionLimit"),
+}
+"""Key of a joint → the vectors of the model that it sets; a second one gets the opposite."""
+AS_WRITTEN = {"FIXED": "fixed", "UNBOUNDED": "continuous"}
+"""Types that replace the joint's type in the URDF text; the others replace the joint of the model."""
+_UNIVERSAL = re.compile(r"UJOINT_([XYZ])(?!\1)([XYZ])")
 _HELICAL = re.compile(r"HELICAL (\S+)")
 
 
@@ -32,12 +52,10 @@ def check_type(joint_type: object, element: str = "") -> str:
     """The type in capitals, or FormatError."""
     text = " ".join(str(joint_type).upper().split())
     text = "UJOINT_XY" if text == "CARDAN" else text
-    universal, helical = _UNIVERSAL.fullmatch(text), _HELICAL.fullmatch(text)
-    if (
-        text in ("SPHERICAL", "TRANSLATION", "UNBOUNDED", "FIXED")
-        or (universal and universal[1] != universal[2])
-        or (helical and finite(helical[1]))
-    ):
+    helical = _HELICAL.fullmatch(text)
+    if text in ("SPHERICAL", "TRANSLATION", *AS_WRITTEN) or _UNIVERSAL.fullmatch(text):
+        return text
+    if helical and finite(helical[1]):
         return text
     raise FormatError(
         f"the joint type {shown(joint_type)} is not one of SPHERICAL, TRANSLATION, UJOINT_AB (A, B different axes of "
@@ -50,6 +68,25 @@ def new_names(joint: str, joint_type: str) -> tuple[str, ...]:
     """Names of the joints that stand for a replaced one; a universal joint becomes two: ``ankle_X``, ``ankle_Y``."""
     universal = _UNIVERSAL.fullmatch(joint_type)
     return tuple(f"{joint}_{axis}" for axis in universal.groups()) if universal else (joint,)
+
+
+def joint_settings(record: dict) -> tuple[dict[str, str], dict[str, dict]]:
+    """The types and the values under ``joints``: name → type, and name → key of VALUES → one or several numbers."""
+    types, values = {}, {}
+    for joint, given in mapping(record.get("joints") or {}, "joints", "a joint's name").items():
+        element = f"joints: {name(joint, 'joints')}"
+        known_keys(mapping(given, element, "type, armature"), ("type", *VALUES), element)
+        if given.get("type") is not None:
+            types[joint] = check_type(given["type"], element)
+        values[joint] = {key: _amount(given[key], f"{element}: {key}") for key in VALUES if given.get(key) is not None}
+    return types, values
+
+
+def _amount(value, element):
+    result = amount(value, element)
+    if np.min(result, initial=0.0) < 0:
+        raise FormatError(f"it is negative: {shown(value)}", element=element)
+    return result
 
 
 def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
@@ -71,36 +108,65 @@ def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
     FormatError
         Unknown joint, one that does not have exactly one degree of freedom, or names that clash.
     """
-    for name in types:
-        if name not in tuple(model.names)[1:]:
-            raise FormatError(
-                f"there is no movable joint of this name to replace{near(name, tuple(model.names)[1:])}",
-                element=f"joint {name!r}",
-            )
-        if model.nvs[model.getJointId(name)] != 1:
-            raise FormatError("only hinges and sliders can be replaced", element=f"joint {name!r}")
-    parts = {name: _parts(name, kind, model.joints[model.getJointId(name)]) for name, kind in types.items()}
-    names = [name for name in model.names if name not in types] + [part for some in parts.values() for part, _ in some]
-    twice = [name for name in names if names.count(name) > 1]
+    joints, parts = tuple(model.names)[1:], {}
+    for joint, kind in types.items():
+        with located(element=f"joint {joint!r}"):
+            require_known(joint, joints, "there is no movable joint of this name to replace")
+            if model.nvs[model.getJointId(joint)] != 1:
+                raise FormatError("only hinges and sliders can be replaced")
+            parts[joint] = _parts(joint, kind, model.joints[model.getJointId(joint)])
+    names = [joint for joint in model.names if joint not in types]
+    names += [part for some in parts.values() for part, _ in some]
+    twice = [joint for joint in names if names.count(joint) > 1]
     if twice:
         raise FormatError("another joint has the name of a new one", element=f"joint {twice[0]!r}")
     return rebuilt(model, parts)
 
 
-def _parts(name, kind, own):
+def _parts(joint, kind, own):
+    """(name, joint model) of each joint that stands for a replaced one."""
     if kind == "SPHERICAL":
-        return [(name, pin.JointModelSpherical())]
+        return [(joint, pin.JointModelSpherical())]
     if kind == "TRANSLATION":
-        return [(name, pin.JointModelTranslation())]
+        return [(joint, pin.JointModelTranslation())]
     if helical := _HELICAL.fullmatch(kind):
-        return [(name, _screw(name, own, float(helical[1])))]
-    return [(part, _AXES[part[-1]]()) for part in new_names(name, kind)]
+        which, pitch = own.shortname(), float(helical[1])
+        if which == "JointModelRevoluteUnaligned":
+            return [(joint, pin.JointModelHelicalUnaligned(own.extract().axis, pitch))]
+        if not re.fullmatch("JointModelR[XYZ]", which):
+            raise FormatError("only a revolute joint can be made helical")
+        return [(joint, getattr(pin, f"JointModelH{which[-1]}")(pitch))]
+    return [(part, getattr(pin, f"JointModelR{part[-1]}")()) for part in new_names(joint, kind)]
 
 
-def _screw(name, own, pitch):
-    which = own.shortname().removeprefix("JointModel")
-    if which == "RevoluteUnaligned":
-        return pin.JointModelHelicalUnaligned(own.extract().axis, pitch)
-    if which in _SCREWS:
-        return _SCREWS[which](pitch)
-    raise FormatError("only a revolute joint can be made helical", element=f"joint {name!r}")
+def with_values(model: pin.Model, values: dict[str, dict]) -> pin.Model:
+    """The model, changed: the numbers of :func:`joint_settings` set; FormatError for joints or sizes that are wrong."""
+    for joint, given in values.items():
+        require_known(joint, tuple(model.names)[1:], f"the model has no joint {joint!r}", f"joints: {joint}")
+        i = model.getJointId(joint)
+        part, size = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i]), model.nvs[i]
+        for key, value in given.items():
+            if isinstance(value, tuple) and len(value) != size:
+                reason = f"one number or {size} are needed, one for each velocity of the joint; these are {len(value)}"
+                raise FormatError(reason, element=f"joints: {joint}: {key}")
+            for sign, vector in zip((1, -1), VALUES[key], strict=False):
+                getattr(model, vector)[part] = sign * np.array(value)
+    return model
+
+
+def in_order(model: pin.Model, order: tuple[str, ...]) -> pin.Model:
+    """The model with its joints in another order; FormatError if it is not an order of them, parents first."""
+    names = list(model.names)[1:]
+    if not order or list(order) == names:
+        return model
+    with located(element="joint_order"):
+        if sorted(order) != sorted(names):
+            strange = [joint for joint in order if joint not in names or order.count(joint) > 1]
+            missing = [joint for joint in names if joint not in order]
+            raise FormatError(f"it must hold each joint once; unknown or twice: {strange}, missing: {missing}")
+        places = [model.getJointId(joint) for joint in order]
+        for place, joint in enumerate(places):
+            parent = model.parents[joint]
+            if parent and parent not in places[:place]:
+                raise FormatError(f"joint {model.names[joint]!r} comes before its parent {model.names[parent]!r}")
+        return rebuilt(model, {}, order=places)

@@ -1,4 +1,4 @@
-"""What all readers of files share."""
+"""What all readers of files share: bounded reading, safe XML, numbers, and errors that name file and element."""
 
 from __future__ import annotations
 
@@ -6,15 +6,48 @@ import hashlib
 import math
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, ParseError
 
-from ..errors import FormatError
-from ..mechanism.names import near as alike
+from ..errors import FormatError, InputError
+from ..mechanism.names import near as resembling
 
 LARGEST = 1e30
-"""No number of a scene is larger, but for limits: products of some such numbers still have room in a float."""
+"""No number of a scene is larger, except limits: products of some such numbers still fit into a float."""
+MAX_XML_BYTES = 50_000_000
 
 _read: ContextVar[list | None] = ContextVar("files read", default=None)
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """What a robot's file says, whatever its format.
+
+    Attributes
+    ----------
+    model : pin.Model
+        The tree.
+    geometry : Geometry
+        Its shapes.
+    loops, couplings : tuple
+        What closes it. ``load(closure=...)`` changes the loops only; the couplings come last in the mechanism.
+    forces : tuple
+        Its springs.
+    guess : dict
+        Joint name → value, from where assembly starts.
+    actuated : tuple of str
+        Its motorised joints.
+    """
+
+    model: Any
+    geometry: Any
+    loops: tuple = ()
+    couplings: tuple = ()
+    forces: tuple = ()
+    guess: dict = field(default_factory=dict)
+    actuated: tuple = ()
 
 
 @contextmanager
@@ -28,7 +61,19 @@ def files_read():
         _read.reset(before)
 
 
-def read_bytes(path: Path, limit: int) -> bytes:
+@contextmanager
+def located(path="", element: str = "", prefix: str = ""):
+    """Add file and element to a FormatError that lacks them; turn an InputError, without `prefix`, into one."""
+    try:
+        yield
+    except FormatError as error:
+        where = {"path": error.path or path or "", "element": error.element or element}
+        raise FormatError(error.reason, **where) from error.__cause__
+    except InputError as error:
+        raise FormatError(str(error).removeprefix(prefix), path=path or "", element=element) from error
+
+
+def read_bytes(path: Path, limit: int = MAX_XML_BYTES) -> bytes:
     """The content of a regular file of at most `limit` bytes, or FormatError."""
     try:
         if not path.exists():
@@ -37,9 +82,9 @@ def read_bytes(path: Path, limit: int) -> bytes:
             raise FormatError("a file is needed, this is a folder or a device", path=path)
         with path.open("rb") as file:
             content = file.read(limit + 1)
+    except FormatError:
+        raise
     except (OSError, ValueError) as error:
-        if isinstance(error, FormatError):
-            raise
         raise FormatError(f"cannot be read: {error}", path=path) from error
     if len(content) > limit:
         raise FormatError(f"more than {limit // 1_000_000} MB, which is too large for a file of this kind", path=path)
@@ -49,10 +94,16 @@ def read_bytes(path: Path, limit: int) -> bytes:
 
 
 def near(name: object, names) -> str:
-    """The end of a message about an unknown name: what it may have meant, or what there is."""
+    """The end of a message about an unknown name: similar names, or else those there are."""
     names = sorted(set(names))
     listed = f"; there are: {', '.join(names[:12])}{', …' if len(names) > 12 else ''}" if names else ""
-    return alike(name, names) or listed
+    return resembling(name, names) or listed
+
+
+def require_known(name: object, names, reason: str, element: str = "") -> None:
+    """Raise FormatError with this reason, and similar names, if a name is none of `names`."""
+    if name not in names:
+        raise FormatError(f"{reason}{near(name, names)}", element=element)
 
 
 def shown(value: object) -> str:
@@ -65,7 +116,7 @@ def shown(value: object) -> str:
 
 
 def finite(value: object, largest: float = LARGEST) -> float | None:
-    """A number from a number or its text; None where it is neither, not finite, or larger than any scene needs."""
+    """A number from a number or its text; None if it is neither, not finite, or larger than any scene needs."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         return None
     try:
@@ -76,6 +127,98 @@ def finite(value: object, largest: float = LARGEST) -> float | None:
 
 
 def bound(*values: object) -> str:
-    """The end of a message about values that are no finite numbers: the largest there may be, if that is the reason."""
+    """The end of a message about values that are not finite numbers: the upper bound, if that is the reason."""
     immense = any(finite(value) is None and finite(value, math.inf) is not None for value in values)
     return f" (they go up to {LARGEST:g})" if immense else ""
+
+
+def floats(text: str, count: int, element: str, label: str = "", largest: float = LARGEST) -> tuple[float, ...]:
+    """The `count` finite numbers of a text, or FormatError, whose message starts with `label`."""
+    words = text.split()
+    values = tuple(finite(word, largest) for word in words)
+    if len(values) != count or None in values:
+        what = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise FormatError(f"{label}{shown(text)} is not {what}{bound(*words)}", element=element)
+    return values
+
+
+def parsed(content: bytes) -> Element:
+    """The root element of an XML document without document types and entities, or FormatError."""
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import fromstring
+
+    try:
+        return fromstring(content, forbid_dtd=True)
+    except DefusedXmlException as error:
+        raise FormatError(f"document types and entities are refused for safety ({type(error).__name__})") from error
+    except (ParseError, ValueError, LookupError) as error:  # the last two: encodings
+        raise FormatError(f"not well-formed XML: {error}") from error
+
+
+def text(*values: float) -> str:
+    """Numbers as an XML attribute, exactly."""
+    # numbers below the smallest normal one trip other parsers, and mean zero
+    return " ".join(repr(float(value)) if abs(value) > 1e-300 else "0" for value in values)
+
+
+class Node:
+    """An XML element with the name that messages use for it; a missing element is false and has all defaults."""
+
+    def __init__(self, xml: Element | None, name: str = ""):
+        self.xml, self.name = xml, name
+
+    def __bool__(self):
+        return self.xml is not None
+
+    def error(self, reason: str) -> FormatError:
+        """A FormatError about this element."""
+        return FormatError(reason, element=self.name)
+
+    def get(self, key: str, default: str | None = ""):
+        """An attribute."""
+        return default if self.xml is None else self.xml.get(key, default)
+
+    def child(self, tag: str, required: bool = False):
+        """The first child with this tag."""
+        found = None if self.xml is None else self.xml.find(tag)
+        if found is None and required:
+            raise self.error(f"<{tag}> is missing")
+        return self._inside(found, tag)
+
+    def children(self, tag: str) -> list:
+        """All children with this tag."""
+        return [] if self.xml is None else [self._inside(each, tag) for each in self.xml.findall(tag)]
+
+    def solid(self):
+        """The first child of ``<geometry>``, named by its tag."""
+        found = None if self.xml is None else self.xml.find("geometry/*")
+        return self._inside(found, "nothing" if found is None else str(found.tag))
+
+    def named(self, tag: str) -> dict:
+        """The children with this tag by their names, which must exist and differ."""
+        found = {}
+        for number, each in enumerate(self.children(tag), start=1):
+            name = each.get("name")
+            if not name.strip():
+                raise FormatError("it has no name", element=f"{tag} number {number}")
+            each.name = f"{tag} {name!r}"
+            if name in found:
+                raise each.error(f"two {tag}s have this name")
+            found[name] = each
+        return found
+
+    def numbers(self, key: str, count: int = 1, default=None, largest: float = LARGEST) -> tuple[float, ...]:
+        """The finite numbers of an attribute; without a default it is required."""
+        given = None if self.xml is None else self.xml.get(key)
+        if given is None:
+            if default is None:
+                raise self.error(f"attribute {key!r} is missing")
+            return default
+        return floats(given, count, self.name, f"{key}=", largest)
+
+    def number(self, key: str, default: float | None = None, largest: float = LARGEST) -> float:
+        """The finite number of an attribute; without a default it is required."""
+        return self.numbers(key, 1, None if default is None else (default,), largest)[0]
+
+    def _inside(self, xml, tag):
+        return type(self)(xml, f"{self.name}: {tag}" if self.name else tag)

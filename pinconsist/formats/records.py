@@ -1,12 +1,152 @@
-"""Records of a loop file: mappings whose keys are the fields of one of the package's own records."""
+"""The records under ``loops`` and ``forces`` in a loop file, read and written.
+
+A loop closure has the fields of :class:`~pinconsist.Loop`, ``kind: coupling`` those of :class:`~pinconsist.Coupling`,
+and ``kind: drive`` a joint and the fields of a :class:`~pinconsist.Motion`::
+
+    loops:
+      - {name: tip, kind: hinge, frame1: coupler_tip, frame2: rocker_tip, axis: [0, 1, 0]}
+      - {name: gears, kind: coupling, joint: wheel, other: crank, ratio: -2.5}
+      - {name: motor, kind: drive, joint: crank, start: -1.0, speed: 3.0, amplitude: 0.2, frequency: 1.5}
+
+A force has ``kind`` and the fields of the record of :mod:`pinconsist.mechanism.forces` that it stands for::
+
+    forces:
+      - {kind: damping, coefficients: {crank: 0.1, ball: [0.1, 0.1, 0.2]}}
+      - {kind: friction, coefficients: {crank: 0.5}, width: 0.01}
+      - {kind: spring, joint: crank, stiffness: 20.0, rest: 0.3}
+      - {kind: spring-damper, frame1: tip, stiffness: 500.0, length: 0.4, damping: 2.0, xyz2: [0, 0, 1]}
+      - {kind: torque, torques: {crank: 2.0, rocker: {amplitude: 3.0, frequency: 0.5}}}
+      - {kind: servo, joint: crank, target: {start: 0.1, speed: 2.0}, stiffness: 100.0, damping: 5.0}
+      - {kind: wrench, frame: tip, force: [0, 0, -10], axes: world}
+
+Where code takes a number or a function of time, a file takes a number or the fields of a Motion.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 from ..errors import FormatError, InputError
+from ..mechanism.constraints.coupling import Coupling
+from ..mechanism.constraints.drive import Drive
+from ..mechanism.constraints.loop import ROW_NAMES, Loop
 from ..mechanism.constraints.motion import Motion
-from .reading import bound, finite, near, shown
+from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Wrench
+from .reading import bound, finite, located, near, shown
+
+LOOPS = {kind: Loop for kind in ROW_NAMES} | {"coupling": Coupling, "drive": Drive}
+FORCES = {
+    "damping": JointDamping,
+    "friction": JointFriction,
+    "spring": JointSpring,
+    "spring-damper": SpringDamper,
+    "torque": JointTorque,
+    "servo": Servo,
+    "wrench": Wrench,
+}
+_MOTION = tuple(each.name for each in dataclasses.fields(Motion))
+_BY_JOINT = {JointDamping: "coefficients", JointFriction: "coefficients", JointTorque: "torques"}
+_CODE_ONLY = "Callable | None"
+"""Annotation of fields that cannot stand in a file."""
+
+
+def loop_record(number: int, entry):
+    """The Loop, Coupling or Drive of the record at place `number`, counted from 1; FormatError if it is not valid."""
+    entry = dict(mapping(entry, loop_element(number), "name, kind, frame1"))
+    given = entry.get("name")
+    element = loop_element(number, given)
+    kind = _kind(entry, LOOPS, element)
+    if kind in ROW_NAMES:
+        return record_of(Loop, entry, element, f"loop {given!r}: ")
+    del entry["kind"]
+    if kind == "coupling":
+        return record_of(Coupling, entry, element, f"coupling {given!r}: ")
+    known_keys(entry, ("name", "joint", *_MOTION), element)
+    names = [name(_field(entry, key, element), f"{element}: {key}") for key in ("name", "joint")]
+    return Drive(*names, motion({key: value for key, value in entry.items() if key in _MOTION}, element))
+
+
+def force_record(number: int, entry):
+    """The force of the record at place `number`, counted from 1; FormatError if it is not valid."""
+    entry = dict(mapping(entry, force_element(number), "kind, joint, stiffness"))
+    kind = _kind(entry, FORCES, force_element(number))
+    del entry["kind"]
+    return record_of(FORCES[kind], entry, f"force {number} ({kind})")
+
+
+def loop_element(number: int, given=None) -> str:
+    """The name that messages use for the loop at place `number`, with the name that its record gives."""
+    return f"loop {number} {given!r}" if isinstance(given, str) else f"loop {number}"
+
+
+def force_element(number: int, force=None) -> str:
+    """The name that messages use for the force at place `number`."""
+    kinds = [kind for kind, make in FORCES.items() if isinstance(force, make)]
+    return f"force {number} ({kinds[0]})" if kinds else f"force {number}"
+
+
+def loop_entries(mechanism) -> list[dict]:
+    """The records under ``loops``, as plain data.
+
+    Raises
+    ------
+    InputError
+        A drive along a user's function, or a user's own constraint.
+    """
+    return [_loop_entry(loop, f"{mechanism.name}: {loop.kind} {loop.name!r}") for loop in mechanism.loops]
+
+
+def force_entries(mechanism) -> list[dict]:
+    """The records under ``forces``, as plain data.
+
+    Raises
+    ------
+    InputError
+        A user's own law, or a function of time that is not a Motion.
+    """
+    return [_force_entry(mechanism, force) for force in mechanism.forces]
+
+
+def _loop_entry(loop, what):
+    if not isinstance(loop, Loop | Coupling | Drive):
+        raise InputError(f"{what} is a function of yours, which a file cannot hold; leave it out by with_loops()")
+    entry = {"name": loop.name, "kind": loop.kind} | _fields(loop, what)
+    return entry | entry.pop("curve", {})
+
+
+def _force_entry(mechanism, force):
+    what = f"{mechanism.name}: the force {getattr(force, 'label', type(force).__name__)!r}"
+    kind = next((kind for kind, make in FORCES.items() if type(force) is make), None)
+    if kind is None:
+        raise InputError(f"{what} is a function of yours, which a file cannot hold; leave it out")
+    field = _BY_JOINT.get(type(force))
+    if field and not isinstance(values := getattr(force, field), Mapping):  # a number for each velocity
+        shares = {joint: values[mechanism.columns(joint)] for joint in mechanism.joints}
+        by_joint = {joint: share[0] if len(share) == 1 else share for joint, share in shares.items() if any(share)}
+        force = dataclasses.replace(force, **{field: by_joint})
+    return {"kind": kind} | _fields(force, what)
+
+
+def _fields(record, what):
+    """The fields of a record that differ from their defaults."""
+    return {
+        each.name: _plain(value, f"{what}: {each.name}")
+        for each in dataclasses.fields(record)
+        if (value := getattr(record, each.name)) != each.default
+    }
+
+
+def _plain(value, what):
+    if isinstance(value, Motion):
+        return _fields(value, what) or {"start": 0.0}
+    if isinstance(value, Mapping):
+        return {joint: _plain(each, f"{what}: {joint}") for joint, each in value.items()}
+    if isinstance(value, str):
+        return value
+    if callable(value):
+        raise InputError(f"{what} is a function of yours, which a file cannot hold; a Motion it can")
+    return [float(each) for each in value] if isinstance(value, tuple) else float(value)
 
 
 def record_of(make, entry: dict, element: str, prefix: str = ""):
@@ -19,7 +159,7 @@ def record_of(make, entry: dict, element: str, prefix: str = ""):
     entry : dict
         Field → plain data.
     element : str
-        By what name messages speak of the record.
+        The name that messages use for the record.
     prefix : str
         What the record's own messages begin with, to be left out.
 
@@ -28,23 +168,26 @@ def record_of(make, entry: dict, element: str, prefix: str = ""):
     FormatError
         Unknown or missing keys, values of the wrong kind, or what the record itself refuses.
     """
-    fields = {each.name: each for each in dataclasses.fields(make) if each.type not in NOT_IN_FILES}
+    fields = {each.name: each for each in dataclasses.fields(make) if each.type != _CODE_ONLY}
     known_keys(entry, fields, element)
-    given = {}
-    for key, field in fields.items():
-        value = entry.get(key)
-        if value is not None:
-            given[key] = READERS[field.type](value, f"{element}: {key}")
-        elif field.default is dataclasses.MISSING:
-            raise FormatError(f"{key!r} is missing", element=element)
-    try:
-        return make(**given)
-    except InputError as error:
-        raise FormatError(str(error).removeprefix(prefix), element=element) from error
+    values = {
+        key: _value(_field(entry, key, element), field.type, f"{element}: {key}")
+        for key, field in fields.items()
+        if field.default is dataclasses.MISSING or entry.get(key) is not None
+    }
+    with located(element=element, prefix=prefix):
+        return make(**values)
+
+
+def motion(value, element: str) -> Motion:
+    """A Motion from the mapping of its fields, of which there is at least one, or FormatError."""
+    if not value:
+        raise FormatError(f"a motion needs one or more of {', '.join(_MOTION)}", element=element)
+    return record_of(Motion, value, element)
 
 
 def known_keys(entry: dict, keys, element: str) -> None:
-    """Raise FormatError for a key that is none of `keys`, with what it may have meant."""
+    """Raise FormatError for a key that is none of `keys`, with similar keys."""
     for key in entry:
         if key not in keys:
             raise FormatError(f"the key {shown(key)} is not known{near(key, keys)}", element=element)
@@ -66,6 +209,14 @@ def name(value, element: str) -> str:
     return value
 
 
+def items(record: dict, key: str) -> list:
+    """The list under a key, empty if there is none, or FormatError."""
+    value = record.get(key)
+    if not isinstance(value, list | None):
+        raise FormatError(f"a list is needed, not {shown(value)}", element=key)
+    return value or []
+
+
 def number(value, element: str) -> float:
     """A finite number, or FormatError."""
     result = finite(value)
@@ -74,60 +225,43 @@ def number(value, element: str) -> float:
     return result
 
 
-def numbers(value, element: str) -> tuple[float, ...]:
-    """A list of finite numbers, or FormatError."""
-    if not isinstance(value, list):
-        raise FormatError(f"a list of numbers is needed, not {shown(value)}", element=element)
+def numbers(value, element: str, count: int = 0) -> tuple[float, ...]:
+    """A list of finite numbers, three if `count` is 3, or FormatError."""
+    if not isinstance(value, list) or count not in (0, len(value)):
+        what = "three numbers are" if count == 3 else "a list of numbers is"
+        raise FormatError(f"{what} needed, not {shown(value)}", element=element)
     return tuple(number(each, element) for each in value)
 
 
-def number_or_numbers(value, element: str):
-    """A finite number or a list of them, or FormatError."""
-    return numbers(value, element) if isinstance(value, list) else number(value, element)
+def amount(value, element: str, kind: str = "tuple"):
+    """A finite number; or a list of them or a motion, if the annotation `kind` has a tuple or a function."""
+    if isinstance(value, dict) and "Callable" in kind:
+        return motion(value, element)
+    return numbers(value, element) if isinstance(value, list) and "tuple" in kind else number(value, element)
 
 
-def motion(value, element: str) -> Motion:
-    """A Motion from the mapping of its fields, of which there is at least one, or FormatError."""
-    if not value:
-        keys = ", ".join(each.name for each in dataclasses.fields(Motion))
-        raise FormatError(f"a motion needs one or more of {keys}", element=element)
-    return record_of(Motion, value, element)
-
-
-def _triple(value, element):
-    if not isinstance(value, list) or len(value) != 3:
-        raise FormatError(f"three numbers are needed, not {shown(value)}", element=element)
-    return numbers(value, element)
-
-
-def _number_or_motion(value, element):
-    return motion(value, element) if isinstance(value, dict) else number(value, element)
-
-
-def _amounts(value, element, read=number_or_numbers):
+def _value(value, kind, element):
+    """A field's value from plain data, by the annotation of the field."""
+    if kind == "str":
+        return name(value, element)
+    if kind.startswith("tuple"):
+        return numbers(value, element, count=3 * ("float, float, float" in kind))
+    if not kind.startswith("Mapping"):
+        return amount(value, element, kind)
     if not isinstance(value, dict) or not value:
         raise FormatError(f"joint names with a number each are needed, not {shown(value)}", element=element)
-    return {name(joint, element): read(each, f"{element}: {joint}") for joint, each in value.items()}
+    return {name(joint, element): amount(each, f"{element}: {joint}", kind) for joint, each in value.items()}
 
 
-def _torques(value, element):
-    def torque(value, element):
-        return motion(value, element) if isinstance(value, dict) else number_or_numbers(value, element)
+def _field(entry, key, element):
+    value = entry.get(key)
+    if value is None:
+        raise FormatError(f"{key!r} is missing", element=element)
+    return value
 
-    return _amounts(value, element, torque)
 
-
-READERS = {
-    "str": name,
-    "float": number,
-    "float | None": number,
-    "float | Callable": _number_or_motion,
-    "tuple[float, ...]": numbers,
-    "tuple[float, float, float]": _triple,
-    "tuple[float, float, float] | None": _triple,
-    "tuple[float, float, float] | Callable": _triple,
-    "Mapping[str, float | tuple] | tuple[float, ...]": _amounts,
-    "Mapping[str, float | tuple | Callable] | tuple[float, ...]": _torques,
-}
-"""How a field is read, by its annotation; what is left out here cannot stand in a file."""
-NOT_IN_FILES = ("Callable | None",)
+def _kind(entry, kinds, element):
+    kind = _field(entry, "kind", element)
+    if kind not in tuple(kinds):
+        raise FormatError(f"unknown kind {shown(kind)}; known are {', '.join(kinds)}", element=element)
+    return kind

@@ -1,121 +1,250 @@
 """URDF files.
 
 Everything is checked in our own code before Pinocchio sees it, so that whatever is wrong with a file is a FormatError
-that names the file and the element. ``continuous`` joints become plain revolute joints, one angle that counts its
-turns (nq = nv), where Pinocchio would store a cosine and a sine; a limit that the file does not give is infinite.
-``<mimic>`` becomes a coupling of two joints, ``<loop_joint>`` a loop.
+that names the file and the element. Only what a simulation or a replay needs is carried over (links, joints, shapes),
+with every number rewritten, so that no parser after this one meets anything that was not checked. ``continuous`` joints
+become plain revolute joints, one angle that counts its turns (nq = nv), where Pinocchio would store a cosine and a
+sine; a limit that the file does not give is infinite. What closes loops: :mod:`pinconsist.formats.urdf_loops`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import logging
+import math
 from pathlib import Path
-from xml.etree.ElementTree import tostring
+from xml.etree.ElementTree import Element, SubElement, tostring
 
+import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
-from ..mechanism.constraints.coupling import Coupling
-from ..mechanism.constraints.loops import Loop
 from ..mechanism.geometry import Geometry
-from .joints import replaced
-from .loop_joints import loop_joints
-from .mimic import couplings
-from .reading import near, read_bytes
-from .urdf_tree import checked
-from .xml_reading import MAX_BYTES, parsed
+from .joints import AS_WRITTEN, replaced
+from .reading import Node, RobotFile, parsed, read_bytes, require_known, text
+from .urdf_loops import couplings, loop_joints
 
-_ROOT_JOINT = "root_joint"
-_AS_WRITTEN = {"FIXED": "fixed", "UNBOUNDED": "continuous"}
-"""Joints that are replaced by another type in the URDF text."""
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+UNLIMITED = 1e300
+"""Effort and velocity limit of joints whose file gives none."""
+INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+ROOT_JOINT = "root_joint"
+
+_ZERO, _X = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+_SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
+_log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class UrdfScene:
+def read(path: Path, name: str, *, free_flyer=False, package_dirs=(), joint_types=None, content=None) -> RobotFile:
     """What a URDF file says.
-
-    Attributes
-    ----------
-    model : pin.Model
-        The tree.
-    geometry : Geometry
-        Its shapes.
-    loops : tuple of Loop
-        Its ``<loop_joint>`` elements.
-    couplings : tuple of Coupling
-        Its ``<mimic>`` elements.
-    """
-
-    model: pin.Model
-    geometry: Geometry
-    loops: tuple[Loop, ...]
-    couplings: tuple[Coupling, ...]
-
-
-def read(path, *, name="", joint_types=None, free_flyer=False, package_dirs=(), content=None) -> UrdfScene:
-    """A model, its shapes and what closes it from a URDF file.
 
     Parameters
     ----------
-    path : path-like
+    path : Path
         The file.
     name : str
-        Name of the model; the stem of the file if empty.
-    joint_types : dict[str, str], optional
-        Joints to replace: name → type, see :mod:`pinconsist.formats.joints`.
+        Name of the model.
     free_flyer : bool
         Let the root link float freely, by a joint ``root_joint``, instead of fixing it to the ground.
     package_dirs : sequence of path-like
         Folders in which mesh files are looked for, before the folder of the file.
+    joint_types : dict[str, str], optional
+        Joints to replace: name → type, see :mod:`pinconsist.formats.joints`.
     content : bytes, optional
-        The text, where it does not stand in a file; messages then speak of `path`.
+        The text, if it is not in a file.
 
     Raises
     ------
     FormatError
         The file cannot be read as a scene.
     """
-    path = Path(path)
-    content = read_bytes(path, MAX_BYTES) if content is None else content
-    try:
-        raw = parsed(content)
-        robot, unlimited = checked(raw, name or path.stem)
-        loops, coupled = loop_joints(raw), couplings(raw)
-        types = dict(joint_types or {})
-        for joint, kind in types.items():
-            if kind in _AS_WRITTEN:
-                _retype(robot, joint, kind)
-        text = tostring(robot, encoding="unicode")
-        model = _built(text, free_flyer, robot)
-        for joint, side in unlimited:
-            if model.existJointName(joint) and types.get(joint) != "UNBOUNDED":  # not one that was fixed
-                vector = model.lowerPositionLimit if side == "lower" else model.upperPositionLimit
-                vector[model.idx_qs[model.getJointId(joint)]] = -float("inf") if side == "lower" else float("inf")
-        types = {joint: kind for joint, kind in types.items() if kind not in _AS_WRITTEN}
-        model = replaced(model, types) if types else model
-    except FormatError as error:
-        raise FormatError(error.reason, path=path, element=error.element) from error.__cause__
+    raw = parsed(read_bytes(path) if content is None else content)
+    robot, unlimited = checked(raw, name)
+    loops, followers = loop_joints(raw), couplings(raw)
+    types = dict(joint_types or {})
+    for joint, kind in types.items():
+        if kind in AS_WRITTEN:
+            _retype(robot, joint, kind)
+    urdf = tostring(robot, encoding="unicode")
+    model = _built(urdf, free_flyer, robot)
+    for joint, side in unlimited:
+        if model.existJointName(joint) and types.get(joint) != "UNBOUNDED":  # not one that was fixed
+            limits = model.lowerPositionLimit if side == "lower" else model.upperPositionLimit
+            limits[model.idx_qs[model.getJointId(joint)]] = -math.inf if side == "lower" else math.inf
+    types = {joint: kind for joint, kind in types.items() if kind not in AS_WRITTEN}
     folders = tuple(str(Path(folder).resolve()) for folder in (*package_dirs, path.parent))
-    return UrdfScene(model, Geometry(text, folders), loops, coupled)
+    return RobotFile(replaced(model, types) if types else model, Geometry(urdf, folders), loops, followers)
 
 
 def _retype(robot, name, kind):
-    joints = {joint.get("name"): joint for joint in robot.findall("joint")}
-    if name not in joints:
-        raise FormatError(f"there is no joint of this name to replace{near(name, joints)}", element=f"joint {name!r}")
+    joints, element = {joint.get("name"): joint for joint in robot.findall("joint")}, f"joint {name!r}"
+    require_known(name, joints, "there is no joint of this name to replace", element)
     if kind == "UNBOUNDED" and joints[name].get("type") != "revolute":
-        raise FormatError("only a revolute joint can be made unbounded", element=f"joint {name!r}")
-    joints[name].set("type", _AS_WRITTEN[kind])
+        raise FormatError("only a revolute joint can be made unbounded", element=element)
+    joints[name].set("type", AS_WRITTEN[kind])
 
 
-def _built(text, free_flyer, robot):
-    names = [joint.get("name") for joint in robot.findall("joint") if joint.get("type") != "fixed"]
-    if free_flyer and any(joint.get("name") == _ROOT_JOINT for joint in robot.findall("joint")):
-        raise FormatError("a free-flyer adds a joint of this name; rename the file's", element=f"joint {_ROOT_JOINT!r}")
-    if not (names or free_flyer):
+def _built(urdf, free_flyer, robot):
+    kinds = {joint.get("name"): joint.get("type") for joint in robot.findall("joint")}
+    if free_flyer and ROOT_JOINT in kinds:
+        raise FormatError("a free-flyer adds a joint of this name; rename the file's", element=f"joint {ROOT_JOINT!r}")
+    if not free_flyer and set(kinds.values()) <= {"fixed"}:
         raise FormatError("nothing can move: the model has no joint that is not fixed (a free-flyer would move it)")
     try:
-        root = (pin.JointModelFreeFlyer(), _ROOT_JOINT) if free_flyer else ()
-        return pin.buildModelFromXML(text, *root)
+        return pin.buildModelFromXML(urdf, *((pin.JointModelFreeFlyer(), ROOT_JOINT) if free_flyer else ()))
     except Exception as error:  # Boost.Python may raise any kind
         raise FormatError(f"Pinocchio cannot build the model: {error}") from error
+
+
+def checked(raw: Element, name: str) -> tuple[Element, list[tuple[str, str]]]:
+    """A clean `<robot>` from a parsed file, and the (joint, "lower" or "upper") limits that it does not have.
+
+    Parameters
+    ----------
+    raw : Element
+        The root element as parsed.
+    name : str
+        The name the robot gets.
+
+    Raises
+    ------
+    FormatError
+        The first thing that is wrong, with its element.
+    """
+    namespace = raw.tag[: raw.tag.find("}") + 1]  # a default namespace is legal and means nothing
+    for node in raw.iter():
+        node.tag = node.tag.removeprefix(namespace)
+    if raw.tag != "robot":
+        raise FormatError(f"the root element of a URDF is <robot>, this is <{raw.tag}>")
+    top, robot, unlimited = Node(raw), Element("robot", name=name), []
+    colours = {node.get("name"): _colour(node) for node in top.children("material")}
+    links, joints = top.named("link"), top.named("joint")
+    if not links:
+        raise FormatError("there is no link")
+    for found in (links, joints):
+        if "universe" in found:
+            raise found["universe"].error("'universe' is the name of the ground here; give it another")
+    for link, node in links.items():
+        out = SubElement(robot, "link", name=link)
+        if inertial := node.child("inertial"):
+            _inertial(SubElement(out, "inertial"), inertial)
+        for tag in ("visual", "collision"):
+            for shape in node.children(tag):
+                _shape(out, tag, shape, colours)
+    for joint, node in joints.items():
+        unlimited += [(joint, side) for side in _joint(robot, joint, node, links)]
+    _check_tree(links, robot.findall("joint"))
+    return robot, unlimited
+
+
+def _inertial(out, node):
+    _origin(out, node)
+    mass = node.child("mass", required=True).number("value")
+    if mass < 0:
+        raise node.error(f"the mass is negative: {mass:g} kg")
+    SubElement(out, "mass", value=text(mass))
+    inertia = node.child("inertia", required=True)
+    values = [inertia.number(key) for key in INERTIA]
+    scale = max(map(abs, values)) or 1.0
+    smallest = np.linalg.eigvalsh(symmetric(values) / scale)[0]
+    if smallest < -1e-9:  # files round
+        raise node.error(f"a principal inertia is negative: {smallest * scale:.3g} kg m²")
+    SubElement(out, "inertia", {key: text(value) for key, value in zip(INERTIA, values, strict=True)})
+
+
+def symmetric(values) -> np.ndarray:
+    """The matrix of the six numbers of `INERTIA`."""
+    xx, xy, xz, yy, yz, zz = values
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _shape(link, tag, node, colours):
+    solid, name = node.solid(), node.name
+    if not solid or (solid.xml.tag not in _SHAPES and solid.xml.tag != "mesh"):
+        _log.warning("%s: left out, its geometry is none of %s, mesh", name, ", ".join(_SHAPES))
+        return
+    kind = solid.xml.tag
+    if kind == "mesh":
+        attributes = {"scale": text(*solid.numbers("scale", 3, (1.0, 1.0, 1.0))), "filename": solid.get("filename")}
+        if not attributes["filename"]:
+            raise solid.error("attribute 'filename' is missing")
+    else:
+        sizes = {key: solid.numbers(key, count) for key, count in _SHAPES[kind].items()}
+        if min(map(min, sizes.values())) < 0:
+            raise solid.error("a size is negative")
+        attributes = {key: text(*size) for key, size in sizes.items()}
+    out = SubElement(link, tag)
+    _origin(out, node)
+    SubElement(SubElement(out, "geometry"), kind, attributes)
+    material = node.child("material")
+    colour = _colour(material) or colours.get(material.get("name")) if material and tag == "visual" else None
+    if colour:  # named by its value: parsers give all materials of one name the colour of the first
+        SubElement(SubElement(out, "material", name=colour), "color", rgba=colour)
+
+
+def _colour(material):
+    colour = material.child("color")
+    return text(*colour.numbers("rgba", 4)) if colour else None
+
+
+def _joint(robot, name, node, links):
+    """Write a joint; return the sides on which the file has no limit."""
+    kind = node.get("type")
+    if kind not in JOINT_TYPES:
+        raise node.error(f"type {kind!r} is not one of {', '.join(JOINT_TYPES)}")
+    joint = SubElement(robot, "joint", name=name, type="revolute" if kind == "continuous" else kind)
+    _origin(joint, node)
+    ends = [node.child(end, required=True).get("link") for end in ("parent", "child")]
+    for end, link in zip(("parent", "child"), ends, strict=True):
+        require_known(link, links, f"its {end} link {link!r} does not exist", node.name)
+        SubElement(joint, end, link=link)
+    if ends[0] == ends[1]:
+        raise node.error(f"parent and child are the same link {ends[0]!r}")
+    if kind in ("fixed", "floating"):
+        return ()
+    axis = node.child("axis").numbers("xyz", 3, _X)
+    length = math.hypot(*axis)
+    if length == 0:
+        raise node.error("the axis is the zero vector")
+    axis = tuple(each / length for each in axis)
+    if kind == "planar" and axis != (0.0, 0.0, 1.0):  # Pinocchio ignores the axis of a planar joint
+        raise node.error('planar joints can be read only with <axis xyz="0 0 1"/>, motion in x-y')
+    SubElement(joint, "axis", xyz=text(*axis))
+    if dynamics := node.child("dynamics"):
+        given = {key: text(dynamics.number(key, 0.0)) for key in ("damping", "friction")}
+        SubElement(joint, "dynamics", given)
+    if kind == "planar":
+        return ()
+    limit = node.child("limit")
+    defaults = {"lower": 0.0, "upper": 0.0, "effort": UNLIMITED, "velocity": UNLIMITED}  # Pinocchio demands them
+    given = {key: text(limit.number(key, default, math.inf)) for key, default in defaults.items()}
+    SubElement(joint, "limit", given)
+    return [side for side in ("lower", "upper") if kind == "continuous" or limit.get(side, None) is None]
+
+
+def _check_tree(links, joints):
+    parent_of = {}
+    for joint in joints:
+        parent, link = joint.find("parent").get("link"), joint.find("child").get("link")
+        if link in parent_of:
+            raise links[link].error(
+                f"it is the child of two joints, {parent_of[link][1]!r} and {joint.get('name')!r}. URDF holds a tree: "
+                "keep one of them and close the loop by a <loop_joint> or in a loop file"
+            )
+        parent_of[link] = parent, joint.get("name")
+    roots = [link for link in links if link not in parent_of]
+    if len(roots) > 1:
+        raise FormatError(f"the links {roots[0]!r} and {roots[1]!r} are both without a parent; join them by a joint")
+    reached = set(roots)
+    for link in links:  # up to a link known to hang on the root; meeting the own path again is a cycle
+        path = {}
+        while link not in reached:
+            if link in path:
+                raise links[link].error("its parents lead back to itself: the links form a cycle")
+            path[link] = None
+            link = parent_of[link][0]
+        reached.update(path)
+
+
+def _origin(out, node):
+    if origin := node.child("origin"):
+        SubElement(out, "origin", {key: text(*origin.numbers(key, 3, _ZERO)) for key in ("xyz", "rpy")})

@@ -1,10 +1,16 @@
-"""Mechanism → URDF and loop file."""
+"""Mechanism → URDF and loop file.
+
+A joint's body is a link, named like the first body frame that lies on the joint; every other frame is a massless link
+fixed where it lies. Numbers are written in full.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -14,12 +20,25 @@ from ..errors import FormatError, InputError
 from ..files import written_whole
 from ..mechanism.constraints.loops import LoopRows
 from ..mechanism.mechanism import Mechanism
-from . import urdf_scene
-from .records_writing import force_entries, loop_entries
-from .urdf_writing import urdf_text
+from .catalogue import Source
+from .joints import VALUES
+from .load import read_scene
+from .reading import parsed, text
+from .records import force_entries, loop_entries
+from .urdf import INERTIA, UNLIMITED
 
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 _SAME = 1e-9
+_JOINTS = {  # Pinocchio's name → (type in URDF, axis or None where the joint has its own, type in the loop file)
+    "FreeFlyer": ("floating", (), None),
+    "Planar": ("planar", (0.0, 0.0, 1.0), None),
+    "Spherical": ("revolute", (1.0, 0.0, 0.0), "spherical"),
+    "Translation": ("prismatic", (1.0, 0.0, 0.0), "translation"),
+    "R[XYZ]|RevoluteUnaligned": ("revolute", None, None),
+    "RUB[XYZ]|RevoluteUnboundedUnaligned": ("revolute", None, "unbounded"),
+    "P[XYZ]|PrismaticUnaligned": ("prismatic", None, None),
+    "H[XYZ]|HelicalUnaligned": ("revolute", None, "helical"),
+}
 
 
 def write(mechanism: Mechanism, path) -> Path:
@@ -36,7 +55,7 @@ def write(mechanism: Mechanism, path) -> Path:
     ----------
     mechanism : Mechanism
     path : path-like
-        The URDF file, ``.urdf`` is added where it is missing; its stem becomes the name.
+        The URDF file, ``.urdf`` is added if it is missing; its stem becomes the name.
 
     Returns
     -------
@@ -46,8 +65,8 @@ def write(mechanism: Mechanism, path) -> Path:
     Raises
     ------
     InputError
-        What a file cannot hold, by name: functions of your own, joints of a kind without a word; or a folder that is
-        not there.
+        What a file cannot hold, by name: functions of your own, joints of a kind without a word; or a folder that does
+        not exist.
     """
     if not isinstance(mechanism, Mechanism):
         raise InputError(f"write needs a Mechanism, got {type(mechanism).__name__}")
@@ -57,7 +76,8 @@ def write(mechanism: Mechanism, path) -> Path:
     path = path if path.suffix == ".urdf" else path.with_name(path.name + ".urdf")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}")
-    urdf, scene = _content(mechanism, path.stem)
+    urdf, joints = _urdf(mechanism, path.stem)
+    scene = _loop_file(mechanism, joints)
     try:
         back = _read_back(urdf, scene, path.stem)
         if back.joints != mechanism.joints:
@@ -65,39 +85,36 @@ def write(mechanism: Mechanism, path) -> Path:
             back = _read_back(urdf, scene, path.stem)
     except FormatError as error:
         raise InputError(f"{mechanism.name} cannot be written as a URDF that reads back: {error.reason}") from error
-    _require_same(mechanism, back)
+    if not _same(mechanism, back):
+        raise InputError(
+            f"{mechanism.name} cannot be written as URDF: what was read back is another mechanism. Please report this"
+        )
     with written_whole(path) as robot, written_whole(path.with_suffix(".yaml")) as loops:
         robot.write(urdf.encode())
         loops.write(_yaml(scene))
     return path
 
 
-def _content(mechanism, name):
-    """The URDF text, and the loop file as plain data."""
+def _loop_file(mechanism, joints) -> dict:
+    """The loop file as plain data."""
     model = mechanism.model
-    urdf, joints = urdf_text(mechanism, name)
-    scene = {}
-    gravity = tuple(model.gravity.linear.tolist())
-    if gravity != _STANDARD_GRAVITY:
-        scene["gravity"] = list(gravity)
     if np.any(model.gravity.angular):
         raise InputError(f"{mechanism.name}: gravity has an angular part, which a file cannot hold")
+    gravity = model.gravity.linear.tolist()
     guess = {}
-    for i in range(1, model.njoints):
-        share = mechanism.guess[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]].tolist()
-        guess[model.names[i]] = share[0] if len(share) == 1 else share
-    for key, value in (
-        ("joints", joints),
-        ("loops", loop_entries(mechanism)),
-        ("forces", force_entries(mechanism)),
-        ("guess", guess),
-        ("actuated", list(mechanism.actuated)),
-    ):
-        if value:
-            scene[key] = value
-    if mechanism.duration != Mechanism.duration:
-        scene["duration"] = mechanism.duration
-    return urdf, scene
+    for name, start, size in list(zip(model.names, model.idx_qs, model.nqs, strict=True))[1:]:
+        share = mechanism.guess[start : start + size].tolist()
+        guess[name] = share[0] if size == 1 else share
+    scene = {
+        "gravity": gravity if tuple(gravity) != _STANDARD_GRAVITY else None,
+        "joints": joints,
+        "loops": loop_entries(mechanism),
+        "forces": force_entries(mechanism),
+        "guess": guess,
+        "actuated": list(mechanism.actuated),
+        "duration": mechanism.duration if mechanism.duration != Mechanism.duration else None,
+    }
+    return {key: value for key, value in scene.items() if value}
 
 
 def _yaml(scene) -> bytes:
@@ -109,23 +126,18 @@ def _read_back(urdf, scene, name):
         path = Path(folder) / f"{name}.urdf"
         path.write_text(urdf, encoding="utf-8")
         path.with_suffix(".yaml").write_bytes(_yaml(scene))
-        return urdf_scene.load(path, name, loops=None, closure=None, free_flyer=False, package_dirs=())
+        return read_scene(Source(path, name))
 
 
-def _require_same(mechanism, back):
-    """Raise InputError where the equations of motion read back are others: a last line of defence."""
+def _same(mechanism, back) -> bool:
+    """Whether the equations of motion that were read back are those of a mechanism: a last line of defence."""
+    if (back.joints, back.nq, back.nv, back.nc) != (mechanism.joints, mechanism.nq, mechanism.nv, mechanism.nc):
+        return False
     rng = np.random.default_rng(0)
-    if (back.joints, back.nq, back.nv, back.nc) == (mechanism.joints, mechanism.nq, mechanism.nv, mechanism.nc):
-        q = pin.integrate(mechanism.model, mechanism.guess, rng.uniform(-0.5, 0.5, mechanism.nv))
-        v = rng.uniform(-1, 1, mechanism.nv)
-        pairs = zip(_equations(mechanism, q, v), _equations(back, q, v), strict=True)
-        if all(
-            np.allclose(one, other, rtol=_SAME, atol=_SAME * (1 + np.abs(one).max(initial=0))) for one, other in pairs
-        ):
-            return
-    raise InputError(
-        f"{mechanism.name} cannot be written as URDF: what was read back is another mechanism. Please report this"
-    )
+    q = pin.integrate(mechanism.model, mechanism.guess, rng.uniform(-0.5, 0.5, mechanism.nv))
+    v = rng.uniform(-1, 1, mechanism.nv)
+    pairs = zip(_equations(mechanism, q, v), _equations(back, q, v), strict=True)
+    return all(np.allclose(one, two, rtol=_SAME, atol=_SAME * (1 + np.abs(one).max(initial=0))) for one, two in pairs)
 
 
 def _equations(mechanism, q, v):
@@ -135,3 +147,134 @@ def _equations(mechanism, q, v):
     bias = pin.rnea(model, data, q, v, np.zeros(model.nv))
     pin.computeJointJacobians(model, data, q)
     return M, np.array(bias), *LoopRows(model, mechanism.loops).evaluate(data, q)
+
+
+def _urdf(mechanism, name) -> tuple[str, dict]:
+    """A URDF document, and the settings of joints that stand in the loop file (its key ``joints``)."""
+    model = mechanism.model
+    robot = Element("robot", name=name)
+    links, mounted = _frame_names(model)
+    shapes, settings = {}, {}
+    if mechanism.geometry is not None:
+        for link in parsed(mechanism.geometry.urdf.encode()).findall("link"):
+            shapes[link.get("name")] = [*link.findall("visual"), *link.findall("collision")]
+    for joint, inertia in enumerate(model.inertias):
+        link = SubElement(robot, "link", name=links[joint])
+        link.extend(shapes.get(links[joint], ()))
+        if joint or inertia.mass:
+            _inertial(link, inertia)
+    for joint in range(1, model.njoints):
+        if given := _joint(robot, mechanism, joint, links):
+            settings[model.names[joint]] = given
+    for mount, link, joint, place in mounted:
+        SubElement(robot, "link", name=link).extend(shapes.get(link, ()))
+        _join(robot, mount, "fixed", links[joint], link, place)
+    indent(robot)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + tostring(robot, encoding="unicode") + "\n", settings
+
+
+def _frame_names(model):
+    """The link of each joint, and the frames that are mounted on links: (joint name, link, joint, place)."""
+    frames = list(enumerate(model.frames))[1:]
+    fixed = {i: frame for i, frame in frames if frame.type == pin.FrameType.FIXED_JOINT}
+    taken_links = {"universe"} | {frame.name for _, frame in frames}
+    taken_joints = set(model.names) | {frame.name for frame in fixed.values()}
+    links, carried, bodies, mounted = {}, set(), {}, []
+    for i, frame in frames:
+        if frame.type != pin.FrameType.BODY:
+            continue
+        if frame.parentJoint not in links and _same_place(frame.placement, pin.SE3.Identity()):
+            links[frame.parentJoint] = frame.name
+            carried.add(i)
+        elif frame.parentFrame in fixed and _same_place(frame.placement, fixed[frame.parentFrame].placement):
+            bodies.setdefault(frame.parentFrame, i)
+    for joint in range(model.njoints):
+        if joint not in links:
+            links[joint] = _unused(f"{model.names[joint]}_body" if joint else "ground", taken_links)
+    for i, frame in fixed.items():
+        body = bodies.get(i)
+        carried |= {i, body}
+        link = model.frames[body].name if body else _unused(f"{frame.name}_body", taken_links)
+        mounted.append((frame.name, link, frame.parentJoint, frame.placement))
+    for i, frame in frames:
+        own = frame.name == model.names[frame.parentJoint] and _same_place(frame.placement, pin.SE3.Identity())
+        if i not in carried and not own:
+            mount = _unused(f"{frame.name}_mount", taken_joints)
+            mounted.append((mount, frame.name, frame.parentJoint, frame.placement))
+    return links, mounted
+
+
+def _unused(name, taken):
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+def _same_place(place, other):
+    return np.array_equal(place.homogeneous, other.homogeneous)
+
+
+def _inertial(link, inertia):
+    node = SubElement(link, "inertial")
+    SubElement(node, "origin", xyz=text(*inertia.lever))
+    SubElement(node, "mass", value=text(inertia.mass))
+    values = inertia.inertia[np.triu_indices(3)]
+    SubElement(node, "inertia", {key: text(value) for key, value in zip(INERTIA, values, strict=True)})
+
+
+def _join(robot, name, kind, parent, child, place):
+    joint = SubElement(robot, "joint", name=name, type=kind)
+    rpy = pin.rpy.matrixToRpy(place.rotation) + 0.0
+    SubElement(joint, "origin", xyz=text(*place.translation), rpy=text(*rpy))
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    return joint
+
+
+def _joint(robot, mechanism, joint, links):
+    """Write a joint; return its settings in the loop file."""
+    model = mechanism.model
+    kind, axis, replaced = _kind(mechanism, joint)
+    node = _join(
+        robot, model.names[joint], kind, links[model.parents[joint]], links[joint], model.jointPlacements[joint]
+    )
+    given = {"type": replaced} if replaced else {}
+    q, v, size = model.idx_qs[joint], model.idx_vs[joint], model.nvs[joint]
+    values = {key: getattr(model, VALUES[key][0])[v : v + size].tolist() for key in VALUES}
+    if len(axis):
+        SubElement(node, "axis", xyz=text(*axis))
+    if size == 1:
+        dynamics = {key: text(*values.pop(key)) for key in ("damping", "friction")}
+        if set(dynamics.values()) != {"0"}:
+            SubElement(node, "dynamics", dynamics)
+        limits = {"effort": model.upperEffortLimit[v], "velocity": model.upperVelocityLimit[v]}
+        if model.nqs[joint] == 1:
+            limits |= {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
+        limits = {key: text(value) for key, value in limits.items() if abs(value) < UNLIMITED}
+        if limits:
+            SubElement(node, "limit", limits)
+    for key, amounts in values.items():
+        if any(amounts):
+            given[key] = amounts if len(set(amounts)) > 1 else amounts[0]
+    return given
+
+
+def _kind(mechanism, joint):
+    """(type in URDF, axis, type in the loop file) of a joint; InputError for a kind that has no place in either."""
+    model = mechanism.model
+    which = model.joints[joint].shortname().removeprefix("JointModel")
+    found = next((each for pattern, each in _JOINTS.items() if re.fullmatch(pattern, which)), None)
+    if found is None:
+        raise InputError(
+            f"{mechanism.name}: joint {model.names[joint]!r} is a {which} joint, for which neither URDF nor a loop "
+            "file has a word; build it of hinges and sliders"
+        )
+    kind, axis, replaced = found
+    if axis is not None:
+        return found
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    twist = np.reshape(pin.getJointJacobian(model, data, joint, pin.LOCAL), (6, -1))[:, model.idx_vs[joint]]
+    axis = twist[:3] if kind == "prismatic" else twist[3:]
+    return kind, axis, f"helical {float(twist[:3] @ axis)!r}" if replaced == "helical" else replaced

@@ -9,9 +9,8 @@ from dataclasses import asdict, dataclass, field, replace
 import numpy as np
 
 from ..errors import FormatError, InputError
-from ..formats.force_records import force_record
 from ..formats.reading import near
-from ..formats.records_writing import force_entries
+from ..formats.records import force_entries, force_record
 from ..mechanism.acting import acting
 from ..mechanism.checks import finite_array
 from ..mechanism.digest import digests

@@ -23,7 +23,7 @@ class Scene:
 
     def load(self):
         """The mechanism."""
-        from ..formats.catalogue import load  # brings Pinocchio, which a command's --help does without
+        from ..formats.load import load  # brings Pinocchio, which a command's --help does without
 
         mechanism = load(
             self.source, loops=self.loops, closure=self.closure, free_flyer=self.free_flyer,

@@ -11,8 +11,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from ...errors import FormatError
-from ..reading import near, read_bytes, shown
-from ..xml_reading import MAX_BYTES, parsed
+from ..reading import near, parsed, read_bytes, shown
 
 MOST_FILES = 200
 _READ = ("compiler", "option", "default", "asset", "worldbody", "equality", "tendon", "actuator", "keyframe")
@@ -119,7 +118,7 @@ def _located(name, folder, nearby):
 
 def _parsed(path):
     try:
-        return parsed(read_bytes(path, MAX_BYTES))
+        return parsed(read_bytes(path))
     except FormatError as error:
         raise FormatError(error.reason, path=path) from error.__cause__
 

@@ -1,18 +1,13 @@
-"""An MJCF file → Mechanism."""
+"""What an MJCF file says."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
-from ...errors import FormatError, InputError
-from ...mechanism.geometry import Geometry
-from ...mechanism.mechanism import Mechanism
-from .. import loopfile
-from ..closure import closed_by
+from ...errors import FormatError
+from ..reading import RobotFile
 from .actuators import actuated, refuse_tendons
 from .bodies import BodyReader
 from .document import document, sections
@@ -23,51 +18,17 @@ from .tree import build
 from .values import vector
 
 
-def load(path: Path, name: str, *, loops, closure, free_flyer, package_dirs) -> Mechanism:
-    """See :func:`pinconsist.load`.
+def read(path: Path, name: str, *, package_dirs=()) -> RobotFile:
+    """What an MJCF file says.
 
-    The active equality constraints close the scene, and the loops of a loop file that is given. Joints have MuJoCo's
-    values: ``ref`` where the bodies stand as the file places them. Assembly starts at the first keyframe, else there.
+    The active equality constraints close the scene. Joints have MuJoCo's values: ``ref`` where the bodies stand as the
+    file places them. Assembly starts at the first keyframe, else there.
 
     Limits, contacts, sensors and solver settings have no effect, and actuators give names only. What else would move
     the bodies in MuJoCo and is not computed here is refused.
     """
-    if free_flyer:
-        raise InputError("free_flyer= is not for MJCF, which says itself what floats: give the body a <freejoint/>")
-    record = loopfile.beside_scene(loops, "MJCF")
-    try:
-        with np.errstate(all="ignore"):  # what is not finite is found and named
-            scene = _read(path, name, package_dirs)
-    except FormatError as error:
-        raise FormatError(error.reason, path=error.path or path, element=error.element) from error.__cause__
-    model = record.settings.applied(scene.model, loops)
-    loopfile.check(record, model, loops)
-    closures_ = closed_by((*scene.loops, *record.loops), closure)
-    try:
-        return Mechanism(
-            model,
-            closures_,
-            (*scene.forces, *record.forces),
-            name=name,
-            guess=scene.guess | record.guess,
-            actuated=tuple(dict.fromkeys((*scene.actuated, *record.actuated))),
-            geometry=scene.geometry,
-            duration=record.duration,
-        )
-    except InputError as error:
-        raise FormatError(str(error), path=path) from error
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """What a file says: model, closures, forces, joint → value from where assembly starts, motorised joints, shapes."""
-
-    model: pin.Model
-    loops: tuple
-    forces: tuple
-    guess: dict[str, np.ndarray]
-    actuated: tuple[str, ...]
-    geometry: Geometry
+    with np.errstate(all="ignore"):  # what is not finite is found and named
+        return _read(path, name, package_dirs)
 
 
 def _read(path, name, package_dirs):
@@ -78,7 +39,7 @@ def _read(path, name, package_dirs):
     if tree.model.nv == 0:
         raise FormatError("nothing can move: no body has a joint")
     refuse_tendons(root, defaults)
-    return _Scene(
+    return RobotFile(
         model=tree.model,
         loops=closures(root, tree, defaults, options),
         forces=tree.forces,

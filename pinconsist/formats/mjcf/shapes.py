@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from ...errors import FormatError
 from ...mechanism.geometry import Geometry
-from ..xml_reading import text
+from ..reading import text
 from .bodies import Body
 from .document import sections
 from .names import FrameNames

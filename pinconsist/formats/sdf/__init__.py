@@ -1,9 +1,9 @@
 """SDF files (sdformat.org), read without libsdformat, which the pip builds of Pinocchio do not have.
 
-The specification is that of versions 1.4 to 1.12. What a file says is carried over in these words:
+The specification is that of versions 1.4 to 1.12. What a file says is carried over as follows:
 
 * ``<joint>`` elements make a net of links, of which a tree is taken; the joints that are left over close loops
-  (:mod:`.closing` says which, and how). The poses of a file describe it closed, at q = 0.
+  (:mod:`.net` says which, and how). The poses of a file describe it closed, at q = 0.
 * A link without ``<inertial>`` has 1 kg and 1 kg·m², as the specification has it.
 * A model that no joint ties to the world floats in SDF. Here it is fixed where it stands unless
   ``load(..., free_flyer=True)`` lets it float: as with URDF files and Pinocchio's own readers, so that one scene in two
@@ -16,3 +16,61 @@ The specification is that of versions 1.4 to 1.12. What a file says is carried o
 * A screw is one joint of Pinocchio's (helical), a universal joint two hinges ``name_axis``, ``name_axis2`` with a
   massless body between them: Pinocchio's own universal joint has wrong ``computeRNEADerivatives``.
 """
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from xml.etree.ElementTree import tostring
+
+import numpy as np
+
+from ...mechanism.forces import JointSpring
+from ...mechanism.geometry import Geometry
+from ..reading import RobotFile, parsed, read_bytes
+from ..urdf import checked
+from .document import read_document
+from .joints import read_joints
+from .model import build
+from .net import Net, couplings
+from .shapes import in_urdf, inertias, weightless
+
+_log = logging.getLogger(__name__)
+
+
+def read(path: Path, name: str, *, free_flyer=False, package_dirs=()) -> RobotFile:
+    """What an SDF file says; links and `<frame>` elements become frames of the model.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    name : str
+        Name of the model.
+    free_flyer : bool
+        Let what no joint ties to the world float, by a joint ``root_joint``, instead of fixing it where it stands.
+    package_dirs : sequence of path-like
+        Folders in which mesh files are looked for, before the folder of the file.
+
+    Raises
+    ------
+    FormatError
+        The file cannot be read as a scene.
+    """
+    document = read_document(parsed(read_bytes(path)))
+    joints = read_joints(document)
+    folders = tuple(Path(folder).resolve() for folder in (*package_dirs, path.parent))
+    robot, _ = checked(in_urdf(document, folders), name)
+    net = Net(document, joints)
+    if len(net.roots) > 1:
+        _log.warning("%s: no joints tie %s together or to the world", path, ", ".join(map(repr, net.roots)))
+    model, guess = build(document, net, inertias(document, robot), name, free_flyer)
+    if weightless(document):
+        model.gravity.linear = np.zeros(3)
+    motions = [motion for joint in net.joints for motion in zip(joint.parts, joint.axes, strict=False)]
+    springs = [JointSpring(part, axis.stiffness, axis.reference) for part, axis in motions if axis.stiffness]
+    guess |= {part: axis.initial for part, axis in motions if axis.initial and model.existJointName(part)}
+    geometry = Geometry(tostring(robot, encoding="unicode"), tuple(map(str, folders)))
+    return RobotFile(
+        model, geometry, tuple(net.loops(document)), tuple(couplings(joints)), forces=tuple(springs), guess=guess
+    )

@@ -1,17 +1,16 @@
-"""Joints of SDF: types, axes, what acts in them, gears and followers. FormatErrors do not know the file yet."""
+"""Joints of SDF: types, axes, what acts in them, gears and followers."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from xml.etree.ElementTree import Element
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from ...errors import FormatError
-from .poses import WORLD, Frames, join
-from .words import flag, limit, number, tell_unknown, vector, word
+from .document import FRAMES, Document, SdfNode, unit
+from .frames import WORLD, join
 
 AXES = {
     "revolute": 1,
@@ -34,15 +33,13 @@ _PARTS += ("thread_pitch", "screw_thread_pitch")
 _IN_AXIS = ("xyz", "dynamics", "limit", "mimic", "use_parent_model_frame", "initial_position")
 
 
-@dataclass(frozen=True)
-class Follower:
-    """The `<mimic>` of an axis: position = multiplier (leader's position - reference) + offset."""
+class Follower(NamedTuple):
+    """The `<mimic>` of an axis: position = ratio · position of the leader's axis + offset."""
 
     joint: str
     axis: int
-    multiplier: float
+    ratio: float
     offset: float
-    reference: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,134 +103,130 @@ class Joint:
         return (f"{self.name}_axis", f"{self.name}_axis2") if self.kind == "universal" else (self.name,)
 
 
-def read_joint(full: str, node: Element, scope: str, frames: Frames, shown, version) -> Joint:
-    """A joint element. `full` is the name of its frame; `shown` makes the names of a scene from full ones."""
-    name = shown(full)
-    element = f"joint {name!r}"
-    tell_unknown(node, _PARTS, element)
-    kind = node.get("type", "").lower()
-    if kind not in AXES:
-        raise FormatError(f"type {node.get('type', '')[:40]!r} is not one of {', '.join(AXES)}", element=element)
-    parent, child = (_body(node, end, scope, frames, element) for end in ("parent", "child"))
-    if child == WORLD:
-        raise FormatError("the world cannot be a child; exchange parent and child", element=element)
-    if parent == child:
-        raise FormatError(f"parent and child are the same body {shown(parent)!r}", element=element)
-    place = frames.pose(full)
-    axes = tuple(
-        _axis(node.find(tag), place, scope, frames, shown, version, f"{element}: {tag}")
-        for tag in ("axis", "axis2")[: AXES[kind]]
-    )
-    if kind in ("universal", "revolute2"):
-        if np.linalg.norm(np.cross(axes[0].direction, axes[1].direction)) < PARALLEL:
-            raise FormatError("its two axes are parallel", element=element)
-    elif kind == "continuous":
-        axes = (replace(axes[0], lower=-math.inf, upper=math.inf),)
-    elif kind == "ball":
-        axes = _ball(node, f"{element}: axis")
-    simbody = node.find("physics/simbody")
-    return Joint(
-        name,
-        {"continuous": "revolute", "revolute2": "universal"}.get(kind, kind),
-        shown(parent),
-        shown(child),
-        place,
-        axes,
-        pitch=_pitch(node, element) if kind == "screw" else 0.0,
-        ratio=number(node, "gearbox_ratio", element, 1.0),
-        reference=shown(_body(node, "gearbox_reference_body", scope, frames, element)) if kind == "gearbox" else "",
-        must_cut=simbody is not None and flag(simbody, "must_be_loop_joint", element),
-    )
+def read_joints(document: Document) -> list[Joint]:
+    """The joints of a file, as far as they are not in static models; FormatError for the first that is wrong."""
+    return [_Reader(document, *each).joint() for each in document.joints]
 
 
-def _body(node, tag, scope, frames, element):
-    name = word(node, tag, element)
-    return frames.body(frames.resolve(scope, name, f"{element}: {tag}"))
+class _Reader:
+    """Reads one joint."""
+
+    def __init__(self, document, full, node, scope):
+        self.node, self.scope, self.version = node, scope, document.version
+        self.frames, self.name = document.lookup, document.lookup.short(full)
+        node.name, self.full = f"joint {self.name!r}", full
+
+    def joint(self) -> Joint:
+        """The joint."""
+        node = self.node
+        node.warn_unknown(_PARTS)
+        kind = node.get("type").lower()
+        if kind not in AXES:
+            raise node.error(f"type {node.get('type')[:40]!r} is not one of {', '.join(AXES)}")
+        parent, child = self._body("parent"), self._body("child")
+        if child == WORLD:
+            raise node.error("the world cannot be a child; exchange parent and child")
+        if parent == child:
+            raise node.error(f"parent and child are the same body {parent!r}")
+        self.pose = self.frames.pose(self.full)
+        axes = tuple(self._axis(node.child(tag)) for tag in ("axis", "axis2")[: AXES[kind]])
+        if kind in ("universal", "revolute2"):
+            if np.linalg.norm(np.cross(axes[0].direction, axes[1].direction)) < PARALLEL:
+                raise node.error("its two axes are parallel")
+        elif kind == "continuous":
+            axes = (replace(axes[0], lower=-math.inf, upper=math.inf),)
+        elif kind == "ball":
+            axes = (self._ball(node.child("axis")),)
+        return Joint(
+            self.name,
+            {"continuous": "revolute", "revolute2": "universal"}.get(kind, kind),
+            parent,
+            child,
+            self.pose,
+            axes,
+            pitch=_pitch(node) if kind == "screw" else 0.0,
+            ratio=node.value("gearbox_ratio", 1.0),
+            reference=self._body("gearbox_reference_body") if kind == "gearbox" else "",
+            must_cut=node.child("physics").child("simbody").flag("must_be_loop_joint"),
+        )
+
+    def _body(self, tag):
+        full = self.frames.resolve(self.scope, self.node.word(tag), f"{self.node.name}: {tag}")
+        return self.frames.short(self.frames.body(full))
+
+    def _axis(self, node) -> Axis:
+        if not node:
+            raise node.error("it is missing")
+        node.warn_unknown(_IN_AXIS)
+        direction = np.array(node.values("xyz", (0.0, 0.0, 1.0)))
+        if not direction.any():
+            raise node.error("the axis is the zero vector")
+        direction = unit(direction)
+        if frame := self._expressed_in(node):
+            there = self.frames.pose(self.frames.resolve(self.scope, frame, f"{node.name}: xyz"))
+            direction = self.pose.rotation.T @ there.rotation @ direction
+        limits = node.child("limit")
+        lower, upper = limits.limit("lower", -math.inf), limits.limit("upper", math.inf)
+        if lower > upper:
+            raise limits.error(f"lower {lower:g} is above upper {upper:g}")
+        effort, velocity = (limits.limit(tag, math.inf) for tag in ("effort", "velocity"))
+        return Axis(
+            direction,
+            **_dynamics(node.child("dynamics")),
+            lower=lower,
+            upper=upper,
+            effort=effort if effort >= 0 else math.inf,  # not enforced
+            velocity=velocity if velocity >= 0 else math.inf,
+            initial=node.value("initial_position"),
+            follows=self._follower(node.child("mimic")),
+        )
+
+    def _expressed_in(self, node):
+        """The frame of the components of an axis; empty: the joint's own."""
+        frame = node.child("xyz").get("expressed_in")
+        if self.version <= (1, 4):
+            return "__model__"
+        if self.version < FRAMES and not frame:  # the flag was given up for expressed_in
+            return "__model__" if node.flag("use_parent_model_frame") else ""
+        return frame
+
+    def _follower(self, node):
+        if not node:
+            return None
+        axis, axes = node.get("axis") or "axis", ("axis", "axis2")
+        if axis not in axes:
+            raise node.error(f"axis={axis[:40]!r} is neither axis nor axis2")
+        ratio, offset = node.value("multiplier", 1.0), node.value("offset")
+        leader = self.frames.short(join(self.scope, node.get("joint")))
+        return Follower(leader, axes.index(axis), ratio, offset - ratio * node.value("reference"))
+
+    @staticmethod
+    def _ball(node):
+        """The damping and friction that simulators let act about all axes of a ball; its direction means nothing."""
+        given = _dynamics(node.child("dynamics"))
+        if given["stiffness"]:
+            raise node.error("a ball joint has no axis about which a spring could act")
+        return Axis(np.zeros(3), given["damping"], given["friction"])
 
 
-def _axis(node, place, scope, frames, shown, version, element):
-    if node is None:
-        raise FormatError("it is missing", element=element)
-    tell_unknown(node, _IN_AXIS, element)
-    direction = np.array(vector(node, "xyz", element, (0.0, 0.0, 1.0)))
-    length = math.hypot(*direction)
-    if length == 0:
-        raise FormatError("the axis is the zero vector", element=element)
-    direction = direction / np.abs(direction).max()  # no overflow of the norm
-    direction /= np.linalg.norm(direction)
-    frame = _expressed_in(node, version, element)
-    if frame:
-        there = frames.pose(frames.resolve(scope, frame, f"{element}: xyz"))
-        direction = place.rotation.T @ there.rotation @ direction
-    bounds, within = node.find("limit"), f"{element}: limit"
-    lower, upper = limit(bounds, "lower", within, -math.inf), limit(bounds, "upper", within, math.inf)
-    if lower > upper:
-        raise FormatError(f"lower {lower:g} is above upper {upper:g}", element=within)
-    effort, velocity = (limit(bounds, tag, within, math.inf) for tag in ("effort", "velocity"))
-    return Axis(
-        direction,
-        **_dynamics(node.find("dynamics"), f"{element}: dynamics"),
-        lower=lower,
-        upper=upper,
-        effort=effort if effort >= 0 else math.inf,  # not enforced
-        velocity=velocity if velocity >= 0 else math.inf,
-        initial=number(node, "initial_position", element),
-        follows=_follower(node.find("mimic"), scope, shown, f"{element}: mimic"),
-    )
-
-
-def _expressed_in(node, version, element):
-    """The frame of the components of an axis; empty: the joint's own."""
-    if version <= (1, 4):
-        return "__model__"
-    xyz = node.find("xyz")
-    frame = "" if xyz is None else xyz.get("expressed_in", "")
-    if version < (1, 7) and not frame:  # the flag was given up for expressed_in
-        return "__model__" if flag(node, "use_parent_model_frame", element) else ""
-    return frame
-
-
-def _dynamics(node, element):
-    names = {"damping": "damping", "friction": "friction", "stiffness": "spring_stiffness"}
-    given = {key: number(node, tag, element) for key, tag in names.items()}
+def _dynamics(node: SdfNode) -> dict[str, float]:
+    tags = {"damping": "damping", "friction": "friction", "stiffness": "spring_stiffness"}
+    given = {key: node.value(tag) for key, tag in tags.items()}
     for key, value in given.items():
         if value < 0:
-            raise FormatError(f"{value:g} is negative", element=f"{element}: {names[key]}")
-    return given | {"reference": number(node, "spring_reference", element)}
+            raise node.child(tags[key]).error(f"{value:g} is negative")
+    return given | {"reference": node.value("spring_reference")}
 
 
-def _ball(node, element):
-    """The damping and friction that simulators let act about all axes of a ball; its direction means nothing."""
-    axis = node.find("axis")
-    given = _dynamics(None if axis is None else axis.find("dynamics"), f"{element}: dynamics")
-    if given["stiffness"]:
-        raise FormatError("a ball joint has no axis about which a spring could act", element=element)
-    return (Axis(np.zeros(3), given["damping"], given["friction"]),)
-
-
-def _follower(node, scope, shown, element):
-    if node is None:
-        return None
-    axis = node.get("axis") or "axis"
-    if axis not in ("axis", "axis2"):
-        raise FormatError(f"axis={axis[:40]!r} is neither axis nor axis2", element=element)
-    return Follower(
-        shown(join(scope, node.get("joint", ""))),
-        0 if axis == "axis" else 1,
-        number(node, "multiplier", element, 1.0),
-        number(node, "offset", element),
-        number(node, "reference", element),
-    )
-
-
-def _pitch(node, element):
+def _pitch(node: SdfNode) -> float:
     """m per revolution, positive for a right-handed thread, as libsdformat takes it.
 
     ``thread_pitch`` is the older element: rad per m, positive for a left-handed thread.
     """
-    if node.find("screw_thread_pitch") is not None or node.find("thread_pitch") is None:
-        return number(node, "screw_thread_pitch", element, 1.0)
-    old = number(node, "thread_pitch", element)
-    if abs(old) < 1e-100:
-        raise FormatError("zero means infinite travel", element=f"{element}: thread_pitch")
-    return -2 * math.pi / old
+    old = node.child("thread_pitch")
+    if node.child("screw_thread_pitch") or not old:
+        return node.value("screw_thread_pitch", 1.0)
+    pitch = node.value("thread_pitch")
+    if abs(pitch) < 1e-100:
+        raise old.error("zero means infinite travel")
+    return -2 * math.pi / pitch

@@ -9,20 +9,19 @@ import pinocchio as pin
 
 from ...errors import FormatError
 from ..reading import shown
-from .closing import Net, copy_name
+from ..urdf import ROOT_JOINT
+from .document import Document
+from .frames import WORLD
 from .joints import Joint
-from .poses import WORLD
-from .tree import Scene
-
-ROOT_JOINT = "root_joint"
+from .net import Net, copy_name
 
 
-def build(scene: Scene, net: Net, inertias: Mapping[str, pin.Inertia], name: str, free_flyer: bool):
+def build(document: Document, net: Net, inertias: Mapping[str, pin.Inertia], name: str, free_flyer: bool):
     """The tree of a net, and the places of its floating roots.
 
     Parameters
     ----------
-    scene, net
+    document, net
         What the file holds, and how it is cut open.
     inertias : mapping
         Link → inertia in its own frame.
@@ -35,7 +34,7 @@ def build(scene: Scene, net: Net, inertias: Mapping[str, pin.Inertia], name: str
     -------
     model : pin.Model
     guess : dict
-        Root joint → its configuration, where there is one.
+        Root joint → its configuration, if there is one.
 
     Raises
     ------
@@ -44,12 +43,14 @@ def build(scene: Scene, net: Net, inertias: Mapping[str, pin.Inertia], name: str
     """
     if free_flyer and not net.roots:
         raise FormatError("nothing can float: all links are tied to the world; leave free_flyer away")
-    tree = _Tree(scene, net, inertias, name)
+    tree, guess = _Tree(document, net, inertias, name), {}
     for body in net.held:
         tree.plant(body)
-    guess = {}
     for body in net.roots:
-        guess |= tree.float(body, ROOT_JOINT if len(net.roots) == 1 else f"{body}_{ROOT_JOINT}") if free_flyer else {}
+        if free_flyer:
+            root, pose = ROOT_JOINT if len(net.roots) == 1 else f"{body}_{ROOT_JOINT}", document.bodies[body].pose
+            tree.carrier[body] = tree.add(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), pose, root)
+            guess[root] = pin.SE3ToXYZQUAT(pose)
         tree.plant(body)
     tree.finish()
     if not tree.model.nv:
@@ -60,46 +61,45 @@ def build(scene: Scene, net: Net, inertias: Mapping[str, pin.Inertia], name: str
 class _Tree:
     """A model that grows."""
 
-    def __init__(self, scene, net, inertias, name):
+    def __init__(self, document, net, inertias, name):
         self.model = pin.Model()
         self.model.name = name
-        if scene.gravity is not None:
-            self.model.gravity.linear = scene.gravity
-        self._scene, self._net, self._inertias = scene, net, inertias
-        self._leaving, self._copies = net.leaving(), {}
+        if document.gravity is not None:
+            self.model.gravity.linear = document.gravity
+        self._document, self._net, self._inertias = document, net, inertias
+        self._leaving: dict[str, list] = {}  # body → (joint, other body) of what leaves it; None: a copy of the child
+        for branch in net.branches:
+            self._leaving.setdefault(branch.start, []).append((net.joints[branch.joint], branch.end))
         for joint in net.copied:
-            self._copies.setdefault(joint.parent, []).append(joint)
+            self._leaving.setdefault(joint.parent, []).append((joint, None))
         self._poses = [pin.SE3.Identity()]  # of the model's joints in the world, at q = 0
-        self._carrier = {WORLD: 0}  # body → the joint that carries it
+        self.carrier = {WORLD: 0}  # body → the joint that carries it
         self._motions = []  # joints of the model, and what acts along them
-
-    def float(self, body, name):
-        """Let a root float by a joint whose configuration is the pose of the body."""
-        self._carrier[body] = self._add(
-            0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), self._scene.bodies[body].pose, name
-        )
-        return {name: pin.SE3ToXYZQUAT(self._scene.bodies[body].pose)}
 
     def plant(self, root):
         """Add a body and all that hangs on it, each branch completely before the next one."""
-        self._carrier.setdefault(root, 0)
+        self.carrier.setdefault(root, 0)
         if root != WORLD:
             self._body(root)
-        waiting = self._next(root)
+        waiting = [(root, *each) for each in reversed(self._leaving.get(root, ()))]
         while waiting:
-            joint, start, end = waiting.pop()
-            carrier = self._hang(joint, self._carrier[start], forward=end != joint.parent)
+            start, joint, end = waiting.pop()
+            carrier = self._hang(joint, self.carrier[start], forward=end != joint.parent)
             if end is None:
-                self._frame(copy_name(joint), carrier, self._scene.bodies[joint.child].pose, pin.FrameType.OP_FRAME)
+                self._frame(copy_name(joint), carrier, self._document.bodies[joint.child].pose, pin.FrameType.OP_FRAME)
                 continue
-            self._carrier[end] = carrier
+            self.carrier[end] = carrier
             self._body(end)
-            waiting += self._next(end)
+            waiting += [(end, *each) for each in reversed(self._leaving.get(end, ()))]
 
-    def _next(self, body):
-        """(joint, start, end) of what leaves a body, the first last; no end: a copy of the joint's child."""
-        branches = [(self._net.joints[each.joint], body, each.end) for each in self._leaving.get(body, ())]
-        return [*branches, *((joint, body, None) for joint in self._copies.get(body, ()))][::-1]
+    def add(self, parent, joint, place, pose, name):
+        """Add a joint by its place on its parent and its pose in the world; its index."""
+        if self.model.existJointName(name):
+            raise FormatError("another joint has this name", element=f"joint {shown(name)}")
+        index = self.model.addJoint(parent, joint, place, name)
+        self.model.addJointFrame(index)
+        self._poses.append(pose)
+        return index
 
     def _hang(self, joint: Joint, carrier, forward):
         """Add a joint of the file; the index of the model's joint that then carries its other body."""
@@ -110,24 +110,14 @@ class _Tree:
         # backwards, the parent moves against the child: the same coordinates along the opposite axes
         parts = list(zip(joint.parts, joint.axes, strict=True))
         for name, axis in parts if forward else parts[::-1]:
-            carrier = self._add(
-                carrier, _model(joint, axis.direction if forward else -axis.direction), place, joint.pose, name
-            )
+            motion = _joint_model(joint, axis.direction if forward else -axis.direction)
+            carrier = self.add(carrier, motion, place, joint.pose, name)
             self._motions.append((carrier, axis))
             place = pin.SE3.Identity()
         return carrier
 
-    def _add(self, parent, joint, place, pose, name):
-        element = f"joint {shown(name)}"
-        if self.model.existJointName(name):
-            raise FormatError("another joint has this name", element=element)
-        index = self.model.addJoint(parent, joint, place, name)
-        self.model.addJointFrame(index)
-        self._poses.append(pose)
-        return index
-
     def _body(self, name):
-        carrier, pose = self._carrier[name], self._scene.bodies[name].pose
+        carrier, pose = self.carrier[name], self._document.bodies[name].pose
         if carrier:
             self.model.appendBodyToJoint(carrier, self._inertias[name], self._poses[carrier].actInv(pose))
         self._frame(name, carrier, pose, pin.FrameType.BODY)
@@ -139,10 +129,10 @@ class _Tree:
 
     def finish(self):
         """Add the frames of the file, and what limits and brakes the joints."""
-        for name, (body, pose) in self._scene.frames.items():
-            self._frame(name, self._carrier[body], pose, pin.FrameType.OP_FRAME)
+        for name, (body, pose) in self._document.frames.items():
+            self._frame(name, self.carrier[body], pose, pin.FrameType.OP_FRAME)
         for joint in self._net.cut:
-            self._frame(joint.name, self._carrier[joint.child], joint.pose, pin.FrameType.OP_FRAME)
+            self._frame(joint.name, self.carrier[joint.child], joint.pose, pin.FrameType.OP_FRAME)
         model = self.model
         for index, axis in self._motions:
             v = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
@@ -155,7 +145,7 @@ class _Tree:
                 model.lowerPositionLimit[q], model.upperPositionLimit[q] = axis.lower, axis.upper
 
 
-def _model(joint: Joint, direction):
+def _joint_model(joint: Joint, direction):
     if joint.kind == "ball":
         return pin.JointModelSpherical()
     if joint.kind == "prismatic":

@@ -6,26 +6,41 @@ semantics" and "Model composition" of sdformat.org.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import pinocchio as pin
 
 from ...errors import FormatError
-from ..reading import near
+from ..reading import require_known
 
 WORLD = "world"
 
 
 @dataclass(frozen=True)
-class _Frame:
-    pose: pin.SE3
-    base: str  # as the file writes it, looked up in `scope`; empty: the model or the world of that scope
-    scope: str
-    attached: str | None  # likewise; None: a link
-    inside: str  # the scope in which `attached` is looked up
-    placement: str  # the frame inside a model whose pose `pose` is
+class Frame:
+    """A frame as the file writes it.
+
+    Attributes
+    ----------
+    element : str
+        The name that messages use.
+    pose : SE3
+        In its base; with `placement` that of the frame inside of a model by which the model is placed.
+    base : str
+        Looked up in `scope`; empty: the model or the world of that scope.
+    scope : str
+        The model, by its full name, or empty.
+    attached : str or None
+        What it moves with, looked up in `inside`, or else in `scope`; None: a link, which moves by itself.
+    """
+
     element: str
+    pose: pin.SE3
+    base: str
+    scope: str
+    attached: str | None = ""
+    inside: str | None = None
+    placement: str = ""
 
 
 def join(scope: str, name: str) -> str:
@@ -34,26 +49,29 @@ def join(scope: str, name: str) -> str:
 
 
 class Frames:
-    """All frames of a file. Poses are looked up after all are added, in any order.
+    """All frames of a file by their full names. Poses are looked up after all are added, in any order.
 
     Parameters
     ----------
-    shown : callable
-        Makes the names of messages from full ones.
+    cut : int
+        Number of letters that names in the mechanism and in messages lack at the start of full names.
     """
 
-    def __init__(self, shown: Callable[[str], str]):
-        self._shown = shown
-        self._frames: dict[str, _Frame] = {}
+    def __init__(self, cut: int):
+        self._cut = cut
+        self._frames: dict[str, Frame] = {}
         self._poses = {WORLD: pin.SE3.Identity()}
         self._locals: dict[str, pin.SE3] = {}
 
-    def add(self, name, element, pose, base, scope, *, attached: str | None = "", inside=None, placement="") -> None:
-        """Add a frame by its full name; FormatError where the name is taken."""
+    def short(self, full: str) -> str:
+        """The name in the mechanism: without that of the only model of a file."""
+        return full if full == WORLD else full[self._cut :] or full
+
+    def add(self, name: str, frame: Frame) -> None:
+        """Add a frame; FormatError if the name is taken."""
         if name in self._frames:
-            raise FormatError(f"{self._frames[name].element} has the same name", element=element)
-        inside = scope if inside is None else inside
-        self._frames[name] = _Frame(pose, base, scope, attached, inside, placement, element)
+            raise FormatError(f"{self._frames[name].element} has the same name", element=frame.element)
+        self._frames[name] = frame
 
     def resolve(self, scope: str, name: str, element: str) -> str:
         """The full name of what a scope calls `name`; empty means the model or the world itself."""
@@ -61,15 +79,13 @@ class Frames:
             return scope or WORLD
         full = WORLD if name == WORLD else join(scope, name)
         if full != WORLD and full not in self._frames:
-            start = len(join(scope, ""))
-            names = [each[start:] for each in self._frames if each.startswith(join(scope, ""))]
-            raise FormatError(
-                f"there is no link, joint, frame or model {name!r} here{near(name, names)}", element=element
-            )
+            start = join(scope, "")
+            names = [each.removeprefix(start) for each in self._frames if each.startswith(start)]
+            require_known(name, names, f"there is no link, joint, frame or model {name!r} here", element)
         return full
 
     def pose(self, name: str) -> pin.SE3:
-        """The pose in the world of a frame, by its full name."""
+        """The pose of a frame in the world."""
         path, each = {}, name
         while each not in self._poses:
             self._step(path, each)
@@ -81,17 +97,15 @@ class Frames:
     def body(self, name: str) -> str:
         """The full name of the link that a frame moves with, or the world."""
         path = {}
-        while name != WORLD:
-            frame = self._frames[name]
-            if frame.attached is None:
-                break
+        while name != WORLD and (attached := self._frames[name].attached) is not None:
             self._step(path, name)
-            name = self.resolve(frame.inside, frame.attached, frame.element)
+            frame = self._frames[name]
+            name = self.resolve(frame.scope if frame.inside is None else frame.inside, attached, frame.element)
         return name
 
     def _step(self, path, name):
         if name in path:
-            names = [*map(self._shown, path), self._shown(name)]
+            names = [*map(self.short, path), self.short(name)]
             listed = " → ".join(names[names.index(names[-1]) :][:8])
             raise FormatError(f"a cycle of frames: {listed}", element=self._frames[name].element)
         path[name] = None

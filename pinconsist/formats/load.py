@@ -1,0 +1,151 @@
+"""Files, names and Pinocchio's own objects → Mechanism."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import pinocchio as pin
+
+from ..errors import FormatError, InputError
+from ..mechanism.constraints.constraint_models import loops_of
+from ..mechanism.mechanism import Mechanism
+from . import catalogue, loopfile
+from .reading import located
+
+_CLOSURES = ("point", "frame", "hinge")
+
+
+def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=()) -> Mechanism:
+    """A mechanism from a built-in name, a file, a folder or an object of Pinocchio's.
+
+    Parameters
+    ----------
+    source : str, path-like, pin.Model or RobotWrapper
+        A name of :func:`models`, with a number for ``<n>``; or a ``.urdf``, ``.sdf`` or MJCF ``.xml`` file; or a folder
+        that holds one ``.urdf``; or a model as it stands in memory; or a robot of the pip package example-robot-data:
+        ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``, named
+        like their files.
+    loops : path-like or sequence, optional
+        The loop file. Without it: ``<stem>.yaml`` or ``.yml`` beside the URDF, else ``robot.yaml`` or ``.yml``
+        there, else what the URDF says itself: ``<loop_joint>`` elements, or pairs of frames with closing names
+        (:mod:`pinconsist.formats.urdf_loops`), else none (a plain tree).
+        SDF and MJCF files close their loops themselves (:mod:`pinconsist.formats.sdf`,
+        :mod:`pinconsist.formats.mjcf`); a loop file beside them is not looked for.
+        Of a model in memory, a sequence of Pinocchio's constraint models and of Loop, Drive and Coupling records.
+    closure : {"point", "frame", "hinge"}, optional
+        Close every loop in this way instead (a kind of :class:`~pinconsist.Loop`); loops of another kind than these
+        stay as they are.
+    free_flyer : bool
+        Let the root link of a file float freely instead of fixing it to the ground, where it stands. SDF files too
+        are fixed by default, though a model that nothing ties to the world floats in SDF: so one scene in two formats
+        is one mechanism, as with Pinocchio's own readers. Not for MJCF, which says itself what floats.
+    package_dirs : sequence of path-like
+        Folders in which mesh files are looked for, before the folder of the URDF.
+
+    Returns
+    -------
+    Mechanism
+        Its ``continuous`` joints are plain revolute joints, one angle that counts its turns.
+
+    Raises
+    ------
+    InputError
+        Unknown name or impossible option.
+    MissingExtraError
+        The files of a robot are not installed; names the pip package that brings them.
+    FormatError
+        A file that cannot be read as a scene; names the file and the element.
+    """
+    if closure is not None and closure not in _CLOSURES:
+        raise InputError(f"closure={closure!r} is not one of {', '.join(_CLOSURES)}")
+    if isinstance(package_dirs, (str, os.PathLike)) or not isinstance(package_dirs, Iterable):
+        package_dirs = (package_dirs,)
+    package_dirs = tuple(package_dirs)
+    if not all(isinstance(folder, (str, os.PathLike)) for folder in package_dirs):
+        raise InputError(f"package_dirs= needs folders, got {package_dirs!r}")
+    if not isinstance(source, (str, os.PathLike)):
+        if free_flyer:
+            raise InputError("free_flyer= is for files; a model in memory has its root joint already")
+        return _of_model(source, () if loops is None else loops, closure)
+    if not (loops is None or isinstance(loops, (str, os.PathLike))):
+        raise InputError(
+            f"loops= needs the path of a loop file, got {type(loops).__name__}; records go by load(…).with_loops(…)"
+        )
+    return read_scene(catalogue.find(source), loops, closure, free_flyer, package_dirs)
+
+
+def read_scene(scene: catalogue.Source, loops=None, closure=None, free_flyer=False, package_dirs=()) -> Mechanism:
+    """The mechanism of a file and of the loop file that belongs to it; see :func:`load`."""
+    path, reader = scene.path, catalogue.READERS[scene.path.suffix.lower()]
+    is_urdf = reader == "urdf"
+    if free_flyer and reader.startswith("mjcf"):
+        raise InputError("free_flyer= is not for MJCF, which says itself what floats: give the body a <freejoint/>")
+    loop_path = None if loops is None else Path(loops)
+    if loops is None and is_urdf and not scene.content:
+        loop_path = loopfile.find_loop_file(path)
+    record = scene.loop_file if loop_path is None else loopfile.read(loop_path)
+    if record.joint_types and not is_urdf:
+        raise FormatError(
+            f"joints can be replaced in URDF scenes only; change the {reader[:4].upper()} file", path=loops
+        )
+    options = {"joint_types": record.joint_types, "content": scene.content} if is_urdf else {}
+    if free_flyer:
+        options["free_flyer"] = True
+    with located(path):
+        read = import_module(f".{reader}", __package__).read
+        robot = read(path, scene.name, package_dirs=(*package_dirs, *scene.package_dirs), **options)
+    with located(loop_path):
+        model = record.applied(robot.model)
+        model = loopfile.with_distinct_frames((*robot.loops, *record.loops, *record.forces), model)
+        record.check(model)
+    closures = (*robot.loops, *record.loops)
+    if is_urdf and loop_path is None and not closures:
+        from .urdf_loops import closing_frames
+
+        closures = closing_frames(model, path, closure)
+        if not closures:
+            loopfile.warn_of_other_yaml(path)
+    closures = _closed_by(closures, closure)
+    with located(loop_path or path):
+        return Mechanism(
+            model,
+            (*closures, *robot.couplings),
+            (*robot.forces, *record.forces),
+            name=scene.name,
+            guess=robot.guess | record.guess,
+            actuated=tuple(dict.fromkeys((*robot.actuated, *record.actuated))),
+            geometry=robot.geometry,
+            duration=record.duration,
+        )
+
+
+def _of_model(source, loops, closure) -> Mechanism:
+    """A mechanism from a ``pin.Model``, or from a RobotWrapper, of which only the model is taken."""
+    if isinstance(source, Mechanism):
+        raise InputError(f"{source.name!r} is a Mechanism already; its with_loops() gives it other loops")
+    model = source if isinstance(source, pin.Model) else getattr(source, "model", None)
+    if not isinstance(model, pin.Model):
+        kind = type(source).__name__
+        raise InputError(f"load needs a model's name, a path, a pin.Model or a RobotWrapper, got {kind}")
+    if isinstance(loops, str) or not hasattr(loops, "__iter__"):
+        kind = type(loops).__name__
+        raise InputError(f"loops= of a pin.Model needs a sequence of constraint models or Loops, got {kind}")
+    loops = tuple(loops)
+    own = [hasattr(each, "kind") and hasattr(each, "rows") for each in loops]
+    found, model = loops_of([each for each, is_own in zip(loops, own, strict=True) if not is_own], model)
+    theirs = iter(found)
+    records = [each if is_own else next(theirs) for each, is_own in zip(loops, own, strict=True)]
+    return Mechanism(model, _closed_by(records, closure), name=model.name or "mechanism")
+
+
+def _closed_by(loops, closure) -> tuple:
+    """The points, frames and hinges, closed in another way if one is given; other kinds and records stay."""
+
+    def closed(loop):
+        return replace(loop, kind=closure, axis=loop.axis if closure == "hinge" else None)
+
+    return tuple(closed(loop) if closure and loop.kind in _CLOSURES else loop for loop in loops)

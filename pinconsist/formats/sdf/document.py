@@ -1,0 +1,278 @@
+"""SDF elements → bodies, joints and frames with their places in the world, before any tree is made of them."""
+
+from __future__ import annotations
+
+import logging
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import pinocchio as pin
+
+from ...errors import FormatError
+from ..reading import Node, floats, near, shown
+from .frames import WORLD, Frame, Frames, join
+
+OLDEST = (1, 4)
+FRAMES = (1, 7)
+"""The version from which names are unique and axes expressed in named frames."""
+DEEPEST = 30
+GRAVITY = (0.0, 0.0, -9.8)
+"""What a world without <gravity> has in SDF, m/s²."""
+INFINITE = 1e16
+"""Limits from here on mean none, as in libsdformat."""
+
+_MODEL = ("link", "joint", "frame", "model", "include", "pose", "static", "self_collide", "allow_auto_disable")
+_MODEL += ("plugin", "gripper", "enable_wind")
+_WORLD = ("model", "joint", "frame", "include", "gravity", "physics", "scene", "light", "plugin", "gui", "atmosphere")
+_WORLD += ("magnetic_field", "wind", "spherical_coordinates", "audio", "road", "actor", "state", "population")
+_log = logging.getLogger(__name__)
+
+
+class SdfNode(Node):
+    """An element of SDF, whose numbers, flags and names are the texts of its child elements."""
+
+    def values(self, tag: str, default: tuple[float, ...]) -> tuple[float, ...]:
+        """The finite numbers of a child, as many as the default has."""
+        found = self.child(tag)
+        return floats(found.text(), len(default), found.name) if found else default
+
+    def value(self, tag: str, default: float = 0.0) -> float:
+        """The finite number of a child."""
+        return self.values(tag, (default,))[0]
+
+    def limit(self, tag: str, default: float) -> float:
+        """The number of a child, which may be infinite."""
+        found = self.child(tag)
+        try:
+            value = float(found.text()) if found else default
+        except ValueError:
+            value = math.nan
+        if math.isnan(value):
+            raise found.error(f"{shown(found.text())} is not a number")
+        return math.copysign(math.inf, value) if abs(value) >= INFINITE else value
+
+    def flag(self, tag: str, default: bool = False) -> bool:
+        """The truth value of a child."""
+        found = self.child(tag)
+        return found.truth(found.text()) if found else default
+
+    def truth(self, text: str) -> bool:
+        """A truth value of SDF: true, false, 1 or 0."""
+        word = text.strip().lower()
+        if word not in ("true", "1", "false", "0"):
+            raise self.error(f"{shown(text.strip())} is neither true nor false")
+        return word in ("true", "1")
+
+    def word(self, tag: str) -> str:
+        """The text of a child that is required."""
+        found = self.child(tag, required=True)
+        if not found.text():
+            raise self.error(f"<{tag}> is empty")
+        return found.text()
+
+    def text(self) -> str:
+        """Its own text."""
+        return ((self.xml.text if self else "") or "").strip()
+
+    def pose(self) -> tuple[pin.SE3, str]:
+        """The `<pose>`, and the frame that it is relative to (empty: the default one).
+
+        x y z in m, then roll pitch yaw in rad, or degrees, or a quaternion x y z w, which is normalised.
+        """
+        found = self.child("pose")
+        if not found:
+            return pin.SE3.Identity(), ""
+        style = found.get("rotation_format", "euler_rpy")
+        if style not in ("euler_rpy", "quat_xyzw"):
+            raise found.error(f"the rotation_format {shown(style)} is neither euler_rpy nor quat_xyzw")
+        is_rpy = style == "euler_rpy"
+        text = found.text() or "0 0 0 0 0 0" + " 1" * (not is_rpy)
+        x, y, z, *turn = floats(text, 6 if is_rpy else 7, found.name)
+        turn = np.array(turn)
+        if is_rpy:
+            rotation = pin.rpy.rpyToMatrix(np.radians(turn) if found.truth(found.get("degrees", "false")) else turn)
+        elif not turn.any():
+            raise found.error("the quaternion is zero")
+        else:
+            rotation = pin.Quaternion(unit(turn)).toRotationMatrix()
+        # before version 1.7 the attribute was called frame
+        return pin.SE3(rotation, np.array([x, y, z])), found.get("relative_to") or found.get("frame")
+
+    def warn_unknown(self, known: tuple[str, ...]) -> None:
+        """Warn of children that are not known, most likely misspelt; they have no effect."""
+        for tag in dict.fromkeys(child.tag for child in self.xml):
+            if tag not in known:
+                _log.warning("%s: the element <%s> is not known and has no effect%s", self.name, tag, near(tag, known))
+
+    def refuse_includes(self) -> None:
+        """Raise FormatError for an `<include>`."""
+        if include := self.child("include"):
+            raise self.error(
+                f"<include> of {include.child('uri').text()[:80]!r}: other files are not read along. `gz sdf -p file` "
+                "writes one file that holds everything"
+            )
+
+
+def unit(vector: np.ndarray) -> np.ndarray:
+    """A vector at length 1, without overflow on the way."""
+    vector = vector / np.abs(vector).max()
+    return vector / np.linalg.norm(vector)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A link: its name, its element, its place in the world, and whether it cannot move."""
+
+    name: str
+    node: SdfNode
+    pose: pin.SE3
+    static: bool
+
+
+@dataclass(frozen=True)
+class Document:
+    """What a file holds, by the names in the mechanism.
+
+    Attributes
+    ----------
+    bodies : dict[str, Body]
+        Links.
+    joints : list of (str, SdfNode, str)
+        Full name, element and scope of the joints of models that are not static.
+    frames : dict[str, (str, SE3)]
+        `<frame>` elements: name → the body (or ``"world"``) that it moves with, and its place in the world.
+    roots : list of str
+        Bodies that the file names as canonical links.
+    gravity : ndarray or None
+        m/s²; None if there is no world.
+    version : tuple of int
+        Of the format.
+    lookup : Frames
+        Poses and bodies by full names.
+    place : callable
+        ``place(body, name, element) -> SE3``: the world pose of the frame that the model of a body calls `name`.
+    """
+
+    bodies: dict[str, Body]
+    joints: list[tuple[str, SdfNode, str]]
+    frames: dict[str, tuple[str, pin.SE3]]
+    roots: list[str]
+    gravity: np.ndarray | None
+    version: tuple[int, ...]
+    lookup: Frames
+    place: Callable[[str, str, str], pin.SE3]
+
+
+def read_document(raw: Element) -> Document:
+    """What a parsed file holds; FormatError for the first thing that is wrong, with its element."""
+    if raw.tag != "sdf":
+        raise FormatError(f"the root element of an SDF file is <sdf>, this is <{raw.tag}>")
+    text = raw.get("version", "")
+    if not re.fullmatch(r"\d{1,4}\.\d{1,4}", text):
+        raise FormatError(f"<sdf> needs a version such as 1.7, not {text[:20]!r}")
+    version = tuple(map(int, text.split(".")))
+    if version < OLDEST:
+        raise FormatError(f"version {text} is too old, 1.4 is the first that can be read; `gz sdf -p` converts files")
+    worlds = raw.findall("world")
+    if len(worlds) > 1:
+        raise FormatError(f"one world is needed, this file has {len(worlds)}; keep one of them")
+    top, gravity = SdfNode(raw, "sdf"), None
+    if worlds:
+        top = SdfNode(worlds[0], "world")
+        top.warn_unknown(_WORLD)
+        if top.child("state"):
+            _log.warning("world: <state> has no effect; the models stand where their own poses place them")
+        gravity = np.array((top if version > (1, 5) else top.child("physics")).values("gravity", GRAVITY))
+    top.refuse_includes()
+    models, cut = top.children("model"), 0
+    if len(models) == 1 and not top.child("joint") and not top.child("frame"):
+        cut = len(join(models[0].get("name"), ""))
+    reader = _Reader(version, cut)
+    for model in models:
+        reader.model(model, "", False, 0)
+    reader.joints_and_frames(top, "", False)
+    return reader.document(gravity)
+
+
+class _Reader:
+    """Collects the names of a file first, and looks up what they refer to afterwards."""
+
+    def __init__(self, version, cut):
+        self.version, self.frames = version, Frames(cut)
+        self._links: dict[str, tuple[str, SdfNode, bool]] = {}
+        self._joints, self._extra, self._roots = [], [], []
+
+    def model(self, node, scope, static, depth):
+        """Take in a model and the models in it."""
+        full = self._name(node, "model", scope)
+        if depth > DEEPEST:
+            raise node.error(f"models are nested more than {DEEPEST} deep")
+        node.refuse_includes()
+        node.warn_unknown(_MODEL)
+        static = static or node.flag("static")
+        inner = [each.get("name") for tag in ("link", "model") for each in node.children(tag)]
+        canonical = node.get("canonical_link")
+        if not (inner or static):
+            raise node.error("there is no link")
+        attached = WORLD if static else canonical or inner[0]
+        self.frames.add(full, Frame(node.name, *node.pose(), scope, attached, full, node.get("placement_frame")))
+        if canonical and not static:
+            self._roots.append(full)
+        for link in node.children("link"):
+            name = self._name(link, "link", full)
+            self.frames.add(name, Frame(link.name, *link.pose(), full, attached=None))
+            self._links[name] = full, link, static
+        for each in node.children("model"):
+            self.model(each, full, static, depth + 1)
+        self.joints_and_frames(node, full, static)
+
+    def joints_and_frames(self, node, scope, static):
+        """Take in the joints and frames of a model, or of the world."""
+        for joint in node.children("joint"):
+            full = self._name(joint, "joint", scope)
+            (place, base), child = joint.pose(), joint.child("child").text()
+            if self.version < FRAMES and full in self._links:  # allowed in those days
+                full += "_joint"
+            self.frames.add(full, Frame(joint.name, place, base or child, scope, child))
+            if not static:
+                self._joints.append((full, joint, scope))
+        for frame in node.children("frame"):
+            full = self._name(frame, "frame", scope)
+            (place, base), attached = frame.pose(), frame.get("attached_to")
+            self.frames.add(full, Frame(frame.name, place, base or attached, scope, attached))
+            self._extra.append(full)
+
+    def _name(self, node, tag, scope):
+        """The full name of an element, which also gets its name for messages."""
+        name = node.get("name")
+        if not name.strip():
+            raise FormatError(f"a {tag} has no name")
+        if name in (WORLD, "universe") or (name.startswith("__") and name.endswith("__")):
+            raise FormatError("the name is reserved; give it another", element=f"{tag} {name[:80]!r}")
+        node.name = f"{tag} {self.frames.short(join(scope, name))!r}"
+        return join(scope, name)
+
+    def document(self, gravity):
+        """Everything looked up."""
+        if not self._links:
+            raise FormatError("there is no link")
+        frames, short = self.frames, self.frames.short
+        bodies = {
+            short(full): Body(short(full), node, frames.pose(full), static)
+            for full, (_, node, static) in self._links.items()
+        }
+        scopes = {short(full): scope for full, (scope, _, _) in self._links.items()}
+        return Document(
+            bodies,
+            self._joints,
+            {short(full): (short(frames.body(full)), frames.pose(full)) for full in self._extra},
+            [short(frames.body(full)) for full in self._roots],
+            gravity,
+            self.version,
+            frames,
+            lambda body, name, element: frames.pose(frames.resolve(scopes[body], name, element)),
+        )

@@ -1,0 +1,238 @@
+"""The net of joints of an SDF file, cut open into a tree and loops; and its couplings.
+
+The tree is the one of largest weight. It pays to cut joints that leave few rows, so a ball rather than a hinge; and a
+joint in which something acts (damping, friction, a spring, a coupling) belongs in the tree, where it has a coordinate.
+If such a joint must be cut all the same, for instance because every hinge of a loop is damped, nothing is lost: the
+joint stays, carries a massless copy of its child link, and this is held to the link by six rows. Of loops of like
+joints the tree takes the shortest chains. ``<must_be_loop_joint>`` asks for a cut.
+
+======================= =========================================================
+joint cut               loop
+======================= =========================================================
+ball                    point
+revolute, continuous    hinge
+prismatic               slider
+universal, revolute2    universal if its axes are perpendicular, else by the copy
+fixed                   frame
+screw                   by the copy
+======================= =========================================================
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ...errors import FormatError
+from ...mechanism.constraints.coupling import Coupling
+from ...mechanism.constraints.loop import GROUND, Loop
+from ..reading import require_known
+from .document import Document
+from .frames import WORLD
+from .joints import Joint
+
+_KINDS = {"ball": "point", "revolute": "hinge", "prismatic": "slider", "fixed": "frame", "universal": "universal"}
+_ROWS = {"ball": 3, "universal": 4, "revolute": 5, "prismatic": 5, "screw": 5, "fixed": 6}
+_ACTS, _ASKED = 10, 100
+_PERPENDICULAR = 1e-6
+_ALONG = 1e-3
+"""Sine of the angle up to which an axis of a gearbox counts as that of the joint."""
+
+
+class Branch(NamedTuple):
+    """A joint of the tree, by its index, from the body `start`, which is nearer to a root, to the body `end`."""
+
+    joint: int
+    start: str
+    end: str
+
+
+def spanning_tree(
+    ends: Sequence[tuple[str, str]], weights: Sequence[float], held: Iterable[str], candidates: Iterable[str]
+) -> tuple[list[Branch], list[str]]:
+    """The tree of largest weight (Prim's algorithm), by shortest chains among equal ones.
+
+    Ties go to joints that lead from parent to child, then to short chains, then to the order given.
+
+    Parameters
+    ----------
+    ends : sequence of (str, str)
+        Parent and child body of each joint.
+    weights : sequence of float
+        How much each joint should be in the tree rather than close a loop.
+    held : iterable of str
+        Bodies that do not move: roots.
+    candidates : iterable of str
+        All bodies; of those that no joint ties to one that is held, the first becomes a root.
+
+    Returns
+    -------
+    branches, roots
+        The tree's joints, each after those that lead to it; the roots among `candidates`.
+    """
+    at: dict[str, list[int]] = {}
+    for joint, pair in enumerate(ends):
+        for body in pair:
+            at.setdefault(body, []).append(joint)
+    reached, heap, branches, roots = set(), [], [], []
+
+    def reach(body, depth):
+        reached.add(body)
+        for joint in at.get(body, ()):
+            parent, child = ends[joint]
+            other = parent if body == child else child
+            if other not in reached:
+                heapq.heappush(heap, (-weights[joint], body == child, depth + 1, joint, body, other))
+
+    def grow():
+        while heap:
+            _, _, depth, joint, start, end = heapq.heappop(heap)
+            if end not in reached:
+                branches.append(Branch(joint, start, end))
+                reach(end, depth)
+
+    for body in dict.fromkeys(held):
+        reach(body, 0)
+    grow()
+    for body in candidates:
+        if body not in reached:
+            roots.append(body)
+            reach(body, 0)
+            grow()
+    return branches, roots
+
+
+class Net:
+    """The joints of a file as a tree and loops.
+
+    Attributes
+    ----------
+    joints : list of Joint
+        Those that tie bodies together, of which at least one can move.
+    held : tuple of str
+        Bodies that do not move, the world first.
+    branches : list of Branch
+        The tree, in the order of the file.
+    roots : list of str
+        Bodies that no joint ties to one that is held.
+    copied, cut : list of Joint
+        What closes loops: by a copy of the child, and by rows of the joint's own kind.
+    """
+
+    def __init__(self, document: Document, joints: Sequence[Joint]):
+        bodies = document.bodies
+        self.held = (WORLD, *(name for name, body in bodies.items() if body.static))
+        self.joints = [j for j in joints if j.kind != "gearbox" and not {j.parent, j.child} <= {*self.held}]
+        whole = {joint.name for joint in self.joints if _whole(joint)} | _coupled(joints)
+        weights = [_ROWS[j.kind] + _ACTS * (j.name in whole) - _ASKED * j.must_cut for j in self.joints]
+        children = {joint.child for joint in self.joints}
+        candidates = (*document.roots, *(body for body in bodies if body not in children), *bodies)
+        ends = [(joint.parent, joint.child) for joint in self.joints]
+        branches, self.roots = spanning_tree(ends, weights, self.held, candidates)
+        self.branches = sorted(branches)
+        used = {branch.joint for branch in branches}
+        loose = [joint for number, joint in enumerate(self.joints) if number not in used]
+        self.copied = [joint for joint in loose if joint.name in whole]
+        self.cut = [joint for joint in loose if joint.name not in whole]
+
+    def loops(self, document: Document) -> list[Loop]:
+        """What closes the net. Anchors are the joint's frame on both bodies, so that all loops are closed at q = 0."""
+        loops = [_loop(joint, document, "frame", copy_name(joint), joint.child) for joint in self.copied]
+        return loops + [_loop(joint, document, _KINDS[joint.kind], joint.parent, joint.parent) for joint in self.cut]
+
+
+def copy_name(joint: Joint) -> str:
+    """Name of the frame of a joint's copy of its child."""
+    return f"{joint.name}_end"
+
+
+def _whole(joint):
+    """Whether a joint needs its coordinates also where it closes a loop."""
+    if joint.kind == "universal":
+        first, second = (axis.direction for axis in joint.axes)
+        if abs(first @ second) > _PERPENDICULAR:
+            return True
+    return joint.kind == "screw" or any(axis.acts for axis in joint.axes)
+
+
+def _loop(joint, document, kind, frame1, body1):
+    fields = {}
+    for number, body in ((1, body1), (2, joint.child)):
+        anchor = joint.pose if body == WORLD else document.bodies[body].pose.actInv(joint.pose)
+        fields[f"xyz{number}"] = tuple(anchor.translation)
+        fields[f"rpy{number}"] = tuple(pin.rpy.matrixToRpy(anchor.rotation))
+    if kind in ("hinge", "slider", "universal"):
+        fields |= {key: tuple(axis.direction) for key, axis in zip(("axis", "axis2"), joint.axes, strict=False)}
+    return Loop(joint.name, kind, GROUND if frame1 == WORLD else frame1, joint.child, **fields)
+
+
+def couplings(joints: Sequence[Joint]) -> list[Coupling]:
+    """The gearboxes and followers of a file as couplings of two joints.
+
+    A gearbox holds θ₂ = -ratio θ₁, with θ₁ the angle from its reference body to its parent about its first axis, and
+    θ₂ that to its child about the second.
+
+    Raises
+    ------
+    FormatError
+        Joints that are not there, or have no such axis.
+    """
+    made, by_name = [], {joint.name: joint for joint in joints}
+    for joint in joints:
+        if joint.kind == "gearbox":
+            first, second = _geared(joints, joint)
+            signs = _sign(joint, 0, first, joint.parent) * _sign(joint, 1, second, joint.child)
+            made.append(Coupling(joint.name, second.name, first.name, ratio=-joint.ratio * signs))
+            continue
+        for part, axis in zip(joint.parts, joint.axes, strict=False):
+            if axis.follows:
+                made.append(_follow(by_name, joint, part, axis.follows))
+    return made
+
+
+def _coupled(joints):
+    """Names of the joints that gearboxes and followers speak of."""
+    names = {axis.follows.joint for joint in joints for axis in joint.axes if axis.follows}
+    return names.union(*({j.name for j in _geared(joints, box)} for box in joints if box.kind == "gearbox"))
+
+
+def _geared(joints, gearbox):
+    """The hinges between a gearbox's reference body and its parent and child."""
+    found = []
+    for body in (gearbox.parent, gearbox.child):
+        ends = {gearbox.reference, body}
+        between = [joint for joint in joints if joint.kind == "revolute" and {joint.parent, joint.child} == ends]
+        if len(between) != 1:
+            raise FormatError(
+                f"one revolute joint between its reference body {gearbox.reference!r} and {body!r} is needed, there "
+                f"are {len(between)}",
+                element=f"joint {gearbox.name!r}",
+            )
+        found += between
+    return found
+
+
+def _sign(gearbox, number, joint, body) -> float:
+    """+1 if the angle of a joint is that of the gearbox, -1 if it is the opposite."""
+    axis = gearbox.pose.rotation @ gearbox.axes[number].direction
+    own = joint.pose.rotation @ joint.axes[0].direction
+    if np.linalg.norm(np.cross(axis, own)) > _ALONG:
+        reason = f"its {('axis', 'axis2')[number]} is not along that of joint {joint.name!r}"
+        raise FormatError(reason, element=f"joint {gearbox.name!r}")
+    return np.sign(axis @ own) * (1.0 if joint.child == body else -1.0)
+
+
+def _follow(by_name, joint, part, follower):
+    element = f"joint {joint.name!r}: mimic"
+    require_known(follower.joint, by_name, f"there is no joint {follower.joint!r}", element)
+    leader = by_name[follower.joint]
+    if leader.kind in ("gearbox", "ball") or follower.axis >= len(leader.axes):
+        raise FormatError(f"joint {leader.name!r} has no such axis", element=element)
+    other = leader.parts[follower.axis]
+    if other == part:
+        raise FormatError("a joint cannot follow itself", element=element)
+    return Coupling(f"{part} mimic", part, other, ratio=follower.ratio, offset=follower.offset)

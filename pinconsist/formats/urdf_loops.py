@@ -1,0 +1,197 @@
+"""What closes loops in a URDF: ``<loop_joint>`` and ``<mimic>`` elements, or else frames with closing names.
+
+``<loop_joint>`` is a joint that closes a loop::
+
+    <loop_joint name="tip" type="revolute">
+      <link1 link="left" xyz="1 0 0" rpy="0 0 0"/>
+      <link2 link="right" xyz="1 0 0" rpy="0 0 0"/>
+      <axis xyz="0 1 0"/>
+    </loop_joint>
+
+URDF itself has no such element; it comes from Drake's former reader (no type: origins together, axes aligned) and from
+Isaac Sim's (``type``; it reads ``spherical`` only). Both are read here. ``xyz`` and ``rpy`` place an anchor in its
+link; in a closed loop the anchors coincide, up to the motion that the type leaves free. ``axis`` has the same
+components in both anchors and is URDF's default, x, if it is missing.
+
+==================== ============================= =========
+type                 leaves free                   kind
+==================== ============================= =========
+fixed                nothing                       frame
+revolute, continuous the angle about the axis      hinge
+(no type)            the same                      hinge
+prismatic            the way along the axis        slider
+planar               the plane normal to the axis  plane
+spherical, ball      all angles                    point
+==================== ============================= =========
+
+Limits, damping and friction of a loop joint do not act; if they are given, a warning says so.
+
+``<mimic>`` becomes a coupling: a joint follows another, q = multiplier·q_other + offset.
+
+Frames with closing names are the two ends of a loop, read if nothing else says how a robot is closed:
+
+=============================== =================================== ===========================================
+names                           written by                          closed as
+=============================== =================================== ===========================================
+closing_x_1, closing_x_2        onshape-to-robot                    point: the exporter does not write the kind of
+                                                                    its mate; the axis of its hinges is the frames' z
+closedloopX_A, closedloopX_B    the collection                      frame (its default), or point where the name
+                                example-parallel-robots             says 3D: closedloop3D_1A, closedloop2_A_3D
+=============================== =================================== ===========================================
+
+``load(..., closure=...)`` chooses otherwise for all of them.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from xml.etree.ElementTree import Element
+
+from ..errors import FormatError
+from ..mechanism.constraints.coupling import Coupling
+from ..mechanism.constraints.loop import Loop
+from .reading import Node, located, require_known
+
+_KINDS = {
+    "fixed": "frame",
+    "revolute": "hinge",
+    "continuous": "hinge",
+    "prismatic": "slider",
+    "planar": "plane",
+    "spherical": "point",
+    "ball": "point",
+}
+_WITH_AXIS = ("hinge", "slider", "plane")
+_FOREIGN = ("loop", "coupling", "constraint")
+_ZERO, _X = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+_CAN_FOLLOW = ("revolute", "continuous", "prismatic")
+_ONSHAPE = re.compile(r"(closing_.+)_([12])")
+_COLLECTION = re.compile(r"(closedloop.*?)_?([AB])(_?[36]D)?", re.IGNORECASE)
+_log = logging.getLogger(__name__)
+
+
+def loop_joints(robot: Element) -> tuple[Loop, ...]:
+    """The loops of a parsed ``<robot>``.
+
+    Raises
+    ------
+    FormatError
+        Unknown types or links, missing parts; or another extension that closes loops, which would be lost.
+    """
+    for tag in _FOREIGN:
+        if robot.find(tag) is not None:
+            raise FormatError(
+                f"<{tag}> is an extension that is not read, and what it joins would come apart; say the same by "
+                "<loop_joint>, <mimic> or in a loop file",
+                element=f"{tag} {robot.find(tag).get('name', '')!r}",
+            )
+    if robot.find("gazebo/joint") is not None:
+        _log.warning("a <joint> inside <gazebo> is not read; if it closes a loop, write it as <loop_joint>")
+    links = {link.get("name") for link in robot.findall("link")}
+    return tuple(_loop(name, node, links) for name, node in Node(robot).named("loop_joint").items())
+
+
+def _loop(name, node, links):
+    kind = node.get("type", "revolute")
+    if kind not in _KINDS:
+        raise node.error(f"type {kind!r} is not one of {', '.join(_KINDS)}")
+    for tag in ("limit", "dynamics", "mimic"):
+        if node.child(tag):
+            _log.warning("%s: <%s> does not act on a joint that closes a loop", node.name, tag)
+    fields = {}
+    for number in (1, 2):
+        end = node.child(f"link{number}", required=True)
+        fields[f"frame{number}"] = link = end.get("link")
+        require_known(link, links, f"there is no link {link!r}", end.name)
+        fields |= {f"{key}{number}": end.numbers(key, 3, _ZERO) for key in ("xyz", "rpy")}
+    if fields["frame1"] == fields["frame2"]:
+        raise node.error(f"both ends are on the link {fields['frame1']!r}")
+    if _KINDS[kind] in _WITH_AXIS:
+        fields["axis"] = node.child("axis").numbers("xyz", 3, _X)
+        if not any(fields["axis"]):
+            raise node.error("the axis is the zero vector")
+    with located(element=node.name, prefix=f"loop {name!r}: "):
+        return Loop(name, _KINDS[kind], **fields)
+
+
+def couplings(robot: Element) -> tuple[Coupling, ...]:
+    """The ``<mimic>`` elements of a parsed ``<robot>``, each named like the joint that follows.
+
+    The angle of a ``continuous`` joint counts its turns here, so that any multiplier is right. A joint may follow one
+    that follows a third.
+
+    Raises
+    ------
+    FormatError
+        A joint that has no single coordinate, an unknown joint to follow, joints that follow themselves.
+    """
+    kinds = {joint.get("name"): joint.get("type") for joint in robot.findall("joint")}
+    found = {}
+    for joint in Node(robot).children("joint"):
+        name = joint.get("name")
+        nodes = joint.children("mimic")
+        for node in nodes:
+            node.name = f"joint {name!r}: mimic"
+            if len(nodes) > 1:
+                raise node.error("a joint can follow one other only")
+            _require_one_coordinate(name, kinds, "follow another", node)
+            found[name] = _coupling(name, kinds, node)
+    for name in found:
+        path = [name]
+        while (following := found.get(path[-1])) is not None:
+            path.append(following.other)
+            if path.count(path[-1]) > 1:
+                circle = " → ".join(path)
+                raise FormatError(f"joints follow each other in a circle: {circle}", element=f"joint {name!r}")
+    return tuple(found.values())
+
+
+def _coupling(name, kinds, node):
+    other = node.get("joint")
+    require_known(other, kinds, f"there is no joint {other!r} to follow", node.name)
+    _require_one_coordinate(other, kinds, "be followed", node)
+    if other == name:
+        raise node.error("the joint follows itself")
+    return Coupling(name, name, other, node.number("multiplier", 1.0), node.number("offset", 0.0))
+
+
+def _require_one_coordinate(joint, kinds, what, node):
+    if kinds[joint] not in _CAN_FOLLOW:
+        raise node.error(
+            f"joint {joint!r} is {kinds[joint]} and cannot {what}; only {', '.join(_CAN_FOLLOW)} joints can"
+        )
+
+
+def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
+    """The loops between the pairs of closing frames of a model; what was assumed is logged.
+
+    Parameters
+    ----------
+    model : pin.Model
+    path : path-like
+        The file, for the log.
+    closure : str, optional
+        As for :func:`pinconsist.load`: only a hinge takes the exporter's axis.
+    """
+    pairs, found = {}, []
+    for frame in model.frames:
+        if match := _ONSHAPE.fullmatch(frame.name):
+            pairs.setdefault((match[1], "onshape"), {})[match[2]] = frame.name
+        elif match := _COLLECTION.fullmatch(frame.name):
+            pairs.setdefault((match[1] + (match[3] or ""), "collection"), {})[match[2].upper()] = frame.name
+    for (name, source), ends in pairs.items():
+        if len(ends) < 2:
+            _log.warning("%s: the frame %r closes nothing, there is no other to pair it with", path, *ends.values())
+            continue
+        kind, axis = "point" if source == "onshape" or "3D" in name.upper() else "frame", None
+        if source == "onshape" and closure == "hinge":
+            kind, axis = "hinge", (0.0, 0.0, 1.0)
+        found.append(Loop(name, kind, *(ends[side] for side in sorted(ends)), axis=axis))
+    if found:
+        listed = ", ".join(f"{loop.name} ({loop.kind})" for loop in found)
+        _log.warning(
+            "%s has no loop file; loops are closed between frames with closing names: %s. "
+            "closure= or a loop file says otherwise", path, listed,
+        )  # fmt: skip
+    return tuple(found)
