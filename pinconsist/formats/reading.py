@@ -135,8 +135,8 @@ def bound(*values: object) -> str:
 def floats(text: str, count: int, element: str, label: str = "", largest: float = LARGEST) -> tuple[float, ...]:
     """The `count` finite numbers of a text, or FormatError, whose message starts with `label`."""
     words = text.split()
-    values = tuple(finite(word, largest) for word in words)
-    if len(values) != count or None in values:
+    values = tuple(value for word in words if (value := finite(word, largest)) is not None)
+    if not len(values) == len(words) == count:
         what = "a finite number" if count == 1 else f"{count} finite numbers"
         raise FormatError(f"{label}{shown(text)} is not {what}{bound(*words)}", element=element)
     return values
