@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from pinconsist.cli import output
-from pinconsist.view.plots.comparison import plot_work_precision
+from pinconsist.view.plots import plot_work_precision
 
 from . import report
 from .peers import OWN

@@ -58,8 +58,8 @@ _WHERE = {
     "sweeps.outcome": ("Outcome",),
     "sweeps.sweep": ("sweep",),
     "view.page": ("export_html", "replay"),
-    "view.plots.comparison": ("plot_comparison", "plot_work_precision"),
-    "view.plots.pictures": (
+    "view.plots": (
+        "plot_comparison",
         "plot_drift",
         "plot_energy",
         "plot_multipliers",
@@ -67,6 +67,7 @@ _WHERE = {
         "plot_solution",
         "plot_steps",
         "plot_trajectory",
+        "plot_work_precision",
     ),
 }
 _MODULE_OF = {name: module for module, names in _WHERE.items() for name in names}

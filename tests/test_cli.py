@@ -496,7 +496,7 @@ def test_ctrl_c_while_files_are_written_waits_for_them(run, monkeypatch):
         return draw(*arguments)
 
     draw = pinconsist.plot_solution
-    monkeypatch.setattr("pinconsist.view.plots.pictures.plot_solution", drawn)
+    monkeypatch.setattr("pinconsist.view.plots.plot_solution", drawn)
     code, out, err = run("simulate", "four_bar", "--until", 0.1, "--plot", "run.svg")
     assert code == 130 and out.endswith("\nwritten: run.svg\n") and "pinconsist: interrupted" in err
     assert Path("run.svg").stat().st_size

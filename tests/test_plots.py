@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
-from pinconsist.view.plots.look import style
-from pinconsist.view.plots.pictures import PICTURES
+from pinconsist.view.panels import style
+from pinconsist.view.plots import PICTURES
 
 pytest.importorskip("matplotlib")
 

@@ -293,7 +293,7 @@ def test_what_is_missing_is_named(tmp_path, monkeypatch):
 
 def test_importing_the_view_loads_no_viewer():
     code = """if True:
-        import sys, pinconsist.view.page, pinconsist.view.plots.comparison, pinconsist.view.plots.pictures
+        import sys, pinconsist.view.page, pinconsist.view.plots
         print({"meshcat", "coal", "matplotlib", "defusedxml"} & set(sys.modules))"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() in ("set()", "{'coal'}")  # Pinocchio itself may bring coal

@@ -84,7 +84,7 @@ def compare(
     if html:
         _show(what, html, runs[0], order, q0, v0)
     if plot:
-        from ..view.plots.comparison import plot_comparison
+        from ..view.plots import plot_comparison
 
         output.written(plot, lambda: plot_comparison(runs, plot))
     result = replace(result, runs=tuple(runs))

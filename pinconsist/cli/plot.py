@@ -37,7 +37,7 @@ def plot(
     out = out or f"{Path(source).resolve().stem}.png"
     output.require_writable(out)
     output.require_figure(out)
-    from ..view.plots.pictures import PICTURES, plot_solution
+    from ..view.plots import PICTURES, plot_solution
 
     names = [name.strip() for name in what.split(",")]
     for name in names:

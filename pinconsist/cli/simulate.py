@@ -105,7 +105,7 @@ def simulate(
             look = replay.look(sol, forces, traces, speed)
             _drawn(html, sol, out, lambda: export_html(mech, sol, html, **look))
         if plot:
-            from ..view.plots.pictures import plot_solution
+            from ..view.plots import plot_solution
 
             _drawn(plot, sol, out, lambda: plot_solution(sol, plot, mech))
         if as_json:

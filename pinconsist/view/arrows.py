@@ -43,18 +43,8 @@ def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> li
     """Forces and moments of the loops, torques of drives and motors.
 
     A loop acts on its body 2, or on its body 1 where the other is the ground; drives and motors act on their joints,
-    of which those with one degree of freedom are drawn. Couplings are not drawn: they act on two joints at once.
-
-    Parameters
-    ----------
-    run : Run
-        With multipliers, at the frames' times.
-    poses : ndarray, shape (m, njoints, 7)
-        World poses of the joints.
-    size : float
-        Size of the picture, m, by which moments are told from rounding.
-    without : collection of str
-        Loops that are left out, as their forces are not determined.
+    of which those with one degree of freedom are drawn. Couplings are not drawn: they act on two joints at once. Left
+    out are the loops `without` determined forces, and moments that are rounding for a picture of this `size`, m.
     """
     out = []
     for loop in (each for each in run.mech.loops if each.name not in without):

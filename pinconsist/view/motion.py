@@ -112,11 +112,16 @@ def playing_times(runs, speed: float, fps: float) -> np.ndarray:
     return np.linspace(0.0, duration, frames)
 
 
-def anchors(model: pin.Model, loop: Loop) -> list[tuple[int, pin.SE3]]:
-    """Joint, and placement on it, of both anchors of a loop."""
-    pairs = ((loop.frame1, loop.placement1), (loop.frame2, loop.placement2))
-    frames = [(model.frames[model.getFrameId(name)], offset) for name, offset in pairs]
-    return [(frame.parentJoint, frame.placement * offset) for frame, offset in frames]
+def on_joint(model: pin.Model, frame: str, offset: pin.SE3 | None = None) -> tuple[int, pin.SE3]:
+    """Joint, and placement on it, of what has an offset from a frame."""
+    found = model.frames[model.getFrameId(frame)]
+    return found.parentJoint, found.placement if offset is None else found.placement * offset
+
+
+def anchors(model: pin.Model, *loops: Loop) -> list[tuple[int, pin.SE3]]:
+    """Joint, and placement on it, of both anchors of each loop."""
+    pairs = [pair for a in loops for pair in ((a.frame1, a.placement1), (a.frame2, a.placement2))]
+    return [on_joint(model, *pair) for pair in pairs]
 
 
 def joint_axis(model: pin.Model, joint: int) -> tuple[np.ndarray | None, bool]:

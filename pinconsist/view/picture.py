@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from itertools import cycle
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +12,7 @@ from ..mechanism.names import near
 from ..mechanism.reactions import not_determined, undetermined
 from .arrows import COLORS, FORCE, MOMENT, Action, actions, arrow, scale_of
 from .commands import ASPECT, Node, animated, camera, draw, floor, line, transform, view_axes, y_up
-from .motion import Run, body_poses, in_world, playing_times, point_in_world, runs_of
+from .motion import Run, body_poses, in_world, on_joint, playing_times, point_in_world, runs_of
 from .shapes import CLOSED, Shape, ball, bars, simple_shapes, skeleton, springs
 
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
@@ -30,25 +30,49 @@ FIRST_ROWS = 8  # among which the first of a multistep method are
 VISIBLE = 0.02  # of a force: a smaller error is not mentioned
 
 
-@dataclass(eq=False)
 class DrawnRun:
     """What is drawn of one run, in the axes of its own world."""
 
-    run: Run  # at the frames' times
-    path: str
-    bodies: np.ndarray  # (m, njoints, 7), world poses of the joints
-    skeleton: np.ndarray  # (m, k, 3), joints, link ends and anchors
-    visuals: list[Shape]  # of the robot file
-    actions: list[Action] = field(default_factory=list)
-    nodes: list[Node] = field(default_factory=list)
-    commands: list[dict] = field(default_factory=list)
-    body: np.ndarray | None = None  # (k, 3), points that enclose the mechanism
-    extent: np.ndarray | None = None  # (k, 3), points that enclose all that is drawn, arrows too
-
-    @property
-    def size(self) -> float:
+    def __init__(self, run: Run, path: str, visuals: list[Shape]):
+        self.run, self.path, self.visuals = run, path, visuals  # at the frames' times; shapes of the robot file
+        self.bodies = body_poses(run.mech.model, run.q)  # (m, njoints, 7)
+        self.skeleton = skeleton(run.mech, self.bodies)  # (m, k, 3), joints, link ends and anchors
         size = float(np.linalg.norm(np.ptp(self.skeleton.reshape(-1, 3), axis=0)))
-        return size if size > POINT else 0.0
+        self.size = size if size > POINT else 0.0
+        self.actions: list[Action] = []
+        self.nodes: list[Node] = []
+        self.commands: list[dict] = []
+
+    def draw(self, size: float, traces, scales):
+        """Fill in nodes and commands; and points, shape (k, 3), that enclose the mechanism, and all with arrows."""
+        mech, bodies, path = self.run.mech, self.bodies, self.path
+        rods = bars(mech, bodies)
+        poses = np.concatenate([bodies, *(rod[:, None] for rod in rods.values())], axis=1)
+        paths = [f"{path}/ground", *(f"{path}/bodies/{_part(name)}" for name in mech.joints)]
+        paths += [f"{path}/loops/{_part(name)}" for name in rods]
+        shapes = self.visuals + simple_shapes(mech, bodies, size, {shape.node for shape in self.visuals})
+        some = np.unique(np.linspace(0, len(bodies) - 1, 100).astype(int))
+        extent = [self.skeleton[some], *(in_world(poses[some, shape.node], shape.points) for shape in shapes)]
+        self.nodes += [Node(path, poses[:, k]) for k, path in enumerate(paths) if k]
+        for name, color in zip(traces, cycle(TRACES), strict=False):
+            joint, place = on_joint(mech.model, name)
+            points = point_in_world(bodies, joint, place.translation)
+            shapes.append(ball(joint, place.translation, 0.009 * size, color=color, on_top=True))
+            self.commands.append(line(f"{path}/traces/{_part(name)}", "Line", points, color))
+            extent.append(points[some])
+        for number, (places, stretch, coil, ends) in enumerate(springs(mech, bodies, size), start=1):
+            self.nodes.append(Node(f"{path}/springs/{number}", places, stretch))
+            self.commands.append(draw(f"{path}/springs/{number}/coil", coil))
+            extent.append(ends[some])
+        self.commands += [draw(f"{paths[shape.node]}/{k}", shape) for k, shape in enumerate(shapes)]
+        arrows = []
+        for action in (each for each in self.actions if scales[each.kind]):
+            parts, around = arrow(f"{path}/forces/{_part(action.name)}", action, scales[action.kind], size)
+            self.nodes += [node for node, _ in parts]
+            self.commands += [draw(f"{node.path}/{k}", each) for node, its in parts for k, each in enumerate(its)]
+            arrows.append(around[some].reshape(-1, 3))
+        self.body = np.concatenate([points.reshape(-1, 3) for points in extent])
+        self.extent = np.concatenate([self.body, *arrows])
 
 
 def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetitions: int) -> dict:
@@ -63,17 +87,14 @@ def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, repeti
     """
     from .visuals import visuals  # and with it coal, only when something is shown
 
-    runs, traces = runs_of(mech, sol, forces=forces), _traces(traces)
-    for run in runs:
-        _require_frames(run.mech, traces)
+    runs = runs_of(mech, sol, forces=forces)
+    traces = _frames(traces, runs)
     clock = playing_times(runs, speed, fps)
     of_files = {id(each): visuals(each) for each in {id(run.mech): run.mech for run in runs}.values()}
-    drawn = []
-    for number, run in enumerate(runs):
-        now = run.at(clock * speed)
-        bodies = body_poses(run.mech.model, now.q)
-        path = f"/{number + 1} {_part(run.title)}" if len(runs) > 1 else ""
-        drawn.append(DrawnRun(now, path, bodies, skeleton(run.mech, bodies), of_files[id(run.mech)]))
+    paths = [f"/{k + 1} {_part(run.title)}" if len(runs) > 1 else "" for k, run in enumerate(runs)]
+    drawn = [
+        DrawnRun(run.at(clock * speed), path, of_files[id(run.mech)]) for run, path in zip(runs, paths, strict=True)
+    ]
     size = max(each.size for each in drawn) or 1.0
     not_drawn: dict[str, float] = {}
     for each in drawn if forces else ():
@@ -83,11 +104,10 @@ def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, repeti
     acting = [action for each in drawn for action in each.actions]
     scales = {kind: scale_of(kind, acting, size) for kind in (FORCE, MOMENT)}
     for each in drawn:
-        _draw(each, size, traces, scales)
+        each.draw(size, traces, scales)
 
     axes, planar = view_axes([each.skeleton for each in drawn])
-    offsets = _offsets([each.extent for each in drawn], axes[0], size)
-    placed = list(zip(drawn, offsets, strict=True))
+    placed = list(zip(drawn, _offsets([each.extent for each in drawn], axes[0], size), strict=True))
     lens, target = camera(np.concatenate([each.extent + offset for each, offset in placed]), axes, size)
     commands = [command for each in drawn for command in each.commands]
     commands += [transform(each.path, pin.SE3(np.eye(3), offset).homogeneous) for each, offset in placed if each.path]
@@ -95,69 +115,31 @@ def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, repeti
     if not planar:
         commands.append(floor(np.concatenate([each.body + offset for each, offset in placed]), size))
     commands += animated([node for each in drawn for node in each.nodes], clock, repetitions)
+    titles = [(each.run.title, _below(each.body, axes, size) + offset) for each, offset in placed if each.run.title]
     first, last = runs[0].t[[0, -1]]
     return {
         "commands": commands,
         "target": target,
         "aspect": ASPECT,
         "clock": [first, speed * (-1.0 if last < first else 1.0), float(clock[-1])],
-        "titles": [
-            {"text": each.run.title, "at": y_up(_below(each.body, axes, size) + offset)}
-            for each, offset in placed
-            if each.run.title
-        ],
+        "titles": [{"text": text, "at": y_up(place)} for text, place in titles],
         "legend": _legend(runs, traces, forces, scales, acting, not_drawn),
     }
 
 
-def _traces(traces) -> tuple[str, ...]:
+def _frames(traces, runs) -> list[str]:
     if isinstance(traces, str):
         raise InputError(f"traces needs a sequence of frame names, like traces=[{traces!r}]")
-    return tuple(dict.fromkeys(traces))
-
-
-def _require_frames(mech, traces):
-    names = [frame.name for frame in mech.model.frames]
-    for name in traces:
-        if name not in names:
+    traces = list(dict.fromkeys(traces))
+    for mech in (run.mech for run in runs):
+        names = [frame.name for frame in mech.model.frames]
+        for name in (name for name in traces if name not in names):
             raise InputError(f"{mech.name}: no frame {name!r} to trace{near(name, names)}")
+    return traces
 
 
 def _part(name: str) -> str:
     return name.replace("/", "∕") or "unnamed"  # a slash would split the path
-
-
-def _draw(drawn: DrawnRun, size: float, traces, scales):
-    """Fill in nodes, commands, body and extent of a run."""
-    mech, bodies, path = drawn.run.mech, drawn.bodies, drawn.path
-    rods = bars(mech, bodies)
-    poses = np.concatenate([bodies, *(rod[:, None] for rod in rods.values())], axis=1)
-    paths = [f"{path}/ground", *(f"{path}/bodies/{_part(name)}" for name in mech.joints)]
-    paths += [f"{path}/loops/{_part(name)}" for name in rods]
-    shapes = drawn.visuals + simple_shapes(mech, bodies, size, {shape.node for shape in drawn.visuals})
-    some = np.unique(np.linspace(0, len(bodies) - 1, 100).astype(int))
-    extent = [drawn.skeleton[some], *(in_world(poses[some, shape.node], shape.points) for shape in shapes)]
-    drawn.nodes = [Node(path, poses[:, k]) for k, path in enumerate(paths) if k]
-    for number, name in enumerate(traces):
-        frame, color = mech.model.frames[mech.model.getFrameId(name)], TRACES[number % len(TRACES)]
-        points = point_in_world(bodies, frame.parentJoint, frame.placement.translation)
-        shapes.append(ball(frame.parentJoint, frame.placement.translation, 0.009 * size, color=color, on_top=True))
-        drawn.commands.append(line(f"{path}/traces/{_part(name)}", "Line", points, color))
-        extent.append(points[some])
-    for number, (places, scale, coil, ends) in enumerate(springs(mech, bodies, size), start=1):
-        drawn.nodes.append(Node(f"{path}/springs/{number}", places, scale))
-        drawn.commands.append(draw(f"{path}/springs/{number}/coil", coil))
-        extent.append(ends[some])
-    drawn.body = np.concatenate([points.reshape(-1, 3) for points in extent])
-    extent = [drawn.body]
-    drawn.commands += [draw(f"{paths[shape.node]}/{k}", shape) for k, shape in enumerate(shapes)]
-    for action in (each for each in drawn.actions if scales[each.kind]):
-        parts, around = arrow(f"{path}/forces/{_part(action.name)}", action, scales[action.kind], size)
-        for node, its_shapes in parts:
-            drawn.nodes.append(node)
-            drawn.commands += [draw(f"{node.path}/{k}", shape) for k, shape in enumerate(its_shapes)]
-        extent.append(around[some].reshape(-1, 3))
-    drawn.extent = np.concatenate(extent)
 
 
 def _offsets(extents, right: np.ndarray, size: float) -> list[np.ndarray]:
@@ -179,7 +161,7 @@ def _below(points: np.ndarray, axes: np.ndarray, size: float) -> np.ndarray:
 
 
 def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]:
-    out = [(TRACES[k % len(TRACES)], f"path of {name}") for k, name in enumerate(traces)]
+    out = [(color, f"path of {name}") for name, color in zip(traces, cycle(TRACES), strict=False)]
     kinds = {loop.kind for run in runs for loop in run.mech.anchored_loops}
     if kinds:
         seats = dict.fromkeys(seat for kind, seat in SEATS.items() if kind in kinds)

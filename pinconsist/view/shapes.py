@@ -10,7 +10,7 @@ import pinocchio as pin
 from ..mechanism.constraints.loop import Loop
 from ..mechanism.forces import SpringDamper
 from ..mechanism.mechanism import Mechanism
-from .motion import anchors, bar_poses, in_world, joint_axis, point_in_world, rotation_to
+from .motion import anchors, bar_poses, in_world, joint_axis, on_joint, point_in_world, rotation_to
 
 LINK_COLORS = (0x0072B2, 0xE69F00, 0x009E73, 0x56B4E9, 0xCC79A7, 0xB8A800)  # Okabe and Ito's, without red
 JOINT, GROUND, RAIL, CLOSED, SPRING = 0x333333, 0x555555, 0xA0A4AA, 0xD50000, 0x5D4037
@@ -88,7 +88,7 @@ def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
     model = mech.model
     ends = {joint: [] for joint in range(1, model.njoints)}
     places = [(model.parents[joint], model.jointPlacements[joint]) for joint in ends]
-    for joint, place in places + [pair for loop in mech.anchored_loops for pair in anchors(model, loop)]:
+    for joint, place in places + anchors(model, *mech.anchored_loops):
         if joint:
             ends[joint].append(place.translation.copy())
     for joint, inertia in zip(ends, list(model.inertias)[1:], strict=True):
@@ -107,8 +107,8 @@ def _rod_end(inertia: pin.Inertia) -> np.ndarray:
 def skeleton(mech: Mechanism, poses: np.ndarray) -> np.ndarray:
     """World positions over the motion of joints, link ends and anchors, shape (n, k, 3)."""
     parts = [in_world(poses[:, joint], [np.zeros(3), *ends]) for joint, ends in link_ends(mech).items()]
-    for loop in mech.anchored_loops:
-        parts += [in_world(poses[:, joint], [place.translation]) for joint, place in anchors(mech.model, loop)]
+    pairs = anchors(mech.model, *mech.anchored_loops)
+    parts += [in_world(poses[:, joint], [place.translation]) for joint, place in pairs]
     return np.concatenate(parts, axis=1) if parts else np.zeros((len(poses), 1, 3))
 
 
@@ -120,17 +120,10 @@ def bars(mech: Mechanism, poses: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=frozenset()) -> list[Shape]:
-    """Links, joints, ground and rails of every body that is not in `covered`; anchors of all loops.
+    """Links, joints, ground and rails of every body; anchors of all loops.
 
-    Parameters
-    ----------
-    mech : Mechanism
-    poses : ndarray, shape (n, njoints, 7)
-        Its motion; rails of sliding joints are as long as the way that they go.
-    size : float
-        Size of the picture, m, from which thicknesses are taken.
-    covered : set of int
-        Joints whose bodies have shapes of their own; 0 is the ground.
+    Left out are the bodies of the joints `covered`, which have shapes of their own; 0 is the ground. Thicknesses are
+    relative to the `size` of the picture, m. Rails are as long as the way that a joint slides.
     """
     radius = LINK * size
     out, fixed = [], []
@@ -152,7 +145,7 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
                 out += [cylinder(joint, np.zeros(3), end, radius, color=color), ball(joint, end, radius, color=color)]
         if rail is not None and np.linalg.norm(rail[1] - rail[0]) > radius / 2:
             out.append(cylinder(parent, *rail, 0.45 * radius, color=RAIL))
-    fixed += [place.translation for loop in mech.anchored_loops for j, place in anchors(mech.model, loop) if j == 0]
+    fixed += [place.translation for joint, place in anchors(mech.model, *mech.anchored_loops) if joint == 0]
     if 0 not in covered:
         out += _ground(fixed, radius)
     return out + _closures(mech, poses, radius)
@@ -227,8 +220,8 @@ def springs(mech: Mechanism, poses: np.ndarray, size: float) -> list[tuple[np.nd
     for spring in (each for each in mech.forces if isinstance(each, SpringDamper)):
         ends = []
         for name, xyz in ((spring.frame1, spring.xyz1), (spring.frame2, spring.xyz2)):
-            frame = mech.model.frames[mech.model.getFrameId(name)]
-            ends.append(point_in_world(poses, frame.parentJoint, frame.placement.act(np.array(xyz))))
+            joint, place = on_joint(mech.model, name)
+            ends.append(point_in_world(poses, joint, place.act(np.array(xyz))))
         lengths = np.linalg.norm(ends[1] - ends[0], axis=1)
         stretch = np.ones((len(poses), 3))
         stretch[:, 1] = lengths.clip(SMALLEST)

@@ -1,0 +1,273 @@
+"""What figures are made of: one look, legible in grey; a solution with named columns; the panels of each picture."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError, MissingExtraError
+from ..files import written_whole
+from ..mechanism.constraints.loops import LoopRows
+
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9")
+DASHES = ("-", "--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))
+MARKERS = ("o", "s", "^", "D", "v", "x", "P")  # 7, 6 and 5: 210 lines differ, and 35 without colour
+GREY = "#b0b4b8"  # of lines without a name in the legend
+LEGEND = 12  # entries at most
+FIRST_STEPS = 20
+PORTRAITS, ABREAST = 12, 4  # phase portraits at most, and in a line
+LOOK = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#d8dce0",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 4,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "figure.dpi": 130,
+    "savefig.dpi": 160,
+}
+
+
+@contextmanager
+def new_figure(width, height, file=None):
+    """An empty figure in this look, inches, written to `file` at the end of the block, whole or not at all."""
+    try:
+        import matplotlib
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissingExtraError("figures need matplotlib; install it by: pip install 'pinconsist[plot]'") from None
+    with matplotlib.rc_context(LOOK):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        yield figure
+        if file is None:
+            return
+        ending = Path(file).suffix.lstrip(".").lower()
+        known = figure.canvas.get_supported_filetypes()
+        if ending not in known:
+            raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
+        with written_whole(file) as stream:
+            figure.savefig(stream, format=ending)
+
+
+def style(k: int) -> dict:
+    """Colour, dash and marker of the k-th line."""
+    color, dash, marker = (choices[k % len(choices)] for choices in (COLORS, DASHES, MARKERS))
+    return {"color": color, "linestyle": dash, "marker": marker, "markerfacecolor": "white"}
+
+
+def sparse(count: int, marks: int, shift: int = 0) -> tuple[int, int]:
+    """Which of `count` points have one of about `marks` markers, those of neighbouring lines apart."""
+    every = max(count // marks, 1)
+    return shift * every // 4 % every, every
+
+
+def legend_beside(axis):
+    """A legend on the right of the panel, where it covers nothing."""
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=4.5)
+
+
+def positive(values):
+    """NaN for what a logarithm cannot show."""
+    return np.where(np.asarray(values) > 0, values, np.nan)
+
+
+def widest(values, most: int) -> list[int]:
+    """The columns with the largest range, in their own order."""
+    return sorted(int(k) for k in np.argsort(-np.ptp(values, axis=0), kind="stable")[:most])
+
+
+def curves(axis, t, values, labels, title, *, magnified=None):
+    """All columns over time; of more than twelve the widest have a name, others and zeros are grey. Returns the named.
+
+    `magnified` is what a first panel named: the same columns in the same style, every step marked, no legend.
+    """
+    named = magnified
+    if named is None:
+        named = widest(values, LEGEND if len(labels) <= LEGEND else LEGEND - 1)
+        named = [k for k in named if values[:, k].any()] or named
+    others = [k for k in range(values.shape[1]) if k not in set(named)]
+    rest = f"{len(others)} {'more' if values[:, others].any() else 'zero throughout'}"
+    for k in others:
+        axis.plot(t, values[:, k], color=GREY, linewidth=0.7, zorder=1, label=rest if k == others[0] else None)
+    for k, column in enumerate(named):
+        marks = 1 if magnified is not None else sparse(len(t), 8, k)
+        axis.plot(t, values[:, column], label=labels[column], markevery=marks, **style(k))
+    axis.set(title=title, xlabel="t  [s]")
+    axis.ticklabel_format(scilimits=(-2, 4))  # short, so that none is cut at the figure's edge
+    axis.locator_params(axis="x", nbins=6)
+    if magnified is None and len(labels):
+        legend_beside(axis)
+    return named
+
+
+class DrawnSolution:
+    """The rows of a solution, its mechanism (None if it is not known), and a name for each column."""
+
+    def __init__(self, sol, mech=None):
+        self.sol, self.system = sol, getattr(sol, "system", None)
+        self.mech = mech if mech is not None else getattr(self.system, "mechanism", None)
+        self.t = np.asarray(sol.t, float)
+        if not self.t.size:
+            raise InputError("the solution has no rows to draw")
+        self.q, self.v, self.lam = (np.asarray(values, float) for values in (sol.q, sol.v, sol.lam))
+        for name, values in (("q", self.q), ("v", self.v), ("lam", self.lam)):
+            if values.ndim != 2 or len(values) != self.t.size:
+                raise InputError(f"a figure needs {name} of shape ({self.t.size}, columns), got {values.shape}")
+        self.labels = {
+            name: [f"{symbol}{k + 1}" for k in range(values.shape[1])]
+            for name, symbol, values in (("q", "q", self.q), ("v", "v", self.v), ("lam", "λ", self.lam))
+        }
+        if self.mech is not None:
+            self._name_columns()
+
+    def _name_columns(self):
+        model, rows = self.mech.model, [f"{loop} {row}" for loop, row in self.mech.row_labels]
+        if len(rows) != self.lam.shape[1]:  # redundant rows may have been left out
+            rows = self.labels["lam"]
+        for name, names in (("q", self._of_joints(model.nqs)), ("v", self._of_joints(model.nvs)), ("lam", rows)):
+            if len(names) != len(self.labels[name]):
+                count = len(self.labels[name])
+                raise InputError(f"{self.mech.name!r} has {len(names)} columns of {name}, the solution {count}")
+            self.labels[name] = names
+
+    def _of_joints(self, sizes) -> list[str]:
+        pairs = zip(self.mech.joints, list(sizes)[1:], strict=True)
+        return [f"{name}[{k}]" if size > 1 else name for name, size in pairs for k in range(size)]
+
+    def need_mechanism(self, of_what: str):
+        """The mechanism, or an error that says how to give it."""
+        if self.mech is None:
+            raise InputError(
+                f"a picture of the {of_what} needs the mechanism: give it as mech=. A solution read from a file does "
+                "not hold it, a general problem has none"
+            )
+        return self.mech
+
+    def residuals(self) -> tuple[list[str], np.ndarray, np.ndarray]:
+        """Loops, and the largest |Φ| and |J v + Φ_t| of each, shapes (n, loops); of a general problem, of each row."""
+        if self.mech is None and (system := self.system) is not None:
+            parts = {f"row {k + 1}": slice(k, k + 1) for k in range(system.nc)}
+
+            def evaluate(t, q, v):
+                rate = system.constraint(t, q, system.rate(t, q, v))[1]
+                return system.evaluate(t, q, v, np.zeros(len(v)))[1], rate
+        else:
+            mech = self.need_mechanism("constraint drift")
+            data, rows = mech.model.createData(), LoopRows(mech.model, mech.loops)
+            parts = rows.slices
+
+            def evaluate(t, q, v):
+                pin.computeJointJacobians(mech.model, data, q)
+                phi, J = rows.evaluate(data, q, t)
+                return phi, J @ v + rows.time_rate(t, q)
+
+        both = np.abs([evaluate(*state) for state in zip(self.t, self.q, self.v, strict=True)])
+        worst = np.reshape([both[..., part].max(axis=-1) for part in parts.values()], (len(parts), self.t.size, 2))
+        return list(parts), worst[..., 0].T, worst[..., 1].T
+
+    @cached_property
+    def portraits(self) -> list[tuple[int, int]]:
+        """Columns of q and of v that belong together."""
+        if self.mech is None:
+            return [(k, k) for k in range(self.q.shape[1])] if self.q.shape == self.v.shape else []
+        model = self.mech.model
+        joints = (j for j in range(1, model.njoints) if model.nqs[j] == model.nvs[j] == 1)
+        return [(model.idx_qs[j], model.idx_vs[j]) for j in joints]
+
+    @property
+    def portrait_lines(self) -> int:
+        """Lines of panels of the phase portrait."""
+        return max(1, -(-min(len(self.portraits), PORTRAITS) // ABREAST))
+
+
+def trajectory(left, right, drawn):
+    """q and v over time."""
+    curves(left, drawn.t, drawn.q, drawn.labels["q"], "configuration q  [rad, m]")
+    curves(right, drawn.t, drawn.v, drawn.labels["v"], "velocity v  [rad/s, m/s]")
+
+
+def multipliers(left, right, drawn):
+    """λ over time, and its first steps magnified."""
+    if not drawn.lam.shape[1]:
+        raise InputError("there are no multipliers to draw: the solution has no constraints")
+    first, labels = slice(0, FIRST_STEPS + 1), drawn.labels["lam"]
+    named = curves(left, drawn.t, drawn.lam, labels, "multipliers λ  [N, N·m]")
+    title = f"λ, the first {min(FIRST_STEPS, drawn.t.size - 1)} steps"
+    curves(right, drawn.t[first], drawn.lam[first], labels, title, magnified=named)
+
+
+def drift(left, right, drawn):
+    """|Φ| and |J v + Φ_t| of each loop: dots on a logarithmic scale, as lines of rounding errors cannot be read."""
+    labels, gaps, rates = drawn.residuals()
+    if not labels:
+        raise InputError("there is no drift to draw: the solution has no constraints")
+    titles = ("loops are open by |Φ|  [m, rad]", "loops open at |J v + Φ_t|  [m/s, rad/s]")
+    for axis, values, title in zip((left, right), (gaps, rates), titles, strict=True):
+        named = sorted(np.argsort(-values.max(axis=0), kind="stable")[:LEGEND])
+        for k, column in enumerate(named):
+            dots = style(k) | {"linestyle": "none", "markersize": 2.5}
+            axis.plot(drawn.t, positive(values[:, column]), label=labels[column], **dots)
+        worst = "" if len(named) == len(labels) else f", the worst {len(named)} of {len(labels)}"
+        axis.set(title=title + worst, xlabel="t  [s]")
+        if values.any():
+            axis.set_yscale("log")
+            legend_beside(axis)
+        else:
+            axis.set_yticks([0.0])
+            axis.text(0.5, 0.5, "zero throughout", transform=axis.transAxes, ha="center", va="bottom")
+
+
+def energy(left, right, drawn):
+    """Energies and works, and the error of the balance."""
+    found = drawn.sol.energy(drawn.need_mechanism("energy"))
+    parts = {"kinetic": found.kinetic, "potential": found.potential}
+    parts |= {"elastic": found.elastic} if found.stored else {}
+    parts |= {"total": found.total} | {f"work of {name}": work for name, work in found.work.items()}
+    curves(left, found.t, np.column_stack(list(parts.values())), list(parts), "energy and work  [J]")
+    right.plot(found.t, found.error, markevery=sparse(found.t.size, 8), **style(0))
+    right.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4))
+    right.set(title="error of the energy balance  [J]", xlabel="t  [s]")
+
+
+def steps(left, right, drawn):
+    """Step size and order at the end of each step."""
+    h, order = np.asarray(drawn.sol.h), np.asarray(drawn.sol.order)
+    taken = h != 0  # zero at the state change of an event
+    if len(h) != drawn.t.size - 1 or not taken.any():
+        raise InputError("there are no steps to draw: with t_eval the rows of a solution are no steps")
+    t, h, order = drawn.t[1:][taken], np.abs(h[taken]), order[taken]
+    left.plot(t, h, drawstyle="steps-pre", color=COLORS[0])
+    left.set(title="step size  [s]", yscale="log", xlabel="t  [s]")
+    right.plot(t, order, drawstyle="steps-pre", color=COLORS[0])
+    start = order == 0
+    if start.any():
+        right.plot(t[start], order[start], label="one-step start", **style(1) | {"linestyle": "none"})
+        legend_beside(right)
+    right.set(title="order", yticks=range(int(order.max()) + 1), xlabel="t  [s]")
+
+
+def phase(figure, drawn):
+    """v over q of each joint of one degree of freedom."""
+    if not drawn.portraits:
+        raise InputError("there is no phase portrait to draw: no joint has one configuration and one velocity")
+    shown = [drawn.portraits[k] for k in widest(drawn.q[:, [i for i, _ in drawn.portraits]], PORTRAITS)]
+    axes = list(figure.subplots(drawn.portrait_lines, min(len(shown), ABREAST), squeeze=False).flat)
+    for axis, (i, k) in zip(axes, shown, strict=False):
+        axis.plot(drawn.q[:, i], drawn.v[:, k], color=COLORS[0], linewidth=1.0)
+        axis.plot(drawn.q[0, i], drawn.v[0, k], **style(1) | {"linestyle": "none"}, zorder=3)
+        axis.axhline(0.0, color=GREY, linewidth=0.7, zorder=1)
+        axis.set_title(drawn.labels["q"][i])
+    for axis in axes[len(shown) :]:
+        axis.set_axis_off()
+    figure.supxlabel("configuration  [rad, m]", fontsize="medium")
+    figure.supylabel("velocity  [rad/s, m/s]", fontsize="medium")

@@ -1,0 +1,234 @@
+"""Figures of a solution, one call each; and of several runs: errors of the multipliers, work against precision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError
+from . import panels
+from .panels import DrawnSolution, legend_beside, new_figure, positive, sparse, style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WIDTH, HEIGHT = 11.0, 3.0  # inches, of a row of panels
+OWN = "pinconsist BDF"  # drawn bold, others are compared with it
+PICTURES = {
+    "trajectory": ("configurations and velocities over time", panels.trajectory),
+    "multipliers": ("constraint forces over time, the first steps magnified", panels.multipliers),
+    "drift": ("how far the loops are open, and how fast they open", panels.drift),
+    "energy": ("energies, work of the forces, and the error of the balance", panels.energy),
+    "steps": ("step size and order over time", panels.steps),
+    "phase": ("phase portrait, velocity over configuration of each joint", panels.phase),
+}
+"""Name → what it shows, and what draws it: on two panels side by side, the phase portrait on a grid of its own."""
+
+
+def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers")) -> Figure:
+    """Several pictures of a solution under each other.
+
+    Parameters
+    ----------
+    sol : Solution
+        Or any object with ``t``, shape (n,), s, and ``q``, ``v``, ``lam``, of n rows each; ``lam`` may have no
+        columns, and is then not drawn.
+    file : path, optional
+        Where the figure is written, whole or not at all, over what was there; the ending chooses the format, such as
+        ``.png``, ``.pdf`` or ``.svg``. Default: it is only returned.
+    mech : Mechanism, optional
+        Gives the curves the names of its joints and loop rows. Needed for the drift and the energy of a solution that
+        was read from a file; by default the mechanism that was simulated.
+    what : sequence of str
+        Of ``"trajectory"``, ``"multipliers"``, ``"drift"``, ``"energy"``, ``"steps"`` and ``"phase"``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Without a window, and unknown to pyplot; a notebook shows it.
+
+    Raises
+    ------
+    InputError
+        Sizes that do not fit, an unknown picture, one that this solution does not have, or a file ending that
+        matplotlib cannot write.
+    MissingExtraError
+        matplotlib is not installed.
+    OSError
+        The file cannot be written.
+    """
+    names = list(dict.fromkeys([what] if isinstance(what, str) else what))
+    if unknown := [name for name in names if name not in PICTURES]:
+        raise InputError(f"there is no picture {unknown[0]!r}; there are {', '.join(PICTURES)}")
+    if not names:
+        raise InputError(f"what= names no picture; there are {', '.join(PICTURES)}")
+    drawn = DrawnSolution(sol, mech)
+    if len(names) > 1 and not drawn.lam.shape[1]:
+        names = [name for name in names if name != "multipliers"]
+    groups = [(phase, list(group)) for phase, group in groupby(names, lambda name: name == "phase")]
+    heights = [HEIGHT * (drawn.portrait_lines if phase else len(group)) for phase, group in groups]
+    with new_figure(WIDTH, sum(heights) + (0.3 if drawn.mech is not None else 0.0), file) as figure:
+        parts = figure.subfigures(len(groups), 1, height_ratios=heights, squeeze=False)[:, 0]
+        for part, (phase, group) in zip(parts, groups, strict=True):
+            if phase:
+                panels.phase(part, drawn)
+                continue
+            rows = part.subplots(len(group), 2, squeeze=False)  # in one grid, so that panels of equal width line up
+            for (left, right), name in zip(rows, group, strict=True):
+                PICTURES[name][1](left, right, drawn)
+        if drawn.mech is not None:
+            figure.suptitle(drawn.mech.name)
+    return figure
+
+
+def plot_trajectory(sol, file=None, mech=None) -> Figure:
+    """A figure of configuration and velocity over time.
+
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    """
+    return plot_solution(sol, file, mech, ["trajectory"])
+
+
+def plot_multipliers(sol, file=None, mech=None) -> Figure:
+    """A figure of λ of each row over time, and its first twenty steps once more, magnified.
+
+    Row 0 is the multiplier of the differential equation; from exact initial values (``consistency="exact"``) the rows
+    after it are wrong by O(1), whatever the step size (Arévalo 2008).
+
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    """
+    return plot_solution(sol, file, mech, ["multipliers"])
+
+
+def plot_drift(sol, file=None, mech=None) -> Figure:
+    """A figure of the largest size of Φ (m, rad) and of J v + Φ_t (m/s, rad/s) of each loop over time.
+
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    """
+    return plot_solution(sol, file, mech, ["drift"])
+
+
+def plot_energy(sol, file=None, mech=None) -> Figure:
+    """A figure of energies and work of the forces, J, and the error of their balance, J (:class:`~pinconsist.Energy`).
+
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    """
+    return plot_solution(sol, file, mech, ["energy"])
+
+
+def plot_steps(sol, file=None, mech=None) -> Figure:
+    """A figure of step size, s, and order over time; InputError for one with ``t_eval``, whose rows are no steps.
+
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    """
+    return plot_solution(sol, file, mech, ["steps"])
+
+
+def plot_phase(sol, file=None, mech=None) -> Figure:
+    """A figure of velocity over configuration, a panel for each of the twelve widest joints of one degree of freedom.
+
+    A square marks the start.
+
+    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    """
+    return plot_solution(sol, file, mech, ["phase"])
+
+
+def plot_comparison(rows, file=None) -> Figure:
+    """Error of the multipliers over time, from exact and from consistent initial values, a panel for each step size.
+
+    As figure 5.1 of Arévalo (2008).
+
+    Parameters
+    ----------
+    rows : sequence
+        Records with, as attributes or keys, ``h``, the step size, s; ``t``, shape (n,), s; ``exact`` and
+        ``consistent``, shape (n,), norms of the error of λ.
+    file : path, optional
+        Where the figure is written, whole or not at all; the ending chooses the format.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        No record, sizes that do not fit, or a file ending that matplotlib cannot write.
+    MissingExtraError
+        matplotlib is not installed.
+    """
+    fields = ("h", "t", "exact", "consistent")
+    records = [[row[key] if isinstance(row, Mapping) else getattr(row, key) for key in fields] for row in rows]
+    lines, columns = -(-len(records) // 3), min(len(records), 3)
+    with new_figure(max(3.3 * columns, 4.5), 2.9 * lines + 0.4, file) as figure:
+        if not records:
+            raise InputError("a comparison needs at least one step size")
+        axes = figure.subplots(lines, columns, sharey=True, squeeze=False)
+        for axis, record in zip(axes.flat, records, strict=False):
+            h, t, *errors = (np.asarray(values, float) for values in record)
+            for k, error in zip((1, 0), errors, strict=True):
+                if not error.shape == t.shape == (t.size,):
+                    raise InputError(f"the errors for h = {h:g} do not have the shape of t, {t.shape}")
+                label = "exact start" if k else "consistent start"
+                axis.plot(t, positive(error), label=label, markevery=sparse(t.size, 10), **style(k))
+            axis.set(yscale="log", title=f"h = {h:g} s", xlabel="t  [s]")
+        for axis in axes[:, 0]:
+            axis.set_ylabel("‖error of λ‖")
+        for axis in axes.flat[len(records) :]:
+            axis.set_axis_off()
+        axes[0, 0].legend()
+    return figure
+
+
+def plot_work_precision(series, file=None) -> Figure:
+    """Run time against error, a line for each method: further left and lower is better.
+
+    Parameters
+    ----------
+    series : mapping
+        Label → (times, errors), of shape (n,) each: run times, s, and errors; what is not positive and finite is left
+        out.
+    file : path, optional
+        Where the figure is written, whole or not at all; the ending chooses the format.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        No series, one with nothing to draw or of sizes that do not fit, or a file ending that matplotlib cannot write.
+    MissingExtraError
+        matplotlib is not installed.
+    """
+    if not isinstance(series, Mapping) or not series:
+        raise InputError("work-precision needs a mapping label → (times, errors) with at least one label")
+    with new_figure(6.8, 3.8, file) as figure:
+        axis = figure.subplots()
+        for k, (label, pair) in enumerate(series.items()):
+            times, errors = _points(label, pair)
+            bold = {"linewidth": 2.6, "markersize": 6} if label == OWN else {}
+            axis.plot(errors, times, label=label, **style(k), **bold)
+        axis.set(xscale="log", yscale="log", xlabel="error", ylabel="run time  [s]")
+        legend_beside(axis)
+    return figure
+
+
+def _points(label, pair):
+    """Times and errors that a logarithmic scale can show, by increasing error."""
+    try:
+        times, errors = (np.asarray(each, float) for each in pair)
+    except (TypeError, ValueError):
+        raise InputError(f"the series {label!r} needs two rows of numbers, (times, errors)") from None
+    if times.ndim != 1 or times.shape != errors.shape:
+        raise InputError(f"the series {label!r} has times of shape {times.shape} and errors of shape {errors.shape}")
+    shown = np.isfinite(times) & np.isfinite(errors) & (times > 0) & (errors > 0)
+    if not shown.any():
+        raise InputError(f"the series {label!r} has no point with a positive time and error")
+    order = np.argsort(errors[shown])
+    return times[shown][order], errors[shown][order]

@@ -1,1 +1,0 @@
-"""Figures in one look, legible in grey: lines differ in colour, dash and marker."""
