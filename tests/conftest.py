@@ -5,6 +5,10 @@ import signal
 import sys
 from pathlib import Path
 
+if "PYTEST_XDIST_WORKER" in os.environ:  # BLAS threads of several workers wait for one another: five times the work
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
 import pinocchio as pin
 import pytest
 
