@@ -1,6 +1,6 @@
 """Mutation testing of dae/ and loops.py with mutmut, in a copy: ``python tests/mutants/run.py DIRECTORY``.
 
-Prints killed, survived and timed out by file, and the diff of each survivor. See docs/testing.md.
+Prints killed, survived and timed out by file, and the diff of each survivor. See CONTRIBUTING.md.
 """
 
 import argparse
