@@ -1,10 +1,16 @@
 # What type checkers see of the names that __init__.py loads when they are first used; tests/test_public.py compares.
 
+from .analysis.equilibrium import Equilibrium as Equilibrium
+from .analysis.equilibrium import equilibrium as equilibrium
+from .analysis.inverse_dynamics import InverseDynamics as InverseDynamics
+from .analysis.inverse_dynamics import inverse_dynamics as inverse_dynamics
+from .analysis.linearize import Linearization as Linearization
+from .analysis.linearize import linearize as linearize
+from .analysis.modes import Modes as Modes
 from .certificate import Certificate as Certificate
 from .comparison import compare as compare
 from .dae.events import Event as Event
 from .dae.hessenberg import HessenbergProblem as HessenbergProblem
-from .energy import Energy as Energy
 from .errors import AssemblyError as AssemblyError
 from .errors import EquilibriumError as EquilibriumError
 from .errors import FormatError as FormatError
@@ -19,11 +25,8 @@ from .formats.load import load as load
 from .formats.write import write as write
 from .mechanism.assembly import Assembly as Assembly
 from .mechanism.assembly import assemble as assemble
-from .mechanism.constraints.coupling import Coupling as Coupling
-from .mechanism.constraints.custom import Constraint as Constraint
-from .mechanism.constraints.drive import Drive as Drive
-from .mechanism.constraints.loops import Loop as Loop
-from .mechanism.constraints.motion import Motion as Motion
+from .mechanism.custom import Constraint as Constraint
+from .mechanism.energy import Energy as Energy
 from .mechanism.forces import JointDamping as JointDamping
 from .mechanism.forces import JointFriction as JointFriction
 from .mechanism.forces import JointSpring as JointSpring
@@ -32,15 +35,12 @@ from .mechanism.forces import Servo as Servo
 from .mechanism.forces import SpringDamper as SpringDamper
 from .mechanism.forces import Torque as Torque
 from .mechanism.forces import Wrench as Wrench
+from .mechanism.joint_constraints import Coupling as Coupling
+from .mechanism.joint_constraints import Drive as Drive
+from .mechanism.loops import Loop as Loop
 from .mechanism.mechanism import Mechanism as Mechanism
+from .mechanism.motion import Motion as Motion
 from .mechanism.reactions import Reaction as Reaction
-from .mechanism.statics.equilibrium import Equilibrium as Equilibrium
-from .mechanism.statics.equilibrium import equilibrium as equilibrium
-from .mechanism.statics.inverse_dynamics import InverseDynamics as InverseDynamics
-from .mechanism.statics.inverse_dynamics import inverse_dynamics as inverse_dynamics
-from .mechanism.statics.linear import Linearization as Linearization
-from .mechanism.statics.linear import linearize as linearize
-from .mechanism.statics.modes import Modes as Modes
 from .recording.keep import record as record
 from .recording.keep import rerun as rerun
 from .recording.keep import resume as resume

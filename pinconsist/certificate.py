@@ -8,7 +8,7 @@ import numpy as np
 
 from .dae.acceleration import solve_acceleration
 from .dae.sizes import largest
-from .energy import energy_of
+from .mechanism.energy import energy_of
 from .mechanism.reactions import not_determined, undetermined
 from .mechanism.system import MechanismSystem
 
@@ -33,8 +33,8 @@ class Certificate:
     force_first : float
         The same at the first step of the multistep method.
     energy_error : float or None
-        |E(t) - E(0) - work of the forces| over the largest kinetic energy, see :class:`~pinconsist.energy.Energy`;
-        None for a general problem.
+        |E(t) - E(0) - work of the forces| over the largest kinetic energy, see
+        :class:`~pinconsist.Energy`; None for a general problem.
     energy : ndarray or None
         Kinetic, potential and elastic energy of each row, J.
     undetermined : dict of str to float

@@ -13,7 +13,7 @@ from .dae.hessenberg import HessenbergProblem
 from .dae.start import integrate_index1
 from .errors import InputError, PinconsistError
 from .mechanism.checks import finite_array
-from .mechanism.constraints.loops import GROUND, Loop
+from .mechanism.loops import GROUND, Loop
 from .mechanism.forces import Torque
 from .mechanism.mechanism import Mechanism
 from .simulation import system_of

@@ -12,11 +12,11 @@ from .dae.record import Wishes
 from .dae.sizes import largest
 from .errors import InputError
 from .interrupts import deferred
-from .mechanism.acting import acting
+from .mechanism.mechanism import with_forces
 from .mechanism.assembly import assemble
 from .mechanism.checks import finite_array
 from .mechanism.mechanism import Mechanism
-from .mechanism.regular import require_regular
+from .mechanism.singularity import require_nonsingular
 from .mechanism.system import MechanismSystem
 from .plan import method_of, span_of
 from .solution import Solution
@@ -112,12 +112,12 @@ def simulate(
     UserFunctionError
         A function of yours raised an exception before anything was reached; later that is a failed solution.
     """
-    mech = acting(mech, forces, "simulate")
+    mech = with_forces(mech, forces, "simulate")
     span = span_of(t_span)
     plan = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
     assembly = assemble(mech, q0, v0, t=span[0])
     system = MechanismSystem(mech, assembly.q, span[0])
-    require_regular(system, assembly.q)
+    require_nonsingular(system, assembly.q)
     wishes = _wishes(system, span, t_eval, dense_output, events, callback)
     with deferred(late=False) as interrupted:
         trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes, interrupted)
@@ -234,7 +234,7 @@ def system_of(system, t0, p0, v0):
         if np.max(np.abs(system.configuration(p0) - p0)) > 1e-8:
             raise InputError(f"{system.name}: p0 has a quaternion or a (cos, sin) pair that is not of unit length")
         built = MechanismSystem(system, p0, t0)
-        require_regular(built, p0)
+        require_nonsingular(built, p0)
         return built
     if isinstance(system, HessenbergProblem):
         return system.at(t0, p0, v0)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from .certificate import Certificate, certify
-from .energy import Energy, energy_of
 from .errors import InputError
+from .mechanism.energy import Energy, energy_of
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
 from .skips import skipped
@@ -29,7 +29,7 @@ class Solution:
         Times, s.
     q, v, lam : ndarray, shapes (n, nq), (n, nv), (n, nc)
         Configurations, velocities, multipliers; with redundant rows, the multipliers of smallest norm. Signs, frames
-        and units: :mod:`pinconsist.mechanism.constraints.loops`. Without ``t_eval`` every accepted step has its row:
+        and units: :mod:`pinconsist.mechanism.loops`. Without ``t_eval`` every accepted step has its row:
         ``lam[0]`` belongs to the start and is the multiplier of the differential equation there, ``lam[1]`` belongs
         to the first step. With variable steps, and with fixed ones of an order above 1, rows of the one-step start
         (``order`` 0) come before the first step of the method itself. Rows of ``t_eval``, and where an event ends a

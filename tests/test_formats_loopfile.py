@@ -11,7 +11,7 @@ from helpers.urdf_texts import BAR, CHAIN, A, B, C, joint, write
 import pinconsist as pc
 from pinconsist.errors import FormatError
 from pinconsist.formats import load
-from pinconsist.mechanism.loop_solver import LoopSolver
+from pinconsist.mechanism.closing import LoopSolver
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from helpers.bodies import frame_pose, loop_rows
 
 import pinconsist as pc
-from pinconsist.mechanism.constraints.motion import Motion
+from pinconsist.mechanism.motion import Motion
 from pinconsist.view.visuals import visuals
 
 FOUR_BAR = Path(__file__).parent / "data" / "four_bar.xml"

@@ -12,7 +12,7 @@ from helpers.urdf_texts import BAR, CHAIN, A, B, C, joint, write
 from pinocchio.robot_wrapper import RobotWrapper
 
 import pinconsist as pc
-from pinconsist.mechanism.constraints.coupling import Coupling
+from pinconsist.mechanism.joint_constraints import Coupling
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"

@@ -10,8 +10,8 @@ from helpers.held_bodies import AXIS, AXIS2, E
 from helpers.loops import KINDS, PAIRS, closed_gap, loop_of, loop_open_by
 
 import pinconsist as pc
-from pinconsist.mechanism.constraints.kept_rows import KeptRows
-from pinconsist.mechanism.constraints.loops import ROW_NAMES, LoopRows
+from pinconsist.mechanism.loops import ROW_NAMES
+from pinconsist.mechanism.rows import KeptRows, LoopRows
 from pinconsist.mechanism.system import MechanismSystem
 
 TRANSLATIONAL = {"distance": 1, "slider": 2, "cylinder": 2, "plane": 1}  # leading rows without rotation; else 3

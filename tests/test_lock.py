@@ -11,8 +11,8 @@ from helpers.bodies import loop_rows, mixed_tree, random_state
 from helpers.scenes import add_body, add_point, at
 
 import pinconsist as pc
-from pinconsist.mechanism.constraints.coupling import Coupling
-from pinconsist.mechanism.constraints.custom import Constraint
+from pinconsist.mechanism.custom import Constraint
+from pinconsist.mechanism.joint_constraints import Coupling
 from pinconsist.mechanism.system import MechanismSystem
 
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"

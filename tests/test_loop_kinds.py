@@ -10,8 +10,7 @@ from helpers.held_bodies import AXIS, AXIS2, JOINTS, LENGTH, E, as_loop, as_tree
 from scipy.integrate import solve_ivp
 
 import pinconsist as pc
-from pinconsist.mechanism.constraints.kept_rows import KeptRows
-from pinconsist.mechanism.constraints.loops import LoopRows
+from pinconsist.mechanism.rows import KeptRows, LoopRows
 
 TIGHT = {"rtol": 1e-9, "atol": 1e-9}
 G = 9.81

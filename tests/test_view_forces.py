@@ -12,7 +12,7 @@ from helpers.browser import needs_browser, reported
 from helpers.pictures import arrow, drawn, shown, stated, track
 
 import pinconsist as pc
-from pinconsist.mechanism.constraints.loops import Loop
+from pinconsist.mechanism.loops import Loop
 
 WEIGHT = 3.0  # kg
 

@@ -10,7 +10,7 @@ from helpers.browser import needs_browser, reported
 from helpers.pictures import arrow, drawn, shown, stated, track
 
 import pinconsist as pc
-from pinconsist.mechanism.constraints.loops import Loop
+from pinconsist.mechanism.loops import Loop
 from pinconsist.view.arrows import FORCE, Action, scale_of
 
 WEIGHT, ARM = 3.0, 0.3  # kg, m

@@ -13,8 +13,8 @@ from helpers.urdf_texts import A, B, joint
 from helpers.urdf_texts import write as write_urdf
 
 import pinconsist as pc
-from pinconsist.mechanism.constraints.coupling import Coupling
-from pinconsist.mechanism.constraints.custom import Constraint
+from pinconsist.mechanism.custom import Constraint
+from pinconsist.mechanism.joint_constraints import Coupling
 from pinconsist.mechanism.system import MechanismSystem
 
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"

@@ -9,8 +9,8 @@ import numpy as np
 from pinconsist.dae.events import Event
 from pinconsist.dae.sizes import largest
 from pinconsist.mechanism.assembly import assemble
-from pinconsist.mechanism.constraints.custom import Constraint
-from pinconsist.mechanism.constraints.drive import Drive
+from pinconsist.mechanism.custom import Constraint
+from pinconsist.mechanism.joint_constraints import Drive
 from pinconsist.mechanism.forces import JointFriction, JointTorque, Torque
 from pinconsist.reference import reference_solution
 

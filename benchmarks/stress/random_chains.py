@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from pinconsist.dae.sizes import largest
 from pinconsist.errors import PinconsistError
-from pinconsist.mechanism.constraints.loops import GROUND, Loop
+from pinconsist.mechanism.loops import GROUND, Loop
 from pinconsist.mechanism.mechanism import Mechanism
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.reference import reference_solution

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinconsist.dae.sizes import largest
-from pinconsist.mechanism.constraints.loops import Loop
+from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.forces import JointDamping, JointSpring
 from pinconsist.mechanism.mechanism import Mechanism
 

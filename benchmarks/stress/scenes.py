@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinconsist.mechanism.assembly import assemble
-from pinconsist.mechanism.constraints.loops import Loop
+from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.mechanism import Mechanism
 from pinconsist.reference import Reference, reference_solution
 

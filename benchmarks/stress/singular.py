@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from pinconsist.dae.sizes import largest
 from pinconsist.formats.load import load
-from pinconsist.mechanism.constraints.loops import Loop
+from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.system import MechanismSystem
 
 from .case import EITHER, HELD, MAX_STEPS, REFUSED, Case, Figure, completed, relative

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinconsist.dae.sizes import largest
-from pinconsist.mechanism.constraints.loops import GROUND, Loop
+from pinconsist.mechanism.loops import GROUND, Loop
 from pinconsist.mechanism.mechanism import Mechanism
 from pinconsist.reference import reference_problem
 

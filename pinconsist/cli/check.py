@@ -77,11 +77,11 @@ def _gaps(mech, q) -> dict[str, float]:
 
 def _singular(mech, q) -> str:
     """Why the equations are singular at a configuration; empty if they are regular."""
-    from ..mechanism.regular import require_regular
+    from ..mechanism.singularity import require_nonsingular
     from ..mechanism.system import MechanismSystem
 
     try:
-        require_regular(MechanismSystem(mech, q), q)
+        require_nonsingular(MechanismSystem(mech, q), q)
     except SingularSystemError as error:
         return str(error)
     return ""
@@ -198,7 +198,7 @@ def _ends(loop):
 
 def _fields(loop) -> dict:
     """The fields that say how a loop holds, by the names they have in a loop file."""
-    from ..mechanism.constraints.motion import Motion
+    from ..mechanism.motion import Motion
 
     record = loop.curve if isinstance(getattr(loop, "curve", None), Motion) else loop
     values = {each.name: getattr(record, each.name) for each in fields(record)}

@@ -32,7 +32,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
-from ..mechanism.editing.rebuild import rebuilt
+from ..mechanism.lock import rebuilt
 from .reading import finite, located, require_known, shown
 from .records import amount, known_keys, mapping, name
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pinocchio as pin
 
 from ..errors import FormatError, InputError
-from ..mechanism.constraints.constraint_models import loops_of
+from ..mechanism.constraint_models import loops_of
 from ..mechanism.mechanism import Mechanism
 from . import catalogue, loopfile
 from .reading import located

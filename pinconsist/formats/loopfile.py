@@ -19,9 +19,9 @@ import pinocchio as pin
 import yaml
 
 from ..errors import FormatError
-from ..mechanism.constraints.coupling import Coupling
-from ..mechanism.constraints.drive import Drive
-from ..mechanism.constraints.loop import Loop
+from ..mechanism.joint_constraints import Coupling
+from ..mechanism.joint_constraints import Drive
+from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from .joints import check_type, in_order, joint_settings, new_names, with_values
 from .reading import finite, located, near, read_bytes, require_known, shown

@@ -12,7 +12,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, ParseError
 
 from ..errors import FormatError, InputError
-from ..mechanism.names import near as resembling
+from ..mechanism.checks import near as resembling
 
 LARGEST = 1e30
 """No number of a scene is larger, except limits: products of some such numbers still fit into a float."""

@@ -28,10 +28,10 @@ import dataclasses
 from collections.abc import Mapping
 
 from ..errors import FormatError, InputError
-from ..mechanism.constraints.coupling import Coupling
-from ..mechanism.constraints.drive import Drive
-from ..mechanism.constraints.loop import ROW_NAMES, Loop
-from ..mechanism.constraints.motion import Motion
+from ..mechanism.joint_constraints import Coupling
+from ..mechanism.joint_constraints import Drive
+from ..mechanism.loops import ROW_NAMES, Loop
+from ..mechanism.motion import Motion
 from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Wrench
 from .reading import bound, finite, located, near, shown
 

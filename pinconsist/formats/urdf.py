@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
-from ..mechanism.geometry import Geometry
+from ..mechanism.mechanism import Geometry
 from .joints import AS_WRITTEN, replaced
 from .reading import Node, RobotFile, parsed, read_bytes, require_known, text
 from .urdf_loops import couplings, loop_joints

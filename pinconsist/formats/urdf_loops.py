@@ -49,8 +49,8 @@ import re
 from xml.etree.ElementTree import Element
 
 from ..errors import FormatError
-from ..mechanism.constraints.coupling import Coupling
-from ..mechanism.constraints.loop import Loop
+from ..mechanism.joint_constraints import Coupling
+from ..mechanism.loops import Loop
 from .reading import Node, located, require_known
 
 _KINDS = {

@@ -18,7 +18,7 @@ import yaml
 
 from ..errors import FormatError, InputError
 from ..files import written_whole
-from ..mechanism.constraints.loops import LoopRows
+from ..mechanism.rows import LoopRows
 from ..mechanism.mechanism import Mechanism
 from .catalogue import Source
 from .joints import VALUES

@@ -11,9 +11,9 @@ import pinocchio as pin
 
 from ..errors import AssemblyError, InputError
 from .checks import finite_array
-from .constraints.rank import dependencies, independent_rows
-from .loop_solver import CLOSED, LoopSolver
-from .mechanism import Mechanism
+from .closing import CLOSED, LoopSolver
+from .joint_names import require_mechanism
+from .rank import dependencies, independent_rows
 
 NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little
 NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relative to the largest
@@ -57,9 +57,7 @@ class Assembly:
         return max(self.gaps.items(), key=lambda item: item[1], default=("", 0.0))
 
 
-def assemble(
-    mechanism: Mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance: float = NEARLY
-) -> Assembly:
+def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance: float = NEARLY) -> Assembly:
     """Find a closed configuration near a guess, and put a velocity on the constraints.
 
     Parameters
@@ -91,8 +89,7 @@ def assemble(
     InputError
         Unknown joints, wrong sizes, NaN.
     """
-    if not isinstance(mechanism, Mechanism):
-        raise InputError(f"assemble needs a Mechanism, got {type(mechanism).__name__}; see pinconsist.load()")
+    require_mechanism(mechanism, "assemble")
     if not (fixed is None or isinstance(fixed, Mapping)):
         raise InputError(f"fixed= needs a mapping joint name → value, got {fixed!r}")
     if not finite_array(tolerance, "tolerance") > 0:

@@ -1,7 +1,8 @@
-"""Checks that the records of forces, loops and motions share: of fields, of names on a model, of users' functions."""
+"""Checks that the records of forces, loops and motions share: of fields, of models and their names, of functions."""
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from math import inf, isfinite
 
@@ -9,10 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError, UserFunctionError
-from .names import near
 
 UNIT = 1e-9
 """How far from unit length an orientation may be."""
+ROTATION = 1e-6
+"""How far from the unit matrix RᵀR of a placement may be."""
 
 
 def put(record, **values) -> None:
@@ -44,6 +46,14 @@ def numbers(values, what: str, least: float = -inf) -> tuple[float, ...]:
     return tuple(number(each, what, least) for each in values)
 
 
+def triple(values, what: str) -> tuple[float, float, float]:
+    """Three finite floats; else InputError."""
+    result = numbers(values, what)
+    if len(result) != 3:
+        raise InputError(f"{what} needs three numbers, got {values!r}")
+    return result
+
+
 def finite_array(value, what: str) -> np.ndarray:
     """A float array copied from user input, or InputError."""
     try:
@@ -57,14 +67,6 @@ def finite_array(value, what: str) -> np.ndarray:
     return array
 
 
-def triple(values, what: str) -> tuple[float, float, float]:
-    """Three finite floats; else InputError."""
-    result = numbers(values, what)
-    if len(result) != 3:
-        raise InputError(f"{what} needs three numbers, got {values!r}")
-    return result
-
-
 def name(value, what: str) -> str:
     """The name of a joint or frame; else InputError."""
     if not isinstance(value, str) or not value:
@@ -73,13 +75,13 @@ def name(value, what: str) -> str:
 
 
 def require_names(record, who: str, *fields: str) -> None:
-    """Raise InputError where one of these fields of a record is no name."""
+    """Raise InputError where one of these fields of a record is not a name."""
     for field in fields:
         name(getattr(record, field), f"{who}: {field}")
 
 
 def require_functions(record, who: str, of: str, *fields: str, optional: tuple[str, ...] = ()) -> None:
-    """Raise InputError where one of these fields is no function `of` its arguments; the `optional` may be None."""
+    """Raise InputError where one of these fields is not a function `of` its arguments; the `optional` may be None."""
     for field in (*fields, *optional):
         given = getattr(record, field)
         if not (callable(given) or (given is None and field in optional)):
@@ -103,36 +105,6 @@ def amounts(values, what: str, least: float = -inf, functions: bool = False):
     return {joint: amount(joint, value) for joint, value in values.items()}
 
 
-def joint_index(model, joint: str, what: str) -> int:
-    """The index of a joint; InputError with near names where the model has none of this name."""
-    names = list(model.names)[1:]
-    if joint not in names:
-        raise InputError(f"{what}: the model has no joint {joint!r}{near(joint, names)}")
-    return model.getJointId(joint)
-
-
-def frame_of(model, frame: str, what: str):
-    """The frame of a name; InputError where there is none, or several."""
-    names = [each.name for each in model.frames]
-    if frame not in names:
-        raise InputError(f"{what}: the model has no frame {frame!r}{near(frame, names)}")
-    if names.count(frame) > 1:
-        raise InputError(f"{what}: the model has several frames named {frame!r}")
-    return model.frames[model.getFrameId(frame)]
-
-
-def normalized(model, q, who: str) -> np.ndarray:
-    """A configuration with its quaternions and (cos, sin) pairs at unit length; InputError where one has none."""
-    q = pin.normalize(model, q)
-    for joint in range(1, model.njoints if not pin.isNormalized(model, q, UNIT) else 0):
-        part = slice(i := model.idx_qs[joint], i + model.nqs[joint])
-        alone = pin.neutral(model)
-        alone[part] = q[part]
-        if not pin.isNormalized(model, alone, UNIT):
-            raise InputError(f"{who}: joint {model.names[joint]!r} has an orientation of length zero")
-    return q
-
-
 def spread(model, values, what: str, alike: bool = False) -> np.ndarray:
     """`amounts` on a model, shape (nv,); with `alike` one number counts for each velocity of its joint."""
     if not isinstance(values, Mapping):
@@ -151,15 +123,97 @@ def spread(model, values, what: str, alike: bool = False) -> np.ndarray:
     return full
 
 
+def similar(name, names) -> list[str]:
+    """Up to four of `names` that resemble a name."""
+    return difflib.get_close_matches(str(name), sorted(set(names)), n=4, cutoff=0.5)
+
+
+def near(name, names) -> str:
+    """``"; near it: …"`` for the end of a message; empty where nothing resembles."""
+    found = ", ".join(similar(name, names))
+    return f"; near it: {found}" if found else ""
+
+
+def joint_index(model, joint: str, what: str) -> int:
+    """The index of a joint; InputError with similar names where the model has none of this name."""
+    names = list(model.names)[1:]
+    if joint not in names:
+        raise InputError(f"{what}: the model has no joint {joint!r}{near(joint, names)}")
+    return model.getJointId(joint)
+
+
+def frame_of(model, frame: str, what: str):
+    """The frame of a name; InputError where there is none, or several."""
+    names = [each.name for each in model.frames]
+    if frame not in names:
+        raise InputError(f"{what}: the model has no frame {frame!r}{near(frame, names)}")
+    if names.count(frame) > 1:
+        raise InputError(f"{what}: the model has several frames named {frame!r}")
+    return model.frames[model.getFrameId(frame)]
+
+
+def check_model(model: pin.Model) -> None:
+    """Refuse a model that makes Pinocchio's algorithms silently wrong, or whose inertias are impossible."""
+    mimic = [name for name, joint in zip(model.names, model.joints, strict=True) if "Mimic" in joint.shortname()]
+    if mimic:
+        raise InputError(
+            f"joint {mimic[0]!r} of model {model.name!r} is one of Pinocchio's mimic joints, which most of its "
+            "algorithms do not support. Build the model without (mimic=False), with a Coupling among the loops; "
+            "load() of the URDF file does that"
+        )
+    if model.nv == 0:
+        raise InputError(f"model {model.name!r} has no joints: nothing can move")
+    for joint in range(2, model.njoints):
+        if model.parents[joint] not in set(model.supports[joint - 1]):
+            raise InputError(
+                f"the joints of model {model.name!r} are not in depth-first order: {model.names[joint]!r} follows "
+                f"{model.names[joint - 1]!r} but hangs on {model.names[model.parents[joint]]!r}. Pinocchio's crba and "
+                "derivative algorithms are then silently wrong; add each branch completely before the next one"
+            )
+    for name, inertia in zip(model.names, model.inertias, strict=True):
+        if not np.isfinite([inertia.mass, *inertia.lever, *inertia.inertia.ravel()]).all():
+            raise InputError(f"the inertia of the body at joint {name!r} is not finite")
+        if inertia.mass < 0:
+            raise InputError(f"the body at joint {name!r} has negative mass {inertia.mass:g} kg")
+    for pose, name in zip(model.jointPlacements, model.names, strict=True):
+        _check_pose(pose, "joint", name)
+    for frame in model.frames:
+        _check_pose(frame.placement, "frame", frame.name)
+    if not np.isfinite(model.gravity.vector).all():
+        raise InputError(f"the gravity of model {model.name!r} is not finite")
+    bad = np.flatnonzero(~(np.isfinite(model.armature) & (model.armature >= 0)))
+    if len(bad):
+        joint = next(j for j in range(1, model.njoints) if bad[0] < model.idx_vs[j] + model.nvs[j])
+        raise InputError(f"the armature of joint {model.names[joint]!r} is negative or not finite")
+
+
+def _check_pose(pose, kind, name):
+    R = pose.rotation
+    if not (np.isfinite(pose.translation).all() and np.abs(R.T @ R - np.eye(3)).max() < ROTATION):
+        raise InputError(f"the placement of {kind} {name!r} is not finite, or its rotation matrix is not a rotation")
+
+
+def normalized(model, q, who: str) -> np.ndarray:
+    """A configuration with its quaternions and (cos, sin) pairs at unit length; InputError where one has none."""
+    q = pin.normalize(model, q)
+    for joint in range(1, model.njoints if not pin.isNormalized(model, q, UNIT) else 0):
+        part = slice(i := model.idx_qs[joint], i + model.nqs[joint])
+        alone = pin.neutral(model)
+        alone[part] = q[part]
+        if not pin.isNormalized(model, alone, UNIT):
+            raise InputError(f"{who}: joint {model.names[joint]!r} has an orientation of length zero")
+    return q
+
+
 def called(function, what: str, t: float, *state):
-    """What a user's function returns, its exceptions told as ours."""
+    """What a user's function returns; its exceptions become a UserFunctionError."""
     try:
         return function(t, *state)
     except Exception as error:
         raise UserFunctionError(what, t, error) from error
 
 
-def returned(function, what: str, shape: tuple, t: float, *state) -> np.ndarray:
+def returned(function, what: str, shape: tuple, t: float, *state, hint: str = "") -> np.ndarray:
     """The float array of this shape that a user's function returns; InputError where it returns another."""
     value = called(function, what, t, *state)
     try:
@@ -170,7 +224,7 @@ def returned(function, what: str, shape: tuple, t: float, *state) -> np.ndarray:
         raise InputError(f"{what} returned no numbers at t = {t:.6g}: {error}") from None
     if array.shape != shape:
         wanted = str(shape) if shape else "one number"
-        raise InputError(f"{what} returned shape {array.shape} at t = {t:.6g}; it must return {wanted}")
+        raise InputError(f"{what} returned shape {array.shape} at t = {t:.6g}; it must return {wanted}{hint}")
     return array.astype(float, copy=False)
 
 
@@ -187,7 +241,7 @@ def function_name(function) -> str:
 
 
 def _ndim(value) -> int:
-    """Dimensions of an array; 0 of what is none, -1 of nested sequences that do not match."""
+    """Dimensions of an array; 0 of anything else, -1 of nested sequences that do not match."""
     try:
         return np.ndim(value)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What the names of joints mean in q and v."""
+"""The names of joints: where their numbers stand in q and v."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import finite_array, normalized
-from .names import similar
+from .checks import finite_array, normalized, similar
 
 
 class JointNames:
@@ -133,3 +132,16 @@ class JointNames:
         if values.shape != full.shape:
             raise InputError(f"{what} needs shape {full.shape} for {self.name!r}, got {values.shape}")
         return values
+
+
+def require_mechanism(mechanism, caller: str) -> None:
+    """Raise InputError for anything but a Mechanism, which is the only class of JointNames."""
+    if not isinstance(mechanism, JointNames):
+        raise InputError(f"{caller} needs a Mechanism, got {type(mechanism).__name__}; see pinconsist.load()")
+
+
+def joints_in(mechanism, variations) -> tuple[str, ...]:
+    """The joints that have a considerable share in any of the columns of `variations`, (nv,) or (nv, n)."""
+    share = np.abs(variations).reshape(mechanism.nv, -1)
+    share = (share / np.maximum(share.max(axis=0), 1e-300)).max(axis=1)
+    return tuple(joint for joint in mechanism.joints if share[mechanism.columns(joint)].max(initial=0.0) > 0.3)

@@ -6,18 +6,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import finite_array
-from .constraints.coupling import Coupling
-from .constraints.custom import Constraint
-from .constraints.drive import Drive
-from .constraints.loops import RECORDS, Loop, LoopRows
+from .checks import check_model, number, put, triple
+from .custom import Constraint
 from .forces import as_force, bound_forces
-from .geometry import Geometry
-from .joint_names import JointNames
-from .model_checks import check_model
+from .joint_constraints import Coupling, Drive
+from .joint_names import JointNames, require_mechanism
+from .loops import Loop
+from .rows import RECORDS, LoopRows
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """The shapes of a scene: a checked URDF text and the folders of its meshes; loaded when something is shown."""
+
+    urdf: str
+    package_dirs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +73,9 @@ class Mechanism(JointNames):
             raise InputError(f"Mechanism needs a pin.Model, got {type(self.model).__name__}")
         model = self.model.copy()
         check_model(model)
-        put = object.__setattr__
-        put(self, "model", model)
+        put(self, model=model)
         for several in ("loops", "forces", "actuated"):
-            put(self, several, _sequence(getattr(self, several), several))
+            put(self, **{several: _sequence(getattr(self, several), several)})
         if not all(isinstance(loop, RECORDS) for loop in self.loops):
             raise InputError(f"loops= needs Loop, Drive, Coupling and Constraint objects, got {self.loops!r}")
         names = [loop.name for loop in self.loops]
@@ -77,15 +83,12 @@ class Mechanism(JointNames):
         if twice:
             raise InputError(f"two loops are named {twice[0]!r}; reactions and reports need different names")
         LoopRows(model, self.loops)  # checks frames and bodies
-        put(self, "forces", tuple(as_force(force) for force in self.forces))
+        put(self, forces=tuple(as_force(force) for force in self.forces))
         bound_forces(model, self.forces)  # checks joints, frames and sizes
-        put(self, "guess", self.configuration({} if self.guess is None else self.guess))
+        put(self, guess=self.configuration({} if self.guess is None else self.guess))
         for joint in self.actuated:
             self.joint_index(joint)
-        duration = finite_array(self.duration, "duration")
-        if duration.shape or not duration > 0:
-            raise InputError(f"duration needs a positive number of seconds, got {self.duration!r}")
-        put(self, "duration", float(duration))
+        put(self, duration=number(self.duration, "duration", above=0.0))
 
     @property
     def nq(self) -> int:
@@ -168,10 +171,7 @@ class Mechanism(JointNames):
             Not three finite numbers.
         """
         model = self.model.copy()
-        gravity = finite_array(gravity, "gravity")
-        if gravity.shape != (3,):
-            raise InputError(f"gravity needs three numbers, got shape {gravity.shape}")
-        model.gravity.linear = gravity
+        model.gravity.linear = np.array(triple(gravity, "gravity"))
         return replace(self, model=model)
 
     def with_armature(self, armature: Mapping[str, float]) -> Mechanism:
@@ -196,10 +196,7 @@ class Mechanism(JointNames):
         if not isinstance(armature, Mapping):
             raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
         for joint, value in armature.items():
-            inertia = finite_array(value, f"armature of joint {joint!r}")
-            if inertia.shape or inertia < 0:
-                raise InputError(f"armature of joint {joint!r} must be one number, not negative, got {inertia}")
-            model.armature[self.columns(joint)] += inertia
+            model.armature[self.columns(joint)] += number(value, f"armature of joint {joint!r}", least=0.0)
         return replace(self, model=model)
 
     def lock(self, joints, q=None) -> Mechanism:
@@ -228,7 +225,7 @@ class Mechanism(JointNames):
             Unknown joints; all of them; a loop that would stay open; a joint that a drive moves, or one of two
             coupled joints alone.
         """
-        from .editing.lock import lock
+        from .lock import lock
 
         return lock(self, joints, q)
 
@@ -258,7 +255,7 @@ class Mechanism(JointNames):
         InputError
             They leave no motion.
         """
-        from .editing.reduce import reduced
+        from .editing import reduced
 
         return reduced(self, q)
 
@@ -284,12 +281,21 @@ class Mechanism(JointNames):
         InputError
             Unknown joint, wrong size, NaN.
         """
-        from .editing.reanchor import reanchor
+        from .editing import reanchored
 
-        return reanchor(self, q)
+        return reanchored(self, q)
 
 
 def _sequence(value, what: str) -> tuple:
     if isinstance(value, str) or not hasattr(value, "__iter__"):
         raise InputError(f"{what}= needs a sequence, got {value!r}")
     return tuple(value)
+
+
+def with_forces(mechanism, forces, caller: str) -> Mechanism:
+    """The mechanism with the forces of one call added, after a check of both; a single force need not be in a list."""
+    require_mechanism(mechanism, caller)
+    if callable(forces) or isinstance(forces, Mapping) or hasattr(forces, "torque") or hasattr(forces, "bind"):
+        forces = (forces,)
+    forces = _sequence(forces, "forces")
+    return mechanism.with_forces(*forces) if forces else mechanism

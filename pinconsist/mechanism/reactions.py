@@ -8,12 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import read_only
-from .constraints.loop import Loop
-from .constraints.loops import LoopRows
-from .constraints.rank import independent_rows, row_scales
+from .checks import near, read_only
+from .loops import Loop
 from .mechanism import Mechanism
-from .names import near
+from .rank import independent_rows, row_scales
+from .rows import LoopRows
 
 AXES = ("world", "anchor")
 NEARLY = 2e-5

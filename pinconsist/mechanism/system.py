@@ -10,11 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import PinconsistError
-from .constraints.kept_rows import KeptRows
-from .constraints.loops import LoopRows
-from .constraints.rank import independent_rows, row_scales
-from .forces import SteadyTorque, ViscousDamping, bound_forces
+from .forces import bound_forces
 from .mechanism import Mechanism
+from .rank import independent_rows, row_scales
+from .rows import KeptRows, LoopRows
 
 GAPING = 1e-6
 """Gap, relative to the mechanism's size, at which a row that left the system is taken to have been needed."""
@@ -61,13 +60,6 @@ class MechanismSystem:
         self._kept_rows = self.kept_rows.evaluate
         self.dropped_are_zero = self._structurally_zero(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
         self._forces = bound_forces(self.model, mechanism.forces)
-        forces = self._forces.values()
-        constant = [force.value for force in forces if isinstance(force, SteadyTorque)]
-        self._constant = sum(constant) if constant else None
-        damping = [force.coefficients for force in forces if isinstance(force, ViscousDamping)]
-        self._damping = sum(damping) if damping else None
-        self._laws = [force for force in forces if not isinstance(force, SteadyTorque | ViscousDamping)]
-        self._forced = bool(forces)
         # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
         self._planar = any(joint.shortname() == "JointModelPlanar" for joint in self.model.joints)
@@ -95,9 +87,7 @@ class MechanismSystem:
         return (xi, xi) if self.vector_like else (pin.integrate(self.model, base, xi), xi)
 
     def evaluate(self, t, p, v, a):
-        f = pin.rnea(self.model, self.data, p, v, a)
-        if self._forced:
-            f -= self.torque(t, p, v)
+        f = pin.rnea(self.model, self.data, p, v, a) - self.torque(t, p, v)
         pin.computeJointJacobians(self.model, self.data, p)
         phi, J = self._kept_rows(self.data, p, t)
         self._J = J
@@ -115,10 +105,8 @@ class MechanismSystem:
         A += self._f_v
         A *= c
         A += self._M
-        if self._damping is not None:
-            A[np.diag_indices(self.nv)] += c * self._damping
-        for law in self._laws:
-            tau_q, tau_v = law.derivatives(t, p, v)
+        for force in self._forces.values():
+            tau_q, tau_v = force.derivatives(t, p, v)
             if tau_v is not None:
                 A -= c * tau_v
             if tau_q is not None:
@@ -155,12 +143,8 @@ class MechanismSystem:
     def torque(self, t, q, v):
         """τ of all forces, shape (nv,)."""
         tau = np.zeros(self.nv)
-        if self._constant is not None:
-            tau += self._constant
-        if self._damping is not None:
-            tau -= self._damping * v
-        for law in self._laws:
-            tau += law.torque(t, q, v)
+        for force in self._forces.values():
+            tau += force.torque(t, q, v)
         return tau
 
     def hand_over(self, twin) -> None:

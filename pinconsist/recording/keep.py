@@ -11,9 +11,8 @@ from pathlib import Path
 from ..errors import FormatError, InputError
 from ..files import require_writable
 from ..interrupts import ended_like_ctrl_c
-from ..mechanism.acting import acting
 from ..mechanism.digest import digests
-from ..mechanism.mechanism import Mechanism
+from ..mechanism.mechanism import Mechanism, with_forces
 from ..solution import Solution
 from ..solution_file import versions
 from .recipe import Recipe, recipe_of
@@ -78,7 +77,7 @@ def record(
     recipe = recipe_of(where, files, mechanism, t_span, q0, v0, forces, options, save_every)
     checkpoints(recipe.t_span, recipe.save_every)
     with ended_like_ctrl_c():
-        return carried_out(recipe, acting(mechanism, forces, "record"), file, callback=callback)
+        return carried_out(recipe, with_forces(mechanism, forces, "record"), file, callback=callback)
 
 
 def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
@@ -203,7 +202,7 @@ def _again(file, scene, forces):
                 "it in Python, with the forces: pinconsist.rerun(file, forces=[...])"
             )
         forces = recipe.given_forces()
-    mechanism = acting(mechanism, forces, "rerun")
+    mechanism = with_forces(mechanism, forces, "rerun")
     sizes = solution.q.shape[1], solution.v.shape[1], solution.lam.shape[1]
     if sizes != (mechanism.nq, mechanism.nv, mechanism.nc):
         raise InputError(f"{file} is a run of another scene: its rows have {sizes} numbers of q, v and λ, those of "

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import FormatError, InputError
 from ..formats.reading import near
 from ..formats.records import force_entries, force_record
-from ..mechanism.acting import acting
+from ..mechanism.mechanism import with_forces
 from ..mechanism.checks import finite_array
 from ..mechanism.digest import digests
 from ..simulation import simulate
@@ -100,7 +100,7 @@ def recipe_of(scene, files, mechanism, t_span, q0, v0, forces, options, save_eve
     options = {name: each for name, each in options.items() if name not in _RETURNED}
     for name, each in options.items():
         _option(each, name)
-    given = acting(replace(mechanism, forces=()), forces, "record")
+    given = with_forces(replace(mechanism, forces=()), forces, "record")
     try:
         entries = force_entries(given)
     except InputError:  # a function of the user's

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from ..errors import InputError
+from ..mechanism.checks import near
 from ..mechanism.forces import bound_forces, model_forces
 from ..mechanism.mechanism import Mechanism
-from ..mechanism.names import near
 
 SETTINGS = ("rtol", "atol", "step", "until")
 AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}

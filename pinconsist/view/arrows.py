@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mechanism.constraints.loop import Loop
+from ..mechanism.loops import Loop
 from ..mechanism.reactions import reaction
 from .commands import Node
 from .motion import Run, anchors, in_world, joint_axis, motors, point_in_world, rotation_to

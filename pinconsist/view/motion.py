@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from ..errors import InputError
 from ..mechanism.checks import finite_array, number
-from ..mechanism.constraints.loop import Loop
+from ..mechanism.loops import Loop
 from ..mechanism.forces import JointTorque, Servo
 from ..mechanism.mechanism import Mechanism
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ..errors import InputError, MissingExtraError
 from ..files import written_whole
-from ..mechanism.constraints.loops import LoopRows
+from ..mechanism.rows import LoopRows
 
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9")
 DASHES = ("-", "--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from ..mechanism.names import near
+from ..mechanism.checks import near
 from ..mechanism.reactions import not_determined, undetermined
 from .arrows import COLORS, FORCE, MOMENT, Action, actions, arrow, scale_of
 from .commands import ASPECT, Node, animated, camera, draw, floor, line, transform, view_axes, y_up

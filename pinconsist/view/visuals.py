@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 from defusedxml import ElementTree
 
-from ..mechanism.geometry import Geometry
-from ..mechanism.mechanism import Mechanism
+from ..mechanism.mechanism import Geometry, Mechanism
 from .shapes import Shape, ball, buffer, cylinder
 
 CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T

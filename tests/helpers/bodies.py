@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from pinconsist.mechanism.constraints.loops import LoopRows
+from pinconsist.mechanism.rows import LoopRows
 
 
 def placement(rng, reach=0.5):

@@ -6,7 +6,7 @@ import pinocchio as pin
 import pinconsist as pc
 from helpers.bodies import frame_pose
 from helpers.held_bodies import AXIS, AXIS2, E, own_fields
-from pinconsist.mechanism.constraints.loops import ROW_NAMES
+from pinconsist.mechanism.loops import ROW_NAMES
 
 KINDS = tuple(ROW_NAMES)
 PAIRS = [("arm", "wheel"), ("arm", "universe"), ("universe", "puck"), ("raft", "arm0"), ("raft", "wheel")]

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from pinconsist.mechanism.constraints.loops import LoopRows
+from pinconsist.mechanism.rows import LoopRows
 from pinconsist.mechanism.system import MechanismSystem
 
 FREE, BALL = (int(kind) for kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL))

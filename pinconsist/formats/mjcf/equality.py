@@ -14,10 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError, InputError
-from ...mechanism.constraints.coupling import Coupling
-from ...mechanism.constraints.drive import Drive
-from ...mechanism.constraints.loops import GROUND, Loop
-from ...mechanism.constraints.motion import Motion
+from ...mechanism.joint_constraints import Coupling, Drive
+from ...mechanism.loops import GROUND, Loop
+from ...mechanism.motion import Motion
 from ..reading import near, shown
 from .document import check_attributes, sections
 from .settings import Defaults, Option

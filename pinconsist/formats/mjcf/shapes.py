@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError
-from ...mechanism.geometry import Geometry
+from ...mechanism.mechanism import Geometry
 from ..reading import text
 from .bodies import Body
 from .document import sections

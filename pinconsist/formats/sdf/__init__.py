@@ -26,7 +26,7 @@ from xml.etree.ElementTree import tostring
 import numpy as np
 
 from ...mechanism.forces import JointSpring
-from ...mechanism.geometry import Geometry
+from ...mechanism.mechanism import Geometry
 from ..reading import RobotFile, parsed, read_bytes
 from ..urdf import checked
 from .document import read_document

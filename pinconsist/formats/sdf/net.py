@@ -28,8 +28,8 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError
-from ...mechanism.constraints.coupling import Coupling
-from ...mechanism.constraints.loop import GROUND, Loop
+from ...mechanism.joint_constraints import Coupling
+from ...mechanism.loops import GROUND, Loop
 from ..reading import require_known
 from .document import Document
 from .frames import WORLD

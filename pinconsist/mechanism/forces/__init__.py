@@ -1,4 +1,4 @@
-"""Forces: what acts on a mechanism beside gravity and the loops.
+"""Forces: what acts on a mechanism besides gravity and the loops.
 
 ============= ============================================================ ==========================================
 record        law                                                          unit
@@ -17,12 +17,18 @@ They are records in plain numbers, by the names of joints and frames; ``bind(mod
 The equations are M v' + nle = τ + Jᵀλ, so that τ·v is the power that goes into the mechanism.
 """
 
-from .force import Force, as_force, bound_forces, model_forces
-from .joints import FRICTION_WIDTH, JointDamping, JointFriction, JointSpring, ViscousDamping
-from .servo import Servo
-from .springs import SpringDamper
-from .torques import JointTorque, SteadyTorque, Torque
-from .wrench import Wrench
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from .bodies import SpringDamper, Wrench
+from .force import BoundForce, Force, unused
+from .joints import FRICTION_WIDTH, JointDamping, JointFriction, JointSpring, Servo
+from .torques import JointTorque, Torque, UserForce
 
 __all__ = [
     "FRICTION_WIDTH",
@@ -33,11 +39,51 @@ __all__ = [
     "JointTorque",
     "Servo",
     "SpringDamper",
-    "SteadyTorque",
     "Torque",
-    "ViscousDamping",
     "Wrench",
     "as_force",
     "bound_forces",
     "model_forces",
+    "unused",
 ]
+
+
+def as_force(force) -> Any:
+    """A force from what a user may give: a Force, joint torques by name or as an array, or a callable f(t, q, v)."""
+    if isinstance(force, type):
+        raise InputError(f"a force must be an object, not the class {force.__name__}: give {force.__name__}(…)")
+    if hasattr(force, "bind") or (hasattr(force, "torque") and hasattr(force, "derivatives")):
+        return force
+    if isinstance(force, Mapping):
+        return JointTorque(force)
+    if callable(force):
+        return Torque(force)
+    if isinstance(force, str | bytes) or np.ndim(force) != 1:
+        raise InputError(
+            "a force must be a Force, a mapping joint → torque, an array of joint torques or a callable f(t, q, v), "
+            f"got {force!r}"
+        )
+    return JointTorque(force)
+
+
+def model_forces(model) -> tuple[JointDamping | JointFriction, ...]:
+    """The forces a model carries itself: its joints' damping and dry friction, where they are not zero."""
+    friction = getattr(model, "upperDryFrictionLimit", model.friction)
+    own = (JointDamping, model.damping), (JointFriction, friction)
+    return tuple(record(coefficients) for record, coefficients in own if np.any(coefficients))
+
+
+def bound_forces(model, forces) -> dict[str, Force]:
+    """The model's own forces and the given ones, ready to be evaluated, under different labels.
+
+    Raises
+    ------
+    InputError
+        Joints or frames that the model does not have, wrong sizes.
+    """
+    bound: dict[str, Force] = {}
+    for force in (*model_forces(model), *forces):
+        label = unused(getattr(force, "label", "") or type(force).__name__, bound)
+        force = force.bind(model) if hasattr(force, "bind") else force
+        bound[label] = force if isinstance(force, Torque | BoundForce) else UserForce(force, label)
+    return bound

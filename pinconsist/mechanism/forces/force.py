@@ -1,24 +1,22 @@
-"""What a force is, what users may give for one, and the forces of a model together."""
+"""What a force is: the protocol, the records in plain numbers, and what they become on a model."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
 
-from ...errors import InputError
-from .joints import JointDamping, JointFriction
-from .label import unused
-from .torques import Checked, JointTorque, Torque
+MOST_NAMED = 3  # joints in a label
 
 
 class Force(Protocol):
     """What acts on the joints: generalised torque τ, shape (nv,), N·m (or N).
 
     A force that needs to know the model has instead a method ``bind(model)`` that returns such an object. It may also
-    have a ``label``, by which reports speak of it, and a method ``stored(q, v) -> (energy, rate)``, J and W, for the
-    part of it that is elastic.
+    have a ``label``, its name in reports, and a method ``stored(q, v) -> (energy, rate)``, J and W, for the part of it
+    that is elastic.
     """
 
     def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -28,46 +26,61 @@ class Force(Protocol):
         """(∂τ/∂q, ∂τ/∂v), each (nv, nv) in the tangent space, or None where it is zero or small."""
 
 
-def as_force(force) -> Any:
-    """A force from what a user may give: a Force, joint torques by name or as an array, or a callable f(t, q, v)."""
-    if isinstance(force, type):
-        raise InputError(f"a force must be an object, not the class {force.__name__}: give {force.__name__}(…)")
-    if hasattr(force, "bind") or (hasattr(force, "torque") and hasattr(force, "derivatives")):
-        return force
-    if isinstance(force, Mapping):
-        return JointTorque(force)
-    if callable(force):
-        return Torque(force)
-    if isinstance(force, str | bytes) or np.ndim(force) != 1:
-        raise InputError(
-            "a force must be a Force, a mapping joint → torque, an array of joint torques or a callable f(t, q, v), "
-            f"got {force!r}"
-        )
-    return JointTorque(force)
+class ForceRecord(ABC):
+    """A force in plain numbers, by the names of joints and frames; it knows no model yet."""
+
+    @property
+    @abstractmethod
+    def label(self) -> str:
+        """The name of the force in energy reports and messages."""
+
+    @abstractmethod
+    def bind(self, model) -> Any:
+        """The force on one model; systems call it, users need not.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The model that the names of joints and frames belong to.
+
+        Returns
+        -------
+        Force
+            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
+            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
+
+        Raises
+        ------
+        InputError
+            A joint or frame that the model does not have, or has several times; numbers that do not fit its velocities.
+        """
 
 
-def model_forces(model) -> tuple[JointDamping | JointFriction, ...]:
-    """The forces a model carries itself: its joints' damping and dry friction, where they are not zero."""
-    forces: list[JointDamping | JointFriction] = []
-    if np.any(model.damping):
-        forces.append(JointDamping(model.damping))
-    friction = getattr(model, "upperDryFrictionLimit", model.friction)
-    if np.any(friction):
-        forces.append(JointFriction(friction))
-    return tuple(forces)
+class BoundForce(ABC):
+    """A record on a model, by default one that depends on time alone and that only Python can evaluate."""
+
+    @abstractmethod
+    def torque(self, t, q, v): ...
+
+    def derivatives(self, t, q, v):
+        return None, None
+
+    def hand_over(self, twin) -> bool:
+        """Add this law to the compiled system; False where that has to call Python."""
+        return False
 
 
-def bound_forces(model, forces) -> dict[str, Force]:
-    """The model's own forces and the given ones, ready to be evaluated, under different labels.
+def label(kind: str, joints) -> str:
+    """A kind of force and the joints it names, where they are few: "damping crank, rocker"; else the kind alone."""
+    if isinstance(joints, Mapping) and 0 < len(joints) <= MOST_NAMED:
+        return f"{kind} {', '.join(joints)}"
+    return kind
 
-    Raises
-    ------
-    InputError
-        Joints or frames that the model does not have, wrong sizes.
-    """
-    bound: dict[str, Force] = {}
-    for force in (*model_forces(model), *forces):
-        label = unused(getattr(force, "label", "") or type(force).__name__, bound)
-        force = force.bind(model) if hasattr(force, "bind") else force
-        bound[label] = force if isinstance(force, Torque) or hasattr(force, "hand_over") else Checked(force, label)
-    return bound
+
+def unused(wanted: str, taken) -> str:
+    """`wanted`, or "wanted 2", "wanted 3", … where that is taken."""
+    found, count = wanted, 1
+    while found in taken:
+        count += 1
+        found = f"{wanted} {count}"
+    return found

@@ -1,21 +1,20 @@
-"""Forces of joints: viscous damping, dry friction, springs."""
+"""Forces of joints: viscous damping, dry friction, springs, servos."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..checks import amounts, name, number, put, spread
-from ..constraints.coordinate import Coordinate, nearest
-from ..constraints.motion import Motion
-from .label import label
-from .record import ForceRecord
+from ...errors import InputError
+from ..checks import amounts, name, number, put, require_functions, returned, spread
+from ..joint_constraints import Coordinate
+from ..motion import TIME_STEP, Motion, first
+from .force import BoundForce, ForceRecord, label
 
 FRICTION_WIDTH = 1e-2
 """Velocity over which dry friction changes sign, rad/s or m/s."""
-TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
@@ -41,28 +40,24 @@ class JointDamping(ForceRecord):
 
     @property
     def label(self) -> str:
-        """By what name energy reports and messages speak of it."""
         return label("damping", self.coefficients)
 
-    def bind(self, model) -> ViscousDamping:
-        return ViscousDamping(spread(model, self.coefficients, "JointDamping", alike=True))
+    def bind(self, model) -> _ViscousDamping:
+        return _ViscousDamping(spread(model, self.coefficients, "JointDamping", alike=True))
 
 
-class ViscousDamping:
-    """JointDamping on a model; systems add up several of them."""
-
+class _ViscousDamping(BoundForce):
     def __init__(self, coefficients):
-        self.coefficients, self._by_v = coefficients, -np.diag(coefficients)
+        self._coefficients, self._by_v = coefficients, -np.diag(coefficients)
 
     def torque(self, t, q, v):
-        return -self.coefficients * v
+        return -self._coefficients * v
 
     def derivatives(self, t, q, v):
         return None, self._by_v
 
     def hand_over(self, twin) -> bool:
-        """Tell the compiled twin of this law."""
-        twin.add_damping(self.coefficients)
+        twin.add_damping(self._coefficients)
         return True
 
 
@@ -95,29 +90,25 @@ class JointFriction(ForceRecord):
 
     @property
     def label(self) -> str:
-        """By what name energy reports and messages speak of it."""
         return label("friction", self.coefficients)
 
-    def bind(self, model) -> SmoothFriction:
-        return SmoothFriction(spread(model, self.coefficients, "JointFriction", alike=True), self.width)
+    def bind(self, model) -> _SmoothFriction:
+        return _SmoothFriction(spread(model, self.coefficients, "JointFriction", alike=True), self.width)
 
 
-class SmoothFriction:
-    """JointFriction on a model."""
-
+class _SmoothFriction(BoundForce):
     def __init__(self, coefficients, width):
-        self.coefficients, self.width = coefficients, width
+        self._coefficients, self._width = coefficients, width
 
     def torque(self, t, q, v):
-        return -self.coefficients * np.tanh(v / self.width)
+        return -self._coefficients * np.tanh(v / self._width)
 
     def derivatives(self, t, q, v):
-        sech = 1.0 / np.cosh(np.minimum(np.abs(v) / self.width, 300.0))
-        return None, np.diag(-self.coefficients * sech**2 / self.width)
+        sech = 1.0 / np.cosh(np.minimum(np.abs(v) / self._width, 300.0))
+        return None, np.diag(-self._coefficients * sech**2 / self._width)
 
     def hand_over(self, twin) -> bool:
-        """Tell the compiled twin of this law."""
-        twin.add_friction(self.coefficients, self.width)
+        twin.add_friction(self._coefficients, self._width)
         return True
 
 
@@ -151,42 +142,112 @@ class JointSpring(ForceRecord):
 
     @property
     def label(self) -> str:
-        """By what name energy reports and messages speak of it."""
         return f"spring {self.joint}"
 
-    def bind(self, model) -> _BoundJointSpring:
-        return _BoundJointSpring(self, model)
+    def bind(self, model) -> _BoundSpring:
+        coordinate = Coordinate(model, self.joint, f"joint spring {self.joint!r}", "sprung")
+        return _BoundSpring(model, coordinate, self.rest, self.stiffness)
 
 
-class _BoundJointSpring:
-    """A JointSpring on a model."""
+@dataclass(frozen=True)
+class Servo(ForceRecord):
+    """PD control of a joint: τ = k (θ_d(t) - θ) + d (θ̇_d(t) - θ̇).
 
-    def __init__(self, spring, model):
-        self._spring, self._nv = spring, model.nv
-        self._coordinate = Coordinate(model, spring.joint, f"joint spring {spring.joint!r}", "sprung")
-        self._period = TURN if self._coordinate.wraps else None
-        self._by_q = np.zeros((model.nv, model.nv))
-        self._by_q[self._coordinate.column, self._coordinate.column] = -spring.stiffness
+    A servo gives way and forces nothing exactly; a :class:`Drive` holds its curve whatever torque that takes.
 
-    def _deflection(self, q):
-        return nearest(self._coordinate.value(q) - self._spring.rest, self._period)
+    Parameters
+    ----------
+    joint : str
+        A joint of one degree of freedom. Where it stores (cos, sin), as Pinocchio's unbounded revolute joints do, it
+        turns to the target the shorter way round.
+    target : float or callable
+        θ_d: a number, or a function of time such as a :class:`Motion`, rad (or m).
+    stiffness : float
+        k, N·m/rad (or N/m).
+    damping : float
+        d, N·m·s/rad (or N·s/m).
+    rate : callable, optional
+        θ̇_d as a function of time. Default: the target's own ``rate`` where it has one, as a Motion does, else
+        sixth-order differences over 1 ms, good to about 1e-12.
+
+    Raises
+    ------
+    InputError
+        Impossible numbers, negative gains; on a model, a joint that is not there or has several degrees of freedom.
+    UserFunctionError
+        The target or its rate raised an exception.
+    """
+
+    joint: str
+    target: float | Callable
+    stiffness: float
+    damping: float = 0.0
+    rate: Callable | None = None
+
+    def __post_init__(self):
+        who = f"servo {name(self.joint, 'Servo: joint')!r}"
+        if not callable(self.target):
+            put(self, target=number(self.target, f"{who}: target"))
+            if self.rate is not None:
+                raise InputError(f"{who}: a rate goes with a target that is a function of time, not {self.target!r}")
+        require_functions(self, who, "time", optional=("rate",))
+        for field in ("stiffness", "damping"):
+            put(self, **{field: number(getattr(self, field), f"{who}: {field}", least=0.0)})
+
+    @property
+    def label(self) -> str:
+        return f"servo {self.joint}"
+
+    def bind(self, model) -> _BoundServo:
+        coordinate = Coordinate(model, self.joint, f"servo {self.joint!r}", "servo-controlled")
+        return _BoundServo(model, coordinate, self.target, self.stiffness, self.damping, self.rate, self.joint)
+
+
+class _BoundServo(BoundForce):
+    def __init__(self, model, coordinate, target, stiffness, damping=0.0, rate=None, joint=""):
+        self._coordinate, self._target, self._rate, self._nv = coordinate, target, rate, model.nv
+        self._stiffness, self._damping = stiffness, damping
+        self._what = tuple(f"the {part} of servo {joint!r}" for part in ("target", "rate"))
+        i = coordinate.column
+        self._by_q, self._by_v = np.zeros((2, model.nv, model.nv))
+        self._by_q[i, i], self._by_v[i, i] = -stiffness, -damping
 
     def torque(self, t, q, v):
-        tau = np.zeros(self._nv)
-        tau[self._coordinate.column] = -self._spring.stiffness * self._deflection(q)
+        target, rate = self._wanted(t)
+        tau, i = np.zeros(self._nv), self._coordinate.column
+        tau[i] = -self._stiffness * self._coordinate.beyond(q, target) + self._damping * (rate - v[i])
         return tau
 
     def derivatives(self, t, q, v):
-        return self._by_q, None
+        return self._by_q, self._by_v if self._damping else None
 
     def hand_over(self, twin) -> bool:
-        """Tell the compiled twin of this law: a servo that holds one place."""
-        held = Motion(self._spring.rest).numbers
-        twin.add_servo(self._coordinate.place, self._period or 0.0, held, self._spring.stiffness, 0.0)
-        return True
+        motion = self._target if callable(self._target) else Motion(self._target)
+        own = type(motion) is Motion and self._rate is None
+        if own:
+            period = self._coordinate.period or 0.0
+            twin.add_servo(self._coordinate.place, period, motion.numbers, self._stiffness, self._damping)
+        return own
+
+    def _wanted(self, t) -> tuple[float, float]:
+        """θ_d and θ̇_d."""
+        target = self._target
+        if not callable(target):
+            return target, 0.0
+        here = float(returned(target, self._what[0], (), t))
+        if not self._damping:
+            return here, 0.0
+        rate = self._rate or getattr(target, "rate", None)
+        if rate is not None:
+            return here, float(returned(rate, self._what[1], (), t))
+        return here, float(first(lambda s: returned(target, self._what[0], (), t + s), TIME_STEP))
+
+
+class _BoundSpring(_BoundServo):
+    """A spring is an undamped servo that holds one place, and stores energy."""
 
     def stored(self, q, v) -> tuple[float, float]:
         """Elastic energy, J, and its rate, W."""
-        deflection = self._deflection(q)
-        load = self._spring.stiffness * deflection
+        deflection = self._coordinate.beyond(q, self._target)
+        load = self._stiffness * deflection
         return 0.5 * load * deflection, load * v[self._coordinate.column]

@@ -1,4 +1,4 @@
-"""Torques at joints: by name, constant or as functions of time, and a user's own law."""
+"""Torques at joints: by name, constant or as functions of time, and user-defined laws."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import numpy as np
 
 from ...errors import InputError
 from ..checks import amounts, called, function_name, joint_index, put, read_only, require_functions, returned, spread
-from ..constraints.motion import Motion
-from .label import label
-from .record import ForceRecord
+from ..motion import Motion
+from .force import BoundForce, ForceRecord, label
 
 
 @dataclass(frozen=True)
@@ -40,42 +39,20 @@ class JointTorque(ForceRecord):
 
     @property
     def label(self) -> str:
-        """By what name energy reports and messages speak of it."""
         return label("torque", self.torques)
 
-    def bind(self, model) -> SteadyTorque | _TorqueCurves:
-        if not isinstance(self.torques, Mapping):
-            return SteadyTorque(spread(model, self.torques, "JointTorque"))
-        curves = {joint: torque for joint, torque in self.torques.items() if callable(torque)}
-        constant = {joint: torque for joint, torque in self.torques.items() if joint not in curves}
-        value = spread(model, constant, "JointTorque")
-        return _TorqueCurves(model, value, curves) if curves else SteadyTorque(value)
+    def bind(self, model) -> _BoundTorque:
+        return _BoundTorque(model, self.torques)
 
 
-class SteadyTorque:
-    """Constant torques on a model; systems add up several of them."""
-
-    def __init__(self, value):
-        self.value = value
-
-    def torque(self, t, q, v):
-        return self.value
-
-    def derivatives(self, t, q, v):
-        return None, None
-
-    def hand_over(self, twin) -> bool:
-        """Tell the compiled twin of this law."""
-        twin.add_constant(self.value)
-        return True
-
-
-class _TorqueCurves:
-    """Torques of which some are functions of time, on a model."""
-
-    def __init__(self, model, constant, curves):
-        self._constant, self._curves = constant, []
-        for joint, curve in curves.items():
+class _BoundTorque(BoundForce):
+    def __init__(self, model, torques):
+        by_name = torques if isinstance(torques, Mapping) else {}
+        functions = {joint: torque for joint, torque in by_name.items() if callable(torque)}
+        constant = {joint: torque for joint, torque in by_name.items() if joint not in functions}
+        self._constant = spread(model, constant if isinstance(torques, Mapping) else torques, "JointTorque")
+        self._curves = []
+        for joint, curve in functions.items():
             i = joint_index(model, joint, "JointTorque")
             size, start = model.nvs[i], model.idx_vs[i]
             shape = () if size == 1 else (size,)
@@ -87,11 +64,7 @@ class _TorqueCurves:
             tau[columns] = returned(curve, what, shape, t)
         return tau
 
-    def derivatives(self, t, q, v):
-        return None, None
-
     def hand_over(self, twin) -> bool:
-        """Tell the compiled twin of this law; False where it has to ask Python."""
         own = all(type(curve) is Motion and not shape for curve, _, shape, _ in self._curves)
         if own:
             twin.add_constant(self._constant)
@@ -128,7 +101,7 @@ class Torque:
 
     @property
     def label(self) -> str:
-        """By what name energy reports and messages speak of it."""
+        """The name of the force in energy reports and messages."""
         return f"torque {function_name(self.function)}"
 
     def torque(self, t, q, v) -> np.ndarray:
@@ -180,25 +153,24 @@ class Torque:
             It raised an exception.
         """
         if self.gradient is not None:
-            return self._given_gradient(t, q, v)
+            return _gradient(self.gradient, f"the gradient {function_name(self.gradient)}", t, q, v)
         at = self.torque(t, q, v)
         columns = np.empty((len(v), len(v)))
         for i, step in enumerate(1e-7 * (1.0 + np.abs(v))):
             moved = v.copy()
             moved[i] += step
-            with np.errstate(invalid="ignore"):  # infinite torques are told by who asked for them
+            with np.errstate(invalid="ignore"):  # infinite torques are reported by the caller
                 columns[:, i] = (self.torque(t, q, moved) - at) / step
         return None, columns
 
-    def _given_gradient(self, t, q, v):
-        return _gradient(self.gradient, f"the gradient {function_name(self.gradient)}", t, q, v)
 
-
-class Checked:
-    """A force object of the user's own: what it returns is looked at before anybody relies on it."""
+class UserForce(BoundForce):
+    """A user-defined force object: what it returns is checked before it is used."""
 
     def __init__(self, force, label):
         self._force, self._label = force, label
+        if hasattr(force, "stored"):
+            self.stored = force.stored
 
     def torque(self, t, q, v):
         return returned(self._force.torque, f"the torque of {self._label!r}", v.shape, t, read_only(q), read_only(v))
@@ -206,17 +178,14 @@ class Checked:
     def derivatives(self, t, q, v):
         return _gradient(self._force.derivatives, f"the derivatives of {self._label!r}", t, q, v)
 
-    def __getattr__(self, name):  # `stored`, where there is one
-        return getattr(self.__dict__["_force"], name)
-
 
 def _gradient(function, what, t, q, v):
     """What a user's gradient returned, checked."""
     parts = called(function, what, t, read_only(q), read_only(v))
     shape = (len(v), len(v))
     if isinstance(parts, tuple | list) and len(parts) == 2:
-        given = [np.asarray(part) for part in parts if part is not None]
-        wrong = next((wrong for part in given if (wrong := _wrong(part, shape))), "")
+        parts = tuple(None if part is None else np.asarray(part) for part in parts)
+        wrong = next((wrong for part in parts if part is not None and (wrong := _wrong(part, shape))), "")
     else:
         wrong = repr(parts)
     if wrong:
@@ -224,7 +193,7 @@ def _gradient(function, what, t, q, v):
             f"{what} returned {wrong} at t = {t:.6g}; it must return two matrices of shape {shape}, "
             "(∂τ/∂q, ∂τ/∂v), or None for either"
         )
-    return tuple(None if part is None else np.asarray(part, float) for part in parts)
+    return tuple(None if part is None else part.astype(float, copy=False) for part in parts)
 
 
 def _wrong(matrix, shape) -> str:

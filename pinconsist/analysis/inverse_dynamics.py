@@ -7,16 +7,16 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from ...errors import AssemblyError, InputError, SingularSystemError
-from ..acting import acting
-from ..assembly import assemble
-from ..checks import finite_array
-from ..constraints.drive import Drive
-from ..constraints.rank import row_scales
-from ..mechanism import Mechanism
-from ..reactions import Reaction, reaction
-from ..system import MechanismSystem
-from .variations import TangentSpace, bias, closed_near, joints_in, locked, step_sizes
+from ..errors import AssemblyError, InputError, SingularSystemError
+from ..mechanism.assembly import assemble
+from ..mechanism.checks import finite_array
+from ..mechanism.joint_constraints import Drive
+from ..mechanism.joint_names import joints_in
+from ..mechanism.mechanism import Mechanism, with_forces
+from ..mechanism.rank import row_scales
+from ..mechanism.reactions import Reaction, reaction
+from ..mechanism.system import MechanismSystem
+from .variations import TangentSpace, bias, closed_near, locked, step_sizes
 
 WIDEST = 0.05  # rad, or lengths of the mechanism, by which a prediction may miss before the way is halved
 HALVINGS = 30
@@ -107,7 +107,7 @@ def inverse_dynamics(mechanism, times, q=None, *, forces=()) -> InverseDynamics:
     InputError
         Arguments that cannot be used.
     """
-    mechanism = acting(mechanism, forces, "inverse_dynamics")
+    mechanism = with_forces(mechanism, forces, "inverse_dynamics")
     times = np.atleast_1d(finite_array(times, "times"))
     if times.ndim != 1 or not times.size:
         raise InputError(f"times must be a sequence of times, got shape {times.shape}")

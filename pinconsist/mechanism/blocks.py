@@ -1,9 +1,13 @@
 """The blocks of rows that loop kinds are made of, as functions of the pose of anchor 2 seen from anchor 1.
 
 ``d`` and ``R`` are position and rotation of anchor 2 in the axes of anchor 1; ``linear`` (3, n) and ``angular`` (3, n)
-the derivatives by n coordinates of ``d`` and of the turning of body 2 against body 1, both in these axes; ``dd`` and
-``ddd`` the time derivatives of ``d``; ``spin`` and ``spin_rate`` the relative angular velocity, and its derivative as
-body 1 sees it. What each block means stands in the table of :mod:`pinconsist.mechanism.constraints.loops`.
+the derivatives by n coordinates of ``d`` and of the rotation of body 2 relative to body 1, both in these axes; ``dd``
+and ``ddd`` the time derivatives of ``d``; ``spin`` and ``spin_rate`` the relative angular velocity, and its derivative
+as seen from body 1. The table of :mod:`pinconsist.mechanism.loops` says what each block means. Each block has
+
+* ``rows(d, R, linear, angular)``: Φ and J;
+* ``bias(d, dd, ddd, R, spin, spin_rate)``: J̇ v, of Turn and Tilt where the loop is closed;
+* ``closest``: the nearest d or R with Φ = 0.
 """
 
 from __future__ import annotations
@@ -27,26 +31,18 @@ def across(e) -> np.ndarray:
 
 
 class Place:
-    """Components of d along fixed directions of anchor 1.
-
-    Attributes
-    ----------
-    directions : ndarray, shape (k, 3)
-    """
+    """Components of d along fixed directions of anchor 1, the rows of ``directions`` (k, 3)."""
 
     def __init__(self, directions):
         self.directions = np.array(directions, float)
 
     def rows(self, d, R, linear, angular):
-        """Φ and J."""
         return self.directions @ d, self.directions @ linear
 
     def bias(self, d, dd, ddd, R, spin, spin_rate):
-        """J̇ v."""
         return self.directions @ ddd
 
     def closest(self, d):
-        """The nearest d with Φ = 0."""
         return d - self.directions.T @ (self.directions @ d)
 
 
@@ -57,11 +53,9 @@ class Length:
         self.length = length
 
     def rows(self, d, R, linear, angular):
-        """Φ and J."""
         return np.array([(d @ d - self.length**2) / (2 * self.length)]), (d @ linear / self.length)[None, :]
 
     def bias(self, d, dd, ddd, R, spin, spin_rate):
-        """J̇ v."""
         return np.array([(dd @ dd + d @ ddd) / self.length])
 
 
@@ -69,39 +63,29 @@ class Turn:
     """log R."""
 
     def rows(self, d, R, linear, angular):
-        """Φ and J."""
         return pin.log3(R), pin.Jlog3(R) @ R.T @ angular
 
     def bias(self, d, dd, ddd, R, spin, spin_rate):
-        """J̇ v where the loop is closed."""
         return spin_rate
 
     def closest(self, R):
-        """The nearest R with Φ = 0."""
         return np.eye(3)
 
 
 class _Axis:
-    """Rows that look at one axis of body 2, a = R axis2, along fixed directions of anchor 1.
+    """Rows of one axis of body 2, a = R axis2, along fixed directions of anchor 1.
 
-    Attributes
-    ----------
-    axis2 : ndarray, shape (3,)
-        The axis of body 2, in anchor 2, of length 1.
-    directions : ndarray, shape (k, 3)
-        Where a loop is closed, Φ and J are those of ``directions @ a``.
+    Where a loop is closed, Φ and J are those of ``directions @ a``, with ``directions`` of shape (k, 3).
     """
 
     axis2: np.ndarray
     directions: np.ndarray
 
     def bias(self, d, dd, ddd, R, spin, spin_rate):
-        """J̇ v; of the tilt, where the loop is closed."""
         a, W = R @ self.axis2, pin.skew(spin)
         return self.directions @ (W @ (W @ a) + pin.skew(spin_rate) @ a)
 
     def closest(self, R):
-        """The nearest R with Φ = 0."""
         a = R @ self.axis2
         return pin.Quaternion.FromTwoVectors(a, self.closest_axis(a)).matrix() @ R
 
@@ -109,7 +93,7 @@ class _Axis:
 class Tilt(_Axis):
     """Tilt of the axis a = R e of body 2 against e, measured by the chord 2 sin(angle/2).
 
-    The chord grows monotonically up to the antiparallel axis, so that this is no false solution; there its direction
+    The chord grows monotonically up to the antiparallel axis, which is therefore no false solution; there its direction
     is undetermined, and within TURNED rad of it Φ and J are those at TURNED.
     """
 
@@ -117,12 +101,9 @@ class Tilt(_Axis):
 
     def __init__(self, e):
         self.axis2 = e
-        self.directions = (
-            -across(e) @ pin.skew(e).T
-        )  # tilt1 turns about the first row of across(e), tilt2 about the second
+        self.directions = -across(e) @ pin.skew(e).T  # tilt1 turns about the first row of across(e), tilt2 the second
 
     def rows(self, d, R, linear, angular):
-        """Φ and J."""
         e, w, a = self.axis2, self.directions, R @ self.axis2
         tilt = w @ a
         z = 1.0 + e @ a
@@ -136,26 +117,23 @@ class Tilt(_Axis):
         return s * tilt, -gradient @ pin.skew(a) @ angular
 
     def closest_axis(self, a):
-        """Where the axis of body 2 should be."""
         return self.axis2
 
 
 class Cross(_Axis):
     """e₁·a, the cosine between the axis of body 1 and that of body 2: zero where they are perpendicular.
 
-    Parallel axes are a stationary point, which assembly leaves by its nudged starts.
+    Parallel axes are a stationary point, which assembly leaves by its perturbed starts.
     """
 
     def __init__(self, e1, e2):
         self.axis2, self.directions = e2, e1[None, :]
 
     def rows(self, d, R, linear, angular):
-        """Φ and J."""
         a = R @ self.axis2
         return self.directions @ a, -self.directions @ pin.skew(a) @ angular
 
     def closest_axis(self, a):
-        """The nearest axis that is perpendicular; any such one if `a` is parallel."""
         (e,) = self.directions
         square = a - (e @ a) * e
         return square if np.linalg.norm(square) > 1e-9 else across(e)[0]

@@ -1,4 +1,4 @@
-"""A user's own constraint Φ(t, q) = 0, with or without its Jacobian."""
+"""A user-defined constraint Φ(t, q) = 0, with or without its Jacobian."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ...errors import InputError, PinconsistError
-from ..checks import called, read_only, require_functions, require_names
-from .differences import first, is_slope, second
+from ..errors import InputError, PinconsistError
+from .checks import number, put, read_only, require_functions, require_names, returned
+from .motion import TIME_STEP, first, is_slope, second
 
-TIME_STEP = 1e-3
-"""Of the difference quotients in time, s."""
 REACH = 10.0
 """How many times its `step` a constraint is moved where its curvature along the motion is wanted."""
 CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)
-"""Parts of these steps over which given derivatives are compared with their function."""
+"""Parts of the steps over which given derivatives are compared with their function."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,41 +69,37 @@ class Constraint:
     kind: ClassVar[str] = "constraint"
 
     def __post_init__(self):
-        require_names(self, f"constraint {self.name!r}", "name")
-        require_functions(self, f"constraint {self.name!r}", "(t, q)", "function", optional=("jacobian", "rate"))
+        who = f"constraint {self.name!r}"
+        require_names(self, who, "name")
+        require_functions(self, who, "(t, q)", "function", optional=("jacobian", "rate"))
         if isinstance(self.size, bool) or not isinstance(self.size, int | np.integer) or self.size < 1:
-            raise InputError(f"constraint {self.name!r}: size must be a positive whole number, got {self.size!r}")
+            raise InputError(f"{who}: size must be a positive whole number, got {self.size!r}")
         if self.rate is not None and not self.moving:
-            raise InputError(f"constraint {self.name!r}: it has a rate, so it cannot promise moving=False")
-        if isinstance(self.step, str | bool) or not np.isscalar(self.step) or not 0 < self.step < np.inf:
-            raise InputError(f"constraint {self.name!r}: step must be a positive number, got {self.step!r}")
+            raise InputError(f"{who}: it has a rate, so it cannot promise moving=False")
+        number(self.step, f"{who}: step", above=0.0)
         rows = tuple(map(str, range(self.size))) if self.rows is None else self.rows
         if isinstance(rows, str) or len(rows := tuple(rows)) != self.size or not all(isinstance(r, str) for r in rows):
-            raise InputError(f"constraint {self.name!r}: rows needs {self.size} names, got {self.rows!r}")
-        object.__setattr__(self, "rows", rows)
+            raise InputError(f"{who}: rows needs {self.size} names, got {self.rows!r}")
+        put(self, rows=rows)
 
 
 class ConstraintRows:
-    """The rows of a user's constraint on a model."""
+    """The rows of a user-defined constraint on a model."""
 
     def __init__(self, model: pin.Model, constraint: Constraint):
         self.model, self.loop = model, constraint
         self.moving, self.steady = constraint.moving, not constraint.moving
         self.turns = (True,) * constraint.size  # measured as they are
         self._units = np.eye(model.nv)
-        fields = "function", "jacobian", "rate"
-        self._what = {field: f"the {field} of constraint {constraint.name!r}" for field in fields}
 
     def evaluate(self, data, q, t):
-        """Φ and J."""
         return self._phi(t, q), self._jacobian(t, q)
 
     def rate(self, t, q):
-        """Φ_t."""
         if not self.moving:
             return np.zeros(self.loop.size)
         if self.loop.rate is not None:
-            return self._call("rate", t, q, (self.loop.size,))
+            return self._call("rate", t, q)
         return first(lambda s: self._phi(t + s, q), TIME_STEP)
 
     def acceleration_bias(self, data, t, q, v):
@@ -127,21 +121,21 @@ class ConstraintRows:
             return first(lambda s: self._jacobian(t + s, x := place(s)) @ v + self.rate(t + s, x), step)
         return second(lambda s: self._phi(t + s, place(s)), step)
 
+    def hand_over(self, twin) -> bool:
+        return False
+
     def check_derivatives(self, t, q) -> None:
         """Raise InputError where a given Jacobian or rate is not that of the function."""
         if self.loop.jacobian is not None:
-            J, steps = self._jacobian(t, q), [self.loop.step * part for part in CHECKED_OVER]
+            J = self._jacobian(t, q)
             for i, unit in enumerate(self._units):
-
-                def along(s, unit=unit):
-                    return self._phi(t, pin.integrate(self.model, q, s * unit))
-
-                self._check_slope("jacobian", f"column {i}", J[:, i], along, steps, np.abs(J).max(axis=1))
+                what, size = f"column {i}", np.abs(J).max(axis=1)
+                self._check_slope("jacobian", what, J[:, i], self._along(t, q, unit), self.loop.step, size)
         if self.loop.rate is not None:
-            steps = [TIME_STEP * part for part in CHECKED_OVER]
-            self._check_slope("rate", "it", self.rate(t, q), lambda s: self._phi(t + s, q), steps)
+            self._check_slope("rate", "it", self.rate(t, q), lambda s: self._phi(t + s, q), TIME_STEP)
 
-    def _check_slope(self, field, part, given, function, steps, size=0.0):
+    def _check_slope(self, field, part, given, function, step, size=0.0):
+        steps = [step * share for share in CHECKED_OVER]
         try:
             if is_slope(given, function, steps, size):
                 return
@@ -151,41 +145,28 @@ class ConstraintRows:
         raise InputError(
             f"constraint {self.loop.name!r}: its {field} is not the derivative of its function: {part} is "
             f"{np.array2string(given, precision=6)}, differences give {np.array2string(found, precision=6)}. "
-            "Correct it, or leave it out: differences then stand in"
+            "Correct it, or leave it out: differences are then used"
         )
 
+    def _along(self, t, q, unit):
+        """Φ as a function of a displacement along a tangent vector."""
+        return lambda s: self._phi(t, pin.integrate(self.model, q, s * unit))
+
     def _phi(self, t, q):
-        return self._call("function", t, q, (self.loop.size,))
+        return self._call("function", t, q)
 
     def _jacobian(self, t, q):
         if self.loop.jacobian is not None:
-            return self._call("jacobian", t, q, (self.loop.size, self.model.nv))
-        columns = [
-            first(lambda s, unit=unit: self._phi(t, pin.integrate(self.model, q, s * unit)), self.loop.step)
-            for unit in self._units
-        ]
-        return np.column_stack(columns)
+            return self._call("jacobian", t, q, (self.model.nv,))
+        return np.column_stack([first(self._along(t, q, unit), self.loop.step) for unit in self._units])
 
-    def _call(self, field, t, q, shape):
-        q = read_only(q)
-        value = called(getattr(self.loop, field), self._what[field], t, q)
-        try:
-            value = np.asarray(value)
-            if value.dtype.kind not in "biuf":
-                raise TypeError(f"got {value.dtype}")
-            value = np.array(value, float)
-        except (TypeError, ValueError) as error:
-            raise InputError(
-                f"constraint {self.loop.name!r}: its {field} returned no numbers at t = {t:.6g}: {error}"
-            ) from None
-        if value.shape != shape:
-            raise InputError(
-                f"constraint {self.loop.name!r}: its {field} returned shape {value.shape} at t = {t:.6g}; it must "
-                f"return {shape}" + (", a column for each joint velocity" if len(shape) == 2 else "")
-            )
+    def _call(self, field, t, q, columns=()):
+        what, shape = f"constraint {self.loop.name!r}: its {field}", (self.loop.size, *columns)
+        hint = ", a column for each joint velocity" if columns else ""
+        value = np.array(returned(getattr(self.loop, field), what, shape, t, q := read_only(q), hint=hint))
         if not np.isfinite(value).all():
             raise InputError(
-                f"constraint {self.loop.name!r}: its {field} returned a number that is not finite at t = {t:.6g}, "
+                f"{what} returned a number that is not finite at t = {t:.6g}, "
                 f"q = {np.array2string(q, precision=4, threshold=12)}; it must be defined for every q that assembly or "
                 "Newton's iteration may try"
             )

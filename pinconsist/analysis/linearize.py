@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from ...errors import SingularSystemError
-from ..acting import acting
-from ..assembly import assemble
-from ..checks import finite_array
-from ..constraints.differences import first
-from ..regular import MASSLESS
-from ..system import MechanismSystem
+from ..errors import SingularSystemError
+from ..mechanism.assembly import assemble
+from ..mechanism.checks import finite_array
+from ..mechanism.joint_names import joints_in
+from ..mechanism.mechanism import with_forces
+from ..mechanism.motion import first
+from ..mechanism.singularity import MASSLESS
+from ..mechanism.system import MechanismSystem
 from .equilibrium import equilibrium
 from .modes import Modes, modes
 from .variations import (
@@ -23,7 +24,6 @@ from .variations import (
     bias,
     by_position,
     by_velocity,
-    joints_in,
     locked,
     step_sizes,
     velocity_names,
@@ -141,7 +141,7 @@ def linearize(mechanism, q=None, v=None, *, forces=(), t: float = 0.0) -> Linear
     y'', the rest follows from the rates. Projected by Zᵀ, which takes δλ away, the last variation is that of the
     equations of motion in minimal coordinates, exactly.
     """
-    mechanism, t = acting(mechanism, forces, "linearize"), float(finite_array(t, "t"))
+    mechanism, t = with_forces(mechanism, forces, "linearize"), float(finite_array(t, "t"))
     if q is None:
         q = equilibrium(mechanism, t=t).q
     state = assemble(mechanism, q, v, t=t)

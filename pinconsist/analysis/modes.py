@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from ...errors import SingularSystemError
-from ..regular import MASSLESS
+from ..errors import SingularSystemError
+from ..mechanism.singularity import MASSLESS
 from .variations import locked
 
 NOISE = 1e-10  # of the stiffness and of the forces: what cannot be told from zero

@@ -7,14 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from ...errors import EquilibriumError, SingularSystemError
-from ..acting import acting
-from ..assembly import assemble
-from ..checks import finite_array
-from ..mechanism import Mechanism
-from ..reactions import Reaction, reaction
-from ..system import MechanismSystem
-from .variations import TangentSpace, by_position, closed_near, joints_in, locked, step_sizes
+from ..errors import EquilibriumError, SingularSystemError
+from ..mechanism.assembly import assemble
+from ..mechanism.checks import finite_array
+from ..mechanism.joint_names import joints_in
+from ..mechanism.mechanism import Mechanism, with_forces
+from ..mechanism.reactions import Reaction, reaction
+from ..mechanism.singularity import rank_nearby
+from ..mechanism.system import MechanismSystem
+from .variations import TangentSpace, by_position, closed_near, locked, step_sizes
 
 MAX_ITERATIONS = 200
 MAX_NUDGES = 20
@@ -23,7 +24,6 @@ BALANCED = 1e-9  # where rounding allows no less, this is still an equilibrium
 NEUTRAL = 1e-10  # of the stiffness: what cannot be told from zero
 LONGEST = 0.5  # rad, or lengths of the mechanism, in one iteration
 NUDGE = 0.05
-NEARBY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Equilibrium:
         Closed configuration.
     lam : ndarray, shape (nc,)
         Multipliers of all rows, those of smallest norm where rows are redundant; signs, frames and units:
-        :mod:`pinconsist.mechanism.constraints.loops`.
+        :mod:`pinconsist.mechanism.loops`.
     residual : float
         Largest entry of |g - τ - Jᵀλ|, N·m or N.
     stiffness : ndarray, shape (mobility,)
@@ -141,7 +141,7 @@ def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = 
     InputError
         Arguments that cannot be used.
     """
-    mechanism = acting(mechanism, forces, "equilibrium")
+    mechanism = with_forces(mechanism, forces, "equilibrium")
     t = float(finite_array(t, "t"))
     start = assemble(mechanism, q, t=t).q
     system = MechanismSystem(mechanism, start, t)
@@ -160,7 +160,7 @@ def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = 
             raise _not_found(place, K, f"still moving after {MAX_ITERATIONS} steps")
         else:
             place, iterations = following, iterations + 1
-    _require_regular(place)
+    _require_nonsingular(place)
     return place.result(K, iterations)
 
 
@@ -257,24 +257,14 @@ class _Place:
         return Equilibrium(mechanism, self.t, self.q, self.lam, self.residual, values, neutral, iterations)
 
 
-def _require_regular(place) -> None:
+def _require_nonsingular(place) -> None:
     """Raise SingularSystemError where rows that depend on others at this place do not in its neighbourhood."""
-    system, rng = place.system, np.random.default_rng(0)
-    rank = system.nv - place.Z.shape[1]
-    if rank == system.rows.nc:
-        return
-    for _ in range(3):
-        move = place.Z @ rng.standard_normal(place.Z.shape[1])
-        nearby = closed_near(
-            system, place.t, system.integrate(place.q, NEARBY * move / max(np.linalg.norm(move), 1e-300))
+    if rank_nearby(place.system, place.q, place.Z) > place.system.nv - place.Z.shape[1]:
+        raise SingularSystemError(
+            f"{place.system.mechanism.name}: the forces balance at a singular position: the motion branches there, and "
+            "what the loops carry is not determined. Change a length a little, or look for another equilibrium",
+            names=tuple(loop.name for loop in place.system.mechanism.loops),
         )
-        if nearby is not None and system.nv - TangentSpace(system, nearby, place.t).Z.shape[1] > rank:
-            name = system.mechanism.name
-            raise SingularSystemError(
-                f"{name}: the forces balance at a singular position: the motion branches there, and what the loops "
-                "carry is not determined. Change a length a little, or look for another equilibrium",
-                names=tuple(loop.name for loop in system.mechanism.loops),
-            )
 
 
 def _not_found(place, K, why) -> EquilibriumError:

@@ -6,12 +6,15 @@ A variation δq lives in the tangent space of the configurations, as velocities 
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import qr, solve_triangular
 
-from ..constraints.differences import first
-from ..constraints.rank import RANK_TOLERANCE, independent_rows, row_scales
+from ..mechanism.closing import newton
+from ..mechanism.motion import first
+from ..mechanism.rank import independent_rows
 
 SMOOTH = 5e-3
 """Step of the differences of kinematics, rad, or in units of the mechanism's length: errors near 1e-13."""
@@ -79,13 +82,6 @@ def velocity_names(mechanism) -> tuple[str, ...]:
     return tuple(names)
 
 
-def joints_in(mechanism, variations) -> tuple[str, ...]:
-    """The joints that take a good share in any of the columns of `variations`, (nv,) or (nv, n)."""
-    share = np.abs(variations).reshape(mechanism.nv, -1)
-    share = (share / np.maximum(share.max(axis=0), 1e-300)).max(axis=1)
-    return tuple(joint for joint in mechanism.joints if share[mechanism.columns(joint)].max(initial=0.0) > 0.3)
-
-
 def locked(*arrays):
     """Make arrays read-only, as results have them."""
     for array in arrays:
@@ -146,16 +142,6 @@ def bias(system, t, q, v) -> np.ndarray:
 
 
 def closed_near(system, t, q):
-    """The closed configuration that Gauss-Newton steps reach from a nearby `q`; None where they do not."""
-    last = np.inf
-    for _ in range(30):
-        phi, J = system.loop_rows(q, t)
-        scales = row_scales(J, system.rows.turns)
-        size = np.max(np.abs(phi) / scales, initial=0.0)
-        if size <= 1e-15 or (size <= RANK_TOLERANCE and size > 0.5 * last):  # by that much dependent rows may gape
-            return q
-        dq = np.linalg.lstsq(J / scales[:, None], -phi / scales, rcond=RANK_TOLERANCE)[0]
-        if not (np.isfinite(dq).all() and np.max(np.abs(dq) / step_sizes(system, q)) < 1.0):
-            return None
-        q, last = system.integrate(q, dq), size
-    return None
+    """The closed configuration that Newton's method reaches from a nearby `q`; None where it does not converge."""
+    rows = partial(system.loop_rows, t=t)
+    return newton(rows, system.model, system.rows.turns, q, step_sizes(system, q))

@@ -9,9 +9,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
-from .mechanism.constraints.loops import LoopRows
-from .mechanism.forces import bound_forces
-from .mechanism.forces.label import unused
+from .forces import bound_forces, unused
+from .rows import LoopRows
 
 EVENTS = "events"
 """Where ``work`` has what the jumps at events change."""

@@ -6,9 +6,7 @@ import numpy as np
 from scipy.linalg import qr
 
 RANK_TOLERANCE = 1e-8
-"""Relative to the largest pivot. Real robots have honest ratios down to 1e-5, redundant rows stay below 1e-12."""
-
-
+"""Relative to the largest pivot. Ratios of real robots go down to 1e-5, redundant rows stay below 1e-12."""
 NO_LENGTH = 1e-13  # m; rows that are all shorter are rounding
 
 
@@ -37,12 +35,16 @@ def independent_rows(J, turns) -> np.ndarray:
     return np.sort(pivots[: np.count_nonzero(diagonal > RANK_TOLERANCE * diagonal[0])])
 
 
+def free_motions(J, turns) -> np.ndarray:
+    """Orthonormal basis of the velocities that rows with Jacobian J allow, as columns, shape (nv, n)."""
+    J = J[independent_rows(J, turns)]
+    return np.linalg.svd(J)[2][len(J) :].T if len(J) else np.eye(J.shape[1])
+
+
 def dependencies(J, kept) -> dict[int, dict[int, float]]:
     """For each dropped row, the kept rows it is a combination of and their coefficients ({} for a zero row)."""
     dropped = [row for row in range(len(J)) if row not in set(kept)]
-    if not dropped:
-        return {}
-    if not len(kept):
+    if not dropped or not len(kept):
         return {row: {} for row in dropped}
     coefficients = np.linalg.lstsq(J[kept].T, J[dropped].T, rcond=None)[0]
     size = np.abs(J).max()

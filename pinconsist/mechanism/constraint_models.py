@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ...errors import InputError
-from .loop import GROUND, Loop
+from ..errors import InputError
+from .loops import GROUND, Loop
 
 _ANCHORS = {"PointAnchorConstraintModel": "point", "FrameAnchorConstraintModel": "frame"}
 _LEGACY, _LEGACY_KINDS = "RigidConstraintModel", {"CONTACT_3D": "point", "CONTACT_6D": "frame"}

@@ -1,0 +1,142 @@
+"""Closing loops from near and from far, and leading joints while the loops stay closed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from .rank import RANK_TOLERANCE, row_scales
+from .rows import LoopRows
+
+CLOSED = 1e-10  # m or rad; rounding errors are far below
+MAX_ITERATIONS = 200
+RESTARTS = 8
+MAX_CORRECTIONS = 30
+STRIDE = 0.1  # rad or m, of the joints that are led, in one step
+SHORTEST = STRIDE / 64
+MOST_STRIDES = 400
+LEAP = 0.5  # rad or m: no other joint moves farther in one step
+
+
+class LoopSolver:
+    """The loops of one mechanism at one time, and the ways to close them. `free` marks the velocities that may move."""
+
+    def __init__(self, mechanism, t: float = 0.0):
+        self.t = t
+        self.model, self.data = mechanism.model, mechanism.model.createData()
+        self.mechanism, self.loop_rows = mechanism, LoopRows(mechanism.model, mechanism.loops)
+
+    def rows(self, q):
+        """Φ and J at a configuration."""
+        pin.computeJointJacobians(self.model, self.data, q)
+        phi, J = self.loop_rows.evaluate(self.data, q, self.t)
+        return np.array(phi), np.array(J)
+
+    def size(self, q) -> float:
+        """Largest |Φ|, m or rad."""
+        return float(np.max(np.abs(self.rows(q)[0]), initial=0.0))
+
+    def gaps(self, q) -> dict:
+        """Largest |Φ| of each loop, m or rad."""
+        phi, _ = self.rows(q)
+        return {name: float(np.abs(phi[rows]).max()) for name, rows in self.loop_rows.slices.items()}
+
+    def free_columns(self, held=()) -> np.ndarray:
+        """Mask of the velocities that may move when these joints are held."""
+        free = np.ones(self.model.nv, dtype=bool)
+        for joint in held:
+            free[self.mechanism.columns(joint)] = False
+        return free
+
+    def close(self, guess, free=None):
+        """The best configuration reached from any guess, and the iterations; tries perturbed starts where it sticks."""
+        free = self.free_columns() if free is None else free
+        best, total = self._descend(guess, free)
+        rng = np.random.default_rng(0)
+        for _ in range(RESTARTS):
+            if self.size(best) <= CLOSED:
+                break
+            nudge = np.where(free, rng.uniform(-0.5, 0.5, self.model.nv), 0.0)
+            other, iterations = self._descend(pin.integrate(self.model, guess, nudge), free)
+            total += iterations
+            if self.size(other) < 0.5 * self.size(best):
+                best = other
+        return best, total
+
+    def _descend(self, q, free):
+        """Levenberg-Marquardt, dx = -Jᵀ (J Jᵀ + μ 1)⁻¹ Φ with |dx| ≤ 1 and μ ~ |Φ|² near the end.
+
+        It needs no mass matrix and converges with redundant rows, too.
+        """
+        phi, J = self.rows(q)
+        value, damping = phi @ phi, 1.0
+        for iteration in range(MAX_ITERATIONS):
+            if value == 0.0 or not free.any():
+                return q, iteration
+            J = np.where(free, J, 0.0)
+            mu = damping * min(value, 1e-2)
+            dx = -J.T @ np.linalg.lstsq(J @ J.T + mu * np.eye(len(phi)), phi, rcond=1e-14)[0]
+            dx *= min(1.0, 1.0 / max(np.linalg.norm(dx), 1e-300))
+            new_q = pin.integrate(self.model, q, dx)
+            new_phi, new_J = self.rows(new_q)
+            new_value = new_phi @ new_phi
+            if new_value < value:
+                improved = value - new_value
+                q, phi, J, value, damping = new_q, new_phi, new_J, new_value, max(damping / 4, 1e-6)
+                if np.max(np.abs(phi)) < 1e-15 or improved < 1e-12 * value:
+                    return q, iteration + 1
+            elif np.max(np.abs(phi)) < 1e-13 or damping > 1e12:
+                return q, iteration + 1
+            else:
+                damping = max(damping * 8, 1e-3)
+        return q, MAX_ITERATIONS
+
+    def led(self, q, goal, free):
+        """From a closed configuration to one where the joints that are not free stand as in `goal`, in small steps.
+
+        Each step is closed by Newton's method, so that the assembly mode stays the same. None where the way is blocked:
+        by the end of a reach, a singular position, or joints that the loops do not let go that way together.
+        """
+        way = np.where(free, 0.0, pin.difference(self.model, q, goal))
+        length = np.abs(way).max(initial=0.0)
+        if self.size(q) > CLOSED or not 0.0 < length <= MOST_STRIDES * STRIDE:
+            return None
+        share, left = min(1.0, STRIDE / length), 1.0
+        while left > 0.0:
+            share = min(share, left)
+            following = self._followed(q, share * way, free)
+            if following is not None:
+                q, left = following, left - share
+            elif (share := share / 2) * length < SHORTEST:
+                return None
+        return q
+
+    def _followed(self, q, step, free):
+        """The other joints follow a small step of some; None where they would leap, or the loops do not close."""
+        _, J = self.rows(q)
+        dx = step - np.linalg.lstsq(np.where(free, J, 0.0), J @ step, rcond=RANK_TOLERANCE)[0]
+        if np.abs(dx).max() > LEAP:
+            return None
+        reached = newton(self.rows, self.model, self.loop_rows.turns, pin.integrate(self.model, q, dx), LEAP, free)
+        if reached is None or np.abs(pin.difference(self.model, q, reached)).max() > LEAP:
+            return None
+        return reached
+
+
+def newton(rows, model, turns, q, longest, free=True):
+    """The closed configuration that Gauss-Newton steps reach from a nearby `q`; None where they do not converge.
+
+    `rows` is a function q → (Φ, J), `turns` marks its rows in rad, `longest` bounds the entries of one step.
+    """
+    last = np.inf
+    for _ in range(MAX_CORRECTIONS):
+        phi, J = rows(q)
+        scales = row_scales(J, turns)
+        size = np.max(np.abs(phi) / scales, initial=0.0)
+        if size <= 1e-15 or (size <= RANK_TOLERANCE and size > 0.5 * last):  # dependent rows may be open by that much
+            return q
+        dq = np.linalg.lstsq(np.where(free, J, 0.0) / scales[:, None], -phi / scales, rcond=RANK_TOLERANCE)[0]
+        if not (np.isfinite(dq).all() and np.max(np.abs(dq) / longest) < 1.0):
+            return None
+        q, last = pin.integrate(model, q, dq), size
+    return None

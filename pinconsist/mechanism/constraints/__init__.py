@@ -1,1 +1,0 @@
-"""Constraints: records of loops, couplings, drives and own Φ(t, q), and the rows Φ, J that they stand for."""

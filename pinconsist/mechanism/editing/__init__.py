@@ -1,1 +1,0 @@
-"""Mechanisms made from mechanisms: joints locked, what is immobile left out, anchors moved."""

@@ -1,0 +1,272 @@
+"""Constraints on joint coordinates: a joint driven along a curve, and a joint that follows another one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..errors import InputError, PinconsistError
+from .checks import called, joint_index, number, numbers, put, require_functions, require_names
+from .motion import TIME_STEP, Motion, first, is_slope, second
+
+TURN = 2.0 * math.pi
+CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps over which given derivatives are compared with their function
+
+
+class Coordinate:
+    """The coordinate of a joint with one degree of freedom: an angle or a length, however Pinocchio stores it.
+
+    ``column`` is its place in v. ``period`` is 2π where the joint stores (cos, sin), so that its angle is known up to
+    whole turns only, else None. Messages of the InputError for other joints begin with `whose` and say `purpose`.
+    """
+
+    def __init__(self, model, joint: str, whose: str, purpose: str):
+        index = joint_index(model, joint, whose)
+        if model.nvs[index] != 1:
+            raise InputError(
+                f"{whose}: joint {joint!r} has {model.nvs[index]} degrees of freedom; only joints with one can be "
+                f"{purpose}"
+            )
+        self.column, self._q = model.idx_vs[index], model.idx_qs[index]
+        self.period = TURN if model.nqs[index] == 2 else None
+
+    @property
+    def place(self) -> tuple[int, int, int]:
+        """Column of v, place in q and whether it wraps, for the compiled system."""
+        return self.column, self._q, int(self.period is not None)
+
+    def value(self, q) -> float:
+        """rad or m; in (-π, π] where the joint wraps."""
+        return float(q[self._q]) if self.period is None else math.atan2(q[self._q + 1], q[self._q])
+
+    def beyond(self, q, target: float) -> float:
+        """How far the coordinate is from `target`, the shorter way round where the joint wraps."""
+        return _nearest(self.value(q) - target, self.period)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Drive a joint along q_joint = curve(t). Stands among the loops of a mechanism.
+
+    Its multiplier is the motor torque that this takes, N·m (or N), positive along the joint's velocity.
+
+    Parameters
+    ----------
+    name : str
+    joint : str
+        A joint of one degree of freedom.
+    curve : callable
+        ``curve(t)``, rad or m, twice differentiable; a :class:`Motion` where plain numbers do.
+    rate, acceleration : callable, optional
+        Its derivatives. Default: the methods ``rate`` and ``acceleration`` of a curve that has them, as a Motion does;
+        else sixth-order differences over 1 ms, good to about 1e-12 and 1e-9 of the curve's size: the multipliers
+        inherit that. Given ones are compared with the curve where a run starts.
+
+    Raises
+    ------
+    InputError
+        Something that is not a name or not a function; on a model, an unknown joint or one with several degrees of
+        freedom; a rate or an acceleration that contradicts the curve, numbers that are not finite.
+    UserFunctionError
+        One of the functions raised an exception.
+    """
+
+    name: str
+    joint: str
+    curve: Callable
+    rate: Callable | None = None
+    acceleration: Callable | None = None
+
+    kind: ClassVar[str] = "drive"
+    rows: ClassVar[tuple[str, ...]] = ("motor",)
+
+    def __post_init__(self):
+        who = f"drive {self.name!r}"
+        require_names(self, who, "name", "joint")
+        require_functions(self, who, "time", "curve", optional=("rate", "acceleration"))
+
+
+class DriveRow:
+    """The row of a drive on a model: Φ = q_joint - curve(t)."""
+
+    moving, steady, turns = True, True, (True,)  # a row in rad or m: measured by its own joint
+
+    def __init__(self, model, drive: Drive):
+        self.loop = drive
+        self._joint = Coordinate(model, drive.joint, f"drive {drive.name!r}", "driven")
+        given = {
+            field: getattr(drive, field) or getattr(drive.curve, field, None) for field in ("rate", "acceleration")
+        }
+        given["curve"] = drive.curve
+        self._functions = {field: function for field, function in given.items() if function is not None}
+        self._J = np.zeros((1, model.nv))
+        self._J[0, self._joint.column] = 1.0
+
+    def evaluate(self, data, q, t):
+        return np.array([self._joint.beyond(q, self._call("curve", t))]), self._J.copy()
+
+    def rate(self, t, q):
+        return -np.reshape(self._derivative("rate", first, t), 1)
+
+    def acceleration_bias(self, data, t, q, v):
+        return -np.reshape(self._derivative("acceleration", second, t), 1)  # J is constant
+
+    def _derivative(self, field, difference, t):
+        if field in self._functions:
+            return self._call(field, t)
+        return difference(lambda s: self._call("curve", t + s), TIME_STEP)
+
+    def hand_over(self, twin) -> bool:
+        """Add the row to the compiled system; False where it has to call Python."""
+        curve = self.loop.curve
+        if type(curve) is not Motion or self.loop.rate is not None:
+            return False
+        twin.add_drive(self._joint.place, self._joint.period or 0.0, curve.numbers)
+        return True
+
+    def check_derivatives(self, t, q) -> None:
+        """Raise InputError where a given rate is not that of the curve, or an acceleration not that of the rate."""
+        for name, of in ("rate", "curve"), ("acceleration", "rate"):
+            if not {name, of} <= self._functions.keys():
+                continue
+            slope = self._call(name, t)
+            try:
+                right = is_slope(slope, lambda s, of=of: self._call(of, t + s), CHECKED_OVER)
+            except PinconsistError:  # it need not be defined beyond the span
+                continue
+            if not right:
+                raise InputError(
+                    f"drive {self.loop.name!r}: its {name} is {slope:.6g} at t = {t:.6g}, which is not the derivative "
+                    f"of its {of} there. Correct it, or leave it out: differences are then used"
+                )
+
+    def _call(self, field, t) -> float:
+        function, what = self._functions[field], f"the {field} of drive {self.loop.name!r}"
+        value = called(lambda t: float(function(t)), what, t)
+        if not math.isfinite(value):
+            raise InputError(f"{what} is {value} at t = {t:.6g}; it must be finite")
+        return value
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Couple two joints: q_joint = offset + ratio·q_other + Σ higher[i]·q_other^(i+2). Stands among the loops.
+
+    Its multiplier is the generalised force on `joint`, N·m (or N for a sliding joint), positive along the joint's
+    velocity; `other` receives -dq_joint/dq_other times it.
+
+    Parameters
+    ----------
+    name : str
+    joint, other : str
+        Two joints of one degree of freedom. Joints that store (cos, sin), Pinocchio's unbounded revolutes, know their
+        angle up to whole turns only, and the coupling then holds up to whole turns: it keeps the turn that it is
+        nearest to. Where both are of that kind the ratio must be a whole number or one over it; `higher` needs an
+        `other` that counts its turns (a plain revolute does).
+    ratio : float
+        dq_joint/dq_other, in rad or m per rad or m. For a pair of external gears -teeth_other/teeth_joint.
+    offset : float
+        q_joint where q_other is zero, rad or m.
+    higher : tuple of float
+        Coefficients of the second and higher powers of q_other.
+
+    Raises
+    ------
+    InputError
+        Something that is not a name or not a number, a joint coupled to itself.
+    """
+
+    name: str
+    joint: str
+    other: str
+    ratio: float = 1.0
+    offset: float = 0.0
+    higher: tuple[float, ...] = ()
+
+    kind: ClassVar[str] = "coupling"
+    rows: ClassVar[tuple[str, ...]] = ("coupling",)
+
+    def __post_init__(self):
+        who = f"coupling {self.name!r}"
+        require_names(self, who, "name", "joint", "other")
+        if self.joint == self.other:
+            raise InputError(f"{who}: joint {self.joint!r} cannot follow itself")
+        put(self, ratio=number(self.ratio, f"{who}: ratio"), offset=number(self.offset, f"{who}: offset"))
+        put(self, higher=numbers(self.higher, f"{who}: higher"))
+
+
+class CouplingRow:
+    """The row of a coupling on a model: Φ = q_joint - law(q_other)."""
+
+    moving, steady, turns = False, True, (True,)  # a row in rad or m: measured by its own joint
+
+    def __init__(self, model, coupling: Coupling):
+        self.loop, who = coupling, f"coupling {coupling.name!r}"
+        self._joint = Coordinate(model, coupling.joint, who, "coupled")
+        self._other = Coordinate(model, coupling.other, who, "coupled")
+        self._law = (coupling.offset, coupling.ratio, *coupling.higher)
+        self._slope = _derivative(self._law)
+        self._bend = _derivative(self._slope)
+        self._period = self._common_period(coupling)
+        self._nv = model.nv
+
+    def _common_period(self, coupling) -> float | None:
+        """What may be added to Φ without changing any body's place: whole turns of the joints that wrap."""
+        joint, other, ratio = self._joint, self._other, abs(coupling.ratio)
+        if not other.period:
+            return joint.period
+        if any(coupling.higher):
+            raise InputError(
+                f"coupling {coupling.name!r}: joint {coupling.other!r} stores cosine and sine, so that its angle is "
+                "known up to whole turns only, and its powers are not known at all; make it a plain revolute joint, "
+                "which counts its turns"
+            )
+        if joint.period and not (_is_whole(ratio) or _is_whole(1.0 / ratio)):
+            raise InputError(
+                f"coupling {coupling.name!r}: joints {coupling.joint!r} and {coupling.other!r} store cosine and sine, "
+                f"so that their angles are known up to whole turns only; a ratio of {coupling.ratio:g} needs more "
+                "(a whole number or one over it would do): make one of them a plain revolute joint, which counts its "
+                "turns"
+            )
+        periods = [period for period in (joint.period, TURN * ratio) if period]
+        return min(periods, default=None)
+
+    def evaluate(self, data, q, t):
+        other, J = self._other.value(q), np.zeros((1, self._nv))
+        J[0, [self._joint.column, self._other.column]] = 1.0, -_polynomial(self._slope, other)
+        return np.array([_nearest(self._joint.value(q) - _polynomial(self._law, other), self._period)]), J
+
+    def rate(self, t, q):
+        return np.zeros(1)
+
+    def acceleration_bias(self, data, t, q, v):
+        return np.array([-_polynomial(self._bend, self._other.value(q)) * v[self._other.column] ** 2])
+
+    def hand_over(self, twin) -> bool:
+        """Add the row to the compiled system."""
+        twin.add_coupling(self._joint.place, self._other.place, self._period or 0.0, np.array(self._law))
+        return True
+
+
+def _nearest(gap: float, period: float | None) -> float:
+    """What is left of `gap` when whole periods are taken out; `gap` itself where there is no period."""
+    return gap if period is None else math.remainder(gap, period)
+
+
+def _polynomial(coefficients, x: float) -> float:
+    total = 0.0
+    for coefficient in reversed(coefficients):
+        total = total * x + coefficient
+    return total
+
+
+def _derivative(coefficients) -> tuple:
+    return tuple(i * coefficient for i, coefficient in enumerate(coefficients))[1:]
+
+
+def _is_whole(number: float) -> bool:
+    return abs(number - round(number)) <= 1e-12 * number

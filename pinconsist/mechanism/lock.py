@@ -1,0 +1,218 @@
+"""Joints fixed where they are: the model without them, and what becomes of loops and forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError
+from .checks import function_name
+from .closing import CLOSED
+from .forces import JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Torque, Wrench
+from .joint_constraints import Coupling, Drive
+from .loops import Loop
+from .rows import LoopRows
+
+_PER_VELOCITY = (
+    "armature",
+    "damping",
+    "lowerDryFrictionLimit",
+    "upperDryFrictionLimit",
+    "lowerEffortLimit",
+    "upperEffortLimit",
+    "lowerVelocityLimit",
+    "upperVelocityLimit",
+    "rotorInertia",
+    "rotorGearRatio",
+)
+_PER_COORDINATE = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
+
+
+def lock(mechanism, joints, q=None):
+    """See :meth:`Mechanism.lock`."""
+    if not (isinstance(joints, str) or hasattr(joints, "__iter__")):
+        raise InputError(f"lock needs the name of a joint or several, got {joints!r}")
+    joints = (joints,) if isinstance(joints, str) else tuple(joints)
+    locked = {joint: mechanism.joint_index(joint) for joint in joints}
+    if len(locked) == len(mechanism.joints):
+        raise InputError(f"{mechanism.name}: with all its joints locked nothing can move")
+    full = mechanism.guess if q is None else mechanism.configuration(q, base=mechanism.guess)
+    model, data = mechanism.model, mechanism.model.createData()
+    pin.forwardKinematics(model, data, full)
+    poses = {joint: model.jointPlacements[i].actInv(data.liMi[i]) for joint, i in locked.items()}
+    smaller = rebuilt(model, dict.fromkeys(locked, ()), poses)
+    state = _WholeState(model, locked.values(), full)
+    loops = (_loop(loop, mechanism, smaller, locked, state) for loop in mechanism.loops)
+    forces = (_force(force, smaller, locked, state) for force in mechanism.forces)
+    return replace(
+        mechanism,
+        model=smaller,
+        loops=tuple(loop for loop in loops if loop is not None),
+        forces=tuple(force for force in forces if force is not None),
+        guess=full[state.q_left],
+        actuated=tuple(joint for joint in mechanism.actuated if joint not in locked),
+    )
+
+
+def _loop(loop, mechanism, smaller, locked, state):
+    """The loop on the smaller model; None if it always holds there; InputError where it cannot be kept."""
+    if isinstance(loop, Loop):
+        if _body(smaller, loop.frame1) != _body(smaller, loop.frame2):
+            return loop
+    elif isinstance(loop, Coupling):
+        held = [joint for joint in (loop.joint, loop.other) if joint in locked]
+        if not held:
+            return loop
+        if len(held) == 1:
+            other = loop.other if held[0] == loop.joint else loop.joint
+            raise InputError(
+                f"{mechanism.name}: joint {held[0]!r} cannot be locked alone: coupling {loop.name!r} then holds "
+                f"{other!r} too. Lock both"
+            )
+    elif isinstance(loop, Drive):
+        if loop.joint not in locked:
+            return loop
+        raise InputError(
+            f"{mechanism.name}: joint {loop.joint!r} cannot be locked, drive {loop.name!r} moves it; take the drive "
+            "out first, by with_loops()"
+        )
+    else:
+        given = {"jacobian": state.v_left, "rate": None}
+        functions = {field: _OfWhole(state, f, only) for field, only in given.items() if (f := getattr(loop, field))}
+        return replace(loop, function=_OfWhole(state, loop.function), **functions)
+    data = mechanism.model.createData()
+    pin.computeJointJacobians(mechanism.model, data, state.full)
+    gap = np.max(np.abs(LoopRows(mechanism.model, [loop]).evaluate(data, state.full)[0]))
+    if gap > CLOSED:
+        raise InputError(
+            f"{mechanism.name}: with {', '.join(locked)} locked, loop {loop.name!r} would stay open by {gap:.3g} "
+            "(m or rad). Lock the joints in a closed configuration, q = pinconsist.assemble(mechanism).q"
+        )
+    return None
+
+
+def _force(force, smaller, locked, state):
+    """The force on the smaller model; None if it has nothing left to act on."""
+    if isinstance(force, JointDamping | JointFriction | JointTorque):
+        field = "torques" if isinstance(force, JointTorque) else "coefficients"
+        values = getattr(force, field)
+        if isinstance(values, Mapping):
+            left = {joint: value for joint, value in values.items() if joint not in locked}
+        else:
+            left = tuple(values[i] for i in state.v_left)
+        return replace(force, **{field: left}) if left else None
+    if isinstance(force, JointSpring | Servo):
+        return None if force.joint in locked else force
+    if isinstance(force, SpringDamper):
+        return None if _body(smaller, force.frame1) == _body(smaller, force.frame2) else force
+    if isinstance(force, Wrench):
+        return None if _body(smaller, force.frame) == 0 else force
+    if hasattr(force, "bind"):
+        return force
+    torque, gradient = (
+        (force.function, force.gradient) if isinstance(force, Torque) else (force.torque, force.derivatives)
+    )
+    left = state.v_left
+    return Torque(_OfWhole(state, torque, left), gradient and _OfWhole(state, gradient, np.ix_(left, left)))
+
+
+def _body(model, frame):
+    return model.frames[model.getFrameId(frame)].parentJoint
+
+
+class _WholeState:
+    """The whole state of a mechanism from that of the joints that are left; the locked ones are at rest."""
+
+    def __init__(self, model, locked, full):
+        left = [i for i in range(1, model.njoints) if i not in set(locked)]
+        self.full, self.rest = full, np.zeros(model.nv)
+        self.q_left = [k for i in left for k in range(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])]
+        self.v_left = [k for i in left for k in range(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])]
+
+    def __call__(self, q, v=None):
+        """(q,), or (q, v)."""
+        whole_q, whole_v = self.full.copy(), self.rest.copy()
+        whole_q[self.q_left] = q
+        if v is None:
+            return (whole_q,)
+        whole_v[self.v_left] = v
+        return whole_q, whole_v
+
+
+class _OfWhole:
+    """A user's function of the whole state as one of the joints that are left; of its last axes `only` is taken."""
+
+    def __init__(self, state, function, only=None):
+        self.state, self.function, self.only = state, function, only
+        self.__qualname__ = function_name(function)
+
+    def __call__(self, t, *state):
+        value = self.function(t, *self.state(*state))
+        if self.only is None:
+            return value
+        if isinstance(self.only, tuple):  # a pair of matrices
+            return tuple(None if part is None else np.asarray(part)[self.only] for part in value)
+        return np.asarray(value)[..., self.only]
+
+
+def rebuilt(
+    model: pin.Model,
+    parts: Mapping[str, Sequence[tuple[str, object]]],
+    poses: Mapping[str, pin.SE3] = {},
+    order: Sequence[int] | None = None,
+) -> pin.Model:
+    """A copy of a model with joints replaced; frames keep their names and indices, bodies their inertia.
+
+    (``pin.buildReducedModel`` needs a frame for each joint, which models built in code need not have.)
+
+    Parameters
+    ----------
+    model : pin.Model
+        Not changed.
+    parts : mapping
+        Joint name → the (name, joint model) that replace it, one after the other; the last carries its body. Damping,
+        friction and armature act on each new velocity. An empty sequence fixes the joint: its body becomes one with its
+        parent's.
+    poses : mapping, optional
+        Name of a fixed joint → pose of its body in its joint frame.
+    order : sequence of int, optional
+        The joints in the order in which they are to be added, parents before children.
+    """
+    new = pin.Model()
+    new.name, new.gravity = model.name, model.gravity
+    new.inertias[0] = model.inertias[0]
+    carriers = {0: (0, pin.SE3.Identity())}  # old joint → new joint that carries its body, and where
+    for old in order or range(1, model.njoints):
+        name = model.names[old]
+        carrier, place = carriers[model.parents[old]]
+        place = place * model.jointPlacements[old]
+        replacements = parts.get(name, [(name, model.joints[old])])
+        for part, joint in replacements:
+            carrier, place = new.addJoint(carrier, joint, place, part), pin.SE3.Identity()
+            _copy_values(model, old, new, carrier, name not in parts)
+        if not replacements:
+            place = place * poses[name]
+        carriers[old] = carrier, place
+        own = place.act(model.inertias[old])
+        new.inertias[carrier] = own if replacements else new.inertias[carrier] + own
+    fixed = {name for name, replacements in parts.items() if not replacements}
+    for frame in list(model.frames)[1:]:
+        carrier, place = carriers[frame.parentJoint]
+        is_fixed = frame.type == pin.FrameType.JOINT and frame.name in fixed
+        kind = pin.FrameType.FIXED_JOINT if is_fixed else frame.type
+        moved = pin.Frame(frame.name, carrier, frame.parentFrame, place * frame.placement, kind, frame.inertia)
+        new.addFrame(moved, False)
+    return new
+
+
+def _copy_values(model, old, new, joint, same_joint):
+    here, there = model.idx_vs[old], new.idx_vs[joint]
+    for key in _PER_VELOCITY:
+        getattr(new, key)[there : there + new.nvs[joint]] = getattr(model, key)[here : here + model.nvs[old]]
+    if same_joint:
+        here, there = model.idx_qs[old], new.idx_qs[joint]
+        for key in _PER_COORDINATE:
+            getattr(new, key)[there : there + new.nqs[joint]] = getattr(model, key)[here : here + model.nqs[old]]

@@ -1,0 +1,121 @@
+"""Functions of one number: Motion, a curve of time with exact derivatives, and difference quotients for others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import cos, pi, sin
+
+import numpy as np
+
+from .checks import number
+
+TIME_STEP = 1e-3
+"""Of the difference quotients in time, s."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """start + speed·t + amplitude·sin(2π·frequency·t + phase): a curve that can be written to a file and pickled.
+
+    Serves as the curve of a :class:`Drive`, the target of a :class:`Servo` or a torque of :class:`JointTorque`.
+
+    Parameters
+    ----------
+    start : float
+        rad or m (N·m or N of a torque).
+    speed : float
+        Per second.
+    amplitude : float
+        In the unit of `start`.
+    frequency : float
+        Hz.
+    phase : float
+        rad.
+
+    Raises
+    ------
+    InputError
+        A value that is not a finite number.
+    """
+
+    start: float = 0.0
+    speed: float = 0.0
+    amplitude: float = 0.0
+    frequency: float = 0.0
+    phase: float = 0.0
+
+    def __post_init__(self):
+        for each in fields(self):
+            object.__setattr__(self, each.name, number(getattr(self, each.name), f"motion: {each.name}"))
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """The five numbers: (start, speed, amplitude, frequency, phase)."""
+        return tuple(getattr(self, each.name) for each in fields(self))
+
+    def __call__(self, t: float) -> float:
+        return self.start + self.speed * t + self.amplitude * sin(2 * pi * self.frequency * t + self.phase)
+
+    def rate(self, t: float) -> float:
+        """The derivative by time.
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+
+        Returns
+        -------
+        float
+            rad/s or m/s; per second, whatever the unit of ``start``.
+        """
+        w = 2 * pi * self.frequency
+        return self.speed + self.amplitude * w * cos(w * t + self.phase)
+
+    def acceleration(self, t: float) -> float:
+        """The second derivative by time.
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+
+        Returns
+        -------
+        float
+            rad/s² or m/s²; per second squared, whatever the unit of ``start``.
+        """
+        w = 2 * pi * self.frequency
+        return -self.amplitude * w**2 * sin(w * t + self.phase)
+
+
+def first(function, step: float):
+    """f'(0) by central differences: error near step⁶ f⁽⁷⁾/140 and 2 eps |f|/step; exact for a constant `function`."""
+    f = {i: np.asarray(function(i * step), float) for i in (-3, -2, -1, 1, 2, 3)}
+    return (45.0 * (f[1] - f[-1]) - 9.0 * (f[2] - f[-2]) + (f[3] - f[-3])) / (60.0 * step)
+
+
+def second(function, step: float):
+    """f''(0) by central differences: error near step⁶ f⁽⁸⁾/560 and 8 eps |f|/step²; exact for a constant `function`."""
+    f = {i: np.asarray(function(i * step), float) for i in (-3, -2, -1, 0, 1, 2, 3)}
+    bends = [(f[i] - f[0]) + (f[-i] - f[0]) for i in (1, 2, 3)]
+    return (270.0 * bends[0] - 27.0 * bends[1] + 2.0 * bends[2]) / (180.0 * step**2)
+
+
+def is_slope(slope, function, steps, size=0.0) -> bool:
+    """Whether `slope` is f'(0) to a thousandth (of `size` where that is larger), by differences over one of `steps`.
+
+    One-sided slopes count, as functions may have a corner at zero, and several steps are tried, as they may have scales
+    of their own: a false alarm would be worse than a wrong slope that is overlooked.
+    """
+    slope = np.asarray(slope, float)
+    for h in steps:
+        f = {i: np.asarray(function(i * h), float) for i in (-2, -1, 0, 1, 2)}
+        noise = 20.0 * np.finfo(float).eps * max(np.max(np.abs(value), initial=0.0) for value in f.values()) / h
+        middle = (8.0 * (f[1] - f[-1]) - (f[2] - f[-2])) / (12.0 * h)
+        ahead, behind = (4.0 * f[1] - 3.0 * f[0] - f[2]) / (2.0 * h), (3.0 * f[0] - 4.0 * f[-1] + f[-2]) / (2.0 * h)
+        for found in (middle, ahead, behind):
+            largest = np.maximum(np.maximum(np.abs(slope), np.abs(found)), size)
+            if (np.abs(slope - found) <= 1e-3 * largest + noise).all():
+                return True
+    return False

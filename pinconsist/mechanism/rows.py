@@ -1,0 +1,251 @@
+"""The rows Φ(t, q), J(t, q) that the records among the loops of a mechanism stand for.
+
+This is the only file that names Pinocchio's constraint classes. What each row means: :mod:`pinconsist.mechanism.loops`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError
+from .blocks import Length, Place, Turn, blocks
+from .checks import frame_of
+from .custom import Constraint, ConstraintRows
+from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow
+from .loops import Loop
+
+RECORDS = (Loop, Drive, Coupling, Constraint)
+"""What may stand among the loops of a mechanism."""
+TURNING = ("rx", "ry", "rz", "tilt1", "tilt2", "cross")  # rows in rad
+POSE = None  # instead of a shift: all six rows of a pose
+
+
+class LoopRows:
+    """The rows of several loops on one model, evaluated together.
+
+    Attributes
+    ----------
+    labels : list of (str, str)
+        Loop name and row name of each of the ``nc`` rows.
+    slices : dict[str, slice]
+        The rows of each loop.
+    turns, steady : ndarray of bool, shape (nc,)
+        Rows measured in rad; rows whose J does not depend on time.
+    moving : bool
+        Some Φ depends on time.
+    """
+
+    def __init__(self, model: pin.Model, loops):
+        self.model, self.loops = model, tuple(loops)
+        self.labels = [(loop.name, row) for loop in self.loops for row in loop.rows]
+        self.nc = len(self.labels)
+        self.slices, start = {}, 0
+        for loop in self.loops:
+            self.slices[loop.name] = slice(start, start := start + len(loop.rows))
+        self.closures = [_rows_of(loop)(model, loop) for loop in self.loops]
+        self.turns = np.array([turns for closure in self.closures for turns in closure.turns], dtype=bool)
+        self.steady = np.array([closure.steady for closure in self.closures for _ in closure.turns], dtype=bool)
+        self.moving = any(closure.moving for closure in self.closures)
+
+    def evaluate(self, data: pin.Data, q=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Φ, shape (nc,), and J, shape (nc, nv), where ``pin.computeJointJacobians`` was called last on ``data``.
+
+        Only rows without anchors depend on `q` and `t`.
+        """
+        return _stacked([closure.evaluate(data, q, t) for closure in self.closures], self.model.nv)
+
+    def time_rate(self, t: float, q=None) -> np.ndarray:
+        """Φ_t, shape (nc,)."""
+        parts = [closure.rate(t, q) if closure.moving else np.zeros(len(closure.turns)) for closure in self.closures]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def check_derivatives(self, t: float, q) -> None:
+        """Raise InputError where derivatives that a user gave contradict the functions they belong to."""
+        for closure in self.closures:
+            if hasattr(closure, "check_derivatives"):
+                closure.check_derivatives(t, q)
+
+    def acceleration_bias(self, data: pin.Data, t: float = 0.0, q=None, v=None) -> np.ndarray:
+        """J̇ v and the like from Φ's dependence on time, shape (nc,), at a closed configuration.
+
+        Needs ``pin.forwardKinematics(model, data, q, v, 0)`` on ``data``. The rotational rows use R = 1 where
+        the exact expression has a derivative of the logarithm.
+        """
+        parts = [closure.acceleration_bias(data, t, q, v) for closure in self.closures]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+
+class KeptRows:
+    """Φ and J of some rows of the loops of a model, for use near closed configurations.
+
+    Where a loop is closed, the exact Jacobian is a fixed linear map of the rows of Pinocchio's own constraints, and Φ
+    has the zeros of the same map of Pinocchio's position errors. So Newton's solution is the same, and a hinge whose
+    tilts are not kept costs what a point costs. An axis of body 2 is the difference of two points 1 m apart,
+    R axis2 = d(at axis2) − d. Distances, drives, couplings and user-defined constraints are evaluated as they stand.
+
+    Parameters
+    ----------
+    model : pin.Model
+    rows : LoopRows
+        All rows of the loops.
+    kept : ndarray of int
+        Indices of the rows wanted, ascending.
+    """
+
+    def __init__(self, model: pin.Model, rows: LoopRows, kept):
+        self.model, self._closures = model, []
+        for closure in rows.closures:
+            start = rows.slices[closure.loop.name].start
+            if local := [row - start for row in kept if 0 <= row - start < len(closure.turns)]:
+                parts = near_closed(closure, local) if isinstance(getattr(closure, "place", None), Place) else []
+                pinocchios = [(*_constraint(model, closure, shift), matrix) for shift, matrix in parts]
+                self._closures.append((closure, local, parts, pinocchios))
+
+    @property
+    def constraints(self) -> list:
+        """Pairs of Pinocchio's constraint models and data."""
+        return [(model, data) for *_, pinocchios in self._closures for model, data, _ in pinocchios]
+
+    def evaluate(self, data, q, t):
+        """Φ and J, shapes (n,) and (n, nv), after ``pin.computeJointJacobians`` on `data`."""
+        return _stacked([self._rows(*each, data, q, t) for each in self._closures], self.model.nv)
+
+    def _rows(self, closure, local, parts, pinocchios, data, q, t):
+        if not parts:
+            phi, J = closure.evaluate(data, q, t)
+            return phi[local], J[local]
+        rows = [_scaled(self.model, data, *each) for each in pinocchios]
+        return rows[0] if len(rows) == 1 else (rows[0][0] + rows[1][0], rows[0][1] + rows[1][1])
+
+    def hand_over(self, twin) -> None:
+        """Add these rows to the compiled system; it calls Python for those that it does not have."""
+        for closure, local, parts, _ in self._closures:
+            for i, (shift, matrix) in enumerate(parts):
+                place2 = closure.place2 if shift is POSE else closure.place2 * pin.SE3(np.eye(3), shift)
+                ends = closure.joint1, closure.place1.homogeneous, closure.joint2, place2.homogeneous
+                twin.add_anchored(*ends, matrix, i == 0)
+            if not (parts or closure.hand_over(twin)):
+                twin.add_python_rows(closure, local, closure.moving)
+
+
+class AnchoredRows:
+    """One loop on one model: anchors as (joint, placement), and the blocks of its rows, of which `turn` may be None."""
+
+    moving, steady = False, True
+
+    def __init__(self, model: pin.Model, loop: Loop):
+        self.model, self.loop, who = model, loop, f"loop {loop.name!r}"
+        frame1, frame2 = frame_of(model, loop.frame1, who), frame_of(model, loop.frame2, who)
+        self.joint1, self.place1 = frame1.parentJoint, frame1.placement * loop.placement1
+        self.joint2, self.place2 = frame2.parentJoint, frame2.placement * loop.placement2
+        if self.joint1 == self.joint2:
+            raise InputError(
+                f"{who}: frames {loop.frame1!r} and {loop.frame2!r} sit on the same body; "
+                "a loop joins two bodies, or a body and the ground"
+            )
+        self.turns = tuple(row in TURNING for row in loop.rows)
+        self.place, self.turn = blocks(loop)
+        self._blocks = [block for block in (self.place, self.turn) if block is not None]
+        shift = np.zeros(3) if self.turn is None else POSE
+        self.constraint, self.constraint_data = _constraint(model, self, shift)
+
+    def evaluate(self, data, q=None, t=0.0):
+        """Φ and J of this loop."""
+        self.constraint.calc(self.model, data, self.constraint_data)
+        jacobian = self.constraint.jacobian(self.model, data, self.constraint_data)
+        jacobian = jacobian.reshape(-1, self.model.nv)  # Pinocchio gives one column flat
+        if self.turn is None:
+            return self.place.rows(self.constraint_data.constraint_position_error, None, jacobian, None)
+        pose = self.constraint_data.c1Mc2
+        d, R = pose.translation, pose.rotation
+        angular = jacobian[3:]  # the twist of body 2 relative to body 1 in axes 1, taken at anchor 1; d is at anchor 2
+        return self.rows(d, R, jacobian[:3] - pin.skew(d) @ angular, angular)
+
+    def rows(self, d, R, linear, angular):
+        """Φ and J from the pose of anchor 2 seen from anchor 1 and its derivatives."""
+        return _stacked([block.rows(d, R, linear, angular) for block in self._blocks], 0)
+
+    def acceleration_bias(self, data, t=0.0, q=None, v=None):
+        """J̇ v of this loop, from the bodies' velocities and velocity-product accelerations."""
+        p1, R1, v1, w1, a1, b1 = _anchor_motion(data, self.joint1, self.place1)
+        p2, R2, v2, w2, a2, b2 = _anchor_motion(data, self.joint2, self.place2)
+        r, rd, W1 = p2 - p1, v2 - v1, pin.skew(w1)
+        rdd = a2 - a1 - pin.skew(b1) @ r - 2 * W1 @ rd + W1 @ (W1 @ r)
+        spin, spin_rate = R1.T @ (w2 - w1), R1.T @ (b2 - b1 - W1 @ w2)
+        motion = R1.T @ r, R1.T @ (rd - W1 @ r), R1.T @ rdd, R1.T @ R2, spin, spin_rate
+        return np.concatenate([block.bias(*motion) for block in self._blocks])
+
+    def hand_over(self, twin) -> bool:
+        if not isinstance(self.place, Length):
+            return False
+        ends = self.joint1, self.place1.homogeneous, self.joint2, self.place2.homogeneous
+        twin.add_distance(*ends, self.place.length)
+        return True
+
+
+def near_closed(closure, local):
+    """The rows `local` of a loop as pairs (shift, matrix), whose products add up.
+
+    `matrix` is applied to the position of the point at `shift` from anchor 2, or, where this is POSE, to the pose.
+    """
+    place, turn, here = closure.place, closure.turn, np.zeros(3)
+    n = len(place.directions)
+    if turn is None or max(local) < n:
+        return [(here, place.directions[local])]
+    if isinstance(turn, Turn) and n == 3:
+        return [(POSE, np.eye(6)[local])]
+    if isinstance(turn, Turn):
+        matrix = np.zeros((n + 3, 9))
+        matrix[:n, :3], matrix[n:, 6:] = place.directions, np.eye(3)
+        return [(here, matrix[local, :3]), (POSE, matrix[local, 3:])]
+    matrix = np.zeros((n + len(turn.directions), 6))
+    matrix[:n, :3], matrix[n:, :3], matrix[n:, 3:] = place.directions, -turn.directions, turn.directions
+    return [(here, matrix[local, :3]), (turn.axis2, matrix[local, 3:])]
+
+
+def _constraint(model, closure, shift):
+    """Pinocchio's constraint between the anchors of a closure, of the pose or of the point at `shift` from anchor 2.
+
+    Error and Jacobian of a point, seen from anchor 1, are exact also while the loop is open.
+    """
+    ends = closure.joint1, closure.place1, closure.joint2
+    if shift is POSE:
+        constraint = pin.FrameAnchorConstraintModel(model, *ends, closure.place2)
+    else:
+        constraint = pin.PointAnchorConstraintModel(model, *ends, closure.place2 * pin.SE3(np.eye(3), shift))
+    return constraint, constraint.createData()
+
+
+def _scaled(model, data, constraint, constraint_data, matrix):
+    """`matrix` times Pinocchio's position error and Jacobian."""
+    constraint.calc(model, data, constraint_data)
+    jacobian = constraint.jacobian(model, data, constraint_data).reshape(-1, model.nv)
+    return matrix.dot(constraint_data.constraint_position_error), matrix.dot(jacobian)
+
+
+def _stacked(parts, nv):
+    """One Φ and J from those of several parts."""
+    if not parts:
+        return np.zeros(0), np.zeros((0, nv))
+    if len(parts) == 1:
+        return parts[0]
+    values, jacobians = zip(*parts, strict=True)
+    return np.concatenate(values), np.concatenate(jacobians)
+
+
+def _anchor_motion(data, joint, placement):
+    """Position, axes, velocity, spin, classical acceleration and spin rate of an anchor, in world axes."""
+    pose = data.oMi[joint] * placement
+    if joint == 0:
+        zero = np.zeros(3)
+        return pose.translation, pose.rotation, zero, zero, zero, zero
+    R = pose.rotation
+    velocity, acceleration = placement.actInv(data.v[joint]), placement.actInv(data.a[joint])
+    classical = acceleration.linear + pin.skew(velocity.angular) @ velocity.linear
+    return pose.translation, R, R @ velocity.linear, R @ velocity.angular, R @ classical, R @ acceleration.angular
+
+
+def _rows_of(loop):
+    kinds = {Loop: AnchoredRows, Drive: DriveRow, Coupling: CouplingRow, Constraint: ConstraintRows}
+    return next(rows for record, rows in kinds.items() if isinstance(loop, record))

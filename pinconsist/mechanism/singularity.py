@@ -1,0 +1,68 @@
+"""Whether a mechanism's equations have one solution at a position: drives, massless motions, singular positions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import SingularSystemError
+from .closing import LoopSolver
+from .joint_names import joints_in
+from .rank import free_motions, independent_rows
+
+NEARBY = 1e-3
+"""How far, in rad and m, the rank of the loops is looked at from a position with dependent rows."""
+MASSLESS = 1e-14
+"""Inertia of a free motion, relative to the largest, below which it counts as zero."""
+
+
+def require_nonsingular(system, q) -> None:
+    """Raise SingularSystemError where the equations of a MechanismSystem have no unique solution at `q`.
+
+    There are more drives than free motions; or some motion that the loops allow has no inertia; or `q` is a singular
+    position: rows that depend on others here do not in closed configurations nearby, and the motion branches.
+    """
+    rows, name, J = system.rows, system.mechanism.name, system.loop_rows(q)[1]
+    drives = [loop.name for loop in rows.loops if loop.kind == "drive"]
+    anchored = [row for row, (loop, _) in enumerate(rows.labels) if loop not in drives]
+    if drives and system.nc < len(independent_rows(J[anchored], rows.turns[anchored])) + len(drives):
+        raise SingularSystemError(
+            f"{name}: the drives {', '.join(drives)} are more than the loops leave free (or a dead centre, where they "
+            "cannot move it): their motions contradict each other. Drive fewer joints",
+            names=tuple(drives),
+        )
+    free = free_motions(J[system.kept], rows.turns[system.kept])
+    inertia, motions = np.linalg.eigh(free.T @ system.mass_matrix(q) @ free)
+    weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
+    if weightless.any():
+        names = joints_in(system.mechanism, free @ motions[:, weightless])
+        raise SingularSystemError(
+            f"{name}: joints {', '.join(names)} can move without any inertia: the mass matrix is singular and the "
+            "loops do not cure it. Give the massless links an inertia, or add rotor inertia, "
+            f"mechanism.with_armature({{{names[0]!r}: 1e-6}})",
+            names=names,
+        )
+    rank = rank_nearby(system, q, free)
+    if rank > system.nc:
+        loops = tuple(dict.fromkeys(loop for loop, _ in rows.labels))
+        raise SingularSystemError(
+            f"{name}: a singular position: the loops ({', '.join(loops)}) have rank {system.nc} here and {rank} "
+            "nearby, so that the motion branches and the forces are not determined. Start a little away from it; "
+            "running through one is no problem",
+            names=loops,
+        )
+
+
+def rank_nearby(system, q, free) -> int:
+    """The highest rank of the loops in three closed configurations near `q`; 0 where it is the same everywhere.
+
+    `free` has the motions that the loops allow at `q` as columns.
+    """
+    if system.dropped_are_zero or not free.size:
+        return 0
+    solver, rng, highest = LoopSolver(system.mechanism, system.chosen_at), np.random.default_rng(0), 0
+    for _ in range(3):
+        motion = free @ rng.standard_normal(free.shape[1])
+        nearby, _ = solver.close(pin.integrate(system.model, q, NEARBY * motion / np.linalg.norm(motion)))
+        highest = max(highest, len(independent_rows(solver.rows(nearby)[1], system.rows.turns)))
+    return highest
