@@ -13,8 +13,8 @@ from .dae.hessenberg import HessenbergProblem
 from .dae.start import integrate_index1
 from .errors import InputError, PinconsistError
 from .mechanism.checks import finite_array
-from .mechanism.loops import GROUND, Loop
 from .mechanism.forces import Torque
+from .mechanism.loops import GROUND, Loop
 from .mechanism.mechanism import Mechanism
 from .simulation import system_of
 

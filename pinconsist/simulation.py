@@ -12,10 +12,9 @@ from .dae.record import Wishes
 from .dae.sizes import largest
 from .errors import InputError
 from .interrupts import deferred
-from .mechanism.mechanism import with_forces
 from .mechanism.assembly import assemble
 from .mechanism.checks import finite_array
-from .mechanism.mechanism import Mechanism
+from .mechanism.mechanism import Mechanism, with_forces
 from .mechanism.singularity import require_nonsingular
 from .mechanism.system import MechanismSystem
 from .plan import method_of, span_of

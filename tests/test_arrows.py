@@ -126,17 +126,17 @@ def test_the_method_knows_numpy_and_scipy_only(name):
 
 
 def test_only_the_mechanism_files_of_the_loops_name_pinocchios_constraints():
-    """kept_rows.py evaluates what loops.py builds; the classes that users' kinds map to stand in loops.py alone."""
+    """The classes that users' kinds of loops map to are named in rows.py alone."""
     named = {}
     for name, tree in TREES.items():
         found = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute) and "Constraint" in node.attr}
         found |= {alias for module, _ in imports(name) if (alias := module.split(".")[-1]) and "Constraint" in alias}
-        found -= {"Constraint", "ConstraintRows"}  # the users' own Φ, mechanism/constraints/custom.py
+        found -= {"Constraint", "ConstraintRows"}  # the users' own Φ, mechanism/custom.py
         if found:
             named[name] = found
-    assert set(named) <= {"mechanism/constraints/loops.py", "mechanism/constraints/kept_rows.py"}, named
+    assert set(named) <= {"mechanism/rows.py"}, named
     anchors = {name for name, found in named.items() if any("Anchor" in each for each in found)}
-    assert anchors == {"mechanism/constraints/loops.py"}
+    assert anchors == {"mechanism/rows.py"}
 
 
 @pytest.mark.parametrize("name", [name for name in FILES if part_of(name) != "cli"])

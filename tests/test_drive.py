@@ -111,7 +111,9 @@ def test_derivatives_that_contradict_their_curve_are_refused():
 
     right = assembled(curve=curve)
     np.testing.assert_allclose(assembled(curve=lambda t: curve(t), rate=curve.rate), right)
-    with pytest.raises(pc.InputError, match=r"drive 'motor': its rate is .* at t = 0\.4, which is not how its curve"):
+    with pytest.raises(
+        pc.InputError, match=r"drive 'motor': its rate is .* at t = 0\.4, which is not the derivative of its curve"
+    ):
         assembled(curve=curve, rate=lambda t: 1.01 * curve.rate(t))
     with pytest.raises(pc.InputError, match=r"its acceleration is .* not how its rate"):
         assembled(curve=curve, acceleration=lambda t: -curve.acceleration(t))

@@ -316,7 +316,7 @@ def _lightened(model):
     "spoil, message",
     [
         (_misplaced, "the placement of joint 'coupler' is not finite"),
-        (_stretched, "the placement of joint 'coupler' .* its rotation matrix is none"),
+        (_stretched, "the placement of joint 'coupler' .* its rotation matrix is not a rotation"),
         (_without_gravity, "the gravity of model .* is not finite"),
         (_lightened, "the armature of joint 'coupler' is negative"),
     ],

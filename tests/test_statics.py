@@ -188,7 +188,7 @@ def test_arguments():
     for call in (pc.equilibrium, pc.linearize, lambda m, **o: pc.inverse_dynamics(m, [0.0], **o)):
         with pytest.raises(pc.InputError, match="needs a Mechanism"):
             call("four_bar")
-        with pytest.raises(pc.InputError, match="forces must be a sequence"):
+        with pytest.raises(pc.InputError, match="forces= needs a sequence"):
             call(mech, forces=3)
     for call in (pc.equilibrium, pc.linearize):
         with pytest.raises(pc.InputError, match="t has a number that is not finite"):

@@ -15,10 +15,9 @@ from helpers.browser import needs_browser, reported
 
 from pinconsist import export_html, load, plot_comparison, plot_solution, replay
 from pinconsist.errors import InputError, MissingExtraError
-from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.forces import SpringDamper
-from pinconsist.mechanism.mechanism import Geometry
-from pinconsist.mechanism.mechanism import Mechanism
+from pinconsist.mechanism.loops import Loop
+from pinconsist.mechanism.mechanism import Geometry, Mechanism
 from pinconsist.view.commands import plane_normal
 from pinconsist.view.motion import MAX_FRAMES, Run, body_poses, playing_times
 from pinconsist.view.picture import picture

@@ -12,8 +12,8 @@ from pinconsist.errors import AssemblyError, InputError
 from pinconsist.formats.catalogue import is_built_in
 from pinconsist.formats.load import load
 from pinconsist.mechanism.assembly import assemble
-from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.forces import JointSpring
+from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.mechanism import Mechanism
 from pinconsist.reference import reference_problem
 

@@ -10,8 +10,8 @@ from pinconsist.dae.events import Event
 from pinconsist.dae.sizes import largest
 from pinconsist.mechanism.assembly import assemble
 from pinconsist.mechanism.custom import Constraint
-from pinconsist.mechanism.joint_constraints import Drive
 from pinconsist.mechanism.forces import JointFriction, JointTorque, Torque
+from pinconsist.mechanism.joint_constraints import Drive
 from pinconsist.reference import reference_solution
 
 from .case import EITHER, MAX_STEPS, REFUSED, Case, Figure, Refused, completed, relative

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from pinconsist.dae.sizes import largest
-from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.forces import JointDamping, JointSpring
+from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.mechanism import Mechanism
 
 from .case import EITHER, HELD, MAX_STEPS, Case, Figure, completed, relative

@@ -1,4 +1,4 @@
-// The twin of mechanism/constraints/kept_rows.py: Φ and J of the kept rows, near closed configurations.
+// The same as KeptRows in mechanism/rows.py: Φ and J of the kept rows, near closed configurations.
 #pragma once
 
 #include "rigid_bodies.hpp"

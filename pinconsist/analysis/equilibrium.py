@@ -259,7 +259,8 @@ class _Place:
 
 def _require_nonsingular(place) -> None:
     """Raise SingularSystemError where rows that depend on others at this place do not in its neighbourhood."""
-    if rank_nearby(place.system, place.q, place.Z) > place.system.nv - place.Z.shape[1]:
+    rank = place.system.nv - place.Z.shape[1]
+    if rank < place.system.rows.nc and rank_nearby(place.system, place.q, place.Z) > rank:
         raise SingularSystemError(
             f"{place.system.mechanism.name}: the forces balance at a singular position: the motion branches there, and "
             "what the loops carry is not determined. Change a length a little, or look for another equilibrium",

@@ -140,8 +140,8 @@ def _immobile(mech, assembly) -> list[str]:
     """A sentence about a mechanism of mobility 0 that no drive moves, and the rows that hold it."""
     import numpy as np
 
-    from ..mechanism.rank import independent_rows
     from ..mechanism.closing import LoopSolver
+    from ..mechanism.rank import independent_rows
 
     if assembly.mobility or not mech.loops:
         return []

@@ -79,9 +79,8 @@ class Mechanism(JointNames):
         if not all(isinstance(loop, RECORDS) for loop in self.loops):
             raise InputError(f"loops= needs Loop, Drive, Coupling and Constraint objects, got {self.loops!r}")
         names = [loop.name for loop in self.loops]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise InputError(f"two loops are named {twice[0]!r}; reactions and reports need different names")
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise InputError(f"two loops are named {min(twice)!r}; reactions and reports need different names")
         LoopRows(model, self.loops)  # checks frames and bodies
         put(self, forces=tuple(as_force(force) for force in self.forces))
         bound_forces(model, self.forces)  # checks joints, frames and sizes
@@ -293,7 +292,7 @@ def _sequence(value, what: str) -> tuple:
 
 
 def with_forces(mechanism, forces, caller: str) -> Mechanism:
-    """The mechanism with the forces of one call added, after a check of both; a single force need not be in a list."""
+    """The mechanism with the forces of one call added, after a check of both; one force need not be in a list."""
     require_mechanism(mechanism, caller)
     if callable(forces) or isinstance(forces, Mapping) or hasattr(forces, "torque") or hasattr(forces, "bind"):
         forces = (forces,)

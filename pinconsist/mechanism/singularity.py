@@ -42,7 +42,7 @@ def require_nonsingular(system, q) -> None:
             f"mechanism.with_armature({{{names[0]!r}: 1e-6}})",
             names=names,
         )
-    rank = rank_nearby(system, q, free)
+    rank = 0 if system.dropped_are_zero else rank_nearby(system, q, free)
     if rank > system.nc:
         loops = tuple(dict.fromkeys(loop for loop, _ in rows.labels))
         raise SingularSystemError(
@@ -54,11 +54,11 @@ def require_nonsingular(system, q) -> None:
 
 
 def rank_nearby(system, q, free) -> int:
-    """The highest rank of the loops in three closed configurations near `q`; 0 where it is the same everywhere.
+    """The highest rank of the loops in three closed configurations near `q`, reached by motions in the columns `free`.
 
-    `free` has the motions that the loops allow at `q` as columns.
+    0 where nothing can move.
     """
-    if system.dropped_are_zero or not free.size:
+    if not free.size:
         return 0
     solver, rng, highest = LoopSolver(system.mechanism, system.chosen_at), np.random.default_rng(0), 0
     for _ in range(3):

@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from ..errors import InputError
 from ..mechanism.checks import finite_array, number
-from ..mechanism.loops import Loop
 from ..mechanism.forces import JointTorque, Servo
+from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 
 MAX_FRAMES = 3000

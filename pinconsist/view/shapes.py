@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
-from ..mechanism.loops import Loop
 from ..mechanism.forces import SpringDamper
+from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from .motion import anchors, bar_poses, in_world, joint_axis, on_joint, point_in_world, rotation_to
 
