@@ -107,6 +107,39 @@ def test_the_parts_form_no_cycle():
         waiting = {part: needs for part, needs in waiting.items() if part not in ready}
 
 
+CYCLES: dict[str, set[str]] = {}  # modules of a part that still import each other
+
+
+def module_of(parts):
+    """The file that a name is imported from: ("dae", "newton", "KKT") is of dae/newton.py, a package alone of none."""
+    if "/".join((*parts, "__init__.py")) in FILES:
+        return None
+    ends = [
+        end
+        for n in range(len(parts), 0, -1)
+        for end in ("/".join(parts[:n]) + ".py", "/".join((*parts[:n], "__init__.py")))
+    ]
+    return next((end for end in ends if end in FILES), None)
+
+
+def cyclic(needs):
+    """The modules that import themselves by way of others."""
+    reached = {name: set(direct) for name, direct in needs.items()}
+    for middle in reached:
+        for found in reached.values():
+            if middle in found:
+                found |= reached[middle]
+    return {name for name, found in reached.items() if name in found}
+
+
+@pytest.mark.parametrize("part", sorted({part_of(name) for name in FILES if "/" in name}))
+def test_the_modules_inside_a_part_form_no_cycle(part):
+    """Imports inside functions count, too."""
+    files = [name for name in FILES if part_of(name) == part]
+    needs = {name: {module_of(rest) for rest in inner(name)} & set(files) - {name} for name in files}
+    assert cyclic(needs) == CYCLES.get(part, set())
+
+
 @pytest.mark.parametrize("name", [name for name in FILES if part_of(name) == "dae"])
 def test_the_method_knows_numpy_and_scipy_only(name):
     allowed = {

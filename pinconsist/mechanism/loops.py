@@ -121,7 +121,7 @@ class Loop:
         for field in ("xyz1", "rpy1", "xyz2", "rpy2"):
             put(self, **{field: triple(getattr(self, field), f"{who}: {field}")})
         if self.kind == "distance":
-            put(self, length=number(self.length, f"{who}: the length of kind 'distance', m,", above=0.0))
+            put(self, length=number(self.length, f"{who}: the length of a distance, in m,", above=0.0))
             return
         for field in own:
             if getattr(self, field) is None:
