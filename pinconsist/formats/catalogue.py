@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import FormatError, InputError, MissingExtraError
-from ..mechanism.loops import GROUND, Loop
 from ..mechanism.checks import near
+from ..mechanism.loops import GROUND, Loop
 from .loopfile import LoopFile, find_loop_file
 from .loopfile import read as read_loop_file
 

@@ -19,8 +19,7 @@ import pinocchio as pin
 import yaml
 
 from ..errors import FormatError
-from ..mechanism.joint_constraints import Coupling
-from ..mechanism.joint_constraints import Drive
+from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from .joints import check_type, in_order, joint_settings, new_names, with_values

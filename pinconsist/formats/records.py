@@ -28,11 +28,10 @@ import dataclasses
 from collections.abc import Mapping
 
 from ..errors import FormatError, InputError
-from ..mechanism.joint_constraints import Coupling
-from ..mechanism.joint_constraints import Drive
+from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Wrench
+from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import ROW_NAMES, Loop
 from ..mechanism.motion import Motion
-from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Wrench
 from .reading import bound, finite, located, near, shown
 
 LOOPS = {kind: Loop for kind in ROW_NAMES} | {"coupling": Coupling, "drive": Drive}

@@ -18,8 +18,8 @@ import yaml
 
 from ..errors import FormatError, InputError
 from ..files import written_whole
-from ..mechanism.rows import LoopRows
 from ..mechanism.mechanism import Mechanism
+from ..mechanism.rows import LoopRows
 from .catalogue import Source
 from .joints import VALUES
 from .load import read_scene

@@ -11,9 +11,9 @@ import numpy as np
 from ..errors import FormatError, InputError
 from ..formats.reading import near
 from ..formats.records import force_entries, force_record
-from ..mechanism.mechanism import with_forces
 from ..mechanism.checks import finite_array
 from ..mechanism.digest import digests
+from ..mechanism.mechanism import with_forces
 from ..simulation import simulate
 from .scene import Scene
 
