@@ -175,7 +175,7 @@ def test_the_steps_of_a_comparison_follow_the_duration_of_the_scene(run):
     ("arguments", "message"),
     [
         (["problem52", "--html", "x.html"], "--html shows bodies, and problem52 has none"),
-        (["problem51", "--html", "x.svg", "--plot", "./x.svg"], "--plot and --html name the same file"),
+        (["problem51", "--html", "x.svg", "--plot", "./x.svg"], "--html and --plot name the same file"),
         (["problem51", "--html", "nowhere/x.html"], "there is no folder"),
     ],
 )

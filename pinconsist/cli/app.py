@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import re
 import sys
 import warnings
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -16,7 +16,7 @@ from ..interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
 from .check import check
 from .compare import compare
 from .models import models
-from .output import FAILED, INTERRUPTED, WRONG_INPUT, print_error, rescued
+from .output import FAILED, INTERRUPTED, WRONG_INPUT, print_error, print_json, rescued
 from .plot import plot
 from .replay import replay
 from .rerun import rerun, resume
@@ -78,18 +78,9 @@ for command, codes in COMMANDS.items():
 
 
 def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
-    """Run the command line and end the process with its exit code.
+    """Run the commands of `app` with the arguments `argv`, or those of the process, and end it with the exit code.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments without the program's name; default those of the process.
-    app : typer.Typer
-        The commands.
-    program : str
-        Name of the program in its help.
-    studies : sequence of str
-        Commands that may fail after a signal because a run inside them returned what was reached.
+    After a signal, `studies` may fail in other ways, since the runs inside them return what was reached.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == ["help"]:
@@ -102,7 +93,7 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     log.addHandler(handler)
     try:
         with warnings.catch_warnings(), ended_like_ctrl_c(), tolerate_broken_pipe() as broken:
-            warnings.showwarning = _without_source(warnings.showwarning)
+            warnings.showwarning = partial(_show_warning, warnings.showwarning)
             code = _run(spread(arguments), app, program, studies)
             if code == INTERRUPTED:
                 ignored_from_now_on()
@@ -112,16 +103,12 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     sys.exit(code)
 
 
-def _without_source(show):
-    """A `warnings.showwarning` that prints a warning for the user without the line of code; others go to `show`."""
-
-    def show_sentence(message, category, *where, **more):
-        if category is UserWarning:
-            print(f"pinconsist: warning: {message}", file=sys.stderr)
-        else:
-            show(message, category, *where, **more)
-
-    return show_sentence
+def _show_warning(show, message, category, *where, **more):
+    """Print a warning for the user without the line of code; others go to `show`."""
+    if category is UserWarning:
+        print(f"pinconsist: warning: {message}", file=sys.stderr)
+    else:
+        show(message, category, *where, **more)
 
 
 def spread(arguments) -> list[str]:
@@ -148,10 +135,8 @@ def _run(arguments, app, program, studies) -> int:
     except SavingError as error:
         file = rescued(error.solution)
         message = f"{error}; the run is {f'saved as {file} instead' if file else 'lost, no other folder takes it'}"
-        print_error(message)
     except PinconsistError as error:
-        message = str(error)
-        print_error(error)
+        message = error
     except (typer.Abort, KeyboardInterrupt):
         return _interrupted()
     except MemoryError:
@@ -165,9 +150,9 @@ def _run(arguments, app, program, studies) -> int:
         context = getattr(error, "ctx", None)
         help_of = f" (see {context.command_path} --help)" if context else ""
         message = error.format_message().rstrip(".") + help_of
-        print_error(message)
+    print_error(message)
     if "--json" in arguments:
-        print(json.dumps({"error": message}))
+        print_json({"error": str(message)})
     return WRONG_INPUT
 
 

@@ -8,7 +8,7 @@ from ..errors import AssemblyError, SingularSystemError
 from . import options as given
 from . import output, scene
 
-NOTHING = 1e-15  # rad or m, of a joint that is at zero
+NOTHING = 1e-15  # rad or m, of a joint at zero
 LINES, TERMS = 12, 4  # of redundant rows, and of the rows each depends on
 LOOP_FIELDS = ("xyz1", "rpy1", "xyz2", "rpy2", "axis", "axis2", "length", "joint", "other", "ratio", "offset", "higher")
 """Fields of loops and couplings that say where and along what they hold; zero anchors are left out."""
@@ -32,15 +32,17 @@ def check(
     Example: pinconsist check four_bar --at crank=pi/2
     """
     from ..mechanism.assembly import assemble
+    from ..mechanism.loop_solver import LoopSolver
 
     q0 = scene.joint_values(at, "--at")
     mech = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0).load()
     guess = mech.configuration(q0, base=mech.guess)
-    before = _gaps(mech, guess)
+    gaps = LoopSolver(mech).gaps
+    before = gaps(guess)
     try:
         assembly = assemble(mech, q0 or None)
     except AssemblyError as error:
-        return _report_open(mech, before, _gaps(mech, error.q), error, as_json)
+        return _report_open(mech, before, gaps(error.q), error, as_json)
     scene.report_moved(mech, q0, assembly)
     singular, warnings = _singular(mech, assembly.q), scene.scene_warnings(mech, assembly)
     if as_json:
@@ -63,16 +65,6 @@ def check(
     if singular:
         output.print_error(singular)
     return output.WRONG_INPUT if singular else output.FINE
-
-
-def _gaps(mech, q) -> dict[str, float]:
-    """Largest |Φ| of each loop."""
-    from ..mechanism.system import MechanismSystem
-
-    gaps = {loop.name: 0.0 for loop in mech.loops}
-    for (loop, _), value in zip(mech.row_labels, MechanismSystem(mech, q).loop_rows(q)[0], strict=True):
-        gaps[loop] = max(gaps[loop], abs(float(value)))
-    return gaps
 
 
 def _singular(mech, q) -> str:
@@ -121,34 +113,25 @@ def _print(mech, guess, before, assembly, singular):
         iterations = output.counted(assembly.iterations, "iteration")
         print(f"closing took {iterations} and moved no joint by more than {assembly.moved:.3g} rad or m")
     print(f"equations of motion: {'singular, see below' if singular else 'regular there'}\n")
-    output.table(("joint [rad, m]", "guess>", "closed>"), _values(mech, guess, assembly.q))
+    from ..view.panels import joint_labels
 
-
-def _values(mech, guess, closed):
-    """A line for each number of a configuration: its joint, and its value in both configurations."""
-    guess, closed = scene.by_joint(mech, guess), scene.by_joint(mech, closed)
-    for joint, values in guess.items():
-        several = isinstance(values, list)
-        pairs = zip(values, closed[joint], strict=True) if several else [(values, closed[joint])]
-        for k, pair in enumerate(pairs):
-            numbers = (f"{value if abs(value) > NOTHING else 0.0:.9g}" for value in pair)
-            yield f"{joint}[{k}]" if several else joint, *numbers
+    columns = zip(joint_labels(mech, mech.model.nqs), guess, assembly.q, strict=True)
+    rows = [(name, *(f"{value if abs(value) > NOTHING else 0.0:.9g}" for value in values)) for name, *values in columns]
+    output.table(("joint [rad, m]", "guess>", "closed>"), rows)
 
 
 def _redundant_lines(redundant) -> list[str]:
     """The redundant rows for a person: zero rows by loop, the others as combinations, all of it shortened."""
     zero, lines = {}, []
     for (loop, row), combination in redundant.items():
-        if not combination:
+        if combination:
+            terms = sorted(combination.items(), key=lambda item: -abs(item[1]))
+            texts = [f"{value:+.3g}·({of} {name})" for (of, name), value in terms]
+            lines.append(f"redundant: ({loop} {row}) = {' '.join(output.first(texts, TERMS, 'and {} more'))}")
+        else:
             zero.setdefault(loop, []).append(row)
-            continue
-        terms = sorted(combination.items(), key=lambda item: -abs(item[1]))
-        text = " ".join(f"{value:+.3g}·({of} {name})" for (of, name), value in terms[:TERMS])
-        more = f" and {len(terms) - TERMS} more" if len(terms) > TERMS else ""
-        lines.append(f"redundant: ({loop} {row}) = {text}{more}")
     lines[:0] = [f"redundant: ({loop} {', '.join(rows)}) = 0 for every motion" for loop, rows in zero.items()]
-    more = [f"… and {len(lines) - LINES} more"] if len(lines) > LINES else []
-    return lines[:LINES] + more
+    return output.first(lines, LINES)
 
 
 def _print_inventory(mech):
@@ -188,7 +171,7 @@ def _inventory(mech) -> dict:
 
 
 def _ends(loop):
-    """What a loop joins: two frames, a joint and its drive, two joints, or what the user's function couples."""
+    """What a loop joins: two frames, two joints, a joint and its drive, or what the user's function couples."""
     if loop.kind == "drive":
         return loop.joint, "along a curve"
     if loop.kind == "coupling":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,7 +10,7 @@ import typer
 from ..errors import InputError
 from . import options as given
 from . import output, scene
-from .options import option
+from .options import Text, option
 from .terminal import doing
 
 STEPS = (0.002, 0.0002)  # of the duration
@@ -19,33 +18,23 @@ LONGEST = 10.0  # s of playing
 
 
 def compare(
-    subject: Annotated[
-        str, typer.Argument(metavar="SUBJECT", help="problem51, problem52, or a scene as in: pinconsist simulate.")
-    ],
+    subject: Annotated[str, typer.Argument(
+        metavar="SUBJECT", help="problem51, problem52, or a scene as in: pinconsist simulate.")],
     loops: given.Loops = None,
     closure: given.Closure = None,
     free_flyer: given.FreeFlyer = False,
     reanchor: given.Reanchor = False,
     at: given.At = None,
     with_velocity: given.WithVelocity = None,
-    step: Annotated[
-        list[float] | None,
-        option(
-            "--step", "SECONDS ...",
-            "Step sizes, one or several. Default: 0.01 0.001; for a scene 1/500 and 1/5000 of its duration.",
-        ),
-    ] = None,
+    step: Annotated[list[float] | None, option(
+        "--step", "SECONDS ...",
+        "Step sizes, one or several. Default: 0.01 0.001; for a scene 1/500 and 1/5000 of its duration.")] = None,
     order: Annotated[int, option("--order", "K", "BDF order, 1 to 6.")] = 1,
     rows: Annotated[int, option("--rows", "N", "Steps to take and print.")] = 6,
-    plot: Annotated[str | None, option("--plot", "FILE.png", "Draw the errors over time.")] = None,
-    html: Annotated[
-        str | None,
-        option(
-            "--html", "FILE.html",
-            "Write a page that plays the steps from exact next to those from consistent values, with their forces, in "
-            "slow motion, for the first step size.",
-        ),
-    ] = None,
+    plot: Annotated[Text, option("--plot", "FILE.png", "Draw the errors over time.")] = None,
+    html: Annotated[Text, option(
+        "--html", "FILE.html", "Write a page that plays the steps from exact next to those from consistent values, "
+        "with their forces, in slow motion, for the first step size.")] = None,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
     """Compare the first constraint forces from exact and from numerically consistent initial values.
@@ -56,10 +45,7 @@ def compare(
 
     Example: pinconsist compare problem51 --step 0.01 0.001
     """
-    if plot and html and Path(plot).absolute() == Path(html).absolute():
-        raise InputError("--plot and --html name the same file")
-    output.require_writable(plot, html)
-    output.require_figure(plot)
+    output.require_writable(html=html, figure=plot)
     from ..comparison import compare as compare_errors
     from ..mechanism.mechanism import Mechanism
     from ..reference import PROBLEMS, reference_problem
@@ -118,25 +104,20 @@ def _show(what, file, run, order, q0, v0):
 
 
 def _print(result, mech):
+    from ..view.panels import joint_labels
+
     order = result.order
     start = f"; rows 0 to {order - 1} are its exact start" if order > 1 else ""
     print(f"{result.name}, BDF of order {order}: error of the multipliers, largest component{start}\n")
     for run in result.runs:
         columns = zip(run.t, run.exact, run.consistent, run.every_step, strict=True)
-        rows = [  # the first `order` rows are the exact start, which shows nothing
-            (k, f"{t:.9g}", *map(output.number, errors)) for k, (t, *errors) in enumerate(columns) if k >= order
-        ]
+        rows = [(k, f"{t:.9g}", *(f"{error:.4e}" for error in errors)) for k, (t, *errors) in enumerate(columns)]
         heads = ("row>", "t [s]>", "from exact>", "from consistent>", "every step>")
-        output.table(heads, rows, title=f"step size h = {run.h:g} s")
-        columns = zip(_names(mech, run), run.v_given, run.v_consistent, run.v_consistent - run.v_given, strict=True)
-        rows = [(name, f"{given:.9g}", f"{new:.9g}", output.number(change)) for name, given, new, change in columns]
+        output.table(heads, rows[order:], title=f"step size h = {run.h:g} s")
+        names = [f"v{k + 1}" for k in range(len(run.v_given))]
+        names = names if mech is None else joint_labels(mech, mech.model.nvs)
+        columns = zip(names, run.v_given, run.v_consistent, strict=True)
+        rows = [(name, f"{given:.9g}", f"{new:.9g}", f"{new - given:.4e}") for name, given, new in columns]
         output.table(("initial velocity", "given>", "consistent>", "change>"), rows)
     if not any(run.v_given.any() for run in result.runs):
         print("from rest exact values are nearly consistent; --with-velocity JOINT=VALUE shows more\n")
-
-
-def _names(mech, run):
-    """A name for each velocity: its joint's, or its number in a problem without joints."""
-    if mech is None:
-        return [f"v{k + 1}" for k in range(len(run.v_given))]
-    return [name for name, size in zip(mech.joints, list(mech.model.nvs)[1:], strict=True) for _ in range(size)]

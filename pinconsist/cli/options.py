@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 SCENE, START, METHOD, RESULTS, PAGE = "Scene", "Start", "Method", "Results", "Page"  # panels of a command's help
+Text, Texts, Number, Count = str | None, list[str] | None, float | None, int | None
 
 
 def option(name, metavar, about, panel=None):
@@ -14,75 +15,46 @@ def option(name, metavar, about, panel=None):
     return typer.Option(name, metavar=metavar, help=about, rich_help_panel=panel)
 
 
-Source = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE",
-        help="A built-in scene (see: pinconsist models), a .urdf, .sdf or .xml (MJCF) file, or a folder of one .urdf.",
-    ),
-]
-Loops = Annotated[
-    str | None, option("--loops", "FILE", "Loop file (YAML). Default: the one next to the .urdf.", SCENE)
-]  # fmt: skip
-Closure = Annotated[
-    str | None,
-    option("--closure", "KIND", "Close every loop by this kind instead, such as point, hinge or frame.", SCENE),
-]
-FreeFlyer = Annotated[
-    bool, option("--free-flyer", None, "Let the root link float instead of fixing it to the ground.", SCENE)
-]
-PackageDirs = Annotated[
-    list[str] | None, option("--package-dir", "DIR", "Folder to look for meshes in; may be repeated.", SCENE)
-]
-Reanchor = Annotated[
-    bool, option("--reanchor", None, "Move the anchors of loops that cannot close to where they fit best.", SCENE)
-]
+def present(**values) -> dict:
+    """The options that were given."""
+    return {name: value for name, value in values.items() if value is not None}
+
+
+# fmt: off
+Source = Annotated[str, typer.Argument(metavar="SCENE", help=(
+    "A built-in scene (see: pinconsist models), a .urdf, .sdf or .xml (MJCF) file, or a folder of one .urdf."))]
+Loops = Annotated[Text, option("--loops", "FILE", "Loop file (YAML). Default: the one next to the .urdf.", SCENE)]
+Closure = Annotated[Text, option(
+    "--closure", "KIND", "Close every loop by this kind instead, such as point, hinge or frame.", SCENE)]
+FreeFlyer = Annotated[bool, option(
+    "--free-flyer", None, "Let the root link float instead of fixing it to the ground.", SCENE)]
+PackageDirs = Annotated[Texts, option("--package-dir", "DIR", "Folder to look for meshes in; may be repeated.", SCENE)]
+Reanchor = Annotated[bool, option(
+    "--reanchor", None, "Move the anchors of loops that cannot close to where they fit best.", SCENE)]
 
 From = Annotated[float, option("--from", "SECONDS", "Start time.", START)]
-Until = Annotated[
-    float | None,
-    option("--until", "SECONDS", "End time. Default: the scene's own duration, or 5 s if it has none.", START),
-]
-At = Annotated[
-    list[str] | None,
-    option(
-        "--at", "JOINT=VALUE ...",
-        "Initial positions of these joints, in rad or m, such as 0.3 or pi/2; the others follow. Several numbers: "
-        "joint=0,0,0,1.",
-        START,
-    ),
-]  # fmt: skip
-WithVelocity = Annotated[
-    list[str] | None,
-    option(
-        "--with-velocity", "JOINT=VALUE ...",
-        "Initial velocities of these joints, in rad/s or m/s; the others follow. Default: at rest.",
-        START,
-    ),
-]  # fmt: skip
+Until = Annotated[Number, option(
+    "--until", "SECONDS", "End time. Default: the scene's own duration, or 5 s if it has none.", START)]
+At = Annotated[Texts, option(
+    "--at", "JOINT=VALUE ...",
+    "Initial positions of these joints, in rad or m, such as 0.3 or pi/2; the others follow. Several numbers: "
+    "joint=0,0,0,1.", START)]
+WithVelocity = Annotated[Texts, option(
+    "--with-velocity", "JOINT=VALUE ...",
+    "Initial velocities of these joints, in rad/s or m/s; the others follow. Default: at rest.", START)]
 
-Step = Annotated[float | None, option("--step", "SECONDS", "Fixed step. Default: step and order vary.", METHOD)]
+Step = Annotated[Number, option("--step", "SECONDS", "Fixed step. Default: step and order vary.", METHOD)]
 Rtol = Annotated[float, option("--rtol", "NUMBER", "Relative tolerance of each step.", METHOD)]
 Atol = Annotated[float, option("--atol", "NUMBER", "Absolute tolerance of each step.", METHOD)]
-MaxSteps = Annotated[int | None, option("--max-steps", "N", "Stop a run with an error after this many steps.", METHOD)]
+MaxSteps = Annotated[Count, option("--max-steps", "N", "Stop a run with an error after this many steps.", METHOD)]
 
-Forces = Annotated[
-    bool, option("--forces", None, "Draw loop forces and moments, and motor torques, as arrows.", PAGE)
-]  # fmt: skip
-Traces = Annotated[list[str] | None, option("--trace", "FRAME", "Draw the path of this frame; may be repeated.", PAGE)]
-Speed = Annotated[
-    float | None,
-    option(
-        "--speed", "FACTOR",
-        "2 plays twice as fast, 0.1 in slow motion. Default: 1; slower for runs of less than 1 s.",
-        PAGE,
-    ),
-]  # fmt: skip
+Forces = Annotated[bool, option("--forces", None, "Draw loop forces and moments, and motor torques, as arrows.", PAGE)]
+Traces = Annotated[Texts, option("--trace", "FRAME", "Draw the path of this frame; may be repeated.", PAGE)]
+Speed = Annotated[Number, option(
+    "--speed", "FACTOR", "2 plays twice as fast, 0.1 in slow motion. Default: 1; slower for runs of less than 1 s.",
+    PAGE)]
 
-RunOrScene = Annotated[
-    str, typer.Argument(metavar="RUN.npz|SCENE", help="A saved run, or a scene, which is simulated first.")
-]
+RunOrScene = Annotated[str, typer.Argument(
+    metavar="RUN.npz|SCENE", help="A saved run, or a scene, which is simulated first.")]
 SavedRun = Annotated[str, typer.Argument(metavar="RUN.npz", help="A saved run.")]
-SceneOfRun = Annotated[
-    str | None, option("--scene", "SCENE", "Scene of a saved run, where it is not the recorded one.")
-]  # fmt: skip
+SceneOfRun = Annotated[Text, option("--scene", "SCENE", "Scene of a saved run, where it is not the recorded one.")]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import secrets
 import shutil
 import sys
@@ -17,7 +16,7 @@ from typing import Annotated
 import typer
 
 from .. import files
-from ..errors import AssemblyError, InputError, MissingExtraError
+from ..errors import AssemblyError, InputError
 
 FINE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 WIDTH = 160  # of tables that go to a file or a pipe
@@ -69,24 +68,15 @@ def print_error(error):
         print("on the command line: --at JOINT=VALUE, --closure point, --reanchor", file=sys.stderr)
 
 
-def number(value) -> str:
-    """Five significant digits, like 8.1200e-02."""
-    return f"{value:.4e}"
-
-
 def counted(count: int, noun: str) -> str:
     """``1 loop``, ``2 loops``, ``2 bodies``."""
     plural = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}s"
     return f"{count} {noun if count == 1 else plural}"
 
 
-def machine() -> str:
-    """The machine and the versions behind a measurement, in a line."""
-    import platform
-    from importlib.metadata import version
-
-    packages = ", ".join(f"{name} {version(name)}" for name in ("pin", "numpy", "scipy"))
-    return f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {packages}"
+def first(texts, most, more="… and {} more") -> list[str]:
+    """At most so many of the texts, and then how many more there are."""
+    return [*texts[:most], *([more.format(len(texts) - most)] if len(texts) > most else [])]
 
 
 def print_json(values):
@@ -104,29 +94,24 @@ def _plain(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def require_writable(*given):
-    """Raise InputError now for files that could not be written after the run."""
-    for file in filter(None, given):
-        files.require_writable(file)
+def require_writable(*, figure=None, **others):
+    """Raise now for files, each by the name of its option, that could not be written after the run."""
+    options: dict[Path, str] = {}
+    for option, file in {**others, "plot": figure}.items():
+        if file is not None:
+            files.require_writable(file)
+            if (first := options.setdefault(Path(file).absolute(), option)) != option:
+                raise InputError(f"--{first} and --{option} name the same file")
+    if figure is not None:
+        from ..view.panels import require_figure
 
-
-def require_figure(file):
-    """Raise now if a figure of this name could not be drawn after the run."""
-    if file is None:
-        return
-    try:
-        from matplotlib.backend_bases import FigureCanvasBase
-    except ImportError:
-        raise MissingExtraError("figures need matplotlib; install it by: pip install 'pinconsist[plot]'") from None
-    known = FigureCanvasBase.get_supported_filetypes()
-    if Path(file).suffix.lstrip(".").lower() not in known:
-        raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
+        require_figure(figure)
 
 
 def print_written(*given, before=""):
     """Name the files that were written, if any."""
-    if names := [file for file in given if file]:
-        print(f"{before}written: {', '.join(names)}")
+    if any(given):
+        print(f"{before}written: {', '.join(filter(None, given))}")
 
 
 def written(file, write):

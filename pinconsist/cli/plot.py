@@ -8,7 +8,7 @@ from typing import Annotated
 from ..errors import InputError
 from . import options as given
 from . import output
-from .options import option
+from .options import Text, option
 from .run import in_a_line, run_of
 
 OF_A_SCENE = ("drift", "energy")  # pictures that need the mechanism
@@ -16,16 +16,11 @@ OF_A_SCENE = ("drift", "energy")  # pictures that need the mechanism
 
 def plot(
     source: given.RunOrScene,
-    what: Annotated[
-        str,
-        option(
-            "--what", "NAME,NAME,...",
-            "Pictures, one under the other: trajectory, multipliers, drift, energy, steps, phase.",
-        ),
-    ] = "trajectory,multipliers",
-    out: Annotated[
-        str | None, option("--out", "FILE.png", "The figure (or .pdf, .svg). Default: NAME.png here.")
-    ] = None,
+    what: Annotated[str, option(
+        "--what", "NAME,NAME,...",
+        "Pictures, one under the other: trajectory, multipliers, drift, energy, steps, phase.",
+    )] = "trajectory,multipliers",
+    out: Annotated[Text, option("--out", "FILE.png", "The figure (or .pdf, .svg). Default: NAME.png here.")] = None,
     until: given.Until = None,
     scene_of_run: given.SceneOfRun = None,
     as_json: output.Json = False,
@@ -35,8 +30,7 @@ def plot(
     Example: pinconsist plot run.npz --what multipliers,energy --out run.png
     """
     out = out or f"{Path(source).resolve().stem}.png"
-    output.require_writable(out)
-    output.require_figure(out)
+    output.require_writable(figure=out)
     from ..view.plots import PICTURES, plot_solution
 
     names = [name.strip() for name in what.split(",")]

@@ -11,7 +11,7 @@ from typing import Annotated
 from ..errors import InputError
 from . import options as given
 from . import output
-from .options import option
+from .options import Text, option
 from .run import in_a_line, run_of
 
 
@@ -23,18 +23,15 @@ def replay(
     traces: given.Traces = None,
     speed: given.Speed = None,
     loop: Annotated[bool, option("--loop/--once", None, "Play again and again, or once.")] = True,
-    html: Annotated[
-        str | None, option("--html", "FILE.html", "Write the page instead of opening a browser.")
-    ] = None,
-    no_browser: Annotated[
-        bool, option("--no-browser", None, "Only print the page's address and serve it until Ctrl-C.")
-    ] = False,
+    html: Annotated[Text, option("--html", "FILE.html", "Write the page instead of opening a browser.")] = None,
+    no_browser: Annotated[bool, option(
+        "--no-browser", None, "Only print the page's address and serve it until Ctrl-C.")] = False,
 ) -> int:  # fmt: skip
     """Play a saved run, or a scene, in the browser.
 
     Example: pinconsist replay run.npz --forces --trace coupler_tip --speed 0.5
     """
-    output.require_writable(html)
+    output.require_writable(html=html)
 
     def require(mech):
         if mech is None:
@@ -44,19 +41,16 @@ def replay(
         require_drawable(mech, traces, speed)
 
     mech, sol, code = run_of(source, scene_of_run, until, require)
-    how = look(sol, forces, traces, speed)
     print(in_a_line(mech, sol))
     if html:
-        from ..view.page import export_html
-
-        output.written(html, lambda: export_html(mech, sol, html, **how))
+        output.written(html, lambda: write_page(mech, sol, html, forces, traces, speed))
         output.print_written(html)
     else:
-        _serve(mech, sol, how | {"loop": loop}, no_browser)
+        _serve(mech, sol, _look(sol, forces, traces, speed) | {"loop": loop}, no_browser)
     return code
 
 
-def _serve(mech, sol, how, no_browser):
+def _serve(mech, sol, look, no_browser):
     from ..view.page import replay as show
 
     try:
@@ -64,7 +58,7 @@ def _serve(mech, sol, how, no_browser):
     except webbrowser.Error:
         no_browser = True
         print("no browser was found here")
-    address = show(mech, sol, **how, open_browser=not no_browser)
+    address = show(mech, sol, **look, open_browser=not no_browser)
     if not no_browser:
         print("the page is open in your browser, and plays on without this command")
         return
@@ -76,9 +70,15 @@ def _serve(mech, sol, how, no_browser):
         logging.getLogger(__name__).debug("no longer served")
 
 
-def look(sol, forces, traces, speed) -> dict:
-    """The options of a page for `view`; without `speed` real time, or slower if the run would be over at once."""
-    length = abs(sol.t[-1] - sol.t[0])
+def write_page(mech, sol, file, forces, traces, speed):
+    """Write the page of a run with the look that the options ask for."""
+    from ..view.page import export_html
+
+    export_html(mech, sol, file, **_look(sol, forces, traces, speed))
+
+
+def _look(sol, forces, traces, speed) -> dict:
+    length = abs(sol.t[-1] - sol.t[0])  # without --speed in real time, or slower if the run would be over at once
     if speed is None:
         speed = 10.0 ** floor(log10(length)) if 0 < length < 1 else 1.0
     return {"speed": speed, "traces": traces or (), "forces": forces}
@@ -99,7 +99,6 @@ def require_drawable(mech, traces, speed):
 
 def require_page(html, forces, traces, speed):
     """Raise InputError for options of a page without --html."""
-    values = {"--forces": forces, "--trace": traces, "--speed": speed is not None}
-    without = [name for name, value in values.items() if value]
-    if without and not html:
-        raise InputError(f"{without[0]} sets how the page of --html looks; give --html FILE.html too")
+    for name, value in {"--forces": forces, "--trace": traces, "--speed": speed is not None}.items():
+        if value and not html:
+            raise InputError(f"{name} sets how the page of --html looks; give --html FILE.html too")

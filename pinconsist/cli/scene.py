@@ -10,7 +10,7 @@ from math import isfinite, pi, remainder, tau
 from ..errors import InputError
 from ..recording.scene import Scene as Scene
 from ..recording.scene import loaded as loaded
-from .output import counted
+from .output import counted, first
 
 PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")
 ROUNDING, CLOSE_BY = 1e-9, 1e-2  # rad or m
@@ -78,8 +78,7 @@ def report_moved(mech, wanted, assembly):
     from ..mechanism.assembly import assemble
 
     def is_at(q, joint, tolerance):
-        q_wanted = mech.configuration({joint: wanted[joint]}, base=q)
-        return all(abs(q_wanted - q) <= tolerance)
+        return all(abs(mech.configuration({joint: wanted[joint]}, base=q) - q) <= tolerance)
 
     def positions(configurations):
         return ", ".join(f"{joint} = {text(by_joint(mech, q)[joint], 6)}" for joint, q in configurations.items())
@@ -108,9 +107,7 @@ def text(value, digits=4) -> str:
 
 def scene_warnings(mech, assembly) -> list[str]:
     """What looks like a mistake in a scene that closes: a sentence for each."""
-    outside = _outside_limits(mech, assembly.q)
-    more = [f"… and {len(outside) - MOST_SHOWN} more joints"] if len(outside) > MOST_SHOWN else []
-    return [*outside[:MOST_SHOWN], *more, *_immobile(mech, assembly)]
+    return first(_outside_limits(mech, assembly.q), MOST_SHOWN, "… and {} more joints") + _immobile(mech, assembly)
 
 
 def log_warnings(sentences):

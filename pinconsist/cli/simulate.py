@@ -10,7 +10,7 @@ from ..errors import InputError, SavingError
 from ..interrupts import deferred
 from . import options as given
 from . import output, replay, scene
-from .options import METHOD, RESULTS, option
+from .options import METHOD, RESULTS, Count, Number, Text, option, present
 from .run import exit_code, resume_hint
 from .terminal import doing, progress_of_run
 
@@ -27,45 +27,37 @@ def simulate(
     at: given.At = None,
     with_velocity: given.WithVelocity = None,
     step: given.Step = None,
-    order: Annotated[
-        int | None,
-        option("--order", "K", "Highest order, 1 to 5 (default 5); with --step the order throughout, 1 to 6.", METHOD),
-    ] = None,
+    order: Annotated[Count, option(
+        "--order", "K", "Highest order, 1 to 5 (default 5); with --step the order throughout, 1 to 6.", METHOD)] = None,
     method: Annotated[str, option("--method", "NAME", "BDF or ImplicitEuler.", METHOD)] = "BDF",
     rtol: given.Rtol = 1e-6,
     atol: given.Atol = 1e-8,
-    max_step: Annotated[float | None, option("--max-step", "SECONDS", "Largest variable step.", METHOD)] = None,
+    max_step: Annotated[Number, option("--max-step", "SECONDS", "Largest variable step.", METHOD)] = None,
     max_steps: given.MaxSteps = None,
-    consistency: Annotated[
-        str,
-        option(
-            "--consistency", "MODE",
-            "every-step: forces right throughout. initial: only the initial velocities are changed (needs --step). "
-            "exact: plain BDF, whose first forces are wrong.",
-            METHOD,
-        ),
-    ] = "every-step",
-    out: Annotated[str | None, option("--out", "FILE.npz", "Save the run.", RESULTS)] = None,
-    save_every: Annotated[
-        float | None,
-        option(
-            "--save-every", "SECONDS",
-            "Also save the run after each such interval of simulated time; pinconsist resume continues from there.",
-            RESULTS,
-        ),
-    ] = None,
-    html: Annotated[str | None, option("--html", "FILE.html", "Write a page that plays it.", RESULTS)] = None,
+    consistency: Annotated[str, option(
+        "--consistency", "MODE", "every-step: forces right throughout. initial: only the initial velocities are "
+        "changed (needs --step). exact: plain BDF, whose first forces are wrong.", METHOD)] = "every-step",
+    out: Annotated[Text, option("--out", "FILE.npz", "Save the run.", RESULTS)] = None,
+    save_every: Annotated[Number, option(
+        "--save-every", "SECONDS", "Also save the run after each such interval of simulated time; pinconsist resume "
+        "continues from there.", RESULTS)] = None,
+    html: Annotated[Text, option("--html", "FILE.html", "Write a page that plays it.", RESULTS)] = None,
     forces: given.Forces = False,
     traces: given.Traces = None,
     speed: given.Speed = None,
-    plot: Annotated[str | None, option("--plot", "FILE.png", "Draw it over time (or .pdf, .svg).", RESULTS)] = None,
+    plot: Annotated[Text, option("--plot", "FILE.png", "Draw it over time (or .pdf, .svg).", RESULTS)] = None,
     as_json: Annotated[bool, option("--json", None, "Print one JSON object instead.", RESULTS)] = False,
 ) -> int:  # fmt: skip
     """Simulate a scene: close its loops, integrate, and certify the result.
 
     Example: pinconsist simulate crank_rocker --with-velocity crank=12 --until 2 --out run.npz --html run.html
     """
-    out = _check_files(out, html, plot, save_every)
+    out = out and str(Path(out).with_suffix(".npz") if not Path(out).suffix else out)
+    if out and Path(out).suffix != ".npz":
+        raise InputError(f"--out {out}: a run is saved as .npz")
+    if save_every is not None and not out:
+        raise InputError("--save-every sets when the run is saved; give --out FILE.npz too")
+    output.require_writable(out=out, html=html, figure=plot)
     replay.require_page(html, forces, traces, speed)
     from ..mechanism.assembly import assemble
     from ..recording.recipe import recipe_of
@@ -83,10 +75,9 @@ def simulate(
     if not as_json:
         print(scene.describe(mech, assembly) + "\n")
     settings = {
-        "method": method, "step": step, "rtol": rtol, "atol": atol, "consistency": consistency, "max_order": order,
-        "max_step": max_step, "max_steps": max_steps,
+        "method": method, "step": step, "rtol": rtol, "atol": atol, "consistency": consistency,
+        **present(max_order=order, max_step=max_step, max_steps=max_steps),
     }  # fmt: skip
-    settings = {name: value for name, value in settings.items() if value is not None or name == "step"}
     where = what.record(out or "run.npz")
     recipe = recipe_of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)
     began = time.perf_counter()
@@ -100,14 +91,11 @@ def simulate(
         print(certificate or "not checked: interrupted")
     with deferred(impatient=False):  # a further Ctrl-C waits until the files are written and named
         if html:
-            from ..view.page import export_html
-
-            look = replay.look(sol, forces, traces, speed)
-            _drawn(html, sol, out, lambda: export_html(mech, sol, html, **look))
+            _written(html, sol, out, lambda: replay.write_page(mech, sol, html, forces, traces, speed))
         if plot:
             from ..view.plots import plot_solution
 
-            _drawn(plot, sol, out, lambda: plot_solution(sol, plot, mech))
+            _written(plot, sol, out, lambda: plot_solution(sol, plot, mech))
         if as_json:
             files = {"out": out, "html": html, "plot": plot}
             output.print_json(_report(mech, assembly, sol, certificate, seconds, files))
@@ -116,21 +104,6 @@ def simulate(
             if out and exit_code(sol) == output.INTERRUPTED:
                 print(resume_hint(sol, out))
     return exit_code(sol) if certificate else output.INTERRUPTED
-
-
-def _check_files(out, html, plot, save_every):
-    """The file of --out with its ending; raises before the run what would fail after it."""
-    out = out and str(Path(out).with_suffix(".npz") if not Path(out).suffix else out)
-    if out and Path(out).suffix != ".npz":
-        raise InputError(f"--out {out}: a run is saved as .npz")
-    files = [file for file in (out, html, plot) if file]
-    if len({Path(file).absolute() for file in files}) < len(files):
-        raise InputError("two of --out, --html and --plot name the same file")
-    if save_every is not None and not out:
-        raise InputError("--save-every sets when the run is saved; give --out FILE.npz too")
-    output.require_writable(*files)
-    output.require_figure(plot)
-    return out
 
 
 def _checked(sol):
@@ -142,7 +115,7 @@ def _checked(sol):
         return None
 
 
-def _drawn(file, sol, out, write):
+def _written(file, sol, out, write):
     """Call `write`, which writes `file`; if that fails, a run that is in no file yet is not lost."""
     try:
         with doing(f"writing {file}"):

@@ -13,28 +13,23 @@ from typing import Annotated
 from ..errors import InputError
 from . import options as given
 from . import output, scene
-from .options import option
+from .options import Count, Text, Texts, option, present
 from .terminal import bar
 
-PANEL = "Cases"
+CASES = "Cases"  # panel of the help
 LOGGED = 10  # cases, from which on a log gets a line for every tenth
 MOST_SHOWN = 5  # failed cases whose messages are printed
 
 
 def sweep(
     source: given.Source,
-    vary: Annotated[
-        list[str] | None,
-        option(
-            "--vary", "NAME=VALUES",
-            "What varies: JOINT (its initial position), JOINT_speed, JOINT_torque, LOOP.NUMBER or FORCE.NUMBER as in "
-            "the scene file (motor.speed), gravity.z, rtol, atol, step, until. VALUES are FROM:TO:STEP, a list 1,2,5, "
-            "normal:MEAN:DEVIATION or uniform:LOW:HIGH. Repeated: every combination.",
-            PANEL,
-        ),
-    ] = None,
-    count: Annotated[int | None, option("--count", "N", "Samples of normal: or uniform: values.", PANEL)] = None,
-    seed: Annotated[int | None, option("--seed", "N", "Seed of the samples. Default: 0.", PANEL)] = None,
+    vary: Annotated[Texts, option(
+        "--vary", "NAME=VALUES",
+        "What varies: JOINT (its initial position), JOINT_speed, JOINT_torque, LOOP.NUMBER or FORCE.NUMBER as in the "
+        "scene file (motor.speed), gravity.z, rtol, atol, step, until. VALUES are FROM:TO:STEP, a list 1,2,5, "
+        "normal:MEAN:DEVIATION or uniform:LOW:HIGH. Repeated: every combination.", CASES)] = None,
+    count: Annotated[Count, option("--count", "N", "Samples of normal: or uniform: values.", CASES)] = None,
+    seed: Annotated[Count, option("--seed", "N", "Seed of the samples. Default: 0.", CASES)] = None,
     loops: given.Loops = None,
     closure: given.Closure = None,
     free_flyer: given.FreeFlyer = False,
@@ -49,14 +44,9 @@ def sweep(
     atol: given.Atol = 1e-8,
     max_steps: given.MaxSteps = None,
     workers: Annotated[int, option("--workers", "N", "Processes that share the cases.")] = 1,
-    out: Annotated[
-        str | None,
-        option(
-            "--out", "FILE.csv",
-            "Write the table here. Until it is complete its rows are in FILE.csv.partial, from which the same command "
-            "continues after it was stopped.",
-        ),
-    ] = None,
+    out: Annotated[Text, option(
+        "--out", "FILE.csv", "Write the table here. Until it is complete its rows are in FILE.csv.partial, from which "
+        "the same command continues after it was stopped.")] = None,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
     """Simulate a scene many times, with one or more parameters varied.
@@ -75,7 +65,7 @@ def sweep(
         raise InputError("give what varies, such as --vary JOINT=0:1:0.1; pinconsist sweep --help lists what can vary")
     if out and Path(out).suffix != ".csv":
         raise InputError(f"--out {out}: a table is saved as .csv")
-    output.require_writable(out)
+    output.require_writable(out=out)
     from ..sweeps.axes import cases_of
     from ..sweeps.journal import Journal
     from ..sweeps.study import Study, loaded
@@ -89,9 +79,8 @@ def sweep(
     recipe = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
     duration = loaded(recipe, anew=True).duration
     until = start + duration if until is None else until
-    options = {"rtol": rtol, "atol": atol, "step": step, "max_steps": max_steps}
-    options = {name: value for name, value in options.items() if value is not None}
-    study = Study(recipe, names, start, until, q0, v0, options)
+    settings = present(rtol=rtol, atol=atol, step=step, max_steps=max_steps)
+    study = Study(recipe, names, start, until, q0, v0, settings)
     study.check(cases[0])  # an unknown name is refused before the sweep begins
     if not out:
         return _report(study, cases, _run(study, cases, workers, {}), out, as_json)
@@ -106,8 +95,7 @@ def sweep(
 
 
 def _number(text) -> float:
-    (value,) = scene.joint_values([f"value={text}"], "--vary")["value"]
-    return value
+    return scene.joint_values([f"value={text}"], "--vary")["value"][0]
 
 
 def _written(journal, file, write):
@@ -153,9 +141,7 @@ def _progress(total, done):
         numbers = itertools.count(done + 1)
         yield lambda: _log_tenths(total, next(numbers))
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
-
-    with bar(MofNCompleteColumn(), "cases", BarColumn(bar_width=20), TimeRemainingColumn(), "left") as shown:
+    with bar("{task.completed}/{task.total} cases", 20, "") as shown:
         task = shown.add_task("", total=total, completed=done)
         yield lambda: shown.advance(task)
 

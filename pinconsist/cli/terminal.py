@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from typing import Any
 
 from .output import on_terminal
@@ -27,13 +27,13 @@ def doing(what: str):
         yield
 
 
-def bar(*columns):
-    """A progress bar of `rich` on stderr, which disappears when it is done; its columns as texts or classes."""
+def bar(before, width, after):
+    """A progress bar of `rich` on stderr between two texts, with the time left; it disappears when it is done."""
     from rich.console import Console
-    from rich.progress import Progress, TextColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    made = [TextColumn(each) if isinstance(each, str) else each for each in columns]
-    return Progress(*made, console=Console(stderr=True), transient=True)
+    columns = (TextColumn(before), BarColumn(width), TextColumn(after), TimeRemainingColumn(), TextColumn("left"))
+    return Progress(*columns, console=Console(stderr=True), transient=True)
 
 
 def progress_of_run(start, end):
@@ -45,10 +45,9 @@ class RunProgress:
     """The callback of :func:`progress_of_run`."""
 
     def __init__(self, start: float, end: float):
-        self.start, self.end = start, end
-        self.steps, self.last_t = -1, start  # the first call is the initial row
+        self.start, self.end, self.last_t = start, end, start
+        self.steps, self.order = -1, 0  # the first call is the initial row; the run sets the order before each call
         self.bar: Any = None
-        self.order = 0  # of the step; set by the run before each call
         self.next_update = time.monotonic() + PATIENCE
 
     def __enter__(self):
@@ -61,27 +60,16 @@ class RunProgress:
     def __call__(self, t, q, v, lam) -> bool:
         self.steps += 1
         step, self.last_t = abs(t - self.last_t), t
-        now = time.monotonic()
-        if now >= self.next_update:
-            self.next_update = now + PERIOD
-            fields = {"t": t, "steps": self.steps, "step": step, "order": self.order}
+        if time.monotonic() >= self.next_update:
+            self.next_update = time.monotonic() + PERIOD
+            text = f"{self.steps} steps, now {step:.2g} s, order {self.order},"
             if self.bar is None:
-                self._open(fields)
-            self.bar.update(self.task, completed=abs(t - self.start), **fields)
+                self.bar = bar("{task.fields[where]}", 12, "{task.description}")
+                self.task = self.bar.add_task("", total=abs(self.end - self.start), where="")
+                self.bar.start()
+            where = f"t = {t:.4g} of {self.end:g} s"
+            self.bar.update(self.task, completed=abs(t - self.start), description=text, where=where)
         return False
-
-    def _open(self, fields):
-        from rich.progress import BarColumn, TimeRemainingColumn
-
-        self.bar = bar(
-            "t = {task.fields[t]:.4g} of {task.fields[end]:g} s",
-            BarColumn(bar_width=12),
-            "{task.fields[steps]} steps, now {task.fields[step]:.2g} s, order {task.fields[order]},",
-            TimeRemainingColumn(),
-            "left",
-        )
-        self.task = self.bar.add_task("", total=abs(self.end - self.start), end=self.end, **fields)
-        self.bar.start()
 
 
 @contextmanager
@@ -90,16 +78,12 @@ def tolerate_broken_pipe():
 
     Yields the list of errors. The first is reported on stderr, unless the reader is gone, as in ``... | head``.
     """
-    real = sys.stdout
-    if real is None:  # closed from the start
-        yield []
-        return
-    sys.stdout = _Tolerant(real)
-    try:
-        yield sys.stdout.errors
-    finally:
-        sys.stdout.flush()
-        sys.stdout = real
+    tolerant = _Tolerant(sys.stdout)
+    with redirect_stdout(tolerant):
+        try:
+            yield tolerant.errors
+        finally:
+            tolerant.flush()
 
 
 class _Tolerant:
@@ -110,15 +94,17 @@ class _Tolerant:
         return getattr(self.stream, name)
 
     def write(self, text):
-        self._try(self.stream.write, text)
+        self._try("write", text)
         return len(text)
 
     def flush(self):
-        self._try(self.stream.flush)
+        self._try("flush")
 
-    def _try(self, call, *arguments):
+    def _try(self, method, *arguments):
+        if self.stream is None:  # closed from the start
+            return
         try:
-            call(*arguments)
+            getattr(self.stream, method)(*arguments)
         except OSError as error:
             if not (self.errors or isinstance(error, BrokenPipeError)):
                 print(f"pinconsist: error: cannot print: {error.strerror}; files are written", file=sys.stderr)

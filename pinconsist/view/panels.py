@@ -41,22 +41,38 @@ LOOK = {
 @contextmanager
 def new_figure(width, height, file=None):
     """An empty figure in this look, inches, written to `file` at the end of the block, whole or not at all."""
-    try:
-        import matplotlib
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingExtraError("figures need matplotlib; install it by: pip install 'pinconsist[plot]'") from None
+    require_figure(file)
+    import matplotlib
+    from matplotlib.figure import Figure
+
     with matplotlib.rc_context(LOOK):
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
         if file is None:
             return
-        ending = Path(file).suffix.lstrip(".").lower()
-        known = figure.canvas.get_supported_filetypes()
-        if ending not in known:
-            raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
         with written_whole(file) as stream:
-            figure.savefig(stream, format=ending)
+            figure.savefig(stream, format=_ending(file))
+
+
+def require_figure(file=None):
+    """Raise MissingExtraError without matplotlib, InputError if it has no format for the ending of `file`."""
+    try:
+        from matplotlib.backend_bases import FigureCanvasBase
+    except ImportError:
+        raise MissingExtraError("figures need matplotlib; install it by: pip install 'pinconsist[plot]'") from None
+    known = FigureCanvasBase.get_supported_filetypes()
+    if file is not None and _ending(file) not in known:
+        raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
+
+
+def _ending(file) -> str:
+    return Path(file).suffix.lstrip(".").lower()
+
+
+def joint_labels(mech, sizes) -> list[str]:
+    """A name for each number of the joints, nqs or nvs of them: ``crank``, or ``ball[0]`` of a joint with several."""
+    pairs = zip(mech.joints, list(sizes)[1:], strict=True)
+    return [f"{name}[{k}]" if size > 1 else name for name, size in pairs for k in range(size)]
 
 
 def style(k: int) -> dict:
@@ -134,15 +150,12 @@ class DrawnSolution:
         model, rows = self.mech.model, [f"{loop} {row}" for loop, row in self.mech.row_labels]
         if len(rows) != self.lam.shape[1]:  # redundant rows may have been left out
             rows = self.labels["lam"]
-        for name, names in (("q", self._of_joints(model.nqs)), ("v", self._of_joints(model.nvs)), ("lam", rows)):
+        for name, names in (("q", joint_labels(self.mech, model.nqs)), ("v", joint_labels(self.mech, model.nvs)), ("lam", rows)):
             if len(names) != len(self.labels[name]):
                 count = len(self.labels[name])
                 raise InputError(f"{self.mech.name!r} has {len(names)} columns of {name}, the solution {count}")
             self.labels[name] = names
 
-    def _of_joints(self, sizes) -> list[str]:
-        pairs = zip(self.mech.joints, list(sizes)[1:], strict=True)
-        return [f"{name}[{k}]" if size > 1 else name for name, size in pairs for k in range(size)]
 
     def need_mechanism(self, of_what: str):
         """The mechanism, or an error that says how to give it."""
