@@ -225,14 +225,14 @@ def command(
     """
     from pinconsist.view.visuals import visuals
 
-    output.require_writable(csv)
+    output.require_writable(csv=csv)
     rows = [asdict(cost) for cost in ablate(scene, repeats, shapes=visuals)]
     if csv:
         report.write_csv(csv, rows)
     if as_json:
-        output.print_json({"machine": output.machine(), "ablate": rows})
+        output.print_json({"machine": report.machine(), "ablate": rows})
         return output.FINE
-    print(output.machine() + "\n")
+    print(report.machine() + "\n")
     for name in dict.fromkeys(row["scene"] for row in rows):
         _print(name, [row for row in rows if row["scene"] == name])
     return output.FINE

@@ -147,16 +147,16 @@ def command(
 
     Example: python -m benchmarks overhead crank_rocker andrews
     """
-    output.require_writable(csv)
+    output.require_writable(csv=csv)
     results = {name: [asdict(row) for row in overhead(name)] for name in scene or [TIMED]}
     chains = [] if scene else [asdict(row) for row in chain_steps()]
     if csv:
         report.write_csv(csv, [{"scene": name} | row for name, rows in results.items() for row in rows])
         report.write_csv(report.beside(csv, "chains"), chains)
     if as_json:
-        output.print_json({"machine": output.machine(), "overhead": results} | ({"chains": chains} if chains else {}))
+        output.print_json({"machine": report.machine(), "overhead": results} | ({"chains": chains} if chains else {}))
         return output.FINE
-    print(output.machine() + "\n")
+    print(report.machine() + "\n")
     for name, rows in results.items():
         _print_overhead(name, rows)
     output.paragraph(

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import csv
+import os
+import platform
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +15,12 @@ import typer
 from pinconsist.cli import output
 
 Csv = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Write the rows to a CSV file.")]
+
+
+def machine() -> str:
+    """The machine and the versions behind a measurement, in a line."""
+    packages = ", ".join(f"{name} {version(name)}" for name in ("pin", "numpy", "scipy"))
+    return f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, {packages}"
 
 
 def write_csv(file, rows) -> None:

@@ -143,14 +143,14 @@ def command(
 
     Example: python -m benchmarks robots robots/ cassie
     """
-    output.require_writable(csv)
+    output.require_writable(csv=csv)
     rows = [asdict(row) for each in source for row in robots(each, until)]
     if csv:
         report.write_csv(csv, [row | row.pop("assembly") for row in map(dict, rows)])
     if as_json:
-        output.print_json({"machine": output.machine(), "robots": rows})
+        output.print_json({"machine": report.machine(), "robots": rows})
         return output.FINE
-    print(output.machine() + "\n")
+    print(report.machine() + "\n")
     report.table(
         {(row["robot"], row["closure"]): row | row["assembly"] for row in rows}.values(),
         [

@@ -50,7 +50,7 @@ def command(
 
     Example: python -m benchmarks stress chains --count 500
     """
-    output.require_writable(csv)
+    output.require_writable(csv=csv)
     if peers:
         return stress_peers(subject or (), count, seed, sample, csv, as_json)
     outcomes = _run(list(cases(subject or (), long=long, count=count, seed=seed)))
@@ -59,7 +59,7 @@ def command(
         report.write_csv(csv, [asdict(outcome) for outcome in outcomes])
     if as_json:
         output.print_json(
-            {"machine": output.machine(), "counts": counts, "cases": [asdict(outcome) for outcome in outcomes]}
+            {"machine": report.machine(), "counts": counts, "cases": [asdict(outcome) for outcome in outcomes]}
         )
     else:
         _print_table(outcomes if every else _gathered(outcomes))

@@ -31,9 +31,9 @@ def stress_peers(subjects, count, seed, each, csv, as_json) -> int:
     if csv:
         report.write_csv(csv, rows)
     if as_json:
-        output.print_json({"machine": output.machine(), "cases": rows})
+        output.print_json({"machine": report.machine(), "cases": rows})
     else:
-        print(output.machine() + "\n")
+        print(report.machine() + "\n")
         _print(found, others)
     own = [outcome for method, outcome in found if method == others.OWN]
     return output.FAILED if any(outcome.outcome == "FAILED" for outcome in own) else output.FINE

@@ -56,10 +56,9 @@ def command(
 
     Example: python -m benchmarks work-precision crank_rocker --tol 1e-5 --tol 1e-7
     """
-    output.require_writable(plot, csv)
-    output.require_figure(plot)
+    output.require_writable(csv=csv, figure=plot)
     if not as_json:
-        print(output.machine() + "\n")
+        print(report.machine() + "\n")
     studies = []
     for name in scene or [SCENE]:
         with report.status() as show:
@@ -73,7 +72,7 @@ def command(
     if csv:
         _write(csv, studies, repeats)
     if as_json:
-        output.print_json({"machine": output.machine(), "scenes": [asdict(study) for study in studies]})
+        output.print_json({"machine": report.machine(), "scenes": [asdict(study) for study in studies]})
     return output.FINE
 
 

@@ -6,6 +6,7 @@ import logging
 import re
 import sys
 import warnings
+from collections.abc import Callable
 from functools import partial
 from typing import Annotated
 
@@ -47,7 +48,7 @@ SAVED = "(what was reached is saved by --out)"
 RESUMED = "(what was reached is in the file)"
 SHOWN = f"1 the integration of a scene failed (what was reached is shown); {SCENE}; 130 interrupted"
 INPUT = "2 wrong input; 130 interrupted"
-COMMANDS = {
+COMMANDS: dict[Callable, str] = {
     simulate: f"1 the integration failed {SAVED}; {SCENE}; 130 interrupted {SAVED}: --json then has "
     "run.interrupted = true, and run.success too",
     compare: f"{SCENE}; 130 interrupted",

@@ -7,7 +7,10 @@ from typing import Annotated
 import typer
 
 SCENE, START, METHOD, RESULTS, PAGE = "Scene", "Start", "Method", "Results", "Page"  # panels of a command's help
-Text, Texts, Number, Count = str | None, list[str] | None, float | None, int | None
+Text = str | None
+Texts = list[str] | None
+Number = float | None
+Count = int | None
 
 
 def option(name, metavar, about, panel=None):
