@@ -150,12 +150,12 @@ class DrawnSolution:
         model, rows = self.mech.model, [f"{loop} {row}" for loop, row in self.mech.row_labels]
         if len(rows) != self.lam.shape[1]:  # redundant rows may have been left out
             rows = self.labels["lam"]
-        for name, names in (("q", joint_labels(self.mech, model.nqs)), ("v", joint_labels(self.mech, model.nvs)), ("lam", rows)):
+        named = {"q": joint_labels(self.mech, model.nqs), "v": joint_labels(self.mech, model.nvs), "lam": rows}
+        for name, names in named.items():
             if len(names) != len(self.labels[name]):
                 count = len(self.labels[name])
                 raise InputError(f"{self.mech.name!r} has {len(names)} columns of {name}, the solution {count}")
             self.labels[name] = names
-
 
     def need_mechanism(self, of_what: str):
         """The mechanism, or an error that says how to give it."""
