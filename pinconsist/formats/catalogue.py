@@ -78,17 +78,7 @@ def is_built_in(source) -> bool:
 
 
 def find(source: str | os.PathLike) -> Source:
-    """The scene of a name, a file or a folder.
-
-    Raises
-    ------
-    InputError
-        Unknown name, or a number that a family does not have.
-    MissingExtraError
-        The files of a robot are not installed.
-    FormatError
-        A folder without a single URDF, a file of an unknown kind.
-    """
+    """The source of a name, a file or a folder; raises as :func:`pinconsist.load`."""
     built_in, path = _built_in(), Path(source)
     if isinstance(source, str):
         if found := _family(source):
@@ -122,13 +112,7 @@ def find(source: str | os.PathLike) -> Source:
 
 
 def robot_file(name: str) -> tuple[Path, Path]:
-    """The file of a robot of `ROBOTS`, and the folder in which its meshes are looked for.
-
-    Raises
-    ------
-    MissingExtraError
-        The package is not installed, or does not hold the file.
-    """
+    """The file of a robot of `ROBOTS` and the folder of its meshes; MissingExtraError if they are not installed."""
     try:
         share = Path(str(distribution(_PACKAGE).locate_file(_SHARE)))
     except PackageNotFoundError:

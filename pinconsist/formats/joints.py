@@ -95,18 +95,7 @@ def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
     A universal joint becomes two hinges with a massless body between them, about the two named axes of the joint
     frame in turn: Pinocchio's own universal and composite joints have wrong ``computeRNEADerivatives``. Limits go;
     damping, friction and armature of the replaced joint act on each new velocity. Frames keep names and indices.
-
-    Parameters
-    ----------
-    model : pin.Model
-        The model as read; not changed.
-    types : dict[str, str]
-        Joint name → SPHERICAL, TRANSLATION, UJOINT_AB or HELICAL p.
-
-    Raises
-    ------
-    FormatError
-        Unknown joint, one that does not have exactly one degree of freedom, or names that clash.
+    FormatError for a joint that is unknown or does not have one degree of freedom, and for names that clash.
     """
     joints, parts = tuple(model.names)[1:], {}
     for joint, kind in types.items():

@@ -36,49 +36,21 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class LoopFile:
-    """What a loop file says.
-
-    Attributes
-    ----------
-    loops : tuple of Loop, Coupling and Drive
-        What closes, couples and drives.
-    forces : tuple
-        Records of :mod:`pinconsist.mechanism.forces`.
-    actuated : tuple of str
-        Motorised joints, by the names they have after replacement.
-    guess : dict
-        Joint name → value, or list of values, from where assembly starts.
-    joint_types, joint_values : dict
-        What :func:`pinconsist.formats.joints.joint_settings` returns.
-    gravity : tuple of 3 float or None
-        m/s², in world axes.
-    joint_order : tuple of str
-        All joints, or none.
-    description : str
-        One line for lists of models.
-    duration : float
-        How long its motion is worth a look, s.
-    """
+    """What a loop file says."""
 
     loops: tuple[Loop | Coupling | Drive, ...] = ()
-    forces: tuple = ()
-    actuated: tuple[str, ...] = ()
-    guess: dict = field(default_factory=dict)
-    joint_types: dict[str, str] = field(default_factory=dict)
+    forces: tuple = ()  # records of :mod:`pinconsist.mechanism.forces`
+    actuated: tuple[str, ...] = ()  # motorised joints, by the names they have after replacement
+    guess: dict = field(default_factory=dict)  # joint → value, or several, from where assembly starts
+    joint_types: dict[str, str] = field(default_factory=dict)  # see `joints.joint_settings`
     joint_values: dict[str, dict] = field(default_factory=dict)
-    gravity: tuple[float, float, float] | None = None
-    joint_order: tuple[str, ...] = ()
-    description: str = ""
-    duration: float = Mechanism.duration
+    gravity: tuple[float, float, float] | None = None  # m/s², in world axes
+    joint_order: tuple[str, ...] = ()  # all joints, or none
+    description: str = ""  # one line for lists of models
+    duration: float = Mechanism.duration  # how long its motion is worth a look, s
 
     def applied(self, model: pin.Model) -> pin.Model:
-        """The model in the order, with the values and the gravity of this file; it may be `model` itself, changed.
-
-        Raises
-        ------
-        FormatError
-            Unknown joints, wrong numbers of values, an order in which a joint comes before its parent.
-        """
+        """The model in the order, with the values and the gravity of this file; it may be `model` itself, changed."""
         model = with_values(in_order(model, self.joint_order), self.joint_values)
         if self.gravity is not None:
             model.gravity.linear = np.array(self.gravity)
@@ -146,18 +118,7 @@ def with_distinct_frames(records, model):
 
 
 def read(path) -> LoopFile:
-    """A loop file, in either convention.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Raises
-    ------
-    FormatError
-        Not YAML, not plain data, unknown keys or values; names the record at fault.
-    """
+    """A loop file, in either convention; FormatError names the record at fault."""
     path = Path(path)
     content = read_bytes(path, MAX_BYTES)
     with located(path):

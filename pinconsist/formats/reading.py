@@ -23,31 +23,15 @@ _read: ContextVar[list | None] = ContextVar("files read", default=None)
 
 @dataclass(frozen=True)
 class RobotFile:
-    """What a robot's file says, whatever its format.
+    """What a robot's file says, whatever its format."""
 
-    Attributes
-    ----------
-    model : pin.Model
-        The tree.
-    geometry : Geometry
-        Its shapes.
-    loops, couplings : tuple
-        What closes it. ``load(closure=...)`` changes the loops only; the couplings come last in the mechanism.
-    forces : tuple
-        Its springs.
-    guess : dict
-        Joint name → value, from where assembly starts.
-    actuated : tuple of str
-        Its motorised joints.
-    """
-
-    model: Any
-    geometry: Any
+    model: Any  # pin.Model, the tree
+    geometry: Any  # where its shapes come from
     loops: tuple = ()
-    couplings: tuple = ()
+    couplings: tuple = ()  # they come after all loops in the mechanism
     forces: tuple = ()
-    guess: dict = field(default_factory=dict)
-    actuated: tuple = ()
+    guess: dict = field(default_factory=dict)  # joint → value, from where assembly starts
+    actuated: tuple[str, ...] = ()  # motorised joints
 
 
 @contextmanager

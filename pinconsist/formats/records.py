@@ -45,7 +45,6 @@ FORCES = {
     "wrench": Wrench,
 }
 _MOTION = tuple(each.name for each in dataclasses.fields(Motion))
-_BY_JOINT = {JointDamping: "coefficients", JointFriction: "coefficients", JointTorque: "torques"}
 _CODE_ONLY = "Callable | None"
 """Annotation of fields that cannot stand in a file."""
 
@@ -86,24 +85,12 @@ def force_element(number: int, force=None) -> str:
 
 
 def loop_entries(mechanism) -> list[dict]:
-    """The records under ``loops``, as plain data.
-
-    Raises
-    ------
-    InputError
-        A drive along a user's function, or a user's own constraint.
-    """
+    """The records under ``loops``, as plain data; InputError for a user's function or constraint."""
     return [_loop_entry(loop, f"{mechanism.name}: {loop.kind} {loop.name!r}") for loop in mechanism.loops]
 
 
 def force_entries(mechanism) -> list[dict]:
-    """The records under ``forces``, as plain data.
-
-    Raises
-    ------
-    InputError
-        A user's own law, or a function of time that is not a Motion.
-    """
+    """The records under ``forces``, as plain data; InputError for a user's law, or function that is not a Motion."""
     return [_force_entry(mechanism, force) for force in mechanism.forces]
 
 
@@ -119,7 +106,7 @@ def _force_entry(mechanism, force):
     kind = next((kind for kind, make in FORCES.items() if type(force) is make), None)
     if kind is None:
         raise InputError(f"{what} is a function of yours, which a file cannot hold; leave it out")
-    field = _BY_JOINT.get(type(force))
+    field = next((each.name for each in dataclasses.fields(force) if each.type.startswith("Mapping")), None)
     if field and not isinstance(values := getattr(force, field), Mapping):  # a number for each velocity
         shares = {joint: values[mechanism.columns(joint)] for joint in mechanism.joints}
         by_joint = {joint: share[0] if len(share) == 1 else share for joint, share in shares.items() if any(share)}
@@ -149,23 +136,9 @@ def _plain(value, what):
 
 
 def record_of(make, entry: dict, element: str, prefix: str = ""):
-    """The record that a mapping of a file stands for; a key without a value counts as missing.
+    """The record of class `make` that a mapping stands for, or FormatError; a key without a value counts as missing.
 
-    Parameters
-    ----------
-    make : type
-        A dataclass; the annotations of its fields say how they are read.
-    entry : dict
-        Field → plain data.
-    element : str
-        The name that messages use for the record.
-    prefix : str
-        What the record's own messages begin with, to be left out.
-
-    Raises
-    ------
-    FormatError
-        Unknown or missing keys, values of the wrong kind, or what the record itself refuses.
+    The annotations of its fields say how they are read. Its own messages begin with `prefix`, which is left out.
     """
     fields = {each.name: each for each in dataclasses.fields(make) if each.type != _CODE_ONLY}
     known_keys(entry, fields, element)

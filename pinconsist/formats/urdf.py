@@ -20,7 +20,7 @@ import pinocchio as pin
 from ..errors import FormatError
 from ..mechanism.mechanism import Geometry
 from .joints import AS_WRITTEN, replaced
-from .reading import Node, RobotFile, parsed, read_bytes, require_known, text
+from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
 from .urdf_loops import couplings, loop_joints
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -30,32 +30,16 @@ INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 ROOT_JOINT = "root_joint"
 
 _ZERO, _X = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+_LIMIT = {"lower": (0.0,), "upper": (0.0,), "effort": (UNLIMITED,), "velocity": (UNLIMITED,)}
+"""What Pinocchio demands, and these stand for none."""
 _SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
 _log = logging.getLogger(__name__)
 
 
 def read(path: Path, name: str, *, free_flyer=False, package_dirs=(), joint_types=None, content=None) -> RobotFile:
-    """What a URDF file says.
+    """What a URDF file, or a text as its `content`, says; a free-flyer is a joint ``root_joint``.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    name : str
-        Name of the model.
-    free_flyer : bool
-        Let the root link float freely, by a joint ``root_joint``, instead of fixing it to the ground.
-    package_dirs : sequence of path-like
-        Folders in which mesh files are looked for, before the folder of the file.
-    joint_types : dict[str, str], optional
-        Joints to replace: name → type, see :mod:`pinconsist.formats.joints`.
-    content : bytes, optional
-        The text, if it is not in a file.
-
-    Raises
-    ------
-    FormatError
-        The file cannot be read as a scene.
+    `joint_types` are the joints to replace: name → type, see :mod:`pinconsist.formats.joints`.
     """
     raw = parsed(read_bytes(path) if content is None else content)
     robot, unlimited = checked(raw, name)
@@ -98,17 +82,7 @@ def _built(urdf, free_flyer, robot):
 def checked(raw: Element, name: str) -> tuple[Element, list[tuple[str, str]]]:
     """A clean `<robot>` from a parsed file, and the (joint, "lower" or "upper") limits that it does not have.
 
-    Parameters
-    ----------
-    raw : Element
-        The root element as parsed.
-    name : str
-        The name the robot gets.
-
-    Raises
-    ------
-    FormatError
-        The first thing that is wrong, with its element.
+    FormatError for the first thing that is wrong, with its element.
     """
     namespace = raw.tag[: raw.tag.find("}") + 1]  # a default namespace is legal and means nothing
     for node in raw.iter():
@@ -210,41 +184,42 @@ def _joint(robot, name, node, links):
         raise node.error('planar joints can be read only with <axis xyz="0 0 1"/>, motion in x-y')
     SubElement(joint, "axis", xyz=text(*axis))
     if dynamics := node.child("dynamics"):
-        given = {key: text(dynamics.number(key, 0.0)) for key in ("damping", "friction")}
-        SubElement(joint, "dynamics", given)
+        _copy(joint, dynamics, "dynamics", {"damping": (0.0,), "friction": (0.0,)})
     if kind == "planar":
         return ()
     limit = node.child("limit")
-    defaults = {"lower": 0.0, "upper": 0.0, "effort": UNLIMITED, "velocity": UNLIMITED}  # Pinocchio demands them
-    given = {key: text(limit.number(key, default, math.inf)) for key, default in defaults.items()}
-    SubElement(joint, "limit", given)
+    _copy(joint, limit, "limit", _LIMIT, math.inf)
     return [side for side in ("lower", "upper") if kind == "continuous" or limit.get(side, None) is None]
 
 
 def _check_tree(links, joints):
-    parent_of = {}
+    joint_of, children = {}, {}
     for joint in joints:
         parent, link = joint.find("parent").get("link"), joint.find("child").get("link")
-        if link in parent_of:
+        if link in joint_of:
             raise links[link].error(
-                f"it is the child of two joints, {parent_of[link][1]!r} and {joint.get('name')!r}. URDF holds a tree: "
+                f"it is the child of two joints, {joint_of[link]!r} and {joint.get('name')!r}. URDF holds a tree: "
                 "keep one of them and close the loop by a <loop_joint> or in a loop file"
             )
-        parent_of[link] = parent, joint.get("name")
-    roots = [link for link in links if link not in parent_of]
+        joint_of[link] = joint.get("name")
+        children.setdefault(parent, []).append(link)
+    roots = [link for link in links if link not in joint_of]
     if len(roots) > 1:
         raise FormatError(f"the links {roots[0]!r} and {roots[1]!r} are both without a parent; join them by a joint")
-    reached = set(roots)
-    for link in links:  # up to a link known to hang on the root; meeting the own path again is a cycle
-        path = {}
-        while link not in reached:
-            if link in path:
-                raise links[link].error("its parents lead back to itself: the links form a cycle")
-            path[link] = None
-            link = parent_of[link][0]
-        reached.update(path)
+    loose = dict.fromkeys(links)
+    while roots:
+        del loose[link := roots.pop()]
+        roots += children.get(link, ())
+    if loose:
+        raise links[next(iter(loose))].error("its parents do not lead to a root: the links form a cycle")
 
 
 def _origin(out, node):
     if origin := node.child("origin"):
-        SubElement(out, "origin", {key: text(*origin.numbers(key, 3, _ZERO)) for key in ("xyz", "rpy")})
+        _copy(out, origin, "origin", {"xyz": _ZERO, "rpy": _ZERO})
+
+
+def _copy(out, node, tag, defaults, largest=LARGEST):
+    """Write an element whose attributes are as many numbers as their defaults have."""
+    numbers = {key: node.numbers(key, len(default), default, largest) for key, default in defaults.items()}
+    return SubElement(out, tag, {key: text(*each) for key, each in numbers.items()})

@@ -53,15 +53,8 @@ from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import Loop
 from .reading import Node, located, require_known
 
-_KINDS = {
-    "fixed": "frame",
-    "revolute": "hinge",
-    "continuous": "hinge",
-    "prismatic": "slider",
-    "planar": "plane",
-    "spherical": "point",
-    "ball": "point",
-}
+_KINDS = {"fixed": "frame", "revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "planar": "plane"}
+_KINDS |= {"spherical": "point", "ball": "point"}
 _WITH_AXIS = ("hinge", "slider", "plane")
 _FOREIGN = ("loop", "coupling", "constraint")
 _ZERO, _X = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
@@ -72,13 +65,7 @@ _log = logging.getLogger(__name__)
 
 
 def loop_joints(robot: Element) -> tuple[Loop, ...]:
-    """The loops of a parsed ``<robot>``.
-
-    Raises
-    ------
-    FormatError
-        Unknown types or links, missing parts; or another extension that closes loops, which would be lost.
-    """
+    """The loops of a parsed ``<robot>``; FormatError also for other extensions that close loops and would be lost."""
     for tag in _FOREIGN:
         if robot.find(tag) is not None:
             raise FormatError(
@@ -119,12 +106,7 @@ def couplings(robot: Element) -> tuple[Coupling, ...]:
     """The ``<mimic>`` elements of a parsed ``<robot>``, each named like the joint that follows.
 
     The angle of a ``continuous`` joint counts its turns here, so that any multiplier is right. A joint may follow one
-    that follows a third.
-
-    Raises
-    ------
-    FormatError
-        A joint that has no single coordinate, an unknown joint to follow, joints that follow themselves.
+    that follows a third, but no circle.
     """
     kinds = {joint.get("name"): joint.get("type") for joint in robot.findall("joint")}
     found = {}
@@ -164,15 +146,9 @@ def _require_one_coordinate(joint, kinds, what, node):
 
 
 def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
-    """The loops between the pairs of closing frames of a model; what was assumed is logged.
+    """The loops between the pairs of closing frames of a model; what was assumed is logged with the path of the file.
 
-    Parameters
-    ----------
-    model : pin.Model
-    path : path-like
-        The file, for the log.
-    closure : str, optional
-        As for :func:`pinconsist.load`: only a hinge takes the exporter's axis.
+    With the `closure` of :func:`pinconsist.load` "hinge" they take the exporter's axis.
     """
     pairs, found = {}, []
     for frame in model.frames:

@@ -29,7 +29,7 @@ from ...mechanism.forces import JointSpring
 from ...mechanism.mechanism import Geometry
 from ..reading import RobotFile, parsed, read_bytes
 from ..urdf import checked
-from .document import read_document
+from .document import Document
 from .joints import read_joints
 from .model import build
 from .net import Net, couplings
@@ -39,25 +39,8 @@ _log = logging.getLogger(__name__)
 
 
 def read(path: Path, name: str, *, free_flyer=False, package_dirs=()) -> RobotFile:
-    """What an SDF file says; links and `<frame>` elements become frames of the model.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    name : str
-        Name of the model.
-    free_flyer : bool
-        Let what no joint ties to the world float, by a joint ``root_joint``, instead of fixing it where it stands.
-    package_dirs : sequence of path-like
-        Folders in which mesh files are looked for, before the folder of the file.
-
-    Raises
-    ------
-    FormatError
-        The file cannot be read as a scene.
-    """
-    document = read_document(parsed(read_bytes(path)))
+    """What an SDF file says; links and `<frame>` elements become frames of the model, a free-flyer ``root_joint``."""
+    document = Document(parsed(read_bytes(path)))
     joints = read_joints(document)
     folders = tuple(Path(folder).resolve() for folder in (*package_dirs, path.parent))
     robot, _ = checked(in_urdf(document, folders), name)

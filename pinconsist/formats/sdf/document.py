@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -123,8 +122,7 @@ def unit(vector: np.ndarray) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-@dataclass(frozen=True)
-class Body:
+class Body(NamedTuple):
     """A link: its name, its element, its place in the world, and whether it cannot move."""
 
     name: str
@@ -133,80 +131,56 @@ class Body:
     static: bool
 
 
-@dataclass(frozen=True)
 class Document:
-    """What a file holds, by the names in the mechanism.
+    """What a parsed file holds, by the names in the mechanism; FormatError for the first thing that is wrong.
 
-    Attributes
-    ----------
-    bodies : dict[str, Body]
-        Links.
-    joints : list of (str, SdfNode, str)
-        Full name, element and scope of the joints of models that are not static.
-    frames : dict[str, (str, SE3)]
-        `<frame>` elements: name → the body (or ``"world"``) that it moves with, and its place in the world.
-    roots : list of str
-        Bodies that the file names as canonical links.
-    gravity : ndarray or None
-        m/s²; None if there is no world.
-    version : tuple of int
-        Of the format.
-    lookup : Frames
-        Poses and bodies by full names.
-    place : callable
-        ``place(body, name, element) -> SE3``: the world pose of the frame that the model of a body calls `name`.
+    The names of a file are collected first, and what they refer to is looked up afterwards.
     """
 
     bodies: dict[str, Body]
-    joints: list[tuple[str, SdfNode, str]]
-    frames: dict[str, tuple[str, pin.SE3]]
-    roots: list[str]
-    gravity: np.ndarray | None
+    joints: list[tuple[str, SdfNode, str]]  # full name, element and scope; without those of static models
+    frames: dict[str, tuple[str, pin.SE3]]  # `<frame>` elements: the body that each moves with, its place in the world
+    roots: list[str]  # bodies that the file names as canonical links
+    gravity: np.ndarray | None  # m/s²; None if there is no world
     version: tuple[int, ...]
-    lookup: Frames
-    place: Callable[[str, str, str], pin.SE3]
+    lookup: Frames  # poses and bodies by full names
 
+    def __init__(self, raw: Element):
+        self.version, top = _version(raw), SdfNode(raw, "sdf")
+        self.joints, self.gravity = [], None
+        if worlds := raw.findall("world"):
+            if len(worlds) > 1:
+                raise FormatError(f"one world is needed, this file has {len(worlds)}; keep one of them")
+            top = SdfNode(worlds[0], "world")
+            top.warn_unknown(_WORLD)
+            if top.child("state"):
+                _log.warning("world: <state> has no effect; the models stand where their own poses place them")
+            holder = top if self.version > (1, 5) else top.child("physics")
+            self.gravity = np.array(holder.values("gravity", GRAVITY))
+        top.refuse_includes()
+        models, cut = top.children("model"), 0
+        if len(models) == 1 and not top.child("joint") and not top.child("frame"):
+            cut = len(join(models[0].get("name"), ""))
+        self.lookup = Frames(cut)
+        self._links, extra, roots = {}, [], []
+        for model in models:
+            self._model(model, "", False, 0, extra, roots)
+        self._joints_and_frames(top, "", False, extra)
+        if not self._links:
+            raise FormatError("there is no link")
+        short, pose, body = self.lookup.short, self.lookup.pose, self.lookup.body
+        self.bodies = {
+            short(full): Body(short(full), node, pose(full), static) for full, (node, _, static) in self._links.items()
+        }
+        self.frames = {short(full): (short(body(full)), pose(full)) for full in extra}
+        self.roots = [short(body(full)) for full in roots]
+        self._scopes = {short(full): scope for full, (_, scope, _) in self._links.items()}
 
-def read_document(raw: Element) -> Document:
-    """What a parsed file holds; FormatError for the first thing that is wrong, with its element."""
-    if raw.tag != "sdf":
-        raise FormatError(f"the root element of an SDF file is <sdf>, this is <{raw.tag}>")
-    text = raw.get("version", "")
-    if not re.fullmatch(r"\d{1,4}\.\d{1,4}", text):
-        raise FormatError(f"<sdf> needs a version such as 1.7, not {text[:20]!r}")
-    version = tuple(map(int, text.split(".")))
-    if version < OLDEST:
-        raise FormatError(f"version {text} is too old, 1.4 is the first that can be read; `gz sdf -p` converts files")
-    worlds = raw.findall("world")
-    if len(worlds) > 1:
-        raise FormatError(f"one world is needed, this file has {len(worlds)}; keep one of them")
-    top, gravity = SdfNode(raw, "sdf"), None
-    if worlds:
-        top = SdfNode(worlds[0], "world")
-        top.warn_unknown(_WORLD)
-        if top.child("state"):
-            _log.warning("world: <state> has no effect; the models stand where their own poses place them")
-        gravity = np.array((top if version > (1, 5) else top.child("physics")).values("gravity", GRAVITY))
-    top.refuse_includes()
-    models, cut = top.children("model"), 0
-    if len(models) == 1 and not top.child("joint") and not top.child("frame"):
-        cut = len(join(models[0].get("name"), ""))
-    reader = _Reader(version, cut)
-    for model in models:
-        reader.model(model, "", False, 0)
-    reader.joints_and_frames(top, "", False)
-    return reader.document(gravity)
+    def place(self, body: str, name: str, element: str) -> pin.SE3:
+        """The pose in the world of the frame that the model of a body calls `name`."""
+        return self.lookup.pose(self.lookup.resolve(self._scopes[body], name, element))
 
-
-class _Reader:
-    """Collects the names of a file first, and looks up what they refer to afterwards."""
-
-    def __init__(self, version, cut):
-        self.version, self.frames = version, Frames(cut)
-        self._links: dict[str, tuple[str, SdfNode, bool]] = {}
-        self._joints, self._extra, self._roots = [], [], []
-
-    def model(self, node, scope, static, depth):
+    def _model(self, node, scope, static, depth, extra, roots):
         """Take in a model and the models in it."""
         full = self._name(node, "model", scope)
         if depth > DEEPEST:
@@ -219,32 +193,32 @@ class _Reader:
         if not (inner or static):
             raise node.error("there is no link")
         attached = WORLD if static else canonical or inner[0]
-        self.frames.add(full, Frame(node.name, *node.pose(), scope, attached, full, node.get("placement_frame")))
+        self.lookup.add(full, Frame(node.name, *node.pose(), scope, attached, full, node.get("placement_frame")))
         if canonical and not static:
-            self._roots.append(full)
+            roots.append(full)
         for link in node.children("link"):
             name = self._name(link, "link", full)
-            self.frames.add(name, Frame(link.name, *link.pose(), full, attached=None))
-            self._links[name] = full, link, static
+            self.lookup.add(name, Frame(link.name, *link.pose(), full, attached=None))
+            self._links[name] = link, full, static
         for each in node.children("model"):
-            self.model(each, full, static, depth + 1)
-        self.joints_and_frames(node, full, static)
+            self._model(each, full, static, depth + 1, extra, roots)
+        self._joints_and_frames(node, full, static, extra)
 
-    def joints_and_frames(self, node, scope, static):
+    def _joints_and_frames(self, node, scope, static, extra):
         """Take in the joints and frames of a model, or of the world."""
         for joint in node.children("joint"):
             full = self._name(joint, "joint", scope)
             (place, base), child = joint.pose(), joint.child("child").text()
             if self.version < FRAMES and full in self._links:  # allowed in those days
                 full += "_joint"
-            self.frames.add(full, Frame(joint.name, place, base or child, scope, child))
+            self.lookup.add(full, Frame(joint.name, place, base or child, scope, child))
             if not static:
-                self._joints.append((full, joint, scope))
+                self.joints.append((full, joint, scope))
         for frame in node.children("frame"):
             full = self._name(frame, "frame", scope)
             (place, base), attached = frame.pose(), frame.get("attached_to")
-            self.frames.add(full, Frame(frame.name, place, base or attached, scope, attached))
-            self._extra.append(full)
+            self.lookup.add(full, Frame(frame.name, place, base or attached, scope, attached))
+            extra.append(full)
 
     def _name(self, node, tag, scope):
         """The full name of an element, which also gets its name for messages."""
@@ -253,26 +227,17 @@ class _Reader:
             raise FormatError(f"a {tag} has no name")
         if name in (WORLD, "universe") or (name.startswith("__") and name.endswith("__")):
             raise FormatError("the name is reserved; give it another", element=f"{tag} {name[:80]!r}")
-        node.name = f"{tag} {self.frames.short(join(scope, name))!r}"
+        node.name = f"{tag} {self.lookup.short(join(scope, name))!r}"
         return join(scope, name)
 
-    def document(self, gravity):
-        """Everything looked up."""
-        if not self._links:
-            raise FormatError("there is no link")
-        frames, short = self.frames, self.frames.short
-        bodies = {
-            short(full): Body(short(full), node, frames.pose(full), static)
-            for full, (_, node, static) in self._links.items()
-        }
-        scopes = {short(full): scope for full, (scope, _, _) in self._links.items()}
-        return Document(
-            bodies,
-            self._joints,
-            {short(full): (short(frames.body(full)), frames.pose(full)) for full in self._extra},
-            [short(frames.body(full)) for full in self._roots],
-            gravity,
-            self.version,
-            frames,
-            lambda body, name, element: frames.pose(frames.resolve(scopes[body], name, element)),
-        )
+
+def _version(raw) -> tuple[int, ...]:
+    if raw.tag != "sdf":
+        raise FormatError(f"the root element of an SDF file is <sdf>, this is <{raw.tag}>")
+    text = raw.get("version", "")
+    if not re.fullmatch(r"\d{1,4}\.\d{1,4}", text):
+        raise FormatError(f"<sdf> needs a version such as 1.7, not {text[:20]!r}")
+    version = tuple(map(int, text.split(".")))
+    if version < OLDEST:
+        raise FormatError(f"version {text} is too old, 1.4 is the first that can be read; `gz sdf -p` converts files")
+    return version

@@ -6,7 +6,7 @@ semantics" and "Model composition" of sdformat.org.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import pinocchio as pin
 
@@ -16,29 +16,14 @@ from ..reading import require_known
 WORLD = "world"
 
 
-@dataclass(frozen=True)
-class Frame:
-    """A frame as the file writes it.
+class Frame(NamedTuple):
+    """A frame as the file writes it."""
 
-    Attributes
-    ----------
-    element : str
-        The name that messages use.
-    pose : SE3
-        In its base; with `placement` that of the frame inside of a model by which the model is placed.
-    base : str
-        Looked up in `scope`; empty: the model or the world of that scope.
-    scope : str
-        The model, by its full name, or empty.
-    attached : str or None
-        What it moves with, looked up in `inside`, or else in `scope`; None: a link, which moves by itself.
-    """
-
-    element: str
-    pose: pin.SE3
-    base: str
-    scope: str
-    attached: str | None = ""
+    element: str  # the name that messages use
+    pose: pin.SE3  # in its base; with `placement`, that of the frame inside a model by which the model is placed
+    base: str  # looked up in `scope`; empty: the model or the world of that scope
+    scope: str  # the full name of the model, or empty
+    attached: str | None = ""  # what it moves with, looked up in `inside`, or else in `scope`; None: a link
     inside: str | None = None
     placement: str = ""
 
@@ -51,10 +36,7 @@ def join(scope: str, name: str) -> str:
 class Frames:
     """All frames of a file by their full names. Poses are looked up after all are added, in any order.
 
-    Parameters
-    ----------
-    cut : int
-        Number of letters that names in the mechanism and in messages lack at the start of full names.
+    Names in the mechanism and in messages lack the first `cut` letters of full names.
     """
 
     def __init__(self, cut: int):

@@ -12,17 +12,8 @@ import pinocchio as pin
 from .document import FRAMES, Document, SdfNode, unit
 from .frames import WORLD, join
 
-AXES = {
-    "revolute": 1,
-    "continuous": 1,
-    "prismatic": 1,
-    "screw": 1,
-    "ball": 0,
-    "fixed": 0,
-    "universal": 2,
-    "revolute2": 2,
-    "gearbox": 2,
-}
+AXES = dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), 1) | dict.fromkeys(("ball", "fixed"), 0)
+AXES |= dict.fromkeys(("universal", "revolute2", "gearbox"), 2)
 """Joint types, and how many axes they have."""
 
 PARALLEL = 1e-6
@@ -58,44 +49,21 @@ class Axis:
     initial: float = 0.0
     follows: Follower | None = None
 
-    @property
-    def acts(self) -> bool:
-        """Whether there is a torque or a coupling."""
-        return bool(self.damping or self.friction or self.stiffness or self.follows)
-
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint between two bodies, at the configuration of the file.
-
-    Attributes
-    ----------
-    name, kind : str
-        ``kind`` is one of `AXES`; ``revolute2`` has become ``universal``, ``continuous`` ``revolute``.
-    parent, child : str
-        Bodies, or ``"world"``.
-    pose : SE3
-        Of the joint's frame, in the world.
-    axes : tuple of Axis
-        As many as the kind has; that of a ball stands for all directions.
-    pitch : float
-        Of a screw: travel along the axis for each revolution, m, positive for a right-handed thread.
-    ratio, reference : float, str
-        Of a gearbox: θ₂ = -ratio θ₁, angles of child and parent against the body `reference`, about its two axes.
-    must_cut : bool
-        The file asks that this joint closes a loop.
-    """
+    """A joint between two bodies, at the configuration of the file."""
 
     name: str
-    kind: str
-    parent: str
+    kind: str  # one of `AXES`; ``revolute2`` has become ``universal``, ``continuous`` ``revolute``
+    parent: str  # a body, or ``"world"``
     child: str
-    pose: pin.SE3
-    axes: tuple[Axis, ...]
-    pitch: float = 0.0
-    ratio: float = 1.0
+    pose: pin.SE3  # of the joint's frame, in the world
+    axes: tuple[Axis, ...]  # as many as the kind has; that of a ball stands for all directions
+    pitch: float = 0.0  # of a screw: m along the axis for each revolution, positive for a right-handed thread
+    ratio: float = 1.0  # of a gearbox: θ₂ = -ratio θ₁, angles of child and parent against the body `reference`
     reference: str = ""
-    must_cut: bool = False
+    must_cut: bool = False  # the file asks that this joint closes a loop
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -105,56 +73,55 @@ class Joint:
 
 def read_joints(document: Document) -> list[Joint]:
     """The joints of a file, as far as they are not in static models; FormatError for the first that is wrong."""
-    return [_Reader(document, *each).joint() for each in document.joints]
+    return [_Reader(document, scope).joint(full, node) for full, node, scope in document.joints]
 
 
 class _Reader:
-    """Reads one joint."""
+    """Reads joints of one scope."""
 
-    def __init__(self, document, full, node, scope):
-        self.node, self.scope, self.version = node, scope, document.version
-        self.frames, self.name = document.lookup, document.lookup.short(full)
-        node.name, self.full = f"joint {self.name!r}", full
+    def __init__(self, document, scope):
+        self.frames, self.version, self.scope = document.lookup, document.version, scope
 
-    def joint(self) -> Joint:
-        """The joint."""
-        node = self.node
+    def joint(self, full, node) -> Joint:
+        """The joint of a full name."""
+        name = self.frames.short(full)
+        node.name = f"joint {name!r}"
         node.warn_unknown(_PARTS)
         kind = node.get("type").lower()
         if kind not in AXES:
             raise node.error(f"type {node.get('type')[:40]!r} is not one of {', '.join(AXES)}")
-        parent, child = self._body("parent"), self._body("child")
+        parent, child = self._body(node, "parent"), self._body(node, "child")
         if child == WORLD:
             raise node.error("the world cannot be a child; exchange parent and child")
         if parent == child:
             raise node.error(f"parent and child are the same body {parent!r}")
-        self.pose = self.frames.pose(self.full)
-        axes = tuple(self._axis(node.child(tag)) for tag in ("axis", "axis2")[: AXES[kind]])
+        pose = self.frames.pose(full)
+        axes = tuple(self._axis(node.child(tag), pose) for tag in ("axis", "axis2")[: AXES[kind]])
         if kind in ("universal", "revolute2"):
             if np.linalg.norm(np.cross(axes[0].direction, axes[1].direction)) < PARALLEL:
                 raise node.error("its two axes are parallel")
         elif kind == "continuous":
             axes = (replace(axes[0], lower=-math.inf, upper=math.inf),)
         elif kind == "ball":
-            axes = (self._ball(node.child("axis")),)
+            axes = (_ball(node.child("axis")),)
         return Joint(
-            self.name,
+            name,
             {"continuous": "revolute", "revolute2": "universal"}.get(kind, kind),
             parent,
             child,
-            self.pose,
+            pose,
             axes,
             pitch=_pitch(node) if kind == "screw" else 0.0,
             ratio=node.value("gearbox_ratio", 1.0),
-            reference=self._body("gearbox_reference_body") if kind == "gearbox" else "",
+            reference=self._body(node, "gearbox_reference_body") if kind == "gearbox" else "",
             must_cut=node.child("physics").child("simbody").flag("must_be_loop_joint"),
         )
 
-    def _body(self, tag):
-        full = self.frames.resolve(self.scope, self.node.word(tag), f"{self.node.name}: {tag}")
+    def _body(self, node, tag):
+        full = self.frames.resolve(self.scope, node.word(tag), f"{node.name}: {tag}")
         return self.frames.short(self.frames.body(full))
 
-    def _axis(self, node) -> Axis:
+    def _axis(self, node, pose) -> Axis:
         if not node:
             raise node.error("it is missing")
         node.warn_unknown(_IN_AXIS)
@@ -164,7 +131,7 @@ class _Reader:
         direction = unit(direction)
         if frame := self._expressed_in(node):
             there = self.frames.pose(self.frames.resolve(self.scope, frame, f"{node.name}: xyz"))
-            direction = self.pose.rotation.T @ there.rotation @ direction
+            direction = pose.rotation.T @ there.rotation @ direction
         limits = node.child("limit")
         lower, upper = limits.limit("lower", -math.inf), limits.limit("upper", math.inf)
         if lower > upper:
@@ -200,13 +167,13 @@ class _Reader:
         leader = self.frames.short(join(self.scope, node.get("joint")))
         return Follower(leader, axes.index(axis), ratio, offset - ratio * node.value("reference"))
 
-    @staticmethod
-    def _ball(node):
-        """The damping and friction that simulators let act about all axes of a ball; its direction means nothing."""
-        given = _dynamics(node.child("dynamics"))
-        if given["stiffness"]:
-            raise node.error("a ball joint has no axis about which a spring could act")
-        return Axis(np.zeros(3), given["damping"], given["friction"])
+
+def _ball(node):
+    """The damping and friction that simulators let act about all axes of a ball; its direction means nothing."""
+    given = _dynamics(node.child("dynamics"))
+    if given["stiffness"]:
+        raise node.error("a ball joint has no axis about which a spring could act")
+    return Axis(np.zeros(3), given["damping"], given["friction"])
 
 
 def _dynamics(node: SdfNode) -> dict[str, float]:

@@ -17,29 +17,10 @@ from .net import Net, copy_name
 
 
 def build(document: Document, net: Net, inertias: Mapping[str, pin.Inertia], name: str, free_flyer: bool):
-    """The tree of a net, and the places of its floating roots.
+    """The model of a net, and the configurations of its floating roots by the names of their joints.
 
-    Parameters
-    ----------
-    document, net
-        What the file holds, and how it is cut open.
-    inertias : mapping
-        Link → inertia in its own frame.
-    name : str
-        Of the model.
-    free_flyer : bool
-        Let the roots that no joint ties to the world float, instead of fixing them where they stand.
-
-    Returns
-    -------
-    model : pin.Model
-    guess : dict
-        Root joint → its configuration, if there is one.
-
-    Raises
-    ------
-    FormatError
-        Names that clash, numbers that overflow, nothing that moves or, with `free_flyer`, nothing that floats.
+    With `free_flyer` the roots that no joint ties to the world float; else they are fixed where they stand. `inertias`
+    are those of links in their own frames. FormatError for names that clash, or if nothing moves or floats.
     """
     if free_flyer and not net.roots:
         raise FormatError("nothing can float: all links are tied to the world; leave free_flyer away")
@@ -52,7 +33,7 @@ def build(document: Document, net: Net, inertias: Mapping[str, pin.Inertia], nam
             tree.carrier[body] = tree.add(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), pose, root)
             guess[root] = pin.SE3ToXYZQUAT(pose)
         tree.plant(body)
-    tree.finish()
+    tree.add_frames()
     if not tree.model.nv:
         raise FormatError("nothing can move: there is no joint that is not fixed (a free-flyer would move it)")
     return tree.model, guess
@@ -74,23 +55,27 @@ class _Tree:
             self._leaving.setdefault(joint.parent, []).append((joint, None))
         self._poses = [pin.SE3.Identity()]  # of the model's joints in the world, at q = 0
         self.carrier = {WORLD: 0}  # body → the joint that carries it
-        self._motions = []  # joints of the model, and what acts along them
 
     def plant(self, root):
         """Add a body and all that hangs on it, each branch completely before the next one."""
-        self.carrier.setdefault(root, 0)
-        if root != WORLD:
-            self._body(root)
-        waiting = [(root, *each) for each in reversed(self._leaving.get(root, ()))]
+        waiting = self._arrive(root, self.carrier.setdefault(root, 0))
         while waiting:
-            start, joint, end = waiting.pop()
-            carrier = self._hang(joint, self.carrier[start], forward=end != joint.parent)
+            carrier, joint, end = waiting.pop()
+            carrier = self._hang(joint, carrier, forward=end != joint.parent)
             if end is None:
                 self._frame(copy_name(joint), carrier, self._document.bodies[joint.child].pose, pin.FrameType.OP_FRAME)
-                continue
-            self.carrier[end] = carrier
-            self._body(end)
-            waiting += [(end, *each) for each in reversed(self._leaving.get(end, ()))]
+            else:
+                waiting += self._arrive(end, carrier)
+
+    def _arrive(self, name, carrier):
+        """Add a body; return what leaves it, the first last."""
+        self.carrier[name] = carrier
+        if name != WORLD:
+            pose = self._document.bodies[name].pose
+            if carrier:
+                self.model.appendBodyToJoint(carrier, self._inertias[name], self._poses[carrier].actInv(pose))
+            self._frame(name, carrier, pose, pin.FrameType.BODY)
+        return [(carrier, *each) for each in reversed(self._leaving.get(name, ()))]
 
     def add(self, parent, joint, place, pose, name):
         """Add a joint by its place on its parent and its pose in the world; its index."""
@@ -112,37 +97,33 @@ class _Tree:
         for name, axis in parts if forward else parts[::-1]:
             motion = _joint_model(joint, axis.direction if forward else -axis.direction)
             carrier = self.add(carrier, motion, place, joint.pose, name)
-            self._motions.append((carrier, axis))
+            _set_values(self.model, carrier, axis)
             place = pin.SE3.Identity()
         return carrier
-
-    def _body(self, name):
-        carrier, pose = self.carrier[name], self._document.bodies[name].pose
-        if carrier:
-            self.model.appendBodyToJoint(carrier, self._inertias[name], self._poses[carrier].actInv(pose))
-        self._frame(name, carrier, pose, pin.FrameType.BODY)
 
     def _frame(self, name, carrier, pose, kind):
         place = self._poses[carrier].actInv(pose)
         parent = self.model.getFrameId(self.model.names[carrier], pin.FrameType.JOINT) if carrier else 0
         self.model.addFrame(pin.Frame(name, carrier, parent, place, kind), False)
 
-    def finish(self):
-        """Add the frames of the file, and what limits and brakes the joints."""
+    def add_frames(self):
+        """Add the frames of the file, and those where loops close."""
         for name, (body, pose) in self._document.frames.items():
             self._frame(name, self.carrier[body], pose, pin.FrameType.OP_FRAME)
         for joint in self._net.cut:
             self._frame(joint.name, self.carrier[joint.child], joint.pose, pin.FrameType.OP_FRAME)
-        model = self.model
-        for index, axis in self._motions:
-            v = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
-            model.damping[v] = axis.damping
-            model.upperDryFrictionLimit[v], model.lowerDryFrictionLimit[v] = axis.friction, -axis.friction
-            model.upperEffortLimit[v], model.lowerEffortLimit[v] = axis.effort, -axis.effort
-            model.upperVelocityLimit[v], model.lowerVelocityLimit[v] = axis.velocity, -axis.velocity
-            if model.nqs[index] == 1:
-                q = model.idx_qs[index]
-                model.lowerPositionLimit[q], model.upperPositionLimit[q] = axis.lower, axis.upper
+
+
+def _set_values(model, joint, axis):
+    """Write what limits and brakes a joint."""
+    v = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
+    model.damping[v] = axis.damping
+    model.upperDryFrictionLimit[v], model.lowerDryFrictionLimit[v] = axis.friction, -axis.friction
+    model.upperEffortLimit[v], model.lowerEffortLimit[v] = axis.effort, -axis.effort
+    model.upperVelocityLimit[v], model.lowerVelocityLimit[v] = axis.velocity, -axis.velocity
+    if model.nqs[joint] == 1:
+        q = model.idx_qs[joint]
+        model.lowerPositionLimit[q], model.upperPositionLimit[q] = axis.lower, axis.upper
 
 
 def _joint_model(joint: Joint, direction):

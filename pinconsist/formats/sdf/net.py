@@ -6,16 +6,8 @@ If such a joint must be cut all the same, for instance because every hinge of a 
 joint stays, carries a massless copy of its child link, and this is held to the link by six rows. Of loops of like
 joints the tree takes the shortest chains. ``<must_be_loop_joint>`` asks for a cut.
 
-======================= =========================================================
-joint cut               loop
-======================= =========================================================
-ball                    point
-revolute, continuous    hinge
-prismatic               slider
-universal, revolute2    universal if its axes are perpendicular, else by the copy
-fixed                   frame
-screw                   by the copy
-======================= =========================================================
+A ball that is cut becomes a point, a revolute or continuous joint a hinge, a prismatic joint a slider, a fixed joint a
+frame, a universal joint a universal if its axes are perpendicular. Other universal joints and screws are copied.
 """
 
 from __future__ import annotations
@@ -54,25 +46,10 @@ class Branch(NamedTuple):
 def spanning_tree(
     ends: Sequence[tuple[str, str]], weights: Sequence[float], held: Iterable[str], candidates: Iterable[str]
 ) -> tuple[list[Branch], list[str]]:
-    """The tree of largest weight (Prim's algorithm), by shortest chains among equal ones.
+    """The tree of largest weight (Prim's algorithm): its joints, and its roots beside those that are `held`.
 
-    Ties go to joints that lead from parent to child, then to short chains, then to the order given.
-
-    Parameters
-    ----------
-    ends : sequence of (str, str)
-        Parent and child body of each joint.
-    weights : sequence of float
-        How much each joint should be in the tree rather than close a loop.
-    held : iterable of str
-        Bodies that do not move: roots.
-    candidates : iterable of str
-        All bodies; of those that no joint ties to one that is held, the first becomes a root.
-
-    Returns
-    -------
-    branches, roots
-        The tree's joints, each after those that lead to it; the roots among `candidates`.
+    Ties go to joints that lead from parent to child, then to short chains, then to the order given. `ends` are parent
+    and child body of each joint. Of the `candidates`, all bodies, the first that no joint ties to a root becomes one.
     """
     at: dict[str, list[int]] = {}
     for joint, pair in enumerate(ends):
@@ -113,12 +90,10 @@ class Net:
     ----------
     joints : list of Joint
         Those that tie bodies together, of which at least one can move.
-    held : tuple of str
-        Bodies that do not move, the world first.
+    held, roots : sequence of str
+        Bodies that do not move, the world first; and those that no joint ties to one of them.
     branches : list of Branch
         The tree, in the order of the file.
-    roots : list of str
-        Bodies that no joint ties to one that is held.
     copied, cut : list of Joint
         What closes loops: by a copy of the child, and by rows of the joint's own kind.
     """
@@ -156,7 +131,7 @@ def _whole(joint):
         first, second = (axis.direction for axis in joint.axes)
         if abs(first @ second) > _PERPENDICULAR:
             return True
-    return joint.kind == "screw" or any(axis.acts for axis in joint.axes)
+    return joint.kind == "screw" or any(a.damping or a.friction or a.stiffness or a.follows for a in joint.axes)
 
 
 def _loop(joint, document, kind, frame1, body1):
@@ -174,12 +149,7 @@ def couplings(joints: Sequence[Joint]) -> list[Coupling]:
     """The gearboxes and followers of a file as couplings of two joints.
 
     A gearbox holds θ₂ = -ratio θ₁, with θ₁ the angle from its reference body to its parent about its first axis, and
-    θ₂ that to its child about the second.
-
-    Raises
-    ------
-    FormatError
-        Joints that are not there, or have no such axis.
+    θ₂ that to its child about the second. FormatError for joints that do not exist or have no such axis.
     """
     made, by_name = [], {joint.name: joint for joint in joints}
     for joint in joints:
