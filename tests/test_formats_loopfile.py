@@ -382,7 +382,7 @@ BAD_RECORDS = {
     ),
     "universal": (
         "loops: [{name: u, kind: universal, frame1: c, axis: [1, 0, 0]}]",
-        "loop 1 'u': a universal needs the axis of its body 2",
+        "loop 1 'u': a universal needs its axis2",
     ),
     "axis2": (
         "loops: [{name: u, kind: universal, frame1: c, axis: [1, 0, 0], axis2: x}]",
