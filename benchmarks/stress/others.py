@@ -57,11 +57,8 @@ class ByPeer:
         """The figure, its criterion no tighter than errors at the tolerance of the runs so far may be."""
         return figure._replace(criterion=max(figure.criterion, GROWTH * self.tolerance))
 
-    def simulate(self, mech, t_span, q0=None, v0=None, *, rtol=1e-6, t_eval=None, step=None, **options) -> Solution:
-        """The solution of the assembled problem; of a peer, whose rtol is its atol, too, and that counts no steps.
-
-        A peer chooses its own step.
-        """
+    def simulate(self, mech, t_span, q0=None, v0=None, *, rtol=1e-6, t_eval=None, **options) -> Solution:
+        """The solution of the assembled problem; of a peer, whose rtol is its atol, too, and that counts no steps."""
         closed = assemble(mech, q0, v0, t=t_span[0])
         return self._run(mech, t_span, closed.q, closed.v, rtol, t_eval, options)
 
