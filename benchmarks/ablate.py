@@ -18,14 +18,11 @@ from unittest.mock import patch
 import numpy as np
 import typer
 
+from pinconsist import Event, InputError, load, simulate
 from pinconsist.cli import output
-from pinconsist.dae.events import Event
 from pinconsist.dae.foresight import Foresight
 from pinconsist.dae.reuse import Reuse
-from pinconsist.errors import InputError
-from pinconsist.formats.load import load
 from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.simulation import simulate
 
 from . import report
 

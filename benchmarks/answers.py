@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from pinconsist import InputError, PinconsistError
 from pinconsist.dae.acceleration import solve_acceleration
 from pinconsist.dae.one_step import RightHandSide, chart_state
-from pinconsist.errors import InputError, PinconsistError
 
 from .peers.problem import Problem
 

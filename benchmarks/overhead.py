@@ -11,14 +11,11 @@ import pinocchio as pin
 import typer
 from scipy.linalg.lapack import dgesv
 
-from pinconsist import _core
+from pinconsist import _core, assemble, load, simulate
 from pinconsist.cli import output
 from pinconsist.dae.compiled import stepper_for
-from pinconsist.formats.load import load
-from pinconsist.mechanism.assembly import assemble
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.plan import method_of
-from pinconsist.simulation import simulate
 
 from . import report
 

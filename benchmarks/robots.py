@@ -12,12 +12,9 @@ import numpy as np
 import pinocchio as pin
 import typer
 
+from pinconsist import AssemblyError, InputError, PinconsistError, assemble, load, simulate
 from pinconsist.cli import output
-from pinconsist.errors import AssemblyError, InputError, PinconsistError
 from pinconsist.formats.catalogue import is_built_in
-from pinconsist.formats.load import load
-from pinconsist.mechanism.assembly import assemble
-from pinconsist.simulation import simulate
 
 from . import report
 

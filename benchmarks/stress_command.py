@@ -1,4 +1,4 @@
-"""``python -m benchmarks stress``."""
+"""``python -m benchmarks stress``, by the package or by the peers."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from typing import Annotated
 
 import typer
 
+from pinconsist import InputError
 from pinconsist.cli import output
 from pinconsist.interrupts import interrupted
 
 from . import report
-from .stress import cases
-from .stress.case import run
+from .stress import cases, others
+from .stress.case import FAILED, run
 from .stress.random_chains import FAMILY
-from .stress_peers_command import stress_peers
 
-SHORTENED = 100  # characters of a reason in the table; --json has it whole
+SHORTENED = 100  # characters of a reason in the table; --json and --csv have it whole
+KINDS = ("held", "refused", FAILED, others.CUT, others.CANNOT)
 
 
 def command(
@@ -46,27 +47,29 @@ def command(
     """Try to break the method, and print what was tried and what held.
 
     Each case held, by a criterion that stands beside the figure, or was refused
-    with a reason; anything else has FAILED, and the exit code is then 1.
+    with a reason; anything else has FAILED, and the exit code is then 1. The exit
+    code does not judge the peers; their counts go to FILE_methods.csv.
 
     Example: python -m benchmarks stress chains --count 500
     """
     output.require_writable(csv=csv)
+    options = {"count": count, "seed": seed}
     if peers:
-        return stress_peers(subject or (), count, seed, sample, csv, as_json)
-    outcomes = _run(list(cases(subject or (), long=long, count=count, seed=seed)))
+        return _by_peers(others.sample(_shared(subject or (), options), sample), csv, as_json)
+    outcomes = _run(list(cases(subject or (), long=long, **options)))
     counts = Counter(outcome.outcome for outcome in outcomes)
     if csv:
         report.write_csv(csv, [asdict(outcome) for outcome in outcomes])
     if as_json:
-        output.print_json(
-            {"machine": report.machine(), "counts": counts, "cases": [asdict(outcome) for outcome in outcomes]}
-        )
+        rows = [asdict(outcome) for outcome in outcomes]
+        output.print_json({"machine": report.machine(), "counts": counts, "cases": rows})
     else:
-        _print_table(outcomes if every else _gathered(outcomes))
+        columns = [("case", "{family}"), ("varied", "{varied}"), ("outcome", "{outcome}"), *FIGURES]
+        report.table(map(asdict, outcomes if every else _gathered(outcomes)), columns, None)
         seconds = sum(outcome.seconds for outcome in outcomes)
-        told = ", ".join(f"{number} {what}" for what, number in sorted(counts.items()))
-        print(f"{output.counted(len(outcomes), 'case')} in {seconds:.0f} s: {told}")
-    return output.FAILED if counts["FAILED"] else output.FINE
+        summary = ", ".join(f"{number} {what}" for what, number in sorted(counts.items()))
+        print(f"{output.counted(len(outcomes), 'case')} in {seconds:.0f} s: {summary}")
+    return output.FAILED if counts[FAILED] else output.FINE
 
 
 def _run(cases):
@@ -82,25 +85,86 @@ def _run(cases):
 
 def _gathered(outcomes):
     """The outcomes with one row for all random chains that held, or were refused for one reason."""
-
-    rows, alike = [], {}
+    rows, alike, total = [], {}, sum(outcome.family == FAMILY for outcome in outcomes)
     for outcome in outcomes:
-        if outcome.family != FAMILY or outcome.outcome == "FAILED":
+        if outcome.family != FAMILY or outcome.outcome == FAILED:
             rows.append(outcome)
         else:
             alike.setdefault((outcome.outcome, re.sub(r"[\d.e+-]+", "#", outcome.reason)), []).append(outcome)
     for same in alike.values():
         worst = max(same, key=lambda outcome: outcome.figure / outcome.criterion if outcome.figure else 0.0)
-        total = sum(outcome.family == FAMILY for outcome in outcomes)
         rows.append(replace(worst, varied=f"{len(same)} of {total}, the worst: {worst.varied}"))
     return rows
 
 
-def _print_table(outcomes):
+def _number(name):
+    return lambda row: "" if row[name] is None else f"{row[name]:.1e}"
+
+
+def _why(row):
+    """What the figure is, where it stands for itself, or the reason."""
+    reason = " ".join(row["reason"].split())
+    if row["outcome"] == "held" or (reason.endswith("is beyond its criterion") and "method" in row):
+        return row["measure"]
+    return reason if len(reason) <= SHORTENED else f"{reason[:SHORTENED]}…"
+
+
+FIGURES = [
+    ("figure>", _number("figure")),
+    ("criterion>", _number("criterion")),
+    ("what the figure is, or the reason", _why),
+]
+
+
+def _shared(subjects, options):
+    if unknown := set(subjects) - set(others.SUBJECTS):
+        raise InputError(
+            f"{', '.join(sorted(unknown))}: not with --peers, which tries {', '.join(others.SUBJECTS)}: steps of a "
+            "given size and starts off the loops are the package's own"
+        )
+    return cases(subjects or others.SUBJECTS, **options)
+
+
+def _by_peers(sample, csv, as_json) -> int:
     rows = []
-    for each in outcomes:
-        numbers = ("", "") if each.figure is None else (f"{each.figure:.1e}", f"{each.criterion:.1e}")
-        reason = each.reason if len(each.reason) <= SHORTENED else f"{each.reason[:SHORTENED]}…"
-        what = each.measure if each.outcome == "held" else reason
-        rows.append((each.family, each.varied, each.outcome, *numbers, what))
-    output.table(("case", "varied", "outcome", "figure>", "criterion>", "what the figure is, or the reason"), rows)
+    with report.status() as show:
+        for method, outcome in others.outcomes(sample):
+            rows.append({"method": method} | asdict(outcome))
+            show(f"{len(rows)} of {len(sample) * len(others.methods())}, {outcome.family}: {method}")
+    families, methods = list(dict.fromkeys(case.family for case in sample)), _counted(rows)
+    if csv:
+        report.write_csv(csv, rows)
+        report.write_csv(report.beside(csv, "methods"), methods)
+    if as_json:
+        output.print_json({"machine": report.machine(), "cases": rows})
+    else:
+        print(report.machine() + "\n")
+        report.table(
+            methods,
+            [("method", "{method}"), *((f"{kind}>", lambda row, kind=kind: row[kind] or "") for kind in KINDS)],
+            f"{len(sample)} cases by each method: held, or refused where that is right; FAILED; "
+            f"{others.CUT} after {others.LIMIT:g} s; {others.CANNOT}: not for it",
+        )
+        columns = [("method", "{method}"), *((f"{family}>", f"{{{family}}}") for family in families)]
+        report.table(methods, columns, "held or rightly refused, of those tried")
+        columns = [("method", "{method}"), ("what did not hold", "{family}: {varied}"), *FIGURES]
+        report.table([row for row in rows if row["outcome"] in (FAILED, others.CUT)], columns, None)
+        for reason in others.missing():
+            print(reason)
+    own = [row["outcome"] for row in rows if row["method"] == others.OWN]
+    return output.FAILED if FAILED in own else output.FINE
+
+
+def _counted(rows):
+    """For each method how many outcomes of each kind there are, and the share of each family that is right."""
+    counted = []
+    for method in dict.fromkeys(row["method"] for row in rows):
+        own = [row for row in rows if row["method"] == method]
+        counts = Counter(row["outcome"] for row in own)
+        summary = {"method": method} | {kind: counts[kind] for kind in KINDS}
+        for family in dict.fromkeys(row["family"] for row in rows):
+            tried = [row["outcome"] for row in own if row["family"] == family and row["outcome"] != others.CANNOT]
+            right = sum(outcome in ("held", "refused") for outcome in tried)
+            summary[family] = f"{right}/{len(tried)}" if tried else ""
+        counted.append(summary)
+    return counted

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinconsist.errors import InputError, PinconsistError
+from pinconsist import InputError, PinconsistError
 
 from .answers import Answers
 from .peers import OWN, peers

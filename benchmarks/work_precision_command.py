@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from pinconsist import plot_work_precision
 from pinconsist.cli import output
-from pinconsist.view.plots import plot_work_precision
 
 from . import report
 from .peers import OWN

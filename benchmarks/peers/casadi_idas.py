@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pinconsist import JointSpring, JointTorque, SpringDamper, Torque
 from pinconsist.dae.acceleration import solve_acceleration
-from pinconsist.mechanism.forces import JointSpring, JointTorque, SpringDamper, Torque
 
 from .problem import Peer, Rows, SolverFailed, loop_ends, spring_ends
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from pinconsist.mechanism.forces import JointSpring, JointTorque, SpringDamper, Torque
+from pinconsist import JointSpring, JointTorque, SpringDamper, Torque
 
 from .problem import Peer, Rows, SolverFailed, loop_ends, spring_ends
 

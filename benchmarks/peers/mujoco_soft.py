@@ -6,7 +6,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from pinconsist.mechanism.forces import JointSpring, JointTorque, SpringDamper
+from pinconsist import JointSpring, JointTorque, SpringDamper
 
 from .problem import Peer, Rows, SolverFailed, loop_ends, spring_ends
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pinconsist import __version__
+from pinconsist import __version__, integrate
 from pinconsist.dae.bdf import MAX_ORDER
 from pinconsist.dae.consistency import MODES
-from pinconsist.simulation import integrate
 
 from .problem import Peer, Rows, SolverFailed
 

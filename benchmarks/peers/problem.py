@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinconsist.mechanism.forces import JointTorque
-from pinconsist.mechanism.mechanism import Mechanism
+from pinconsist import JointTorque, Mechanism
 from pinconsist.mechanism.system import MechanismSystem
 
 

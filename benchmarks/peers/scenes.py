@@ -8,14 +8,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from pinconsist.errors import AssemblyError, InputError
+from pinconsist import AssemblyError, InputError, JointSpring, Loop, Mechanism, assemble, load, reference_problem
 from pinconsist.formats.catalogue import is_built_in
-from pinconsist.formats.load import load
-from pinconsist.mechanism.assembly import assemble
-from pinconsist.mechanism.forces import JointSpring
-from pinconsist.mechanism.loops import Loop
-from pinconsist.mechanism.mechanism import Mechanism
-from pinconsist.reference import reference_problem
 
 from .problem import Problem
 

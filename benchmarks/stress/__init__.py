@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pinconsist.errors import InputError
+from pinconsist import InputError
 
-from . import forces, random_chains, scales, singular, starts, steps, tolerances
+from . import forces, random_chains, scales, singular, starts, steps
 from .case import Case
 
 SUBJECTS = {
@@ -18,7 +18,7 @@ SUBJECTS = {
     "singular": lambda long, count, seed: singular.cases(),
     "starts": lambda long, count, seed: starts.cases(),
     "forces": lambda long, count, seed: forces.cases(),
-    "tolerances": lambda long, count, seed: tolerances.cases(),
+    "tolerances": lambda long, count, seed: steps.tolerance_cases(),
     "chains": lambda long, count, seed: random_chains.cases(count, seed),
 }
 """Name → cases."""
@@ -39,7 +39,7 @@ def cases(subjects=(), *, long=False, count=100, seed=0) -> Iterator[Case]:
     Raises
     ------
     InputError
-        An unknown subject, or numbers that cannot be counted with.
+        An unknown subject, or a negative number.
     """
     for name in subjects:
         if name not in SUBJECTS:

@@ -16,14 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinconsist import simulation
-from pinconsist.dae.sizes import largest
-from pinconsist.errors import PinconsistError
+from pinconsist import PinconsistError, simulation
 
 HELD, REFUSED, FAILED = "held", "refused", "FAILED"
 EITHER = "held or refused"
 MAX_STEPS = 50_000
 """Of every run of the suite: none can hang."""
+RTOL = 1e-7
+"""rtol and atol of a run where nothing else is said."""
 
 
 class Figure(NamedTuple):
@@ -47,58 +47,33 @@ class Refused(Exception):
 class Case:
     """One thing to try.
 
-    Attributes
-    ----------
-    family : str
-        What kind of stress it is.
-    varied : str
-        What was varied, and to which value.
-    check : callable
-        ``check(by) -> sequence of Figure``; raises :class:`Refused` or an error of the package where it is declined.
-        `by` has the functions ``simulate`` and ``integrate`` of :mod:`pinconsist.simulation`.
-    expected : str
-        HELD, REFUSED or EITHER.
-    reason : str
-        A regular expression that the reason of a refusal must contain.
+    ``check(by)`` returns figures, and raises :class:`Refused` or an error of the package where the case is declined;
+    `by` has the functions ``simulate`` and ``integrate`` of :mod:`pinconsist.simulation`.
     """
 
-    family: str
-    varied: str
+    family: str  # what kind of stress it is
+    varied: str  # what was varied, and to which value
     check: Callable[..., Sequence[Figure]]
-    expected: str = HELD
-    reason: str = ""
+    expected: str = HELD  # or REFUSED or EITHER
+    reason: str = ""  # a regular expression that the reason of a refusal must contain
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a case.
-
-    Attributes
-    ----------
-    family, varied : str
-        As in the case.
-    outcome : {"held", "refused", "FAILED"}
-    reason : str
-        Of a refusal or failure.
-    measure : str
-        What the figure is: of all figures of the case, the one that takes the largest share of its criterion.
-    figure, criterion : float or None
-    seconds : float
-        How long the case took.
-    """
+    """What came of a case: of all its figures the one that takes the largest share of its criterion."""
 
     family: str
     varied: str
-    outcome: str
-    reason: str = ""
-    measure: str = ""
+    outcome: str  # HELD, REFUSED or FAILED
+    reason: str = ""  # of a refusal or failure
+    measure: str = ""  # what the figure is
     figure: float | None = None
     criterion: float | None = None
-    seconds: float = 0.0
+    seconds: float = 0.0  # how long the case took
 
 
 def run(case: Case) -> Outcome:
-    """Try a case; never raises, but for an interruption from the keyboard."""
+    """Try a case; never raises, except for an interruption from the keyboard."""
     start = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)  # NaN must be met on purpose, not by way of numpy's warnings
@@ -125,7 +100,7 @@ def declined(case, reason) -> tuple:
 
 
 def measured(case, figures) -> tuple:
-    """(outcome, reason, measure, figure, criterion) of a case that came back as a success."""
+    """(outcome, reason, measure, figure, criterion) of a case that was a success."""
     worst = max(figures, key=lambda figure: np.nan_to_num(figure.share, nan=np.inf))
     numbers = worst.measure, float(worst.value), float(worst.criterion)
     if case.expected == REFUSED:
@@ -140,6 +115,37 @@ def completed(solution):
     if not solution.success:
         raise Refused(solution.message)
     return solution
+
+
+def solved(by, mech, until, q0=None, v0=None, *, tol=RTOL, **options):
+    """The completed solution from t = 0 to `until` at one tolerance."""
+    options = {"rtol": tol, "atol": tol, "max_steps": MAX_STEPS} | options
+    return completed(by.simulate(mech, (0.0, until), q0, v0, **options))
+
+
+NAMES = {
+    "position": "loop gap [m]",
+    "velocity": "velocity off the loops [m/s]",
+    "energy_error": "energy error",
+    "force": "constraint forces",
+    "force_first": "first constraint forces",
+}
+
+
+def certified(sol, **criteria) -> list[Figure]:
+    """Figures of the solution's certificate, by the names of its fields."""
+    proof = sol.check()
+    return [Figure(NAMES[name], getattr(proof, name), criterion) for name, criterion in criteria.items()]
+
+
+def should_not_be(what, found=True) -> Figure:
+    """A figure that holds only where `found` is false."""
+    return Figure(what, float(found), 0.5)
+
+
+def largest(values) -> float:
+    """The largest magnitude in an array, 0 in an empty one."""
+    return np.abs(values).max(initial=0.0)
 
 
 def relative(values, reference) -> float:

@@ -16,11 +16,8 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from pinconsist import simulation
-from pinconsist.errors import InputError
-from pinconsist.mechanism.assembly import assemble
+from pinconsist import InputError, Solution, assemble, simulation
 from pinconsist.simulation import system_of
-from pinconsist.solution import Solution
 
 from ..peers import peers
 from ..peers.problem import Peer, Problem
@@ -43,12 +40,7 @@ class Cannot(Exception):
 
 
 class ByPeer:
-    """What `simulate` and `integrate` are to a case, by a peer.
-
-    Parameters
-    ----------
-    peer : Peer
-    """
+    """What `simulate` and `integrate` are to a case, by a peer."""
 
     def __init__(self, peer: Peer):
         self.peer, self.tolerance = peer, 0.0
@@ -125,19 +117,7 @@ def judged(case: Case, peer: Peer | None) -> tuple:
 
 
 def outcomes(cases: list[Case], *, limit: float = LIMIT) -> Iterator[tuple[str, Outcome]]:
-    """(method, Outcome) of every case by every method, each in a child process that is ended after `limit` seconds.
-
-    Parameters
-    ----------
-    cases : list of Case
-    limit : float
-        s of wall time.
-
-    Raises
-    ------
-    InputError
-        A limit that is none.
-    """
+    """(method, Outcome) of every case by every method, each in a child process that is ended after `limit` s."""
     if not limit > 0:
         raise InputError(f"a case needs a limit of some seconds, got {limit:g}")
     child = _Child(cases)
