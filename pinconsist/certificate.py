@@ -1,4 +1,4 @@
-"""How do I know it is right? A solution's residuals, measured independently of how it was made."""
+"""The certificate of a solution: its residuals, measured independently of how it was made."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Certificate:
     Attributes
     ----------
     position : float
-        |Φ|, m or rad: how far any loop gapes. ``position_at`` names the row and the time.
+        |Φ|, m or rad: how far any loop is open. ``position_at`` names the row and the time.
     velocity : float
         |J v + Φ_t|, m/s or rad/s. Raw BDF (``exact``, ``initial``) leaves O(hᵏ) here by its nature.
     force : float
@@ -69,7 +69,7 @@ class Certificate:
         """What a person should look at before believing the solution; empty where nothing stands out."""
         found, advice = [], "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
         if self.position > 1e-8:
-            found.append(f"a loop gapes by {self.position:.1e}")
+            found.append(f"a loop is open by {self.position:.1e}")
         if self.force > 0.01:
             found.append(f"the constraint forces are off by more than 1 %: {advice}, or a force jumps within a step")
         if self.energy_error is not None and self.energy_error > 0.01:
@@ -88,64 +88,48 @@ class Certificate:
 def certify(solution, mechanism=None) -> Certificate:
     """Measure a solution; `mechanism` where the solution does not carry its system."""
     system = solution.system
-    if mechanism is not None or isinstance(system, MechanismSystem):
-        return _certify_mechanism(solution, mechanism or system.mechanism)
-    return _certify_problem(solution, system)
-
-
-def _certify_problem(solution, system):
-    phi, rho, forces, exact, looked = [], [], [], [], _looked_at(solution)
-    for i, (t, p, v, lam) in enumerate(zip(solution.t, solution.q, solution.v, solution.lam, strict=True)):
-        _, gap, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
-        phi.append(gap)
-        rho.append(system.constraint(t, p, system.rate(t, p, v))[1])
-        if looked[i]:
-            forces.append(G @ lam)
-            exact.append(G @ solve_acceleration(system, t, p, v)[1])
-    labels = [system.describe_row(row) for row in range(system.nc)]
-    return _certificate(solution, labels, phi, rho, forces, exact, None, {})
-
-
-def _certify_mechanism(solution, mechanism):
-    system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
-    phi, rho, forces, exact, looked = [], [], [], [], _looked_at(solution)
+    if mechanism is None and isinstance(system, MechanismSystem):
+        mechanism = system.mechanism
+    if mechanism is not None:
+        system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
+    compared = _compared(solution)
+    phi, rho, forces, exact = [], [], [], []
     for i, (t, q, v, lam) in enumerate(zip(solution.t, solution.q, solution.v, solution.lam, strict=True)):
-        gap, J = system.loop_rows(q, t)
+        if mechanism is None:
+            _, gap, G, _ = system.evaluate(t, q, v, np.zeros(system.nv))
+            hidden, kept = system.constraint(t, q, system.rate(t, q, v))[1], slice(None)
+        else:
+            gap, J = system.loop_rows(q, t)
+            G, hidden, kept = J.T, J @ v + system.rows.time_rate(t, q), system.kept
         phi.append(gap)
-        rho.append(J @ v + system.rows.time_rate(t, q))
-        if looked[i]:
-            forces.append(J.T @ lam)
-            exact.append(J[system.kept].T @ solve_acceleration(system, t, q, v)[1])
-    energy = energy_of(solution, mechanism)
-    labels = [f"loop {loop!r} row {row}" for loop, row in mechanism.row_labels]
-    found = undetermined(mechanism, solution.t, solution.q)
-    return _certificate(solution, labels, phi, rho, forces, exact, energy, found)
-
-
-def _looked_at(solution):
-    """Whether the forces of a row are compared: of all that the method made itself, or of MOST among them."""
-    made = 1 + np.flatnonzero(solution.order > 0)
-    rows = made if len(made) else np.arange(len(solution.t))  # with t_eval all rows count
-    looked = np.zeros(len(solution.t), dtype=bool)
-    looked[rows[np.unique(np.linspace(0, len(rows) - 1, min(MOST, len(rows))).astype(int))]] = True
-    return looked
-
-
-def _certificate(solution, labels, phi, rho, forces, exact, energy, found):
+        rho.append(hidden)
+        if compared[i]:
+            forces.append(G @ lam)
+            exact.append(G[:, kept] @ solve_acceleration(system, t, q, v)[1])
     phi, error = np.abs(phi), np.abs(np.subtract(forces, exact))
-    where = ""
+    where, scale = "", largest(exact) or 1.0
     if phi.size:
         i, row = np.unravel_index(np.argmax(phi), phi.shape)
-        where = f"{labels[row]} at t = {solution.t[i]:.6g}"
-    scale = largest(exact) or 1.0
+        label = system.describe_row(row) if mechanism is None else "loop {!r} row {}".format(*mechanism.row_labels[row])
+        where = f"{label} at t = {solution.t[i]:.6g}"
+    energy = None if mechanism is None else energy_of(solution, mechanism)
     return Certificate(
         position=float(np.max(phi, initial=0.0)),
         position_at=where,
         velocity=float(largest(rho)),
         force=float(np.max(error, initial=0.0) / scale),
         force_first=float(np.max(error[:1], initial=0.0) / scale),
-        energy_error=None if energy is None else energy.balance_error,
-        energy=None if energy is None else energy.total,
-        undetermined=found,
+        energy_error=energy and energy.balance_error,
+        energy=energy and energy.total,
+        undetermined={} if mechanism is None else undetermined(mechanism, solution.t, solution.q),
         fixed_step=solution.method.get("step") is not None,
     )
+
+
+def _compared(solution):
+    """Whether the forces of a row are compared: of all that the method made itself, or of MOST among them."""
+    made = 1 + np.flatnonzero(solution.order > 0)
+    rows = made if len(made) else np.arange(len(solution.t))  # with t_eval all rows count
+    compared = np.zeros(len(solution.t), dtype=bool)
+    compared[rows[np.unique(np.linspace(0, len(rows) - 1, min(MOST, len(rows))).astype(int))]] = True
+    return compared

@@ -12,7 +12,7 @@ from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
 from ..mechanism.joint_names import joints_in
 from ..mechanism.mechanism import Mechanism, with_forces
-from ..mechanism.reactions import Reaction, reaction
+from ..mechanism.reactions import HasReactions
 from ..mechanism.singularity import rank_nearby
 from ..mechanism.system import MechanismSystem
 from .variations import TangentSpace, by_position, closed_near, locked, step_sizes
@@ -27,7 +27,7 @@ NUDGE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Equilibrium:
+class Equilibrium(HasReactions):
     """A configuration in which all forces balance.
 
     Attributes
@@ -72,28 +72,6 @@ class Equilibrium:
         flutter; see :meth:`Linearization.modes`.
         """
         return bool((self.stiffness > 0).all())
-
-    def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
-        """What a loop does to its bodies here.
-
-        Parameters
-        ----------
-        loop : str
-            Name of a loop, drive, coupling or constraint of the mechanism.
-        axes : {"world", "anchor"}
-            In which force and moment are given: world axes, or those of the loop's anchor 1.
-
-        Returns
-        -------
-        Reaction
-            Of one row.
-
-        Raises
-        ------
-        InputError
-            No such loop; other axes.
-        """
-        return reaction(self.mechanism, loop, np.array([self.t]), self.q[None], self.lam[None], axes)
 
     def __str__(self):
         if not len(self.stiffness):
@@ -167,7 +145,8 @@ def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = 
 class _Place:
     """A closed configuration and the forces there.
 
-    Z is an orthonormal basis of what the loops allow, in units of `sizes`; push = Zᵀ(g - τ) is what is not balanced.
+    Z is an orthonormal basis of the displacements that the loops allow, in units of `sizes`; push = Zᵀ(g - τ) is the
+    force that is not balanced.
     """
 
     def __init__(self, system, t, q):

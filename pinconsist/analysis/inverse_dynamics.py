@@ -13,18 +13,17 @@ from ..mechanism.checks import finite_array
 from ..mechanism.joint_constraints import Drive
 from ..mechanism.joint_names import joints_in
 from ..mechanism.mechanism import Mechanism, with_forces
-from ..mechanism.rank import row_scales
-from ..mechanism.reactions import Reaction, reaction
+from ..mechanism.rank import dependencies
+from ..mechanism.reactions import HasReactions
 from ..mechanism.system import MechanismSystem
 from .variations import TangentSpace, bias, closed_near, locked, step_sizes
 
 WIDEST = 0.05  # rad, or lengths of the mechanism, by which a prediction may miss before the way is halved
 HALVINGS = 30
-DETERMINED = 1e-8  # smallest singular value of J, of the largest, with which drives still hold every joint
 
 
 @dataclass(frozen=True, eq=False)
-class InverseDynamics:
+class InverseDynamics(HasReactions):
     """A motion and what it takes. Rows are times.
 
     Attributes
@@ -51,28 +50,6 @@ class InverseDynamics:
 
     def __post_init__(self):
         locked(self.t, self.q, self.v, self.a, self.lam, *self.torques.values())
-
-    def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
-        """What a loop does to its bodies over the motion.
-
-        Parameters
-        ----------
-        loop : str
-            Name of a loop, drive, coupling or constraint of the mechanism.
-        axes : {"world", "anchor"}
-            In which force and moment are given: world axes, or those of the loop's anchor 1.
-
-        Returns
-        -------
-        Reaction
-            A row for each of the n times.
-
-        Raises
-        ------
-        InputError
-            No such loop; other axes.
-        """
-        return reaction(self.mechanism, loop, self.t, self.q, self.lam, axes)
 
 
 def inverse_dynamics(mechanism, times, q=None, *, forces=()) -> InverseDynamics:
@@ -111,7 +88,8 @@ def inverse_dynamics(mechanism, times, q=None, *, forces=()) -> InverseDynamics:
     times = np.atleast_1d(finite_array(times, "times"))
     if times.ndim != 1 or not times.size:
         raise InputError(f"times must be a sequence of times, got shape {times.shape}")
-    if not any(isinstance(loop, Drive) for loop in mechanism.loops):
+    drives = [loop.name for loop in mechanism.loops if isinstance(loop, Drive)]
+    if not drives:
         raise InputError(
             f"{mechanism.name} has no driven joint; add drives: mechanism.with_loops(*mechanism.loops, Drive(...))"
         )
@@ -120,44 +98,34 @@ def inverse_dynamics(mechanism, times, q=None, *, forces=()) -> InverseDynamics:
     state, rows = _state(system, times[0], start), []
     for t in times:
         state = _follow(system, state, t)
-        rows.append((*state, _multipliers(system, *state)))
+        rows.append(state)
     t, q, v, a, lam = (np.array(column) for column in zip(*rows, strict=True))
-    torques = {drive.name: lam[:, system.rows.slices[drive.name].start] for drive in _drives(mechanism)}
+    torques = {name: lam[:, system.rows.slices[name].start] for name in drives}
     return InverseDynamics(mechanism, t, q, v, a, lam, torques)
 
 
-def _drives(mechanism):
-    return [loop for loop in mechanism.loops if isinstance(loop, Drive)]
-
-
 def _state(system, t, q):
-    """(t, q, v, a) of the motion that loops and drives determine at a closed configuration."""
-    J, sizes = system.loop_rows(q, t)[1], step_sizes(system, q)
-    scales = row_scales(J, system.rows.turns)
-    U, s, Vt = np.linalg.svd(J / scales[:, None] * sizes)
-    rank, name = int(np.count_nonzero(s > DETERMINED * s[0])), system.mechanism.name
-    if rank < system.nv:
-        names = joints_in(system.mechanism, sizes[:, None] * Vt[rank:].T)
+    """(t, q, v, a, λ) of the motion that loops and drives determine at a closed configuration."""
+    space, name = TangentSpace(system, q, t), system.mechanism.name
+    if space.Z.size:
+        names = joints_in(system.mechanism, space.Z)
         raise SingularSystemError(
             f"{name}: loops and drives do not determine the motion of {', '.join(names)} at t = {t:.6g} s: drive or "
             "lock as many joints as check's mobility says, or keep away from dead centres",
             names=names,
         )
-    drives = [drive.name for drive in _drives(system.mechanism)]
-    shares = [np.max(np.abs(U[system.rows.slices[name], rank:]), initial=0.0) for name in drives]
-    twice = tuple(name for name, share in zip(drives, shares, strict=True) if share > DETERMINED)
+    dependent = {row for dropped, kept in dependencies(space.J, space.kept).items() for row in (dropped, *kept)}
+    labels = [system.rows.labels[row][0] for row in sorted(dependent)]
+    twice = tuple(loop.name for loop in system.rows.loops if isinstance(loop, Drive) and loop.name in labels)
     if twice:
         raise SingularSystemError(
             f"{name}: the drives {', '.join(twice)} are more than the loops leave free: they contradict each other, "
             "or share their torque in any way they like. Drive fewer joints",
             names=twice,
         )
-
-    def solve(rate):
-        return -sizes * (Vt.T @ (U[:, :rank].T @ (rate / scales) / s))
-
-    v = solve(system.rows.time_rate(t, q))
-    return t, q, v, solve(bias(system, t, q, v))
+    v = -space.P @ system.rows.time_rate(t, q)
+    a = -space.P @ bias(system, t, q, v)
+    return t, q, v, a, space.multipliers(pin.rnea(system.model, system.data, q, v, a) - system.torque(t, q, v))
 
 
 def _follow(system, state, t):
@@ -165,7 +133,7 @@ def _follow(system, state, t):
     h = t - state[0]
     smallest = abs(h) / 2**HALVINGS
     while state[0] != t:
-        now, q, v, a = state
+        now, q, v, a, _ = state
         sizes = step_sizes(system, q)
         if not abs(h) > smallest:
             raise AssemblyError(
@@ -182,8 +150,3 @@ def _follow(system, state, t):
         else:
             state, h = _state(system, ahead, found), 2 * h
     return state
-
-
-def _multipliers(system, t, q, v, a):
-    carried = pin.rnea(system.model, system.data, q, v, a) - system.torque(t, q, v)
-    return TangentSpace(system, q, t).multipliers(carried)

@@ -34,7 +34,7 @@ class TangentSpace:
     Attributes
     ----------
     J : ndarray, shape (nc, nv)
-        All rows of the loops.
+        All rows of the loops; `kept` are independent ones.
     Z : ndarray, shape (nv, n)
         Basis of the null space of J with a unit row for each coordinate.
     coordinates : ndarray of int, shape (n,)
@@ -45,7 +45,7 @@ class TangentSpace:
 
     def __init__(self, system, q, t: float = 0.0):
         self.J = system.loop_rows(q, t)[1]
-        kept = independent_rows(self.J, system.rows.turns)
+        kept = self.kept = independent_rows(self.J, system.rows.turns)
         nv, rank = system.nv, len(kept)
         Q, R = qr(self.J[kept].T) if rank else (np.eye(nv), np.zeros((nv, 0)))
         free, P = Q[:, rank:], np.zeros((nv, len(self.J)))

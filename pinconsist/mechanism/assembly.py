@@ -94,13 +94,14 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
         raise InputError(f"fixed= needs a mapping joint name → value, got {fixed!r}")
     if not finite_array(tolerance, "tolerance") > 0:
         raise InputError(f"tolerance must be positive, got {tolerance!r}")
-    fixed = dict(fixed or {})
-    soft = dict(q) if isinstance(q, Mapping) else {}
-    base = mechanism.guess if q is None or isinstance(q, Mapping) else q
-    guess = mechanism.configuration({**soft, **fixed}, base=mechanism.configuration(base))
+    fixed, named = dict(fixed or {}), dict(q) if isinstance(q, Mapping) else {}
+    held = {**named, **fixed}
+    base = mechanism.configuration(mechanism.guess if q is None or isinstance(q, Mapping) else q)
+    start = guess = mechanism.configuration(held, base=base)
     solver = LoopSolver(mechanism, t)
-    attempts = [{**soft, **fixed}] + ([fixed] if soft and soft.keys() - fixed.keys() else [])
-    start = _led(solver, {**soft, **fixed}, base, guess)
+    if held and (led := solver.led(base, guess, solver.free_columns(held))) is not None:
+        start = mechanism.configuration(held, base=led)
+    attempts = (held, fixed) if named.keys() - fixed.keys() else (held,)
     for names in attempts:  # named joints stay if the loops close that way, else only the fixed ones
         best, iterations = solver.close(start, solver.free_columns(names))
         if solver.size(best) <= tolerance:
@@ -109,28 +110,39 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
     gaps = solver.gaps(best)
     open_loops = {name: gap for name, gap in gaps.items() if not gap <= tolerance}
     if open_loops:
-        raise _not_closed(mechanism, solver, guess, best, open_loops, fixed)
-    _tell_nearly(mechanism, gaps, tolerance)
-    return _report(mechanism, solver, guess, best, v, gaps, iterations)
-
-
-def _led(solver, named, base, guess):
-    """The guess, where it can be with the loops closed: reached from the scene's own closed configuration."""
-    mechanism = solver.mechanism
-    led = solver.led(mechanism.configuration(base), guess, solver.free_columns(named)) if named else None
-    return guess if led is None else mechanism.configuration(named, base=led)
+        raise _not_closed(solver, guess, best, open_loops, fixed)
+    nearly = {name: gap for name, gap in gaps.items() if gap > CLOSED}
+    if nearly and tolerance <= NEARLY:
+        worst = max(nearly, key=nearly.get)
+        warnings.warn(
+            f"{mechanism.name}: the loops contradict each other a little: {worst!r} closes only to "
+            f"{nearly[worst]:.1e} m or rad. Most likely the numbers of the file are rounded",
+            stacklevel=2,
+        )
+    J = solver.rows(best)[1]
+    kept, labels = independent_rows(J, solver.loop_rows.turns), mechanism.row_labels
+    redundant = {
+        labels[row]: {labels[i]: value for i, value in combination.items()}
+        for row, combination in dependencies(J, kept).items()
+    }
+    return Assembly(
+        q=best,
+        v=velocity_on_constraints(solver, best, v),
+        gaps=gaps,
+        rows=len(J),
+        rank=len(kept),
+        mobility=mechanism.nv - len(kept),
+        redundant=redundant,
+        moved=float(np.max(np.abs(pin.difference(mechanism.model, guess, best)), initial=0.0)),
+        iterations=iterations,
+    )
 
 
 def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
     """A velocity with J v + Φ_t = 0 at a closed configuration, shape (nv,).
 
-    A mapping joint → value keeps these joints' velocities and lets the others follow (least kinetic energy);
-    an array is projected in the mass metric.
-
-    Raises
-    ------
-    AssemblyError
-        The named velocities contradict the loops.
+    A mapping joint → value keeps these joints' velocities and lets the others follow (least kinetic energy); an array
+    is projected in the mass metric. AssemblyError where the named velocities contradict the loops.
     """
     mechanism, model, t = solver.mechanism, solver.model, solver.t
     _, J = solver.rows(q)
@@ -164,37 +176,6 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
     return result
 
 
-def _report(mechanism, solver, guess, q, v, gaps, iterations):
-    _, J = solver.rows(q)
-    kept, labels = independent_rows(J, solver.loop_rows.turns), mechanism.row_labels
-    redundant = {
-        labels[row]: {labels[i]: value for i, value in combination.items()}
-        for row, combination in dependencies(J, kept).items()
-    }
-    return Assembly(
-        q=q,
-        v=velocity_on_constraints(solver, q, v),
-        gaps=gaps,
-        rows=len(J),
-        rank=len(kept),
-        mobility=mechanism.nv - len(kept),
-        redundant=redundant,
-        moved=float(np.max(np.abs(pin.difference(mechanism.model, guess, q)), initial=0.0)),
-        iterations=iterations,
-    )
-
-
-def _tell_nearly(mechanism, gaps, tolerance):
-    nearly = {name: gap for name, gap in gaps.items() if gap > CLOSED}
-    if nearly and tolerance <= NEARLY:
-        worst = max(nearly, key=nearly.get)
-        warnings.warn(
-            f"{mechanism.name}: the loops contradict each other a little: {worst!r} closes only to "
-            f"{nearly[worst]:.1e} m or rad. Most likely the numbers of the file are rounded",
-            stacklevel=3,
-        )
-
-
 def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
     """Loop → best gap, of the loops that stay open even if all others are cut."""
     alone = {}
@@ -207,16 +188,19 @@ def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
     return alone
 
 
-def _not_closed(mechanism, solver, guess, best, open_loops, fixed):
+def _not_closed(solver, guess, best, open_loops, fixed):
+    mechanism = solver.mechanism
     gaps = {loop.name: open_loops.get(loop.name, 0.0) for loop in mechanism.loops}
     held = f" with {', '.join(fixed)} held" if fixed else ""
     if len(mechanism.loops) == 1:
         ((name, gap),) = named = list(open_loops.items())
-        what = f"loop {name!r} cannot close{held}: {gap:.3g} {_open_row(mechanism, solver, best, name)}"
+        what = f"loop {name!r} cannot close{held}: {gap:.3g} {_open_row(solver, best, name)}"
     else:
         alone = impossible_alone(mechanism, guess, gaps, fixed, solver.t)
         named = sorted((alone or open_loops).items(), key=lambda item: -item[1])
-        listed = ", ".join(f"{name!r} (gap {gap:.3g} {_unit(mechanism, name)})" for name, gap in named)
+        in_metres = [loop.name for loop in mechanism.loops if loop.kind in ("point", "distance")]
+        units = {name: "m" if name in in_metres else "m or rad" for name in gaps}
+        listed = ", ".join(f"{name!r} (gap {gap:.3g} {units[name]})" for name, gap in named)
         what = f"the loops cannot close together{held}, though each can alone; left open: {listed}"
         if alone:
             of_all = f"{len(alone)} of {len(mechanism.loops)}"
@@ -232,16 +216,11 @@ def _not_closed(mechanism, solver, guess, best, open_loops, fixed):
     )
 
 
-def _open_row(mechanism, solver, q, name) -> str:
+def _open_row(solver, q, name) -> str:
     """Unit and name of the row of a loop that stays open farthest."""
     rows = solver.loop_rows
     part = rows.slices[name]
     worst = part.start + int(np.argmax(np.abs(solver.rows(q)[0][part])))
-    anchored = name in (loop.name for loop in mechanism.anchored_loops)  # others measure by their joint
+    anchored = name in (loop.name for loop in solver.mechanism.anchored_loops)  # others measure by their joint
     unit = "m or rad" if not anchored else "rad" if rows.turns[worst] else "m"
     return f"{unit} stay open in row {rows.labels[worst][1]}"
-
-
-def _unit(mechanism, name) -> str:
-    kinds = {loop.name: loop.kind for loop in mechanism.loops}
-    return "m" if kinds[name] in ("point", "distance") else "m or rad"

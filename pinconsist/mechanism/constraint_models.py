@@ -1,4 +1,4 @@
-"""Loops from Pinocchio's own constraint models, told by their class names and read by their attributes."""
+"""Loops from Pinocchio's own constraint models, recognised by their class names and read by their attributes."""
 
 from __future__ import annotations
 
@@ -20,27 +20,12 @@ _MUST_VANISH = (
 
 
 def loops_of(constraint_models, model: pin.Model) -> tuple[tuple[Loop, ...], pin.Model]:
-    """Loops that hold together what Pinocchio's constraint models do.
+    """Loops that hold together what Pinocchio's constraint models do, and the model they belong to.
 
-    Parameters
-    ----------
-    constraint_models : sequence
-        Point and frame anchors, the legacy rigid constraints in 3D and 6D, and these behind the common constraint
-        model. Baumgarte gains have no effect: loops stay closed without. The anchors keep their order; a constraint
-        without a name is called by its place, ``loop1``.
-    model : pin.Model
-        The model they belong to; not changed.
-
-    Returns
-    -------
-    tuple of Loop
-    pin.Model
-        The model; a copy with a frame more for each joint that carries an anchor and no frame of a name of its own.
-
-    Raises
-    ------
-    InputError
-        Other kinds of constraint, compliance, desired offsets or motions.
+    Read are point and frame anchors, the legacy rigid constraints in 3D and 6D, and these inside the common constraint
+    model; InputError for other kinds, compliance, desired offsets or motions. Baumgarte gains are not needed and
+    ignored. A constraint without a name is called by its place, ``loop1``. The model is a copy with one more frame for
+    each joint that carries an anchor but no frame of a unique name.
     """
     loops = []
     for number, constraint in enumerate(constraint_models, start=1):
@@ -82,7 +67,9 @@ def _require_rigid_and_at_rest(constraint, name):
     for attribute in _MUST_VANISH:
         value = getattr(constraint, attribute, 0.0)
         if np.any(getattr(value, "vector", value)):
-            raise InputError(f"constraint {name!r}: its {attribute} is not zero; a loop is closed, and at rest")
+            raise InputError(
+                f"constraint {name!r}: its {attribute} is not zero; a loop is closed, and its anchors do not move"
+            )
     if np.any(constraint.retrieveCompliance()):
         raise InputError(f"constraint {name!r}: it is compliant; a loop is rigid, a SpringDamper is not")
 

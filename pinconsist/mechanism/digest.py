@@ -1,4 +1,4 @@
-"""Whether two mechanisms are the same, told by short texts that a file can hold."""
+"""Whether two mechanisms are the same, by short texts that a file can hold."""
 
 from __future__ import annotations
 
@@ -11,18 +11,9 @@ import numpy as np
 
 
 def digests(mechanism) -> dict[str, str]:
-    """SHA-256 of each part of a mechanism on which its motion depends.
+    """SHA-256 of ``model`` (as this version of Pinocchio writes it), ``loops``, ``forces`` and ``guess``.
 
-    Functions and objects of a user's own are told apart by their names alone.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-
-    Returns
-    -------
-    dict of str to str
-        Of ``model`` (as this version of Pinocchio writes it), ``loops``, ``forces`` and ``guess``.
+    User-defined functions and objects are identified by their names alone.
     """
     parts = {"model": mechanism.model.saveToString()}
     parts |= {name: repr(_plain(getattr(mechanism, name))) for name in ("loops", "forces", "guess")}
@@ -30,7 +21,7 @@ def digests(mechanism) -> dict[str, str]:
 
 
 def _plain(value):
-    """What has the same `repr` in every process."""
+    """An equivalent of `value` that has the same `repr` in every process."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = [field.name for field in dataclasses.fields(value)]
         return type(value).__name__, [(name, _plain(getattr(value, name))) for name in fields]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -70,31 +71,49 @@ class Reaction:
             if part is not None
         ]
         size = np.abs(self.joint_forces).max(initial=0.0)
-        told = f"{self.kind} {self.loop!r}: {', '.join(largest) or f'joint forces up to {size:.4g}'}"
+        text = f"{self.kind} {self.loop!r}: {', '.join(largest) or f'joint forces up to {size:.4g}'}"
         if self.dependence is None:
-            return told
-        return f"{told}; not determined: its rows depend on others to {self.dependence:.0e}"
+            return text
+        return f"{text}; not determined: its rows depend on others to {self.dependence:.0e}"
+
+
+class HasReactions:
+    """The part of a result that knows its ``mechanism`` and the states ``t``, ``q`` and multipliers ``lam``."""
+
+    mechanism: Mechanism
+    t: Any
+    q: np.ndarray
+    lam: np.ndarray
+
+    def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
+        """What a loop does to its bodies.
+
+        Parameters
+        ----------
+        loop : str
+            Name of a loop, drive, coupling or constraint of the mechanism.
+        axes : {"world", "anchor"}
+            In which force and moment are given: world axes, or those of the loop's anchor 1.
+
+        Returns
+        -------
+        Reaction
+            A row for each of the n times; one row in an equilibrium.
+
+        Raises
+        ------
+        InputError
+            No such loop; other axes.
+        """
+        states = np.atleast_1d(self.t), np.atleast_2d(self.q), np.atleast_2d(self.lam)
+        return reaction(self.mechanism, loop, *states, axes)
 
 
 def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") -> Reaction:
     """The reaction of one loop at given states.
 
-    The wrench on body 2 is (∂Φ/∂twist of body 2)ᵀ λ, from the rows' own derivatives.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    name : str
-        Name of a loop, drive, coupling or constraint.
-    t, q, lam : ndarray, shapes (n,), (n, nq), (n, nc)
-        Times, configurations and the multipliers of all rows.
-    axes : {"world", "anchor"}
-        In which force and moment are given.
-
-    Raises
-    ------
-    InputError
-        No such loop; other axes.
+    The wrench on body 2 is (∂Φ/∂twist of body 2)ᵀ λ, from the rows' own derivatives. `lam`, (n, nc), has the
+    multipliers of all rows. InputError for an unknown loop and other axes.
     """
     if axes not in AXES:
         raise InputError(f"reaction: axes={axes!r} is not one of {', '.join(map(repr, AXES))}")
@@ -128,26 +147,18 @@ def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") ->
 def undetermined(mechanism: Mechanism, t, q) -> dict[str, float]:
     """Loops whose multipliers mean nothing, with the relative singular value by which their rows are independent.
 
-    Small in all of the run's rows that are looked at: at a singular position that is passed, forces are great but real.
-    Rows that depend on others exactly share their load at least norm, and are not meant.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    t, q : ndarray, shapes (n,), (n, nq)
-        Times and closed configurations.
+    It is small in all of the run's rows that are looked at: at a singular position that is passed, forces are large but
+    real. Rows that depend on others exactly share their load at least norm, and do not count.
     """
-    found: dict[str, float] = {}
     if not mechanism.loops or not len(t):
-        return found
-    data, rows = mechanism.model.createData(), LoopRows(mechanism.model, mechanism.loops)
-    for look, i in enumerate(np.unique(np.linspace(0, len(t) - 1, LOOKS).astype(int))):
+        return {}
+    data, rows, looks = mechanism.model.createData(), LoopRows(mechanism.model, mechanism.loops), []
+    for i in np.unique(np.linspace(0, len(t) - 1, LOOKS).astype(int)):
         pin.computeJointJacobians(mechanism.model, data, q[i])
-        now = _nearly_dependent(rows, rows.evaluate(data, q[i], t[i])[1])
-        found = now if look == 0 else {name: max(found[name], now[name]) for name in found if name in now}
-        if not found:
-            break
-    return found
+        looks.append(_nearly_dependent(rows, rows.evaluate(data, q[i], t[i])[1]))
+        if not looks[-1]:
+            return {}
+    return {name: max(look[name] for look in looks) for name in looks[0] if all(name in look for look in looks)}
 
 
 def _nearly_dependent(rows: LoopRows, J) -> dict[str, float]:
@@ -165,7 +176,7 @@ def _nearly_dependent(rows: LoopRows, J) -> dict[str, float]:
 
 
 def not_determined(found: dict[str, float]) -> str:
-    """What :func:`undetermined` found, as a person reads it."""
+    """What :func:`undetermined` found, as a sentence."""
     ends = dict.fromkeys(f"{end(found.values()):.0e}" for end in (min, max))
     return f"the forces of {', '.join(found)} are not determined: their rows depend on others to {' … '.join(ends)}"
 
