@@ -139,7 +139,7 @@ BAD_LOOPS = {
         f"loops: [{ROW[:-1].replace('point', 'hinge')}, axis: [0, 0, 0]}}]",
         "loop 1 'n': the hinge axis is the zero",
     ),
-    "length": ("loops: [{name: n, kind: distance, frame1: c}]", "loop 1 'n': the length of a distance, in m, must be a number"),
+    "length": ("loops: [{name: n, kind: distance, frame1: c}]", "loop 1 'n': the length of a distance, in m, must be"),
     "name": ("loops: [{name: 12, kind: point, frame1: c}]", "loop 1: name: a name is needed, not 12"),
     "no duration": ("duration: 0", "duration: a positive number of seconds is needed, not 0"),
     "durations": ("duration: [1, 2]", r"duration: a positive number of seconds is needed, not \[1, 2\]"),

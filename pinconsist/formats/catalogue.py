@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, distribution
 from math import pi, sin
 from pathlib import Path
@@ -47,14 +46,6 @@ class Source(NamedTuple):
     package_dirs: tuple = ()
 
 
-class Family(NamedTuple):
-    """Scenes that differ in a number: a line of description, the smallest number, and ``build(n) -> parts, loops``."""
-
-    description: str
-    least: int
-    build: Callable
-
-
 def models() -> dict[str, str]:
     """The built-in models.
 
@@ -69,7 +60,7 @@ def models() -> dict[str, str]:
         A damaged installation: a loop file among the models that cannot be read.
     """
     files = {path.stem: read_loop_file(find_loop_file(path)).description for path in _built_in().values()}
-    return files | {f"{name}_<n>": family.description for name, family in FAMILIES.items()}
+    return files | {f"{name}_<n>": description for name, (description, _, _) in FAMILIES.items()}
 
 
 def is_built_in(source) -> bool:
@@ -81,8 +72,9 @@ def find(source: str | os.PathLike) -> Source:
     """The source of a name, a file or a folder; raises as :func:`pinconsist.load`."""
     built_in, path = _built_in(), Path(source)
     if isinstance(source, str):
-        if found := _family(source):
-            parts, record = found[0].build(found[1])
+        if family := _family(source):
+            build, n = family
+            parts, record = build(n)
             text = "\n".join((f'<robot name="{source}">', *parts, "</robot>"))
             return Source(Path(f"{source}.urdf"), source, text.encode(), record)
         if source in ROBOTS:
@@ -132,15 +124,16 @@ def _built_in():
     return {path.stem: path for path in sorted(folder.glob("*.urdf"))}
 
 
-def _family(name: str) -> tuple[Family, int] | None:
-    """The family and the number in a name such as ``chain_16``, or None; InputError for a number it does not have."""
+def _family(name: str):
+    """(build, n) of a name such as ``chain_16``, or None; InputError for a number that the family does not have."""
     match = re.fullmatch(r"(\w+)_(\d+)", name, re.ASCII)
     if not match or match[1] not in FAMILIES:
         return None
-    family, n = FAMILIES[match[1]], int(match[2]) if len(match[2]) < 10 else MOST + 1
-    if not family.least <= n <= MOST:
-        raise InputError(f"{match[1]}_<n> needs a number from {family.least} to {MOST}, got {match[2]}")
-    return family, n
+    _, least, build = FAMILIES[match[1]]
+    n = int(match[2]) if len(match[2]) < 10 else MOST + 1
+    if not least <= n <= MOST:
+        raise InputError(f"{match[1]}_<n> needs a number from {least} to {MOST}, got {match[2]}")
+    return build, n
 
 
 def _chain(n):
@@ -175,9 +168,9 @@ def _n_four_bar(n):
     return parts, LoopFile(tuple(loops))
 
 
-FAMILIES = {
-    "chain": Family(f"chain of n rods of 1 m, n ≥ 2, pinned at both ends, {SPAN:g} n m apart", 2, _chain),
-    "n_four_bar": Family("n four-bars side by side, n ≥ 1, that pass through singular positions", 1, _n_four_bar),
+FAMILIES = {  # name → description, smallest n, function of n that builds the links and joints, and the loop file
+    "chain": (f"chain of n rods of 1 m, n ≥ 2, pinned at both ends, {SPAN:g} n m apart", 2, _chain),
+    "n_four_bar": ("n four-bars side by side, n ≥ 1, that pass through singular positions", 1, _n_four_bar),
 }
 
 

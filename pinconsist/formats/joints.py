@@ -1,4 +1,4 @@
-"""What a loop file says of the tree itself, because the robot's file has no word for it.
+"""What a loop file says of the tree itself, because a robot's file cannot say it.
 
 ::
 
@@ -52,10 +52,8 @@ def check_type(joint_type: object, element: str = "") -> str:
     """The type in capitals, or FormatError."""
     text = " ".join(str(joint_type).upper().split())
     text = "UJOINT_XY" if text == "CARDAN" else text
-    helical = _HELICAL.fullmatch(text)
-    if text in ("SPHERICAL", "TRANSLATION", *AS_WRITTEN) or _UNIVERSAL.fullmatch(text):
-        return text
-    if helical and finite(helical[1]):
+    known = text in ("SPHERICAL", "TRANSLATION", *AS_WRITTEN) or _UNIVERSAL.fullmatch(text)
+    if known or ((helical := _HELICAL.fullmatch(text)) and finite(helical[1])):
         return text
     raise FormatError(
         f"the joint type {shown(joint_type)} is not one of SPHERICAL, TRANSLATION, UJOINT_AB (A, B different axes of "

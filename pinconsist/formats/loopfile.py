@@ -27,7 +27,7 @@ from .reading import finite, located, near, read_bytes, require_known, shown
 from .records import amount, force_element, force_record, items, known_keys, loop_element, loop_record, name, numbers
 
 MAX_BYTES = 1_000_000
-MAX_VALUE = 10_000  # characters; the time that 1:1:1:... takes, a number to base 60, grows with their square
+MAX_VALUE = 10_000  # characters: the time to read 1:1:1:..., a number in base 60, grows with their square
 _OWN_KEYS = ("description", "loops", "forces", "guess", "actuated", "duration", "joints", "gravity", "joint_order")
 _ROBOT_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _KINDS = {"3d": "point", "6d": "frame"}
@@ -184,20 +184,11 @@ def _own(record):
     duration = finite(given := record.get("duration", Mechanism.duration))
     if duration is None or not duration > 0:
         raise FormatError(f"a positive number of seconds is needed, not {shown(given)}", element="duration")
-    types, values = joint_settings(record)
-    gravity = record.get("gravity")
-    return LoopFile(
-        tuple(loops),
-        forces,
-        _names(record, "actuated"),
-        {joint: amount(value, f"guess: {joint}") for joint, value in guess.items()},
-        types,
-        values,
-        None if gravity is None else numbers(gravity, "gravity", count=3),
-        _names(record, "joint_order"),
-        description,
-        duration,
-    )
+    guess = {joint: amount(value, f"guess: {joint}") for joint, value in guess.items()}
+    gravity = None if record.get("gravity") is None else numbers(record["gravity"], "gravity", count=3)
+    actuated, order = _names(record, "actuated"), _names(record, "joint_order")
+    settings = (*joint_settings(record), gravity, order)
+    return LoopFile(tuple(loops), forces, actuated, guess, *settings, description, duration)
 
 
 def _robot(record, path):

@@ -60,10 +60,9 @@ def located(path="", element: str = "", prefix: str = ""):
 def read_bytes(path: Path, limit: int = MAX_XML_BYTES) -> bytes:
     """The content of a regular file of at most `limit` bytes, or FormatError."""
     try:
-        if not path.exists():
-            raise FormatError("no such file", path=path)
         if not path.is_file():
-            raise FormatError("a file is needed, this is a folder or a device", path=path)
+            reason = "a file is needed, this is a folder or a device" if path.exists() else "no such file"
+            raise FormatError(reason, path=path)
         with path.open("rb") as file:
             content = file.read(limit + 1)
     except FormatError:

@@ -117,8 +117,15 @@ def couplings(robot: Element) -> tuple[Coupling, ...]:
             node.name = f"joint {name!r}: mimic"
             if len(nodes) > 1:
                 raise node.error("a joint can follow one other only")
-            _require_one_coordinate(name, kinds, "follow another", node)
-            found[name] = _coupling(name, kinds, node)
+            other = node.get("joint")
+            require_known(other, kinds, f"there is no joint {other!r} to follow", node.name)
+            for each, what in ((name, "follow another"), (other, "be followed")):
+                if (kind := kinds[each]) not in _CAN_FOLLOW:
+                    listed = ", ".join(_CAN_FOLLOW)
+                    raise node.error(f"joint {each!r} is {kind} and cannot {what}; only {listed} joints can")
+            if other == name:
+                raise node.error("the joint follows itself")
+            found[name] = Coupling(name, name, other, node.number("multiplier", 1.0), node.number("offset", 0.0))
     for name in found:
         path = [name]
         while (following := found.get(path[-1])) is not None:
@@ -127,22 +134,6 @@ def couplings(robot: Element) -> tuple[Coupling, ...]:
                 circle = " → ".join(path)
                 raise FormatError(f"joints follow each other in a circle: {circle}", element=f"joint {name!r}")
     return tuple(found.values())
-
-
-def _coupling(name, kinds, node):
-    other = node.get("joint")
-    require_known(other, kinds, f"there is no joint {other!r} to follow", node.name)
-    _require_one_coordinate(other, kinds, "be followed", node)
-    if other == name:
-        raise node.error("the joint follows itself")
-    return Coupling(name, name, other, node.number("multiplier", 1.0), node.number("offset", 0.0))
-
-
-def _require_one_coordinate(joint, kinds, what, node):
-    if kinds[joint] not in _CAN_FOLLOW:
-        raise node.error(
-            f"joint {joint!r} is {kinds[joint]} and cannot {what}; only {', '.join(_CAN_FOLLOW)} joints can"
-        )
 
 
 def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:

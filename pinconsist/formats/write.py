@@ -65,7 +65,7 @@ def write(mechanism: Mechanism, path) -> Path:
     Raises
     ------
     InputError
-        What a file cannot hold, by name: functions of your own, joints of a kind without a word; or a folder that does
+        What a file cannot hold, by name: functions of your own, joints of a kind that a file cannot describe; or a folder that does
         not exist.
     """
     if not isinstance(mechanism, Mechanism):
@@ -267,8 +267,8 @@ def _kind(mechanism, joint):
     found = next((each for pattern, each in _JOINTS.items() if re.fullmatch(pattern, which)), None)
     if found is None:
         raise InputError(
-            f"{mechanism.name}: joint {model.names[joint]!r} is a {which} joint, for which neither URDF nor a loop "
-            "file has a word; build it of hinges and sliders"
+            f"{mechanism.name}: joint {model.names[joint]!r} is a {which} joint, which neither URDF nor a loop "
+            "file can describe; build it of hinges and sliders"
         )
     kind, axis, replaced = found
     if axis is not None:

@@ -209,7 +209,7 @@ class Document:
         for joint in node.children("joint"):
             full = self._name(joint, "joint", scope)
             (place, base), child = joint.pose(), joint.child("child").text()
-            if self.version < FRAMES and full in self._links:  # allowed in those days
+            if self.version < FRAMES and full in self._links:  # allowed then
                 full += "_joint"
             self.lookup.add(full, Frame(joint.name, place, base or child, scope, child))
             if not static:

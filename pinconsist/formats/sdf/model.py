@@ -49,8 +49,8 @@ class _Tree:
             self.model.gravity.linear = document.gravity
         self._document, self._net, self._inertias = document, net, inertias
         self._leaving: dict[str, list] = {}  # body → (joint, other body) of what leaves it; None: a copy of the child
-        for branch in net.branches:
-            self._leaving.setdefault(branch.start, []).append((net.joints[branch.joint], branch.end))
+        for number, start, end in net.branches:
+            self._leaving.setdefault(start, []).append((net.joints[number], end))
         for joint in net.copied:
             self._leaving.setdefault(joint.parent, []).append((joint, None))
         self._poses = [pin.SE3.Identity()]  # of the model's joints in the world, at q = 0

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -35,18 +34,12 @@ _ALONG = 1e-3
 """Sine of the angle up to which an axis of a gearbox counts as that of the joint."""
 
 
-class Branch(NamedTuple):
-    """A joint of the tree, by its index, from the body `start`, which is nearer to a root, to the body `end`."""
-
-    joint: int
-    start: str
-    end: str
-
-
 def spanning_tree(
     ends: Sequence[tuple[str, str]], weights: Sequence[float], held: Iterable[str], candidates: Iterable[str]
-) -> tuple[list[Branch], list[str]]:
-    """The tree of largest weight (Prim's algorithm): its joints, and its roots beside those that are `held`.
+) -> tuple[list[tuple[int, str, str]], list[str]]:
+    """The tree of largest weight (Prim's algorithm): its branches, and its roots beside those that are `held`.
+
+    A branch is the index of a joint, the body where it starts, which is nearer to a root, and the body where it ends.
 
     Ties go to joints that lead from parent to child, then to short chains, then to the order given. `ends` are parent
     and child body of each joint. Of the `candidates`, all bodies, the first that no joint ties to a root becomes one.
@@ -69,7 +62,7 @@ def spanning_tree(
         while heap:
             _, _, depth, joint, start, end = heapq.heappop(heap)
             if end not in reached:
-                branches.append(Branch(joint, start, end))
+                branches.append((joint, start, end))
                 reach(end, depth)
 
     for body in dict.fromkeys(held):
@@ -86,16 +79,9 @@ def spanning_tree(
 class Net:
     """The joints of a file as a tree and loops.
 
-    Attributes
-    ----------
-    joints : list of Joint
-        Those that tie bodies together, of which at least one can move.
-    held, roots : sequence of str
-        Bodies that do not move, the world first; and those that no joint ties to one of them.
-    branches : list of Branch
-        The tree, in the order of the file.
-    copied, cut : list of Joint
-        What closes loops: by a copy of the child, and by rows of the joint's own kind.
+    `joints` tie bodies together, of which at least one can move. `held` are bodies that do not move, the world first,
+    and `roots` those that no joint ties to one of them. `branches` are the tree, in the order of the file. The other
+    joints close loops: those `copied` by a copy of the child, those `cut` by rows of their own kind.
     """
 
     def __init__(self, document: Document, joints: Sequence[Joint]):
@@ -109,7 +95,7 @@ class Net:
         ends = [(joint.parent, joint.child) for joint in self.joints]
         branches, self.roots = spanning_tree(ends, weights, self.held, candidates)
         self.branches = sorted(branches)
-        used = {branch.joint for branch in branches}
+        used = {number for number, _, _ in branches}
         loose = [joint for number, joint in enumerate(self.joints) if number not in used]
         self.copied = [joint for joint in loose if joint.name in whole]
         self.cut = [joint for joint in loose if joint.name not in whole]
