@@ -65,8 +65,8 @@ def write(mechanism: Mechanism, path) -> Path:
     Raises
     ------
     InputError
-        What a file cannot hold, by name: functions of your own, joints of a kind that a file cannot describe; or a folder that does
-        not exist.
+        What a file cannot hold, by name: functions of your own, joints of a kind that neither file can describe; or
+        a folder that does not exist.
     """
     if not isinstance(mechanism, Mechanism):
         raise InputError(f"write needs a Mechanism, got {type(mechanism).__name__}")
