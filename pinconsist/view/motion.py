@@ -38,20 +38,17 @@ class Run:
         """The run of a solution; InputError for one that does not fit its mechanism."""
         if not isinstance(mech, Mechanism):
             raise InputError(f"a replay needs a Mechanism, got {type(mech).__name__}")
-        widths = {"q": mech.nq}
+        needs, widths = f"a replay of {mech.name!r} needs", {"q": mech.nq}
         if forces:
             widths |= {"lam": mech.nc} | ({"v": mech.nv} if motors(mech) else {})
-        for name in ("t", *widths):
-            if not hasattr(sol, name):
-                raise InputError(f"a replay of {mech.name!r} needs a solution; {type(sol).__name__} has no {name}")
+        if absent := [name for name in ("t", *widths) if not hasattr(sol, name)]:
+            raise InputError(f"{needs} a solution; {type(sol).__name__} has no {absent[0]}")
         t, *rest = (finite_array(getattr(sol, name), f"the solution's {name}") for name in ("t", *widths))
         if t.ndim != 1 or not t.size:
-            raise InputError(f"a replay of {mech.name!r} needs t of shape (n,), n ≥ 1, got {t.shape}")
+            raise InputError(f"{needs} t of shape (n,), n ≥ 1, got {t.shape}")
         for (name, width), array in zip(widths.items(), rest, strict=True):
             if array.shape != (t.size, width):
-                raise InputError(
-                    f"a replay of {mech.name!r} needs {name} of shape ({t.size}, {width}), got {array.shape}"
-                )
+                raise InputError(f"{needs} {name} of shape ({t.size}, {width}), got {array.shape}")
         elapsed = np.abs(t - t[0])
         if np.any(np.diff(elapsed) < 0):
             raise InputError("the solution's times run both forward and backward")
@@ -161,10 +158,7 @@ def bar_poses(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 def rotation_to(along, axis=(0.0, 1.0, 0.0)) -> pin.Quaternion:
-    """The smallest rotation that takes an axis of unit length to a direction; the identity where that is zero.
-
-    The default is the axis along which three.js builds cylinders.
-    """
+    """The smallest rotation that takes an axis, by default that of three.js's cylinders, to a direction (or zero)."""
     axis, along = np.array(axis, float), np.asarray(along, float)
     length = np.linalg.norm(along)
     return pin.Quaternion.FromTwoVectors(axis, along / length if length else axis)

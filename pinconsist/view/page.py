@@ -1,8 +1,7 @@
 """Replays in meshcat's viewer: one self-contained page, written to a file or shown in the browser.
 
-The page holds meshcat's packaged viewer and its commands, so that neither meshcat's server nor its Python side is
-needed: its server listens on every network interface, and the page that it writes runs the commands in no certain
-order.
+The page holds meshcat's packaged viewer and its commands. meshcat's own server is not used: it listens on every
+network interface, and the pages that it writes run the commands in no certain order.
 """
 
 from __future__ import annotations
@@ -101,17 +100,12 @@ def replay(
     """
     import webbrowser
 
-    repetitions = FOREVER if loop else 1
-    page = _page(mech, sol, speed=speed, fps=FPS, traces=traces, forces=forces, repetitions=repetitions)
-    address, fetched = _serve(page)
-    log.info("replay of %s at %s", _title(mech), address)
+    options = {"speed": speed, "fps": FPS, "traces": traces, "forces": forces}
+    address, fetched = _serve(_page(mech, sol, **options, repetitions=FOREVER if loop else 1))
+    log.info("replay at %s", address)
     if open_browser and webbrowser.open(address):
         fetched.wait(timeout=10)
     return address
-
-
-def _title(mech) -> str:
-    return ", ".join(dict.fromkeys(each.name for each in mech)) if isinstance(mech, list | tuple) else mech.name
 
 
 def _page(mech, sol, **options) -> bytes:
@@ -122,8 +116,9 @@ def _page(mech, sol, **options) -> bytes:
     from string import Template
 
     text = json.dumps(picture(mech, sol, **options), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    title = ", ".join(dict.fromkeys(each.name for each in (mech if isinstance(mech, list | tuple) else [mech])))
     frame, style, script = ((files(__package__) / f"page.{end}").read_text("utf-8") for end in ("html", "css", "js"))
-    parts = {"title": html.escape(_title(mech)), "style": style, "viewer": _viewer(), "replay": text, "script": script}
+    parts = {"title": html.escape(title), "style": style, "viewer": _viewer(), "replay": text, "script": script}
     return Template(frame).substitute(parts).encode()
 
 
@@ -149,8 +144,7 @@ def _serve(page: bytes):
     class OnePage(http.server.BaseHTTPRequestHandler):
         def do_GET(self):
             if self.path != "/":
-                self.send_error(404)
-                return
+                return self.send_error(404)
             self.send_response(200)
             self.send_header("Content-Type", "text/html; charset=utf-8")
             self.send_header("Content-Length", str(len(page)))

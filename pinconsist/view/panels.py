@@ -136,26 +136,20 @@ class DrawnSolution:
         if not self.t.size:
             raise InputError("the solution has no rows to draw")
         self.q, self.v, self.lam = (np.asarray(values, float) for values in (sol.q, sol.v, sol.lam))
+        self.labels = {}
         for name, values in (("q", self.q), ("v", self.v), ("lam", self.lam)):
             if values.ndim != 2 or len(values) != self.t.size:
                 raise InputError(f"a figure needs {name} of shape ({self.t.size}, columns), got {values.shape}")
-        self.labels = {
-            name: [f"{symbol}{k + 1}" for k in range(values.shape[1])]
-            for name, symbol, values in (("q", "q", self.q), ("v", "v", self.v), ("lam", "λ", self.lam))
-        }
-        if self.mech is not None:
-            self._name_columns()
+            labels = [f"{'λ' if name == 'lam' else name}{k + 1}" for k in range(values.shape[1])]
+            names = labels if self.mech is None else self._column_names(name)
+            if len(names) != len(labels) and name != "lam":  # redundant rows may have been left out
+                raise InputError(f"{self.mech.name!r} has {len(names)} columns of {name}, the solution {len(labels)}")
+            self.labels[name] = names if len(names) == len(labels) else labels
 
-    def _name_columns(self):
-        model, rows = self.mech.model, [f"{loop} {row}" for loop, row in self.mech.row_labels]
-        if len(rows) != self.lam.shape[1]:  # redundant rows may have been left out
-            rows = self.labels["lam"]
-        named = {"q": joint_labels(self.mech, model.nqs), "v": joint_labels(self.mech, model.nvs), "lam": rows}
-        for name, names in named.items():
-            if len(names) != len(self.labels[name]):
-                count = len(self.labels[name])
-                raise InputError(f"{self.mech.name!r} has {len(names)} columns of {name}, the solution {count}")
-            self.labels[name] = names
+    def _column_names(self, name: str) -> list[str]:
+        if name == "lam":
+            return [f"{loop} {row}" for loop, row in self.mech.row_labels]
+        return joint_labels(self.mech, self.mech.model.nqs if name == "q" else self.mech.model.nvs)
 
     def need_mechanism(self, of_what: str):
         """The mechanism, or an error that says how to give it."""

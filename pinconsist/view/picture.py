@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import cycle
 
 import numpy as np
@@ -90,11 +91,9 @@ def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, repeti
     runs = runs_of(mech, sol, forces=forces)
     traces = _frames(traces, runs)
     clock = playing_times(runs, speed, fps)
-    of_files = {id(each): visuals(each) for each in {id(run.mech): run.mech for run in runs}.values()}
+    of_file = cache(visuals)
     paths = [f"/{k + 1} {_part(run.title)}" if len(runs) > 1 else "" for k, run in enumerate(runs)]
-    drawn = [
-        DrawnRun(run.at(clock * speed), path, of_files[id(run.mech)]) for run, path in zip(runs, paths, strict=True)
-    ]
+    drawn = [DrawnRun(each.at(clock * speed), path, of_file(each.mech)) for each, path in zip(runs, paths, strict=True)]
     size = max(each.size for each in drawn) or 1.0
     not_drawn: dict[str, float] = {}
     for each in drawn if forces else ():
@@ -189,8 +188,7 @@ def _first_force(runs) -> str:
     if wrong.shape != right.shape or not right.size:
         return ""
     errors, norms = np.linalg.norm(wrong - right, axis=1), np.linalg.norm(right, axis=1)
-    worst = errors.argmax()
-    error = errors[worst] / norms[worst] if norms[worst] else 0.0
+    error = errors.max() / (norms[errors.argmax()] or np.inf)
     if error < VISIBLE:
         return ""
     here, there = ("left", "right") if exact == 0 else ("right", "left")
