@@ -57,10 +57,10 @@ def new_figure(width, height, file=None):
 def require_figure(file=None):
     """Raise MissingExtraError without matplotlib, InputError if it has no format for the ending of `file`."""
     try:
-        from matplotlib.backend_bases import FigureCanvasBase
+        import matplotlib.backend_bases
     except ImportError:
         raise MissingExtraError("figures need matplotlib; install it by: pip install 'pinconsist[plot]'") from None
-    known = FigureCanvasBase.get_supported_filetypes()
+    known = matplotlib.backend_bases.FigureCanvasBase.get_supported_filetypes()
     if file is not None and _ending(file) not in known:
         raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
 
