@@ -33,6 +33,8 @@ def check(
     """
     from ..mechanism.assembly import assemble
     from ..mechanism.loop_solver import LoopSolver
+    from ..mechanism.singularity import require_nonsingular
+    from ..mechanism.system import MechanismSystem
 
     q0 = scene.joint_values(at, "--at")
     mech = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0).load()
@@ -44,7 +46,11 @@ def check(
     except AssemblyError as error:
         return _report_open(mech, before, gaps(error.q), error, as_json)
     scene.report_moved(mech, q0, assembly)
-    singular, warnings = _singular(mech, assembly.q), scene.scene_warnings(mech, assembly)
+    singular, warnings = "", scene.scene_warnings(mech, assembly)
+    try:
+        require_nonsingular(MechanismSystem(mech, assembly.q), assembly.q)
+    except SingularSystemError as error:
+        singular = str(error)
     if as_json:
         output.print_json({
             "scene": mech.name, "closed": True, **_inventory(mech),
@@ -65,18 +71,6 @@ def check(
     if singular:
         output.print_error(singular)
     return output.WRONG_INPUT if singular else output.FINE
-
-
-def _singular(mech, q) -> str:
-    """Why the equations are singular at a configuration; empty if they are regular."""
-    from ..mechanism.singularity import require_nonsingular
-    from ..mechanism.system import MechanismSystem
-
-    try:
-        require_nonsingular(MechanismSystem(mech, q), q)
-    except SingularSystemError as error:
-        return str(error)
-    return ""
 
 
 def _report_open(mech, before, after, error, as_json) -> int:
@@ -101,15 +95,13 @@ def _worst_first(gaps):
 def _print(mech, guess, before, assembly, singular):
     _print_inventory(mech)
     if mech.loops:
-        dropped = len(assembly.redundant)
-        print(f"rows: {assembly.rows}, of which {assembly.rank} independent and {dropped} redundant")
+        print(f"rows: {assembly.rows}, of which {assembly.rank} independent and {len(assembly.redundant)} redundant")
     print(f"mobility: {assembly.mobility}")
     for line in _redundant_lines(assembly.redundant):
         output.paragraph(line, indent="  ", hanging="    ")
     if mech.loops:
-        first, (where, gap) = _worst_first(before)[0], assembly.largest_gap
-        print(f"largest gap at the guess: {first[1]:.3g} m or rad, in loop {first[0]!r}")
-        print(f"largest gap once closed:  {gap:.3g} m or rad, in loop {where!r}")
+        for when, (loop, gap) in (("at the guess:", _worst_first(before)[0]), ("once closed: ", assembly.largest_gap)):
+            print(f"largest gap {when} {gap:.3g} m or rad, in loop {loop!r}")
         iterations = output.counted(assembly.iterations, "iteration")
         print(f"closing took {iterations} and moved no joint by more than {assembly.moved:.3g} rad or m")
     print(f"equations of motion: {'singular, see below' if singular else 'regular there'}\n")
@@ -137,10 +129,8 @@ def _redundant_lines(redundant) -> list[str]:
 def _print_inventory(mech):
     """Bodies, motors, forces and loops for a person."""
     about, masses = _inventory(mech), [inertia.mass for inertia in list(mech.model.inertias)[1:]]
-    print(
-        f"{mech.name}: {output.counted(about['bodies'], 'moving body')}, {sum(masses):.4g} kg in all, nq = {mech.nq}, "
-        f"nv = {mech.nv}"
-    )
+    bodies = output.counted(about["bodies"], "moving body")
+    print(f"{mech.name}: {bodies}, {sum(masses):.4g} kg in all, nq = {mech.nq}, nv = {mech.nv}")
     if massless := [joint for joint, mass in zip(mech.joints, masses, strict=True) if mass == 0.0]:
         output.paragraph(f"bodies without mass, at joints: {', '.join(massless)}", hanging="  ")
     if mech.actuated:
@@ -149,7 +139,11 @@ def _print_inventory(mech):
     gravity = about["gravity"]
     print(f"gravity: {f'{scene.text(gravity)} m/s²' if gravity.any() else 'none'}; duration: {mech.duration:g} s\n")
     if mech.loops:
-        rows = [(loop.name, loop.kind, len(loop.rows), *_ends(loop), _parameters(loop)) for loop in mech.loops]
+        rows = []
+        for loop in mech.loops:
+            shown = {name: value for name, value in _fields(loop).items() if name not in ("joint", "other") and value}
+            by = ", ".join(f"{name} {scene.text(value)}" for name, value in shown.items())
+            rows.append((loop.name, loop.kind, len(loop.rows), *_ends(loop), by))
         output.table(("loop", "kind", "rows>", "joins", "and", "by"), rows, width=output.PLAIN_WIDTH)
     else:
         print("loops: none, a plain tree; a loop file next to it, or --loops FILE, closes some\n")
@@ -188,9 +182,3 @@ def _fields(loop) -> dict:
     if record is loop:
         values = {name: values[name] for name in LOOP_FIELDS if name in values}
     return {name: value for name, value in values.items() if value not in (None, (), (0.0, 0.0, 0.0))}
-
-
-def _parameters(loop) -> str:
-    """Like "axis 0 1 0, xyz2 0.2 0 0"; what the columns next to it show is left out."""
-    values = {name: value for name, value in _fields(loop).items() if name not in ("joint", "other") and value != 0.0}
-    return ", ".join(f"{name} {scene.text(value)}" for name, value in values.items())

@@ -23,10 +23,8 @@ def rerun(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: o
     with _progress_of(run) as progress:
         made = again(run, scene=scene_of_run, callback=progress)
     if as_json:
-        sol = made.solution
-        output.print_json(
-            {"same": made.same, "differences": made.differences, "rows": len(sol.t), "message": sol.message}
-        )
+        about = {"rows": len(made.solution.t), "message": made.solution.message}
+        output.print_json({"same": made.same, "differences": made.differences, **about})
     else:
         print(made)
     return output.FINE if made.same else output.FAILED

@@ -20,10 +20,10 @@ def exit_code(sol) -> int:
 
 def resume_hint(sol, file) -> str:
     """What `pinconsist resume` will do with a run that was interrupted."""
-    at, start = sol.recipe["checkpoint"], sol.recipe["t_span"][0]
-    if at:
+    if at := sol.recipe["checkpoint"]:
         return f"pinconsist resume {file} continues it from t = {at['t']:g} s, its last checkpoint"
-    return f"pinconsist resume {file} starts again at t = {start:g} s: without --save-every there are no checkpoints"
+    start = f"{sol.recipe['t_span'][0]:g} s"
+    return f"pinconsist resume {file} starts again at t = {start}: without --save-every there are no checkpoints"
 
 
 def run_of(source, scene_of_run, until, require=lambda mech: None):

@@ -86,7 +86,11 @@ def simulate(
     seconds = time.perf_counter() - began
     if not as_json:
         print(f"{sol.summary()}\ntook {seconds:.3g} s\n")
-    certificate = _checked(sol)
+    try:
+        with doing("checking"):
+            certificate = sol.check()
+    except KeyboardInterrupt:
+        certificate = None
     if not as_json:
         print(certificate or "not checked: interrupted")
     with deferred(impatient=False):  # a further Ctrl-C waits until the files are written and named
@@ -104,15 +108,6 @@ def simulate(
             if out and exit_code(sol) == output.INTERRUPTED:
                 print(resume_hint(sol, out))
     return exit_code(sol) if certificate else output.INTERRUPTED
-
-
-def _checked(sol):
-    """The certificate; None if Ctrl-C ended the check."""
-    try:
-        with doing("checking"):
-            return sol.check()
-    except KeyboardInterrupt:
-        return None
 
 
 def _written(file, sol, out, write):

@@ -136,20 +136,21 @@ def _run(study, cases, workers, rows, journal=None) -> dict[int, dict]:
 
 @contextmanager
 def _progress(total, done):
-    """What to call for each case: it moves a bar where somebody may be watching, and fills a log with ten lines."""
-    if not output.on_terminal():
-        numbers = itertools.count(done + 1)
-        yield lambda: _log_tenths(total, next(numbers))
+    """A function to call after each case: it moves a bar on a terminal, or writes up to ten lines to a log."""
+    if output.on_terminal():
+        with bar("{task.completed}/{task.total} cases", 20, "") as shown:
+            task = shown.add_task("", total=total, completed=done)
+            yield lambda: shown.advance(task)
         return
-    with bar("{task.completed}/{task.total} cases", 20, "") as shown:
-        task = shown.add_task("", total=total, completed=done)
-        yield lambda: shown.advance(task)
+    numbers = itertools.count(done + 1)
 
+    def log_tenths():
+        number = next(numbers)
+        if total >= LOGGED and 10 * number // total > 10 * (number - 1) // total:
+            with suppress(OSError):  # a log that cannot be written does not end the sweep
+                print(f"{number} of {total} cases", file=sys.stderr, flush=True)
 
-def _log_tenths(total, number):
-    if total >= LOGGED and 10 * number // total > 10 * (number - 1) // total:
-        with suppress(OSError):  # a log that cannot be written does not end the sweep
-            print(f"{number} of {total} cases", file=sys.stderr, flush=True)
+    yield log_tenths
 
 
 def _report(study, cases, measured, out, as_json) -> int:

@@ -14,17 +14,14 @@ PATIENCE = 1.0  # s before the bar of a run appears
 PERIOD = 0.1  # s between its updates
 
 
-@contextmanager
 def doing(what: str):
-    """Show on stderr what takes its time, where somebody may be watching."""
+    """A context in which stderr shows what takes its time, where somebody may be watching."""
     if not on_terminal():
-        yield
-        return
+        return nullcontext()
     from rich.console import Console
     from rich.text import Text
 
-    with Console(stderr=True).status(Text(f"{what} …")):
-        yield
+    return Console(stderr=True).status(Text(f"{what} …"))
 
 
 def bar(before, width, after):
