@@ -224,7 +224,7 @@ def test_a_bug_keeps_its_traceback(run, monkeypatch):
     def broken(*_, **__):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("pinconsist.formats.catalogue.models", broken)
+    monkeypatch.setattr("pinconsist.models", broken)
     with pytest.raises(ZeroDivisionError):
         main(["models"])
 
@@ -365,7 +365,7 @@ def test_replay_of_a_scene_simulates_it(run):
 def test_replay_opens_the_browser(run, monkeypatch):
     shown = []
     monkeypatch.setattr("webbrowser.get", lambda: None)
-    monkeypatch.setattr("pinconsist.view.page.replay", lambda mech, sol, **options: shown.append(options))
+    monkeypatch.setattr("pinconsist.replay", lambda mech, sol, **options: shown.append(options))
     code, out, _ = run("replay", "planar_pendulum", "--once", "--forces", "--trace", "pendulum_tip")
     assert code == 0 and "open in your browser" in out
     assert shown == [{"speed": 1.0, "traces": ["pendulum_tip"], "forces": True, "loop": False, "open_browser": True}]
@@ -384,7 +384,7 @@ def test_replay_without_a_browser_serves_the_page_until_interrupted(run, monkeyp
         raise KeyboardInterrupt
 
     monkeypatch.setattr("time.sleep", interrupt)
-    monkeypatch.setattr("pinconsist.view.page.replay", lambda *_, **options: f"address {options['open_browser']}")
+    monkeypatch.setattr("pinconsist.replay", lambda *_, **options: f"address {options['open_browser']}")
     code, out, _ = run("replay", "planar_pendulum", "--no-browser")
     assert code == 0 and "served at address False until Ctrl-C" in out
 
@@ -496,7 +496,7 @@ def test_ctrl_c_while_files_are_written_waits_for_them(run, monkeypatch):
         return draw(*arguments)
 
     draw = pinconsist.plot_solution
-    monkeypatch.setattr("pinconsist.view.plots.plot_solution", drawn)
+    monkeypatch.setattr("pinconsist.plot_solution", drawn)
     code, out, err = run("simulate", "four_bar", "--until", 0.1, "--plot", "run.svg")
     assert code == 130 and out.endswith("\nwritten: run.svg\n") and "pinconsist: interrupted" in err
     assert Path("run.svg").stat().st_size

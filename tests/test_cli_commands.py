@@ -150,7 +150,7 @@ def test_a_plot_of_an_interrupted_run_is_drawn(run, monkeypatch):
         return simulate(mech, span, **options | {"callback": stop})
 
     simulate = pinconsist.simulate
-    monkeypatch.setattr("pinconsist.simulation.simulate", interrupted)
+    monkeypatch.setattr("pinconsist.simulate", interrupted)
     code, out, _ = run("plot", "four_bar", "--out", "part.png")
     assert code == 130 and "interrupted at t = 0.5" in out and Path("part.png").stat().st_size
 

@@ -227,7 +227,7 @@ def test_an_error_after_a_signal_is_still_an_error(monkeypatch, capsys):
     monkeypatch.setattr("pinconsist.recording.stretches.carried_out", wrong)
     with pytest.raises(TypeError, match="a bug"):
         app.main(["simulate", "four_bar", "--until", "0.1"])
-    monkeypatch.setattr("pinconsist.comparison.compare", wrong)
+    monkeypatch.setattr("pinconsist.compare", wrong)
     with pytest.raises(SystemExit) as ended:
         app.main(["compare", "problem51"])
     assert ended.value.code == 130 and "interrupted" in capsys.readouterr().err

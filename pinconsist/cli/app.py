@@ -1,7 +1,5 @@
 """The `pinconsist` command: its overview, the exit codes, and how errors are reported."""
 
-from __future__ import annotations
-
 import logging
 import re
 import sys
@@ -11,6 +9,8 @@ from functools import partial
 from typing import Annotated
 
 import typer
+
+import pinconsist as pc
 
 from ..errors import PinconsistError, SavingError
 from ..interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
@@ -168,9 +168,7 @@ def overview(
 ):
     """Simulate closed-chain mechanisms, with constraint forces that are right from the first step on."""
     if version:
-        from .. import __version__
-
-        print(f"pinconsist {__version__}")
+        print(f"pinconsist {pc.__version__}")
         raise typer.Exit()
     if context.invoked_subcommand is None:
         print(OVERVIEW)

@@ -1,8 +1,8 @@
 """`pinconsist check`."""
 
-from __future__ import annotations
-
 from dataclasses import fields
+
+import pinconsist as pc
 
 from ..errors import AssemblyError, SingularSystemError
 from . import options as given
@@ -31,8 +31,7 @@ def check(
 
     Example: pinconsist check four_bar --at crank=pi/2
     """
-    from ..mechanism.assembly import assemble
-    from ..mechanism.loop_solver import LoopSolver
+    from ..mechanism.closing import LoopSolver
     from ..mechanism.singularity import require_nonsingular
     from ..mechanism.system import MechanismSystem
 
@@ -42,7 +41,7 @@ def check(
     gaps = LoopSolver(mech).gaps
     before = gaps(guess)
     try:
-        assembly = assemble(mech, q0 or None)
+        assembly = pc.assemble(mech, q0 or None)
     except AssemblyError as error:
         return _report_open(mech, before, gaps(error.q), error, as_json)
     scene.report_moved(mech, q0, assembly)

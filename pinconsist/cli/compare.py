@@ -1,11 +1,11 @@
 """`pinconsist compare`."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 from typing import Annotated
 
 import typer
+
+import pinconsist as pc
 
 from ..errors import InputError
 from . import options as given
@@ -46,17 +46,15 @@ def compare(
     Example: pinconsist compare problem51 --step 0.01 0.001
     """
     output.require_writable(html=html, figure=plot)
-    from ..comparison import compare as compare_errors
-    from ..mechanism.mechanism import Mechanism
-    from ..reference import PROBLEMS, reference_problem
+    from ..reference import PROBLEMS
 
     q0 = scene.joint_values(at, "--at") or None
     v0 = scene.joint_values(with_velocity, "--with-velocity") or None
     if subject in PROBLEMS:
         if loops or closure or free_flyer or reanchor or q0 or v0:
             raise InputError(f"{subject} has its own loops and initial values; these options are for scenes")
-        what, duration = subject, Mechanism.duration
-        if html and not isinstance(reference_problem(subject).system, Mechanism):
+        what, duration = subject, pc.Mechanism.duration
+        if html and not isinstance(pc.reference_problem(subject).system, pc.Mechanism):
             raise InputError(f"--html shows bodies, and {subject} has none")
     else:
         what = scene.Scene(subject, loops, closure, free_flyer, [], reanchor, q0 or {}).load()
@@ -65,14 +63,12 @@ def compare(
     runs = []
     for k, h in enumerate(steps, start=1):
         with doing(f"step size {h:g} s, {k} of {len(steps)}: {rows} steps in three ways, and the reference"):
-            result = compare_errors(what, [h], order=order, count=rows, q0=q0, v0=v0)
+            result = pc.compare(what, [h], order=order, count=rows, q0=q0, v0=v0)
             runs += result.runs
     if html:
         _show(what, html, runs[0], order, q0, v0)
     if plot:
-        from ..view.plots import plot_comparison
-
-        output.written(plot, lambda: plot_comparison(runs, plot))
+        output.written(plot, lambda: pc.plot_comparison(runs, plot))
     result = replace(result, runs=tuple(runs))
     if as_json:
         output.print_json(asdict(result) | {"files": {"plot": plot, "html": html}})
@@ -84,23 +80,18 @@ def compare(
 
 def _show(what, file, run, order, q0, v0):
     """A page of the first steps from exact next to those from consistent values: a second each, ten at most in all."""
-    from ..mechanism.assembly import assemble
-    from ..reference import reference_problem
-    from ..simulation import integrate
-    from ..view.page import export_html
-
     if isinstance(what, str):
-        problem = reference_problem(what)
+        problem = pc.reference_problem(what)
         mech, q, v = problem.system, problem.p0, problem.v0
     else:
-        start = assemble(what, q0, v0)
+        start = pc.assemble(what, q0, v0)
         mech, q, v = what, start.q, start.v
     sols = {
-        title: integrate(mech, (run.t[0], run.t[-1]), q, v, consistency=mode, step=run.h, max_order=order)
+        title: pc.integrate(mech, (run.t[0], run.t[-1]), q, v, consistency=mode, step=run.h, max_order=order)
         for title, mode in (("from exact values", "exact"), ("from consistent values", "initial"))
     }
     speed = max(run.h, (run.t[-1] - run.t[0]) / LONGEST)
-    output.written(file, lambda: export_html(mech, sols, file, speed=speed, forces=True))
+    output.written(file, lambda: pc.export_html(mech, sols, file, speed=speed, forces=True))
 
 
 def _print(result, mech):

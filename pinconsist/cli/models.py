@@ -1,6 +1,6 @@
 """`pinconsist models`."""
 
-from __future__ import annotations
+import pinconsist as pc
 
 from ..errors import MissingExtraError
 from . import output
@@ -12,10 +12,9 @@ def models(as_json: output.Json = False) -> int:
     Example: pinconsist models
     """
     from ..formats.catalogue import ROBOTS
-    from ..formats.catalogue import models as built_in
     from ..reference import PROBLEMS
 
-    scenes, robots = built_in(), [name for name in ROBOTS if _is_installed(name)]
+    scenes, robots = pc.models(), [name for name in ROBOTS if _is_installed(name)]
     if as_json:
         output.print_json({"models": scenes, "robots": robots, "problems": list(PROBLEMS)})
         return output.FINE

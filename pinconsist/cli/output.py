@@ -1,7 +1,5 @@
 """What commands print and write: exit codes, messages, tables, JSON, and files that are checked before a long run."""
 
-from __future__ import annotations
-
 import json
 import math
 import secrets

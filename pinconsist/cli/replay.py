@@ -1,12 +1,12 @@
 """`pinconsist replay`, and the options for how a page looks."""
 
-from __future__ import annotations
-
 import logging
 import time
 import webbrowser
 from math import floor, log10
 from typing import Annotated
+
+import pinconsist as pc
 
 from ..errors import InputError
 from . import options as given
@@ -51,14 +51,12 @@ def replay(
 
 
 def _serve(mech, sol, look, no_browser):
-    from ..view.page import replay as show
-
     try:
         webbrowser.get()
     except webbrowser.Error:
         no_browser = True
         print("no browser was found here")
-    address = show(mech, sol, **look, open_browser=not no_browser)
+    address = pc.replay(mech, sol, **look, open_browser=not no_browser)
     if not no_browser:
         print("the page is open in your browser, and plays on without this command")
         return
@@ -72,9 +70,7 @@ def _serve(mech, sol, look, no_browser):
 
 def write_page(mech, sol, file, forces, traces, speed):
     """Write the page of a run with the look that the options ask for."""
-    from ..view.page import export_html
-
-    export_html(mech, sol, file, **_look(sol, forces, traces, speed))
+    pc.export_html(mech, sol, file, **_look(sol, forces, traces, speed))
 
 
 def _look(sol, forces, traces, speed) -> dict:

@@ -1,8 +1,8 @@
 """`pinconsist rerun` and `pinconsist resume`."""
 
-from __future__ import annotations
-
 import time
+
+import pinconsist as pc
 
 from . import options as given
 from . import output
@@ -18,10 +18,8 @@ def rerun(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: o
 
     Example: pinconsist rerun run.npz
     """
-    from ..recording.keep import rerun as again
-
     with _progress_of(run) as progress:
-        made = again(run, scene=scene_of_run, callback=progress)
+        made = pc.rerun(run, scene=scene_of_run, callback=progress)
     if as_json:
         about = {"rows": len(made.solution.t), "message": made.solution.message}
         output.print_json({"same": made.same, "differences": made.differences, **about})
@@ -39,16 +37,13 @@ def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: 
 
     Example: pinconsist resume run.npz
     """
-    from ..recording.keep import resume as go_on
-    from ..solution import Solution
-
-    before = Solution.load(run)
+    before = pc.Solution.load(run)
     at = (before.recipe or {}).get("checkpoint")
     if before.status != 0 and before.recipe and at is None and not as_json:
         print(f"{run} has no checkpoint (simulate --save-every), so it starts again", flush=True)
     began = time.perf_counter()
     with _progress_of(run) as progress:
-        sol = go_on(run, scene=scene_of_run, callback=progress)
+        sol = pc.resume(run, scene=scene_of_run, callback=progress)
     seconds = time.perf_counter() - began
     code, start = exit_code(sol), sol.recipe["t_span"][0] if at is None else at["t"]
     if as_json:
@@ -68,6 +63,5 @@ def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: 
 
 def _progress_of(run):
     from ..recording.recipe import Recipe
-    from ..solution import Solution
 
-    return progress_of_run(*Recipe.read(Solution.load(run), run).t_span)
+    return progress_of_run(*Recipe.read(pc.Solution.load(run), run).t_span)

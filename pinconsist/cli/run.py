@@ -1,10 +1,10 @@
 """The run of a command: simulated while its progress is shown, or read from a file; its exit code."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 from pathlib import Path
+
+import pinconsist as pc
 
 from ..errors import InputError
 from . import output, scene
@@ -42,11 +42,9 @@ def run_of(source, scene_of_run, until, require=lambda mech: None):
         raise InputError("--scene names the scene of a saved run (.npz); a scene itself needs none")
     mech = scene.Scene(source).load()
     require(mech)
-    from ..simulation import simulate
-
     span = (0.0, mech.duration if until is None else until)
     with progress_of_run(*span) as progress:
-        sol = simulate(mech, span, callback=progress)
+        sol = pc.simulate(mech, span, callback=progress)
     return mech, sol, exit_code(sol)
 
 
@@ -59,9 +57,8 @@ def in_a_line(mech, sol) -> str:
 def _saved(file, given):
     """Mechanism, None of a general problem, and solution of a saved run."""
     from ..recording.rerun import changed_files
-    from ..solution import Solution
 
-    sol = Solution.load(file)
+    sol = pc.Solution.load(file)
     what = _scene_of(sol, file, given)
     if what is None:
         return None, sol

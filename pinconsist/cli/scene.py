@@ -1,11 +1,11 @@
 """The scene of a command: joint values as they are typed, what is printed about it, and what looks like a mistake."""
 
-from __future__ import annotations
-
 import logging
 import re
 import sys
 from math import isfinite, pi, remainder, tau
+
+import pinconsist as pc
 
 from ..errors import InputError
 from ..recording.scene import Scene as Scene
@@ -75,7 +75,6 @@ def report_moved(mech, wanted, assembly):
         Each position is possible, but not all together. Joints that end close by are reported only: rounded values
         that choose one of several ways to close the loops do not contradict each other.
     """
-    from ..mechanism.assembly import assemble
 
     def is_at(q, joint, tolerance):
         return all(abs(mech.configuration({joint: wanted[joint]}, base=q) - q) <= tolerance)
@@ -85,7 +84,7 @@ def report_moved(mech, wanted, assembly):
 
     moved = [joint for joint in wanted if not is_at(assembly.q, joint, ROUNDING)]
     if len(wanted) > 1 and not all(is_at(assembly.q, joint, CLOSE_BY) for joint in moved):
-        alone = {joint: assemble(mech, {joint: wanted[joint]}).q for joint in wanted}
+        alone = {joint: pc.assemble(mech, {joint: wanted[joint]}).q for joint in wanted}
         if all(is_at(q, joint, ROUNDING) for joint, q in alone.items()):
             first, *others = wanted
             q = alone[first]

@@ -1,10 +1,10 @@
 """`pinconsist simulate`."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Annotated
+
+import pinconsist as pc
 
 from ..errors import InputError, SavingError
 from ..interrupts import deferred
@@ -59,7 +59,6 @@ def simulate(
         raise InputError("--save-every sets when the run is saved; give --out FILE.npz too")
     output.require_writable(out=out, html=html, figure=plot)
     replay.require_page(html, forces, traces, speed)
-    from ..mechanism.assembly import assemble
     from ..recording.recipe import recipe_of
     from ..recording.stretches import carried_out
 
@@ -69,7 +68,7 @@ def simulate(
     mech, hashes = what.load_with_hashes()
     replay.require_drawable(mech, traces, speed)
     until = start + mech.duration if until is None else until
-    assembly = assemble(mech, q0 or None, v0 or None)
+    assembly = pc.assemble(mech, q0 or None, v0 or None)
     scene.report_moved(mech, q0, assembly)
     scene.log_warnings(scene.scene_warnings(mech, assembly))
     if not as_json:
@@ -97,9 +96,7 @@ def simulate(
         if html:
             _written(html, sol, out, lambda: replay.write_page(mech, sol, html, forces, traces, speed))
         if plot:
-            from ..view.plots import plot_solution
-
-            _written(plot, sol, out, lambda: plot_solution(sol, plot, mech))
+            _written(plot, sol, out, lambda: pc.plot_solution(sol, plot, mech))
         if as_json:
             files = {"out": out, "html": html, "plot": plot}
             output.print_json(_report(mech, assembly, sol, certificate, seconds, files))

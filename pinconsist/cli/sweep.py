@@ -1,7 +1,5 @@
 """`pinconsist sweep`."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import sys

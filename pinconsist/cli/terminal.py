@@ -1,7 +1,5 @@
 """Progress on stderr while somebody watches, and a stdout that may be closed early."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time
