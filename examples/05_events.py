@@ -6,7 +6,7 @@ import pinocchio as pin
 import pinconsist as pc
 
 LENGTH, ROD, BALL, SPEED = 1.0, 2.0, 0.5, 6.0  # m, kg, kg, m/s
-AWAY = 1.5  # m, from where the ball is thrown so that it flies level when it arrives
+AWAY = 1.5  # m, distance at which the ball is thrown, so that it arrives in level flight
 
 
 def scene() -> pc.Mechanism:
@@ -28,7 +28,7 @@ def scene() -> pc.Mechanism:
 def run():
     """Fly, catch, swing until the rod comes to rest."""
     apart, options = scene(), {"rtol": 1e-9, "atol": 1e-9}
-    fall = 9.81 * AWAY / SPEED  # m/s, which gravity takes from the ball on its way
+    fall = 9.81 * AWAY / SPEED  # m/s, the vertical velocity that the ball loses on its way
     start = {"ball_x": -AWAY, "ball_z": -LENGTH - fall**2 / (2 * 9.81)}
     arrives = pc.Event(lambda t, q, v, lam: q[1], terminal=True, name="arrives")
     flight = pc.simulate(apart, (0.0, 1.0), start, {"ball_x": SPEED, "ball_z": fall}, events=arrives, **options)

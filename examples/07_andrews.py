@@ -4,7 +4,7 @@ import pinconsist as pc
 
 
 def run():
-    """The benchmark's interval, which the scene knows."""
+    """Simulate the interval of the benchmark, which is the duration of the scene."""
     mech = pc.load("andrews")
     return mech, pc.simulate(mech, (0.0, mech.duration), rtol=1e-7, atol=1e-7)
 

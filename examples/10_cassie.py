@@ -12,7 +12,7 @@ TIME = 0.2  # s
 
 
 def run():
-    """Drop the robot, closed but limp, while its knees turn."""
+    """Drop the robot with closed loops, without motor torques, while its knees turn."""
     mech = pc.load("cassie", free_flyer=True)
     spin = {"left-knee-op": 3.0, "right-knee-op": -2.0}
     return mech, pc.simulate(mech, (0.0, TIME), v0=spin, rtol=1e-5, atol=1e-5)

@@ -16,10 +16,10 @@ def starts(count=24, seed=0):
 
 
 def run():
-    """A pendulum let go at each of the angles."""
+    """Simulate a pendulum released at each of the angles."""
     mech = pc.load("planar_pendulum")
     let_go = partial(pc.simulate, mech, (0.0, 3.0), rtol=1e-8, atol=1e-8, t_eval=TIMES)
-    guesses = [{"pendulum": np.pi / 2 - angle} for angle in starts()]  # the scene counts from level
+    guesses = [{"pendulum": np.pi / 2 - angle} for angle in starts()]  # the angle is measured from the horizontal
     with ProcessPoolExecutor(max_workers=2) as pool:
         outcomes = pc.sweep(let_go, guesses, executor=pool)
     return mech, [outcome.value for outcome in outcomes]

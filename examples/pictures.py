@@ -51,7 +51,7 @@ def still(mech, sol, time, traces, forces):
 
 
 def cropped(pixels):
-    """What is dark enough to be no grid line, with a margin around it."""
+    """The part of an image that is darker than a background, with a margin around it."""
     rows, columns = (np.flatnonzero((pixels.min(axis=2) < 170).any(axis=axis)) for axis in (1, 0))
     top, left = max(rows[0] - MARGIN, 0), max(columns[0] - MARGIN, 0)
     return pixels[top : rows[-1] + MARGIN, left : columns[-1] + MARGIN]
@@ -63,7 +63,7 @@ def joint(mech, sol, name):
 
 
 def height(mech, sol, frame):
-    """Of a frame over time, m."""
+    """The height of a frame over time, m."""
     import pinocchio as pin
 
     data, index, heights = mech.model.createData(), mech.model.getFrameId(frame), []
@@ -74,7 +74,7 @@ def height(mech, sol, frame):
 
 
 def force(sol, loop):
-    """Size of a loop's force over time, N."""
+    """The norm of a loop's force over time, N."""
     return np.linalg.norm(sol.reaction(loop).force, axis=1)
 
 
