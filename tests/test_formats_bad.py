@@ -116,7 +116,7 @@ BAD_LOOPS = {
     "list": ("[1, 2]", "a loop file holds keys"),
     "object": ("loops: !!python/object/apply:os.getcwd []", "not usable YAML: could not determine a constructor"),
     "alias": (f"loops: [&x {ROW}, *x]", "aliases"),
-    "key twice": ("description: a\ndescription: b", "'description' stands twice"),
+    "key twice": ("description: a\ndescription: b", "'description' is given twice"),
     "deep": ("loops: " + "[" * 5000, "not usable YAML"),
     "key": ("loop: []", "'loop' is not known; near it: loops"),
     "forces": ("forces: {}", "forces: a list is needed, not {}"),
@@ -147,7 +147,7 @@ BAD_LOOPS = {
     "guess value": ("guess: {j: up}", "guess: j: a finite number is needed, not 'up'"),
     "guess size": ("guess: {j: [1, 2]}", r"configuration of joint 'j' needs 1 number\(s\), got 2"),
     "actuated": ("actuated: [l]", "actuated joints: the model has no joint 'l'; there are: j, k"),
-    "mixed": ("closed_loop: []\nloops: []", "'loops' cannot stand beside"),
+    "mixed": ("closed_loop: []\nloops: []", "'loops' cannot be combined"),
     "pair": ("closed_loop: [[c]]", r"loop 1: a pair of frame names is needed, not \['c'\]"),
     "type": ("closed_loop: [[a, c]]\ntype: [5d]", "loop 1 'a-c': the type '5d' is neither 3d nor 6d"),
     "types": ("closed_loop: [[a, c]]\ntype: [6d, 6d]", "type: 2 types for 1 loops"),
@@ -172,5 +172,5 @@ def test_bad_loop_file_is_named_and_nothing_is_printed(robot, capfd, text, messa
 
 
 def test_frame_name_of_a_link_and_a_joint_elsewhere_is_ambiguous(robot):
-    with pytest.raises(FormatError, match="loop 1 'n': the name 'c' belongs to a link and to a joint that stands else"):
+    with pytest.raises(FormatError, match="loop 1 'n': the name 'c' belongs to a link and to a joint that is else"):
         load(robot(A + B + C + joint("c") + joint("k", "b", "c"), "loops: [{name: n, kind: point, frame1: c}]"))

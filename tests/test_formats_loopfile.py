@@ -268,7 +268,7 @@ def test_another_closure_leaves_drives_and_couplings(robot):
 
 BAD_RECORDS = {
     "forces": ("forces: 3", "forces: a list is needed, not 3"),
-    "beside": ("forces: []\nclosed_loop: []", "'forces' cannot stand beside those of robot.yaml"),
+    "beside": ("forces: []\nclosed_loop: []", "'forces' cannot be combined with those of robot.yaml"),
     "no record": ("forces: [push]", "force 1: keys such as kind, joint, stiffness are needed, not 'push'"),
     "no kind": ("forces: [{joint: j}]", "force 1: 'kind' is missing"),
     "kind": (

@@ -52,7 +52,7 @@ def models() -> dict[str, str]:
     Returns
     -------
     dict[str, str]
-        Name → one line of description; ``<n>`` in a name stands for a number of your choice.
+        Name → one line of description; ``<n>`` in a name is a number of your choice.
 
     Raises
     ------

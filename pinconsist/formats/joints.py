@@ -20,7 +20,7 @@ TRANSLATION       free to move along all axes, without turning
 UJOINT_AB         two hinges, about the axes A and B (of X, Y, Z) of the joint frame; CARDAN is an older UJOINT_XY
 HELICAL p         a screw about the axis of the revolute joint that it replaces, p metres to the radian
 UNBOUNDED         a revolute joint that stores cosine and sine of its angle and does not count its turns
-FIXED             none: held at zero
+FIXED             no joint: held at zero
 ================= ==================================================================================================
 """
 
@@ -63,7 +63,7 @@ def check_type(joint_type: object, element: str = "") -> str:
 
 
 def new_names(joint: str, joint_type: str) -> tuple[str, ...]:
-    """Names of the joints that stand for a replaced one; a universal joint becomes two: ``ankle_X``, ``ankle_Y``."""
+    """Names of the joints that replace one; a universal joint becomes two: ``ankle_X``, ``ankle_Y``."""
     universal = _UNIVERSAL.fullmatch(joint_type)
     return tuple(f"{joint}_{axis}" for axis in universal.groups()) if universal else (joint,)
 
@@ -111,7 +111,7 @@ def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
 
 
 def _parts(joint, kind, own):
-    """(name, joint model) of each joint that stands for a replaced one."""
+    """(name, joint model) of each joint that replaces one."""
     if kind == "SPHERICAL":
         return [(joint, pin.JointModelSpherical())]
     if kind == "TRANSLATION":

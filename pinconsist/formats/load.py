@@ -26,7 +26,7 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
     ----------
     source : str, path-like, pin.Model or RobotWrapper
         A name of :func:`models`, with a number for ``<n>``; or a ``.urdf``, ``.sdf`` or MJCF ``.xml`` file; or a folder
-        that holds one ``.urdf``; or a model as it stands in memory; or a robot of the pip package example-robot-data:
+        that holds one ``.urdf``; or a model in memory; or a robot of the pip package example-robot-data:
         ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``, named
         like their files.
     loops : path-like or sequence, optional
@@ -40,7 +40,7 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
         Close every loop in this way instead (a kind of :class:`~pinconsist.Loop`); loops of another kind than these
         stay as they are.
     free_flyer : bool
-        Let the root link of a file float freely instead of fixing it to the ground, where it stands. SDF files too
+        Let the root link of a file float freely instead of fixing it to the ground, where it is. SDF files too
         are fixed by default, though a model that nothing ties to the world floats in SDF: so one scene in two formats
         is one mechanism, as with Pinocchio's own readers. Not for MJCF, which says itself what floats.
     package_dirs : sequence of path-like

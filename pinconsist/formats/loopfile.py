@@ -65,8 +65,7 @@ class LoopFile:
                     require_known(frame, frames, f"the model has no frame {frame!r}")
                     if frames.count(frame) > 1:
                         raise FormatError(
-                            f"the name {frame!r} belongs to a link and to a joint that stands elsewhere; rename one of "
-                            "them"
+                            f"the name {frame!r} belongs to a link and to a joint that is elsewhere; rename one of them"
                         )
                 for key in ("joint", "other"):
                     if joint := getattr(loop, key, None):
@@ -98,10 +97,10 @@ def warn_of_other_yaml(path: Path) -> None:
 
 
 def with_distinct_frames(records, model):
-    """A model in which a name that loops or forces use means one frame, where its link and its joint stand alike.
+    """A model in which a name that loops or forces use means one frame, if its link and its joint have one placement.
 
     Link and joint of one name are common in exported files. The joint's frame then gets a name of its own; if the two
-    stand apart they stay, and :meth:`LoopFile.check` refuses the name.
+    are apart they stay, and :meth:`LoopFile.check` refuses the name.
     """
     used = {getattr(each, field, None) for each in records for field in ("frame", "frame1", "frame2")}
     names, model = [frame.name for frame in model.frames], model.copy()
@@ -129,7 +128,7 @@ def read(path) -> LoopFile:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Plain data only: no tags, no aliases (a few lines of them can stand for gigabytes), no key twice."""
+    """Plain data only: no tags, no aliases (a few lines of them can expand to gigabytes), no key twice."""
 
     def compose_node(self, parent, index):
         if self.check_event(yaml.AliasEvent):
@@ -147,7 +146,7 @@ class _PlainLoader(yaml.SafeLoader):
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):
                 if key.value in seen:
-                    _refuse(f"the key {key.value!r} stands twice", key)
+                    _refuse(f"the key {key.value!r} is given twice", key)
                 seen.add(key.value)
         return super().construct_mapping(node, deep)
 
@@ -194,7 +193,7 @@ def _own(record):
 def _robot(record, path):
     for key in set(record) - set(_ROBOT_KEYS):
         if key in _OWN_KEYS:
-            raise FormatError(f"the key {key!r} cannot stand beside those of robot.yaml ({', '.join(_ROBOT_KEYS)})")
+            raise FormatError(f"the key {key!r} cannot be combined with those of robot.yaml ({', '.join(_ROBOT_KEYS)})")
         _log.warning("%s: the key %r is not known and has no effect%s", path, key, near(key, _ROBOT_KEYS))
     pairs, kinds = items(record, "closed_loop"), items(record, "type")
     if kinds and len(kinds) != len(pairs):

@@ -8,7 +8,7 @@ and ``kind: drive`` a joint and the fields of a :class:`~pinconsist.Motion`::
       - {name: gears, kind: coupling, joint: wheel, other: crank, ratio: -2.5}
       - {name: motor, kind: drive, joint: crank, start: -1.0, speed: 3.0, amplitude: 0.2, frequency: 1.5}
 
-A force has ``kind`` and the fields of the record of :mod:`pinconsist.mechanism.forces` that it stands for::
+A force has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.forces`::
 
     forces:
       - {kind: damping, coefficients: {crank: 0.1, ball: [0.1, 0.1, 0.2]}}
@@ -46,7 +46,7 @@ FORCES = {
 }
 _MOTION = tuple(each.name for each in dataclasses.fields(Motion))
 _CODE_ONLY = "Callable | None"
-"""Annotation of fields that cannot stand in a file."""
+"""Annotation of fields that a file cannot hold."""
 
 
 def loop_record(number: int, entry):
@@ -136,7 +136,7 @@ def _plain(value, what):
 
 
 def record_of(make, entry: dict, element: str, prefix: str = ""):
-    """The record of class `make` that a mapping stands for, or FormatError; a key without a value counts as missing.
+    """The record of class `make` from a mapping, or FormatError; a key without a value counts as missing.
 
     The annotations of its fields say how they are read. Its own messages begin with `prefix`, which is left out.
     """

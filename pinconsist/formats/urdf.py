@@ -25,13 +25,13 @@ from .urdf_loops import couplings, loop_joints
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 UNLIMITED = 1e300
-"""Effort and velocity limit of joints whose file gives none."""
+"""Effort and velocity limit of joints without one."""
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 ROOT_JOINT = "root_joint"
 
 _ZERO, _X = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
 _LIMIT = {"lower": (0.0,), "upper": (0.0,), "effort": (UNLIMITED,), "velocity": (UNLIMITED,)}
-"""What Pinocchio demands, and these stand for none."""
+"""Pinocchio requires all four: the values for those that are missing."""
 _SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
 _log = logging.getLogger(__name__)
 

@@ -150,7 +150,7 @@ def _equations(mechanism, q, v):
 
 
 def _urdf(mechanism, name) -> tuple[str, dict]:
-    """A URDF document, and the settings of joints that stand in the loop file (its key ``joints``)."""
+    """A URDF document, and the settings of joints that belong in the loop file (its key ``joints``)."""
     model = mechanism.model
     robot = Element("robot", name=name)
     links, mounted = _frame_names(model)

@@ -22,7 +22,7 @@ DEEPEST = 30
 GRAVITY = (0.0, 0.0, -9.8)
 """What a world without <gravity> has in SDF, m/s²."""
 INFINITE = 1e16
-"""Limits from here on mean none, as in libsdformat."""
+"""Limits from this size on are infinite, as in libsdformat."""
 
 _MODEL = ("link", "joint", "frame", "model", "include", "pose", "static", "self_collide", "allow_auto_disable")
 _MODEL += ("plugin", "gripper", "enable_wind")
@@ -154,7 +154,7 @@ class Document:
             top = SdfNode(worlds[0], "world")
             top.warn_unknown(_WORLD)
             if top.child("state"):
-                _log.warning("world: <state> has no effect; the models stand where their own poses place them")
+                _log.warning("world: <state> has no effect; the models are placed by their own poses")
             holder = top if self.version > (1, 5) else top.child("physics")
             self.gravity = np.array(holder.values("gravity", GRAVITY))
         top.refuse_includes()

@@ -59,7 +59,7 @@ class Joint:
     parent: str  # a body, or ``"world"``
     child: str
     pose: pin.SE3  # of the joint's frame, in the world
-    axes: tuple[Axis, ...]  # as many as the kind has; that of a ball stands for all directions
+    axes: tuple[Axis, ...]  # as many as the kind has; that of a ball means all directions
     pitch: float = 0.0  # of a screw: m along the axis for each revolution, positive for a right-handed thread
     ratio: float = 1.0  # of a gearbox: θ₂ = -ratio θ₁, angles of child and parent against the body `reference`
     reference: str = ""

@@ -19,7 +19,7 @@ from .net import Net, copy_name
 def build(document: Document, net: Net, inertias: Mapping[str, pin.Inertia], name: str, free_flyer: bool):
     """The model of a net, and the configurations of its floating roots by the names of their joints.
 
-    With `free_flyer` the roots that no joint ties to the world float; else they are fixed where they stand. `inertias`
+    With `free_flyer` the roots that no joint ties to the world float; else they are fixed where they are. `inertias`
     are those of links in their own frames. FormatError for names that clash, or if nothing moves or floats.
     """
     if free_flyer and not net.roots:
@@ -57,7 +57,7 @@ class _Tree:
         self.carrier = {WORLD: 0}  # body → the joint that carries it
 
     def plant(self, root):
-        """Add a body and all that hangs on it, each branch completely before the next one."""
+        """Add a body and its descendants, each branch completely before the next one."""
         waiting = self._arrive(root, self.carrier.setdefault(root, 0))
         while waiting:
             carrier, joint, end = waiting.pop()

@@ -68,7 +68,7 @@ def weightless(document: Document) -> bool:
             (pulled if body.node.flag("gravity", True) else free).append(body)
     if pulled and free:
         raise free[0].node.error(
-            f"gravity does not act on it, but on {pulled[0].name!r}; it can be left away for all links only"
+            f"gravity does not act on it, but on {pulled[0].name!r}; it can be switched off for all links only"
         )
     return bool(free)
 
