@@ -29,7 +29,7 @@ class Certificate:
     force : float
         |Jᵀλ - Jᵀλ*| over the largest |Jᵀλ*|, λ* being the multiplier of the differential equation at the same q, v.
         For a general problem, G for Jᵀ. Rows of the one-step start, whose λ is λ* by construction, do not count. Of
-        long runs 2000 rows, spread evenly, are looked at, and the first step.
+        long runs 2000 rows, spread evenly, are compared, and the first step.
     force_first : float
         The same at the first step of the multistep method.
     energy_error : float or None

@@ -112,10 +112,10 @@ def test_derivatives_that_contradict_their_curve_are_refused():
     right = assembled(curve=curve)
     np.testing.assert_allclose(assembled(curve=lambda t: curve(t), rate=curve.rate), right)
     with pytest.raises(
-        pc.InputError, match=r"drive 'motor': its rate is .* at t = 0\.4, which is not the derivative of its curve"
+        pc.InputError, match=r"drive 'motor': its rate at t = 0\.4 is .*, which is not the derivative of its curve"
     ):
         assembled(curve=curve, rate=lambda t: 1.01 * curve.rate(t))
-    with pytest.raises(pc.InputError, match=r"its acceleration is .* not the derivative of its rate"):
+    with pytest.raises(pc.InputError, match=r"its acceleration at .* not the derivative of its rate"):
         assembled(curve=curve, acceleration=lambda t: -curve.acceleration(t))
     with pytest.raises(pc.InputError, match=r"the rate of drive 'motor' is nan at t = 0\.4"):
         assembled(curve=curve, rate=lambda t: np.nan)

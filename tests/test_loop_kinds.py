@@ -513,10 +513,10 @@ def test_missing_axes_are_named(case):
         (
             "jacobian",
             lambda t, q: [[2.0, 0.0, 0.0]],
-            r"jacobian is not the derivative .* column 0 is \[2\.\], .* \[1\.\]",
+            r"column 0 of its jacobian is \[2\.\], which is not the derivative .* \[1\.\]",
         ),
-        ("jacobian", lambda t, q: [[1.0, 1e-2, 0.0]], "column 1 is"),
-        ("rate", lambda t, q: [1.0], r"rate is not the derivative .* it is \[1\.\], differences give \[-1\.\]"),
+        ("jacobian", lambda t, q: [[1.0, 1e-2, 0.0]], "column 1 of its jacobian is"),
+        ("rate", lambda t, q: [1.0], r"rate is \[1\.\], which is not the derivative .* differences give \[-1\.\]"),
     ],
 )
 def test_derivatives_of_ones_own_constraint_that_are_wrong_are_refused(given):

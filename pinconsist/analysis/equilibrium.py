@@ -21,7 +21,7 @@ MAX_ITERATIONS = 200
 MAX_NUDGES = 20
 FLOOR = 1e-14  # of the forces that balance: rounding
 BALANCED = 1e-9  # where rounding allows no less, this is still an equilibrium
-NEUTRAL = 1e-10  # of the stiffness: what cannot be told from zero
+NEUTRAL = 1e-10  # of the stiffness: what cannot be distinguished from zero
 LONGEST = 0.5  # rad, or lengths of the mechanism, in one iteration
 NUDGE = 0.05
 
@@ -45,7 +45,7 @@ class Equilibrium(HasReactions):
         Largest entry of |g - τ - Jᵀλ|, N·m or N.
     stiffness : ndarray, shape (mobility,)
         Eigenvalues, ascending, of the symmetric part of the stiffness on the displacements that the loops allow, of
-        unit length in joint coordinates, N·m/rad (or N/m). What cannot be told from zero is zero.
+        unit length in joint coordinates, N·m/rad (or N/m). What cannot be distinguished from zero is zero.
     neutral : tuple of str
         Joints of the displacements that nothing resists and nothing drives: those of no stiffness.
     iterations : int
@@ -88,7 +88,7 @@ def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = 
     Newton's method on the configurations that the loops allow: each step is taken in their tangent space with the
     stiffness of forces, weight and constraint forces, and closed again. With ``stable`` it goes downhill: negative
     curvature is turned round, steps that take work from outside are halved, and a resting point that is not stable
-    is left. The mass matrix is not looked at: massless links do no harm.
+    is left. The mass matrix is not used: massless links do no harm.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = 
     forces : sequence
         Forces on top, as in :func:`simulate`.
     t : float
-        Time at which forces and drives are looked at, s.
+        Time at which forces and drives are evaluated, s.
     stable : bool
         False: go to the equilibrium that Newton's method finds from `q`, of either kind.
 
@@ -177,7 +177,7 @@ class _Place:
         return self.Z.T @ by_position(self.system, self.t, self.q, rest, rest, self.lam, self.Z)
 
     def spectrum(self, K):
-        """Eigenvalues and vectors of the symmetric part, and what of it cannot be told from zero."""
+        """Eigenvalues and vectors of the symmetric part, and what of it cannot be distinguished from zero."""
         noise = NEUTRAL * (np.max(np.abs(K), initial=0.0) + self.scale)
         return *np.linalg.eigh((K + K.T) / 2), noise
 

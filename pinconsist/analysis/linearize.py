@@ -118,7 +118,7 @@ def linearize(mechanism, q=None, v=None, *, forces=(), t: float = 0.0) -> Linear
     forces : sequence
         Forces on top, as in :func:`simulate`.
     t : float
-        Time at which forces and drives are looked at, s.
+        Time at which forces and drives are evaluated, s.
 
     Returns
     -------

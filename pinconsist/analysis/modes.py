@@ -11,7 +11,7 @@ from ..errors import SingularSystemError
 from ..mechanism.singularity import MASSLESS
 from .variations import locked
 
-NOISE = 1e-10  # of the stiffness and of the forces: what cannot be told from zero
+NOISE = 1e-10  # of the stiffness and of the forces: what cannot be distinguished from zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +64,7 @@ class Modes:
 
 
 def modes(linear) -> Modes:
-    """The finite modes of a linearisation.
-
-    Motions without inertia are condensed: those without damping follow at once, those with damping are of first
-    order.
-
-    Raises
-    ------
-    SingularSystemError
-        A motion has neither inertia nor damping nor stiffness: anything is a solution.
-    """
+    """See :meth:`Linearization.modes`."""
     S = linear._sizes
     M, C, K = (S[:, None] * each * S for each in (linear.mass, linear.damping, linear.stiffness))
     noise = NOISE * (np.max(np.abs(K), initial=0.0) + linear._scale * np.max(S, initial=0.0))

@@ -74,7 +74,7 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
     fixed : mapping, optional
         Joint name → value: joints that must have exactly this configuration.
     t : float
-        Time at which drives are looked at, s.
+        Time at which drives are evaluated, s.
     tolerance : float
         Largest |Φ| of a closed loop, m and rad. Loops close to rounding where they can; above 1e-10 a warning says so.
 

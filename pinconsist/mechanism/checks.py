@@ -39,6 +39,18 @@ def number(value, what: str, least: float = -inf, above: float = -inf) -> float:
     return result
 
 
+def put_numbers(record, who: str, *fields: str, least: float = -inf) -> None:
+    """Replace fields of a record by finite floats of at least `least`; else InputError."""
+    for field in fields:
+        put(record, **{field: number(getattr(record, field), f"{who}: {field}", least)})
+
+
+def put_triples(record, who: str, *fields: str) -> None:
+    """Replace fields of a record by three finite floats each; else InputError."""
+    for field in fields:
+        put(record, **{field: triple(getattr(record, field), f"{who}: {field}")})
+
+
 def numbers(values, what: str, least: float = -inf) -> tuple[float, ...]:
     """A tuple of finite floats from a sequence of numbers; else InputError."""
     if isinstance(values, str | bytes | Mapping) or _ndim(values) != 1:

@@ -9,19 +9,18 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError, PinconsistError
+from ..errors import InputError
 from .checks import number, put, read_only, require_functions, require_names, returned
-from .motion import TIME_STEP, first, is_slope, second
+from .motion import TIME_STEP, check_slope, first, second
 
 REACH = 10.0
 """How many times its `step` a constraint is moved where its curvature along the motion is wanted."""
-CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)
-"""Parts of the steps over which given derivatives are compared with their function."""
+CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)  # parts of the steps over which given derivatives are checked
 
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """A constraint of your own, Φ(t, q) = 0. Stands among the loops of a mechanism.
+    """A constraint of your own, Φ(t, q) = 0. Goes among the loops of a mechanism.
 
     Its multipliers λ are the generalised forces Jᵀλ divided by the rows of J: N·m where Φ is an angle in rad, N where
     it is a length in m. Scale Φ to one of these: loops count as closed at |Φ| < 1e-10.
@@ -126,27 +125,15 @@ class ConstraintRows:
 
     def check_derivatives(self, t, q) -> None:
         """Raise InputError where a given Jacobian or rate is not that of the function."""
+        who = f"constraint {self.loop.name!r}:"
         if self.loop.jacobian is not None:
-            J = self._jacobian(t, q)
+            J, steps = self._jacobian(t, q), [self.loop.step * share for share in CHECKED_OVER]
             for i, unit in enumerate(self._units):
-                what, size = f"column {i}", np.abs(J).max(axis=1)
-                self._check_slope("jacobian", what, J[:, i], self._along(t, q, unit), self.loop.step, size)
+                what, along = f"{who} column {i} of its jacobian", self._along(t, q, unit)
+                check_slope(what, "function", J[:, i], along, steps, np.abs(J).max(axis=1))
         if self.loop.rate is not None:
-            self._check_slope("rate", "it", self.rate(t, q), lambda s: self._phi(t + s, q), TIME_STEP)
-
-    def _check_slope(self, field, part, given, function, step, size=0.0):
-        steps = [step * share for share in CHECKED_OVER]
-        try:
-            if is_slope(given, function, steps, size):
-                return
-            found = first(function, steps[1])
-        except PinconsistError:  # it need not be defined so far away
-            return
-        raise InputError(
-            f"constraint {self.loop.name!r}: its {field} is not the derivative of its function: {part} is "
-            f"{np.array2string(given, precision=6)}, differences give {np.array2string(found, precision=6)}. "
-            "Correct it, or leave it out: differences are then used"
-        )
+            steps = [TIME_STEP * share for share in CHECKED_OVER]
+            check_slope(f"{who} its rate", "function", self.rate(t, q), lambda s: self._phi(t + s, q), steps)
 
     def _along(self, t, q, unit):
         """Φ as a function of a displacement along a tangent vector."""

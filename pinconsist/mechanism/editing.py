@@ -17,7 +17,7 @@ from .joint_constraints import Drive
 from .rank import free_motions, independent_rows
 
 PLACES = 5
-"""Closed configurations, besides the first, in which joints and rows are looked at."""
+"""Closed configurations, besides the first, in which joints and rows are examined."""
 REACH = 0.4
 """How far these lie from one another, rad and m in all coordinates together."""
 IMMOBILE = 1e-7

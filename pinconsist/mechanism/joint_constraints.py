@@ -9,12 +9,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..errors import InputError, PinconsistError
-from .checks import called, joint_index, number, numbers, put, require_functions, require_names
-from .motion import TIME_STEP, Motion, first, is_slope, second
+from ..errors import InputError
+from .checks import called, joint_index, numbers, put, put_numbers, require_functions, require_names
+from .motion import TIME_STEP, Motion, check_slope, first, second
 
 TURN = 2.0 * math.pi
-CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps over which given derivatives are compared with their function
+CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps over which given derivatives are checked
 
 
 class Coordinate:
@@ -50,7 +50,7 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Drive:
-    """Drive a joint along q_joint = curve(t). Stands among the loops of a mechanism.
+    """Drive a joint along q_joint = curve(t). Goes among the loops of a mechanism.
 
     Its multiplier is the motor torque that this takes, N·m (or N), positive along the joint's velocity.
 
@@ -130,19 +130,10 @@ class DriveRow:
 
     def check_derivatives(self, t, q) -> None:
         """Raise InputError where a given rate is not that of the curve, or an acceleration not that of the rate."""
-        for name, of in ("rate", "curve"), ("acceleration", "rate"):
-            if not {name, of} <= self._functions.keys():
-                continue
-            slope = self._call(name, t)
-            try:
-                right = is_slope(slope, lambda s, of=of: self._call(of, t + s), CHECKED_OVER)
-            except PinconsistError:  # it need not be defined beyond the span
-                continue
-            if not right:
-                raise InputError(
-                    f"drive {self.loop.name!r}: its {name} is {slope:.6g} at t = {t:.6g}, which is not the derivative "
-                    f"of its {of} there. Correct it, or leave it out: differences are then used"
-                )
+        for field, of in ("rate", "curve"), ("acceleration", "rate"):
+            if {field, of} <= self._functions.keys():
+                what = f"drive {self.loop.name!r}: its {field} at t = {t:.6g}"
+                check_slope(what, of, self._call(field, t), lambda s, of=of: self._call(of, t + s), CHECKED_OVER)
 
     def _call(self, field, t) -> float:
         function, what = self._functions[field], f"the {field} of drive {self.loop.name!r}"
@@ -154,7 +145,7 @@ class DriveRow:
 
 @dataclass(frozen=True)
 class Coupling:
-    """Couple two joints: q_joint = offset + ratio·q_other + Σ higher[i]·q_other^(i+2). Stands among the loops.
+    """Couple two joints: q_joint = offset + ratio·q_other + Σ higher[i]·q_other^(i+2). Goes among the loops.
 
     Its multiplier is the generalised force on `joint`, N·m (or N for a sliding joint), positive along the joint's
     velocity; `other` receives -dq_joint/dq_other times it.
@@ -195,7 +186,7 @@ class Coupling:
         require_names(self, who, "name", "joint", "other")
         if self.joint == self.other:
             raise InputError(f"{who}: joint {self.joint!r} cannot follow itself")
-        put(self, ratio=number(self.ratio, f"{who}: ratio"), offset=number(self.offset, f"{who}: offset"))
+        put_numbers(self, who, "ratio", "offset")
         put(self, higher=numbers(self.higher, f"{who}: higher"))
 
 

@@ -1,4 +1,4 @@
-"""The names of joints: where their numbers stand in q and v."""
+"""The names of joints, and where their numbers are in q and v."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class JointNames:
         return tuple(self.model.names)[1:]
 
     def columns(self, joint: str) -> slice:
-        """Where a joint's numbers stand in v, in τ and in the columns of J.
+        """Where a joint's numbers are in v, in τ and in the columns of J.
 
         Parameters
         ----------

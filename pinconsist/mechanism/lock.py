@@ -16,18 +16,8 @@ from .joint_constraints import Coupling, Drive
 from .loops import Loop
 from .rows import LoopRows
 
-_PER_VELOCITY = (
-    "armature",
-    "damping",
-    "lowerDryFrictionLimit",
-    "upperDryFrictionLimit",
-    "lowerEffortLimit",
-    "upperEffortLimit",
-    "lowerVelocityLimit",
-    "upperVelocityLimit",
-    "rotorInertia",
-    "rotorGearRatio",
-)
+_LIMITS = [f"{end}{what}Limit" for what in ("DryFriction", "Effort", "Velocity") for end in ("lower", "upper")]
+_PER_VELOCITY = ("armature", "damping", "rotorInertia", "rotorGearRatio", *_LIMITS)
 _PER_COORDINATE = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
 
 
@@ -168,18 +158,10 @@ def rebuilt(
 
     (``pin.buildReducedModel`` needs a frame for each joint, which models built in code need not have.)
 
-    Parameters
-    ----------
-    model : pin.Model
-        Not changed.
-    parts : mapping
-        Joint name → the (name, joint model) that replace it, one after the other; the last carries its body. Damping,
-        friction and armature act on each new velocity. An empty sequence fixes the joint: its body becomes one with its
-        parent's.
-    poses : mapping, optional
-        Name of a fixed joint → pose of its body in its joint frame.
-    order : sequence of int, optional
-        The joints in the order in which they are to be added, parents before children.
+    `parts`: joint name → the (name, joint model) that replace it, one after the other; the last carries its body.
+    Damping, friction and armature act on each new velocity. An empty sequence fixes the joint: its body becomes one
+    with its parent's. `poses`: name of a fixed joint → pose of its body in its joint frame. `order`: the joints in the
+    order in which they are to be added, parents before children.
     """
     new = pin.Model()
     new.name, new.gravity = model.name, model.gravity

@@ -38,7 +38,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import number, put, require_names, triple
+from .checks import number, put, put_triples, require_names
 
 ROW_NAMES = {
     "point": ("x", "y", "z"),
@@ -118,18 +118,16 @@ class Loop:
                     f"{who}: a loop of kind {self.kind!r} has no {field}, which is for {kinds}; besides frames and "
                     f"anchors it has {' and '.join(own) or 'nothing'}"
                 )
-        for field in ("xyz1", "rpy1", "xyz2", "rpy2"):
-            put(self, **{field: triple(getattr(self, field), f"{who}: {field}")})
+        put_triples(self, who, "xyz1", "rpy1", "xyz2", "rpy2")
         if self.kind == "distance":
             put(self, length=number(self.length, f"{who}: the length of a distance, in m,", above=0.0))
             return
         for field in own:
             if getattr(self, field) is None:
                 raise InputError(f"{who}: a {self.kind} needs its {field}, for instance {field} = (0, 1, 0)")
-            axis = triple(getattr(self, field), f"{who}: {field}")
-            if not 1e-100 < max(map(abs, axis)) < 1e100:
+            put_triples(self, who, field)
+            if not 1e-100 < max(map(abs, axis := getattr(self, field))) < 1e100:
                 raise InputError(f"{who}: the {self.kind} {field} is the zero vector, or immense: {axis}")
-            put(self, **{field: axis})
 
     @property
     def rows(self) -> tuple[str, ...]:

@@ -51,7 +51,7 @@ class Mechanism(JointNames):
     geometry : Geometry, optional
         Shapes for replays.
     duration : float
-        How long its motion is worth a look, s: for how long commands simulate that are not told otherwise.
+        How long its motion is interesting, s: the default duration of a run for commands.
 
     Raises
     ------

@@ -7,7 +7,8 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from .checks import number
+from ..errors import InputError, PinconsistError
+from .checks import put_numbers
 
 TIME_STEP = 1e-3
 """Of the difference quotients in time, s."""
@@ -45,8 +46,7 @@ class Motion:
     phase: float = 0.0
 
     def __post_init__(self):
-        for each in fields(self):
-            object.__setattr__(self, each.name, number(getattr(self, each.name), f"motion: {each.name}"))
+        put_numbers(self, "motion", *(each.name for each in fields(self)))
 
     @property
     def numbers(self) -> tuple[float, ...]:
@@ -102,20 +102,28 @@ def second(function, step: float):
     return (270.0 * bends[0] - 27.0 * bends[1] + 2.0 * bends[2]) / (180.0 * step**2)
 
 
-def is_slope(slope, function, steps, size=0.0) -> bool:
-    """Whether `slope` is f'(0) to a thousandth (of `size` where that is larger), by differences over one of `steps`.
+def check_slope(what: str, of: str, slope, function, steps, size=0.0) -> None:
+    """Raise InputError where `slope` is not f'(0) to a thousandth (of `size` where that is larger), by differences.
 
     One-sided slopes count, as functions may have a corner at zero, and several steps are tried, as they may have scales
     of their own: a false alarm would be worse than a wrong slope that is overlooked.
     """
     slope = np.asarray(slope, float)
-    for h in steps:
-        f = {i: np.asarray(function(i * h), float) for i in (-2, -1, 0, 1, 2)}
-        noise = 20.0 * np.finfo(float).eps * max(np.max(np.abs(value), initial=0.0) for value in f.values()) / h
-        middle = (8.0 * (f[1] - f[-1]) - (f[2] - f[-2])) / (12.0 * h)
-        ahead, behind = (4.0 * f[1] - 3.0 * f[0] - f[2]) / (2.0 * h), (3.0 * f[0] - 4.0 * f[-1] + f[-2]) / (2.0 * h)
-        for found in (middle, ahead, behind):
-            largest = np.maximum(np.maximum(np.abs(slope), np.abs(found)), size)
-            if (np.abs(slope - found) <= 1e-3 * largest + noise).all():
-                return True
-    return False
+    try:
+        for h in steps:
+            f = {i: np.asarray(function(i * h), float) for i in (-2, -1, 0, 1, 2)}
+            noise = 20.0 * np.finfo(float).eps * max(np.max(np.abs(value), initial=0.0) for value in f.values()) / h
+            middle = (8.0 * (f[1] - f[-1]) - (f[2] - f[-2])) / (12.0 * h)
+            ahead, behind = (4.0 * f[1] - 3.0 * f[0] - f[2]) / (2.0 * h), (3.0 * f[0] - 4.0 * f[-1] + f[-2]) / (2.0 * h)
+            for found in (middle, ahead, behind):
+                largest = np.maximum(np.maximum(np.abs(slope), np.abs(found)), size)
+                if (np.abs(slope - found) <= 1e-3 * largest + noise).all():
+                    return
+        found = first(function, steps[1])
+    except PinconsistError:  # the function need not be defined so far away
+        return
+    given, found = (np.array2string(each, precision=6) for each in (slope, found))
+    raise InputError(
+        f"{what} is {given}, which is not the derivative of its {of}: differences give {found}. Correct it, or leave "
+        "it out: differences are then used"
+    )

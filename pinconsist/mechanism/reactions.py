@@ -22,7 +22,7 @@ NEARLY = 2e-5
 Measured: 4e-6 and 3e-7 at the shins of ``cassie``; the least that forces are well determined with is 1.7e-4, at a foot
 of ``cassie_reduced``, then 4e-4 at one of ``cassie_v2``, 7e-4 in ``kangaroo_like``, 1e-2 in ``digit_like``.
 """
-SHARE = 0.1  # of a dependence, from which on a loop belongs to it; beside the shins of Cassie others have 5e-4
+SHARE = 0.1  # of a dependence, from which on a loop belongs to it; besides the shins of Cassie others have 5e-4
 LOOKS = 5  # rows of a run at which dependences are looked for
 
 

@@ -16,7 +16,7 @@ from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow
 from .loops import Loop
 
 RECORDS = (Loop, Drive, Coupling, Constraint)
-"""What may stand among the loops of a mechanism."""
+"""What the loops of a mechanism may be."""
 TURNING = ("rx", "ry", "rz", "tilt1", "tilt2", "cross")  # rows in rad
 POSE = None  # instead of a shift: all six rows of a pose
 

@@ -11,7 +11,7 @@ from .joint_names import joints_in
 from .rank import free_motions, independent_rows
 
 NEARBY = 1e-3
-"""How far, in rad and m, the rank of the loops is looked at from a position with dependent rows."""
+"""How far, in rad and m, the rank of the loops is checked around a position with dependent rows."""
 MASSLESS = 1e-14
 """Inertia of a free motion, relative to the largest, below which it counts as zero."""
 

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
-from ..checks import frame_of, name, number, put, require_names, returned, triple
+from ..checks import frame_of, name, put_numbers, put_triples, require_names, returned
 from ..loops import GROUND
 from .force import BoundForce, ForceRecord
 
@@ -57,11 +57,9 @@ class SpringDamper(ForceRecord):
 
     def __post_init__(self):
         require_names(self, "SpringDamper", "frame1", "frame2")
-        put(self, stiffness=number(self.stiffness, f"{self._who}: stiffness"))
-        for field in ("length", "damping"):
-            put(self, **{field: number(getattr(self, field), f"{self._who}: {field}", least=0.0)})
-        for field in ("xyz1", "xyz2"):
-            put(self, **{field: triple(getattr(self, field), f"{self._who}: {field}")})
+        put_numbers(self, self._who, "stiffness")
+        put_numbers(self, self._who, "length", "damping", least=0.0)
+        put_triples(self, self._who, "xyz1", "xyz2")
 
     @property
     def _who(self):
@@ -158,12 +156,10 @@ class Wrench(ForceRecord):
 
     def __post_init__(self):
         who = f"wrench on {name(self.frame, 'Wrench: frame')!r}"
-        for field in ("force", "moment"):
-            if not callable(given := getattr(self, field)):
-                put(self, **{field: triple(given, f"{who}: {field}")})
+        put_triples(self, who, *(field for field in ("force", "moment") if not callable(getattr(self, field))))
         if self.axes not in ("world", "local"):
             raise InputError(f"{who}: axes must be 'world' or 'local', got {self.axes!r}")
-        put(self, xyz=triple(self.xyz, f"{who}: xyz"))
+        put_triples(self, who, "xyz")
 
     @property
     def label(self) -> str:

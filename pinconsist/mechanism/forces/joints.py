@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
-from ..checks import amounts, name, number, put, require_functions, returned, spread
+from ..checks import amounts, name, number, put, put_numbers, require_functions, returned, spread
 from ..joint_constraints import Coordinate
 from ..motion import TIME_STEP, Motion, first
 from .force import BoundForce, ForceRecord, label
@@ -138,7 +138,7 @@ class JointSpring(ForceRecord):
 
     def __post_init__(self):
         who = f"joint spring {name(self.joint, 'JointSpring: joint')!r}"
-        put(self, stiffness=number(self.stiffness, f"{who}: stiffness"), rest=number(self.rest, f"{who}: rest"))
+        put_numbers(self, who, "stiffness", "rest")
 
     @property
     def label(self) -> str:
@@ -191,8 +191,7 @@ class Servo(ForceRecord):
             if self.rate is not None:
                 raise InputError(f"{who}: a rate goes with a target that is a function of time, not {self.target!r}")
         require_functions(self, who, "time", optional=("rate",))
-        for field in ("stiffness", "damping"):
-            put(self, **{field: number(getattr(self, field), f"{who}: {field}", least=0.0)})
+        put_numbers(self, who, "stiffness", "damping", least=0.0)
 
     @property
     def label(self) -> str:
