@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-import pinocchio as pin
-
-from pinconsist import AssemblyError, InputError, JointSpring, Loop, Mechanism, assemble, load, reference_problem
+from pinconsist import AssemblyError, InputError, assemble, load, reference_problem
 from pinconsist.formats.catalogue import is_built_in
 
+from ..linkages import BUSHING, DAMPER, pendulum, stiff_four_bar
 from .problem import Problem
 
-BUSHING, DAMPER = 1e7, 1e4  # N/m, N·s/m
 STARTS = {  # span in s, start, velocities
     "andrews": ((0.0, 0.03), None, None, "Andrews' squeezing mechanism"),
     "crank_rocker": ((0.0, 5.0), {"crank": 0.0}, {"crank": 12.0}, "crank at 12 rad/s"),
@@ -46,7 +42,7 @@ def problem_of(name: str, until: float | None = None) -> Problem:
             f"crank-rocker, its coupler cut by a bushing of {BUSHING:g} N/m with {DAMPER:g} N·s/m, crank at 12 rad/s"
         )
     elif name == "pendulum":
-        mechanism = _pendulum()
+        mechanism = pendulum()
     else:
         mechanism = load(name)
     try:
@@ -60,41 +56,3 @@ def problem_of(name: str, until: float | None = None) -> Problem:
     if until is not None and not until > 0:
         raise InputError(f"a scene must run for a positive number of seconds, got {until:g}")
     return Problem(label, about, mechanism, (0.0, until or span[1]), assembly.q, assembly.v)
-
-
-def stiff_four_bar() -> Mechanism:
-    """The crank-rocker with a stiff slider in the middle of its coupler."""
-    mass, model = 2.0, pin.Model()  # kg/m
-    model.gravity.linear = np.array([0.0, 0.0, -9.81])
-    crank, coupler, rocker, ground = 0.25, 0.70, 0.60, 0.80
-    original = load("crank_rocker")
-    parts = (
-        ("crank", pin.JointModelRY(), 0.0, crank),
-        ("coupler", pin.JointModelRY(), crank, coupler / 2),
-        ("bushing", pin.JointModelPX(), coupler / 2, coupler / 2),
-        ("rocker", pin.JointModelRY(), coupler / 2, rocker),
-    )
-    parent = 0
-    for name, joint, offset, length in parts:
-        parent = model.addJoint(parent, joint, pin.SE3(np.eye(3), np.array([offset, 0.0, 0.0])), name)
-        m = mass * length
-        inertia = np.diag([1e-4 * m, m * length**2 / 12, m * length**2 / 12])
-        body = pin.Inertia(m, np.array([length / 2, 0.0, 0.0]), inertia)
-        model.appendBodyToJoint(parent, body, pin.SE3.Identity())
-    tip = pin.SE3(np.eye(3), np.array([rocker, 0.0, 0.0]))
-    model.addFrame(pin.Frame("tip", parent, 0, tip, pin.FrameType.OP_FRAME))
-    damping = np.zeros(model.nv)
-    damping[2] = DAMPER
-    model.damping = damping
-    pivot = Loop("pivot", "point", "tip", "universe", xyz2=(ground, 0.0, 0.0))
-    angles = dict(zip(original.joints, original.guess, strict=True))
-    return Mechanism(model, [pivot], [JointSpring("bushing", BUSHING)], name="stiff_four_bar", guess=angles)
-
-
-def _pendulum() -> Mechanism:
-    """A point mass of 1 kg on two sliders, 1 m from the origin, at rest at the origin's height."""
-    mechanism = reference_problem("problem51").system
-    circle = replace(mechanism.loops[0], name="rod")
-    model = mechanism.model.copy()
-    model.gravity.linear = np.array([0.0, -9.81, 0.0])
-    return Mechanism(model, [circle], name="pendulum", guess=[-1.0, 0.0])

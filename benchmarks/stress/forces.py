@@ -8,6 +8,7 @@ import numpy as np
 
 from pinconsist import Constraint, Drive, Event, JointFriction, JointTorque, Torque, assemble, reference_solution
 
+from ..linkages import START, four_bar
 from .case import (
     EITHER,
     MAX_STEPS,
@@ -21,7 +22,6 @@ from .case import (
     relative,
     should_not_be,
 )
-from .scenes import START, four_bar
 
 RTOL = 1e-6
 GROWTH = 1e2

@@ -10,8 +10,8 @@ import pinocchio as pin
 from pinconsist import Loop, Mechanism, PinconsistError, reference_solution
 from pinconsist.mechanism.system import MechanismSystem
 
+from ..linkages import add_frame
 from .case import EITHER, RTOL, Case, Figure, certified, largest, solved
-from .scenes import add_frame
 
 UNTIL = 0.3
 FAMILY = "random chain"
@@ -51,7 +51,7 @@ def random_chain(seed):
         joint = pin.JointModelRY() if planar else JOINTS[kind](rng)
         last = model.addJoint(parent, joint, _placement(rng, planar), f"{kind}{i}")
         model.appendBodyToJoint(last, _body(rng), pin.SE3.Identity())
-        add_frame(model, last, f"body{i}", pin.SE3.Identity())
+        add_frame(model, last, f"body{i}")
     q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.5, 1.5, model.nv))
     return Mechanism(model, _loops(rng, model, q, planar), name=f"chain {seed}"), q, rng.normal(0.0, 2.0, model.nv)
 

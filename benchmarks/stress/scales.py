@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from pinconsist import JointDamping, JointSpring, Loop, Mechanism
 
-from .case import EITHER, HELD, RTOL, Case, Figure, certified, largest, relative, should_not_be, solved
-from .scenes import GRAVITY, MASSES, NAMES, START, add_frame, four_bar, reference
+from ..linkages import GRAVITY, MASSES, NAMES, START, add_frame, four_bar
+from .case import EITHER, HELD, RTOL, Case, Figure, certified, largest, reference, relative, should_not_be, solved
 
 UNTIL = 1.0
 BEFORE_DEAD_CENTRE = 0.3
@@ -107,7 +107,7 @@ def _top(speed, by):
     free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "top")
     body = pin.Inertia(1.0, np.array([0.0, 0.0, 0.3]), np.diag([0.02, 0.02, 0.03]))
     model.appendBodyToJoint(free, body, pin.SE3.Identity())
-    add_frame(model, free, "pivot", pin.SE3.Identity())
+    add_frame(model, free, "pivot")
     mech = Mechanism(model, [Loop("pivot", "point", "pivot")])
     spin = np.array([0.0, 0.0, 0.0, 0.3 * speed, 0.1 * speed, speed])
     sol = solved(by, mech, 20 * np.pi / speed, None, spin, atol=(RTOL, RTOL * speed))

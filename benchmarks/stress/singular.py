@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from pinconsist import Loop, load
 from pinconsist.mechanism.system import MechanismSystem
 
+from ..linkages import GRAVITY, START, four_bar
 from .case import EITHER, HELD, REFUSED, Case, Figure, certified, largest, relative, solved
-from .scenes import GRAVITY, START, four_bar
 
 
 def cases():

@@ -5,12 +5,11 @@ from __future__ import annotations
 from functools import cache, partial
 
 import numpy as np
-import pinocchio as pin
 
-from pinconsist import Loop, Mechanism, load, reference_problem
+from pinconsist import load, reference_problem
 
-from .case import EITHER, HELD, Case, Figure, certified, completed, largest, relative, should_not_be, solved
-from .scenes import GRAVITY, START, add_frame, four_bar, reference
+from ..linkages import START, four_bar, pendulum
+from .case import EITHER, HELD, Case, Figure, certified, completed, largest, reference, relative, should_not_be, solved
 
 EPS = np.finfo(float).eps
 STEPS = 20
@@ -36,8 +35,7 @@ def cases(long=False):
     for h in sizes:
         yield Case("step size", f"problem51, order 1, h = {h:.0e} s, raw", partial(_raw_floor, h))
     count = 1_000_000 if long else 10_000
-    pendulum = partial(_drift, _pendulum, None, count, 5, 1e-9)
-    yield Case("drift", f"pendulum, order 5, {count:,} steps of 1 ms", pendulum)
+    yield Case("drift", f"pendulum, order 5, {count:,} steps of 1 ms", partial(_drift, pendulum, None, count, 5, 1e-9))
     yield Case("drift", f"four-bar, order 3, {count:,} steps of 1 ms", partial(_drift, four_bar, START, count, 3, 1e-5))
 
 
@@ -77,17 +75,6 @@ def _raw_floor(h, by):
         silent = not any("constraint forces" in concern for concern in sol.check().concerns)
         figures.append(should_not_be("noise in λ that check() does not report", silent))
     return figures
-
-
-def _pendulum():
-    """A point mass on a rod of 1 m in Cartesian coordinates, from the horizontal (IFToMM A01)."""
-    model = pin.Model()
-    model.gravity.linear = np.array([0.0, 0.0, -GRAVITY])
-    x = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
-    z = model.addJoint(x, pin.JointModelPZ(), pin.SE3.Identity(), "z")
-    model.appendBodyToJoint(z, pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))), pin.SE3.Identity())
-    add_frame(model, z, "mass", pin.SE3.Identity())
-    return Mechanism(model, [Loop("rod", "distance", "universe", "mass", length=1.0)], guess=[-1.0, 0.0])
 
 
 def _drift(build, q0, count, order, energy_error, by):

@@ -13,10 +13,10 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.app import main
+from benchmarks.linkages import four_bar
 from benchmarks.stress import SUBJECTS, cases
 from benchmarks.stress.case import EITHER, HELD, REFUSED, Case, Figure, Refused, completed, run
 from benchmarks.stress.random_chains import random_chain
-from benchmarks.stress.scenes import four_bar
 from pinconsist.errors import InputError
 
 

@@ -11,11 +11,11 @@ import pytest
 from helpers import command_line
 
 from benchmarks.app import main
+from benchmarks.linkages import START, four_bar
 from benchmarks.peers.problem import Peer, Rows, SolverFailed
 from benchmarks.peers.scipy_index1 import ScipyIvp
 from benchmarks.stress import SUBJECTS, cases, others
 from benchmarks.stress.case import EITHER, HELD, REFUSED, Case, Figure, completed
-from benchmarks.stress.scenes import START, four_bar
 from pinconsist.errors import InputError
 
 called = partial(command_line.called, main=main)
