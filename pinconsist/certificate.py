@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .dae.acceleration import solve_acceleration
-from .dae.sizes import largest
+from .dae.index1 import solve_acceleration
+from .dae.norms import largest
 from .mechanism.energy import energy_of
 from .mechanism.reactions import not_determined, undetermined
 from .mechanism.system import MechanismSystem

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .dae import consistency, start
+from .dae.control import FixedStep
+from .dae.index1 import Index1
 from .dae.integrate import Method, integrate
 from .dae.start import integrate_index1
-from .dae.stepsize import FixedStep
 from .errors import InputError, PinconsistError
 from .mechanism.assembly import assemble
 from .mechanism.checks import finite_array
@@ -116,8 +117,8 @@ def _subject(subject, q0, v0):
         system = system_of(subject, 0.0, assembly.q, assembly.v)
 
         def multipliers(times):
-            rows = integrate_index1(system, 0.0, assembly.q, assembly.v, times, 1e-13, 1e-13)
-            return np.array([lam for _, _, _, lam in rows])  # of the kept rows, as the runs below have them
+            rows = integrate_index1(Index1(system), 0.0, assembly.q, assembly.v, times, 1e-13, 1e-13)
+            return np.array([system.full_multipliers(p, lam) for _, p, _, lam in rows])
 
         return subject.name, system, 0.0, assembly.q, assembly.v, multipliers
     if q0 is not None or v0 is not None:
@@ -143,8 +144,6 @@ def _run(system, t0, p0, v0, exact, h, k, count):
 
 
 def _consistent_velocity(system, t0, p0, v0, h, k):
-    if k == 1:
-        return consistency.consistent_initial_velocity(system, t0, p0, v0, h)
-    states = start.equidistant_history(system, t0, p0, v0, h, k)
-    base, Z = start.fill_table(system, states, k)
-    return consistency.consistent_history(system, h, k, base, Z, states)[0]
+    states = start.equidistant_history(Index1(system), t0, p0, v0, h, k)
+    base, Z = start.fill_table(system, states)
+    return consistency.consistent_velocities(system, h, k, base, Z, states)[0]

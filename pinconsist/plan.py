@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ._core.compiled import BACKENDS
 from .dae import consistency as paper
 from .dae import integrate as dae
-from .dae.bdf import MAX_ORDER
-from .dae.compiled import BACKENDS
-from .dae.stepsize import ErrorControl, FixedStep
+from .dae.control import ErrorControl, FixedStep
+from .dae.rounding import shortest_step
+from .dae.tuning import MAX_ADAPTIVE_ORDER, MAX_ORDER
 from .errors import InputError
 from .mechanism.checks import finite_array
-
-MAX_ADAPTIVE_ORDER = 5
 
 
 def span_of(t_span):
@@ -33,6 +32,7 @@ def method_of(
         raise InputError(f"unknown consistency {consistency!r}; known are {', '.join(map(repr, paper.MODES))}")
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; known are {', '.join(map(repr, BACKENDS))}")
+    paper.MODES[consistency].check(step is not None)
     highest = MAX_ORDER if step is not None else MAX_ADAPTIVE_ORDER
     if isinstance(max_order, bool) or not isinstance(max_order, int | np.integer) or not 1 <= max_order <= highest:
         raise InputError(f"max_order must be a whole number from 1 to {highest}, got {max_order!r}")
@@ -42,20 +42,15 @@ def method_of(
     max_steps = None if max_steps is None else int(max_steps)
     if step is not None:
         step = _positive(step, "step")
-        if step < 16 * np.spacing(max(map(abs, span))):
+        if step < shortest_step(*span):
             raise InputError(f"step = {step:g} s cannot be told from zero at t = {max(map(abs, span)):g} s")
-        return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps, backend=backend)
-    if consistency == "initial":
-        raise InputError(
-            "consistency='initial' is for a fixed step (give step=): every change of step size undoes it. "
-            "Variable steps need consistency='every-step'"
-        )
+        return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps)
     first_step = None if first_step is None else _positive(first_step, "first_step")
     max_step = np.inf if max_step == np.inf else _positive(max_step, "max_step")
     control = ErrorControl(_pair(rtol, "rtol"), _pair(atol, "atol"), order, max_step)
     if min(part.min() for part in control.rtol) < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot give")
-    return dae.Method(order, consistency, control, None, first_step, max_steps, backend)
+    return dae.Method(order, consistency, control, None, first_step, max_steps)
 
 
 def _positive(value, what) -> float:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ._core.compiled import stepper_for
 from .dae import consistency as paper
 from .dae import integrate as dae
 from .dae.events import as_events
 from .dae.hessenberg import HessenbergProblem
-from .dae.record import Wishes
-from .dae.sizes import largest
+from .dae.norms import largest
+from .dae.output import Output
+from .dae.problem import Index3System
 from .errors import InputError
 from .interrupts import deferred
 from .mechanism.assembly import assemble
@@ -117,9 +119,10 @@ def simulate(
     assembly = assemble(mech, q0, v0, t=span[0])
     system = MechanismSystem(mech, assembly.q, span[0])
     require_nonsingular(system, assembly.q)
-    wishes = _wishes(system, span, t_eval, dense_output, events, callback)
+    output = _output(span, t_eval, dense_output, events, callback)
     with deferred(late=False) as interrupted:
-        trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, wishes, interrupted)
+        stepper = stepper_for(system, plan, backend)
+        trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, output, stepper, interrupted)
         return Solution._from_trajectory(trajectory, plan)
 
 
@@ -182,9 +185,10 @@ def integrate(
             "method turns that into a multiplier error of that size over the step squared. Give a p0 on the "
             "constraint, or use simulate(), which assembles"
         )
-    wishes = _wishes(system, span, t_eval, dense_output, events, callback)
+    output = _output(span, t_eval, dense_output, events, callback)
     with deferred(late=False) as interrupted:
-        trajectory = dae.integrate(system, span, p0, v0, plan, wishes, interrupted)
+        stepper = stepper_for(system, plan, backend)
+        trajectory = dae.integrate(system, span, p0, v0, plan, output, stepper, interrupted)
         return Solution._from_trajectory(trajectory, plan)
 
 
@@ -237,12 +241,12 @@ def system_of(system, t0, p0, v0):
         return built
     if isinstance(system, HessenbergProblem):
         return system.at(t0, p0, v0)
-    if hasattr(system, "evaluate") and hasattr(system, "linearize"):
+    if isinstance(system, Index3System):
         return system
     raise InputError(f"cannot integrate a {type(system).__name__}; give a Mechanism or a HessenbergProblem")
 
 
-def _wishes(system, span, t_eval, dense_output, events, callback) -> Wishes:
+def _output(span, t_eval, dense_output, events, callback) -> Output:
     if callback is not None and not callable(callback):
         raise InputError(f"callback must be a function of (t, q, v, lam), got {type(callback).__name__}")
     if t_eval is not None:
@@ -252,7 +256,4 @@ def _wishes(system, span, t_eval, dense_output, events, callback) -> Wishes:
             raise InputError(f"t_eval must be times between {low:g} and {high:g} s")
         if ((span[1] - span[0]) * np.diff(t_eval) < 0).any():
             raise InputError("t_eval must be sorted in the direction of t_span")
-    wishes = Wishes(t_eval, bool(dense_output), as_events(events), callback)
-    if hasattr(system, "full_multipliers"):
-        wishes.finish = system.full_multipliers
-    return wishes
+    return Output(t_eval, bool(dense_output), as_events(events), callback)

@@ -92,16 +92,14 @@ class Solution:
     def _from_trajectory(cls, trajectory, plan) -> Solution:
         """The solution of a trajectory made by a method (`plan`); a failure if a row that left the system opened."""
         system = trajectory.system
-        if hasattr(system, "opened") and (opened := system.opened(trajectory.t, trajectory.p)):
-            i, gap, (loop, row) = opened
+        if trajectory.opened:
+            i, gap, (loop, row) = trajectory.opened
             trajectory.status = -1
             trajectory.message = (
                 f"loop {loop!r} row {row} depends on other rows at the start and left the system, but the loops "
                 f"gape by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
                 "Start elsewhere, or from a state just before"
             )
-        if getattr(system, "twin_of_all_rows", None) is not None:
-            system.twin_of_all_rows = None  # it may hold functions of the user's, unseen by the garbage collector
         arrays = [
             np.array(a)
             for a in (trajectory.t, trajectory.p, trajectory.v, trajectory.lam, trajectory.h, trajectory.order)

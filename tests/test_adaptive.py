@@ -10,7 +10,7 @@ import pytest
 from helpers import scenes, zoo
 
 import pinconsist as pc
-from pinconsist.dae import stepsize
+from pinconsist.dae import control
 
 DATA = Path(__file__).parent / "data"
 TOLERANCES = [10.0**-k for k in range(3, 12)]
@@ -335,7 +335,7 @@ def test_the_safety_factor_saves_work(monkeypatch):
     """0.9 instead of 0.8: as many residuals, larger errors."""
     q = reduced("four_bar", run("four_bar", 1e-6))[0][-1]
     chosen = pc.simulate(pc.load("four_bar"), (0.0, 5.0), q0={"crank": -1.0}, rtol=1e-6, atol=1e-6, backend="python")
-    monkeypatch.setattr(stepsize, "SAFETY", 0.9)
+    monkeypatch.setattr(control, "SAFETY", 0.9)
     other = pc.simulate(pc.load("four_bar"), (0.0, 5.0), q0={"crank": -1.0}, rtol=1e-6, atol=1e-6, backend="python")
     assert chosen.nfev < 1.05 * other.nfev and sum(chosen.rejected.values()) < sum(other.rejected.values())
     assert np.abs(chosen.q[-1] - q).max() < np.abs(other.q[-1] - q).max()

@@ -8,7 +8,7 @@ import pytest
 from helpers.scenes import slider
 
 import pinconsist as pc
-from pinconsist.dae.acceleration import solve_acceleration
+from pinconsist.dae.index1 import solve_acceleration
 
 TIGHT = {"rtol": 1e-9, "atol": 1e-11}
 M, G = 2.0, 9.81

@@ -7,7 +7,7 @@ from helpers import scenes
 from helpers.bodies import mixed_tree, random_state
 
 import pinconsist as pc
-from pinconsist.dae import bdf
+from pinconsist.dae import charts
 from pinconsist.mechanism.system import MechanismSystem
 
 LINKS = {"crank": -1.0, "coupler": 0.6742791460587038, "rocker": -1.4133851241635729}
@@ -180,7 +180,7 @@ def test_turning_coordinates_of_every_kind_of_joint():
         expected[row, columns] = 1.0
     for q in (pin.neutral(model), random_state(model, np.random.default_rng(3))[0]):
         system = MechanismSystem(pc.Mechanism(model), q)
-        np.testing.assert_array_equal(bdf.turning_coordinates(system, q), expected)
+        np.testing.assert_array_equal(charts.turning_coordinates(system, q), expected)
 
 
 def spin(joint, spin0, **options):
@@ -214,7 +214,7 @@ def test_a_body_at_200_rad_s(joint, spin0, tol):
 
 @pytest.mark.parametrize("tol", [1e-2, 1e-3])
 def test_without_the_cap_the_same_body_is_garbage(monkeypatch, tol):
-    monkeypatch.setattr(bdf, "MAX_CHART_TURN", 1e9)
+    monkeypatch.setattr(charts, "MAX_CHART_TURN", 1e9)
     try:
         sol = spin(pin.JointModelSpherical, (200.0, 3.0, 5.0), rtol=tol, atol=tol, max_steps=2000, backend="python")
         drift = momentum_and_energy_drift(sol)[0]

@@ -6,8 +6,8 @@ import pytest
 
 import pinconsist as pc
 from pinconsist import _core
-from pinconsist.dae.compiled import twin_of
-from pinconsist.dae.one_step import CompiledOneStep, OneStep
+from pinconsist._core.compiled import CompiledIndex1, compiled_system
+from pinconsist.dae.index1 import Index1
 from pinconsist.errors import PinconsistError, SingularSystemError
 from pinconsist.mechanism.assembly import assemble
 from pinconsist.mechanism.system import MechanismSystem
@@ -19,16 +19,15 @@ SCENES = {"crank_rocker": {"crank": 12.0}, "stewart_platform": None, "planar_pen
 def run_of(kind, mech, v0=None, t_end=1.0, **options):
     begin = assemble(mech, None, v0)
     system = MechanismSystem(mech, begin.q)
-    if kind is CompiledOneStep:
-        system.twin = _core.load()[0].Projection(twin_of(system)[0])
-    return kind(system, begin.q, 0.0, begin.q, begin.v, t_end, 1e-8, 1e-8, **options)
+    index1 = CompiledIndex1(system, compiled_system(system)) if kind == "compiled" else Index1(system)
+    return index1.one_step(begin.q, 0.0, begin.q, begin.v, t_end, 1e-8, 1e-8, **options)
 
 
 @needs_twin
 @pytest.mark.parametrize("t_end", [0.02, -0.02])
 @pytest.mark.parametrize("scene", SCENES)
 def test_the_compiled_one_is_scipys(scene, t_end):
-    scipys, ours = (run_of(k, pc.load(scene), SCENES[scene], t_end, dense=True) for k in (OneStep, CompiledOneStep))
+    scipys, ours = (run_of(k, pc.load(scene), SCENES[scene], t_end, dense=True) for k in ("scipy", "compiled"))
     while not scipys.finished:
         scipys.step()
         ours.step()
@@ -46,13 +45,13 @@ def test_the_compiled_one_is_scipys(scene, t_end):
 
 @needs_twin
 def test_the_largest_step_is_kept():
-    run = run_of(CompiledOneStep, pc.load("planar_pendulum"), max_step=0.03)
+    run = run_of("compiled", pc.load("planar_pendulum"), max_step=0.03)
     while not run.finished:
         run.step()
         assert run.step_size <= 0.03 * (1.0 + 1e-12)
 
 
-@pytest.mark.parametrize("kind", [OneStep, pytest.param(CompiledOneStep, marks=needs_twin)])
+@pytest.mark.parametrize("kind", ["scipy", pytest.param("compiled", marks=needs_twin)])
 def test_equations_without_a_solution_are_named(kind):
     model = pin.Model()
     model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "weightless")
@@ -60,7 +59,7 @@ def test_equations_without_a_solution_are_named(kind):
         run_of(kind, pc.Mechanism(model, [])).step()
 
 
-@pytest.mark.parametrize("kind", [OneStep, pytest.param(CompiledOneStep, marks=needs_twin)])
+@pytest.mark.parametrize("kind", ["scipy", pytest.param("compiled", marks=needs_twin)])
 def test_a_pole_ends_it(kind):
     def away(t, q, v):
         return np.where(np.abs(v) < 1e6, v**2, np.nan)
@@ -82,7 +81,7 @@ def test_a_force_that_stops_the_start_is_named(since, backend):
         pc.simulate(mech, (0.0, 1.0), step=0.01, backend=backend)
 
 
-@pytest.mark.parametrize("kind", [OneStep, pytest.param(CompiledOneStep, marks=needs_twin)])
+@pytest.mark.parametrize("kind", ["scipy", pytest.param("compiled", marks=needs_twin)])
 def test_a_state_outlives_the_next_step(kind):
     run = run_of(kind, pc.load("crank_rocker"), {"crank": 12.0})
     before = run.y

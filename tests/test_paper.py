@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
-from pinconsist.dae import bdf, consistency, start
-from pinconsist.dae.consistency import trial_step, velocity_shift
+from pinconsist.dae import consistency, start
+from pinconsist.dae.charts import table_row
+from pinconsist.dae.consistency import trial_step
+from pinconsist.dae.index1 import Index1, velocity_shift
 from pinconsist.mechanism.system import MechanismSystem
 
 # |λ_n - λ(t_n)| at the first step from exact and from consistent values, then steps 2..6, which both share.
@@ -62,9 +64,9 @@ def test_shifting_the_velocity_shifts_the_multiplier_exactly(name):
 
     def first_step(v0):
         Z = np.zeros((4, system.nx + system.nv + system.nc))
-        Z[0] = bdf.table_row(system, problem.p0, problem.p0, v0, np.zeros(system.nc))
+        Z[0] = table_row(system, problem.p0, problem.p0, v0, np.zeros(system.nc))
         step = trial_step(system, problem.t0, h, 1, problem.p0, Z)
-        return step.p, step.y[system.nx : system.nx + system.nv], step.y[system.nx + system.nv :]
+        return step.p, step.v, step.lam
 
     p1, v1, lam1 = first_step(problem.v0)
     c = np.arange(1.0, system.nc + 1)
@@ -99,8 +101,8 @@ def test_the_general_history_agrees_with_the_paper_up_to_second_order():
     system = system_of(problem)
     gaps = []
     for h in (2e-3, 1e-3):
-        states = start.equidistant_history(system, problem.t0, problem.p0, problem.v0, h, 1)
-        base, Z = start.fill_table(system, states, 1)
+        states = start.equidistant_history(Index1(system), problem.t0, problem.p0, problem.v0, h, 1)
+        base, Z = start.fill_table(system, states)
         general = consistency.consistent_history(system, h, 1, base, Z, states)[0]
         paper = pc.consistent_initial_velocity(system, problem.t0, problem.p0, problem.v0, h)
         gaps.append(np.abs(general - paper).max())

@@ -72,8 +72,8 @@ def interrupting(function, number=signal.SIGINT):
 
 LATE = {  # between the last step and the file
     "march": ("pinconsist.dae.integrate", "_march"),
-    "rows": ("pinconsist.dae.record.Record", "arrays"),
-    "steps": ("pinconsist.dae.record.Record", "steps"),
+    "rows": ("pinconsist.dae.output.Record", "arrays"),
+    "steps": ("pinconsist.dae.output.Record", "steps"),
     "solution": ("pinconsist.simulation", "Solution._from_trajectory"),
     "stretch": ("pinconsist.recording.stretches._Chain", "_stretch"),
     "chain": ("pinconsist.recording.stretches._Chain", "_add"),

@@ -9,7 +9,7 @@ from helpers import scenes, zoo
 from scipy.optimize import brentq
 
 import pinconsist as pc
-from pinconsist.dae.acceleration import solve_acceleration
+from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.mechanism.system import MechanismSystem
 
 G = 9.81

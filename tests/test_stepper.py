@@ -7,11 +7,11 @@ import pytest
 from helpers.scenes import held_mass
 
 import pinconsist as pc
-from pinconsist.dae.acceleration import NotFiniteError, solve_acceleration
-from pinconsist.dae.consistency import project_position, velocity_rounding
-from pinconsist.dae.sizes import EPS
+from pinconsist.dae.control import ErrorControl
+from pinconsist.dae.index1 import NotFiniteError, project_position, solve_acceleration
+from pinconsist.dae.norms import EPS
+from pinconsist.dae.rounding import Headway, RoundingTest, velocity_rounding
 from pinconsist.dae.stepper import Stepper
-from pinconsist.dae.stepsize import ErrorControl
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.plan import method_of
 
@@ -34,33 +34,27 @@ def test_an_open_loop_is_no_rounding():
     assert rounding(1.0, p=(0.0, 1e-15, 3.0)) > 0.0 == rounding(1.0, p=(0.0, 1e-12, 3.0))
 
 
-class Judge:
-    """What a stepper knows when it judges whether an error is rounding, whose bound is 10 tolerances here."""
-
-    k, _felt, _trusted, control = 3, 0.0, 0, SimpleNamespace(tightest=(1e-12, 1e-12))
-    _rounding_error = staticmethod(lambda t, step, weight: 10.0)
-
-    def says(self, h, error, tried):
-        self.h = h
-        return Stepper._is_rounding(self, 0.0, None, None, error, tried)
-
-
 def test_rounding_has_to_show_itself_and_is_then_believed_for_a_while():
     """A truncation error of order 3 falls by 2⁴ when h is halved; what falls by less than 2² is rounding."""
-    judge = Judge()
-    assert not judge.says(0.1, 2.0, (0.0, 0.0))  # a first try shows nothing
-    assert not judge.says(0.05, 2.0, (0.1, 9.0))
-    assert not judge.says(0.1, 9.0, (0.1, 9.0))  # the same step, with another order
-    assert not judge.says(0.05, 11.0, (0.1, 2.0))  # more than rounding explains
-    assert (judge._felt, judge._trusted) == (0.0, 0)
-    assert judge.says(-0.05, 2.0, (0.1, 7.0))
-    assert judge._felt == 0.1 and judge._trusted > 10
-    assert judge.says(0.1, 9.0, (0.0, 0.0)) and not judge.says(0.1, 11.0, (0.0, 0.0))
-    assert not judge.says(0.11, 9.0, (0.0, 0.0))  # longer than what has shown itself
-    judge._trusted = 0
-    assert not judge.says(0.1, 9.0, (0.0, 0.0))
-    judge.control = SimpleNamespace(tightest=(1e-6, 1e-6))
-    assert not judge.says(0.05, 2.0, (0.1, 2.0))  # far above rounding
+    rounding, near, far = RoundingTest(), SimpleNamespace(tightest=(1e-12,) * 2), SimpleNamespace(tightest=(1e-6,) * 2)
+
+    def passes(h, error, tried, control=near):
+        return rounding.passes(control, h, 3, error, tried, lambda: 10.0)  # rounding explains 10 tolerances here
+
+    assert not passes(0.1, 2.0, (0.0, 0.0))  # a first try shows nothing
+    assert not passes(0.05, 2.0, (0.1, 9.0))
+    assert not passes(0.1, 9.0, (0.1, 9.0))  # the same step, with another order
+    assert not passes(0.05, 11.0, (0.1, 2.0))  # more than rounding explains
+    assert not passes(0.1, 9.0, (0.0, 0.0))  # nothing has shown itself so far
+    assert passes(-0.05, 2.0, (0.1, 7.0))
+    for _ in range(10):
+        rounding.accepted()
+    assert passes(0.1, 9.0, (0.0, 0.0)) and not passes(0.1, 11.0, (0.0, 0.0))
+    assert not passes(0.11, 9.0, (0.0, 0.0))  # longer than what has shown itself
+    assert not passes(0.05, 2.0, (0.1, 2.0), far)  # far above rounding
+    for _ in range(20):
+        rounding.accepted()
+    assert not passes(0.1, 9.0, (0.0, 0.0))
 
 
 def test_nothing_is_believed_beyond_an_event():
@@ -68,9 +62,21 @@ def test_nothing_is_believed_beyond_an_event():
     start = pc.assemble(mech, v={"crank0": 1.0})
     method = method_of((0.0, 10.0), "BDF", None, 5, 1e-12, 1e-12, "every-step", None, np.inf, None, "python")
     stepper = Stepper(MechanismSystem(mech, start.q), method)
-    stepper._felt, stepper._trusted, stepper._setbacks = 1.0, 20, 40.0
+    assert stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.1, 7.0), lambda: 10.0)
+    assert stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.0, 0.0), lambda: 10.0)
     stepper.begin(0.0, start.q, start.v, 10.0)
-    assert (stepper._felt, stepper._trusted, stepper._setbacks) == (0.0, 0, 0.0)
+    assert not stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.0, 0.0), lambda: 10.0)
+
+
+def test_many_failed_tries_without_headway_end_a_run():
+    headway = Headway()
+    headway.restart(0.5, 1.0)
+    headway.reached(1.5)
+    assert not any(headway.setback() for _ in range(100))
+    headway.reached(1.5 + 1e-7)  # less than a millionth of what was done
+    assert headway.setback()
+    headway.reached(1.6)
+    assert not any(headway.setback() for _ in range(100)) and headway.setback()
 
 
 def test_without_constraints_only_the_velocity_is_rounded():

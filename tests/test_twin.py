@@ -5,6 +5,7 @@ import logging
 import signal
 import threading
 import time
+from unittest.mock import patch
 
 import numpy as np
 import pinocchio as pin
@@ -16,8 +17,9 @@ from helpers.twin import LOOSE, assert_same, compare_terms, needs_twin, twin_of
 
 import pinconsist as pc
 from pinconsist import _core
-from pinconsist.dae import compiled
-from pinconsist.dae.acceleration import solve_acceleration
+from pinconsist._core import compiled
+from pinconsist.dae.index1 import solve_acceleration
+from pinconsist.dae.tuning import Switches
 from pinconsist.mechanism.system import MechanismSystem
 
 SCENES = {  # name → duration, s
@@ -35,6 +37,7 @@ SCENES = {  # name → duration, s
     "chain_40": 0.3,  # Newton matrices are kept, LAPACK factorises; accelerations carry rounding times cond(M)
 }
 ALIKE = 20  # steps that both make alike: 12 of the first size, and the first ones that the control chooses
+OFF = Switches(*[False] * 5)
 
 
 @needs_twin
@@ -96,13 +99,23 @@ def test_motions_stay_in_compiled_code(name):
     compare_terms(mech, pc.assemble(mech, q, t=0.3).q if loops else q)
 
 
+def switched_off():
+    """Nothing is done for speed alone within the block."""
+
+    def plain(system, method, backend):
+        return compiled.stepper_for(system, dataclasses.replace(method, switches=OFF), backend)
+
+    return patch("pinconsist.simulation.stepper_for", plain)
+
+
 def both(mech, *t_span, **options):
-    """Runs on both, with one first step: its estimate may look at errors near rounding."""
+    """Runs on both, the compiled one with all switches off; with one first step: its estimate may be near rounding."""
     if "step" not in options:
         first_step = abs(pc.simulate(mech, t_span, backend="python", **options).h[0])
         options |= {"first_step": 0.999 * first_step}
     options |= {"dense_output": True}
-    return [pc.simulate(mech, t_span, backend=backend, **options) for backend in ("python", "compiled")]
+    with switched_off():
+        return [pc.simulate(mech, t_span, backend=backend, **options) for backend in ("python", "compiled")]
 
 
 def assert_equal_runs(ours, theirs, size=1e-8):
@@ -216,7 +229,8 @@ def test_same_errors_on_long_runs():
 
 
 @needs_twin
-def test_wishes_are_met():
+@switched_off()
+def test_output_is_the_same():
     mech, times = pc.load("four_bar"), np.linspace(0.0, 0.3, 7)
     seen = ([], [])
     event = pc.Event(lambda t, q, v, lam: v[0] + 1.0, name="fast")
@@ -303,8 +317,8 @@ def test_other_threads_run_and_an_interrupt_comes_through():
 
 def test_without_the_compiled_part_python_runs_and_says_so_once(monkeypatch, caplog):
     why = "pinconsist was installed without its compiled part (no C++ compiler was found)"
-    monkeypatch.setattr(_core, "load", lambda: (None, why))
-    compiled._say_once.cache_clear()
+    monkeypatch.setattr(compiled, "load", lambda: (None, why))
+    compiled._warn_once.cache_clear()
     mech = pc.load("four_bar")
     with caplog.at_level(logging.WARNING, "pinconsist"):
         runs = [pc.simulate(mech, (0.0, 0.05)) for _ in range(2)]
@@ -326,22 +340,78 @@ def test_another_pinocchio_than_it_was_built_for_is_not_touched(monkeypatch):
     assert module is None and "built for Pinocchio" in why and "9.9.9" in why
 
 
-def test_general_problems_run_in_python():
+@pytest.mark.parametrize("backend", ["python", "fortran"])
+def test_only_known_backends(backend):
+    if backend == "python":
+        assert pc.simulate(pc.load("four_bar"), (0.0, 0.1), backend=backend).method["backend"] == "python"
+    else:
+        with pytest.raises(pc.InputError, match="unknown backend 'fortran'"):
+            pc.simulate(pc.load("four_bar"), (0.0, 0.1), backend=backend)
+
+
+@needs_twin
+@pytest.mark.parametrize("name", ["problem51", "problem52"])
+def test_general_problems_are_called_back(name):
+    """The compiled method, with forecasts, asks less often than Python and reaches the same answer."""
+    problem = pc.reference_problem(name)
+    span, ours = (problem.t0, problem.t0 + 1.0), []
+    for backend in ("python", "compiled"):
+        sol = pc.integrate(problem.system, span, problem.p0, problem.v0, rtol=1e-7, atol=1e-7, backend=backend)
+        assert sol.success and sol.method["backend"] == backend
+        exact = np.array([problem.exact(t)[2] for t in sol.t])
+        ours.append((sol.nfev / sol.nsteps, np.abs(sol.lam - exact).max()))
+    (python_work, python_error), (compiled_work, compiled_error) = ours
+    assert compiled_work < 0.7 * python_work
+    assert compiled_error < 2.0 * python_error < 1e-3
+
+
+@needs_twin
+@pytest.mark.parametrize("options", [{"step": 1e-2, "max_order": 3}, LOOSE], ids=str)
+def test_called_back_systems_make_the_same_steps(options):
+    """Problem 5.2 has U, F and G of the general form; a mechanism as any other system has charts."""
     problem = pc.reference_problem("problem52")
-    sol = pc.integrate(problem.system, (1.0, 1.1), problem.p0, problem.v0)
-    assert sol.method["backend"] == "python (only mechanisms have compiled equations)"
-    with pytest.raises(pc.InputError, match="only mechanisms"):
-        pc.integrate(problem.system, (1.0, 1.1), problem.p0, problem.v0, backend="compiled")
-    with pytest.raises(pc.InputError, match="unknown backend 'fortran'"):
-        pc.simulate(pc.load("four_bar"), (0.0, 0.1), backend="fortran")
+
+    with switched_off():
+        runs = [
+            pc.integrate(problem.system, (1.0, 2.0), problem.p0, problem.v0, backend=backend, **options)
+            for backend in ("python", "compiled")
+        ]
+    assert_equal_runs(*runs)
+
+
+@needs_twin
+def test_a_called_back_mechanism_makes_the_same_steps_on_manifolds(monkeypatch):
+    model = mixed_tree()
+    mech = pc.Mechanism(model, [pc.Loop("rope", "distance", "arm", "raft", length=1.0)], [FORCES["spring-damper"]])
+    first = 0.999 * pc.simulate(mech, (0.0, 0.2), backend="compiled", **LOOSE).h[0]
+    native = pc.simulate(mech, (0.0, 0.2), backend="compiled", first_step=first, **LOOSE)
+    monkeypatch.setattr(compiled, "compiled_system", lambda system: _core.load()[0].CallbackSystem(system))
+    called_back = pc.simulate(mech, (0.0, 0.2), backend="compiled", first_step=first, **LOOSE)
+    assert_same(native.q[-1], called_back.q[-1], 1e-6)
+    assert abs(native.nsteps - called_back.nsteps) <= 2
+
+
+@needs_twin
+def test_what_a_called_back_function_raises_leaves_what_was_reached():
+    def late(t, p, v):
+        if t > 0.5:
+            raise ValueError("too late")
+        return np.zeros(2)
+
+    problem = pc.HessenbergProblem(
+        U=lambda t, p, v: v, F=late, G=lambda t, p, v: p[:, None], R=lambda t, p: np.array([(p @ p - 1.0) / 2])
+    )
+    sol = pc.integrate(problem, (0.0, 1.0), [1.0, 0.0], [0.0, 1.0], backend="compiled", step=0.01, max_order=2)
+    assert sol.status == -1 and "too late" in sol.message and 0.2 < sol.t[-1] <= 0.5
 
 
 @needs_twin
 def test_a_solution_holds_no_compiled_system():
     """It would keep the user's functions alive in a cycle that the garbage collector does not see."""
     sol = pc.simulate(pc.load("four_bar"), (0.0, 0.2), forces=[lambda t, q, v: -0.1 * v])
-    assert sol.method["backend"] == "compiled" and sol.system.twin is None and sol.system.twin_of_all_rows is None
-    assert "compiled" in sol.summary()
+    assert sol.method["backend"] == "compiled" and "compiled" in sol.summary()
+    compiled_kinds = tuple(getattr(_core.load()[0], name) for name in ("System", "Projection", "Stepper"))
+    assert not any(isinstance(value, compiled_kinds) for value in vars(sol.system).values())
 
 
 @needs_twin

@@ -10,7 +10,7 @@ from abc import abstractmethod
 
 import numpy as np
 
-from pinconsist.dae.acceleration import solve_acceleration
+from pinconsist.dae.index1 import solve_acceleration
 
 from .problem import Peer, Rows, SolverFailed
 

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
 
-from pinconsist.dae.acceleration import solve_acceleration
+from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.mechanism.forces import bound_forces
 
 from .problem import Peer, Rows, SolverFailed

@@ -1,7 +1,7 @@
-"""The compiled twin of dae/ for mechanisms: the same method in C++, a stretch of accepted steps in one call.
+"""The methods of dae/ in C++, and everything that exists for speed alone: many accepted steps in one call.
 
-It is there where ``pip install`` found a compiler. The C++ has the names and the order of the Python beside which it
-stands: newton.hpp is the twin of dae/newton.py, and so on. Laws of a user's own stay in Python, and are asked there.
+It is there where ``pip install`` found a compiler. The C++ has the names of the Python: newton.hpp does what
+dae/newton.py does, and so on. User-defined forces and constraints are called back in Python.
 """
 
 from __future__ import annotations
@@ -10,9 +10,11 @@ from functools import cache
 from importlib.util import find_spec
 
 import numpy as np
-import pinocchio  # loads the libraries that the twin is linked with
+import pinocchio  # loads the libraries that the compiled module is linked with
 
-INTERFACE = 2  # as in module.cpp: an editable install may hold an older build
+from ..dae import tuning
+
+INTERFACE = 3  # as in module.cpp: an editable install may hold an older build
 
 
 @cache
@@ -36,5 +38,6 @@ def load():
 
     twin.use_lapack(*(cython_lapack.__pyx_capi__[name] for name in ("dgetrf", "dgetrs")))
     coefficients = ("A", "B", "C", "E3", "E5", "D", "A_EXTRA", "C_EXTRA")
+    twin.use_tuning(tuning)
     twin.use_dop853(*(np.ascontiguousarray(getattr(DOP853, name)) for name in coefficients))
     return twin, ""

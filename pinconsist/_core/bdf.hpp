@@ -1,4 +1,4 @@
-// The twin of dae/bdf.py. The table Z has ROWS rows ∇ʲ[ξ | v | λ], stored row by row.
+// dae/bdf.py and dae/charts.py. The table Z has ROWS rows ∇ʲ[ξ | v | λ], stored row by row.
 #pragma once
 
 #include "system.hpp"
@@ -7,8 +7,7 @@
 
 namespace pinconsist::bdf {
 
-constexpr int MAX_ORDER = 6, ROWS = MAX_ORDER + 3;
-constexpr double MAX_CHART_TURN = 2.5;
+constexpr int ROWS = MAX_ORDER + 3;
 
 inline double gamma(int j) {
   static const auto sums = [] {

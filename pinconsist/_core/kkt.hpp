@@ -1,4 +1,4 @@
-// The block matrix [[A, -c G], [W, 0]] of dae/newton.py: workspace, factors, solutions. G = Wᵀ = Jᵀ.
+// The block matrix [[A, -c G], [W, 0]] of dae/kkt.py: workspace, factors, solutions.
 #pragma once
 
 #include <Eigen/Dense>
@@ -20,22 +20,22 @@ struct Lapack {
 
 class KKT {
 public:
-  KKT(int nv, int nc)
-      : nv_(nv), n_(nv + nc), few_(n_ >= Lapack::LARGE && 0 < nc && FEW * nc <= nv), K_(Eigen::MatrixXd::Zero(n_, n_)),
+  KKT(int nv, int nc, bool few = true)
+      : nv_(nv), n_(nv + nc), few_(few && n_ >= Lapack::LARGE && 0 < nc && FEW * nc <= nv), K_(Eigen::MatrixXd::Zero(n_, n_)),
         lu_(n_, n_), of_constraints_(few_ ? n_ : 0, few_ ? nc : 0), pivots_(n_) {}
 
   Eigen::Ref<Eigen::MatrixXd> A() { return K_.topLeftCorner(nv_, nv_); }
 
   // Fill in c G and W, factorise and solve in place; false where the matrix is singular. Columns of the right-hand side
   // from `dense` on are zero above the constraints.
-  bool solve_new(const Eigen::MatrixXd &J, double c, Eigen::MatrixXd &rhs, int dense) {
+  bool solve_new(const Eigen::MatrixXd &W, const Eigen::MatrixXd &Gt, double c, Eigen::MatrixXd &rhs, int dense) {
     const int nc = n_ - nv_;
-    K_.topRightCorner(nv_, nc) = -c * J.transpose();
-    K_.bottomLeftCorner(nc, nv_) = J;
+    K_.topRightCorner(nv_, nc) = -c * Gt.transpose();
+    K_.bottomLeftCorner(nc, nv_) = W;
     lu_ = K_;
     c_ = c;
     if (!factorise()) return false;
-    if (few_) { // other than in Python: what each constraint moves is solved for once, not with every right-hand side
+    if (few_) { // what each constraint moves is solved for once, not with every right-hand side
       of_constraints_.setZero();
       of_constraints_.bottomRows(nc).setIdentity();
       substitute_all(of_constraints_.data(), nc);

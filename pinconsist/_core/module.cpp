@@ -1,5 +1,5 @@
-// What Python sees of the twin: a system that is told its rows and forces, and a stepper that runs stretches.
-#include "one_step.hpp"
+// What Python sees: a system to which rows and forces are added, and a stepper that makes batches of steps.
+#include "index1.hpp"
 #include "stepper.hpp"
 
 #include <nanobind/ndarray.h>
@@ -27,9 +27,9 @@ template <class T> nb::object array(std::vector<T> &&numbers, std::initializer_l
   return nb::cast(nb::ndarray<nb::numpy, T>(kept->data(), shape.size(), shape.begin(), owner));
 }
 
-// A stretch as a tuple: why it ended, an exception of Python's, and its rows.
+// A batch as a tuple: why it ended, an exception of Python's, and its rows.
 nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, bool keep_tables) {
-  Stretch out;
+  StepBatch out;
   Failure failure = Failure::none;
   nb::object error = nb::none();
   try {
@@ -48,9 +48,9 @@ nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, b
   nb::object base = nb::none(), Z = nb::none();
   if (keep_tables) {
     base = array(std::move(out.base), {n, static_cast<size_t>(stepper.base.size())});
-    Z = array(std::move(out.Z), {n, bdf::ROWS, nv + nv + nc});
+    Z = array(std::move(out.Z), {n, bdf::ROWS, system.nx + nv + nc});
   }
-  return nb::make_tuple(static_cast<int>(failure), error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
+  return nb::make_tuple(name_of(failure), error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
                         array(std::move(out.v), {n, nv}), array(std::move(out.lam), {n, nc}), array(std::move(out.h), {n}),
                         array(std::move(out.k), {n}), base, Z);
 }
@@ -61,7 +61,13 @@ nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, b
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 2; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 3; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
+#define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
+    PINCONSIST_TUNING(PINCONSIST_READ)
+#undef PINCONSIST_READ
+    if (nb::cast<int>(tuning.attr("MAX_ORDER")) != MAX_ORDER) throw nb::value_error("MAX_ORDER");
+  });
   m.def("use_lapack", [](nb::capsule factorise, nb::capsule solve) {
     Lapack::factorise = reinterpret_cast<Lapack::Factorise>(factorise.data());
     Lapack::solve = reinterpret_cast<Lapack::Solve>(solve.data());
@@ -72,69 +78,69 @@ NB_MODULE(twin, m) {
     OneStep::method = {A, A_extra, D, B, C, E3, E5, C_extra};
   });
 
-  nb::class_<System>(m, "System")
+  nb::class_<System>(m, "System").def_ro("nc", &System::nc).def_prop_ro("calls_python", &System::calls_python);
+  nb::class_<CallbackSystem, System>(m, "CallbackSystem").def(nb::init<nb::object>(), "system"_a);
+  nb::class_<MechanismSystem, System>(m, "MechanismSystem")
       .def(nb::init<nb::object, nb::object>(), "model"_a, "data"_a)
-      .def_ro("nc", &System::nc)
-      .def_prop_ro("calls_python", &System::calls_python)
       .def("add_anchored",
-           [](System &s, int joint1, const Pose &place1, int joint2, const Pose &place2, const Mat &matrix, bool fresh) {
+           [](MechanismSystem &s, int joint1, const Pose &place1, int joint2, const Pose &place2, const Mat &matrix, bool fresh) {
              s.add_rows(std::make_unique<AnchoredRows>(s.model(), joint1, placement(place1), joint2, placement(place2), matrix),
                         fresh);
            })
       .def("add_distance",
-           [](System &s, int joint1, const Pose &place1, int joint2, const Pose &place2, double length) {
+           [](MechanismSystem &s, int joint1, const Pose &place1, int joint2, const Pose &place2, double length) {
              s.add_rows(std::make_unique<DistanceRow>(s.model(), joint1, placement(place1), joint2, placement(place2), length));
            })
       .def("add_drive",
-           [](System &s, const std::array<int, 3> &joint, double period, const Numbers &curve) {
+           [](MechanismSystem &s, const std::array<int, 3> &joint, double period, const Numbers &curve) {
              s.add_rows(std::make_unique<DriveRow>(coordinate(joint), period, motion(curve)));
            })
       .def("add_coupling",
-           [](System &s, const std::array<int, 3> &joint, const std::array<int, 3> &other, double period, const Vec &law) {
+           [](MechanismSystem &s, const std::array<int, 3> &joint, const std::array<int, 3> &other, double period, const Vec &law) {
              s.add_rows(std::make_unique<CouplingRow>(coordinate(joint), coordinate(other), period, law));
            })
       .def("add_python_rows",
-           [](System &s, nb::object closure, std::vector<int> local, bool moving) {
+           [](MechanismSystem &s, nb::object closure, std::vector<int> local, bool moving) {
              s.add_rows(std::make_unique<PythonRows>(closure, s.data_object(), std::move(local), moving));
            })
-      .def("add_constant", &System::add_constant)
-      .def("add_damping", &System::add_damping)
+      .def("add_constant", &MechanismSystem::add_constant)
+      .def("add_damping", &MechanismSystem::add_damping)
       .def("add_friction",
-           [](System &s, const Vec &coefficients, double width) {
+           [](MechanismSystem &s, const Vec &coefficients, double width) {
              s.add_force(std::make_unique<SmoothFriction>(coefficients, width));
            })
       .def("add_servo",
-           [](System &s, const std::array<int, 3> &joint, double period, const Numbers &target, double stiffness, double damping) {
+           [](MechanismSystem &s, const std::array<int, 3> &joint, double period, const Numbers &target, double stiffness, double damping) {
              s.add_force(std::make_unique<Servo>(coordinate(joint), period, motion(target), stiffness, damping));
            })
       .def("add_torque_curve",
-           [](System &s, int column, const Numbers &curve) { s.add_force(std::make_unique<TorqueCurve>(column, motion(curve))); })
+           [](MechanismSystem &s, int column, const Numbers &curve) { s.add_force(std::make_unique<TorqueCurve>(column, motion(curve))); })
       .def("add_spring",
-           [](System &s, int joint1, const Vector3d &x1, int joint2, const Vector3d &x2, double stiffness, double length,
+           [](MechanismSystem &s, int joint1, const Vector3d &x1, int joint2, const Vector3d &x2, double stiffness, double length,
               double damping, double shortest) {
              s.add_force(std::make_unique<SpringDamper>(s.model(), joint1, x1, joint2, x2, stiffness, length, damping, shortest));
            })
       .def("add_wrench",
-           [](System &s, int joint, const Vector3d &offset, const Vector3d &force, const Vector3d &moment, bool local) {
+           [](MechanismSystem &s, int joint, const Vector3d &offset, const Vector3d &force, const Vector3d &moment, bool local) {
              s.add_force(std::make_unique<Wrench>(s.model(), joint, offset, force, moment, local));
            })
-      .def("add_python_force", [](System &s, nb::object law) { s.add_force(std::make_unique<PythonForce>(law)); })
+      .def("add_python_force", [](MechanismSystem &s, nb::object law) { s.add_force(std::make_unique<PythonForce>(law)); })
       .def("evaluate",
-           [](System &s, double t, const Vec &p, const Vec &v, const Vec &a) {
+           [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a) {
              s.evaluate(t, p, v, a);
-             return nb::make_tuple(s.f, s.phi, s.J, s.rho);
+             return nb::make_tuple(s.f, s.phi, s.W, s.rho);
            })
-      .def("gaps", &System::gaps)
-      .def("complete", &System::complete)
-      .def("linearize", [](System &s, double t, const Vec &p, const Vec &v, const Vec &a, double c) {
+      .def("gaps", &MechanismSystem::gaps)
+      .def("complete", &MechanismSystem::complete)
+      .def("linearize", [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a, double c) {
         s.evaluate(t, p, v, a);
         Mat A(s.nv, s.nv);
-        s.linearize(t, p, v, a, c, A);
+        s.linearize(t, p, v, a, Vec(), c, A);
         return A;
       });
 
   nb::class_<Projection>(m, "Projection")
-      .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
+      .def(nb::init<MechanismSystem &>(), "system"_a, nb::keep_alive<1, 2>())
       .def("acceleration", // with whether it is finite; None where the equations are singular
            [](Projection &projection, double t, const Vec &p, const Vec &v) -> nb::object {
              Vec a, lam;
@@ -168,7 +174,15 @@ NB_MODULE(twin, m) {
       .def("sample", &OneStep::sample);
 
   nb::class_<Stepper>(m, "Stepper")
-      .def(nb::init<System &, bool>(), "system"_a, "correct"_a, nb::keep_alive<1, 2>())
+      .def(
+          "__init__",
+          [](Stepper *self, System &system, bool correct, nb::object switches) {
+            const auto on = [&](const char *name) { return nb::cast<bool>(switches.attr(name)); };
+            new (self) Stepper(system, correct,
+                               {on("iteration_forecast"), on("loop_forecast"), on("jacobian_reuse"),
+                                on("few_constraints"), on("kept_weights")});
+          },
+          "system"_a, "correct"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_ro("t", &Stepper::t)
       .def_ro("h", &Stepper::h)
       .def_ro("k", &Stepper::k)
@@ -176,14 +190,15 @@ NB_MODULE(twin, m) {
       .def_prop_ro("y", [](const Stepper &s) { return s.y; })
       .def_rw("turns", &Stepper::turns)
       .def("begin",
-           [](Stepper &s, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base, const Table &Z) {
+           [](Stepper &s, double start, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base,
+              const Table &Z) {
              s.t = t;
              s.choice = {s.h = h, s.k = k};
              s.p = p;
              s.y = y;
              s.base = base;
              s.Z = Z;
-             s.begin_anew(t);
+             s.begin_anew(start);
            })
       .def("fix_step",
            [](Stepper &s, double start, long taken, long steps) {

@@ -1,17 +1,20 @@
-// The twin of dae/newton.py: what stands between a predictor and a converged step.
+// dae/newton.py and the correction of every step (dae/consistency.py), with forecasts and kept matrices.
 #pragma once
 
 #include "bdf.hpp"
-#include "consistency.hpp"
-#include "foresight.hpp"
+#include "forecast.hpp"
+#include "rounding.hpp"
 
 namespace pinconsist {
 
-constexpr int MAX_ITERATIONS = 10, CLOSINGS = 4;
-constexpr double FRESH_RATE = 0.4, STALE_FACTOR = 0.3, STAGNANT = 0.7, STAGNATED = 1e-9, LAST = 1e-12;
-
-// Why there is no step; the words stand in dae/compiled.py, in this order.
+// Why there is no step; the words stand in dae/tuning.py, under these names.
 enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far };
+
+inline const char *name_of(Failure failure) {
+  static constexpr const char *names[] = {"",           "singular",   "not_finite",   "diverged", "not_converged",
+                                          "error_test", "turns_too_far"};
+  return names[static_cast<int>(failure)];
+}
 
 struct Attempt {
   Vec y, p, change;
@@ -19,17 +22,8 @@ struct Attempt {
   Failure failure = Failure::none;
 };
 
-inline double weighted_size(const Vec &change, const Vec &weight, int nv) {
+inline double weighted_norm(const Vec &change, const Vec &weight, int nv) {
   return std::sqrt(change.head(weight.size()).cwiseProduct(weight).squaredNorm() / nv);
-}
-
-// Weights with which Newton runs down to rounding.
-inline double rounding_weights(const System &system, const Vec &y, Vec &weight) {
-  const double size_v = largest(y.segment(system.nx, system.nv));
-  weight.resize(system.nx + system.nv);
-  weight.head(system.nx).setConstant(1.0 / (1.0 + largest(y.head(system.nx))));
-  weight.tail(system.nv).setConstant(1.0 / (size_v == 0.0 ? 1.0 : size_v));
-  return 2.0 * EPS;
 }
 
 class Newton {
@@ -39,13 +33,15 @@ public:
   double culprit_t = 0.0;
   Vec culprit_p, culprit_v;
 
-  Newton(System &system, bool correct)
-      : system_(system), correct_(correct), kkt_(system.nv, system.nc), reuse_(system.nv),
+  Newton(System &system, bool correct, const Switches &switches)
+      : system_(system), correct_(correct), correct_at_once_(correct && switches.loop_forecast),
+        kkt_(system.nv, system.nc, switches.few_constraints), forecast_(switches),
+        reuse_(system.nv, switches.jacobian_reuse),
         rhs_(Mat::Zero(system.nv + system.nc, 3)), closing_(Mat::Zero(system.nv + system.nc, 2)),
         moves_(system.nv + system.nc, 2) {}
 
   void forget() {
-    foresight_.forget();
+    forecast_.forget();
     reuse_.forget();
   }
 
@@ -58,51 +54,48 @@ public:
     double last = 0.0, rate = 0.0;
     bool slow = false;
     a_ = (v_ - psi.segment(nx, nv)) / c;
-    system_.position(base, psi_x_, c, v_, step.p, xi_);
+    system_.position(t, base, psi_x_, c, v_, step.p, xi_);
     bool stale = reuse_.pays(c);
     for (int iteration = 1; iteration <= MAX_ITERATIONS; ++iteration) {
       system_.evaluate(t, step.p, v_, a_);
       rhs_.setZero();
-      system_.f.noalias() -= system_.J.transpose() * x_.tail(nc);
+      system_.f.noalias() -= system_.G_transposed().transpose() * x_.tail(nc);
       rhs_.col(0).head(nv) = c * system_.f;
       rhs_.col(1).tail(nc) = system_.phi;
       rhs_.col(2).tail(nc) = system_.rho;
       ++nfev;
       const bool was_stale = stale;
       if (slow || !(stale || iteration > 1)) {
-        system_.linearize(t, step.p, v_, a_, c, kkt_.A());
-        if (slow && !stale) { // the turning of the constraint forces, left out at first, slows Newton down
-          system_.force_gradient(t, step.p, x_.tail(nc), gradient_);
-          kkt_.A() -= c * c * gradient_;
-        }
+        system_.linearize(t, step.p, v_, a_, x_.tail(nc), c, kkt_.A());
+        if (slow && !stale) // the turning of the constraint forces, left out at first, slows Newton down
+          system_.subtract_force_gradient(t, step.p, v_, x_.tail(nc), c, kkt_.A());
         stale = false;
         reuse_.made(c);
         ++njev;
         ++nlu;
-        if (!kkt_.solve_new(system_.J, c, rhs_, 1)) return fail(step, predicted, Failure::singular);
+        if (!kkt_.solve_new(system_.W, system_.G_transposed(), c, rhs_, 1)) return fail(step, predicted, Failure::singular);
       } else {
         kkt_.solve(rhs_, c, 1);
       }
       reuse_.iterated();
       moves_.col(0) = rhs_.col(0) + rhs_.col(1) / c;
-      if (correct_) moves_.col(1) = rhs_.col(0) + rhs_.col(2);
+      if (correct_at_once_) moves_.col(1) = rhs_.col(0) + rhs_.col(2);
       else moves_.col(1) = moves_.col(0);
       raw_ = v_ - moves_.col(0).head(nv);
-      system_.position(base, psi_x_, c, raw_, step.p, xi_);
+      system_.position(t, base, psi_x_, c, raw_, step.p, xi_);
       step.y.resize(predicted.size());
       step.y << xi_, x_ - moves_.col(1);
       if (iteration == 1) {
         step.change = step.y - predicted;
-        step.size = weighted_size(step.change, weight, nv);
-        if (correct_ && !stale && foresight_.one_is_enough(step.size, c, tol)) {
-          if (!foresight_.stays_closed(step.size, c, tol)) close(t, base, c, weight, predicted, step, MEASURED);
+        step.size = weighted_norm(step.change, weight, nv);
+        if (correct_ && !stale && forecast_.one_is_enough(step.size, c, tol)) {
+          if (!forecast_.stays_closed(step.size, c, tol)) close(t, base, c, weight, predicted, step, MEASURED);
           step.failure = Failure::none;
           return;
         }
       }
       const double size =
-          std::sqrt((rhs_.col(0).head(nv).cwiseProduct(weight.tail(nv)).squaredNorm() +
-                     rhs_.col(1).head(nv).cwiseProduct(weight.head(nv)).squaredNorm()) / nv);
+          std::sqrt((rhs_.col(0).head(nv).cwiseProduct(weight.tail(nv)).squaredNorm() + moved_size(weight)) / nv);
       if (iteration > 1) rate = size / last;
       if (!std::isfinite(size)) {
         culprit_t = t;
@@ -110,16 +103,17 @@ public:
         culprit_v = v_;
         return fail(step, predicted, Failure::not_finite);
       }
-      if (iteration == 2 && !stale) foresight_.measured(rate, c);
+      if (iteration == 2 && !stale) forecast_.measured(rate, c);
       const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const bool settled = std::min(size, to_come) <= (stale ? STALE_FACTOR * tol : tol);
       const double noise = rate > STAGNANT ? STAGNATED : iteration == MAX_ITERATIONS ? LAST : 0.0;
-      if (settled || (noise > 0.0 && !stale && at_floor(psi.segment(nx, nv), step.p, noise))) {
+      if (settled || (noise > 0.0 && !stale && is_noise(psi.segment(nx, nv), step.p, noise))) {
         step.change = step.y - predicted;
-        step.size = weighted_size(step.change, weight, nv);
+        step.size = weighted_norm(step.change, weight, nv);
+        const bool always = !correct_at_once_; // nothing has been taken out yet
         const bool hidden = stale && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol;
         const double closing = iteration > 1 ? rate : 1.0;
-        if (correct_ && (hidden || closing * largest(system_.phi) > CLOSED * (1.0 + largest(step.p))))
+        if (correct_ && (always || hidden || closing * largest(system_.phi) > CLOSED * (1.0 + largest(step.p))))
           close(t, base, c, weight, predicted, step, closing);
         step.failure = Failure::none;
         return;
@@ -161,30 +155,41 @@ private:
       const double gap = largest(system_.phi) / (1.0 + largest(step.p));
       if (rate == MEASURED) {
         const double shift = rms(closing_.col(1).head(nv).cwiseProduct(weight.tail(nv)));
-        foresight_.looked(gap, shift, rms(v_.cwiseProduct(weight.tail(nv))), step.size, c);
-        rate = foresight_.closing_rate(step.size, c, largest(step.change.head(nx)));
+        forecast_.looked(gap, shift, rms(v_.cwiseProduct(weight.tail(nv))), step.size, c);
+        rate = forecast_.closing_rate(step.size, c, largest(step.change.head(nx)));
       }
       raw_ -= closing_.col(0).head(nv) / c;
-      system_.position(base, psi_x_, c, raw_, step.p, xi_);
+      system_.position(t, base, psi_x_, c, raw_, step.p, xi_);
       step.y.head(nx) = xi_;
       step.y.tail(nv + nc) -= closing_.col(1);
       if (gap * rate <= CLOSED) break;
     }
     step.change = step.y - predicted;
+    if (!correct_at_once_) step.size = weighted_norm(step.change, weight, nv);
   }
 
-  template <class Velocity> bool at_floor(const Velocity &psi_v, const Vec &p, double noise) const {
+  // Σ (weight · increment)² of the positions that the constraint moves.
+  double moved_size(const Vec &weight) const {
+    const int nx = system_.nx, nv = system_.nv;
+    const auto moved = rhs_.col(1).head(nv);
+    if (nx == nv) return moved.cwiseProduct(weight.head(nv)).squaredNorm();
+    const double most = nx ? weight.head(nx).maxCoeff() : 0.0;
+    return most * most * moved.squaredNorm();
+  }
+
+  // Whether Newton's increments are what rounding leaves.
+  template <class Velocity> bool is_noise(const Velocity &psi_v, const Vec &p, double noise) const {
     const int nv = system_.nv;
     const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv));
     return step <= noise * (largest(v_) + largest(psi_v) + step) && moved <= 1e4 * EPS * (1.0 + largest(p));
   }
 
   System &system_;
-  bool correct_;
+  bool correct_, correct_at_once_; // with the last increment, before the constraint is evaluated again
   KKT kkt_;
-  Foresight foresight_;
-  Reuse reuse_;
-  Mat rhs_, closing_, moves_, gradient_;
+  Forecast forecast_;
+  JacobianReuse reuse_;
+  Mat rhs_, closing_, moves_;
   Vec psi_x_, x_, v_, a_, xi_, raw_;
 };
 

@@ -1,11 +1,11 @@
-// What the twin uses of Pinocchio: its headers, the objects behind Python's, points and axes of bodies.
+// What is used of Pinocchio: its headers, the objects behind Python's, points and axes of bodies.
 #pragma once
+
+#include "system.hpp"
 
 #include <boost/python/converter/from_python.hpp>
 #include <boost/python/converter/registry.hpp>
 #include <boost/python/type_id.hpp>
-#include <nanobind/eigen/dense.h>
-#include <nanobind/nanobind.h>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/joint-configuration.hpp>
@@ -22,14 +22,11 @@
 
 namespace pinconsist {
 
-namespace nb = nanobind;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using pinocchio::Data;
 using pinocchio::Model;
 using pinocchio::SE3;
-using Vec = Eigen::VectorXd;
-using Mat = Eigen::MatrixXd;
 
 // The C++ object in a Python object that Boost.Python made; the Python object must outlive it.
 template <class T> T &borrowed(nb::handle object) {

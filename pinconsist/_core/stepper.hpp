@@ -1,21 +1,14 @@
-// The twin of dae/stepper.py, and the loop around it: a stretch of accepted steps in one call.
+// dae/stepper.py, and the loop around it: a batch of accepted steps in one call.
 #pragma once
 
-#include "stepsize.hpp"
+#include "control.hpp"
 
 #include <chrono>
 
 namespace pinconsist {
 
-constexpr double SMALLEST = 16.0;
-constexpr double NEAR_ROUNDING = 1e-9, HALF = 1e-8, SLOW = 0.5, PROGRESS = 1e-6;
-constexpr int SETBACKS = 100;
-constexpr std::chrono::milliseconds PATIENCE{50}; // after which Python is asked whether somebody interrupts
-
-inline double spacing(double t) { return std::nextafter(std::abs(t), INF) - std::abs(t); }
-
-// What a stretch of accepted steps leaves, one column a step.
-struct Stretch {
+// What accepted steps leave, one entry a step.
+struct StepBatch {
   int steps = 0;
   std::vector<double> t, h, p, v, lam, base, Z;
   std::vector<int> k;
@@ -37,28 +30,30 @@ public:
   Control control;
   Newton newton;
 
-  Stepper(System &system, bool correct) : newton(system, correct), system_(system), projection_(system) {}
+  Stepper(System &system, bool correct, const Switches &switches)
+      : newton(system, correct, switches), system_(system), kkt_(system.nv, system.nc) {
+    control.keep_weights = switches.kept_weights;
+  }
 
   // Accepted steps towards t_end, at most `most`; `prepared` where the first needs no change of step any more.
-  Failure run(double t_end, long most, bool keep_tables, Stretch &out) {
+  Failure run(double t_end, long most, bool keep_tables, StepBatch &out) {
     const auto begun = std::chrono::steady_clock::now();
     while (out.steps < most && t != t_end) {
       prepare_next();
       const Failure failure = advance(t_end);
       if (failure != Failure::none) return failure;
       record(keep_tables, out);
-      if (std::chrono::steady_clock::now() - begun > PATIENCE) break;
+      if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;
     }
     return Failure::none;
   }
 
   // Nothing is known of what comes: the run starts, or starts again.
-  void begin_anew(double at) {
+  void begin_anew(double start) {
     control.restart();
     newton.forget();
-    since_ = mark_ = at;
-    felt_ = 0.0;
-    trusted_ = setbacks_ = 0;
+    rounding_.restart();
+    headway_.restart(start, t);
   }
 
 private:
@@ -71,7 +66,7 @@ private:
       t_next = next_time(t_end);
       order = k;
       bdf::predict(system_, k, base, Z, predicted_, psi_);
-      const double tol = control.weights(system_, predicted_, weight_);
+      const double tol = control.weights(system_, predicted_, base, weight_);
       newton.attempt(t_next, base, psi_, predicted_, h / bdf::alpha(k), weight_, tol, attempt_);
       double smaller;
       if (attempt_.failure != Failure::none) {
@@ -87,8 +82,7 @@ private:
         k = again.k;
       }
       newton.forget();
-      ++setbacks_;
-      if (std::abs(smaller) < SMALLEST * spacing(t) || setbacks_ > SETBACKS)
+      if (headway_.setback() || std::abs(smaller) < shortest_step(t))
         return attempt_.failure != Failure::none ? attempt_.failure : Failure::error_test;
       rescale(smaller, order);
     }
@@ -106,23 +100,21 @@ private:
     } else {
       choice = control.next_step(system_, Z, k, h, error, weight_);
     }
-    --trusted_;
-    if (std::abs(t - mark_) > PROGRESS * std::abs(t - since_)) mark_ = t, setbacks_ = 0;
+    rounding_.accepted();
+    headway_.reached(t);
     return Failure::none;
   }
 
-  // Whether it is rounding that fails the error test, which a shorter step would feel as much.
+  // Whether it is rounding that fails the error test, which a shorter step would show as much.
   bool is_rounding(double t_next, double error, double longer, double its_error) {
-    const double size = std::abs(h);
-    if (control.rtol.minCoeff() > NEAR_ROUNDING) return false;
-    const bool shown = size < longer && error >= its_error * std::pow(size / longer, SLOW * (k + 1));
-    const bool known = trusted_ > 0 && size <= felt_;
-    if (!(shown || known) || error > rounding_error(t_next)) return false;
-    if (shown) {
-      felt_ = std::max(known ? felt_ : 0.0, longer);
-      trusted_ = REMEMBERED;
-    }
-    return true;
+    const auto bound = [&] {
+      Vec noise = Vec::Zero(weight_.size());
+      const Vec v = attempt_.y.segment(system_.nx, system_.nv);
+      const double size = std::min(velocity_rounding(system_, kkt_, t_next, attempt_.p, v), HALF * largest(v));
+      noise.tail(system_.nv).setConstant(std::ldexp(size, k + 1));
+      return control.error_in(system_, noise, k, weight_);
+    };
+    return rounding_.passes(fixed() ? 0.0 : control.rtol.minCoeff(), h, k, error, longer, its_error, bound);
   }
 
   // Change to the step and order that the control chose.
@@ -132,10 +124,10 @@ private:
     if (charted) wanted = std::copysign(std::min(std::abs(wanted), longest_step(velocity(), choice.k)), wanted);
     if (wanted != h) rescale(wanted, choice.k);
     k = choice.k;
-    if (charted) slow_down();
+    if (charted) shorten_to_charts();
   }
 
-  void slow_down() {
+  void shorten_to_charts() {
     const double before = h;
     const auto leads_to = [&] {
       return Vec(Z.block(0, system_.nx, k + 1, system_.nv).colwise().sum().transpose());
@@ -150,8 +142,8 @@ private:
   }
 
   double longest_step(const Vec &v, int order) const {
-    const double speed = bdf::fastest_turn(turns, v);
-    return speed != 0.0 ? bdf::MAX_CHART_TURN / ((order + 2) * speed) : INF;
+    const double speed = bdf::fastest_turn(turns, system_.rate(t, p, v));
+    return speed != 0.0 ? MAX_CHART_TURN / ((order + 2) * speed) : INF;
   }
 
   double next_time(double t_end) {
@@ -164,15 +156,7 @@ private:
     return last ? t_end : t + h;
   }
 
-  double rounding_error(double t_next) {
-    Vec noise = Vec::Zero(weight_.size());
-    const Vec v = attempt_.y.segment(system_.nx, system_.nv);
-    const double size = std::min(projection_.velocity_rounding(t_next, attempt_.p, v), HALF * largest(v));
-    noise.tail(system_.nv).setConstant(std::ldexp(size, k + 1));
-    return control.error_in(system_, noise, k, weight_);
-  }
-
-  void record(bool keep_tables, Stretch &out) const {
+  void record(bool keep_tables, StepBatch &out) const {
     const auto put = [](std::vector<double> &to, const auto &x) { to.insert(to.end(), x.data(), x.data() + x.size()); };
     ++out.steps;
     out.t.push_back(t);
@@ -190,11 +174,9 @@ private:
   bool fixed() const { return control.fixed(); }
 
   System &system_;
-  Projection projection_;
-  double since_ = 0.0, mark_ = 0.0; // start, and the time since which setbacks are counted
-  int setbacks_ = 0;
-  double felt_ = 0.0; // up to which length steps are known to feel rounding, and how many
-  int trusted_ = 0;
+  KKT kkt_; // of the rounding test
+  RoundingTest rounding_;
+  Headway headway_;
   Attempt attempt_;
   Vec predicted_, psi_, weight_;
 };

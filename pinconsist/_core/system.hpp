@@ -1,207 +1,149 @@
-// The twin of mechanism/system.py: M v' + nle = τ + Jᵀλ, Φ = 0, on the workspace of the Python system.
+// What a system must answer (dae/problem.py), and systems that answer it in Python.
 #pragma once
 
-#include "forces.hpp"
-#include "rows.hpp"
+#include "tuning.hpp"
 
-#include <Eigen/QR>
+#include <Eigen/Dense>
+#include <nanobind/eigen/dense.h>
+#include <nanobind/nanobind.h>
+
+#include <utility>
 
 namespace pinconsist {
 
-constexpr int BLOCK = 32;
-constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
+namespace nb = nanobind;
+using Vec = Eigen::VectorXd;
+using Mat = Eigen::MatrixXd;
 using Table = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+template <class Derived> double largest(const Eigen::MatrixBase<Derived> &x) {
+  return x.size() ? x.cwiseAbs().maxCoeff() : 0.0;
+}
 
 class System {
 public:
-  int npos, nx, nv, nc = 0;
-  bool vector_like;
-  // What `evaluate` and `constraint` leave: f = M a + f0, Φ, J, and the hidden residual ρ.
+  int npos = 0, nx = 0, nv = 0, nc = 0;
+  bool vector_like = true;
+  // What `evaluate` and `constraint` leave: f = M a + f0, Φ and the hidden residual ρ; and W of `linearize`, which for
+  // rigid bodies is J and known already after `constraint`.
   Vec f, phi, rho;
-  Mat J;
+  Mat W;
 
-  System(nb::object model, nb::object data)
-      : model_object_(std::move(model)), data_object_(std::move(data)), model_(borrowed<Model>(model_object_)),
-        data_(borrowed<Data>(data_object_)) {
-    npos = model_.nq;
-    nx = nv = model_.nv;
-    vector_like = npos == nv;
-    for (const auto &joint : model_.joints) planar_ |= joint.shortname() == "JointModelPlanar";
-    f = tau_ = Vec::Zero(nv);
-    moved_ = Vec::Zero(npos);
-    rest_ = Vec::Zero(nx);
-    constant_ = damping_ = zero_ = Vec::Zero(nv);
-    size_rows();
-  }
-
+  System() = default;
   System(const System &) = delete;
+  virtual ~System() = default;
 
-  const Model &model() const { return model_; }
-  nb::object data_object() const { return data_object_; }
-
-  // Several parts may add up in the same rows: `fresh` says whether a part begins new ones.
-  void add_rows(std::unique_ptr<Rows> rows, bool fresh = true) {
-    const int at = fresh ? nc : nc - rows->size();
-    nc = at + rows->size();
-    calls_python_ |= rows->calls_python();
-    rows_.push_back({std::move(rows), at});
-    size_rows();
-  }
-  void add_force(std::unique_ptr<Force> force) {
-    calls_python_ |= force->calls_python();
-    forces_.push_back(std::move(force));
-  }
-  void add_constant(const Vec &torque) { constant_ += torque; }
-  void add_damping(const Vec &coefficients) { damping_ += coefficients; }
-  bool calls_python() const { return calls_python_; }
-
-  void integrate(const Vec &p, const Vec &xi, Vec &out) const {
-    out.resize(npos);
-    if (vector_like) out = p + xi;
-    else pinocchio::integrate(model_, p, xi, out);
-  }
-
-  void difference(const Vec &p0, const Vec &p1, Vec &xi) {
-    if (vector_like) {
-      xi = p1 - p0;
-      return;
-    }
-    pinocchio::difference(model_, p0, p1, xi);
-    if (planar_) { // Pinocchio's logarithm of SE(2) is off by up to 5e-13
-      pinocchio::integrate(model_, p0, xi, moved_);
-      pinocchio::difference(model_, moved_, p1, rest_);
-      xi += rest_;
-    }
-  }
-
-  Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const {
-    if (vector_like) return rate;
-    Mat derivative = Mat::Zero(nx, nx);
-    pinocchio::dDifference(model_, base, p, derivative, pinocchio::ARG1);
-    return derivative * rate;
-  }
-
-  void position(const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const {
-    xi = psi_x + c * v;
-    if (vector_like) p = xi;
-    else integrate(base, xi, p);
-  }
-
-  void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) {
-    f = pinocchio::rnea(model_, data_, p, v, a);
-    constraint(t, p, v);
-    f -= constant_;
-    f.array() += damping_.array() * v.array();
-    if (forces_.empty()) return;
-    tau_.setZero();
-    for (const auto &force : forces_) force->add_torque(data_, t, p, v, tau_);
-    f -= tau_;
-  }
-
-  void constraint(double t, const Vec &p, const Vec &v) {
-    evaluate_rows(t, p);
-    rho.noalias() = J * v;
-    for (const auto &[rows, at] : rows_) rows->add_rate(t, p, at, rho);
-  }
-
-  // γ with dρ/dt = J v' + γ.
-  void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) {
-    pinocchio::forwardKinematics(model_, data_, p, v, zero_);
-    bias.setZero(nc);
-    for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
-  }
-
+  virtual bool calls_python() const = 0;
+  // Gᵀ at the point evaluated last.
+  virtual const Mat &G_transposed() const { return W; }
+  virtual void integrate(const Vec &p, const Vec &xi, Vec &out) const = 0;
+  virtual void difference(const Vec &p0, const Vec &p1, Vec &xi) const = 0;
+  virtual Vec rate(double, const Vec &, const Vec &v) const { return v; }
+  virtual void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const = 0;
+  virtual void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) = 0;
+  virtual void constraint(double t, const Vec &p, const Vec &v) = 0;
   // A = M + c ∂f/∂v + c² ∂f/∂p at the point evaluated last.
-  void linearize(double t, const Vec &p, const Vec &v, const Vec &a, double c, Eigen::Ref<Mat> A) {
-    pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
-    for (int i = 0; i < nv; i += BLOCK) // Pinocchio's derivatives lie row by row: blockwise both sides stay in cache
-      for (int j = 0; j < nv; j += BLOCK) {
-        const int rows = std::min(BLOCK, nv - i), columns = std::min(BLOCK, nv - j);
-        auto block = A.block(i, j, rows, columns);
-        block = c * (data_.dtau_dv.block(i, j, rows, columns) + c * data_.dtau_dq.block(i, j, rows, columns));
-        if (i < j) block += data_.M.block(i, j, rows, columns); // of M the upper half is filled
-        else if (i > j) block += data_.M.block(j, i, columns, rows).transpose();
-        else block += Mat(data_.M.block(i, i, rows, rows).selfadjointView<Eigen::Upper>());
-      }
-    A.diagonal() += c * damping_;
-    if (forces_.empty()) return;
-    by_forces_.setZero(nv, nv);
-    for (const auto &force : forces_) force->linearize(data_, t, p, v, c, by_forces_);
-    A += by_forces_;
+  virtual void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double c,
+                         Eigen::Ref<Mat> A) = 0;
+  // M at a point whose constraint was evaluated last; W and G belong to it afterwards.
+  virtual void mass_matrix(double t, const Vec &p, const Vec &v, Eigen::Ref<Mat> M) = 0;
+  // A -= c² ∂(G λ)/∂ξ
+  virtual void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c,
+                                       Eigen::Ref<Mat> A) = 0;
+  // Sizes of the position coordinates, where they are no vector.
+  virtual void position_scale(const Vec &, Eigen::Ref<Vec> scale) const { scale.setOnes(); }
+
+protected:
+  void size_rows() {
+    phi = rho = Vec::Zero(nc);
+    W = Mat::Zero(nc, nv);
+  }
+};
+
+// An Index3System of Python's, called back.
+class CallbackSystem : public System {
+public:
+  explicit CallbackSystem(nb::object system) : system_(std::move(system)) {
+    npos = number("npos");
+    nx = number("nx");
+    nv = number("nv");
+    nc = number("nc");
+    vector_like = nb::cast<bool>(system_.attr("vector_like"));
+    f = Vec::Zero(nv);
+    size_rows();
+    Gt_ = Mat::Zero(nc, nv);
   }
 
-  void mass_matrix(const Vec &p, Eigen::Ref<Mat> M) {
-    const Eigen::Ref<const Vec> at(p); // of this kind the library holds it ready; another takes 40 s to compile
-    M = pinocchio::crba(model_, data_, at).selfadjointView<Eigen::Upper>();
-  }
+  bool calls_python() const override { return true; }
+  const Mat &G_transposed() const override { return Gt_; }
 
-  // Φ of several configurations, one a row.
-  Table gaps(const Vec &times, const Table &configurations) {
-    Table gaps(times.size(), nc);
-    for (Eigen::Index i = 0; i < times.size(); ++i) {
-      evaluate_rows(times[i], configurations.row(i).transpose());
-      gaps.row(i) = phi.transpose();
-    }
-    return gaps;
+  void integrate(const Vec &p, const Vec &xi, Vec &out) const override {
+    if (vector_like) out = p + xi;
+    else out = vector(system_.attr("integrate")(p, xi), npos, "integrate");
   }
-
-  // In each row of `multipliers`, for the `steady` ones, those of smallest norm with the same joint forces Jᵀλ.
-  Table complete(double t, const Table &configurations, Table multipliers, const std::vector<int> &steady) {
-    Eigen::CompleteOrthogonalDecomposition<Mat> factors;
-    factors.setThreshold(DEPENDENT);
-    for (Eigen::Index i = 0; i < multipliers.rows(); ++i) {
-      evaluate_rows(t, configurations.row(i).transpose());
-      const Mat G = J(steady, Eigen::all).transpose();
-      const Vec lam = multipliers.row(i)(steady).transpose();
-      factors.compute(G);
-      multipliers.row(i)(steady) = factors.solve(G * lam).transpose();
-    }
-    return multipliers;
+  void difference(const Vec &p0, const Vec &p1, Vec &xi) const override {
+    if (vector_like) xi = p1 - p0;
+    else xi = vector(system_.attr("difference")(p0, p1), nx, "difference");
   }
-
-  // ∂(Jᵀλ)/∂q by forward differences: wanted only where Newton is slow.
-  void force_gradient(double t, const Vec &p, const Vec &lam, Mat &gradient) {
-    const Mat kept_J = J;
-    const Vec kept_phi = phi;
-    evaluate_rows(t, p);
-    const Vec at = J.transpose() * lam;
-    const double step = 1e-7;
-    Vec unit = Vec::Zero(nx);
-    gradient.resize(nv, nv);
-    for (int i = 0; i < nv; ++i) {
-      unit[i] = step;
-      Vec there(npos);
-      integrate(p, unit, there);
-      evaluate_rows(t, there);
-      gradient.col(i) = (J.transpose() * lam - at) / step;
-      unit[i] = 0.0;
-    }
-    J = kept_J;
+  Vec rate(double t, const Vec &p, const Vec &v) const override {
+    return vector(system_.attr("rate")(t, p, v), nx, "rate");
+  }
+  void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
+    const nb::object both = system_.attr("position")(t, base, psi_x, c, v);
+    p = vector(both[0], npos, "position");
+    xi = vector(both[1], nx, "position");
+  }
+  void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) override {
+    const nb::object all = system_.attr("evaluate")(t, p, v, a);
+    f = vector(all[0], nv, "evaluate");
+    phi = vector(all[1], nc, "evaluate");
+    Gt_ = matrix(all[2], nv, nc, "evaluate").transpose();
+    rho = vector(all[3], nc, "evaluate");
+  }
+  void constraint(double t, const Vec &p, const Vec &v) override {
+    const nb::object both = system_.attr("constraint")(t, p, rate(t, p, v));
+    phi = vector(both[0], nc, "constraint");
+    rho = vector(both[1], nc, "constraint");
+  }
+  void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double c,
+                 Eigen::Ref<Mat> A) override {
+    nb::object filled = nb::module_::import_("numpy").attr("empty")(nb::make_tuple(nv, nv));
+    W = matrix(system_.attr("linearize")(t, p, v, a, lam, c, filled), nc, nv, "linearize");
+    A = matrix(filled, nv, nv, "linearize");
+  }
+  void mass_matrix(double t, const Vec &p, const Vec &v, Eigen::Ref<Mat> M) override {
+    const Vec kept_phi = phi, kept_rho = rho, zero = Vec::Zero(nv);
+    evaluate(t, p, v, zero);
+    linearize(t, p, v, zero, Vec::Zero(nc), 0.0, M);
     phi = kept_phi;
+    rho = kept_rho;
+  }
+  void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c,
+                               Eigen::Ref<Mat> A) override {
+    const nb::object gradient = system_.attr("force_gradient")(t, p, v, lam);
+    if (nb::hasattr(gradient, "shape") && nb::cast<int>(gradient.attr("ndim")) == 2)
+      A -= c * c * matrix(gradient, nv, nv, "force_gradient");
+  }
+  void position_scale(const Vec &p, Eigen::Ref<Vec> scale) const override {
+    scale = vector(system_.attr("position_scale")(p), nx, "position_scale");
   }
 
 private:
-  void evaluate_rows(double t, const Vec &p) {
-    if (rows_.empty() && forces_.empty()) return; // nobody looks at joint Jacobians
-    pinocchio::computeJointJacobians(model_, data_, p);
-    phi.setZero();
-    J.setZero();
-    for (const auto &[rows, at] : rows_) rows->evaluate(data_, t, p, at, phi, J);
+  int number(const char *name) const { return nb::cast<int>(system_.attr(name)); }
+
+  static Vec vector(const nb::object &x, Eigen::Index size, const char *method) {
+    Vec result = nb::cast<Vec>(x);
+    if (result.size() != size) throw nb::value_error(method);
+    return result;
+  }
+  static Mat matrix(const nb::object &x, Eigen::Index rows, Eigen::Index columns, const char *method) {
+    Mat result = nb::cast<Mat>(x);
+    if (result.rows() != rows || result.cols() != columns) throw nb::value_error(method);
+    return result;
   }
 
-  void size_rows() {
-    phi = rho = Vec::Zero(nc);
-    J = Mat::Zero(nc, nv);
-  }
-
-  nb::object model_object_, data_object_;
-  const Model &model_;
-  Data &data_;
-  bool planar_ = false, calls_python_ = false;
-  std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
-  std::vector<std::unique_ptr<Force>> forces_;
-  Vec constant_, damping_, tau_, zero_, moved_, rest_;
-  Mat by_forces_;
+  nb::object system_;
+  Mat Gt_;
 };
 
 } // namespace pinconsist

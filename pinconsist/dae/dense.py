@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from . import bdf
+from .charts import chart_point
 from .problem import Index3System
 
 
@@ -36,13 +37,12 @@ class Segment:
         """(p, v, λ) at a time inside the step."""
         y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z)
         nx, nv = self.system.nx, self.system.nv
-        p = y[:nx] if self.system.vector_like else self.system.integrate(self.base, y[:nx])
-        return p, y[nx : nx + nv], y[nx + nv :]
+        return chart_point(self.system, self.base, y[:nx]), y[nx : nx + nv], y[nx + nv :]
 
     def finished(self, t: float):
         """(p, v, λ) with the multipliers as the user sees them, by the rows that were kept in this step."""
         p, v, lam = self(t)
-        return p, v, self.system.full_multipliers(p, lam) if hasattr(self.system, "full_multipliers") else lam
+        return p, v, self.system.full_multipliers(p, lam)
 
 
 class DenseOutput:

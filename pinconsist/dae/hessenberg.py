@@ -8,8 +8,8 @@ from copy import copy
 import numpy as np
 
 from ..errors import InputError, UserFunctionError
+from .norms import largest
 from .problem import Index3System
-from .sizes import largest
 
 
 class HessenbergProblem(Index3System):

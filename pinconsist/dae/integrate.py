@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError
-from .acceleration import solve_acceleration
-from .compiled import stepper_for
-from .consistency import project_position, project_velocity
+from .consistency import MODES, Exact
+from .control import ErrorControl, FixedStep
 from .dense import DenseOutput
 from .events import EventWatch
-from .explain import explain
-from .record import FAILED, STOPPED, SUCCESS, Record, Stop, Wishes
-from .stepper import Stretch
-from .stepsize import ErrorControl, FixedStep
+from .failure import failure_report
+from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
+from .stepper import StepBatch, Stepper
+from .tuning import Switches
 
 ROWS_WATCHED = 5  # steps after which the choice of constraint rows is looked at
 
@@ -31,7 +31,12 @@ class Method:
     step: float | None
     first_step: float | None = None
     max_steps: int | None = None
-    backend: str = "auto"
+    switches: Switches = field(default_factory=Switches)
+
+    @property
+    def mode(self) -> Exact:
+        """The mode of consistency."""
+        return MODES[self.consistency]
 
     def describe(self) -> dict:
         """The method in plain numbers and words, for the record."""
@@ -67,6 +72,8 @@ class Trajectory:
     dense : DenseOutput or None
     events : list of list of (t, p, v, λ)
         Occurrences of each event.
+    opened : tuple or None
+        Where a constraint that was left out is violated, see :meth:`~pinconsist.dae.problem.Index3System.opened`.
     """
 
     t: np.ndarray
@@ -86,10 +93,18 @@ class Trajectory:
     order: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     dense: DenseOutput | None = None
     events: list = field(default_factory=list)
+    opened: tuple | None = None
 
 
 def integrate(
-    system, t_span, p0, v0, method: Method, wishes: Wishes | None = None, interrupted: Callable[[], bool] | None = None
+    system,
+    t_span,
+    p0,
+    v0,
+    method: Method,
+    output: Output | None = None,
+    stepper: Stepper | None = None,
+    interrupted: Callable[[], bool] | None = None,
 ) -> Trajectory:
     """Integrate an index-3 system from (p0, v0), taken as they stand.
 
@@ -101,8 +116,10 @@ def integrate(
     p0, v0 : ndarray
         Initial position and velocity.
     method : Method
-    wishes : Wishes, optional
+    output : Output, optional
         What to record.
+    stepper : Stepper, optional
+        What makes the steps, of this system and method. Default: the Python method.
     interrupted : callable, optional
         ``interrupted() -> bool``, called between batches of steps; a true value ends the run, with what was reached.
 
@@ -111,32 +128,33 @@ def integrate(
     Trajectory
         ``status`` is -1, with what was reached, where the method fails.
     """
-    wishes = wishes or Wishes()
-    stepper, record = stepper_for(system, method), Record(wishes, t_span)
-    watch = EventWatch(wishes.events, wishes.finish)
-    status, message = SUCCESS, "the end of the interval was reached"
-    try:
-        lam0 = solve_acceleration(system, t_span[0], p0, v0)[1]
-        record.first(t_span[0], p0, v0, lam0)
-        watch.restart(t_span[0], p0, v0, lam0)
-        _march(stepper, t_span, p0, v0, method, record, watch, interrupted or (lambda: False))
-    except Stop as stop:
-        status, message = stop.status, str(stop)
-    except KeyboardInterrupt:
-        status, message = STOPPED, f"interrupted at t = {record.reached:.6g}; the solution holds what was reached"
-    except (PinconsistError, MemoryError, SystemExit) as raised:
-        error = _ending(raised, record.reached)
-        if record.nsteps == 0:  # nothing was reached that could be lost
-            raise error from error.__cause__
-        status, message = FAILED, f"{str(error) or 'out of memory'} (reached t = {record.reached:.6g})"
-    finally:
-        stepper.close()
-    newton, rows = stepper.newton, record.arrays(stepper.system)
+    output, stepper = output or Output(), stepper or Stepper(system, method)
+    with closing(stepper):
+        record = Record(output, t_span, stepper.full_multipliers)
+        watch = EventWatch(output.events, stepper.full_multipliers)
+        status, message = SUCCESS, "the end of the interval was reached"
+        try:
+            lam0 = stepper.index1.acceleration(t_span[0], p0, v0)[1]
+            record.first(t_span[0], p0, v0, lam0)
+            watch.restart(t_span[0], p0, v0, lam0)
+            _march(stepper, t_span, p0, v0, method, record, watch, interrupted or (lambda: False))
+        except Stop as stop:
+            status, message = stop.status, str(stop)
+        except KeyboardInterrupt:
+            status, message = STOPPED, f"interrupted at t = {record.reached:.6g}; the solution holds what was reached"
+        except (PinconsistError, MemoryError, SystemExit) as raised:
+            error = _ending(raised, record.reached)
+            if record.nsteps == 0:  # nothing was reached that could be lost
+                raise error from error.__cause__
+            status, message = FAILED, f"{str(error) or 'out of memory'} (reached t = {record.reached:.6g})"
+        rows = record.arrays(stepper.system)
+        opened = stepper.opened(rows[0], rows[1])
+    newton = stepper.newton
     h, order = record.steps(rows[0])
     return Trajectory(
         *rows, system=stepper.system, status=status, message=message, nsteps=record.nsteps,
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
-        backend=stepper.backend, dense=record.dense(), events=watch.found, h=h, order=order,
+        backend=stepper.backend, dense=record.dense(), events=watch.found, h=h, order=order, opened=opened,
     )  # fmt: skip
 
 
@@ -155,46 +173,46 @@ def _march(stepper, t_span, p, v, method, record, watch, interrupted):
         _stop_if(interrupted)
         states = stepper.begin(t, p, v, t_end)
         rows = states[1:]
-        stretch = Stretch(pieces=[(rows, stepper.segment() if watched and rows else None, stepper.used[1])])
+        batch = StepBatch(pieces=[(rows, stepper.segment() if watched and rows else None, stepper.used[1])])
         while True:
             hit = None
-            for rows, segment, order in stretch.pieces:
+            for rows, segment, order in batch.pieces:
                 hit = watch.first(segment, [row[0] for row in rows]) if segment is not None and watch.events else None
                 if hit is not None:
                     break
-                record.stretch(rows, segment, order)
+                record.steps_of(rows, segment, order)
             if hit is not None:
                 fired, t, final = hit
                 events = [watch.events[i] for i in fired]
                 p, v, lam = segment(t)
                 inside = [row for row in rows if (row[0] - t) * stepper.h < 0]
-                record.stretch([*inside, (t, p, v, lam)], segment, order)
+                record.steps_of([*inside, (t, p, v, lam)], segment, order)
                 if final:
                     names = " and ".join(event.name or "without a name" for event in events if event.terminal)
                     raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
                 for event in (event for event in events if event.apply is not None):
-                    p, v = _after_event(stepper.system, event, t, p, v)
-                lam = solve_acceleration(stepper.system, t, p, v)[1]
+                    p, v = _after_event(stepper, event, t, p, v)
+                lam = stepper.index1.acceleration(t, p, v)[1]
                 record.jump(t, p, v, lam)
                 watch.restart(t, p, v, lam, fired)
                 break
-            if stretch.block is not None:
-                record.block(*stretch.block)
-            if stretch.error is not None:
-                raise stretch.error
+            if batch.block is not None:
+                record.block(*batch.block)
+            if batch.error is not None:
+                raise batch.error
             t = stepper.t
-            if stretch.failure and not _choose_rows(stepper, record, watch):
-                raise Stop(FAILED, explain(stepper, stretch.failure))
+            if batch.failure and not _choose_rows(stepper, record, watch):
+                raise Stop(FAILED, failure_report(stepper, batch.failure))
             if t == t_end:
                 return
             if method.max_steps is not None and record.nsteps >= method.max_steps:
                 raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {t:.6g} of {t_end:.6g}")
             due = ROWS_WATCHED - record.nsteps % ROWS_WATCHED
-            if stretch.failure or (due == ROWS_WATCHED and _choose_rows(stepper, record, watch)):
+            if batch.failure or (due == ROWS_WATCHED and _choose_rows(stepper, record, watch)):
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
                 break
             _stop_if(interrupted)
-            stretch = stepper.stretch(t_end, _at_once(stepper, method, record, watch, due), watched)
+            batch = stepper.steps(t_end, _batch_size(stepper, method, record, watch, due), watched)
 
 
 def _stop_if(interrupted):
@@ -202,30 +220,29 @@ def _stop_if(interrupted):
         raise KeyboardInterrupt
 
 
-def _at_once(stepper, method, record, watch, due) -> int:
+def _batch_size(stepper, method, record, watch, due) -> int:
     """How many steps may be made before somebody has to look at them."""
-    if watch.events or record.wishes.callback is not None:
+    if watch.events or record.output.callback is not None:
         return 1
-    most = stepper.at_once
+    most = stepper.batch
     if method.max_steps is not None:
         most = min(most, method.max_steps - record.nsteps)
-    return most if getattr(stepper.system, "dropped_are_zero", True) else min(most, due)
+    return most if stepper.system.dropped_are_zero else min(most, due)
 
 
 def _choose_rows(stepper, record, watch) -> bool:
     """Keep other constraint rows where the kept ones have become a poor choice; the run then begins again there."""
-    choose = getattr(stepper.system, "reselected", None)
-    fresh = choose(stepper.p) if choose else None
+    fresh = stepper.system.reselected(stepper.p)
     if fresh is None:
         return False
+    record.complete_multipliers()  # by the rows that were kept until here
     stepper.change_system(fresh)
-    watch.finish = fresh.full_multipliers
-    record.finish_by(fresh.full_multipliers)
     return True
 
 
-def _after_event(system, event, t, p, v):
+def _after_event(stepper, event, t, p, v):
     """The state that an event's `apply` makes, put on the constraints."""
+    system = stepper.system
     try:
         changed = event.apply(t, p.copy(), v.copy())
     except Exception as error:
@@ -242,5 +259,4 @@ def _after_event(system, event, t, p, v):
             f"apply of the event {event.name!r} must return v, shape ({system.nv},), or (q, v), all finite; "
             f"it returned {changed!r} at t = {t:.6g}"
         )
-    p = project_position(system, t, p, v)
-    return p, project_velocity(system, t, p, v)
+    return stepper.index1.state(t, p, v)[1:3]

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
 
-
-class Index3System(Protocol):
+class Index3System:
     """An index-3 system p' = U(t,p,v), M(t,p) v' + f₀(t,p,v) = G λ, 0 = Φ(t,p).
 
     Positions may live on a manifold: they are stored in ``npos`` numbers and moved by tangent vectors of ``nx``.
@@ -17,12 +15,16 @@ class Index3System(Protocol):
     velocity and ``a`` its derivative, (nv,); ``lam`` multipliers, (nc,); ``c`` the step times the coefficient by which
     a BDF formula weighs the new derivative, s. All arrays are of float; none is changed but ``A``.
 
+    What follows :meth:`describe_row` has a default: a system says more where it can.
+
     Attributes
     ----------
     npos, nx, nv, nc : int
         Sizes, as above.
     vector_like : bool
         True where ``integrate`` is addition; the method then skips all charts.
+    dropped_are_zero : bool
+        False where constraint rows were left out that may become independent of the others during a run.
     """
 
     npos: int
@@ -30,6 +32,7 @@ class Index3System(Protocol):
     nv: int
     nc: int
     vector_like: bool
+    dropped_are_zero: bool = True
 
     def integrate(self, p, xi):
         """p ⊕ ξ, shape (npos,): the position reached from `p` by the tangent vector `xi`."""
@@ -92,3 +95,30 @@ class Index3System(Protocol):
 
     def describe_row(self, row: int) -> str:
         """The name by which messages speak of constraint row `row`, counted from 0."""
+
+    @property
+    def n_multipliers(self) -> int:
+        """Number of multipliers as the user sees them, those of rows that were left out included."""
+        return self.nc
+
+    def full_multipliers(self, p, lam, complete=None):
+        """The multipliers as the user sees them, (n_multipliers,), from `lam` of this system at `p`; also stacks.
+
+        `complete`, if given, is the compiled way to do this for many rows.
+        """
+        return lam
+
+    def reselected(self, p):
+        """The same system with other rows of its constraints, if those kept are a poor choice at `p`; else None."""
+        return None
+
+    def opened(self, times, positions, gaps=None):
+        """(index, gap, (loop, row)) of the first of `positions` at `times` that violates a row left out; else None.
+
+        `gaps`, if given, is the compiled way to evaluate all rows at many positions.
+        """
+        return None
+
+    def not_finite(self, t, p, v) -> tuple[str, ...]:
+        """The names of user-defined functions that are not finite at (`t`, `p`, `v`), where the system knows them."""
+        return ()

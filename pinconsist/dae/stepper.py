@@ -8,22 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..errors import PinconsistError
-from . import bdf, consistency, start
+from . import bdf, start
+from .charts import longest_step, turning_coordinates
 from .dense import Segment
-from .foresight import REMEMBERED
+from .index1 import Index1
 from .newton import Newton
-from .sizes import largest
-
-SMALLEST = 16.0  # spacings of t: a step below this cannot be told from zero
-NEAR_ROUNDING = 1e-9  # rtol down to which no error is believed to be rounding
-HALF = 1e-8  # of the velocities, half their digits: nor is a larger error
-SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
-PATIENCE = 0.05  # s after which no more steps are made in one call
-SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it came on by less than this part meanwhile
+from .rounding import Headway, RoundingTest, error_of_rounding, shortest_step
+from .tuning import FAILURES, PATIENCE
 
 
 @dataclass(slots=True)
-class Stretch:
+class StepBatch:
     """Accepted steps that were made in one call.
 
     Attributes
@@ -33,7 +28,7 @@ class Stretch:
     error : BaseException or None
         What a user's function raised after these steps.
     pieces : list of (rows, segment, order)
-        For each step its rows (t, p, v, λ), interpolant (None unless wished for) and order.
+        For each step its rows (t, p, v, λ), interpolant (None unless asked for) and order.
     block : tuple or None
         Instead of pieces (t, p, v, λ, order) as arrays over all steps.
     """
@@ -63,28 +58,37 @@ class Stepper:
         [ξ | v | λ] and position at `t`.
     used : (float, int)
         Step and order of the last accepted step.
-    at_once : int
-        Steps that one call of :meth:`stretch` makes at most.
+    index1 : Index1
+        The equations of index 1, for starts and events.
+    batch : int
+        Steps that one call of :meth:`steps` makes at most.
     backend : str
-        Who makes the steps, for the record.
+        Name of the method, for the record.
     """
 
-    at_once, backend = 50, "python"
+    batch, backend = 50, "python"
 
     def __init__(self, system, method):
-        self.system, self.method, self.control = system, method, method.control
+        self.method, self.control = method, method.control
         self.control.fit(system)
-        self.newton = Newton(system, correct=method.consistency == "every-step")
+        self.newton, self.rounding, self.headway = Newton(), RoundingTest(), Headway()
         self._begun = False
+        self.change_system(system)
 
     def close(self) -> None:
-        """Let go of what only a run needs: the twin holds the user's functions, unseen by the garbage collector."""
+        """Let go of what only a run needs."""
 
     def change_system(self, system) -> None:
         """Go on with another system of the same sizes, from the next :meth:`begin` on; the work is counted on."""
-        before, self.system = self.newton, system
-        self.newton = Newton(system, before.correct)
-        self.newton.nfev, self.newton.njev, self.newton.nlu = before.nfev, before.njev, before.nlu
+        self.system, self.index1 = system, Index1(system)
+
+    def full_multipliers(self, p, lam):
+        """The multipliers as the user sees them, of one row or a stack of rows."""
+        return self.system.full_multipliers(p, lam)
+
+    def opened(self, times, positions):
+        """The first row at which a constraint that was left out is violated, see :meth:`Index3System.opened`."""
+        return self.system.opened(times, positions)
 
     def begin(self, t, p, v, t_end):
         """Start, or start again after a discontinuity, with a full-order history.
@@ -96,49 +100,46 @@ class Stepper:
         """
         system, method = self.system, self.method
         self.control.restart()
-        self.newton.forget()
-        self._felt, self._trusted = 0.0, 0  # up to which length steps are known to feel rounding, and how many
         if method.step is not None:
             steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
             if self._begun and abs(t_end - t) > 1e-3 * method.step:
                 steps = max(steps, method.order)  # after an event, too few rows would make a poor interpolant
             self.h, self.k = (t_end - t) / steps, method.order
-            states = start.equidistant_history(system, t, p, v, self.h, min(self.k, steps + 1))
+            states = start.equidistant_history(self.index1, t, p, v, self.h, min(self.k, steps + 1))
             self._start, self._steps, self._taken = t, steps, len(states) - 1
         else:
             self.k, self._taken = method.order, 0
-            self.h, states = start.adaptive_history(system, t, p, v, t_end, self.k, self.control, method.first_step)
+            self.h, states = start.adaptive_history(
+                self.index1, t, p, v, t_end, self.k, self.control, method.first_step
+            )
         if abs(states[-1][0] - t_end) <= 1e-9 * abs(self.h):
             states[-1] = (t_end, *states[-1][1:])  # else a step of a few spacings of t would be left
         self.t, self.p = states[-1][:2]
-        self._since = self._mark = self.t
-        self._setbacks = 0  # since the time of the mark
-        self._turns = None if system.vector_like else bdf.turning_coordinates(system, p)
+        self.rounding.restart()
+        self.headway.restart(t, self.t)
+        self._turns = None if system.vector_like else turning_coordinates(system, p)
         if self._turns is not None and (too_fast := self._turns_too_far(states[-1][2])):
             raise PinconsistError(f"no start at t = {t:.6g}: {too_fast}")
-        self.base, filled = start.fill_table(system, states, self.k)
-        if method.consistency == "initial":
-            self._make_consistent(filled, states)
-        self.Z = np.zeros((bdf.ROWS, filled.shape[1]))
-        self.Z[: len(filled)] = filled
+        self.base, self.Z = start.fill_table(system, states)
+        method.mode.start(system, self.h, self.k, self.base, self.Z, states)
         self.t_old, self.y, self.used = states[0][0], self.Z[0].copy(), (self.h, 0)
         self._points, self._choice, self._begun = len(states), (self.h, self.k), True
         return states
 
-    def stretch(self, t_end, most, watched) -> Stretch:
-        """Accepted steps towards `t_end`, at most `most`, with interpolants where they are `watched`."""
-        stretch, due = Stretch(), time.monotonic() + PATIENCE
+    def steps(self, t_end, most, with_segments) -> StepBatch:
+        """Accepted steps towards `t_end`, at most `most`, with interpolants where they are asked for."""
+        batch, due = StepBatch(), time.monotonic() + PATIENCE
         try:
-            while len(stretch.pieces) < most and self.t != t_end and not (stretch.pieces and time.monotonic() > due):
+            while len(batch.pieces) < most and self.t != t_end and not (batch.pieces and time.monotonic() > due):
                 self.prepare_next()
-                stretch.failure = self.advance(t_end)
-                if stretch.failure:
+                batch.failure = self.advance(t_end)
+                if batch.failure:
                     break
                 rows = [(self.t, self.p, *self.velocity_and_multipliers())]
-                stretch.pieces.append((rows, self.segment() if watched else None, self.used[1]))
+                batch.pieces.append((rows, self.segment() if with_segments else None, self.used[1]))
         except BaseException as error:  # what was reached is kept; the caller raises it
-            stretch.error = error
-        return stretch
+            batch.error = error
+        return batch
 
     def advance(self, t_end) -> str:
         """One accepted step towards `t_end`; returns why there is none, or an empty string."""
@@ -151,54 +152,42 @@ class Stepper:
             h, k, Z = self.h, self.k, self.Z
             self.base, predicted, psi = bdf.predict(system, k, self.base, Z)
             weight, tol = control.weights(system, predicted, self.base)
-            step = self.newton.attempt(t_next, self.base, psi, predicted, h / bdf.alpha(k), weight, tol)
+            step = self.newton.attempt(system, t_next, self.base, psi, predicted, h / bdf.alpha(k), weight, tol)
             if step.failure:
                 smaller = control.after_failure(h)
                 if smaller is None:
                     return step.failure
             else:
-                d = step.change
-                error = control.error(step, k)
-                if error <= 1.0 or self._is_rounding(t_next, step, weight, error, tried):
+                self.method.mode.correct(system, step)
+                y = step.y
+                d = y - predicted
+                error = control.error(system, d, k, weight)
+                if error <= 1.0 or self._is_rounding(step, weight, error, tried):
                     break
                 tried = abs(h), error
                 smaller, self.k = control.after_rejection(system, Z, d, k, h, error, weight)
-            self.newton.forget()
-            self._setbacks += 1
-            if abs(smaller) < SMALLEST * np.spacing(abs(self.t)) or self._setbacks > SETBACKS:
-                return step.failure or "the error test fails at any step size"
+            if self.headway.setback() or abs(smaller) < shortest_step(self.t):
+                return step.failure or FAILURES["error_test"]
             self.rescale(smaller, k)
         Z[k + 2] = d
-        self.Z = Z = bdf.advance(k).dot(Z)
-        self.t_old, self.t, self.p, self.y, self.used, self._points = self.t, t_next, step.p, step.y, (h, k), k + 1
+        self.Z = Z = bdf.advance(k) @ Z
+        self.t_old, self.t, self.p, self.y, self.used, self._points = self.t, t_next, step.p, y, (h, k), k + 1
         self._taken += 1
         if error > 1.0:  # rounding: a longer step that was tried is as good
             self._choice = float(np.copysign(max(abs(h), tried[0]), h)), k
             control.restart()
         else:
             self._choice = control.next_step(system, Z, k, h, error, weight)
-        self._trusted -= 1
-        if abs(self.t - self._mark) > PROGRESS * abs(self.t - self._since):
-            self._mark, self._setbacks = self.t, 0
+        self.rounding.accepted()
+        self.headway.reached(self.t)
         return ""
 
-    def _is_rounding(self, t, step, weight, error, tried) -> bool:
-        """Whether it is rounding that fails the error test, which a shorter step would feel as much.
+    def _is_rounding(self, step, weight, error, tried) -> bool:
+        def bound():
+            noise = error_of_rounding(self.system, step.t, step.p, step.v, self.k)
+            return self.control.error(self.system, noise, self.k, weight)
 
-        Only tolerances near rounding ask. And it has to show: a longer step, tried from the same point, had no error to
-        match its order. For a while steps up to that length are then believed at once, as far as the bound allows.
-        """
-        h = abs(self.h)
-        longer, its_error = tried
-        if self.control.tightest[0] > NEAR_ROUNDING:
-            return False
-        shown = h < longer and error >= its_error * (h / longer) ** (SLOW * (self.k + 1))
-        known = self._trusted > 0 and h <= self._felt
-        if not (shown or known) or error > self._rounding_error(t, step, weight):
-            return False
-        if shown:
-            self._felt, self._trusted = max(self._felt if known else 0.0, longer), REMEMBERED
-        return True
+        return self.rounding.passes(self.control, self.h, self.k, error, tried, bound)
 
     def prepare_next(self) -> None:
         """Change to the step and order that the control chose; the last step's segment is gone after this."""
@@ -210,9 +199,9 @@ class Stepper:
             self.rescale(h, k)
         self.k = k
         if charted:
-            self._slow_down()
+            self._shorten_to_charts()
 
-    def _slow_down(self) -> None:
+    def _shorten_to_charts(self) -> None:
         """Shorten the step where the velocity it leads to would turn a joint beyond its chart."""
         nx, nv, h = self.system.nx, self.system.nv, self.h
         while self._longest_step(self.Z[: self.k + 1, nx : nx + nv].sum(axis=0), self.k) < (1.0 - 1e-9) * abs(self.h):
@@ -222,8 +211,7 @@ class Stepper:
 
     def segment(self) -> Segment:
         """The interpolant of the last accepted step (or of the starting history)."""
-        rows = self._points
-        t = self.t
+        rows, t = self._points, self.t
         return Segment(self.t_old, t, t, self.used[0], rows - 1, self.base, self.Z[:rows].copy(), self.system)
 
     def velocity_and_multipliers(self):
@@ -233,20 +221,15 @@ class Stepper:
 
     def rescale(self, h, k) -> None:
         """Change the step to `h`, keeping the interpolating polynomial of degree k."""
-        self.Z[: k + 1] = bdf.rescale(k, h / self.h).dot(self.Z[: k + 1])
+        self.Z[: k + 1] = bdf.rescale(k, h / self.h) @ self.Z[: k + 1]
         self.h = float(h)
 
     def _longest_step(self, v, k) -> float:
-        """The step with which the k+2 intervals that a chart spans stay below half a turn of every joint."""
-        speed = bdf.fastest_turn(self._turns, self.system.rate(self.t, self.p, v))
-        return bdf.MAX_CHART_TURN / ((k + 2) * speed) if speed else np.inf
+        return longest_step(self._turns, self.system.rate(self.t, self.p, v), k)
 
     def _turns_too_far(self, v) -> str:
         """Why a fixed step is too long for the charts, or an empty string."""
-        if self.method.step is None:
-            return ""
-        longest = self._longest_step(v, self.k)
-        if abs(self.h) <= longest:
+        if self.method.step is None or abs(self.h) <= (longest := self._longest_step(v, self.k)):
             return ""
         return (
             f"a joint turns so fast that the {self.k + 2} steps which order {self.k} looks back on make half a turn, "
@@ -264,22 +247,3 @@ class Stepper:
         self.rescale((t_end - self.t) / (1 if last else 2), self.k)  # two equal steps: no tiny last one
         self.control.restart()
         return t_end if last else self.t + self.h
-
-    def _rounding_error(self, t, step, weight) -> float:
-        """The error that rounding leaves in this step: beside a singular position smaller steps cannot lower it."""
-        system, k = self.system, self.k
-        noise = np.zeros(len(weight))
-        v = step.y[system.nx :][: system.nv]
-        size = min(consistency.velocity_rounding(system, t, step.p, v), HALF * largest(v))
-        noise[system.nx :] = 2.0 ** (k + 1) * size
-        return self.control.error_in(system, noise, k, weight)
-
-    def _make_consistent(self, Z, states):
-        system, k = self.system, self.k
-        t0, p0, v0, _ = states[0]
-        if k == 1:
-            velocities = [consistency.consistent_initial_velocity(system, t0, p0, v0, self.h)]
-        else:
-            velocities = consistency.consistent_history(system, self.h, k, self.base, Z, states)
-        D = bdf.differences(len(states) - 1)
-        Z[: len(states), system.nx : system.nx + system.nv] = D @ np.array(velocities[::-1])

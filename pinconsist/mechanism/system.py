@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from ..dae.problem import Index3System
 from ..errors import PinconsistError
 from .forces import bound_forces
 from .mechanism import Mechanism
@@ -21,7 +22,7 @@ FADED = 0.2
 """Smallest singular value of the kept rows, relative to that of all rows, at which others are chosen."""
 
 
-class MechanismSystem:
+class MechanismSystem(Index3System):
     """The equations M v' + nle = τ + Jᵀλ, Φ(q) = 0 of a mechanism.
 
     Parameters
@@ -40,12 +41,7 @@ class MechanismSystem:
         Time at which they were chosen, s.
     dropped_are_zero : bool
         Whether the other rows vanish everywhere, as out-of-plane rows do.
-    twin, twin_of_all_rows
-        What solves for accelerations and projects states in compiled code, and what knows all rows there, or None;
-        set by who runs them.
     """
-
-    twin = twin_of_all_rows = None
 
     def __init__(self, mechanism: Mechanism, q, t: float = 0.0):
         self.mechanism, self.model, self.chosen_at = mechanism, mechanism.model, t
@@ -55,7 +51,7 @@ class MechanismSystem:
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
         J = self.loop_rows(q)[1]
         self.kept, self._sizes = independent_rows(J, self.rows.turns), row_scales(J, self.rows.turns)
-        self.nc, self.n_multipliers = len(self.kept), self.rows.nc
+        self.nc = len(self.kept)
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self._kept_rows = self.kept_rows.evaluate
         self.dropped_are_zero = self._structurally_zero(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
@@ -148,14 +144,14 @@ class MechanismSystem:
         return tau
 
     def hand_over(self, twin) -> None:
-        """Tell a compiled twin of this system its rows and forces; what it has not got it asks Python for."""
+        """Add the rows and forces to a compiled system; those that are user-defined are called back in Python."""
         self.kept_rows.hand_over(twin)
         for force in self._forces.values():
             if not (hasattr(force, "hand_over") and force.hand_over(twin)):
                 twin.add_python_force(force)
 
     def hand_over_all_rows(self, twin) -> None:
-        """Tell a compiled twin all rows of the loops, dropped ones included."""
+        """Add all rows of the loops to a compiled system, dropped ones included."""
         KeptRows(self.model, self.rows, np.arange(self.rows.nc)).hand_over(twin)
 
     def not_finite(self, t, q, v) -> tuple[str, ...]:
@@ -182,7 +178,11 @@ class MechanismSystem:
         phi, J = self.rows.evaluate(self.data, q, self.chosen_at if t is None else t)
         return np.array(phi), np.array(J)
 
-    def full_multipliers(self, q, lam):
+    @property
+    def n_multipliers(self):
+        return self.rows.nc
+
+    def full_multipliers(self, q, lam, complete=None):
         """λ of all rows, shape (nc,): the one of smallest norm with the same joint forces Jᵀλ. Stacks of rows, too.
 
         Rows whose J depends on time keep the λ that they have.
@@ -192,8 +192,8 @@ class MechanismSystem:
         full = np.zeros((*lam.shape[:-1], self.rows.nc))
         full[..., self.kept] = lam
         if lam.ndim > 1 and not self.dropped_are_zero:
-            if self.twin_of_all_rows is not None:
-                return self.twin_of_all_rows.complete(self.chosen_at, q, full, np.flatnonzero(self.rows.steady))
+            if complete is not None:
+                return complete(self.chosen_at, q, full, np.flatnonzero(self.rows.steady))
             return np.array([self.full_multipliers(*row) for row in zip(q, lam, strict=True)])
         if not self.dropped_are_zero:
             steady = self.rows.steady
@@ -212,7 +212,7 @@ class MechanismSystem:
         fresh = MechanismSystem(self.mechanism, q, self.chosen_at)
         return fresh if fresh.nc == self.nc and (fresh.kept != self.kept).any() else None
 
-    def opened(self, times, configurations):
+    def opened(self, times, configurations, gaps=None):
         """(index, gap, row) of the first configuration in which a dropped row gapes, or None.
 
         It happens where the kept rows lose their rank on the way, or the start was a singular position.
@@ -220,9 +220,9 @@ class MechanismSystem:
         if self.dropped_are_zero:
             return None
         suspects = range(len(times))
-        if self.twin_of_all_rows is not None:
-            gaps = np.abs(self.twin_of_all_rows.gaps(times, configurations)) / self._sizes
-            suspects = np.flatnonzero(gaps.max(axis=1, initial=0.0) > GAPING)
+        if gaps is not None:
+            all_gaps = np.abs(gaps(times, configurations)) / self._sizes
+            suspects = np.flatnonzero(all_gaps.max(axis=1, initial=0.0) > GAPING)
         for i in suspects:
             t, q = times[i], configurations[i]
             phi = np.abs(self.loop_rows(q, t)[0]) / self._sizes

@@ -13,8 +13,7 @@ from benchmarks.peers.problem import Peer, SolverFailed
 from benchmarks.peers.scenes import problem_of
 from benchmarks.peers.scipy_index1 import accelerations
 from benchmarks.work_precision import FEWEST, Point, _chosen, at_equal_error, work_precision
-from pinconsist.dae.acceleration import solve_acceleration
-from pinconsist.dae.one_step import RightHandSide
+from pinconsist.dae.index1 import RightHandSide, solve_acceleration
 from pinconsist.errors import InputError, PinconsistError
 from pinconsist.reference import reference_problem
 

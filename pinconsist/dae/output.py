@@ -14,12 +14,8 @@ from .events import Event
 SUCCESS, STOPPED, FAILED = 0, 1, -1
 
 
-def _unchanged(p, lam):
-    return lam
-
-
 @dataclass
-class Wishes:
+class Output:
     """What to record beside the steps.
 
     Attributes
@@ -32,15 +28,12 @@ class Wishes:
     callback : callable or None
         ``callback(t, p, v, lam)`` after every accepted step; a true value stops the run. Its attribute ``order``,
         if it has one, is set to the order of the step first.
-    finish : callable
-        ``finish(p, lam)``: the multipliers as the user sees them, of one row or a stack of rows.
     """
 
     t_eval: np.ndarray | None = None
     dense: bool = False
     events: tuple[Event, ...] = ()
     callback: Callable | None = None
-    finish: Callable = _unchanged
 
 
 class Stop(Exception):
@@ -52,15 +45,24 @@ class Stop(Exception):
 
 
 class Record:
-    """Keeps what was wished for, in the order of the run."""
+    """Keeps what was asked for, in the order of the run.
 
-    def __init__(self, wishes: Wishes, t_span):
-        self.wishes, self.reached, self.nsteps = wishes, t_span[0], 0
-        self.needs_segments = wishes.dense or wishes.t_eval is not None
+    Parameters
+    ----------
+    output : Output
+    t_span : (float, float)
+        Start and end, s.
+    finish : callable
+        ``finish(p, lam)``: the multipliers as the user sees them, of one row or a stack of rows.
+    """
+
+    def __init__(self, output: Output, t_span, finish):
+        self.output, self.reached, self.nsteps, self._finish = output, t_span[0], 0, finish
+        self.needs_segments = output.dense or output.t_eval is not None
         self._sign = 1.0 if t_span[1] >= t_span[0] else -1.0
         self._rows, self._orders, self._segments = [], [], []
         self._blocks, self._finished = [], []
-        self._pending = None if wishes.t_eval is None else list(wishes.t_eval[::-1])
+        self._pending = None if output.t_eval is None else list(output.t_eval[::-1])
 
     def first(self, t, p, v, lam) -> None:
         """The initial row."""
@@ -70,13 +72,13 @@ class Record:
                 self._pending.pop()
         self._call_back(t, p, v, lam)
 
-    def stretch(self, rows, segment, order) -> None:
+    def steps_of(self, rows, segment, order) -> None:
         """States (t, p, v, λ) reached by steps of this order, and the interpolant over them."""
         if not rows:
             return
         end = rows[-1][0]
         self.nsteps += len(rows)
-        if self.wishes.dense:
+        if self.output.dense:
             self._segments.append(segment.until(end))
         self.reached = end
         if self._pending is None:
@@ -88,7 +90,7 @@ class Record:
         self._report(rows, order)
 
     def block(self, t, p, v, lam, orders) -> None:
-        """Rows as arrays, where nobody wished for anything but the steps."""
+        """Rows as arrays, where nothing but the steps was asked for."""
         if not len(t):
             return
         self.nsteps += len(t)
@@ -104,12 +106,11 @@ class Record:
             self._rows.append((t, p, v, lam))
             self._orders.append(0)
 
-    def finish_by(self, finish) -> None:
-        """Complete the multipliers recorded so far; those to come are completed by `finish`."""
+    def complete_multipliers(self) -> None:
+        """Complete the multipliers recorded so far, by the constraint rows that were kept for them."""
         self._flush()
-        self._finished += [(t, p, v, self.wishes.finish(p, lam)) for t, p, v, lam in self._blocks]
+        self._finished += [(t, p, v, self._finish(p, lam)) for t, p, v, lam in self._blocks]
         self._blocks = []
-        self.wishes.finish = finish
 
     def _flush(self) -> None:
         """The rows so far as a block of arrays."""
@@ -121,10 +122,9 @@ class Record:
 
     def arrays(self, system):
         """t, p, v, λ as arrays."""
-        self.finish_by(None)
+        self.complete_multipliers()
         if not self._finished:
-            nc = getattr(system, "n_multipliers", system.nc)
-            return np.zeros(0), np.zeros((0, system.npos)), np.zeros((0, system.nv)), np.zeros((0, nc))
+            return np.zeros(0), *(np.zeros((0, n)) for n in (system.npos, system.nv, system.n_multipliers))
         return tuple(map(np.concatenate, zip(*self._finished, strict=True)))
 
     def steps(self, t):
@@ -134,11 +134,11 @@ class Record:
         return np.diff(t), np.array(self._orders, dtype=int)
 
     def dense(self):
-        """The continuous solution, if wished for."""
+        """The continuous solution, if asked for."""
         return DenseOutput(self._segments) if self._segments else None
 
     def _report(self, rows, order) -> None:
-        callback = self.wishes.callback
+        callback = self.output.callback
         if callback is not None:
             if hasattr(callback, "order"):
                 callback.order = order
@@ -146,11 +146,11 @@ class Record:
                 self._call_back(*row)
 
     def _call_back(self, t, p, v, lam):
-        callback = self.wishes.callback
+        callback = self.output.callback
         if callback is None:
             return
         try:
-            stop = callback(t, p, v, self.wishes.finish(p, lam))
+            stop = callback(t, p, v, self._finish(p, lam))
         except PinconsistError:
             raise
         except Exception as error:

@@ -12,13 +12,9 @@ import numpy as np
 
 from ..errors import InputError
 from . import bdf
-from .newton import rounding_weights
-from .sizes import weighted_size
-
-NEWTON_FACTOR = 3e-3  # of the error test; keeps loop gaps down for 3 % more residuals
-SAFETY = 0.8  # 0.9 rejects twice as often: as many residuals, larger errors
-WEIGHED = 4  # steps for which the weights of the error norm are kept
-MIN_FACTOR, MAX_FACTOR = 0.2, 10.0
+from .norms import weighted_norm
+from .rounding import rounding_weights
+from .tuning import AFTER_FAILURE, MAX_FACTOR, MIN_FACTOR, NEWTON_FACTOR, SAFETY
 
 
 @dataclass
@@ -33,10 +29,7 @@ class FixedStep:
     def weights(self, system, predicted, p):
         return rounding_weights(system, predicted)
 
-    def error(self, step, k) -> float:
-        return 0.0
-
-    def error_in(self, system, d, k, weight) -> float:
+    def error(self, system, d, k, weight) -> float:
         return 0.0
 
     def after_failure(self, h):
@@ -94,34 +87,25 @@ class ErrorControl:
         return float(self._rtol.min()), float(self._atol.min())
 
     def weights(self, system, predicted, p):
-        """Reciprocal tolerances of [ξ | v], and Newton's stopping size; taken anew every few steps."""
-        if self.equal_steps % WEIGHED:
-            return self._weight, NEWTON_FACTOR
+        """Reciprocal tolerances of [ξ | v], and Newton's stopping size."""
         weight = np.abs(predicted[: system.nx + system.nv])
         if not system.vector_like:
             weight[: system.nx] = system.position_scale(p)
-        weight *= self._rtol
-        weight += self._atol
-        self._weight = np.reciprocal(weight, out=weight)
-        return weight, NEWTON_FACTOR
+        return 1.0 / (self._rtol * weight + self._atol), NEWTON_FACTOR
 
-    def error(self, step, k) -> float:
-        """Local error of an attempt of order k over its tolerance, in the norm of ``sizes.weighted_size``."""
-        return bdf.error_constant(k) * step.size
-
-    def error_in(self, system, d, k, weight) -> float:
-        """The same from ∇ᵏ⁺¹y or what stands for it."""
-        return bdf.error_constant(k) * weighted_size(d, weight, system.nv)
+    def error(self, system, d, k, weight) -> float:
+        """Local error of order k over its tolerance, from d = ∇ᵏ⁺¹y or what stands for it."""
+        return bdf.error_constant(k) * weighted_norm(d, weight, system.nv)
 
     def error_of(self, system, rows, k) -> float:
-        """The same from k+2 equidistant rows [ξ | v], oldest first."""
+        """Local error from k+2 equidistant rows [ξ | v], oldest first."""
         weight = 1.0 / (self._atol + self._rtol * np.abs(rows).max(axis=0))
-        return self.error_in(system, (bdf.differences(k + 1) @ rows[::-1])[k + 1], k, weight)
+        return self.error(system, (bdf.differences(k + 1) @ rows[::-1])[k + 1], k, weight)
 
     def after_failure(self, h):
         self.equal_steps = 0
         self.reasons["newton"] += 1
-        return 0.25 * h
+        return AFTER_FAILURE * h
 
     def after_rejection(self, system, Z, d, k, h, error, weight):
         """(h, k) with which to try again; a lower order where noise or a jump has spoilt the higher differences."""
@@ -129,7 +113,7 @@ class ErrorControl:
         self.reasons["error"] += 1
         factor = error ** (-1.0 / (k + 1))
         if k > 1:
-            lower = self.error_in(system, Z[k] + d, k - 1, weight) ** (-1.0 / k)
+            lower = self.error(system, Z[k] + d, k - 1, weight) ** (-1.0 / k)
             if lower > factor:
                 factor, k = lower, k - 1
         return h * min(1.0, max(MIN_FACTOR, SAFETY * factor)), k
@@ -145,9 +129,9 @@ class ErrorControl:
             return h, k
         errors = {k: error}
         if k > 1:
-            errors[k - 1] = self.error_in(system, Z[k], k - 1, weight)
+            errors[k - 1] = self.error(system, Z[k], k - 1, weight)
         if k < self.max_order:
-            errors[k + 1] = self.error_in(system, Z[k + 2], k + 1, weight)
+            errors[k + 1] = self.error(system, Z[k + 2], k + 1, weight)
         factors = {order: max(value, 1e-10) ** (-1.0 / (order + 1)) for order, value in errors.items()}
         best = max(factors, key=lambda order: (factors[order], -order))
         factor = min(MAX_FACTOR, SAFETY * factors[best])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from .sizes import largest
+from .norms import largest
 
 NEARLY_DEPENDENT = 1e-2
 SHARED = 0.9  # of the largest part in a dependency: a row with as much is named too
 
 
-def explain(stepper, failure: str) -> str:
+def failure_report(stepper, failure: str) -> str:
     """A message for a person about a run that could not go on."""
     system, method = stepper.system, stepper.method
     where = f"{failure} at t = {stepper.t:.9g} with step {stepper.h:.3g} (order {stepper.k})"

@@ -1,9 +1,90 @@
-// The twin of dae/one_step.py, and of the DOP853 that it takes from SciPy; the coefficients come from there.
+// dae/index1.py: accelerations, projections onto the constraints, and DOP853 with the coefficients of SciPy.
 #pragma once
 
-#include "consistency.hpp"
+#include "mechanism.hpp"
+#include "rounding.hpp"
 
 namespace pinconsist {
+
+struct State {
+  Vec p, v;
+  const char *failure = ""; // "open": |Φ| = gap remains, or "singular"
+  double gap = 0.0;
+};
+
+// [[M, -G], [W, 0]] at a position, factorised.
+class Projection {
+public:
+  explicit Projection(MechanismSystem &system)
+      : system_(system), kkt_(system.nv, system.nc), rhs_(system.nv + system.nc, 1), zero_(Vec::Zero(system.nv)) {}
+
+  MechanismSystem &system() const { return system_; }
+
+  // Acceleration and multipliers of the differential equation itself; false where it is singular.
+  bool acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
+    const int nv = system_.nv, nc = system_.nc;
+    system_.evaluate(t, p, v, zero_);
+    rhs_.col(0).head(nv) = -system_.f;
+    system_.acceleration_bias(t, p, v, bias_);
+    rhs_.col(0).tail(nc) = -bias_;
+    if (!solve(p, rhs_)) return false;
+    a = rhs_.col(0).head(nv);
+    lam = rhs_.col(0).tail(nc);
+    return true;
+  }
+
+  // p and v put on the constraints, as project_position and project_velocity do.
+  State project(double t, const Vec &p, const Vec &v) {
+    State state{p, v};
+    if (system_.nc && !position(t, state)) return state;
+    for (int turn = 0; turn < 2 && system_.nc; ++turn) {
+      system_.constraint(t, state.p, state.v);
+      if (!shift(state.p, system_.rho)) return singular(state);
+      state.v -= rhs_.col(0).head(system_.nv);
+    }
+    return state;
+  }
+
+private:
+  bool solve(const Vec &p, Mat &rhs) {
+    system_.mass_matrix(0.0, p, zero_, kkt_.A());
+    return kkt_.solve_new(system_.W, system_.W, 1.0, rhs, static_cast<int>(rhs.cols()));
+  }
+
+  // The smallest velocity, in the mass metric, that carries the residual; W is the one at p.
+  bool shift(const Vec &p, const Vec &residual) {
+    rhs_.setZero();
+    rhs_.col(0).tail(system_.nc) = residual;
+    return solve(p, rhs_);
+  }
+
+  bool position(double t, State &state) {
+    double last = INF;
+    for (int i = 0; i < 20; ++i) {
+      system_.constraint(t, state.p, state.v);
+      const double size = largest(system_.phi);
+      if (size <= EPS || (size <= rounding_gap(state.p, system_.W) && size >= 0.5 * last)) return true;
+      if (!shift(state.p, system_.phi)) return singular(state), false;
+      Vec moved;
+      system_.integrate(state.p, -rhs_.col(0).head(system_.nv), moved);
+      state.p = moved;
+      last = size;
+    }
+    state.failure = "open";
+    state.gap = last;
+    return false;
+  }
+
+  static State &singular(State &state) {
+    state.failure = "singular";
+    return state;
+  }
+
+  MechanismSystem &system_;
+  KKT kkt_;
+  Mat rhs_;
+  Vec zero_, bias_;
+};
 
 class OneStep {
 public:
@@ -156,7 +237,7 @@ private:
     pieces_.push_back({t, t_new, y, F});
   }
 
-  System &system_;
+  MechanismSystem &system_;
   Projection &projection_;
   const Vec base_;
   const double t_end_, rtol_, atol_, max_step_, direction_;

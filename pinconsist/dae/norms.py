@@ -1,4 +1,4 @@
-"""Sizes of vectors, as tests and tolerances take them."""
+"""Norms, as tests and tolerances use them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,7 @@ def largest(x) -> float:
     return np.abs(x).max(initial=0.0)
 
 
-def rms(x) -> float:
-    """Root mean square of a vector."""
-    return sqrt(x.dot(x) / len(x))
-
-
-def weighted_size(change, weight, nv) -> float:
+def weighted_norm(change, weight, nv) -> float:
     """√(Σ (weight·change)² / nv) over [ξ | v]: not below the root mean square of either part, where nx = nv."""
     e = change[: len(weight)] * weight
     return sqrt(e.dot(e) / nv)

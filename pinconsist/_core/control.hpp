@@ -1,12 +1,9 @@
-// The twin of dae/stepsize.py: who decides about step and order.
+// dae/control.py: step and order.
 #pragma once
 
 #include "newton.hpp"
 
 namespace pinconsist {
-
-constexpr double NEWTON_FACTOR = 3e-3, SAFETY = 0.8, MIN_FACTOR = 0.2, MAX_FACTOR = 10.0;
-constexpr int WEIGHED = 4;
 
 struct Choice {
   double h;
@@ -20,16 +17,17 @@ public:
   int max_order = 1;
   double max_step = INF;
   int equal_steps = 0;
+  bool keep_weights = true;
   long rejected_by_error = 0, rejected_by_newton = 0;
 
   bool fixed() const { return !rtol.size(); }
 
   // Fills the weights; returns Newton's stopping size.
-  double weights(const System &system, const Vec &predicted, Vec &weight) const {
+  double weights(const System &system, const Vec &predicted, const Vec &base, Vec &weight) const {
     if (fixed()) return rounding_weights(system, predicted, weight);
-    if (equal_steps % WEIGHED) return NEWTON_FACTOR;
+    if (keep_weights && equal_steps % static_cast<int>(WEIGHED)) return NEWTON_FACTOR;
     weight = predicted.head(system.nx + system.nv).cwiseAbs();
-    if (!system.vector_like) weight.head(system.nx).setOnes();
+    if (!system.vector_like) system.position_scale(base, weight.head(system.nx));
     weight = (weight.cwiseProduct(rtol) + atol).cwiseInverse();
     return NEWTON_FACTOR;
   }
@@ -37,13 +35,13 @@ public:
   double error(const Attempt &step, int k) const { return fixed() ? 0.0 : bdf::error_constant(k) * step.size; }
 
   double error_in(const System &system, const Vec &d, int k, const Vec &weight) const {
-    return fixed() ? 0.0 : bdf::error_constant(k) * weighted_size(d, weight, system.nv);
+    return fixed() ? 0.0 : bdf::error_constant(k) * weighted_norm(d, weight, system.nv);
   }
 
   double after_failure(double h) {
     equal_steps = 0;
     ++rejected_by_newton;
-    return 0.25 * h;
+    return AFTER_FAILURE * h;
   }
 
   Choice after_rejection(const System &system, const Table &Z, const Vec &d, int k, double h, double error,

@@ -1,33 +1,41 @@
-// The twins of dae/foresight.py and dae/reuse.py.
+// What the last steps promise for the next one: work that cannot matter is left out, old matrices are kept.
 #pragma once
 
+#include "tuning.hpp"
+
 #include <algorithm>
-#include <cmath>
 
 namespace pinconsist {
 
-constexpr int REMEMBERED = 20;
-constexpr double CLOSED = 1e-15, HIDDEN = 7.0, ROUNDING = 2e-12;
-constexpr double WORTH = 32.0, WIDEST = 2.0;
-
-class Foresight {
+// Remembers how Newton's iteration contracted, and what closing the loops a second time changed. With c = h/α and s the
+// weighted size of the first increment: the increment after it is taken to be a multiple of c² s, the gap that it leaves
+// in the loops of (c s)², the hidden residual of c s.
+class Forecast {
 public:
+  explicit Forecast(const Switches &switches)
+      : of_iterations_(switches.iteration_forecast), of_loops_(switches.loop_forecast) {}
+
   void forget() { trusted_ = looks_ = 0; }
 
+  // Whether the first increment was the last that counts.
   bool one_is_enough(double size, double c, double tol) {
     --trusted_;
-    return trusted_ >= 0 && contraction_ * c * c * size <= tol;
+    return of_iterations_ && trusted_ >= 0 && contraction_ * c * c * size <= tol;
   }
+  // Two iterations were made, and the second increment was `rate` times the first.
   void measured(double rate, double c) {
     contraction_ = std::max(rate / (c * c), 0.3 * contraction_);
-    trusted_ = REMEMBERED;
+    trusted_ = static_cast<int>(REMEMBERED);
   }
+  // Whether loops and hidden constraint need no second evaluation.
   bool stays_closed(double size, double c, double tol) {
     --looks_;
     const double moved = std::abs(c) * size, allowed = HIDDEN * tol;
     const bool foreseen = looks_ >= 0 && allowed >= least_;
-    return foreseen && gap_ * moved * moved <= CLOSED && hidden_ * moved <= allowed;
+    return of_loops_ && foreseen && gap_ * moved * moved <= CLOSED && hidden_ * moved <= allowed;
   }
+  // Part of the gap of the last evaluation that a correction leaves whose Jacobian is that of the prediction: a gap is
+  // half of what the Jacobian changes by on the way, times the way `moved`.
   double closing_rate(double size, double c, double moved) const {
     return moved != 0.0 ? std::min(1.0, 2.0 * gap_ * c * c * size * size / moved) : 0.0;
   }
@@ -36,18 +44,22 @@ public:
     const double moved = std::abs(c) * size == 0.0 ? 1.0 : std::abs(c) * size;
     gap_ = gap / (moved * moved);
     hidden_ = shift / moved;
-    looks_ = REMEMBERED;
-    least_ = ROUNDING * speed;
+    looks_ = static_cast<int>(REMEMBERED);
+    least_ = FORECAST_ROUNDING * speed;
   }
 
 private:
+  bool of_iterations_, of_loops_;
   double contraction_ = 1.0, gap_ = 0.0, hidden_ = 0.0, least_ = 0.0;
   int trusted_ = 0, looks_ = 0;
 };
 
-class Reuse {
+// Keeps a Newton matrix as long as the step it serves costs less than a step has cost on average since it was made.
+// That minimises the cost of a step: it falls as long as another step adds less than the average. Everything is counted
+// in iterations, not in seconds, so that runs can be repeated.
+class JacobianReuse {
 public:
-  explicit Reuse(int nv) : possible_(nv >= WORTH), price_(nv / WORTH) {}
+  JacobianReuse(int nv, bool on) : possible_(on && nv >= WORTH), price_(nv / WORTH) {}
 
   void forget() { known_ = false; }
 
@@ -71,7 +83,7 @@ public:
       iterations_ = 0;
       kept_ = false;
     }
-    if (cost_ > first_ * steps_) paused_ = REMEMBERED;
+    if (cost_ > first_ * steps_) paused_ = static_cast<int>(REMEMBERED);
     c_ = c;
     known_ = true;
     cost_ = price_;

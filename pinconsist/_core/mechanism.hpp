@@ -1,0 +1,197 @@
+// mechanism/system.py: M v' + nle = τ + Jᵀλ, Φ = 0, on the workspace of the Python system.
+#pragma once
+
+#include "forces.hpp"
+#include "rows.hpp"
+#include "system.hpp"
+
+#include <Eigen/QR>
+
+namespace pinconsist {
+
+constexpr int BLOCK = 32;
+constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
+
+class MechanismSystem : public System {
+public:
+  MechanismSystem(nb::object model, nb::object data)
+      : model_object_(std::move(model)), data_object_(std::move(data)), model_(borrowed<Model>(model_object_)),
+        data_(borrowed<Data>(data_object_)) {
+    npos = model_.nq;
+    nx = nv = model_.nv;
+    vector_like = npos == nv;
+    for (const auto &joint : model_.joints) planar_ |= joint.shortname() == "JointModelPlanar";
+    f = tau_ = Vec::Zero(nv);
+    moved_ = Vec::Zero(npos);
+    rest_ = Vec::Zero(nx);
+    constant_ = damping_ = zero_ = Vec::Zero(nv);
+    size_rows();
+  }
+
+  const Model &model() const { return model_; }
+  nb::object data_object() const { return data_object_; }
+
+  // Several parts may add up in the same rows: `fresh` says whether a part begins new ones.
+  void add_rows(std::unique_ptr<Rows> rows, bool fresh = true) {
+    const int at = fresh ? nc : nc - rows->size();
+    nc = at + rows->size();
+    calls_python_ |= rows->calls_python();
+    rows_.push_back({std::move(rows), at});
+    size_rows();
+  }
+  void add_force(std::unique_ptr<Force> force) {
+    calls_python_ |= force->calls_python();
+    forces_.push_back(std::move(force));
+  }
+  void add_constant(const Vec &torque) { constant_ += torque; }
+  void add_damping(const Vec &coefficients) { damping_ += coefficients; }
+  bool calls_python() const override { return calls_python_; }
+
+  void integrate(const Vec &p, const Vec &xi, Vec &out) const override {
+    out.resize(npos);
+    if (vector_like) out = p + xi;
+    else pinocchio::integrate(model_, p, xi, out);
+  }
+
+  void difference(const Vec &p0, const Vec &p1, Vec &xi) const override {
+    if (vector_like) {
+      xi = p1 - p0;
+      return;
+    }
+    pinocchio::difference(model_, p0, p1, xi);
+    if (planar_) { // Pinocchio's logarithm of SE(2) is off by up to 5e-13
+      pinocchio::integrate(model_, p0, xi, moved_);
+      pinocchio::difference(model_, moved_, p1, rest_);
+      xi += rest_;
+    }
+  }
+
+  Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const {
+    if (vector_like) return rate;
+    Mat derivative = Mat::Zero(nx, nx);
+    pinocchio::dDifference(model_, base, p, derivative, pinocchio::ARG1);
+    return derivative * rate;
+  }
+
+  void position(double, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
+    xi = psi_x + c * v;
+    if (vector_like) p = xi;
+    else integrate(base, xi, p);
+  }
+
+  void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) override {
+    f = pinocchio::rnea(model_, data_, p, v, a);
+    constraint(t, p, v);
+    f -= constant_;
+    f.array() += damping_.array() * v.array();
+    if (forces_.empty()) return;
+    tau_.setZero();
+    for (const auto &force : forces_) force->add_torque(data_, t, p, v, tau_);
+    f -= tau_;
+  }
+
+  void constraint(double t, const Vec &p, const Vec &v) override {
+    evaluate_rows(t, p);
+    rho.noalias() = W * v;
+    for (const auto &[rows, at] : rows_) rows->add_rate(t, p, at, rho);
+  }
+
+  // γ with dρ/dt = W v' + γ.
+  void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) {
+    pinocchio::forwardKinematics(model_, data_, p, v, zero_);
+    bias.setZero(nc);
+    for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
+  }
+
+  void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &, double c,
+                 Eigen::Ref<Mat> A) override {
+    pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
+    for (int i = 0; i < nv; i += BLOCK) // Pinocchio's derivatives lie row by row: blockwise both sides stay in cache
+      for (int j = 0; j < nv; j += BLOCK) {
+        const int rows = std::min(BLOCK, nv - i), columns = std::min(BLOCK, nv - j);
+        auto block = A.block(i, j, rows, columns);
+        block = c * (data_.dtau_dv.block(i, j, rows, columns) + c * data_.dtau_dq.block(i, j, rows, columns));
+        if (i < j) block += data_.M.block(i, j, rows, columns); // of M the upper half is filled
+        else if (i > j) block += data_.M.block(j, i, columns, rows).transpose();
+        else block += Mat(data_.M.block(i, i, rows, rows).selfadjointView<Eigen::Upper>());
+      }
+    A.diagonal() += c * damping_;
+    if (forces_.empty()) return;
+    by_forces_.setZero(nv, nv);
+    for (const auto &force : forces_) force->linearize(data_, t, p, v, c, by_forces_);
+    A += by_forces_;
+  }
+
+  void mass_matrix(double, const Vec &p, const Vec &, Eigen::Ref<Mat> M) override {
+    const Eigen::Ref<const Vec> at(p); // of this kind the library holds it ready; another takes 40 s to compile
+    M = pinocchio::crba(model_, data_, at).selfadjointView<Eigen::Upper>();
+  }
+
+  // Φ of several configurations, one a row.
+  Table gaps(const Vec &times, const Table &configurations) {
+    Table gaps(times.size(), nc);
+    for (Eigen::Index i = 0; i < times.size(); ++i) {
+      evaluate_rows(times[i], configurations.row(i).transpose());
+      gaps.row(i) = phi.transpose();
+    }
+    return gaps;
+  }
+
+  // In each row of `multipliers`, for the `steady` ones, those of smallest norm with the same joint forces Jᵀλ.
+  Table complete(double t, const Table &configurations, Table multipliers, const std::vector<int> &steady) {
+    Eigen::CompleteOrthogonalDecomposition<Mat> factors;
+    factors.setThreshold(DEPENDENT);
+    for (Eigen::Index i = 0; i < multipliers.rows(); ++i) {
+      evaluate_rows(t, configurations.row(i).transpose());
+      const Mat G = W(steady, Eigen::all).transpose();
+      const Vec lam = multipliers.row(i)(steady).transpose();
+      factors.compute(G);
+      multipliers.row(i)(steady) = factors.solve(G * lam).transpose();
+    }
+    return multipliers;
+  }
+
+  // ∂(Jᵀλ)/∂q by forward differences: wanted only where Newton is slow.
+  void subtract_force_gradient(double t, const Vec &p, const Vec &, const Vec &lam, double c,
+                               Eigen::Ref<Mat> A) override {
+    const Mat kept_W = W;
+    const Vec kept_phi = phi;
+    evaluate_rows(t, p);
+    const Vec at = W.transpose() * lam;
+    const double step = 1e-7;
+    Vec unit = Vec::Zero(nx);
+    Mat gradient(nv, nv);
+    for (int i = 0; i < nv; ++i) {
+      unit[i] = step;
+      Vec there(npos);
+      integrate(p, unit, there);
+      evaluate_rows(t, there);
+      gradient.col(i) = (W.transpose() * lam - at) / step;
+      unit[i] = 0.0;
+    }
+    A -= c * c * gradient;
+    W = kept_W;
+    phi = kept_phi;
+  }
+
+private:
+  void evaluate_rows(double t, const Vec &p) {
+    if (rows_.empty() && forces_.empty()) return; // nobody looks at joint Jacobians
+    pinocchio::computeJointJacobians(model_, data_, p);
+    phi.setZero();
+    W.setZero();
+    for (const auto &[rows, at] : rows_) rows->evaluate(data_, t, p, at, phi, W);
+  }
+
+  nb::object model_object_, data_object_;
+  const Model &model_;
+  Data &data_;
+  bool planar_ = false, calls_python_ = false;
+  std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
+  std::vector<std::unique_ptr<Force>> forces_;
+  Vec constant_, damping_, tau_, zero_;
+  mutable Vec moved_, rest_;
+  Mat by_forces_;
+};
+
+} // namespace pinconsist

@@ -1,0 +1,30 @@
+// The numbers of dae/tuning.py, read from there by name when the module is loaded, and the switches.
+#pragma once
+
+#include <cmath>
+#include <limits>
+
+namespace pinconsist {
+
+#define PINCONSIST_TUNING(X)                                                                                           \
+  X(MAX_ITERATIONS) X(FRESH_RATE) X(NEWTON_FACTOR) X(STAGNANT) X(STAGNATED) X(LAST) X(CLOSINGS) X(CLOSED) X(GAP)       \
+  X(SAFETY) X(MIN_FACTOR) X(MAX_FACTOR) X(AFTER_FAILURE) X(SMALLEST_STEP) X(MAX_CHART_TURN) X(NEAR_ROUNDING) X(HALF)   \
+  X(SLOW) X(REMEMBERED) X(SETBACKS) X(PROGRESS) X(HIDDEN) X(FORECAST_ROUNDING) X(STALE_FACTOR) X(WORTH) X(WIDEST)      \
+  X(WEIGHED) X(PATIENCE)
+
+#define PINCONSIST_DECLARE(name) inline double name = 0.0;
+PINCONSIST_TUNING(PINCONSIST_DECLARE)
+#undef PINCONSIST_DECLARE
+
+constexpr int MAX_ORDER = 6; // sizes arrays; module.cpp compares it with dae/tuning.py
+
+constexpr double EPS = std::numeric_limits<double>::epsilon(), INF = std::numeric_limits<double>::infinity(),
+                 NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
+
+// What is done for speed alone; see dae/tuning.py.
+struct Switches {
+  bool iteration_forecast = true, loop_forecast = true, jacobian_reuse = true, few_constraints = true,
+       kept_weights = true;
+};
+
+} // namespace pinconsist

@@ -1,0 +1,52 @@
+"""Positions on a manifold: coordinates ξ of p = base ⊕ ξ, and how far a chart may reach."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .tuning import MAX_CHART_TURN
+
+
+def chart_point(system, base, xi):
+    """base ⊕ ξ; ξ itself where positions are vectors."""
+    return xi if system.vector_like else system.integrate(base, xi)
+
+
+def table_row(system, base, p, v, lam):
+    """[ξ | v | λ] of a state: ξ is the position itself, or its coordinates in the chart at `base`."""
+    xi = p if system.vector_like else system.difference(base, p)
+    return np.concatenate((xi, v, lam))
+
+
+def recenter(system, base, new_base, Z, D) -> None:
+    """Move the position columns of a table Z from the chart at `base` to the chart at `new_base`, in place.
+
+    The values behind the differences, D Z, are carried over one by one, which keeps the order of the method without
+    any derivative of the exponential; D leads differences to values and values to differences.
+    """
+    past = D @ Z[:, : system.nx]
+    Z[:, : system.nx] = D @ np.array([system.difference(new_base, system.integrate(base, xi)) for xi in past])
+
+
+def turning_coordinates(system, p):
+    """(joints, nx) of zeros and ones: the tangent coordinates that turn each joint, those that come back after 2π."""
+    joints, nx = {}, system.nx
+    if system.vector_like:
+        return np.zeros((0, nx))
+    p = system.integrate(p, 0.3 + 0.01 * np.arange(nx))  # where every number of a quaternion moves with each of them
+    for i, turn in enumerate(2 * np.pi * np.eye(nx)):
+        if np.abs(system.difference(p, system.integrate(p, turn))).max() < 1e-6:
+            moved = np.abs(system.integrate(p, 0.1 * turn) - p) > 1e-6
+            joints.setdefault(int(np.argmax(moved)), np.zeros(nx))[i] = 1.0
+    return np.array(list(joints.values())).reshape(-1, nx)
+
+
+def fastest_turn(turns, rate) -> float:
+    """Largest angular speed (or angle) of the joints that turn, from the tangent velocity (or vector)."""
+    return float(np.sqrt((turns @ rate**2).max(initial=0.0)))
+
+
+def longest_step(turns, rate, k) -> float:
+    """The step with which the k+2 intervals that a chart spans stay below half a turn of every joint, s."""
+    speed = fastest_turn(turns, rate)
+    return MAX_CHART_TURN / ((k + 2) * speed) if speed else np.inf

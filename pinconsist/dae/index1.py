@@ -1,0 +1,213 @@
+"""The equations of index 1: accelerations, projections onto the constraints, and scipy's DOP853 on them.
+
+A multistep run begins with them, and references and events use them. :class:`Index1` gathers what a run asks for; the
+compiled method has one of its own that answers the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import DOP853
+
+from ..errors import AssemblyError, PinconsistError
+from .charts import chart_point, table_row
+from .kkt import kkt_at
+from .newton import culprits
+from .norms import EPS, largest
+from .rounding import rounding_gap
+
+
+class NotFiniteError(PinconsistError):
+    """The equations of motion have a number that is not finite."""
+
+
+def not_finite_message(system, t, p, v) -> str:
+    """What a message says of accelerations that are not finite; it names the forces that are not."""
+    whose = culprits(system, t, p, v)
+    return (
+        f"the equations of motion are not finite at t = {t:.6g}{whose}: a force or a user's function returns NaN or "
+        "infinity"
+    )
+
+
+def not_closed_message(gap) -> str:
+    """What a message says of a position that stays off the constraint."""
+    return f"the position could not be put on the constraint: |Φ| = {gap:.3g} remains"
+
+
+def integration_failed_message(t, cause) -> str:
+    """What a message says of a one-step method that gives up."""
+    return f"the index-1 equations could not be integrated from t = {t:.6g}: {cause}"
+
+
+def solve_acceleration(system, t, p, v):
+    """Acceleration and multiplier of the differential equation itself at a state.
+
+    Solves [[M, -G], [W, 0]] [a; λ] = [-f₀; -γ]; M alone may be singular (massless links).
+
+    Returns
+    -------
+    a : ndarray, shape (nv,)
+    lam : ndarray, shape (nc,)
+    """
+    kkt, f0, _, _ = kkt_at(system, t, p, v)
+    rhs = -np.concatenate((f0, system.acceleration_bias(t, p, v)))
+    if not np.isfinite(rhs).all():
+        raise NotFiniteError(not_finite_message(system, t, p, v))
+    x = kkt.solve(rhs)
+    return x[: system.nv], x[system.nv :]
+
+
+def velocity_shift(system, t, p, v, rho):
+    """M⁻¹ G S⁻¹ ρ, shape (nv,): the smallest velocity, in the mass metric, that carries the residual ρ."""
+    return kkt_at(system, t, p, v)[0].solve(np.concatenate((np.zeros(system.nv), rho)))[: system.nv]
+
+
+def project_velocity(system, t, p, v):
+    """`v` put on the hidden constraint W v + Φ_t = 0 in the mass metric, shape (nv,)."""
+    if not system.nc:
+        return v
+    for _ in range(2):  # the second turn takes out what is left where U is not linear in v
+        v = v - velocity_shift(system, t, p, v, system.constraint(t, p, system.rate(t, p, v))[1])
+    return v
+
+
+def project_position(system, t, p, v):
+    """`p`, near the manifold, put on Φ(t, p) = 0 in the mass metric.
+
+    Raises
+    ------
+    AssemblyError
+        Φ does not fall to rounding within 20 iterations.
+    """
+    if not system.nc:
+        return p
+    last = np.inf
+    for _ in range(20):
+        _, phi, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
+        size = largest(phi)
+        if size <= EPS or (size <= rounding_gap(p, G) and size >= 0.5 * last):
+            return p
+        step = velocity_shift(system, t, p, v, phi)
+        small = 1e-4 * (1.0 + largest(v)) / largest(step)  # not so small that v rounds it away
+        move = (system.rate(t, p, v) - system.rate(t, p, v - small * step)) / small
+        p, last = system.integrate(p, -move), size
+    raise AssemblyError(not_closed_message(last))
+
+
+class Index1:
+    """What a run asks of the equations of index 1 of its system."""
+
+    def __init__(self, system):
+        self.system = system
+
+    def acceleration(self, t, p, v):
+        """See :func:`solve_acceleration`."""
+        return solve_acceleration(self.system, t, p, v)
+
+    def state(self, t, p, v):
+        """(t, p, v, λ) with p and v put on the constraints and λ the one of the differential equation."""
+        p = project_position(self.system, t, p, v)
+        v = project_velocity(self.system, t, p, v)
+        return t, p, v, self.acceleration(t, p, v)[1]
+
+    def one_step(self, *arguments, **options):
+        """A run of the one-step method, see :class:`OneStep`."""
+        return OneStep(self.system, *arguments, **options)
+
+
+class OneStep:
+    """A run of DOP853 on [ξ | v] in the chart at `base`.
+
+    Parameters
+    ----------
+    system : Index3System
+    base : ndarray
+        Chart centre.
+    t0, p0, v0 : float, ndarray, ndarray
+        Start.
+    t_end : float
+        No step goes further, s.
+    rtol, atol : float
+        Tolerances of the local error.
+    max_step : float
+        Largest step, s.
+    dense : bool
+        Keep the interpolants, for :meth:`sample`.
+
+    Attributes
+    ----------
+    t, y : float, ndarray
+        Time and [ξ | v] reached.
+    step_size : float
+        The last step, s, positive.
+    finished : bool
+        `t_end` is reached.
+    evaluations : int
+        Of the right-hand side; interpolants take three a step.
+    """
+
+    def __init__(self, system, base, t0, p0, v0, t_end, rtol, atol, max_step=np.inf, dense=False):
+        self._f, y0 = RightHandSide(system, base), chart_state(system, base, p0, v0)
+        self._pieces, self._dense, self.step_size = [], dense, 0.0
+        with _overflow_allowed():
+            self._solver = DOP853(self._f, t0, y0, t_end, rtol=rtol, atol=atol, max_step=max_step)
+
+    t = property(lambda self: self._solver.t)
+    y = property(lambda self: self._solver.y)
+    finished = property(lambda self: self._solver.status == "finished")
+    evaluations = property(lambda self: self._solver.nfev)
+
+    def step(self) -> None:
+        """One step; raises PinconsistError where the method fails, SingularSystemError where the equations are."""
+        solver = self._solver
+        with _overflow_allowed():
+            reason = solver.step()
+        if solver.status == "failed":
+            cause = self._f.not_finite
+            raise PinconsistError(integration_failed_message(solver.t, cause or reason)) from cause
+        self.step_size = abs(solver.step_size)
+        if self._dense:
+            self._pieces.append(solver.dense_output())
+
+    def sample(self, times):
+        """[ξ | v] at `times` inside the steps made, shape (len(times), nx+nv), in their order away from the start."""
+        ends = np.array([piece.t for piece in self._pieces])
+        direction = self._solver.direction
+        holders = np.minimum(np.searchsorted(direction * ends, direction * times), len(ends) - 1)
+        return np.concatenate([self._pieces[i](times[holders == i]).T for i in np.unique(holders)])
+
+
+class RightHandSide:
+    """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy.
+
+    Attributes
+    ----------
+    not_finite : NotFiniteError or None
+        What the evaluations since the last good one raised.
+    """
+
+    def __init__(self, system, base):
+        self.system, self.base, self.not_finite = system, base, None
+
+    def __call__(self, t, y):
+        system, base = self.system, self.base
+        p, v = chart_point(system, base, y[: system.nx]), y[system.nx :]
+        try:
+            a, _ = solve_acceleration(system, t, p, v)
+        except NotFiniteError as error:  # a step far too long for a stiff force: scipy takes a shorter one
+            if np.isfinite(y).all():  # the stages after it are only led on from there
+                self.not_finite = error
+            return np.full(len(y), np.nan)
+        self.not_finite = None
+        return np.concatenate((system.chart_rate(base, p, system.rate(t, p, v)), a))
+
+
+def chart_state(system, base, p, v):
+    """[ξ | v] of a state."""
+    return table_row(system, base, p, v, np.zeros(0))
+
+
+def _overflow_allowed():
+    """A first try of a step may go so far that numbers overflow; a shorter one then follows."""
+    return np.errstate(over="ignore", invalid="ignore")

@@ -1,0 +1,122 @@
+"""Rounding: to what size it is iterated, when an error is rounding, and when a run makes no headway."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import SingularSystemError
+from .kkt import kkt_at
+from .norms import EPS, largest
+from .tuning import GAP, HALF, NEAR_ROUNDING, PROGRESS, REMEMBERED, SETBACKS, SLOW, SMALLEST_STEP
+
+
+def shortest_step(*times) -> float:
+    """A step below this cannot be told from zero at these times, s."""
+    return SMALLEST_STEP * float(np.spacing(max(map(abs, times))))
+
+
+def rounding_weights(system, y):
+    """Weight and tolerance with which Newton runs down to rounding: increments relative to the state's size."""
+    size_x, size_v = 1.0 + largest(y[: system.nx]), largest(y[system.nx : system.nx + system.nv]) or 1.0
+    return np.repeat((1.0 / size_x, 1.0 / size_v), (system.nx, system.nv)), 2.0 * EPS
+
+
+def is_noise(dv, moved, v, psi_v, p, noise) -> bool:
+    """Whether Newton's increments are what rounding leaves, so that more iterations or a smaller step cannot help.
+
+    `dv` are increments of the velocity by the dynamics, `moved` of the position by the constraint; `noise` is the size
+    relative to the velocities that may be rounding.
+    """
+    step = largest(dv)
+    scale = largest(v) + largest(psi_v) + step  # v = ψ_v + c v' may be a small difference of larger numbers
+    return step <= noise * scale and largest(moved) <= 1e4 * EPS * (1.0 + largest(p))
+
+
+def rounding_gap(p, W) -> float:
+    """The gap that rounding leaves in closed loops, from the position and from W or G."""
+    return GAP * (1.0 + largest(p)) * (1.0 + largest(W))
+
+
+def velocity_rounding(system, t, p, v) -> float:
+    """Velocity that eps in v and in Φ brings about: positions move by eps/σ, W turns with them, v by eps/σ² |v|.
+
+    0 where loops are open: more than rounding is wrong there.
+    """
+    nv, nc = system.nv, system.nc
+    size, reach = EPS * largest(v), 1.0 + largest(p)
+    if not nc:
+        return size
+    _, phi, G, _ = system.evaluate(t, p, v, np.zeros(nv))
+    if largest(phi) > rounding_gap(p, G):
+        return 0.0
+    try:
+        kkt, _, _, W = kkt_at(system, t, p, v)
+    except SingularSystemError:
+        return np.inf
+    inverse = kkt.solve(np.vstack((np.zeros((nv, nc)), np.eye(nc))))[:nv]
+    s, turn = (np.abs(matrix).sum(axis=1).max() for matrix in (inverse, W))
+    return size * (1.0 + reach * s**2 * turn)
+
+
+def error_of_rounding(system, t, p, v, k):
+    """[ξ | v] of what rounding leaves in ∇ᵏ⁺¹y: beside a singular position smaller steps cannot lower it."""
+    size = min(velocity_rounding(system, t, p, v), HALF * largest(v))
+    return np.repeat((0.0, 2.0 ** (k + 1) * size), (system.nx, system.nv))
+
+
+class RoundingTest:
+    """Whether it is rounding that fails the error test, which a shorter step would show as much.
+
+    Only tolerances near rounding ask. And it has to show: a longer step, tried from the same point, had no error to
+    match its order. For a while steps up to that length are then believed at once, as far as the bound allows.
+    """
+
+    def __init__(self):
+        self.restart()
+
+    def restart(self) -> None:
+        """Believe nothing."""
+        self._believed, self._steps_left = 0.0, 0  # up to which step rounding has shown itself, and for how long
+
+    def passes(self, control, h, k, error, tried, bound) -> bool:
+        """Whether the `error` of a step h of order k is rounding.
+
+        `tried` are the length of the step that failed the error test last and its error, or zeros; ``bound()`` is the
+        largest error that rounding explains.
+        """
+        h = abs(h)
+        longer, its_error = tried
+        if control.tightest[0] > NEAR_ROUNDING:
+            return False
+        shown = h < longer and error >= its_error * (h / longer) ** (SLOW * (k + 1))
+        known = self._steps_left > 0 and h <= self._believed
+        if not (shown or known) or error > bound():
+            return False
+        if shown:
+            self._believed, self._steps_left = max(self._believed if known else 0.0, longer), REMEMBERED
+        return True
+
+    def accepted(self) -> None:
+        """A step was accepted: one step less of what is believed."""
+        self._steps_left -= 1
+
+
+class Headway:
+    """Counts failed tries, and forgets them when the run has advanced."""
+
+    def __init__(self):
+        self.restart(0.0, 0.0)
+
+    def restart(self, start, t) -> None:
+        """The run begins, or begins again, at `start`; its history ends at `t`."""
+        self._start, self._counted_from, self._setbacks = start, t, 0
+
+    def setback(self) -> bool:
+        """A try failed; whether the run has made no headway in too many of them."""
+        self._setbacks += 1
+        return self._setbacks > SETBACKS
+
+    def reached(self, t) -> None:
+        """A step was accepted that ends at `t`."""
+        if abs(t - self._counted_from) > PROGRESS * abs(t - self._start):
+            self._counted_from, self._setbacks = t, 0

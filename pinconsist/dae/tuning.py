@@ -1,0 +1,78 @@
+"""The numbers of the method and the words for its failures, once for Python and C++.
+
+The compiled method reads them from here by name when it is loaded (``_core/tuning.hpp`` lists those that it uses).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+# Newton's iteration
+MAX_ITERATIONS = 10
+FRESH_RATE = 0.4  # a slower contraction asks for a new and complete matrix
+NEWTON_FACTOR = 3e-3  # of the error test; keeps loop gaps down for 3 % more residuals
+STAGNANT = 0.7  # a slower contraction than this, close to the solution, is rounding
+STAGNATED, LAST = 1e-9, 1e-12  # relative to the velocities: increments that may be noise, and after the last iteration
+
+# Loops and hidden constraint after a step
+CLOSINGS = 4  # evaluations of the constraint alone
+CLOSED = 1e-15  # relative to the positions: gap that may stay open
+GAP = 1e-13  # gap that rounding leaves in closed loops, relative to positions and W
+
+# Step size and order
+MAX_ORDER, MAX_ADAPTIVE_ORDER = 6, 5
+SAFETY = 0.8  # 0.9 rejects twice as often: as many residuals, larger errors
+MIN_FACTOR, MAX_FACTOR = 0.2, 10.0  # by which a step changes
+AFTER_FAILURE = 0.25  # by which a step changes where Newton failed
+SMALLEST_STEP = 16.0  # spacings of t: a step below this cannot be told from zero
+MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
+
+# Rounding, and no headway
+NEAR_ROUNDING = 1e-9  # rtol above which no error is believed to be rounding
+HALF = 1e-8  # of the velocities, half their digits: nor is a larger error
+SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
+REMEMBERED = 20  # steps for which a measurement is believed
+SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it advanced by less than this part meanwhile
+
+PATIENCE = 0.05  # s after which no more steps are made in one call, so that an interrupt is noticed
+
+# Of the compiled method alone: forecasts of what need not be computed, matrices that are kept
+HIDDEN = 7.0  # of Newton's tolerance: hidden residual that may stay; multipliers begin to show it at 20
+FORECAST_ROUNDING = 2e-12  # relative to the velocities: a hidden residual below this is always taken out
+STALE_FACTOR = 0.3  # of Newton's tolerance for a kept matrix: the multipliers show what linear convergence leaves
+WORTH = 32.0  # a new matrix, derivatives and factors, costs as much as nv/WORTH iterations (measured on long chains)
+WIDEST = 2.0  # change of c up to which a matrix is kept
+WEIGHED = 4  # steps for which the weights of the error norm are kept
+
+FAILURES = {
+    "singular": "the KKT matrix is singular",
+    "not_finite": "the residual is not finite",
+    "diverged": "Newton diverged",
+    "not_converged": "Newton did not converge",
+    "error_test": "the error test fails at any step size",
+}
+
+
+@dataclass(frozen=True)
+class Switches:
+    """What the compiled method does for speed alone. With all of them off it makes the steps of the Python method.
+
+    Attributes
+    ----------
+    iteration_forecast : bool
+        End Newton's iteration where the last steps promise that the first increment is the last that counts.
+    loop_forecast : bool
+        Do not evaluate the constraint again where the last steps promise that loops and hidden constraint stay closed.
+    jacobian_reuse : bool
+        In large systems keep the matrix of an earlier step as long as it pays.
+    few_constraints : bool
+        Where constraints are few, solve for what each of them moves once, not with every right-hand side.
+    kept_weights : bool
+        Keep the weights of the error norm for some steps.
+    """
+
+    iteration_forecast: bool = True
+    loop_forecast: bool = True
+    jacobian_reuse: bool = True
+    few_constraints: bool = True
+    kept_weights: bool = True
