@@ -20,8 +20,6 @@ import typer
 
 from pinconsist import Event, InputError, load, simulate
 from pinconsist.cli import output
-from pinconsist.dae.foresight import Foresight
-from pinconsist.dae.reuse import Reuse
 from pinconsist.mechanism.system import MechanismSystem
 
 from . import report
@@ -190,17 +188,6 @@ PLAIN = Skip("nothing switched off")
 SKIPS = (
     Skip("no charts where joints are vector-like", _charts, lambda system: system.vector_like),
     Skip("only the kept rows are evaluated", _all_rows, lambda system: system.nc > 0),
-    Skip("one look at the equations where one is enough", lambda: patch.object(Foresight, "one_is_enough", _never)),
-    Skip(
-        "no second look at loops that stay closed",
-        lambda: patch.object(Foresight, "stays_closed", _never),
-        lambda system: system.nc > 0,
-    ),
-    Skip(
-        "a kept Newton matrix where a new one is dear",
-        lambda: patch.object(Reuse, "pays", _never),
-        lambda system: Reuse(system.nv).possible,
-    ),
     Skip("force gradient only where Newton is slow", _force_gradient, lambda system: system.nc > 0),
     Skip("no dense output", wishes={"dense_output": True}),
     Skip("no events", wishes={"events": [Event(_far_away)]}),

@@ -6,8 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from pinconsist import InputError, PinconsistError
-from pinconsist.dae.acceleration import solve_acceleration
-from pinconsist.dae.one_step import RightHandSide, chart_state
+from pinconsist.dae.index1 import RightHandSide, chart_state, solve_acceleration
 
 from .peers.problem import Problem
 

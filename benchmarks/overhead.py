@@ -12,8 +12,8 @@ import typer
 from scipy.linalg.lapack import dgesv
 
 from pinconsist import _core, assemble, load, simulate
+from pinconsist._core.compiled import stepper_for
 from pinconsist.cli import output
-from pinconsist.dae.compiled import stepper_for
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.plan import method_of
 
@@ -118,17 +118,16 @@ def chain_steps(chains=None, repeats=3) -> list[ChainStep]:
 
 def _steps(system, start, until, backend, tol=1e-6) -> tuple[int, float]:
     """Accepted steps, and the seconds that they took."""
-    system.twin = None
     span = (0.0, until)
     method = method_of(span, "BDF", None, 5, tol, tol, "every-step", None, np.inf, None, backend)
-    stepper = stepper_for(system, method)
+    stepper = stepper_for(system, method, backend)
     stepper.begin(0.0, start.q, start.v, until)
     steps, begun = 0, time.perf_counter()
     while stepper.t != until:
-        stretch = stepper.stretch(until, stepper.at_once, False)
-        if stretch.failure:
-            raise RuntimeError(stretch.failure)
-        steps += len(stretch.pieces) if stretch.block is None else len(stretch.block[0])
+        batch = stepper.steps(until, stepper.batch, False)
+        if batch.failure:
+            raise RuntimeError(batch.failure)
+        steps += len(batch.pieces) if batch.block is None else len(batch.block[0])
     return steps, time.perf_counter() - begun
 
 

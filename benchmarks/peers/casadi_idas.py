@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pinconsist import JointSpring, JointTorque, SpringDamper, Torque
-from pinconsist.dae.acceleration import solve_acceleration
+from pinconsist.dae.index1 import solve_acceleration
 
 from .problem import Peer, Rows, SolverFailed, loop_ends, spring_ends
 

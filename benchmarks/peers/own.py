@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pinconsist import __version__, integrate
-from pinconsist.dae.bdf import MAX_ORDER
 from pinconsist.dae.consistency import MODES
+from pinconsist.dae.tuning import MAX_ORDER
 
 from .problem import Peer, Rows, SolverFailed
 

@@ -135,11 +135,12 @@ class CompiledStepper(Stepper):
             reasons[reason] += count
 
 
-class CompiledIndex1:
+class CompiledIndex1(Index1):
     """The answers of :class:`~pinconsist.dae.index1.Index1`, in C++."""
 
     def __init__(self, system, compiled):
-        self.system, self._projection = system, load()[0].Projection(compiled)
+        super().__init__(system)
+        self._projection = load()[0].Projection(compiled)
 
     def acceleration(self, t, p, v):
         """Acceleration and multipliers of the differential equation."""
