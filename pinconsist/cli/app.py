@@ -23,7 +23,7 @@ from .replay import replay
 from .rerun import rerun, resume
 from .simulate import simulate
 from .sweep import sweep
-from .terminal import tolerate_broken_pipe
+from .terminal import BrokenPipeTolerated
 
 OVERVIEW = """\
 pinconsist simulates closed-chain mechanisms, with constraint forces that are
@@ -93,10 +93,11 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     handler.setFormatter(logging.Formatter("pinconsist: warning: %(message)s"))
     log.addHandler(handler)
     try:
-        with warnings.catch_warnings(), ended_like_ctrl_c(), tolerate_broken_pipe() as broken:
+        with warnings.catch_warnings(), ended_like_ctrl_c(), BrokenPipeTolerated() as broken:
             warnings.showwarning = partial(_show_warning, warnings.showwarning)
             code = _run(spread(arguments), app, program, studies)
             if code == INTERRUPTED:
+                print("pinconsist: interrupted", file=sys.stderr)
                 ignored_from_now_on()
         code = code or (FAILED if broken else code)
     finally:
@@ -131,21 +132,20 @@ def spread(arguments) -> list[str]:
 
 def _run(arguments, app, program, studies) -> int:
     try:
-        code = typer.main.get_command(app).main(arguments, prog_name=program, standalone_mode=False) or 0
-        return _interrupted() if code == INTERRUPTED else code  # typer too makes this code of a KeyboardInterrupt
+        return typer.main.get_command(app).main(arguments, prog_name=program, standalone_mode=False) or 0
     except SavingError as error:
         file = rescued(error.solution)
         message = f"{error}; the run is {f'saved as {file} instead' if file else 'lost, no other folder takes it'}"
     except PinconsistError as error:
         message = error
     except (typer.Abort, KeyboardInterrupt):
-        return _interrupted()
+        return INTERRUPTED
     except MemoryError:
         print_error("out of memory; what --out --save-every saved before is in the file")
         return FAILED
     except Exception as error:
         if interrupted() and arguments[0] in studies:
-            return _interrupted()
+            return INTERRUPTED
         if not hasattr(error, "format_message"):  # what every usage error of typer has, whichever click it builds on
             raise
         context = getattr(error, "ctx", None)
@@ -155,11 +155,6 @@ def _run(arguments, app, program, studies) -> int:
     if "--json" in arguments:
         print_json({"error": str(message)})
     return WRONG_INPUT
-
-
-def _interrupted() -> int:
-    print("pinconsist: interrupted", file=sys.stderr)
-    return INTERRUPTED
 
 
 @app.callback(invoke_without_command=True)

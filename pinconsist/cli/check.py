@@ -81,14 +81,11 @@ def _report_open(mech, before, after, error, as_json) -> int:
         })  # fmt: skip
     else:
         _print_inventory(mech)
-        rows = [(name, f"{before[name]:.3g}", f"{gap:.3g}") for name, gap in _worst_first(after)]
+        worst_first = sorted(after.items(), key=lambda item: -item[1])
+        rows = [(name, f"{before[name]:.3g}", f"{gap:.3g}") for name, gap in worst_first]
         output.table(("loop", "gap at the guess [m, rad]>", "gap left [m, rad]>"), rows)
     output.print_error(error)
     return output.WRONG_INPUT
-
-
-def _worst_first(gaps):
-    return sorted(gaps.items(), key=lambda item: -item[1])
 
 
 def _print(mech, guess, before, assembly, singular):
@@ -99,8 +96,9 @@ def _print(mech, guess, before, assembly, singular):
     for line in _redundant_lines(assembly.redundant):
         output.paragraph(line, indent="  ", hanging="    ")
     if mech.loops:
-        for when, (loop, gap) in (("at the guess:", _worst_first(before)[0]), ("once closed: ", assembly.largest_gap)):
-            print(f"largest gap {when} {gap:.3g} m or rad, in loop {loop!r}")
+        for when, gaps in (("at the guess:", before), ("once closed: ", assembly.gaps)):
+            worst = max(gaps, key=gaps.get)
+            print(f"largest gap {when} {gaps[worst]:.3g} m or rad, in loop {worst!r}")
         iterations = output.counted(assembly.iterations, "iteration")
         print(f"closing took {iterations} and moved no joint by more than {assembly.moved:.3g} rad or m")
     print(f"equations of motion: {'singular, see below' if singular else 'regular there'}\n")

@@ -7,7 +7,7 @@ import pinconsist as pc
 from . import options as given
 from . import output
 from .run import exit_code, resume_hint
-from .terminal import progress_of_run
+from .terminal import RunProgress
 
 
 def rerun(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: output.Json = False) -> int:
@@ -64,4 +64,4 @@ def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: 
 def _progress_of(run):
     from ..recording.recipe import Recipe
 
-    return progress_of_run(*Recipe.read(pc.Solution.load(run), run).t_span)
+    return RunProgress(*Recipe.read(pc.Solution.load(run), run).t_span)

@@ -8,7 +8,7 @@ import pinconsist as pc
 
 from ..errors import InputError
 from . import output, scene
-from .terminal import progress_of_run
+from .terminal import RunProgress
 
 _log = logging.getLogger(__name__)
 
@@ -43,7 +43,7 @@ def run_of(source, scene_of_run, until, require=lambda mech: None):
     mech = scene.Scene(source).load()
     require(mech)
     span = (0.0, mech.duration if until is None else until)
-    with progress_of_run(*span) as progress:
+    with RunProgress(*span) as progress:
         sol = pc.simulate(mech, span, callback=progress)
     return mech, sol, exit_code(sol)
 

@@ -12,7 +12,7 @@ from . import options as given
 from . import output, replay, scene
 from .options import METHOD, RESULTS, Count, Number, Text, option, present
 from .run import exit_code, resume_hint
-from .terminal import doing, progress_of_run
+from .terminal import RunProgress, doing
 
 
 def simulate(
@@ -80,7 +80,7 @@ def simulate(
     where = what.record(out or "run.npz")
     recipe = recipe_of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)
     began = time.perf_counter()
-    with progress_of_run(start, until) as progress:  # what was reached is saved before anything else can go wrong
+    with RunProgress(start, until) as progress:  # what was reached is saved before anything else can go wrong
         sol = carried_out(recipe, mech, out, callback=progress)
     seconds = time.perf_counter() - began
     if not as_json:

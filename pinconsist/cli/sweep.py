@@ -69,7 +69,10 @@ def sweep(
     from ..sweeps.study import Study, loaded
     from ..sweeps.table import write
 
-    names, cases = cases_of(vary, _number, count=count, seed=seed)
+    def number(text):
+        return scene.joint_values([f"value={text}"], "--vary")["value"][0]
+
+    names, cases = cases_of(vary, number, count=count, seed=seed)
     q0, v0 = scene.joint_values(at, "--at"), scene.joint_values(with_velocity, "--with-velocity")
     for name in names:
         if name in q0 or name.removesuffix("_speed") in v0.keys() - {name}:
@@ -90,10 +93,6 @@ def sweep(
             _written(journal, out, lambda: write(out, study, cases, rows))
             journal.remove()
     return _report(study, cases, rows, out, as_json)
-
-
-def _number(text) -> float:
-    return scene.joint_values([f"value={text}"], "--vary")["value"][0]
 
 
 def _written(journal, file, write):
@@ -136,7 +135,7 @@ def _run(study, cases, workers, rows, journal=None) -> dict[int, dict]:
 def _progress(total, done):
     """A function to call after each case: it moves a bar on a terminal, or writes up to ten lines to a log."""
     if output.on_terminal():
-        with bar("{task.completed}/{task.total} cases", 20, "") as shown:
+        with bar("{task.completed}/{task.total} cases", 20) as shown:
             task = shown.add_task("", total=total, completed=done)
             yield lambda: shown.advance(task)
         return

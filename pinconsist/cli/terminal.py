@@ -3,7 +3,7 @@
 import os
 import sys
 import time
-from contextlib import contextmanager, nullcontext, redirect_stdout
+from contextlib import nullcontext
 from typing import Any
 
 from .output import on_terminal
@@ -22,22 +22,17 @@ def doing(what: str):
     return Console(stderr=True).status(Text(f"{what} …"))
 
 
-def bar(before, width, after):
-    """A progress bar of `rich` on stderr between two texts, with the time left; it disappears when it is done."""
+def bar(before, width, *after):
+    """A progress bar of `rich` on stderr between texts, with the time left; it disappears when it is done."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn(before), BarColumn(width), TextColumn(after), TimeRemainingColumn(), TextColumn("left"))
+    columns = TextColumn(before), BarColumn(width), *map(TextColumn, after), TimeRemainingColumn(), TextColumn("left")
     return Progress(*columns, console=Console(stderr=True), transient=True)
 
 
-def progress_of_run(start, end):
-    """A callback of `simulate` that shows how far a run has come, as a context; None where nobody watches."""
-    return RunProgress(start, end) if on_terminal() else nullcontext()
-
-
 class RunProgress:
-    """The callback of :func:`progress_of_run`."""
+    """A context whose value is a callback of `simulate` that shows how far a run has come; None if nobody watches."""
 
     def __init__(self, start: float, end: float):
         self.start, self.end, self.last_t = start, end, start
@@ -46,7 +41,7 @@ class RunProgress:
         self.next_update = time.monotonic() + PATIENCE
 
     def __enter__(self):
-        return self
+        return self if on_terminal() else None
 
     def __exit__(self, *_):
         if self.bar is not None:
@@ -58,32 +53,29 @@ class RunProgress:
         if time.monotonic() >= self.next_update:
             self.next_update = time.monotonic() + PERIOD
             text = f"{self.steps} steps, now {step:.2g} s, order {self.order},"
+            state = {"description": text, "where": f"t = {t:.4g} of {self.end:g} s"}
             if self.bar is None:
                 self.bar = bar("{task.fields[where]}", 12, "{task.description}")
-                self.task = self.bar.add_task("", total=abs(self.end - self.start), where="")
+                self.task = self.bar.add_task(total=abs(self.end - self.start), **state)
                 self.bar.start()
-            where = f"t = {t:.4g} of {self.end:g} s"
-            self.bar.update(self.task, completed=abs(t - self.start), description=text, where=where)
+            self.bar.update(self.task, completed=abs(t - self.start), **state)
         return False
 
 
-@contextmanager
-def tolerate_broken_pipe():
-    """Within the block, what can no longer be printed is left out, so that a run goes on without its reader.
+class BrokenPipeTolerated:
+    """A context in which what can no longer be printed is left out, so that a run goes on without its reader.
 
-    Yields the list of errors. The first is reported on stderr, unless the reader is gone, as in ``... | head``.
+    Its value is the list of errors. The first is reported on stderr, unless the reader is gone, as in ``... | head``.
     """
-    tolerant = _Tolerant(sys.stdout)
-    with redirect_stdout(tolerant):
-        try:
-            yield tolerant.errors
-        finally:
-            tolerant.flush()
 
+    def __enter__(self):
+        self.stream, self.errors = sys.stdout, []
+        sys.stdout = self
+        return self.errors
 
-class _Tolerant:
-    def __init__(self, stream):
-        self.stream, self.errors = stream, []
+    def __exit__(self, *_):
+        self.flush()
+        sys.stdout = self.stream
 
     def __getattr__(self, name):
         return getattr(self.stream, name)
