@@ -14,6 +14,7 @@ import typer
 
 from pinconsist import AssemblyError, InputError, PinconsistError, assemble, load, simulate
 from pinconsist.cli import output
+from pinconsist.cli.options import option
 from pinconsist.formats.catalogue import is_built_in
 
 from . import report
@@ -124,18 +125,15 @@ def _largest_gap(mech, configurations) -> float:
     return gap
 
 
+# fmt: off
 def command(
-    source: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="FOLDER|NAME ...",
-            help="Folders with a sub-folder for each robot; robots by name, such as cassie.",
-        ),
-    ],
-    until: Annotated[float, typer.Option(metavar="SECONDS", help="Simulated time.")] = 0.5,
+    source: Annotated[list[str], typer.Argument(metavar="FOLDER|NAME ...", help=(
+        "Folders with a sub-folder for each robot; robots by name, such as cassie."))],
+    until: Annotated[float, option("--until", "SECONDS", "Simulated time.")] = 0.5,
     csv: report.Csv = None,
     as_json: output.Json = False,
 ) -> int:
+    # fmt: on
     """Assemble robots from q = 0 and from 20 random guesses, and let them fall from rest.
 
     Example: python -m benchmarks robots robots/ cassie

@@ -11,10 +11,11 @@ import typer
 
 from pinconsist import InputError
 from pinconsist.cli import output
+from pinconsist.cli.options import option
 from pinconsist.interrupts import interrupted
 
 from . import report
-from .stress import cases, others
+from .stress import SUBJECTS, cases, others
 from .stress.case import FAILED, run
 from .stress.random_chains import FAMILY
 
@@ -22,28 +23,22 @@ SHORTENED = 100  # characters of a reason in the table; --json and --csv have it
 KINDS = ("held", "refused", FAILED, others.CUT, others.CANNOT)
 
 
+# fmt: off
 def command(
-    subject: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="SUBJECT", help="steps, scales, singular, starts, forces, tolerances, chains; all by default."
-        ),
-    ] = None,
-    count: Annotated[int, typer.Option(metavar="N", help="How many random closed chains.")] = 100,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the first of them.")] = 0,
-    long: Annotated[bool, typer.Option("--long", help="Look at drift over a million steps, for minutes.")] = False,
-    peers: Annotated[
-        bool,
-        typer.Option(
-            "--peers",
-            help="Let the peers of work-precision try a sample of the same cases, each for a few seconds at most.",
-        ),
-    ] = False,
-    sample: Annotated[int, typer.Option(metavar="N", help="With --peers: cases of each kind.")] = 4,
-    every: Annotated[bool, typer.Option("--every", help="A row for every random chain, also where it held.")] = False,
+    subject: Annotated[list[str] | None, typer.Argument(
+        metavar="SUBJECT", help=f"{', '.join(SUBJECTS)}; all by default.")] = None,
+    count: Annotated[int, option("--count", "N", "How many random closed chains.")] = 100,
+    seed: Annotated[int, option("--seed", "N", "Seed of the first of them.")] = 0,
+    long: Annotated[bool, option("--long", None, "Look at drift over a million steps, for minutes.")] = False,
+    peers: Annotated[bool, option(
+        "--peers", None, "Let the peers of work-precision try a sample of the same cases, each for a few seconds at "
+        "most.")] = False,
+    sample: Annotated[int, option("--sample", "N", "With --peers: cases of each kind.")] = 4,
+    every: Annotated[bool, option("--every", None, "A row for every random chain, also where it held.")] = False,
     csv: report.Csv = None,
     as_json: output.Json = False,
 ) -> int:
+    # fmt: on
     """Try to break the method, and print what was tried and what held.
 
     Each case held, by a criterion that stands beside the figure, or was refused

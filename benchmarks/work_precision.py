@@ -87,27 +87,12 @@ def work_precision(
     """Measure a problem with every method that is installed and can do it.
 
     Every method runs once to warm up, which gives its errors; then all run in turn, `repeats` times. Building models
-    and finding multipliers that a method does not give itself is not timed.
-
-    Parameters
-    ----------
-    problem : Problem
-    tolerances : sequence of float
-        rtol = atol of each run; methods of fixed step take more and more steps instead.
-    repeats : int
-    budget : float
-        CPU time of one run, s, and as much again for what is built before it; a method that needs more is cut, and its
-        finer runs are left out.
-    methods : sequence of str, optional
-        Only methods whose name contains one of these words, "peers" for all of other packages; the package's BDF
-        always runs. Default: the peers, and the package's BDF of each order.
-    report : callable
-        Called with the name of each method before its first run.
-
-    Raises
-    ------
-    InputError
-        Impossible numbers, or a word that no name contains.
+    and finding multipliers that a method does not give itself is not timed. Methods of fixed step take more and more
+    steps in place of `tolerances`. A run that takes longer than `budget` s of CPU time, or as much again for what is
+    built before it, is cut, and the finer runs of its method are left out. With `methods` only those whose name
+    contains one of these words run ("peers": all of other packages), and the package's BDF; by default the peers, and
+    the package's BDF of each order. ``report(name)`` is called before the first run of a method. Raises InputError for
+    impossible numbers, or a word that no name contains.
     """
     if repeats < 1 or not budget > 0 or not all(0 < tol < 1 for tol in tolerances) or not len(tolerances):
         raise InputError("a measurement needs repeats ≥ 1, a budget > 0 s, and tolerances between 0 and 1")

@@ -10,6 +10,7 @@ import typer
 
 from pinconsist import plot_work_precision
 from pinconsist.cli import output
+from pinconsist.cli.options import Number, Texts, option
 
 from . import report
 from .peers import OWN
@@ -19,39 +20,24 @@ from .work_precision import TOLERANCES, Equal, work_precision
 SCENE = "crank_rocker"
 
 
+# fmt: off
 def command(
-    scene: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[NAME|PATH ...]",
-            help="problem51, pendulum, stiff_four_bar, any built-in model (bricard, chain_64, …), file or folder of a "
-            f"robot. Default: {SCENE}.",
-        ),
-    ] = None,
-    tol: Annotated[
-        list[float] | None,
-        typer.Option("--tol", metavar="NUMBER", help="A tolerance; may be repeated. Default: 1e-4 … 1e-10."),
-    ] = None,
-    method: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--method",
-            metavar="WORD",
-            help="Only methods with this word in their name: scipy, Exudyn, pinconsist (every order and consistency, "
-            "variable and fixed step), or peers, all others; may be repeated.",
-        ),
-    ] = None,
-    repeats: Annotated[int, typer.Option(metavar="N", help="Timed runs of each method and tolerance, in turn.")] = 3,
-    budget: Annotated[float, typer.Option(metavar="SECONDS", help="After which one run is cut.")] = 10.0,
-    until: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Simulated time. Default: each scene's own.")
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE", help="Draw time against error of the first scene.")
-    ] = None,
+    scene: Annotated[list[str] | None, typer.Argument(metavar="[NAME|PATH ...]", help=(
+        "problem51, pendulum, stiff_four_bar, any built-in model (bricard, chain_64, …), file or folder of a robot. "
+        f"Default: {SCENE}."))] = None,
+    tol: Annotated[list[float] | None, option(
+        "--tol", "NUMBER", "A tolerance; may be repeated. Default: 1e-4 … 1e-10.")] = None,
+    method: Annotated[Texts, option(
+        "--method", "WORD", "Only methods with this word in their name: scipy, Exudyn, pinconsist (every order and "
+        "consistency, variable and fixed step), or peers, all others; may be repeated.")] = None,
+    repeats: Annotated[int, option("--repeats", "N", "Timed runs of each method and tolerance, in turn.")] = 3,
+    budget: Annotated[float, option("--budget", "SECONDS", "After which one run is cut.")] = 10.0,
+    until: Annotated[Number, option("--until", "SECONDS", "Simulated time. Default: each scene's own.")] = None,
+    plot: Annotated[Path | None, option("--plot", "FILE", "Draw time against error of the first scene.")] = None,
     csv: report.Csv = None,
     as_json: output.Json = False,
 ) -> int:
+    # fmt: on
     """Run time against error of all methods and peers. Times at equal error go to FILE_equal_error.csv.
 
     Example: python -m benchmarks work-precision crank_rocker --tol 1e-5 --tol 1e-7

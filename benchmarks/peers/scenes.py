@@ -24,11 +24,6 @@ def problem_of(name: str, until: float | None = None) -> Problem:
     """A scene by name, or any mechanism by name or path: released from rest for 1 s (chains: 0.1 s), or `until`.
 
     A file whose loops cannot close as written has them closed as points.
-
-    Raises
-    ------
-    InputError, FormatError, AssemblyError
-        As for loading and assembling.
     """
     if name == "problem51":
         given = reference_problem(name)

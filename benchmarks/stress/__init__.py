@@ -27,19 +27,8 @@ SUBJECTS = {
 def cases(subjects=(), *, long=False, count=100, seed=0) -> Iterator[Case]:
     """The cases of some subjects, or of all.
 
-    Parameters
-    ----------
-    subjects : sequence of str
-        Names of :data:`SUBJECTS`; none for all.
-    long : bool
-        A million steps where drift is looked at, instead of ten thousand.
-    count, seed : int
-        How many random chains, and the seed of the first.
-
-    Raises
-    ------
-    InputError
-        An unknown subject, or a negative number.
+    With `long`, a million steps where drift is looked at, instead of ten thousand; `count` random chains, the first of
+    them from `seed`. Raises InputError for an unknown subject, or a negative number.
     """
     for name in subjects:
         if name not in SUBJECTS:
