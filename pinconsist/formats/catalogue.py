@@ -19,7 +19,7 @@ from ..mechanism.loops import GROUND, Loop
 from .loopfile import LoopFile, find_loop_file
 from .loopfile import read as read_loop_file
 
-READERS = {".urdf": "urdf", ".sdf": "sdf", ".xml": "mjcf.scene", ".mjcf": "mjcf.scene"}
+READERS = {".urdf": "urdf", ".sdf": "sdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 """Suffix → the module whose ``read`` reads such a file; imported when it is needed."""
 ROBOTS = {
     name: f"cassie_description/robots/{name}.sdf"

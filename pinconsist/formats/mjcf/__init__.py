@@ -1,11 +1,104 @@
-"""MJCF, the XML of MuJoCo: read by the package itself.
+"""MJCF, the XML of MuJoCo: compiled by MuJoCo (``pip install 'pinconsist[mjcf]'``), and read from the compiled model.
 
-Pinocchio's own reader parses only the first body of the world, binds a closure by sites to the world, ignores
-``active="false"``, ``<equality><joint>``, ``inertiagrouprange`` and ``settotalmass``, takes every ``eulerseq`` for one
-that turns with the frame, and makes composite joints, whose derivatives are wrong.
-
-What is read: bodies, frames, hinge, slide, ball and free joints (several in a body too), inertials and inertias from
-geoms, defaults, includes, sites; connect, weld and joint equalities; damping, dry friction, springs and armature of
-joints, gravity and its compensation. What acts on the bodies in MuJoCo and is not computed here is refused with its
-reason. Limits of joints, contacts, sensors and solver settings have no effect; actuators give names only.
+Bodies with hinge, slide, ball and free joints, several in a body too; inertias and sites; connect, weld and joint
+equalities; damping, dry friction, springs and armature of joints; gravity and its compensation. Limits of joints,
+contacts, sensors and solver settings have no effect, actuators give names only. What else acts on the bodies in MuJoCo
+is refused with its name. (Pinocchio's own reader takes the first body of the world alone, and makes composite joints,
+whose derivatives are wrong.)
 """
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import numpy as np
+import pinocchio as pin
+
+from ...errors import FormatError
+from ...mechanism.mechanism import Geometry
+from ..reading import RobotFile, finite, text
+from .model import Tree, pose
+from .source import Source
+
+_VISIBLE = 2  # the last group of geoms that is shown, as in MuJoCo's viewers
+_SPHERE, _CAPSULE, _CYLINDER, _BOX, _MESH = 2, 3, 5, 6, 7
+_GREY = (0.5, 0.5, 0.5, 1.0)
+_log = logging.getLogger(__name__)
+
+
+def read(path: Path, name: str, *, package_dirs=()) -> RobotFile:
+    """What an MJCF file says.
+
+    The active equality constraints close the scene. Joints have MuJoCo's values: ``ref`` where the bodies stand as the
+    file places them. Assembly starts at the first keyframe, else there.
+    """
+    folders = (*package_dirs, path.parent)
+    try:
+        with np.errstate(all="ignore"):  # what is not finite is found and named
+            source = Source(path, folders)
+            compiled, stand_ins = source.compiled()
+            tree = Tree(compiled, name)
+            closures, forces = tuple(tree.closures()), tuple(tree.forces())
+    except RecursionError:
+        raise FormatError("elements are nested too deeply") from None
+    start = tree.configuration(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)
+    shares = zip(tree.joints, tree.model.idx_qs[1:], tree.model.nqs[1:], strict=True)
+    return RobotFile(
+        tree.model,
+        _geometry(compiled, stand_ins, tree.bodies, source.meshes, folders),
+        closures,
+        forces=forces,
+        guess={joint: start[first : first + size] for joint, first, size in shares},
+        actuated=tuple(tree.actuated()),
+    )
+
+
+def _geometry(m, stand_ins, bodies, meshes, folders) -> Geometry:
+    """The visible shapes in URDF's words, without planes, height fields, ellipsoids and meshes that lie elsewhere."""
+    robot = Element("robot", name="scene")
+    links = [SubElement(robot, "link", name=name) for name in bodies]
+    for name in bodies[1:]:  # all on the world: where they stand is up to the frames of the model
+        joint = SubElement(robot, "joint", name=f"{name} mount", type="fixed")
+        SubElement(joint, "parent", link=bodies[0])
+        SubElement(joint, "child", link=name)
+    for g in np.flatnonzero((m.geom_group <= _VISIBLE) & ((m.geom_type == _MESH) | ~stand_ins)):
+        colour = m.geom_rgba[g]
+        if m.geom_matid[g] >= 0 and np.array_equal(colour, _GREY):
+            colour = m.mat_rgba[m.geom_matid[g]]
+        rgba = " ".join(f"{value:.7g}" for value in colour)  # of single precision
+        for place, shape, sizes in _shapes(m, g, meshes):
+            visual = SubElement(links[m.geom_bodyid[g]], "visual")
+            rpy = pin.rpy.matrixToRpy(place.rotation)
+            SubElement(visual, "origin", xyz=text(*place.translation), rpy=text(*rpy))
+            SubElement(SubElement(visual, "geometry"), shape, sizes)
+            SubElement(SubElement(visual, "material", name=rgba), "color", rgba=rgba)
+    return Geometry(tostring(robot, encoding="unicode"), tuple(str(Path(folder).resolve()) for folder in folders))
+
+
+def _shapes(m, g, meshes):
+    """The shapes of a geom, three for a capsule: (place in the body, name, sizes)."""
+    kind, place, (a, b, c) = m.geom_type[g], pose(m.geom_pos[g], m.geom_quat[g]), m.geom_size[g]
+    if kind == _SPHERE:
+        yield place, "sphere", {"radius": text(a)}
+    elif kind == _BOX:
+        yield place, "box", {"size": text(2 * a, 2 * b, 2 * c)}
+    elif kind in (_CYLINDER, _CAPSULE):
+        yield place, "cylinder", {"radius": text(a), "length": text(2 * b)}
+        for end in (-b, b) if kind == _CAPSULE else ():
+            yield place * pin.SE3(np.eye(3), np.array([0.0, 0.0, end])), "sphere", {"radius": text(a)}
+    elif kind == _MESH:
+        i = m.geom_dataid[g]
+        file = m.paths[m.mesh_pathadr[i] :].partition(b"\0")[0].decode() if m.mesh_pathadr[i] >= 0 else ""
+        mesh = meshes[int(file.partition(".")[0])] if file else None
+        if mesh is None or not mesh.path:
+            reason = "its file lies elsewhere" if mesh else "it has no file"
+            _log.warning("mesh %r: not shown, %s", m.mesh(i).name, reason)
+            return
+        given = (mesh.node.get("refquat", "1 0 0 0"), mesh.node.get("refpos", "0 0 0"))
+        quat, pos = ([finite(word) or 0.0 for word in words.split()] for words in given)
+        back, scale = pin.Quaternion(*quat).normalized().toRotationMatrix().T, m.mesh_scale[i]
+        place = place * pose(m.mesh_pos[i], m.mesh_quat[i]).inverse()  # MuJoCo has moved it to its centre of mass
+        place = place * pin.SE3(back, -scale * (back @ pos))
+        yield place, "mesh", {"filename": mesh.path, "scale": text(*scale)}

@@ -1,0 +1,247 @@
+"""MuJoCo's compiled model → the tree of a pin.Model, what closes it, and the forces of its springs.
+
+Several joints of one body become a chain of joints with massless bodies between them: Pinocchio's composite joints have
+wrong ``computeRNEADerivatives``. The value of a joint is MuJoCo's ``qpos``: ``ref`` where its body stands as the file
+places it. Source: "XML Reference" of the MuJoCo documentation, and mjmodel.h.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from ...errors import FormatError, InputError
+from ...mechanism.forces import JointSpring, Wrench
+from ...mechanism.joint_constraints import Coupling, Drive
+from ...mechanism.loops import GROUND, Loop
+from ...mechanism.motion import Motion
+from ..reading import LARGEST, located
+
+_FREE, _BALL, _SLIDE, _HINGE = range(4)
+_KINDS = ("free", "ball", "slide", "hinge")
+_EQUALITIES = ("connect", "weld", "joint")
+_SITE = 6
+_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_JOINTS = {
+    _SLIDE: (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ, pin.JointModelPrismaticUnaligned),
+    _HINGE: (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ, pin.JointModelRevoluteUnaligned),
+}
+_POSITIVE = "jnt_stiffness dof_armature dof_damping dof_frictionloss".split()
+_FINITE = (
+    "body_pos body_quat body_ipos body_iquat body_mass body_inertia body_gravcomp jnt_pos jnt_axis site_pos site_quat "
+    "eq_data qpos0 qpos_spring key_qpos"
+).split() + _POSITIVE
+_ZERO = (
+    "jnt_springyield jnt_stiffnesspoly dof_dampingpoly actuator_armature actuator_damping actuator_dampingpoly "
+    "tendon_stiffness tendon_damping tendon_frictionloss tendon_armature"
+).split()
+"""What acts on the bodies in MuJoCo and is not computed here; older versions do not have all of it."""
+_log = logging.getLogger(__name__)
+
+
+class Tree:
+    """The tree of a compiled model: a pin.Model, and the names of joints and frames by MuJoCo's numbers.
+
+    FormatError where something acts on the bodies that is not computed here.
+    """
+
+    def __init__(self, compiled, name: str):
+        import mujoco
+
+        self._m = m = compiled
+        _check(m)
+        bits = mujoco.mjtDisableBit.__members__.items()
+        self._off = {name.removeprefix("mjDSBL_").lower() for name, bit in bits if m.opt.disableflags & bit.value}
+        self._off |= {"spring", "damper"} if "passive" in self._off else set()  # of older versions
+        self.joints, self.bodies, self.sites = _names(m)
+        self.model = model = pin.Model()
+        model.name = name
+        model.gravity.linear = np.array(m.opt.gravity) * ("gravity" not in self._off)
+        self._stands = stands = []  # joint, place on it, frame
+        for body in range(m.nbody):
+            joint, place, frame = stands[m.body_parentid[body]] if body else (0, pin.SE3.Identity(), 0)
+            place = place * pose(m.body_pos[body], m.body_quat[body])
+            for j in np.flatnonzero(m.jnt_bodyid == body):
+                joint, place = self._add_joint(j, joint, place)
+                frame = model.addJointFrame(joint, frame)
+            stands.append((joint, place, model.addBodyFrame(self.bodies[body], joint, place, frame)))
+            if joint:
+                inertia = pin.Inertia(m.body_mass[body], np.zeros(3), np.diag(m.body_inertia[body]))
+                model.appendBodyToJoint(joint, pose(m.body_ipos[body], m.body_iquat[body]).act(inertia), place)
+            if m.body_mocapid[body] >= 0:
+                _log.warning("%s: nothing moves a mocap body here; it stays fixed", _element(m, "body", body))
+        for site in np.flatnonzero(self.sites):
+            joint, place, frame = stands[m.site_bodyid[site]]
+            place = place * pose(m.site_pos[site], m.site_quat[site])
+            model.addFrame(pin.Frame(self.sites[site], joint, frame, place, pin.FrameType.OP_FRAME))
+
+    def _add_joint(self, j, parent, place):
+        """Add a joint to a body that stands at `place` of the parent joint; returns it, and where the body stands."""
+        m, model, kind = self._m, self.model, int(self._m.jnt_type[j])
+        axis, ref = np.array(m.jnt_axis[j]), m.qpos0[m.jnt_qposadr[j]]
+        there = pin.SE3(np.eye(3), np.array(m.jnt_pos[j]))
+        before, after = place * there, there.inverse()
+        if kind == _HINGE:
+            before = before * pin.SE3(pin.AngleAxis(-ref, axis).toRotationMatrix(), np.zeros(3))
+        elif kind == _SLIDE:
+            before, after = place * pin.SE3(np.eye(3), -ref * axis), pin.SE3.Identity()
+        elif kind == _FREE:
+            before = after = pin.SE3.Identity()
+        if kind in _JOINTS:
+            *aligned, general = _JOINTS[kind]
+            made = aligned[_AXES.index(tuple(axis))]() if tuple(axis) in _AXES else general(axis)
+        else:
+            made = pin.JointModelSpherical() if kind == _BALL else pin.JointModelFreeFlyer()
+        joint = model.addJoint(parent, made, before, self.joints[j])
+        v, q = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint]), model.idx_qs[joint]
+        friction = m.dof_frictionloss[v] * (not {"frictionloss", "constraint"} & self._off)
+        model.armature[v], model.damping[v] = m.dof_armature[v], m.dof_damping[v] * ("damper" not in self._off)
+        model.lowerDryFrictionLimit[v], model.upperDryFrictionLimit[v] = -friction, friction
+        if kind in _JOINTS:
+            ends = m.jnt_range[j] if m.jnt_limited[j] else (-np.inf, np.inf)
+            model.lowerPositionLimit[q], model.upperPositionLimit[q] = ends
+        return joint, after
+
+    def configuration(self, qpos) -> np.ndarray:
+        """The configuration of a ``qpos``, whose quaternions have the order w, x, y, z."""
+        q = np.array(qpos)
+        for kind, start in zip(self._m.jnt_type, self._m.jnt_qposadr, strict=True):
+            if kind not in _JOINTS:
+                turn = start + 3 * (kind == _FREE) + np.arange(4)
+                q[turn] = np.roll(q[turn], -1)
+        return q
+
+    def forces(self):
+        """Springs of joints, and forces that compensate gravity."""
+        m = self._m
+        for j in np.flatnonzero(m.jnt_stiffness) if "spring" not in self._off else ():
+            yield JointSpring(self.joints[j], float(m.jnt_stiffness[j]), float(m.qpos_spring[m.jnt_qposadr[j]]))
+        if not {"spring", "damper"} <= self._off:  # MuJoCo switches off all passive forces with both
+            for body in np.flatnonzero(m.body_gravcomp * m.body_mass):
+                force = -m.body_gravcomp[body] * m.body_mass[body] * self.model.gravity.linear
+                if self._stands[body][0]:
+                    yield Wrench(self.bodies[body], tuple(force), xyz=tuple(m.body_ipos[body]))
+
+    def actuated(self):
+        """The joints on which actuators act. No actuator exerts a force here."""
+        m = self._m
+        for i, (kind, (joint, *_)) in enumerate(zip(m.actuator_trntype, m.actuator_trnid, strict=True)):
+            if kind < 2:  # joint and jointinparent
+                yield self.joints[joint]
+            else:
+                _log.warning("%s: it acts on no joint, and is left out", _element(m, "actuator", i))
+
+    def closures(self):
+        """Loops, couplings and drives of the active equality constraints, in their order; a warning for the others."""
+        m, off = self._m, sorted(self._off & {"equality", "constraint"})
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, pin.normalize(self.model, self.configuration(m.qpos0)))
+        for e in range(m.neq):
+            kind = (*_EQUALITIES, "tendon", *["flex"] * 9)[m.eq_type[e]]
+            name = m.eq(e).name or f"{kind}{e + 1}"
+            if off or not m.eq_active0[e]:
+                reason = f"the option's flag {off[0]} is disabled" if off else "it is not active"
+                _log.warning("equality %r: left out, %s", name, reason)
+                continue
+            with located(element=f"equality {name!r}"):
+                if kind not in _EQUALITIES:
+                    raise InputError(f"equality of {kind}s is not computed here; remove it or set active=false")
+                yield self._coupling(e, name) if kind == "joint" else self._loop(e, kind, name, data)
+
+    def _loop(self, e, kind, name, data):
+        """The loop of a connect or weld, between sites or bodies."""
+        m, values, ends = self._m, self._m.eq_data[e], (self._m.eq_obj1id[e], self._m.eq_obj2id[e])
+        if getattr(m, "eq_objtype", {e: 0})[e] == _SITE:
+            frames, places = [self.sites[i] for i in ends], [pin.SE3.Identity()] * 2
+        else:
+            frames = [self.bodies[i] if i else GROUND for i in ends]
+            anchor = pin.SE3(np.eye(3), np.array(values[:3]))
+            one, two = (data.oMf[self.model.getFrameId(frame)] for frame in frames)
+            weld = kind == "weld"
+            places = [pose(values[3:6], values[6:10]), anchor] if weld else [anchor, two.actInv(one) * anchor]
+        (xyz1, rpy1), (xyz2, rpy2) = ((tuple(p.translation), tuple(pin.rpy.matrixToRpy(p.rotation))) for p in places)
+        kind = "frame" if kind == "weld" and values[10] else "point"
+        return Loop(name, kind, *frames, xyz1=xyz1, rpy1=rpy1, xyz2=xyz2, rpy2=rpy2)
+
+    def _coupling(self, e, name):
+        """q1 - ref1 = Σ a_i (q2 - ref2)^i, multiplied out; without a second joint, the first is held at ref1 + a_0."""
+        m, a, ends = self._m, self._m.eq_data[e].tolist(), (self._m.eq_obj1id[e], self._m.eq_obj2id[e])
+        (joint, ref1), (other, ref2) = ((self.joints[j], float(m.qpos0[m.jnt_qposadr[j]])) for j in ends)
+        if ends[1] < 0:
+            return Drive(name, joint, Motion(start=ref1 + a[0]))
+        law = [sum(a[i] * math.comb(i, k) * (-ref2) ** (i - k) for i in range(k, 5)) for k in range(5)]
+        while len(law) > 2 and law[-1] == 0.0:
+            law.pop()
+        return Coupling(name, joint, other, ratio=law[1], offset=ref1 + law[0], higher=tuple(law[2:]))
+
+
+def pose(pos, quat) -> pin.SE3:
+    """The pose of a position and a quaternion w, x, y, z."""
+    return pin.SE3(pin.Quaternion(*quat).toRotationMatrix(), np.array(pos))
+
+
+def _check(m) -> None:
+    """FormatError for numbers that no scene has, and for what acts on the bodies and is not computed here."""
+    for key in _FINITE:
+        _refuse(m, key, ~(np.abs(getattr(m, key)) <= LARGEST), f"not finite, or above {LARGEST:g}")
+    for key in _POSITIVE:
+        _refuse(m, key, getattr(m, key) < 0, "negative")
+    for key in _ZERO:
+        _refuse(m, key, getattr(m, key, np.zeros(0)) != 0, "not computed here")
+    _refuse(m, "body_plugin", m.body_plugin >= 0, "not computed here")
+    rounds, free = m.jnt_type < _SLIDE, m.jnt_type[m.dof_jntid] == _FREE
+    _refuse(m, "jnt_stiffness", rounds & (m.jnt_stiffness != 0), "computed for hinges and slides alone")
+    for key in ("dof_armature", "dof_frictionloss"):  # they act along the world's axes
+        _refuse(m, key, free & (getattr(m, key) != 0), "not computed for a free joint; a <freejoint/> has none")
+    if m.opt.density or m.opt.viscosity:
+        raise FormatError("lift, drag and viscous forces of a fluid are not computed here", element="option")
+    if m.nv == 0:
+        raise FormatError("nothing can move: no body has a joint")
+
+
+def _refuse(m, key, bad, reason):
+    """FormatError with the name of the first element of which a number is bad."""
+    if np.any(bad):
+        kind, _, what = key.partition("_")
+        number = int(np.argmax(bad.reshape(len(bad), -1).any(axis=1)))
+        kind, number = ("jnt", m.dof_jntid[number]) if kind == "dof" else (kind, number)
+        what = f"nonlinear {what[:-4]}" if what.endswith("poly") else what
+        raise FormatError(f"{what} is {reason}", element=_element(m, kind, number))
+
+
+def _element(m, kind, number) -> str:
+    """How messages call an element of a compiled model."""
+    found = getattr(m, kind, None)
+    return f"{kind.replace('jnt', 'joint')} {found(number).name or int(number) + (kind != 'body')!r}" if found else ""
+
+
+def _names(m):
+    """The names of joints, bodies and sites, which are all frames in Pinocchio; sites without a name have none here.
+
+    Joints keep their names. A body or a site that has the name of another frame gets ``_body`` or ``_site`` behind it.
+    What has no name is called ``body3`` by MuJoCo's number, and ``body3_hinge`` after its body, ``body3_hinge2`` where
+    a body has several hinges.
+    """
+    every = ((m.jnt, m.njnt), (m.body, m.nbody), (m.site, m.nsite))
+    joints, bodies, sites = ([found(i).name for i in range(count)] for found, count in every)
+    if "universe" in (*joints, *bodies, *sites):
+        raise FormatError("'universe' is the name of the ground here; give what has it another")
+    taken = {"universe", *joints}
+
+    def free(name, kind):
+        ends = ("", f"_{kind}", *(f"_{kind}{number}" for number in range(2, len(taken) + 2)))
+        found = next(name + end for end in ends if name + end not in taken)
+        taken.add(found)
+        return found
+
+    bodies = [name and free(name, "body") for name in bodies]
+    sites = [name and free(name, "site") for name in sites]
+    bodies = [name or free(f"body{i}", "body") for i, name in enumerate(bodies)]
+    for j, (body, kind) in enumerate(zip(m.jnt_bodyid, m.jnt_type, strict=True)):
+        alike = np.flatnonzero((m.jnt_bodyid == body) & (m.jnt_type == kind)).tolist()
+        number = alike.index(j) + 1 if len(alike) > 1 else ""
+        joints[j] = joints[j] or free(f"{bodies[body]}_{_KINDS[kind]}{number}", "joint")
+    return joints, bodies, sites

@@ -1,0 +1,228 @@
+"""An MJCF file → the model that MuJoCo compiles of it.
+
+MuJoCo gets texts that read no file: includes are put in their places, attached models are texts of their own, both from
+the folder of the scene alone. Mesh files have stand-ins. The scene is compiled with two different ones, and only where
+an inertia depends on them are the files themselves read.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from math import prod
+from pathlib import Path, PurePosixPath
+from xml.etree.ElementTree import Element, tostring
+
+import numpy as np
+
+from ...errors import FormatError, MissingExtraError
+from ..reading import finite, located, parsed, read_bytes, shown
+
+MOST_FILES = 200
+MOST_ELEMENTS = 100_000  # with all copies
+MOST_NESTED = 10  # files, one in another
+_LEFT_OUT = {"size", "custom", "deformable", "texture", "skin", "layer"}
+_IGNORED = "fusestatic discardvisual strippath meshdir texturedir assetdir fuse texture content_type".split()
+"""Elements and attributes without an effect here, which name files, fill the memory or drop what is shown."""
+_COUNTS = {"replicate": "count", "composite": "count", "mesh": "params"}
+_MAIN = "scene.xml"
+_CORNERS = "v 0 0 0\nv {} 0 0\nv 0 {} 0\nv 0 0 {}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+_STAND_INS = tuple(_CORNERS.format(*edges).encode() for edges in ((10, 10, 10), (20, 30, 50)))
+_INERTIAS = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat")
+_log = logging.getLogger(__name__)
+
+
+@dataclass(eq=False)
+class Mesh:
+    """A mesh file: its element, its path in the folder of the scene (empty if it lies elsewhere), and its content."""
+
+    node: Element
+    path: str
+    content: bytes | None = None
+
+
+class Source:
+    """What MuJoCo compiles for a file; the last of the folders, in which meshes are looked for, is that of the file.
+
+    MuJoCo knows the files of ``meshes`` by their places in this list.
+    """
+
+    def __init__(self, path: Path, folders):
+        self.meshes: list[Mesh] = []
+        self._folders = [Path(os.path.abspath(each)) for each in folders]
+        self._texts: dict[str, list[Element]] = {}  # all elements of a text
+        self._files: dict[Element, Path] = {}  # of the outermost elements of each file
+        self._opened = 0
+        root, file = _parsed(path), Path(os.path.abspath(path))
+        if root.tag != "mujoco":
+            hint = "; a URDF needs the ending .urdf" if root.tag == "robot" else ""
+            raise FormatError(f"the root element of an MJCF file is <mujoco>, this is <{root.tag}>{hint}", path=path)
+        self._files[root] = path
+        self._add(_MAIN, root, (file,))
+
+    def _add(self, name, root, files) -> float:
+        """Add a text without what has no effect, after the models that it attaches; returns its number of elements.
+
+        The last of the files is that of the text; each of them is named by the one before.
+        """
+        self._include(root, files)
+        if root.find("body") is not None:  # MuJoCo passes over it
+            raise FormatError("<body> belongs in <worldbody>", path=self._files[root])
+        keys = [key for key in root.findall("keyframe/key") if "qpos" in key.attrib and name == _MAIN]
+        for section in root.findall("keyframe"):
+            section[:] = [key for key in section if key in keys[:1]]
+        compiler = {key: value for node in root.findall("compiler") for key, value in node.attrib.items()}
+        models, sizes = {}, {}
+        for node in list(root.iter()):
+            if node.tag in ("flex", "flexcomp"):
+                raise FormatError("flexible bodies are not computed here", path=self._files[root], element=node.tag)
+            node[:] = [child for child in node if child.tag not in _LEFT_OUT]
+            if node.tag == "model":
+                inner, text = self._open(node, files), f"{self._opened}.xml"
+                models[node.get("name")] = self._add(text, *inner)
+                node.set("file", text)
+            else:
+                self._clean(node, compiler, files[-1].parent)
+        self._texts[name] = list(root.iter())
+        for node in reversed(self._texts[name]):
+            sizes[node] = _copies(node, models) * (1 + sum(map(sizes.get, node)))
+            node.text, node.tail = "\n" if len(node) else None, None
+            for child in node[:-1]:
+                child.tail = "\n"  # each element begins a line
+        if sizes[root] > MOST_ELEMENTS:
+            raise FormatError(f"more than {MOST_ELEMENTS:,} elements, with all copies", path=self._files[root])
+        return sizes[root]
+
+    def _clean(self, node, compiler, folder):
+        """Take out of an element what names files; that of a mesh is noted."""
+        node.attrib = {key: value for key, value in node.attrib.items() if key not in _IGNORED}
+        given = node.attrib.pop("file", "").replace("\\", "/")
+        if given:
+            node.attrib.setdefault("name", PurePosixPath(given).stem)
+        if node.tag == "hfield":  # it has no mass
+            node.attrib = {"name": node.get("name", ""), "size": "1 1 1 1", "nrow": "2", "ncol": "2"}
+        elif node.tag == "mesh" and given:
+            given = PurePosixPath(given).name if compiler.get("strippath") == "true" else given
+            place = os.path.join(folder, compiler.get("meshdir", compiler.get("assetdir", "")), given)
+            path = os.path.relpath(place, self._folders[-1])
+            node.set("file", f"{len(self.meshes)}.obj")
+            self.meshes.append(Mesh(node, "" if path.startswith("..") else path))
+
+    def _include(self, root, files):
+        """Replace the includes below an element of a file by what stands in the files that they name."""
+        for node in list(root.iter()):
+            for child in node.findall("include"):
+                included, chain = self._open(child, files)
+                self._include(included, chain)
+                place = list(node).index(child)
+                node[place : place + 1] = list(included)
+
+    def _open(self, node, files):
+        """The root of the file that an element names, in the folder of the scene or beside its own; and all files."""
+        name, folder = node.get("file", ""), self._folders[-1]
+        reason = "there is no such file" if name else "attribute 'file' is missing"
+        for start in (folder, files[-1].parent) if name else ():
+            found = Path(os.path.normpath(start / name))
+            if not _inside(found, folder):
+                reason = f"it climbs out of the folder of the scene, {folder}; only files in there are included"
+                break
+            if os.path.isfile(found):
+                self._opened += 1
+                if found in files or len(files) > MOST_NESTED or self._opened > MOST_FILES:
+                    reason = f"it includes itself, or there are more than {MOST_FILES} files, or {MOST_NESTED} in turn"
+                    break
+                root = _parsed(found)
+                self._files |= dict.fromkeys((root, *root), found)
+                return root, (*files, found)
+        raise FormatError(reason, path=files[-1], element=f"{node.tag} {shown(name)}")
+
+    def compiled(self):
+        """The mjModel, and of each geom whether its size is that of a stand-in.
+
+        A FormatError says in MuJoCo's words what it refuses, or names a body that needs meshes that are not there.
+        """
+        for needed in (False, True):
+            for number, mesh in enumerate(self.meshes if needed else ()):
+                places = [(folder / mesh.path, folder) for folder in self._folders if mesh.path]
+                file = next((file for file, folder in places if _inside(file, folder) and os.path.isfile(file)), None)
+                if file is not None:
+                    mesh.content = read_bytes(file)
+                    mesh.node.set("file", f"{number}{file.suffix.lower()}")
+            model = self._compiled(_STAND_INS[0])
+            other = self._compiled(_STAND_INS[1]) if self.meshes else model
+            body = _other_inertia(model, other)
+            if body is None:
+                return model, np.any(model.geom_size != other.geom_size, axis=1)
+        names = ", ".join(mesh.path or mesh.node.get("name") for mesh in self.meshes if mesh.content is None)
+        raise FormatError(
+            f"its inertia depends on meshes whose files are not in the folder of the scene: {names}. Give the body an "
+            "<inertial>, or these geoms mass=0",
+            element=f"body {model.body(body).name or body!r}",
+        )
+
+    def _compiled(self, stand_in):
+        try:
+            import mujoco
+        except ImportError:
+            need = "MJCF files are compiled by MuJoCo; install it by: pip install 'pinconsist[mjcf]'"
+            raise MissingExtraError(need) from None
+        assets = {mesh.node.get("file"): mesh.content or stand_in for mesh in self.meshes}
+        lines: list[Element] = []
+        for name, nodes in self._texts.items():  # no two elements are on lines of the same number
+            assets[name] = b"\n" * len(lines) + tostring(nodes[0], encoding="us-ascii")
+            lines += nodes
+        before = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(lambda text: _log.warning("MuJoCo: %s", text))  # by itself it writes a file
+        try:
+            return mujoco.MjModel.from_xml_string(assets.pop(_MAIN).decode(), assets)
+        except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
+            message, _, where = re.sub("(XML )?Error: |Schema violation: ", "", str(error)).partition("\nElement")
+            line = re.search(r"line (\d+)", where)
+            file, element = self._place(lines[int(line[1]) - 1]) if line else ("", "")
+            raise FormatError(" ".join(message.split()), path=file, element=element) from error
+        finally:
+            mujoco.set_mju_user_warning(before)
+
+    def _place(self, node):
+        """The file of an element, and how messages call it."""
+        parents = {child: each for nodes in self._texts.values() for each in nodes for child in each}
+        line, words = [node], []
+        while line[-1] in parents:
+            line.append(parents[line[-1]])
+        for each, parent in pairwise(line):
+            alike = [one for one in (line[-1].iter() if each.tag == "body" else parent) if one.tag == each.tag]
+            label = f"{each.tag} {each.get('name') or alike.index(each) + 1!r}"
+            words.append(each.tag if parent is line[-1] else label)
+            if each.tag == "body":
+                break
+        return next(self._files[each] for each in line if each in self._files), ": ".join(reversed(words))
+
+
+def _copies(node, models) -> float:
+    """How often MuJoCo makes what stands in an element, or how many elements it makes of this one."""
+    numbers = [max(1.0, finite(word) or 1.0) for word in node.get(_COUNTS.get(node.tag, ""), "").split()]
+    if node.tag == "mesh":
+        return max(numbers, default=1.0) ** 2  # of a grid
+    return models.get(node.get("model"), 1.0) if node.tag == "attach" else prod(numbers)
+
+
+def _parsed(path):
+    with located(path):
+        return parsed(read_bytes(path))
+
+
+def _inside(path, folder) -> bool:
+    """Whether a path, and the file to which it leads, lie in a folder."""
+    return all(Path(form(path)).is_relative_to(form(folder)) for form in (os.path.abspath, os.path.realpath))
+
+
+def _other_inertia(model, other):
+    """The first body whose inertia differs between two models."""
+    for key in _INERTIAS:
+        differs = np.nan_to_num(getattr(model, key)) != np.nan_to_num(getattr(other, key))
+        if differs.any():
+            return int(np.argmax(differs.reshape(model.nbody, -1).any(axis=1)))
+    return None
