@@ -1,6 +1,8 @@
 """MJCF files against the same scene in URDF, hand calculation and MuJoCo's own reading (where it is installed)."""
 
 import pickle
+import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -183,7 +185,9 @@ def test_the_reference_is_where_joints_have_their_ref(scene):
 
 def test_the_first_keyframe_is_the_guess_in_pinocchios_order(scene):
     free = '<body name="f" pos="0 0 1"><freejoint name="f"/><geom size="0.1"/></body>'
-    arm = '<body name="b"><body name="c"><joint name="c" type="ball"/><geom size="0.1"/></body><joint name="b"/>{}</body>'
+    arm = (
+        '<body name="b"><body name="c"><joint name="c" type="ball"/><geom size="0.1"/></body><joint name="b"/>{}</body>'
+    )
     arm = arm.format(ROD)
     mech = scene(world(free, arm))
     np.testing.assert_allclose(mech.guess, [0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 1])
@@ -296,3 +300,44 @@ def test_shapes_are_shown_where_they_are(scene, tmp_path, caplog):
     low, high = np.min([s.points.min(0) for s in shapes], 0), np.max([s.points.max(0) for s in shapes], 0)
     np.testing.assert_allclose([low, high], [[-1, -0.2, -0.3], [1.1, 4, 2.1]], atol=1e-6)
     assert "mesh 'far': not shown" in caplog.text
+
+
+def test_meshes_that_are_missing(scene, tmp_path, caplog, monkeypatch):
+    """They matter only where an inertia depends on them; nothing is written, and MuJoCo's warnings are left as set."""
+    import mujoco
+
+    monkeypatch.chdir(tmp_path)
+    mujoco.set_mju_user_warning(print)
+    asset = '<mesh name="m" file="gone.stl"/><texture name="t" type="2d" file="gone.png"/>'
+    asset += '<material name="red" texture="t" rgba="1 0 0 1"/><hfield name="h" file="gone.png" size="1 1 1 1"/>'
+    shown = '<geom type="mesh" mesh="m" mass="0" material="red"/><geom type="box" mesh="m" mass="0"/>'
+    mech = scene(world('<geom type="hfield" hfield="h"/>', body("a", inside=shown), asset=asset))
+    alone = scene(world(body("a")))
+    theirs, ours = (each.model.inertias[1].toDynamicParameters() for each in (alone, mech))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-13)
+    assert len(visuals(mech)) == len(visuals(alone)) == 3 and "gone.stl" in caplog.text
+    with pytest.raises(pc.FormatError, match=r"scene.xml: body 'a': its inertia depends on meshes .*: gone.stl"):
+        scene(world(body("a", inside='<geom type="mesh" mesh="m"/>'), asset=asset))
+    (tmp_path / "gone.stl").write_text("solid s\nendsolid s\n" + " " * 80)
+    with pytest.raises(pc.FormatError, match=r"scene.xml: asset: mesh 'm': .*perhaps this is an ASCII file"):
+        scene(world(body("a", inside='<geom type="mesh" mesh="m"/>'), asset=asset))
+    assert mujoco.get_mju_user_warning() is print
+    mujoco.set_mju_user_warning(None)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["gone.stl", "scene.xml"]
+
+
+def test_attached_models_come_from_the_folder(scene, tmp_path):
+    model = '<asset><model name="m" file="{}"/></asset>'
+    for file, reason in (
+        ("../m.xml", "climbs out of the folder"),
+        ("scene.xml", "it includes itself"),
+        ("m", "no such"),
+    ):
+        with pytest.raises(pc.FormatError, match=reason):
+            scene(model.format(file) + world(body("a")))
+
+
+def test_without_mujoco(scene, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(pc.MissingExtraError, match=re.escape("pip install 'pinconsist[mjcf]'")):
+        scene(world(body("a")))

@@ -142,3 +142,23 @@ ZOO |= {
     + chain((TURNS["euler"], SKEW + BRICK), (TURNS["euler"], JOINTS["ball"] + BRICK))
     for sequence in ("xyz", "XYZ", "zyx", "zXz", "XyZ")
 }
+COPIED = body('<joint name="j"/>' + ROD)
+ZOO |= {
+    "replicate": world(f'<replicate count="3" offset="1 0 0" euler="0 0 20">{COPIED}</replicate>'),
+    "aligned": world(body('<freejoint align="true"/>' + BRICK + body("<joint/>" + ROD, 'pos="1 2 3"'), 'pos="1 2 3"')),
+    "all aligned": '<compiler alignfree="true"/>' + world(body('<joint type="free"/>' + ROD, 'euler="10 20 30"')),
+    "springdamper": chain(("", '<joint springdamper="0.5 0.7" springref="20"/>' + ROD), ("", "<joint/>" + BRICK)),
+    "shell": chain(("", SKEW + "<joint/>" + '<geom type="box" size="0.1 0.2 0.3" shellinertia="true"/>')),
+    "inertial in a frame": chain(("", f'{SKEW}<frame pos="1 2 3" euler="10 20 30">{BRICK}</frame>')),
+    "quat over euler": '<default><geom euler="10 20 30"/></default>'
+    + chain(("", SKEW + "<joint/>" + '<geom type="box" size="0.1 0.2 0.3" quat="1 2 0 0"/>')),
+    "static bodies to fuse": '<compiler fusestatic="true" discardvisual="true"/>'
+    + chain(("", SKEW + ROD), (TURNS["quat"] + ' name="static"', BRICK)),
+    "range of two turns": chain(("", '<joint axis="1 1 0" range="2 1"/>' + ROD)),
+    "without effect": chain(
+        ('name="a"', '<joint name="j"/><site name="s"/>' + ROD), ('name="b"', f'{SKEW}<site name="t"/>{BRICK}')
+    )
+    + '<contact><exclude body1="a" body2="b"/></contact><sensor><jointpos joint="j"/></sensor><size nuser_body="9"/>'
+    + '<custom><numeric name="n" data="1"/></custom><tendon><spatial limited="true" range="0 1"><site site="s"/>'
+    + '<site site="t"/></spatial></tendon><visual><map znear="0.1"/></visual>',
+}

@@ -137,8 +137,9 @@ class Tree:
     def closures(self):
         """Loops, couplings and drives of the active equality constraints, in their order; a warning for the others."""
         m, off = self._m, sorted(self._off & {"equality", "constraint"})
-        data = self.model.createData()
-        pin.framesForwardKinematics(self.model, data, pin.normalize(self.model, self.configuration(m.qpos0)))
+        if m.neq:
+            data = self.model.createData()
+            pin.framesForwardKinematics(self.model, data, pin.normalize(self.model, self.configuration(m.qpos0)))
         for e in range(m.neq):
             kind = (*_EQUALITIES, "tendon", *["flex"] * 9)[m.eq_type[e]]
             name = m.eq(e).name or f"{kind}{e + 1}"

@@ -11,6 +11,7 @@ import logging
 import os
 import re
 from dataclasses import dataclass
+from hashlib import sha256
 from itertools import pairwise
 from math import prod
 from pathlib import Path, PurePosixPath
@@ -42,12 +43,13 @@ class Mesh:
     node: Element
     path: str
     content: bytes | None = None
+    suffix: str = ".obj"
 
 
 class Source:
     """What MuJoCo compiles for a file; the last of the folders, in which meshes are looked for, is that of the file.
 
-    MuJoCo knows the files of ``meshes`` by their places in this list.
+    MuJoCo knows the files of ``meshes`` by names that begin with their places in this list.
     """
 
     def __init__(self, path: Path, folders):
@@ -108,7 +110,6 @@ class Source:
             given = PurePosixPath(given).name if compiler.get("strippath") == "true" else given
             place = os.path.join(folder, compiler.get("meshdir", compiler.get("assetdir", "")), given)
             path = os.path.relpath(place, self._folders[-1])
-            node.set("file", f"{len(self.meshes)}.obj")
             self.meshes.append(Mesh(node, "" if path.startswith("..") else path))
 
     def _include(self, root, files):
@@ -145,12 +146,11 @@ class Source:
         A FormatError says in MuJoCo's words what it refuses, or names a body that needs meshes that are not there.
         """
         for needed in (False, True):
-            for number, mesh in enumerate(self.meshes if needed else ()):
+            for mesh in self.meshes if needed else ():
                 places = [(folder / mesh.path, folder) for folder in self._folders if mesh.path]
                 file = next((file for file, folder in places if _inside(file, folder) and os.path.isfile(file)), None)
                 if file is not None:
-                    mesh.content = read_bytes(file)
-                    mesh.node.set("file", f"{number}{file.suffix.lower()}")
+                    mesh.content, mesh.suffix = read_bytes(file), file.suffix.lower()
             model = self._compiled(_STAND_INS[0])
             other = self._compiled(_STAND_INS[1]) if self.meshes else model
             body = _other_inertia(model, other)
@@ -169,7 +169,12 @@ class Source:
         except ImportError:
             need = "MJCF files are compiled by MuJoCo; install it by: pip install 'pinconsist[mjcf]'"
             raise MissingExtraError(need) from None
-        assets = {mesh.node.get("file"): mesh.content or stand_in for mesh in self.meshes}
+        assets = {}
+        for number, mesh in enumerate(self.meshes):  # MuJoCo keeps meshes of earlier models by these names
+            content = mesh.content or stand_in
+            name = f"{number}.{sha256(content).hexdigest()}{mesh.suffix}"
+            mesh.node.set("file", name)
+            assets[name] = content
         lines: list[Element] = []
         for name, nodes in self._texts.items():  # no two elements are on lines of the same number
             assets[name] = b"\n" * len(lines) + tostring(nodes[0], encoding="us-ascii")
