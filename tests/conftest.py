@@ -14,6 +14,12 @@ import pytest
 
 from pinconsist import _core
 
+# Subjects whose tests rounding could change, and those that depend on who makes the steps: for the markers.
+KERNELS = "adaptive dense drive energy long_chains manifolds mechanism one_step order paper rank reactions".split()
+KERNELS += "statics stepper stress twin".split()
+INTEGRATOR = "bad_input durability events explain forces lock loop_kinds models robots signals solution".split()
+INTEGRATOR += [name for name in KERNELS if name != "twin"]  # which runs both methods anyway
+
 
 def pytest_addoption(parser):
     parser.addoption("--backend", choices=("compiled", "python"), help="run everything on one of the two")
@@ -28,6 +34,14 @@ def pytest_configure(config):
         os.environ["PYTHONPATH"] = os.pathsep.join(paths)
     elif wanted == "compiled" and _core.load()[0] is None:
         raise pytest.UsageError(_core.load()[1])
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        subject = item.path.stem.removeprefix("test_")
+        for marker, subjects in (("kernels", KERNELS), ("integrator", INTEGRATOR)):
+            if subject in subjects:
+                item.add_marker(marker)
 
 
 @pytest.fixture(autouse=True)

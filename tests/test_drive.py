@@ -1,5 +1,7 @@
 """Driven joints: constraints that move, and the motor torque as their multiplier."""
 
+from functools import cache
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -15,10 +17,14 @@ def driven(rate=None, acceleration=None):
     return mech.with_loops(*mech.loops, pc.Drive("motor", "crank", lambda t: -1.0 + OMEGA * t, rate, acceleration))
 
 
+@cache
+def slider_crank():
+    return SliderCrank([pc.load("slider_crank").model.inertias[i].mass for i in (1, 2, 3)])
+
+
 def inverse_dynamics(q, rate, angular):
     """Crank torque of the slider-crank by hand: virtual power with one degree of freedom."""
-    masses = [pc.load("slider_crank").model.inertias[i].mass for i in (1, 2, 3)]
-    linkage = SliderCrank(masses)
+    linkage = slider_crank()
     x = linkage.T @ q
     C = linkage.jacobian(x)
     k = np.concatenate(([1.0], -np.linalg.solve(C[:, 1:], C[:, 0])))
