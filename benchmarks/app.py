@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import typer
 
 from pinconsist.cli import app as package
@@ -9,7 +11,7 @@ from pinconsist.cli import app as package
 from . import ablate, overhead, robots, stress_command, work_precision_command
 
 WRONG_INPUT = "2 wrong input; 130 interrupted"
-COMMANDS = {
+COMMANDS: dict[str, tuple[Callable, str]] = {
     "work-precision": (work_precision_command.command, WRONG_INPUT),
     "robots": (robots.command, WRONG_INPUT),
     "overhead": (overhead.command, WRONG_INPUT),
