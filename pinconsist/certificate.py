@@ -119,8 +119,8 @@ def certify(solution, mechanism=None) -> Certificate:
         velocity=float(largest(rho)),
         force=float(np.max(error, initial=0.0) / scale),
         force_first=float(np.max(error[:1], initial=0.0) / scale),
-        energy_error=energy and energy.balance_error,
-        energy=energy and energy.total,
+        energy_error=None if energy is None else energy.balance_error,
+        energy=None if energy is None else energy.total,
         undetermined={} if mechanism is None else undetermined(mechanism, solution.t, solution.q),
         fixed_step=solution.method.get("step") is not None,
     )

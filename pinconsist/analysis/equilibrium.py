@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -125,21 +126,20 @@ def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = 
     system = MechanismSystem(mechanism, start, t)
     place, iterations, nudges = _Place(system, t, start), 0, 0
     while True:
-        K = place.stiffness()
-        following = None if place.is_balanced(FLOOR) else place.downhill(K) if stable else place.newton(K)
+        following = None if place.is_balanced(FLOOR) else place.following(downhill=stable)
         if place.is_settled(following):
-            if not (stable and place.falls(K) and nudges < MAX_NUDGES):
+            if not (stable and place.falls and nudges < MAX_NUDGES):
                 break
-            place, nudges = place.nudged(K), nudges + 1
+            place, nudges = place.nudged(), nudges + 1
         elif following is None:
             why = "no step goes further down" if stable else "Newton's method sticks; try stable=True or another start"
-            raise _not_found(place, K, why)
+            raise _not_found(place, why)
         elif iterations == MAX_ITERATIONS:
-            raise _not_found(place, K, f"still moving after {MAX_ITERATIONS} steps")
+            raise _not_found(place, f"still moving after {MAX_ITERATIONS} steps")
         else:
             place, iterations = following, iterations + 1
     _require_nonsingular(place)
-    return place.result(K, iterations)
+    return place.result(iterations)
 
 
 class _Place:
@@ -171,65 +171,58 @@ class _Place:
         stuck = following is None or np.linalg.norm(following.push) > 0.5 * np.linalg.norm(self.push)
         return self.is_balanced(FLOOR) or (self.is_balanced(BALANCED) and stuck)
 
+    @cached_property
     def stiffness(self):
         """Of the displacements Z, shape (n, n); symmetric in equilibrium if the forces have a potential."""
         rest = np.zeros(self.system.nv)
         return self.Z.T @ by_position(self.system, self.t, self.q, rest, rest, self.lam, self.Z)
 
-    def spectrum(self, K):
-        """Eigenvalues and vectors of the symmetric part, and what of it cannot be distinguished from zero."""
-        noise = NEUTRAL * (np.max(np.abs(K), initial=0.0) + self.scale)
-        return *np.linalg.eigh((K + K.T) / 2), noise
+    @cached_property
+    def spectrum(self):
+        """Eigenvalues and vectors of the stiffness' symmetric part, and what of it cannot be distinguished from zero."""
+        K = self.stiffness
+        return *np.linalg.eigh((K + K.T) / 2), NEUTRAL * (np.max(np.abs(K), initial=0.0) + self.scale)
 
-    def falls(self, K) -> bool:
-        values, _, noise = self.spectrum(K)
+    @property
+    def falls(self) -> bool:
+        """Whether some displacement is not resisted but driven."""
+        values, _, noise = self.spectrum
         return bool((values < -noise).any())
 
-    def nudged(self, K):
+    def nudged(self):
         """A place a little down the steepest fall."""
-        dq = self.Z @ self.spectrum(K)[1][:, 0]
+        dq = self.Z @ self.spectrum[1][:, 0]
         return self._moved(NUDGE * dq / np.max(np.abs(dq) / self.sizes)) or self
 
-    def downhill(self, K):
-        """The next place on the way down, or None."""
-        values, vectors, noise = self.spectrum(K)
+    def following(self, downhill: bool):
+        """The next place on the way down, or else of Newton's method, with steps halved until they help; or None."""
+        values, vectors, noise = self.spectrum
         steep = np.linalg.norm(self.push)
-        if (values > noise).all():
-            y = -np.linalg.solve(K, self.push)
+        if not downhill:
+            y = -np.linalg.lstsq(self.stiffness, self.push, rcond=1e-12)[0]
+        elif (values > noise).all():
+            y = -np.linalg.solve(self.stiffness, self.push)
         else:
             y = -vectors @ (vectors.T @ self.push / np.maximum(np.abs(values), max(noise, steep / LONGEST)))
-        dq = self._shortened(self.Z @ y)
-        slope = self.load @ dq
-        for _ in range(40):
-            new = self._moved(dq)
-            if new is not None:
-                way = self.system.difference(self.q, new.q)
-                work = (self.load + new.load) @ way / 2  # what the displacement takes from outside
-                if work <= 1e-4 * slope or np.linalg.norm(new.push) <= 0.5 * steep:
-                    return new
-            dq, slope = dq / 2, slope / 2
-        return None
-
-    def newton(self, K):
-        """The next place of Newton's method, with steps halved until they bring less push; or None."""
-        y = -np.linalg.lstsq(K, self.push, rcond=1e-12)[0]
-        dq, share = self._shortened(self.Z @ y), 1.0
-        for _ in range(40):
-            new = self._moved(dq)
-            if new is not None and np.linalg.norm(new.push) <= (1 - 1e-4 * share) * np.linalg.norm(self.push):
+        dq = self.Z @ y
+        dq *= min(1.0, LONGEST / max(np.max(np.abs(dq) / self.sizes), 1e-300))
+        for share in 0.5 ** np.arange(40):
+            new = self._moved(share * dq)
+            if new is None:
+                continue
+            if not downhill and np.linalg.norm(new.push) <= (1 - 1e-4 * share) * steep:
                 return new
-            dq, share = dq / 2, share / 2
+            work = (self.load + new.load) @ self.system.difference(self.q, new.q) / 2  # taken from outside
+            if downhill and (work <= 1e-4 * share * (self.load @ dq) or np.linalg.norm(new.push) <= 0.5 * steep):
+                return new
         return None
-
-    def _shortened(self, dq):
-        return dq * min(1.0, LONGEST / max(np.max(np.abs(dq) / self.sizes), 1e-300))
 
     def _moved(self, dq):
         q = closed_near(self.system, self.t, self.system.integrate(self.q, dq))
         return None if q is None else _Place(self.system, self.t, q)
 
-    def result(self, K, iterations) -> Equilibrium:
-        values, vectors, noise = self.spectrum(K)
+    def result(self, iterations) -> Equilibrium:
+        values, vectors, noise = self.spectrum
         idle = np.abs(values) <= noise
         neutral = joints_in(self.system.mechanism, self.Z @ vectors[:, idle]) if idle.any() else ()
         mechanism, values = self.system.mechanism, np.where(idle, 0.0, values)
@@ -247,9 +240,9 @@ def _require_nonsingular(place) -> None:
         )
 
 
-def _not_found(place, K, why) -> EquilibriumError:
+def _not_found(place, why) -> EquilibriumError:
     mechanism = place.system.mechanism
-    values, vectors, noise = place.spectrum(K)
+    values, vectors, noise = place.spectrum
     unheld = vectors.T @ place.push * (values <= noise)
     size = float(np.linalg.norm(place.push))
     runs_away = np.linalg.norm(unheld) > 0.5 * size

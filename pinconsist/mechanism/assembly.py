@@ -113,7 +113,7 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
         raise _not_closed(solver, guess, best, open_loops, fixed)
     nearly = {name: gap for name, gap in gaps.items() if gap > CLOSED}
     if nearly and tolerance <= NEARLY:
-        worst = max(nearly, key=nearly.get)
+        worst = max(nearly, key=nearly.__getitem__)
         warnings.warn(
             f"{mechanism.name}: the loops contradict each other a little: {worst!r} closes only to "
             f"{nearly[worst]:.1e} m or rad. Most likely the numbers of the file are rounded",

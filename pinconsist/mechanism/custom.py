@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from ..errors import InputError
 from .checks import number, put, read_only, require_functions, require_names, returned
+from .joint_constraints import Rows
 from .motion import TIME_STEP, check_slope, first, second
 
 REACH = 10.0
@@ -82,7 +83,7 @@ class Constraint:
         put(self, rows=rows)
 
 
-class ConstraintRows:
+class ConstraintRows(Rows):
     """The rows of a user-defined constraint on a model."""
 
     def __init__(self, model: pin.Model, constraint: Constraint):
@@ -96,7 +97,7 @@ class ConstraintRows:
 
     def rate(self, t, q):
         if not self.moving:
-            return np.zeros(self.loop.size)
+            return super().rate(t, q)
         if self.loop.rate is not None:
             return self._call("rate", t, q)
         return first(lambda s: self._phi(t + s, q), TIME_STEP)
@@ -120,11 +121,7 @@ class ConstraintRows:
             return first(lambda s: self._jacobian(t + s, x := place(s)) @ v + self.rate(t + s, x), step)
         return second(lambda s: self._phi(t + s, place(s)), step)
 
-    def hand_over(self, twin) -> bool:
-        return False
-
     def check_derivatives(self, t, q) -> None:
-        """Raise InputError where a given Jacobian or rate is not that of the function."""
         who = f"constraint {self.loop.name!r}:"
         if self.loop.jacobian is not None:
             J, steps = self._jacobian(t, q), [self.loop.step * share for share in CHECKED_OVER]

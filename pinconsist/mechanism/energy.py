@@ -84,31 +84,31 @@ def energy_of(solution, mechanism) -> Energy:
             movers[unused(closure.loop.name, (*forces, *movers))] = rows.slices[closure.loop.name]
     t, n = solution.t, len(solution.t)
     kinetic, potential = np.zeros((2, n))
-    power, stored = np.zeros((n, len(forces) + len(movers))), {label: np.zeros(n) for label in springs}
+    power = {name: np.zeros(n) for name in (*forces, *movers)}
+    stored = {label: np.zeros(n) for label in springs}
     for i, (time, q, v, lam) in enumerate(zip(t, solution.q, solution.v, solution.lam, strict=True)):
         kinetic[i] = pin.computeKineticEnergy(model, data, q, v)  # rotor inertia included
         potential[i] = pin.computePotentialEnergy(model, data, q)
-        for column, (label, force) in enumerate(forces.items()):
-            power[i, column] = force.torque(time, q, v) @ v
+        for label, force in forces.items():
+            power[label][i] = force.torque(time, q, v) @ v
             if label in springs:
                 stored[label][i], rate = springs[label](q, v)
-                power[i, column] += rate
+                power[label][i] += rate
         if movers:
             brought = -lam * rows.time_rate(time, q)
-            power[i, len(forces) :] = [brought[part].sum() for part in movers.values()]
+            for name, part in movers.items():
+                power[name][i] = brought[part].sum()
     elastic = sum(stored.values(), np.zeros(n))
     total = kinetic + potential + elastic
-    work = _integrals(t, power)
-    names = (*forces, *movers)
-    works = dict(zip(names, work.T, strict=True))
-    jumps = _jumps(t, total)
+    work = {name: _integral(t, values) for name, values in power.items()}
+    error = total - total[0] - sum(work.values(), np.zeros(n))
+    change = np.diff(total, prepend=total[:1])
+    jumps = np.cumsum(np.where(np.diff(t, prepend=np.nan) == 0.0, change, 0.0))  # events leave two rows at one time
     if jumps.any():
-        works[unused(EVENTS, names)] = jumps
+        work[unused(EVENTS, power)] = jumps
     return Energy(
-        t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total,
-        stored=stored, power=dict(zip(names, power.T, strict=True)), work=works,
-        error=total - total[0] - work.sum(axis=1) - jumps,
-        _terms=max(np.abs(total).max(), elastic.max(), _weights(model, data, solution.q[0])),
+        t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total, stored=stored, power=power, work=work,
+        error=error - jumps, _terms=max(np.abs(total).max(), elastic.max(), _weights(model, data, solution.q[0])),
     )  # fmt: skip
 
 
@@ -120,9 +120,9 @@ def _weights(model, data, q) -> float:
     return float(sum(heights) * np.linalg.norm(model.gravity.linear))
 
 
-def _integrals(t, power):
-    """∫ power dt up to each row, shape of `power` (n, columns); events leave two rows at one time."""
-    work, cuts = np.zeros(power.shape), [0, *(np.flatnonzero(np.diff(t) == 0.0) + 1), len(t)]
+def _integral(t, power):
+    """∫ power dt up to each row, piecewise between events."""
+    work, cuts = np.zeros(len(t)), [0, *(np.flatnonzero(np.diff(t) == 0.0) + 1), len(t)]
     for start, stop in pairwise(cuts):
         if start:
             work[start:] = work[start - 1]
@@ -131,9 +131,3 @@ def _integrals(t, power):
             spline = CubicSpline(sign * t[start:stop], sign * power[start:stop]).antiderivative()
             work[start:stop] += spline(sign * t[start:stop]) - spline(sign * t[start])
     return work
-
-
-def _jumps(t, total):
-    """What the events up to each row have changed."""
-    change = np.diff(total, prepend=total[:1])
-    return np.cumsum(np.where(np.diff(t, prepend=np.nan) == 0.0, change, 0.0))

@@ -48,6 +48,28 @@ class Coordinate:
         return _nearest(self.value(q) - target, self.period)
 
 
+class Rows:
+    """The rows of one record on a model; by default they do not depend on time and only Python can evaluate them.
+
+    ``turns`` says of each row whether it is in rad, ``moving`` whether Φ depends on time, ``steady`` that J does not.
+    Each also has ``evaluate(data, q, t)``, Φ and J, and ``acceleration_bias(data, t, q, v)``, J̇ v and the like.
+    """
+
+    moving, steady = False, True
+    turns: tuple[bool, ...] = (True,)  # a row of joint coordinates is measured as it is
+
+    def rate(self, t, q):
+        """Φ_t."""
+        return np.zeros(len(self.turns))
+
+    def check_derivatives(self, t, q) -> None:
+        """Raise InputError where derivatives that a user gave contradict the functions they belong to."""
+
+    def hand_over(self, twin) -> bool:
+        """Add the rows to the compiled system; False where that has to call Python."""
+        return False
+
+
 @dataclass(frozen=True)
 class Drive:
     """Drive a joint along q_joint = curve(t). Goes among the loops of a mechanism.
@@ -90,10 +112,10 @@ class Drive:
         require_functions(self, who, "time", "curve", optional=("rate", "acceleration"))
 
 
-class DriveRow:
+class DriveRow(Rows):
     """The row of a drive on a model: Φ = q_joint - curve(t)."""
 
-    moving, steady, turns = True, True, (True,)  # a row in rad or m: measured by its own joint
+    moving = True
 
     def __init__(self, model, drive: Drive):
         self.loop = drive
@@ -121,7 +143,6 @@ class DriveRow:
         return difference(lambda s: self._call("curve", t + s), TIME_STEP)
 
     def hand_over(self, twin) -> bool:
-        """Add the row to the compiled system; False where it has to call Python."""
         curve = self.loop.curve
         if type(curve) is not Motion or self.loop.rate is not None:
             return False
@@ -129,7 +150,6 @@ class DriveRow:
         return True
 
     def check_derivatives(self, t, q) -> None:
-        """Raise InputError where a given rate is not that of the curve, or an acceleration not that of the rate."""
         for field, of in ("rate", "curve"), ("acceleration", "rate"):
             if {field, of} <= self._functions.keys():
                 what = f"drive {self.loop.name!r}: its {field} at t = {t:.6g}"
@@ -190,10 +210,8 @@ class Coupling:
         put(self, higher=numbers(self.higher, f"{who}: higher"))
 
 
-class CouplingRow:
+class CouplingRow(Rows):
     """The row of a coupling on a model: Φ = q_joint - law(q_other)."""
-
-    moving, steady, turns = False, True, (True,)  # a row in rad or m: measured by its own joint
 
     def __init__(self, model, coupling: Coupling):
         self.loop, who = coupling, f"coupling {coupling.name!r}"
@@ -231,14 +249,10 @@ class CouplingRow:
         J[0, [self._joint.column, self._other.column]] = 1.0, -_polynomial(self._slope, other)
         return np.array([_nearest(self._joint.value(q) - _polynomial(self._law, other), self._period)]), J
 
-    def rate(self, t, q):
-        return np.zeros(1)
-
     def acceleration_bias(self, data, t, q, v):
         return np.array([-_polynomial(self._bend, self._other.value(q)) * v[self._other.column] ** 2])
 
     def hand_over(self, twin) -> bool:
-        """Add the row to the compiled system."""
         twin.add_coupling(self._joint.place, self._other.place, self._period or 0.0, np.array(self._law))
         return True
 

@@ -12,7 +12,7 @@ from ..errors import InputError
 from .blocks import Length, Place, Turn, blocks
 from .checks import frame_of
 from .custom import Constraint, ConstraintRows
-from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow
+from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow, Rows
 from .loops import Loop
 
 RECORDS = (Loop, Drive, Coupling, Constraint)
@@ -57,14 +57,12 @@ class LoopRows:
 
     def time_rate(self, t: float, q=None) -> np.ndarray:
         """Φ_t, shape (nc,)."""
-        parts = [closure.rate(t, q) if closure.moving else np.zeros(len(closure.turns)) for closure in self.closures]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        return np.concatenate([np.zeros(0), *(closure.rate(t, q) for closure in self.closures)])
 
     def check_derivatives(self, t: float, q) -> None:
         """Raise InputError where derivatives that a user gave contradict the functions they belong to."""
         for closure in self.closures:
-            if hasattr(closure, "check_derivatives"):
-                closure.check_derivatives(t, q)
+            closure.check_derivatives(t, q)
 
     def acceleration_bias(self, data: pin.Data, t: float = 0.0, q=None, v=None) -> np.ndarray:
         """J̇ v and the like from Φ's dependence on time, shape (nc,), at a closed configuration.
@@ -72,8 +70,7 @@ class LoopRows:
         Needs ``pin.forwardKinematics(model, data, q, v, 0)`` on ``data``. The rotational rows use R = 1 where
         the exact expression has a derivative of the logarithm.
         """
-        parts = [closure.acceleration_bias(data, t, q, v) for closure in self.closures]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        return np.concatenate([np.zeros(0), *(closure.acceleration_bias(data, t, q, v) for closure in self.closures)])
 
 
 class KeptRows:
@@ -129,10 +126,8 @@ class KeptRows:
                 twin.add_python_rows(closure, local, closure.moving)
 
 
-class AnchoredRows:
+class AnchoredRows(Rows):
     """One loop on one model: anchors as (joint, placement), and the blocks of its rows, of which `turn` may be None."""
-
-    moving, steady = False, True
 
     def __init__(self, model: pin.Model, loop: Loop):
         self.model, self.loop, who = model, loop, f"loop {loop.name!r}"

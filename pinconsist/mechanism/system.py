@@ -16,9 +16,9 @@ from .mechanism import Mechanism
 from .rank import independent_rows, row_scales
 from .rows import KeptRows, LoopRows
 
-GAPING = 1e-6
+OPEN = 1e-6
 """Gap, relative to the mechanism's size, at which a row that left the system is taken to have been needed."""
-FADED = 0.2
+WEAK = 0.2
 """Smallest singular value of the kept rows, relative to that of all rows, at which others are chosen."""
 
 
@@ -207,13 +207,13 @@ class MechanismSystem(Index3System):
             return None
         J = self.loop_rows(q)[1] / self._sizes[:, None]
         strongest = np.linalg.svd(J, compute_uv=False)[self.nc - 1]
-        if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > FADED * strongest:
+        if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > WEAK * strongest:
             return None
         fresh = MechanismSystem(self.mechanism, q, self.chosen_at)
         return fresh if fresh.nc == self.nc and (fresh.kept != self.kept).any() else None
 
     def opened(self, times, configurations, gaps=None):
-        """(index, gap, row) of the first configuration in which a dropped row gapes, or None.
+        """(index, gap, row) of the first configuration in which a dropped row is open, or None.
 
         It happens where the kept rows lose their rank on the way, or the start was a singular position.
         """
@@ -222,16 +222,16 @@ class MechanismSystem(Index3System):
         suspects = range(len(times))
         if gaps is not None:
             all_gaps = np.abs(gaps(times, configurations)) / self._sizes
-            suspects = np.flatnonzero(all_gaps.max(axis=1, initial=0.0) > GAPING)
+            suspects = np.flatnonzero(all_gaps.max(axis=1, initial=0.0) > OPEN)
         for i in suspects:
             t, q = times[i], configurations[i]
             phi = np.abs(self.loop_rows(q, t)[0]) / self._sizes
-            if phi.max() > GAPING + 100 * phi[self.kept].max(initial=0.0):  # interpolated rows gape in all alike
+            if phi.max() > OPEN + 100 * phi[self.kept].max(initial=0.0):  # interpolated rows are open in all alike
                 return int(i), float((phi * self._sizes).max()), self.rows.labels[int(np.argmax(phi))]
         return None
 
     def _structurally_zero(self, rows, q) -> bool:
-        """Whether these rows of J vanish everywhere, as out-of-plane rows do: looked at in three random places."""
+        """Whether these rows of J vanish everywhere, as out-of-plane rows do: evaluated in three random places."""
         if not len(rows):
             return True
         rng = np.random.default_rng(0)
