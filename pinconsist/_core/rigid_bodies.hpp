@@ -105,7 +105,7 @@ inline Vector3d seen_acceleration(const Moving &m1, const Moving &m2) {
          (m2.a - m1.a - m1.b.cross(r) - 2.0 * m1.w.cross(rd) + m1.w.cross(m1.w.cross(r)));
 }
 
-// mechanism/constraints/coordinate.py
+// mechanism/joint_constraints.py: Coordinate
 struct Coordinate {
   int column, q;
   bool wraps;
@@ -115,7 +115,7 @@ struct Coordinate {
 
 inline double nearest(double gap, double period) { return period > 0.0 ? std::remainder(gap, period) : gap; }
 
-// mechanism/constraints/motion.py
+// mechanism/motion.py
 struct Motion {
   double start, speed, amplitude, frequency, phase;
 

@@ -179,7 +179,7 @@ class _Place:
 
     @cached_property
     def spectrum(self):
-        """Eigenvalues and vectors of the stiffness' symmetric part, and what of it cannot be distinguished from zero."""
+        """Eigenvalues and vectors of the stiffness' symmetric part, and what counts as zero."""
         K = self.stiffness
         return *np.linalg.eigh((K + K.T) / 2), NEUTRAL * (np.max(np.abs(K), initial=0.0) + self.scale)
 

@@ -36,7 +36,7 @@ def copy(tree: Path) -> None:
 def sample(tree: Path, number: int, seed: int) -> list[str]:
     """Names of mutants, drawn from all files alike."""
     names = []
-    for path in [*sorted(tree.glob("pinconsist/dae/*.py")), tree / "pinconsist/mechanism/constraints/loops.py"]:
+    for path in [*sorted(tree.glob("pinconsist/dae/*.py")), tree / "pinconsist/mechanism/rows.py"]:
         module = ".".join(path.relative_to(tree).with_suffix("").parts)
         mutants = mutate_file_contents(path.name, path.read_text(encoding="utf-8")).mutant_names
         names += [f"{module}.{name}" for name in mutants]
