@@ -202,7 +202,7 @@ def test_no_include_from_outside_of_the_scenes_folder(folders, name):
     (scene / "link.xml").symlink_to(outside / "part.xml")
     file = scene / "robot.xml"
     file.write_text(mjcf(include=f'<include file="{name.format(outside=outside)}"/>'))
-    with pytest.raises(pc.FormatError, match="climbs out of the folder of the scene"):
+    with pytest.raises(pc.FormatError, match="is outside of the folder of the scene"):
         pc.load(file)
 
 

@@ -56,7 +56,7 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
     InputError
         Unknown name or impossible option.
     MissingExtraError
-        The files of a robot are not installed; names the pip package that brings them.
+        The files of a robot, or MuJoCo for an MJCF file, are not installed; names what to install by pip.
     FormatError
         A file that cannot be read as a scene; names the file and the element.
     """

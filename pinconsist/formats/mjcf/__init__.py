@@ -36,7 +36,7 @@ def read(path: Path, name: str, *, package_dirs=()) -> RobotFile:
     """
     folders = (*package_dirs, path.parent)
     try:
-        with np.errstate(all="ignore"):  # what is not finite is found and named
+        with np.errstate(all="ignore"):  # numbers that are not finite are reported by Tree
             source = Source(path, folders)
             compiled, stand_ins = source.compiled()
             tree = Tree(compiled, name)
@@ -56,10 +56,10 @@ def read(path: Path, name: str, *, package_dirs=()) -> RobotFile:
 
 
 def _geometry(m, stand_ins, bodies, meshes, folders) -> Geometry:
-    """The visible shapes in URDF's words, without planes, height fields, ellipsoids and meshes that lie elsewhere."""
+    """The visible shapes as URDF, without planes, height fields, ellipsoids, and meshes outside of the folder."""
     robot = Element("robot", name="scene")
     links = [SubElement(robot, "link", name=name) for name in bodies]
-    for name in bodies[1:]:  # all on the world: where they stand is up to the frames of the model
+    for name in bodies[1:]:  # all on the world: the model's frames say where they are
         joint = SubElement(robot, "joint", name=f"{name} mount", type="fixed")
         SubElement(joint, "parent", link=bodies[0])
         SubElement(joint, "child", link=name)
@@ -93,7 +93,7 @@ def _shapes(m, g, meshes):
         file = m.paths[m.mesh_pathadr[i] :].partition(b"\0")[0].decode() if m.mesh_pathadr[i] >= 0 else ""
         mesh = meshes[int(file.partition(".")[0])] if file else None
         if mesh is None or not mesh.path:
-            reason = "its file lies elsewhere" if mesh else "it has no file"
+            reason = "its file is outside of the scene's folder" if mesh else "it has no file"
             _log.warning("mesh %r: not shown, %s", m.mesh(i).name, reason)
             return
         given = (mesh.node.get("refquat", "1 0 0 0"), mesh.node.get("refpos", "0 0 0"))

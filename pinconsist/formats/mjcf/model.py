@@ -79,7 +79,7 @@ class Tree:
             model.addFrame(pin.Frame(self.sites[site], joint, frame, place, pin.FrameType.OP_FRAME))
 
     def _add_joint(self, j, parent, place):
-        """Add a joint to a body that stands at `place` of the parent joint; returns it, and where the body stands."""
+        """Add a joint to a body at `place` on the parent joint; returns the joint, and the place of the body on it."""
         m, model, kind = self._m, self.model, int(self._m.jnt_type[j])
         axis, ref = np.array(m.jnt_axis[j]), m.qpos0[m.jnt_qposadr[j]]
         there = pin.SE3(np.eye(3), np.array(m.jnt_pos[j]))
@@ -214,7 +214,7 @@ def _refuse(m, key, bad, reason):
 
 
 def _element(m, kind, number) -> str:
-    """How messages call an element of a compiled model."""
+    """The name of an element of a compiled model in messages."""
     found = getattr(m, kind, None)
     return f"{kind.replace('jnt', 'joint')} {found(number).name or int(number) + (kind != 'body')!r}" if found else ""
 
@@ -229,7 +229,7 @@ def _names(m):
     every = ((m.jnt, m.njnt), (m.body, m.nbody), (m.site, m.nsite))
     joints, bodies, sites = ([found(i).name for i in range(count)] for found, count in every)
     if "universe" in (*joints, *bodies, *sites):
-        raise FormatError("'universe' is the name of the ground here; give what has it another")
+        raise FormatError("'universe' is the name of the ground here; rename this element")
     taken = {"universe", *joints}
 
     def free(name, kind):

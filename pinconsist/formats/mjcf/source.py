@@ -1,8 +1,8 @@
 """An MJCF file → the model that MuJoCo compiles of it.
 
-MuJoCo gets texts that read no file: includes are put in their places, attached models are texts of their own, both from
-the folder of the scene alone. Mesh files have stand-ins. The scene is compiled with two different ones, and only where
-an inertia depends on them are the files themselves read.
+MuJoCo itself opens no file: includes are expanded here, attached models are texts of their own, and both come from the
+folder of the scene. Mesh files are replaced by stand-ins. The scene is compiled with two different ones, and the files
+themselves are read only if an inertia depends on them.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class Mesh:
 
 
 class Source:
-    """What MuJoCo compiles for a file; the last of the folders, in which meshes are looked for, is that of the file.
+    """The texts and mesh files that MuJoCo compiles; the last of the folders with meshes is that of the scene.
 
-    MuJoCo knows the files of ``meshes`` by names that begin with their places in this list.
+    In the compiled model the file name of a mesh begins with its index in ``meshes``.
     """
 
     def __init__(self, path: Path, folders):
@@ -66,9 +66,9 @@ class Source:
         self._add(_MAIN, root, (file,))
 
     def _add(self, name, root, files) -> float:
-        """Add a text without what has no effect, after the models that it attaches; returns its number of elements.
+        """Add a text, after the models that it attaches; returns its number of elements.
 
-        The last of the files is that of the text; each of them is named by the one before.
+        The last of the files is that of the text; each of them includes or attaches the next.
         """
         self._include(root, files)
         if root.find("body") is not None:  # MuJoCo passes over it
@@ -99,7 +99,7 @@ class Source:
         return sizes[root]
 
     def _clean(self, node, compiler, folder):
-        """Take out of an element what names files; that of a mesh is noted."""
+        """Remove from an element what names files; that of a mesh is noted."""
         node.attrib = {key: value for key, value in node.attrib.items() if key not in _IGNORED}
         given = node.attrib.pop("file", "").replace("\\", "/")
         if given:
@@ -122,13 +122,13 @@ class Source:
                 node[place : place + 1] = list(included)
 
     def _open(self, node, files):
-        """The root of the file that an element names, in the folder of the scene or beside its own; and all files."""
+        """The root of the file that an element names, and the files up to it."""
         name, folder = node.get("file", ""), self._folders[-1]
         reason = "there is no such file" if name else "attribute 'file' is missing"
         for start in (folder, files[-1].parent) if name else ():
             found = Path(os.path.normpath(start / name))
             if not _inside(found, folder):
-                reason = f"it climbs out of the folder of the scene, {folder}; only files in there are included"
+                reason = f"it is outside of the folder of the scene, {folder}; only files in that folder are read"
                 break
             if os.path.isfile(found):
                 self._opened += 1
@@ -153,14 +153,15 @@ class Source:
                     mesh.content, mesh.suffix = read_bytes(file), file.suffix.lower()
             model = self._compiled(_STAND_INS[0])
             other = self._compiled(_STAND_INS[1]) if self.meshes else model
-            body = _other_inertia(model, other)
-            if body is None:
+            differences = [np.nan_to_num(getattr(model, key) - getattr(other, key)) for key in _INERTIAS]
+            bodies = np.flatnonzero(np.column_stack(differences).any(axis=1))
+            if not bodies.size:
                 return model, np.any(model.geom_size != other.geom_size, axis=1)
         names = ", ".join(mesh.path or mesh.node.get("name") for mesh in self.meshes if mesh.content is None)
         raise FormatError(
             f"its inertia depends on meshes whose files are not in the folder of the scene: {names}. Give the body an "
             "<inertial>, or these geoms mass=0",
-            element=f"body {model.body(body).name or body!r}",
+            element=f"body {model.body(bodies[0]).name or bodies[0].item()!r}",
         )
 
     def _compiled(self, stand_in):
@@ -170,7 +171,7 @@ class Source:
             need = "MJCF files are compiled by MuJoCo; install it by: pip install 'pinconsist[mjcf]'"
             raise MissingExtraError(need) from None
         assets = {}
-        for number, mesh in enumerate(self.meshes):  # MuJoCo keeps meshes of earlier models by these names
+        for number, mesh in enumerate(self.meshes):  # MuJoCo caches meshes by these names
             content = mesh.content or stand_in
             name = f"{number}.{sha256(content).hexdigest()}{mesh.suffix}"
             mesh.node.set("file", name)
@@ -180,7 +181,7 @@ class Source:
             assets[name] = b"\n" * len(lines) + tostring(nodes[0], encoding="us-ascii")
             lines += nodes
         before = mujoco.get_mju_user_warning()
-        mujoco.set_mju_user_warning(lambda text: _log.warning("MuJoCo: %s", text))  # by itself it writes a file
+        mujoco.set_mju_user_warning(lambda text: _log.warning("MuJoCo: %s", text))  # the default writes a file
         try:
             return mujoco.MjModel.from_xml_string(assets.pop(_MAIN).decode(), assets)
         except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
@@ -192,7 +193,7 @@ class Source:
             mujoco.set_mju_user_warning(before)
 
     def _place(self, node):
-        """The file of an element, and how messages call it."""
+        """The file of an element, and its name in messages."""
         parents = {child: each for nodes in self._texts.values() for each in nodes for child in each}
         line, words = [node], []
         while line[-1] in parents:
@@ -207,7 +208,7 @@ class Source:
 
 
 def _copies(node, models) -> float:
-    """How often MuJoCo makes what stands in an element, or how many elements it makes of this one."""
+    """How many copies of an element MuJoCo makes; of a mesh that it generates, about the number of its vertices."""
     numbers = [max(1.0, finite(word) or 1.0) for word in node.get(_COUNTS.get(node.tag, ""), "").split()]
     if node.tag == "mesh":
         return max(numbers, default=1.0) ** 2  # of a grid
@@ -222,12 +223,3 @@ def _parsed(path):
 def _inside(path, folder) -> bool:
     """Whether a path, and the file to which it leads, lie in a folder."""
     return all(Path(form(path)).is_relative_to(form(folder)) for form in (os.path.abspath, os.path.realpath))
-
-
-def _other_inertia(model, other):
-    """The first body whose inertia differs between two models."""
-    for key in _INERTIAS:
-        differs = np.nan_to_num(getattr(model, key)) != np.nan_to_num(getattr(other, key))
-        if differs.any():
-            return int(np.argmax(differs.reshape(model.nbody, -1).any(axis=1)))
-    return None
