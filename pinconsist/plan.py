@@ -43,13 +43,13 @@ def method_of(
     if step is not None:
         step = _positive(step, "step")
         if step < shortest_step(*span):
-            raise InputError(f"step = {step:g} s cannot be told from zero at t = {max(map(abs, span)):g} s")
+            raise InputError(f"step = {step:g} s is too small to differ from zero at t = {max(map(abs, span)):g} s")
         return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps)
     first_step = None if first_step is None else _positive(first_step, "first_step")
     max_step = np.inf if max_step == np.inf else _positive(max_step, "max_step")
     control = ErrorControl(_pair(rtol, "rtol"), _pair(atol, "atol"), order, max_step)
     if min(part.min() for part in control.rtol) < 1e-13:
-        raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot give")
+        raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
     return dae.Method(order, consistency, control, None, first_step, max_steps)
 
 

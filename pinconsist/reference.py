@@ -127,7 +127,7 @@ def _rows(system, t, p, v, times, rtol, atol):
         for stop in np.linspace(t, target, stops + 1)[1:]:
             ((t, p, v, lam),) = integrate_index1(Index1(system), t, p, v, [stop], rtol, atol)
             if opened := system.opened([t], [p]):
-                raise PinconsistError(f"no reference: the loops gape by {opened[1]:.1e} at t = {t:.6g}")
+                raise PinconsistError(f"no reference: the loops are open by {opened[1]:.1e} at t = {t:.6g}")
             full, system = system.full_multipliers(p, lam), system.reselected(p) or system
         rows.append((t, p, v, full))
     return rows

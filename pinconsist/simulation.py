@@ -111,7 +111,7 @@ def simulate(
     SingularSystemError
         Some joint can move without any inertia.
     UserFunctionError
-        A function of yours raised an exception before anything was reached; later that is a failed solution.
+        A user-defined function raised an exception before anything was reached; later that is a failed solution.
     """
     mech = with_forces(mech, forces, "simulate")
     span = span_of(t_span)

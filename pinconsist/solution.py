@@ -97,7 +97,7 @@ class Solution:
             trajectory.status = -1
             trajectory.message = (
                 f"loop {loop!r} row {row} depends on other rows at the start and left the system, but the loops "
-                f"gape by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
+                f"are open by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
                 "Start elsewhere, or from a state just before"
             )
         arrays = [
@@ -177,7 +177,7 @@ class Solution:
         self._require_scene(mechanism, "energy")
         mechanism = mechanism or getattr(self.system, "mechanism", None)
         if mechanism is None:
-            raise InputError("a general problem does not say what its energy is; a mechanism does")
+            raise InputError("a general problem has no energy of its own; a mechanism has")
         return energy_of(self, mechanism)
 
     def reaction(self, loop: str, mechanism=None, *, axes: str = "world") -> Reaction:
@@ -213,12 +213,12 @@ class Solution:
         if mechanism is None and self.system is None:
             raise InputError(f"a solution read from a file needs its mechanism here: sol.{method}(mechanism)")
         if not len(self.t):
-            raise InputError(f"the solution has no rows to {'check' if method == 'check' else 'have an energy'}")
+            raise InputError(f"the solution has no rows to {'check' if method == 'check' else 'compute energies of'}")
         self._require_mechanism(mechanism)
         forces = self.method.get("forces")
         if mechanism is not None and forces not in (None, len(mechanism.forces)):
             raise InputError(
-                f"the run had {forces} forces beside the model's own, this mechanism has {len(mechanism.forces)}: "
+                f"the run had {forces} forces besides the model's own, this mechanism has {len(mechanism.forces)}: "
                 "give it those of simulate(forces=...) by mechanism.with_forces(...)"
             )
 

@@ -85,7 +85,7 @@ def _require_plain(file):
 def _check(arrays, about):
     """Raise ValueError where shapes and types are not those of a solution."""
     if set(about) != set(_ABOUT):
-        raise ValueError(f"it has not the entries {', '.join(sorted(set(about) ^ set(_ABOUT)))}")
+        raise ValueError(f"missing or unknown entries: {', '.join(sorted(set(about) ^ set(_ABOUT)))}")
     for name, kind in _ABOUT.items():
         if not isinstance(about[name], kind):
             raise ValueError(f"{name} is a {type(about[name]).__name__}")

@@ -88,7 +88,7 @@ def test_sources_that_are_not_there(tmp_path, robot):
         load("four_bra")
     with pytest.raises(FormatError, match=r"missing\.urdf: no such file"):
         load(tmp_path / "missing.urdf")
-    with pytest.raises(FormatError, match=r"'\.step' cannot be read; what can be read is URDF"):
+    with pytest.raises(FormatError, match=r"'\.step' cannot be read; supported are URDF"):
         load("scene.step")
     with pytest.raises(FormatError, match=r"one \.urdf file is needed, this has 0"):
         load(tmp_path)
@@ -112,8 +112,8 @@ ROW = "{name: n, kind: point, frame1: c}"
 BAD_LOOPS = {
     "not yaml": ("loops: [", "line 1: not usable YAML"),
     "not text": ("\x01", "not usable YAML"),
-    "empty": ("", "a loop file holds keys"),
-    "list": ("[1, 2]", "a loop file holds keys"),
+    "empty": ("", "a loop file has keys"),
+    "list": ("[1, 2]", "a loop file has keys"),
     "object": ("loops: !!python/object/apply:os.getcwd []", "not usable YAML: could not determine a constructor"),
     "alias": (f"loops: [&x {ROW}, *x]", "aliases"),
     "key twice": ("description: a\ndescription: b", "'description' is given twice"),

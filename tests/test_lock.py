@@ -236,7 +236,7 @@ def test_forces_with_nothing_left_to_move_go(force):
 def test_wrong_names_to_lock():
     with pytest.raises(pc.InputError, match="no joint 'krank'"):
         pc.load("four_bar").lock("krank")
-    with pytest.raises(pc.InputError, match="needs the name of a joint or several, got 3"):
+    with pytest.raises(pc.InputError, match="needs the name of one joint or of several, got 3"):
         pc.load("four_bar").lock(3)
     with pytest.raises(pc.InputError, match="needs shape"):
         pc.load("four_bar").lock("crank", [1.0])

@@ -263,7 +263,7 @@ def test_a_start_at_a_singular_position_is_refused(monkeypatch):
     assert caught.value.names == ("B1",)
     monkeypatch.setattr("pinconsist.mechanism.singularity.NEARBY", 0.0)
     sol = pc.simulate(mech, (0.0, 1.0), in_line)
-    assert not sol.success and "gape by" in sol.message and "'B1'" in sol.message
+    assert not sol.success and "are open by" in sol.message and "'B1'" in sol.message
 
 
 def test_rows_that_always_depend_are_no_singular_position():

@@ -237,16 +237,19 @@ def turning_gravity():
 
 
 REFUSED = {
-    "drive": (with_loop(pc.Drive("motor", "crank", np.sin)), "drive 'motor': curve is a function of yours"),
+    "drive": (with_loop(pc.Drive("motor", "crank", np.sin)), "drive 'motor': curve is a user-defined function"),
     "drive with rate": (
         with_loop(pc.Drive("motor", "crank", pc.Motion(), np.cos)),
-        "drive 'motor': rate is a function of yours",
+        "drive 'motor': rate is a user-defined function",
     ),
-    "constraint": (with_loop(Constraint("own", lambda t, q: q[:1], 1)), "constraint 'own' is a function of yours"),
-    "law": (with_force(lambda t, q, v: -v), "the force .*lambda.* is a function of yours"),
-    "torque": (with_force({"crank": np.sin}), "force 'torque crank': torques: crank is a function of yours"),
-    "servo": (with_force(pc.Servo("crank", np.sin, 1.0)), "force 'servo crank': target is a function of yours"),
-    "wrench": (with_force(pc.Wrench("coupler_tip", lambda t: (0, 0, t))), "wrench coupler_tip': force is a function"),
+    "constraint": (with_loop(Constraint("own", lambda t, q: q[:1], 1)), "constraint 'own' is a user-defined function"),
+    "law": (with_force(lambda t, q, v: -v), "the force .*lambda.* is a user-defined function"),
+    "torque": (with_force({"crank": np.sin}), "force 'torque crank': torques: crank is a user-defined function"),
+    "servo": (with_force(pc.Servo("crank", np.sin, 1.0)), "force 'servo crank': target is a user-defined function"),
+    "wrench": (
+        with_force(pc.Wrench("coupler_tip", lambda t: (0, 0, t))),
+        "wrench coupler_tip': force is a user-defined function",
+    ),
     "universal": (
         of_joint(pin.JointModelUniversal(np.eye(3)[0], np.eye(3)[1])),
         "scene: joint 'joint1' is a Universal",
@@ -270,7 +273,7 @@ def test_what_a_file_cannot_hold_is_refused_and_nothing_is_written(tmp_path, mak
 def test_what_reads_back_as_another_mechanism_is_not_written(tmp_path, monkeypatch):
     mech = pc.load("four_bar")
     monkeypatch.setattr("pinconsist.formats.write._STANDARD_GRAVITY", (0.0, 0.0, -1.62))
-    with pytest.raises(pc.InputError, match="what was read back is another mechanism"):
+    with pytest.raises(pc.InputError, match="it reads back differently"):
         pc.write(mech.with_gravity([0, 0, -1.62]), tmp_path / "scene")
     assert not list(tmp_path.iterdir())
 
@@ -302,8 +305,8 @@ BAD_SETTINGS = {
     "gravity: [0, 0]": "gravity: three numbers are needed",
     "gravity: down": "gravity: three numbers are needed",
     "joint_order: j": "joint_order: a list is needed",
-    "joint_order: [j]": r"joint_order: it must hold each joint once; unknown or twice: \[\], missing: \['k'\]",
-    "joint_order: [j, j]": "joint_order: it must hold each joint once",
+    "joint_order: [j]": r"joint_order: it must contain each joint once; unknown or twice: \[\], missing: \['k'\]",
+    "joint_order: [j, j]": "joint_order: it must contain each joint once",
     "joint_order: [k, j]": "joint_order: joint 'k' comes before its parent 'j'",
 }
 

@@ -43,7 +43,7 @@ def stepper_for(system, method, backend: str = "auto") -> Stepper:
     if module is not None:
         return CompiledStepper(system, method)
     if backend == "compiled":
-        raise InputError(f"backend='compiled' cannot be had: {why}. backend='auto' takes Python then")
+        raise InputError(f"backend='compiled' is not available: {why}. backend='auto' uses Python instead")
     _warn_once(why)
     stepper = Stepper(system, method)
     stepper.backend = f"python ({why})"

@@ -249,6 +249,7 @@ def _not_found(place, why) -> EquilibriumError:
     names = joints_in(mechanism, place.Z @ (vectors @ unheld if runs_away else place.push))
     cause = "nothing there holds against it: lock the joint, or add a spring" if runs_away else "start nearer to it"
     return EquilibriumError(
-        f"{mechanism.name}: no equilibrium found, {why}; {size:.3g} N·m (or N) are left on {', '.join(names)}. {cause}",
+        f"{mechanism.name}: no equilibrium found, {why}; {size:.3g} N·m (or N) remain unbalanced at "
+        f"{', '.join(names)}. {cause}",
         q=place.q, residual=size, names=names,
     )  # fmt: skip

@@ -111,7 +111,7 @@ def _state(system, t, q):
         names = joints_in(system.mechanism, space.Z)
         raise SingularSystemError(
             f"{name}: loops and drives do not determine the motion of {', '.join(names)} at t = {t:.6g} s: drive or "
-            "lock as many joints as check's mobility says, or keep away from dead centres",
+            "lock as many joints as the mobility says, or keep away from dead centres",
             names=names,
         )
     dependent = {row for dropped, kept in dependencies(space.J, space.kept).items() for row in (dropped, *kept)}
@@ -120,7 +120,7 @@ def _state(system, t, q):
     if twice:
         raise SingularSystemError(
             f"{name}: the drives {', '.join(twice)} are more than the loops leave free: they contradict each other, "
-            "or share their torque in any way they like. Drive fewer joints",
+            "or the shares of their torques are not determined. Drive fewer joints",
             names=twice,
         )
     v = -space.P @ system.rows.time_rate(t, q)

@@ -100,7 +100,7 @@ class Linearization:
         Raises
         ------
         SingularSystemError
-            A motion has neither inertia nor damping nor stiffness: anything is a solution.
+            A motion has neither inertia nor damping nor stiffness, so the modes are not determined.
         """
         return modes(self)
 

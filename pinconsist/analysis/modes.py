@@ -134,5 +134,5 @@ def _idle(K, shapes, noise):
 def _held(stiffness, load, noise):
     """stiffness⁻¹ load of motions that nothing but the stiffness resists."""
     if np.linalg.svd(stiffness, compute_uv=False).min(initial=np.inf) <= noise:
-        raise SingularSystemError("a motion has neither inertia nor damping nor stiffness: anything is a solution")
+        raise SingularSystemError("a motion has no inertia, damping or stiffness, so the modes are not determined")
     return np.linalg.solve(stiffness, load)

@@ -162,7 +162,7 @@ def _ending(error, t):
     """The error that a run ends with: sys.exit() in a user's function is one of that function, and ends no program."""
     if not isinstance(error, SystemExit):
         return error
-    told = UserFunctionError("a function of yours", t, error)
+    told = UserFunctionError("a user-defined function", t, error)
     told.__cause__ = error
     return told
 

@@ -96,8 +96,8 @@ def find(source: str | os.PathLike) -> Source:
                 f"Built in are: {', '.join(names)}"
             )
         raise FormatError(
-            f"files of kind {path.suffix or 'without suffix'!r} cannot be read; what can be read is URDF (.urdf), with "
-            "a loop file (.yaml) beside it or given by loops=, SDF (.sdf) and MJCF (.xml)",
+            f"files of kind {path.suffix or 'without suffix'!r} cannot be read; supported are URDF (.urdf), with "
+            "a loop file (.yaml) next to it or given by loops=, SDF (.sdf) and MJCF (.xml)",
             path=path,
         )
     return Source(path, path.stem if path.stem not in ("robot", "model") else path.resolve().parent.name)

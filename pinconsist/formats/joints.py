@@ -106,7 +106,7 @@ def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
     names += [part for some in parts.values() for part, _ in some]
     twice = [joint for joint in names if names.count(joint) > 1]
     if twice:
-        raise FormatError("another joint has the name of a new one", element=f"joint {twice[0]!r}")
+        raise FormatError("a new joint has the name of another one", element=f"joint {twice[0]!r}")
     return rebuilt(model, parts)
 
 
@@ -150,7 +150,7 @@ def in_order(model: pin.Model, order: tuple[str, ...]) -> pin.Model:
         if sorted(order) != sorted(names):
             strange = [joint for joint in order if joint not in names or order.count(joint) > 1]
             missing = [joint for joint in names if joint not in order]
-            raise FormatError(f"it must hold each joint once; unknown or twice: {strange}, missing: {missing}")
+            raise FormatError(f"it must contain each joint once; unknown or twice: {strange}, missing: {missing}")
         places = [model.getJointId(joint) for joint in order]
         for place, joint in enumerate(places):
             parent = model.parents[joint]

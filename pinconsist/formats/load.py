@@ -42,7 +42,7 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
     free_flyer : bool
         Let the root link of a file float freely instead of fixing it to the ground, where it is. SDF files too
         are fixed by default, though a model that nothing ties to the world floats in SDF: so one scene in two formats
-        is one mechanism, as with Pinocchio's own readers. Not for MJCF, which says itself what floats.
+        is one mechanism, as with Pinocchio's own readers. Not for MJCF, where the file says what floats.
     package_dirs : sequence of path-like
         Folders in which mesh files are looked for, before the folder of the URDF.
 
@@ -73,7 +73,7 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
         return _of_model(source, () if loops is None else loops, closure)
     if not (loops is None or isinstance(loops, (str, os.PathLike))):
         raise InputError(
-            f"loops= needs the path of a loop file, got {type(loops).__name__}; records go by load(…).with_loops(…)"
+            f"loops= needs the path of a loop file, got {type(loops).__name__}; add records by load(…).with_loops(…)"
         )
     return read_scene(catalogue.find(source), loops, closure, free_flyer, package_dirs)
 
@@ -83,7 +83,7 @@ def read_scene(scene: catalogue.Source, loops=None, closure=None, free_flyer=Fal
     path, reader = scene.path, catalogue.READERS[scene.path.suffix.lower()]
     is_urdf = reader == "urdf"
     if free_flyer and reader.startswith("mjcf"):
-        raise InputError("free_flyer= is not for MJCF, which says itself what floats: give the body a <freejoint/>")
+        raise InputError("free_flyer= is not for MJCF, where the file says what floats: give the body a <freejoint/>")
     loop_path = None if loops is None else Path(loops)
     if loops is None and is_urdf and not scene.content:
         loop_path = loopfile.find_loop_file(path)

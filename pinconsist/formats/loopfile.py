@@ -123,7 +123,7 @@ def read(path) -> LoopFile:
     with located(path):
         record = _parsed(content)
         if not isinstance(record, dict) or not all(isinstance(key, str) for key in record):
-            raise FormatError(f"a loop file holds keys such as {', '.join(_OWN_KEYS)}; this one does not")
+            raise FormatError(f"a loop file has keys such as {', '.join(_OWN_KEYS)}; this one has none of them")
         return _robot(record, path) if set(record) & set(_ROBOT_KEYS) else _own(record)
 
 

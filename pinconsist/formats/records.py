@@ -96,7 +96,7 @@ def force_entries(mechanism) -> list[dict]:
 
 def _loop_entry(loop, what):
     if not isinstance(loop, Loop | Coupling | Drive):
-        raise InputError(f"{what} is a function of yours, which a file cannot hold; leave it out by with_loops()")
+        raise InputError(f"{what} is a user-defined function, which a file cannot store; leave it out by with_loops()")
     entry = {"name": loop.name, "kind": loop.kind} | _fields(loop, what)
     return entry | entry.pop("curve", {})
 
@@ -105,7 +105,7 @@ def _force_entry(mechanism, force):
     what = f"{mechanism.name}: the force {getattr(force, 'label', type(force).__name__)!r}"
     kind = next((kind for kind, make in FORCES.items() if type(force) is make), None)
     if kind is None:
-        raise InputError(f"{what} is a function of yours, which a file cannot hold; leave it out")
+        raise InputError(f"{what} is a user-defined function, which a file cannot store; leave it out")
     field = next((each.name for each in dataclasses.fields(force) if each.type.startswith("Mapping")), None)
     if field and not isinstance(values := getattr(force, field), Mapping):  # a number for each velocity
         shares = {joint: values[mechanism.columns(joint)] for joint in mechanism.joints}
@@ -131,7 +131,7 @@ def _plain(value, what):
     if isinstance(value, str):
         return value
     if callable(value):
-        raise InputError(f"{what} is a function of yours, which a file cannot hold; a Motion it can")
+        raise InputError(f"{what} is a user-defined function, which a file cannot store; it can store a Motion")
     return [float(each) for each in value] if isinstance(value, tuple) else float(value)
 
 

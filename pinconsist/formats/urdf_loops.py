@@ -69,7 +69,7 @@ def loop_joints(robot: Element) -> tuple[Loop, ...]:
     for tag in _FOREIGN:
         if robot.find(tag) is not None:
             raise FormatError(
-                f"<{tag}> is an extension that is not read, and what it joins would come apart; say the same by "
+                f"<{tag}> is an extension that is not read, so that what it joins would come apart; write it as "
                 "<loop_joint>, <mimic> or in a loop file",
                 element=f"{tag} {robot.find(tag).get('name', '')!r}",
             )
@@ -149,7 +149,9 @@ def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
             pairs.setdefault((match[1] + (match[3] or ""), "collection"), {})[match[2].upper()] = frame.name
     for (name, source), ends in pairs.items():
         if len(ends) < 2:
-            _log.warning("%s: the frame %r closes nothing, there is no other to pair it with", path, *ends.values())
+            _log.warning(
+                "%s: the frame %r closes no loop: there is no other frame to pair it with", path, *ends.values()
+            )
             continue
         kind, axis = "point" if source == "onshape" or "3D" in name.upper() else "frame", None
         if source == "onshape" and closure == "hinge":
@@ -159,6 +161,6 @@ def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
         listed = ", ".join(f"{loop.name} ({loop.kind})" for loop in found)
         _log.warning(
             "%s has no loop file; loops are closed between frames with closing names: %s. "
-            "closure= or a loop file says otherwise", path, listed,
+            "closure= or a loop file overrides this", path, listed,
         )  # fmt: skip
     return tuple(found)

@@ -86,9 +86,7 @@ def write(mechanism: Mechanism, path) -> Path:
     except FormatError as error:
         raise InputError(f"{mechanism.name} cannot be written as a URDF that reads back: {error.reason}") from error
     if not _same(mechanism, back):
-        raise InputError(
-            f"{mechanism.name} cannot be written as URDF: what was read back is another mechanism. Please report this"
-        )
+        raise InputError(f"{mechanism.name} cannot be written as URDF: it reads back differently. Please report this")
     with written_whole(path) as robot, written_whole(path.with_suffix(".yaml")) as loops:
         robot.write(urdf.encode())
         loops.write(_yaml(scene))
@@ -268,7 +266,7 @@ def _kind(mechanism, joint):
     if found is None:
         raise InputError(
             f"{mechanism.name}: joint {model.names[joint]!r} is a {which} joint, which neither URDF nor a loop "
-            "file can describe; build it of hinges and sliders"
+            "file can describe; build it from hinges and sliders"
         )
     kind, axis, replaced = found
     if axis is not None:

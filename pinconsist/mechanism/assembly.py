@@ -115,7 +115,7 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
     if nearly and tolerance <= NEARLY:
         worst = max(nearly, key=nearly.__getitem__)
         warnings.warn(
-            f"{mechanism.name}: the loops contradict each other a little: {worst!r} closes only to "
+            f"{mechanism.name}: the loops contradict each other slightly: {worst!r} closes only to "
             f"{nearly[worst]:.1e} m or rad. Most likely the numbers of the file are rounded",
             stacklevel=2,
         )

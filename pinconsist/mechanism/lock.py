@@ -24,7 +24,7 @@ _PER_COORDINATE = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMar
 def lock(mechanism, joints, q=None):
     """See :meth:`Mechanism.lock`."""
     if not (isinstance(joints, str) or hasattr(joints, "__iter__")):
-        raise InputError(f"lock needs the name of a joint or several, got {joints!r}")
+        raise InputError(f"lock needs the name of one joint or of several, got {joints!r}")
     joints = (joints,) if isinstance(joints, str) else tuple(joints)
     locked = {joint: mechanism.joint_index(joint) for joint in joints}
     if len(locked) == len(mechanism.joints):

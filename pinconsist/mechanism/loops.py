@@ -127,7 +127,7 @@ class Loop:
                 raise InputError(f"{who}: a {self.kind} needs its {field}, for instance {field} = (0, 1, 0)")
             put_triples(self, who, field)
             if not 1e-100 < max(map(abs, axis := getattr(self, field))) < 1e100:
-                raise InputError(f"{who}: the {self.kind} {field} is the zero vector, or immense: {axis}")
+                raise InputError(f"{who}: the {self.kind} {field} is the zero vector, or too large: {axis}")
 
     @property
     def rows(self) -> tuple[str, ...]:

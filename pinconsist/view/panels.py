@@ -251,7 +251,7 @@ def steps(left, right, drawn):
     h, order = np.asarray(drawn.sol.h), np.asarray(drawn.sol.order)
     taken = h != 0  # zero at the state change of an event
     if len(h) != drawn.t.size - 1 or not taken.any():
-        raise InputError("there are no steps to draw: with t_eval the rows of a solution are no steps")
+        raise InputError("there are no steps to draw: with t_eval the rows of a solution are not steps")
     t, h, order = drawn.t[1:][taken], np.abs(h[taken]), order[taken]
     left.plot(t, h, drawstyle="steps-pre", color=COLORS[0])
     left.set(title="step size  [s]", yscale="log", xlabel="t  [s]")

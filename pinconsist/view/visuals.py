@@ -27,7 +27,7 @@ def visuals(mech: Mechanism) -> list[Shape]:
     try:
         found = pin.buildGeomFromUrdfString(mech.model, text, pin.GeometryType.VISUAL, None, [], loader)
     except ValueError as error:
-        log.warning("%s: the robot file's shapes do not fit the model (%s); simple ones instead", mech.name, error)
+        log.warning("%s: the robot file's shapes do not fit the model (%s); simple shapes instead", mech.name, error)
         return []
     if missing:
         reason = "not found (outside of the scene's folder only those of package_dirs= are searched) or unreadable"
