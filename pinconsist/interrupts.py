@@ -38,7 +38,7 @@ def ignored_from_now_on() -> None:
 
 def interrupted(since=0.0) -> bool:
     """Whether a signal raised KeyboardInterrupt, also where somebody caught it, since this `time.monotonic()`."""
-    return bool(_came) and _came[-1] >= since
+    return bool(_handlers() and _came) and _came[-1] >= since
 
 
 class deferred:

@@ -27,14 +27,19 @@ MAY_IMPORT = {
     "files": {"errors"},
     "interrupts": set(),
     "solution_file": {"files", "errors"},
-    "recording": {"simulation", "formats", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
+    "checkpoints": {"simulation", "interrupts", "errors"},
+    "run_file": {"simulation", "formats", "mechanism", "errors"},
+    "runs": {"checkpoints", "run_file", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
     "formats": {"mechanism", "files", "errors"},
     "view": {"mechanism", "files", "errors"},
     "reference": {"dae", "mechanism", "errors", "simulation"},
     "comparison": {"reference", "dae", "mechanism", "errors", "simulation"},
-    "sweeps": {"_core", "mechanism", "interrupts", "files", "solution_file", "errors", "simulation"},
+    "sweeps": {"interrupts", "errors"},
+    "sweep_cases": {"mechanism", "errors"},
+    "sweep_table": {"sweep_cases", "_core", "mechanism", "files", "solution_file", "errors", "simulation"},
     "cli": {"simulation", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
-    | {"__init__", "sweeps", "recording", "files", "interrupts", "comparison", "reference"},
+    | {"sweeps", "sweep_cases", "sweep_table", "checkpoints", "run_file", "runs"}
+    | {"__init__", "files", "interrupts", "comparison", "reference"},
 }
 DAE_SEEN_BY = {"certificate": {"index1", "norms"}, "mechanism": {"problem"}, "cli": set()}
 OPTIONAL = {"meshcat", "matplotlib", "rich", "typer", "yaml", "defusedxml", "coal"}

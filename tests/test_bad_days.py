@@ -315,9 +315,9 @@ def test_no_port_for_the_viewer_is_said(monkeypatch):
 
 def test_out_of_memory_keeps_what_was_saved(tmp_path, monkeypatch):
     """A stretch that finds no memory; which allocation fails first on a real machine nobody knows."""
-    from pinconsist.recording import stretches
+    from pinconsist import checkpoints
 
-    integrate, calls = stretches.integrate, []
+    integrate, calls = checkpoints.integrate, []
 
     def hungry(*arguments, **options):
         calls.append(1)
@@ -326,7 +326,7 @@ def test_out_of_memory_keeps_what_was_saved(tmp_path, monkeypatch):
         return integrate(*arguments, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(stretches, "integrate", hungry)
+        patch.setattr(checkpoints, "integrate", hungry)
         sol = pc.record("four_bar", (0.0, 1.0), tmp_path / "run", save_every=0.2)
     assert (
         sol.status == -1 and sol.message.startswith("out of memory after t = 0.6") and sol.t[-1] == pytest.approx(0.6)

@@ -450,10 +450,8 @@ def cut_short(monkeypatch):
         return simulate(mech, span, *start, **options | {"callback": stop})
 
     simulate = pinconsist.simulate
-    monkeypatch.setattr("pinconsist.recording.stretches.simulate", interrupted)
-    monkeypatch.setattr(
-        "pinconsist.recording.stretches.integrate", partial(interrupted_integrate, pinconsist.integrate)
-    )
+    monkeypatch.setattr("pinconsist.checkpoints.simulate", interrupted)
+    monkeypatch.setattr("pinconsist.checkpoints.integrate", partial(interrupted_integrate, pinconsist.integrate))
 
 
 def interrupted_integrate(integrate, mech, span, q, v, **options):

@@ -12,7 +12,7 @@ from helpers.scenes import ANDREWS_JOINTS, on_stage
 
 import pinconsist as pc
 from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.recording.scene import Scene
+from pinconsist.run_file import SceneSource
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
 G = 9.81
@@ -326,6 +326,6 @@ def test_numbers_that_a_family_does_not_have(name, says):
 
 
 def test_a_run_remembers_a_family_by_its_name(tmp_path):
-    recorded = Scene("chain_5").record(tmp_path / "run.npz")
+    recorded = SceneSource("chain_5").record(tmp_path / "run.npz")
     assert recorded["source"] == "chain_5"
-    assert Scene.recorded(recorded, tmp_path / "run.npz").load().name == "chain_5"
+    assert SceneSource.recorded(recorded, tmp_path / "run.npz").load().name == "chain_5"

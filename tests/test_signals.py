@@ -75,9 +75,9 @@ LATE = {  # between the last step and the file
     "rows": ("pinconsist.dae.output.Record", "arrays"),
     "steps": ("pinconsist.dae.output.Record", "steps"),
     "solution": ("pinconsist.simulation", "Solution._from_trajectory"),
-    "stretch": ("pinconsist.recording.stretches._Chain", "_stretch"),
-    "chain": ("pinconsist.recording.stretches._Chain", "_add"),
-    "whole": ("pinconsist.recording.stretches._Chain", "solution"),
+    "stretch": ("pinconsist.checkpoints._Parts", "_run"),
+    "chain": ("pinconsist.checkpoints._Parts", "_add"),
+    "whole": ("pinconsist.checkpoints._Parts", "solution"),
     "saved": ("pinconsist.solution.Solution", "save"),
 }
 
@@ -224,7 +224,7 @@ def test_an_error_after_a_signal_is_still_an_error(monkeypatch, capsys):
             broken()
         raise TypeError("a bug")
 
-    monkeypatch.setattr("pinconsist.recording.stretches.carried_out", wrong)
+    monkeypatch.setattr("pinconsist.checkpoints.carry_out", wrong)
     with pytest.raises(TypeError, match="a bug"):
         app.main(["simulate", "four_bar", "--until", "0.1"])
     monkeypatch.setattr("pinconsist.compare", wrong)

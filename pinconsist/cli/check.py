@@ -36,7 +36,7 @@ def check(
     from ..mechanism.system import MechanismSystem
 
     q0 = scene.joint_values(at, "--at")
-    mech = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0).load()
+    mech = scene.SceneSource(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0).load()
     guess = mech.configuration(q0, base=mech.guess)
     gaps = LoopSolver(mech).gaps
     before = gaps(guess)

@@ -57,7 +57,7 @@ def compare(
         if html and not isinstance(pc.reference_problem(subject).system, pc.Mechanism):
             raise InputError(f"--html shows bodies, and {subject} has none")
     else:
-        what = scene.Scene(subject, loops, closure, free_flyer, [], reanchor, q0 or {}).load()
+        what = scene.SceneSource(subject, loops, closure, free_flyer, [], reanchor, q0 or {}).load()
         duration = what.duration
     steps = step or [duration * share for share in STEPS]
     runs = []

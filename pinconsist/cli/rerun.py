@@ -62,6 +62,6 @@ def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: 
 
 
 def _progress_of(run):
-    from ..recording.recipe import Recipe
+    from ..run_file import Recipe
 
     return RunProgress(*Recipe.read(pc.Solution.load(run), run).t_span)

@@ -40,7 +40,7 @@ def run_of(source, scene_of_run, until, require=lambda mech: None):
         return mech, sol, output.FINE
     if scene_of_run:
         raise InputError("--scene names the scene of a saved run (.npz); a scene itself needs none")
-    mech = scene.Scene(source).load()
+    mech = scene.SceneSource(source).load()
     require(mech)
     span = (0.0, mech.duration if until is None else until)
     with RunProgress(*span) as progress:
@@ -56,7 +56,7 @@ def in_a_line(mech, sol) -> str:
 
 def _saved(file, given):
     """Mechanism, None of a general problem, and solution of a saved run."""
-    from ..recording.rerun import changed_files
+    from ..runs import changed_files
 
     sol = pc.Solution.load(file)
     what = _scene_of(sol, file, given)
@@ -85,7 +85,7 @@ def _scene_of(sol, file, given):
 
     about = (sol.recipe or {}).get("scene")
     if about:
-        recorded = scene.Scene.recorded(about, file)
+        recorded = scene.SceneSource.recorded(about, file)
         return replace(recorded, source=given) if given else recorded
     name = given or sol.scene
     if name and not given and not is_built_in(name):
@@ -93,4 +93,4 @@ def _scene_of(sol, file, given):
             f"{file} holds only the name of its scene, {name!r}, because the run was made in Python; give the scene "
             "by --scene"
         )
-    return scene.Scene(name) if name else None
+    return scene.SceneSource(name) if name else None

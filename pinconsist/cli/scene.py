@@ -8,8 +8,8 @@ from math import isfinite, pi, remainder, tau
 import pinconsist as pc
 
 from ..errors import InputError
-from ..recording.scene import Scene as Scene
-from ..recording.scene import loaded as loaded
+from ..run_file import SceneSource as SceneSource
+from ..run_file import loaded as loaded
 from .output import counted, first
 
 PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")

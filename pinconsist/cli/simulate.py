@@ -59,12 +59,12 @@ def simulate(
         raise InputError("--save-every sets when the run is saved; give --out FILE.npz too")
     output.require_writable(out=out, html=html, figure=plot)
     replay.require_page(html, forces, traces, speed)
-    from ..recording.recipe import recipe_of
-    from ..recording.stretches import carried_out
+    from ..checkpoints import carry_out
+    from ..run_file import recipe_of
 
     q0 = scene.joint_values(at, "--at")
     v0 = scene.joint_values(with_velocity, "--with-velocity")
-    what = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
+    what = scene.SceneSource(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
     mech, hashes = what.load_with_hashes()
     replay.require_drawable(mech, traces, speed)
     until = start + mech.duration if until is None else until
@@ -81,7 +81,7 @@ def simulate(
     recipe = recipe_of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)
     began = time.perf_counter()
     with RunProgress(start, until) as progress:  # what was reached is saved before anything else can go wrong
-        sol = carried_out(recipe, mech, out, callback=progress)
+        sol = carry_out(recipe, mech, out, callback=progress)
     seconds = time.perf_counter() - began
     if not as_json:
         print(f"{sol.summary()}\ntook {seconds:.3g} s\n")

@@ -64,10 +64,8 @@ def sweep(
     if out and Path(out).suffix != ".csv":
         raise InputError(f"--out {out}: a table is saved as .csv")
     output.require_writable(out=out)
-    from ..sweeps.axes import cases_of
-    from ..sweeps.journal import Journal
-    from ..sweeps.study import Study, loaded
-    from ..sweeps.table import write
+    from ..sweep_cases import cases_of
+    from ..sweep_table import Journal, SceneSweep, loaded, write_table
 
     def number(text):
         return scene.joint_values([f"value={text}"], "--vary")["value"][0]
@@ -77,22 +75,22 @@ def sweep(
     for name in names:
         if name in q0 or name.removesuffix("_speed") in v0.keys() - {name}:
             raise InputError(f"{name} is varied, and also has a value by --at or --with-velocity")
-    recipe = scene.Scene(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
+    recipe = scene.SceneSource(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
     duration = loaded(recipe, anew=True).duration
     until = start + duration if until is None else until
     settings = present(rtol=rtol, atol=atol, step=step, max_steps=max_steps)
-    study = Study(recipe, names, start, until, q0, v0, settings)
-    study.check(cases[0])  # an unknown name is refused before the sweep begins
+    scene_sweep = SceneSweep(recipe, names, start, until, q0, v0, settings)
+    scene_sweep.check(cases[0])  # an unknown name is refused before the sweep begins
     if not out:
-        return _report(study, cases, _run(study, cases, workers, {}), out, as_json)
-    with output.written(f"{out}.partial", lambda: Journal(out, study.about(cases))) as journal:
+        return _report(scene_sweep, cases, _run(scene_sweep, cases, workers, {}), out, as_json)
+    with output.written(f"{out}.partial", lambda: Journal(out, scene_sweep.about(cases))) as journal:
         if journal.rows and not as_json:
             print(f"{len(journal.rows)} of {len(cases)} cases are in {journal.path} already")
-        rows = _run(study, cases, workers, dict(journal.rows), journal)
+        rows = _run(scene_sweep, cases, workers, dict(journal.rows), journal)
         if len(rows) == len(cases):
-            _written(journal, out, lambda: write(out, study, cases, rows))
+            _written(journal, out, lambda: write_table(out, scene_sweep, cases, rows))
             journal.remove()
-    return _report(study, cases, rows, out, as_json)
+    return _report(scene_sweep, cases, rows, out, as_json)
 
 
 def _written(journal, file, write):
@@ -103,11 +101,11 @@ def _written(journal, file, write):
         raise InputError(f"{error}. {saved}; the same command continues from there") from error
 
 
-def _run(study, cases, workers, rows, journal=None) -> dict[int, dict]:
+def _run(scene_sweep, cases, workers, rows, journal=None) -> dict[int, dict]:
     """The rows of all cases that ended, including those that are there already."""
-    from ..sweeps.pool import sweep_in_processes
-    from ..sweeps.study import ERROR
-    from ..sweeps.sweep import sweep as in_a_loop
+    from ..sweep_table import ERROR
+    from ..sweeps import sweep as in_a_loop
+    from ..sweeps import sweep_in_processes
 
     missing = [i for i in range(len(cases)) if i not in rows]
     with _progress(len(cases), len(rows)) as one_more:
@@ -125,9 +123,9 @@ def _run(study, cases, workers, rows, journal=None) -> dict[int, dict]:
 
         waiting = [cases[i] for i in missing]
         if workers == 1:
-            in_a_loop(study, waiting, callback=arrived)
+            in_a_loop(scene_sweep, waiting, callback=arrived)
         else:
-            sweep_in_processes(study, waiting, min(workers, len(waiting)), arrived)
+            sweep_in_processes(scene_sweep, waiting, min(workers, len(waiting)), arrived)
     return rows
 
 
@@ -150,27 +148,26 @@ def _progress(total, done):
     yield log_tenths
 
 
-def _report(study, cases, measured, out, as_json) -> int:
-    from ..sweeps.study import DONE
-    from ..sweeps.table import columns, rows
+def _report(scene_sweep, cases, measured, out, as_json) -> int:
+    from ..sweep_table import DONE
 
     complete, partial = len(measured) == len(cases), f"{out}.partial"
-    table, counts = rows(study, cases, measured), Counter(row["status"] for row in measured.values())
+    table, counts = scene_sweep.rows(cases, measured), Counter(row["status"] for row in measured.values())
     code = output.INTERRUPTED if not complete else output.FINE if counts[DONE] == len(cases) else output.FAILED
     if as_json:
         output.print_json({
-            "scene": study.about(cases)["scene"]["name"], "cases": len(cases), "counts": counts,
-            "interrupted": not complete, "columns": columns(study), "rows": table,
+            "scene": scene_sweep.about(cases)["scene"]["name"], "cases": len(cases), "counts": counts,
+            "interrupted": not complete, "columns": scene_sweep.columns(), "rows": table,
             "files": {"out": out if complete else None, "partial": partial if out and not complete else None},
         })  # fmt: skip
         return code
     if not out:
-        _print(columns(study), table)
+        _print(scene_sweep.columns(), table)
     ends = ", ".join(f"{number} {what}" for what, number in sorted(counts.items())) or "none ended"
     print(f"{output.counted(len(cases), 'case')}: {ends}")
     failed = [row for row in table if measured[row[0]]["status"] != DONE]
     for row in failed[:MOST_SHOWN]:
-        varied = ", ".join(f"{name} = {value:g}" for name, value in zip(study.names, row[1:], strict=False))
+        varied = ", ".join(f"{name} = {value:g}" for name, value in zip(scene_sweep.names, row[1:], strict=False))
         output.paragraph(f"case {row[0]} ({varied}): {row[-1]}", indent="  ", hanging="  ")
     if len(failed) > MOST_SHOWN:
         print(f"  and {len(failed) - MOST_SHOWN} more")

@@ -1,26 +1,50 @@
-"""`record` a run in a file, `resume` it from there, `rerun` it."""
+"""Runs that are kept in a file: `record` one, `resume` it from there, `rerun` it."""
 
 from __future__ import annotations
 
 import logging
 import os
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ..errors import FormatError, InputError
-from ..files import require_writable
-from ..interrupts import ended_like_ctrl_c
-from ..mechanism.digest import digests
-from ..mechanism.mechanism import Mechanism, with_forces
-from ..solution import Solution
-from ..solution_file import versions
-from .recipe import Recipe, recipe_of
-from .rerun import Rerun, changed_files, changed_mechanism, compared
-from .scene import Scene, loaded
-from .stretches import carried_out, checkpoints
+import numpy as np
+
+from .checkpoints import ROWS, STEPS, carry_out, checkpoints
+from .errors import FormatError, InputError
+from .files import require_writable
+from .interrupts import ended_like_ctrl_c
+from .mechanism.digest import digests
+from .mechanism.mechanism import Mechanism, with_forces
+from .run_file import Recipe, SceneSource, loaded, recipe_of
+from .solution import Solution
+from .solution_file import versions
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """A run made again from its file, and how it compares.
+
+    Attributes
+    ----------
+    same : bool
+        Every number of t, q, v, λ, steps and orders is the same, bit for bit.
+    differences : tuple of str
+        What is not as it was: versions, files of the scene, numbers.
+    solution : Solution
+        The new run; where the one in the file was cut short, up to there.
+    """
+
+    same: bool
+    differences: tuple[str, ...]
+    solution: Solution = field(repr=False)
+
+    def __str__(self):
+        rows = f"{len(self.solution.t)} rows up to t = {self.solution.t[-1]:g} s" if len(self.solution.t) else "no rows"
+        verdict = f"the same numbers, bit for bit: {rows}" if self.same else "the numbers are not the same"
+        return "\n".join((*self.differences, verdict))
 
 
 def record(
@@ -77,7 +101,7 @@ def record(
     recipe = recipe_of(where, files, mechanism, t_span, q0, v0, forces, options, save_every)
     checkpoints(recipe.t_span, recipe.save_every)
     with ended_like_ctrl_c():
-        return carried_out(recipe, with_forces(mechanism, forces, "record"), file, callback=callback)
+        return carry_out(recipe, with_forces(mechanism, forces, "record"), file, callback=callback)
 
 
 def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
@@ -119,11 +143,12 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
             f"{file} cannot be continued, its scene is another: {'; '.join(changed)}. See pinconsist rerun"
         )
     require_writable(file)
-    _tell_versions(solution, file)
+    if other := [f"{name} {then}, now {now}" for name, then, now in _other_versions(solution)]:
+        _log.warning("%s was begun with %s: the last bits may be others", file, "; ".join(other))
     with ended_like_ctrl_c():
-        whole = carried_out(recipe, mechanism, file, begun=solution, callback=callback)
-    if (ways := (solution.method.get("backend"), whole.method.get("backend"))) and ways[0] != ways[1]:
-        _log.warning("%s was begun by the method in %s, now it ran in %s: the last bits may be others", file, *ways)
+        whole = carry_out(recipe, mechanism, file, begun=solution, callback=callback)
+    if (then := solution.method.get("backend")) != (now := whole.method.get("backend")):
+        _log.warning("%s was begun by the method in %s, now it ran in %s: the last bits may be others", file, then, now)
     return whole
 
 
@@ -148,11 +173,44 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
         The scene cannot be loaded, or forces are missing.
     """
     old, recipe, mechanism, changed = _again(file, scene, forces)
-    recipe = replace(recipe, checkpoint=None)
     if old.status != 0 and len(old.t):  # it was cut short, and nothing after that is to be compared
         callback = _Until(old.t[-1], recipe.t_span[1] >= recipe.t_span[0], callback)
-    new = carried_out(recipe, mechanism, None, callback=callback)
-    return compared(old, new, changed)
+    new = carry_out(replace(recipe, checkpoint=None), mechanism, None, callback=callback)
+    about = [f"{name} {then} then, {now} now" for name, then, now in _other_versions(old)]
+    if (then := old.method.get("backend")) != (now := new.method.get("backend")):
+        about.append(f"the method ran {then} then, {now} now")
+    numbers = list(
+        filter(None, (_difference(name, getattr(old, name), getattr(new, name)) for name in (*ROWS, *STEPS)))
+    )
+    return Rerun(not numbers, (*about, *changed, *numbers), new)
+
+
+def _other_versions(solution):
+    """(package, version of then, version of now) where they differ."""
+    now = versions()
+    return [(name, then, now.get(name)) for name, then in solution.versions.items() if then != now.get(name)]
+
+
+def _difference(name, old, new) -> str:
+    if old.shape != new.shape:
+        return f"{name}: shape {old.shape} then, {new.shape} now"
+    if old.tobytes() == new.tobytes():
+        return ""
+    return f"{name}: differs by up to {np.abs(np.subtract(new, old, dtype=float)).max():.3g}"
+
+
+def changed_files(then, now) -> list[str]:
+    """A sentence for each file of a scene that is not what it was."""
+    changed = [f"{name} has changed" for name in then if name in now and then[name] != now[name]]
+    changed += [f"{name} is not read any more" for name in then if name not in now]
+    return changed + [f"{name} was not read then" for name in now if name not in then]
+
+
+def _changed_mechanism(then, now, same_pinocchio) -> list[str]:
+    """A sentence if a mechanism is not what it was, by its digests: of models only with the same Pinocchio."""
+    parts = {"model": "bodies, joints or gravity", "loops": "loops", "forces": "own forces", "guess": "guess"}
+    other = [parts[part] for part in parts if (part != "model" or same_pinocchio) and then.get(part) != now[part]]
+    return [f"the mechanism has other {', other '.join(other)}"] if other else []
 
 
 def _scene(scene, load, file):
@@ -161,24 +219,19 @@ def _scene(scene, load, file):
         if load:
             raise InputError("load= has options for a scene that is read; this one is a mechanism already")
         return scene, None, {}
-    if not isinstance(scene, Scene):
-        if not isinstance(scene, str | os.PathLike):
-            raise InputError(f"a scene is a name, a file or a Mechanism, got {type(scene).__name__}")
-        scene = _as_scene(scene, load or {})
-    mechanism, files = scene.load_with_hashes()
-    return mechanism, scene.record(file), files
-
-
-def _as_scene(source, load):
-    known = ("loops", "closure", "free_flyer", "package_dirs")
+    if not isinstance(scene, str | os.PathLike):
+        raise InputError(f"a scene is a name, a file or a Mechanism, got {type(scene).__name__}")
+    known, load = ("loops", "closure", "free_flyer", "package_dirs"), {} if load is None else load
     if not isinstance(load, Mapping) or set(load) - set(known):
         raise InputError(f"load= maps options of load() to their values; those are {', '.join(known)}, got {load!r}")
-    load = dict(load)
-    folders = load.pop("package_dirs", ())
+    options = {name: value for name, value in load.items() if value is not None}
+    folders = options.pop("package_dirs", ())
     folders = (folders,) if isinstance(folders, str | os.PathLike) else folders
-    if (loops := load.pop("loops", None)) is not None:
-        load["loops"] = os.fspath(loops)
-    return Scene(os.fspath(source), package_dirs=[os.fspath(each) for each in folders], **load)
+    if "loops" in options:
+        options["loops"] = os.fspath(options["loops"])
+    source = SceneSource(os.fspath(scene), package_dirs=[os.fspath(each) for each in folders], **options)
+    mechanism, files = source.load_with_hashes()
+    return mechanism, source.record(file), files
 
 
 def _again(file, scene, forces):
@@ -186,14 +239,13 @@ def _again(file, scene, forces):
     solution = Solution.load(file)
     recipe = Recipe.read(solution, file)
     if isinstance(scene, Mechanism):
-        same = solution.versions.get("pin") == versions()["pin"]
-        then = recipe.mechanism
-        mechanism, changed = scene, changed_mechanism(then, digests(scene), same) if then else []
+        same, then = solution.versions.get("pin") == versions()["pin"], recipe.mechanism
+        mechanism, changed = scene, _changed_mechanism(then, digests(scene), same) if then else []
     elif recipe.scene is None:
         raise InputError(f"{file} is a run of a mechanism that stood in memory ({solution.scene}): give it by scene=")
     else:
-        where = recipe.made_from(file)
-        mechanism, now = loaded(where if scene is None else replace(where, source=os.fspath(scene)), file)
+        source = SceneSource.recorded(recipe.scene, file)
+        mechanism, now = loaded(source if scene is None else replace(source, source=os.fspath(scene)), file)
         changed = changed_files(recipe.files, now)
     if forces is None:
         if recipe.forces is None:
@@ -224,13 +276,6 @@ def _require_checkpoint(recipe, solution, file):
         good = False
     if not good:
         raise FormatError("its record of the last checkpoint cannot be read", path=file)
-
-
-def _tell_versions(solution, file):
-    now = versions()
-    other = [f"{name} {then}, now {now.get(name)}" for name, then in solution.versions.items() if then != now.get(name)]
-    if other:
-        _log.warning("%s was begun with %s: the last bits may be others", file, "; ".join(other))
 
 
 class _Until:

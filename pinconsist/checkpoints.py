@@ -1,0 +1,193 @@
+"""A run from checkpoint to checkpoint.
+
+At every checkpoint the integration begins anew from the state there, whether the run was interrupted or not. So the
+numbers after it depend on that state alone, and a run that is continued from its file has those of one that went
+through.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import replace
+from math import ceil
+
+import numpy as np
+
+from .errors import InputError, PinconsistError, SavingError, UserFunctionError
+from .interrupts import deferred
+from .simulation import integrate, simulate
+
+STEPS = ("h", "order")
+ROWS = ("t", "q", "v", "lam")
+COUNTERS = ("nsteps", "nfev", "njev", "nlu")
+MOST = 100_000
+_log = logging.getLogger(__name__)
+
+
+def checkpoints(t_span, period) -> list[float]:
+    """The ends of the parts of a run, the last one the end of the span."""
+    start, end = t_span
+    if period is None:
+        return [end]
+    count = max(1, ceil(abs(end - start) / period - 1e-9))
+    if count > MOST:
+        raise InputError(
+            f"save_every = {period:g} s makes {count} checkpoints of {abs(end - start):g} s; at most {MOST}"
+        )
+    sign = 1.0 if end >= start else -1.0
+    return [start + sign * k * period for k in range(1, count)] + [end]
+
+
+def carry_out(recipe, mechanism, file, *, begun=None, callback=None):
+    """Make the run of a recipe with a mechanism on which all forces act, and return its solution.
+
+    It is saved in `file`, unless that is None, at its end and at checkpoints, but for a tenth of the time at most: each
+    save writes the whole run so far. A run that has `begun` goes on from its last checkpoint. SavingError, with the
+    solution, is raised where the end cannot be written.
+    """
+    parts, due, (_, t_end) = _Parts(recipe, mechanism, callback, begun), 0.0, recipe.t_span
+    with deferred(late=False):
+        try:
+            for end in parts.ends_to_come():
+                parts.advance(end)
+                if parts.status != 0:
+                    break
+                if end != t_end and file is not None and (began := time.monotonic()) >= due:
+                    try:
+                        saved(parts.solution(), file)
+                    except SavingError as error:  # a disk that is full now may have room at the next checkpoint
+                        _log.warning("%s, at t = %g; the run goes on, and is saved at the next checkpoint", error, end)
+                    due = time.monotonic() + 10 * (time.monotonic() - began)
+        except (PinconsistError, KeyboardInterrupt, MemoryError) as error:
+            if parts.last is None:  # nothing was reached that could be lost
+                raise
+            parts.stop(error)
+        return parts.solution() if file is None else saved(parts.solution(), file)
+
+
+def saved(solution, file):
+    """Save a solution; SavingError, with the solution, where that fails."""
+    try:
+        with deferred(impatient=False):
+            solution.save(file)
+    except OSError as error:
+        raise SavingError(f"{file} cannot be written: {error.strerror or error}", solution=solution) from error
+    return solution
+
+
+class _Parts:
+    """The rows so far, and what the next part begins with."""
+
+    def __init__(self, recipe, mechanism, callback, begun):
+        self.recipe, self.mechanism = recipe, mechanism
+        self.callback = None if callback is None else _Callback(callback)
+        self.parts, self.counted, self.rejected = [], dict.fromkeys(COUNTERS, 0), {}
+        self.last, self.status, self.message = None, 0, ""
+        if begun is not None and (at := recipe.checkpoint) is not None:
+            rows, steps = at["rows"], min(len(begun.h), max(at["rows"] - 1, 0))
+            self.parts = [{n: getattr(begun, n)[:rows] for n in ROWS} | {n: getattr(begun, n)[:steps] for n in STEPS}]
+            self.last, self.counted, self.rejected = begun, dict(at["counted"]), dict(at["rejected"])
+
+    def ends_to_come(self):
+        ends = checkpoints(self.recipe.t_span, self.recipe.save_every)
+        return ends if self.recipe.checkpoint is None else ends[ends.index(self.recipe.checkpoint["t"]) + 1 :]
+
+    def advance(self, end):
+        self._add(self._run(end), end)
+
+    def _run(self, end):
+        """The part up to a checkpoint."""
+        at, options = self.recipe.checkpoint, dict(self.recipe.options)
+        start = self._reached()
+        if (most := options.get("max_steps")) is not None and at is not None:
+            if self.counted["nsteps"] >= most:
+                raise PinconsistError(self._used_up(start))
+            options["max_steps"] = most - self.counted["nsteps"]
+        if options.get("t_eval") is not None:
+            low, high = min(start, end), max(start, end)
+            asked = [t for t in options["t_eval"] if low <= t <= high and (at is None or t != start)]
+            options["t_eval"] = asked if end in asked else [*asked, end]
+        if at is None:
+            first = self.recipe.q0, self.recipe.v0
+            return simulate(self.mechanism, (start, end), *first, callback=self.callback, **options)
+        options.pop("first_step", None)
+        if self.callback:
+            self.callback.skip = True
+        q, v = np.array(at["q"]), np.array(at["v"])
+        return integrate(self.mechanism, (start, end), q, v, callback=self.callback, **options)
+
+    def _add(self, run, end):
+        """Keep the rows of a part; its first one is the last of the part before."""
+        asked, first, last = self.recipe.options.get("t_eval"), 0, len(run.t)
+        if asked is None:
+            first = 1 if self.parts else 0
+        elif end not in asked and last and run.t[-1] == end:  # a row to go on from, which nobody asked for
+            last -= 1
+        self.parts.append({n: getattr(run, n)[first:last] for n in ROWS} | {n: getattr(run, n) for n in STEPS})
+        self.counted = {name: number + getattr(run, name) for name, number in self.counted.items()}
+        self.rejected |= {reason: self.rejected.get(reason, 0) + number for reason, number in run.rejected.items()}
+        self.last, self.status, self.message = run, run.status, run.message
+        most = self.recipe.options.get("max_steps")
+        if self.status == -1 and most is not None and self.counted["nsteps"] >= most:
+            self.message = self._used_up(run.t[-1] if len(run.t) else self.recipe.t_span[0])
+        if self.callback and self.callback.error:
+            self.status, self.message = -1, f"{self.callback.error} (reached t = {self.callback.t:.6g})"
+        if self.status == 0:
+            at = None
+            if end != self.recipe.t_span[1]:
+                self.message = (
+                    f"saved at t = {end:g} of {self.recipe.t_span[1]:g}; to be continued by pinconsist resume"
+                )
+                at = {"t": end, "q": run.q[-1].tolist(), "v": run.v[-1].tolist()}
+                at |= {"rows": sum(len(part["t"]) for part in self.parts)}
+                at |= {"counted": self.counted, "rejected": dict(self.rejected)}
+            self.recipe = replace(self.recipe, checkpoint=at)
+
+    def _reached(self):
+        """The time of the last checkpoint."""
+        return self.recipe.t_span[0] if self.recipe.checkpoint is None else self.recipe.checkpoint["t"]
+
+    def _used_up(self, t):
+        return f"max_steps = {self.recipe.options['max_steps']} used up at t = {t:.6g} of {self.recipe.t_span[1]:.6g}"
+
+    def stop(self, error):
+        """End as the error says that came between two parts."""
+        at = f"t = {self._reached():.6g}"
+        self.status, self.message = -1, str(error)
+        if isinstance(error, KeyboardInterrupt):
+            self.status, self.message = 1, f"interrupted at {at}; the solution holds what was reached"
+        elif isinstance(error, MemoryError):
+            self.message = f"out of memory after {at}; t_eval= keeps fewer rows"
+
+    def solution(self):
+        """What was reached; status 1 where there is more to come."""
+        arrays = {name: np.concatenate([part[name] for part in self.parts]) for name in (*ROWS, *STEPS)}
+        for array in arrays.values():
+            array.setflags(write=False)
+        status = 1 if self.status == 0 and self.recipe.checkpoint is not None else self.status
+        return replace(
+            self.last, **arrays, **self.counted, rejected=self.rejected, message=self.message,
+            status=status, success=status >= 0, recipe=self.recipe.plain(), versions={},
+        )  # fmt: skip
+
+
+class _Callback:
+    """A user's callback; an exception in it ends the run instead of losing it."""
+
+    def __init__(self, callback):
+        self.callback, self.order, self.t, self.error = callback, 0, 0.0, None
+        self.skip = False  # the first row of a part that goes on from a checkpoint
+
+    def __call__(self, t, q, v, lam):
+        if self.skip:
+            self.skip = False
+            return False
+        self.t = t
+        if hasattr(self.callback, "order"):
+            self.callback.order = self.order
+        try:
+            return self.callback(t, q, v, lam)
+        except Exception as error:
+            self.error = UserFunctionError("the callback", t, error)
+            return True

@@ -1,0 +1,206 @@
+"""How a run is made, as the plain data that its file holds: the source of its scene, and all that it depends on."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+
+from .errors import FormatError, InputError
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """A source and the options of :func:`pinconsist.load`; with `reanchor`, loops are moved together at `at`."""
+
+    source: str
+    loops: str | None = None
+    closure: str | None = None
+    free_flyer: bool = False
+    package_dirs: list[str] = field(default_factory=list)
+    reanchor: bool = False
+    at: dict[str, list[float]] = field(default_factory=dict)
+
+    def load(self):
+        """The mechanism."""
+        from .formats.load import load  # brings Pinocchio, which a command's --help does without
+
+        options = {name: getattr(self, name) for name in ("loops", "closure", "free_flyer", "package_dirs")}
+        mechanism = load(self.source, **options)
+        return mechanism.reanchored(self.at or None) if self.reanchor else mechanism
+
+    def load_with_hashes(self):
+        """The mechanism, and the SHA-256 of every file it was read from, by its path as seen from the first."""
+        from .formats.reading import files_read
+
+        with files_read() as found:
+            mechanism = self.load()
+        start = found[0][0].parent if found else ""
+        return mechanism, {os.path.relpath(path, start): digest for path, digest in found}
+
+    def record(self, run_file) -> dict:
+        """As plain values for a run's file; paths as seen from it, so that both can be moved together."""
+        folder = Path(run_file).absolute().parent
+        return self._with_paths(lambda path: os.path.relpath(path, folder))
+
+    @classmethod
+    def recorded(cls, about: dict, run_file) -> SceneSource:
+        """The scene that :meth:`record` described; FormatError for anything else."""
+        about = about if isinstance(about, dict) else {}
+        texts = [about.get("source"), about.get("loops") or "", *(about.get("package_dirs") or ())]
+        if set(about) != {each.name for each in fields(cls)} or not all(isinstance(each, str) for each in texts):
+            raise FormatError("its record of the scene cannot be read", path=run_file)
+        folder = Path(run_file).absolute().parent
+        return cls(**cls(**about)._with_paths(lambda path: os.path.normpath(folder / path)))
+
+    def _with_paths(self, change) -> dict:
+        from .formats.catalogue import is_built_in
+
+        return asdict(self) | {
+            "source": self.source if is_built_in(self.source) else change(self.source),
+            "loops": self.loops and change(self.loops),
+            "package_dirs": [change(each) for each in self.package_dirs],
+        }
+
+
+def loaded(scene: SceneSource, run_file):
+    """`load_with_hashes` of the scene of a saved run; where it fails, the message names the run too."""
+    try:
+        return scene.load_with_hashes()
+    except (InputError, FormatError) as error:
+        raise InputError(f"the scene of {run_file} cannot be loaded; say where it is by --scene. {error}") from error
+
+
+_RETURNED = ("events", "dense_output")
+"""Options of simulate whose results no file holds."""
+_OTHERS = ("mech", "t_span", "q0", "v0", "forces", "callback", *_RETURNED)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All that a run depends on, apart from the packages.
+
+    Attributes
+    ----------
+    scene : dict or None
+        A :class:`SceneSource`, paths as seen from the run's file; None for a mechanism that was given in memory.
+    files : dict[str, str]
+        SHA-256 of each file of the scene.
+    t_span, q0, v0, options, save_every
+        As given to :func:`pinconsist.record`.
+    forces : list of dict or None
+        Records as in a loop file; None where one was a Python function.
+    checkpoint : dict or None
+        The last one: state, number of rows, counters.
+    mechanism : dict or None
+        Digests of the mechanism without `forces`; None in files of older versions.
+    """
+
+    scene: dict | None
+    files: dict
+    t_span: list
+    q0: object = None
+    v0: object = None
+    forces: list | None = field(default_factory=list)
+    options: dict = field(default_factory=dict)
+    save_every: float | None = None
+    checkpoint: dict | None = None
+    mechanism: dict | None = None
+
+    @classmethod
+    def read(cls, solution, file) -> Recipe:
+        """The recipe of a saved run; FormatError where the file holds none."""
+        if solution.recipe is None:
+            raise FormatError(
+                "it does not say how it was made: a solution of simulate() on its own does not know from which file "
+                "its mechanism came. Make the run by pinconsist.record(scene, ...) or the command line",
+                path=file,
+            )
+        try:
+            recipe = cls(**solution.recipe)
+            options = {
+                name: tuple(each["pair"]) if isinstance(each, dict) else each for name, each in recipe.options.items()
+            }
+            recipe = replace(recipe, options=options)
+            recipe.given_forces()
+            _checked(recipe)
+        except (TypeError, ValueError, AttributeError, KeyError) as error:
+            raise FormatError(f"its record of how it was made cannot be read ({error})", path=file) from error
+        return recipe
+
+    def plain(self) -> dict:
+        """For JSON."""
+        return asdict(self) | {"options": {name: _option(each, name) for name, each in self.options.items()}}
+
+    def given_forces(self) -> tuple:
+        """The forces that came on top of the scene's, from their records."""
+        from .formats.records import force_record
+
+        return tuple(force_record(number, entry) for number, entry in enumerate(self.forces or (), start=1))
+
+
+def recipe_of(scene, files, mechanism, t_span, q0, v0, forces, options, save_every) -> Recipe:
+    """A recipe from the arguments of :func:`pinconsist.record`; InputError for what no file can hold."""
+    from .formats.records import force_entries
+    from .mechanism.checks import finite_array
+    from .mechanism.digest import digests
+    from .mechanism.mechanism import with_forces
+
+    for name in _RETURNED:
+        if options.get(name):
+            raise InputError(f"{name}= is not for runs that are kept in a file, which does not hold it; use simulate()")
+    options = {name: each for name, each in options.items() if name not in _RETURNED}
+    for name, each in options.items():
+        _option(each, name)
+    given = with_forces(replace(mechanism, forces=()), forces, "record")
+    try:
+        entries = force_entries(given)
+    except InputError:  # a user-defined function
+        entries = None
+    span, start = finite_array(t_span, "t_span").tolist(), (_plain(q0, "q0"), _plain(v0, "v0"))
+    return _checked(Recipe(scene, files, span, *start, entries, options, save_every, mechanism=digests(mechanism)))
+
+
+def _checked(recipe) -> Recipe:
+    """The recipe, or InputError for a span, a period or options that cannot be."""
+    from .formats.reading import near
+    from .mechanism.checks import finite_array
+    from .simulation import simulate
+
+    known = [name for name in inspect.signature(simulate).parameters if name not in _OTHERS]
+    for name in recipe.options:
+        if name not in known:
+            raise InputError(f"there is no option {name!r}{near(name, known)}")
+    if finite_array(recipe.t_span, "t_span").shape != (2,):
+        raise InputError(f"t_span needs two numbers (start, end), got {recipe.t_span!r}")
+    if not isinstance(recipe.files, dict):
+        raise InputError(f"no hashes of files: {recipe.files!r}")
+    if not isinstance(recipe.mechanism, dict | None):
+        raise InputError(f"no digests of the mechanism: {recipe.mechanism!r}")
+    if recipe.save_every is None:
+        return recipe
+    period = finite_array(recipe.save_every, "save_every")
+    if period.shape != () or not period > 0:
+        raise InputError(f"save_every must be a positive number of seconds, got {recipe.save_every!s}")
+    return replace(recipe, save_every=float(period))
+
+
+def _plain(value, name):
+    """What JSON holds exactly, or InputError."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each, name) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each, name) for each in value]
+    if hasattr(value, "tolist"):  # an array or a number of numpy
+        return _plain(value.tolist(), name)
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    raise InputError(f"{name} = {value!r} cannot be kept in a file; numbers and names can")
+
+
+def _option(value, name):
+    """Like `_plain`; a pair (of tolerances) stays apart from a list."""
+    plain = _plain(value, name)
+    return {"pair": plain} if isinstance(value, tuple) and len(value) == 2 else plain

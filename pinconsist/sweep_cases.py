@@ -1,0 +1,222 @@
+"""What `pinconsist sweep --vary` says: the cases, and what each of their numbers changes in a scene or a run."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from decimal import Decimal, InvalidOperation
+
+import numpy as np
+
+from .errors import InputError
+from .mechanism.checks import near
+from .mechanism.forces import bound_forces, model_forces
+from .mechanism.mechanism import Mechanism
+
+MOST = 1_000_000
+DISTRIBUTIONS = {"normal": "normal:MEAN:DEVIATION", "uniform": "uniform:LOW:HIGH"}
+FORMS = "FROM:TO:STEP, VALUE,VALUE,..., normal:MEAN:DEVIATION or uniform:LOW:HIGH"
+SETTINGS = ("rtol", "atol", "step", "until")
+AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}
+
+
+def cases_of(
+    texts, number: Callable[[str], float], *, count: int | None = None, seed: int | None = None
+) -> tuple[tuple[str, ...], list[tuple[float, ...]]]:
+    """Names and cases of texts such as ``crank_speed=5:15:0.1``, whose numbers are read by `number`; or InputError.
+
+    The lists are crossed, the last one running fastest. All random names together are one more list of `count` samples,
+    crossed with the others like one; sample i comes from the i-th of ``numpy.random.SeedSequence(seed).spawn(count)``,
+    so that it stays the same when `count` grows.
+    """
+    lists, random = {}, {}
+    for text in texts:
+        name, sign, values = (part.strip() for part in text.rpartition("="))
+        if not sign or not name or not values:
+            raise InputError(f"--vary needs name=values, got {text!r}; values are {FORMS}")
+        if name in lists or name in random:
+            raise InputError(f"--vary names {name!r} twice")
+        if values.split(":")[0] in DISTRIBUTIONS:
+            random[name] = _distribution(values, number, text)
+        else:
+            lists[name] = _range(values, number, text) if ":" in values else _list(values, number, text)
+    if bool(random) != (count is not None):
+        raise InputError("--count says how many samples to draw of normal: and uniform: values; give both or none")
+    if seed is not None and not random:
+        raise InputError("--seed is for normal: and uniform: values")
+    size = math.prod(map(len, lists.values())) * (count or 1)
+    if size > MOST:
+        raise InputError(f"{size} cases are more than a million; take larger steps, or draw samples: normal:, uniform:")
+    samples = [()] if count is None else _samples(random.values(), count, seed or 0)
+    cases = [(*values, *sample) for *values, sample in itertools.product(*lists.values(), samples)]
+    return (*lists, *random), cases
+
+
+def _samples(distributions, count, seed):
+    if count < 1 or seed < 0:
+        raise InputError(f"--count must be at least 1 and --seed not negative, got {count} and {seed}")
+    generators = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(count))
+    return [tuple(float(draw(generator)) for draw in distributions) for generator in generators]
+
+
+def _distribution(values, number, text):
+    kind, *parameters = values.split(":")
+    if len(parameters) != 2:
+        raise InputError(f"--vary {text}: needs {DISTRIBUTIONS[kind]}")
+    first, second = (_number(each, number, text) for each in parameters)
+    if kind == "normal" and second < 0:
+        raise InputError(f"--vary {text}: the deviation is negative")
+    if kind == "uniform" and second < first:
+        raise InputError(f"--vary {text}: the end is below the start")
+    return lambda generator: getattr(generator, kind)(first, second)
+
+
+def _list(values, number, text):
+    found = [_number(each, number, text) for each in values.split(",")]
+    if len(set(found)) < len(found):
+        raise InputError(f"--vary {text}: a value stands twice")
+    return found
+
+
+def _range(values, number, text):
+    parts = values.split(":")
+    if len(parts) != 3:
+        raise InputError(f"--vary {text}: a range needs FROM:TO:STEP")
+    try:
+        start, end, step = map(Decimal, parts)  # 5.3, where floats would give 5.300000000000001
+    except InvalidOperation:
+        start, end, step = (_number(each, number, text) for each in parts)
+    if not all(map(math.isfinite, (start, end, step))) or step == 0 or (end - start) / step < 0:
+        raise InputError(f"--vary {text}: the step must lead from start to end")
+    if (count := float((end - start) / step)) > MOST:
+        raise InputError(f"--vary {text}: that makes more than a million cases")
+    return [float(start + k * step) for k in range(int(count + 1e-9) + 1)]
+
+
+def _number(text, number, whole) -> float:
+    try:
+        value = number(text)
+    except ValueError:
+        raise InputError(f"--vary {whole}: {text!r} is not a number; values are {FORMS}") from None
+    if not math.isfinite(value):
+        raise InputError(f"--vary {whole}: {text!r} is not a finite number")
+    return value
+
+
+@dataclass
+class Run:
+    """What `simulate` is to be called with; targets change it."""
+
+    mechanism: Mechanism
+    until: float
+    q0: dict = field(default_factory=dict)
+    v0: dict = field(default_factory=dict)
+    torques: dict = field(default_factory=dict)
+    options: dict = field(default_factory=dict)
+
+
+def target(mechanism: Mechanism, name: str) -> Callable[[Run, float], None]:
+    """The function that puts a number of this name into a run, or InputError where nothing has the name.
+
+    Names are those of joints of one degree of freedom (initial position, rad or m), ``<joint>_speed`` (initial
+    velocity), ``<joint>_torque`` (constant, beside the scene's forces); ``<loop or force>.<number>``, by the names of
+    the scene file, such as ``gear.ratio``, ``motor.speed``, ``spring crank.stiffness``; ``gravity.x``, ``gravity.y``,
+    ``gravity.z`` (m/s²); ``rtol``, ``atol``, ``step``, ``until``.
+    """
+    for joint, kind in ((name, "q0"), (name.removesuffix("_speed"), "v0"), (name.removesuffix("_torque"), "torques")):
+        if joint in mechanism.joints and (kind == "q0" or joint != name):
+            columns = mechanism.columns(joint)
+            if columns.stop - columns.start != 1:
+                raise InputError(f"{name} cannot be varied: joint {joint!r} has several degrees of freedom")
+            return lambda run, value: getattr(run, kind).__setitem__(joint, value)
+    if name == "until":
+        return lambda run, value: setattr(run, name, value)
+    if name in SETTINGS:
+        return lambda run, value: run.options.__setitem__(name, value)
+    if name in AXES:
+        return lambda run, value: _set_gravity(run, AXES[name], value)
+    for label, (place, i) in _records(mechanism).items():
+        if name.startswith(f"{label}."):
+            path = _path(getattr(mechanism, place)[i], label, name[len(label) + 1 :])
+            return lambda run, value: _set_number(run, place, i, path, value)
+    raise InputError(_unknown(mechanism, name))
+
+
+def _set_gravity(run, axis, value):
+    gravity = run.mechanism.model.gravity.linear.copy()
+    gravity[axis] = value
+    run.mechanism = run.mechanism.with_gravity(gravity)
+
+
+def _set_number(run, place, i, path, value):
+    records = list(getattr(run.mechanism, place))
+    records[i] = _with(records[i], path, value)
+    run.mechanism = replace(run.mechanism, **{place: records})
+
+
+def _records(mechanism) -> dict:
+    """Name → where the record stands, of all loops and forces, the longest names first."""
+    own = len(model_forces(mechanism.model))
+    labels = list(bound_forces(mechanism.model, mechanism.forces))[own:]
+    found = {label: ("forces", i) for i, label in enumerate(labels)}
+    found |= {loop.name: ("loops", i) for i, loop in enumerate(mechanism.loops)}
+    return dict(sorted(found.items(), key=lambda item: -len(item[0])))
+
+
+def _path(record, label, name) -> tuple:
+    """The path to the number of this name in a record; its last word will do where there is one such number."""
+    numbers = list(_numbers(record))
+    whole = [path for path in numbers if ".".join(path) == name]
+    short = [path for path in numbers if path[-1] == name]
+    if len(found := whole or short) == 1:
+        return found[0]
+    there = ", ".join(".".join(path) for path in found or numbers) or "none"
+    raise InputError(f"{label!r} has {'several numbers' if found else 'no number'} {name!r}; it has {there}")
+
+
+def _parts(record) -> dict:
+    """Name → value of the fields of a record, the entries of a mapping, the members of a tuple."""
+    if dataclasses.is_dataclass(record):
+        parts = {each: getattr(record, each.name) for each in dataclasses.fields(record)}
+        return {
+            each.name: 0.0 if part is None and each.type == "float | None" else part for each, part in parts.items()
+        }
+    if isinstance(record, tuple):
+        return {str(i): part for i, part in enumerate(record)}
+    return dict(record) if isinstance(record, Mapping) else {}
+
+
+def _numbers(record) -> Iterator[tuple]:
+    """The paths to all numbers in a record and in its parts."""
+    if isinstance(record, float | int) and not isinstance(record, bool):
+        yield ()
+    for name, part in _parts(record).items():
+        yield from ((name, *path) for path in _numbers(part))
+
+
+def _with(record, path, value):
+    """The record with another number at the end of a path."""
+    if not path:
+        return value
+    first, *rest = path
+    parts = _parts(record)
+    changed = {first: _with(parts[first], rest, value)}
+    if dataclasses.is_dataclass(record):
+        return replace(record, **changed)
+    return {**record, **changed} if isinstance(record, Mapping) else tuple((parts | changed).values())
+
+
+def _unknown(mechanism, name) -> str:
+    records = _records(mechanism)
+    known = [*mechanism.joints, *(f"{joint}_speed" for joint in mechanism.joints), *AXES, *SETTINGS]
+    for label, (place, i) in records.items():
+        known += [f"{label}.{path[-1]}" for path in _numbers(getattr(mechanism, place)[i])]
+    joints, named = (", ".join([*names][:12]) + ", …" * (len(names) > 12) for names in (mechanism.joints, records))
+    return (
+        f"{mechanism.name} has nothing named {name!r} that could be varied{near(name, known)}. There "
+        f"are the joints {joints} (JOINT, JOINT_speed, JOINT_torque), the numbers of {named or 'no loop or force'} "
+        f"(NAME.NUMBER), {', '.join(AXES)}, {', '.join(SETTINGS)}"
+    )

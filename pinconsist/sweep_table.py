@@ -1,0 +1,238 @@
+"""The sweep of a scene: the run of each case, the journal of their rows, and the table."""
+
+from __future__ import annotations
+
+import csv
+import fcntl
+import hashlib
+import io
+import json
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import _core
+from .errors import FormatError, InputError, PinconsistError
+from .files import written_whole
+from .mechanism.digest import digests
+from .mechanism.mechanism import Mechanism
+from .simulation import simulate
+from .solution_file import versions
+from .sweep_cases import Run, target
+
+FORMAT = 1
+MEASURED = ("status", "t", "steps", "gap", "energy_error")
+DONE, FAILED, ERROR = "done", "failed", "error"
+_log = logging.getLogger(__name__)
+_loaded: dict[str, Mechanism] = {}
+"""Text of a scene source → its mechanism, for the one sweep that a process works at."""
+
+
+def loaded(scene, *, anew=False) -> Mechanism:
+    """The mechanism of a scene, loaded once in each process; `anew` where its files may have changed since."""
+    if anew or repr(scene) not in _loaded:
+        _loaded.clear()
+        _loaded[repr(scene)] = scene.load()
+    return _loaded[repr(scene)]
+
+
+@dataclass(frozen=True)
+class SceneSweep:
+    """How each case of a sweep is run: plain data, that any process can be sent.
+
+    Parameters
+    ----------
+    scene : object
+        Plain data with a method ``load() -> Mechanism``.
+    names : tuple of str
+        What the numbers of a case are, by the names of :func:`~pinconsist.sweep_cases.target`.
+    start, until : float
+        Of the run, s.
+    q0, v0 : mapping
+        Joint name → number(s), for the joints that are not varied.
+    options : mapping
+        Of :func:`~pinconsist.simulate`.
+    """
+
+    scene: Any
+    names: tuple[str, ...]
+    start: float
+    until: float
+    q0: Mapping
+    v0: Mapping
+    options: Mapping
+
+    def __call__(self, case) -> dict:
+        """The row of a case: what was measured, ``end`` (q and v of the last row), and a message where one is due."""
+        run = self.run(case)
+        sol = self._simulated(run, run.until)
+        row = (DONE if sol.success else FAILED, float(sol.t[-1]), sol.nsteps, _gap(sol), sol.energy().balance_error)
+        messages = [*([] if sol.success else [sol.message]), *_moved(run, sol.q[0])]
+        end = [*map(float, sol.q[-1]), *map(float, sol.v[-1])]
+        return dict(zip(MEASURED, row, strict=True)) | {"end": end, "message": "; ".join(messages)}
+
+    def run(self, case) -> Run:
+        """What `simulate` is called with for a case; InputError where its numbers cannot be."""
+        mechanism = loaded(self.scene)
+        run = Run(mechanism, self.until, dict(self.q0), dict(self.v0), {}, dict(self.options))
+        for name, value in zip(self.names, case, strict=True):
+            target(mechanism, name)(run, value)
+        return run
+
+    def check(self, case) -> None:
+        """Raise InputError if the run of a case cannot even begin for what was asked."""
+        try:
+            self._simulated(self.run(case), self.start)
+        except InputError:
+            raise
+        except PinconsistError as error:  # that concerns this case alone, and stands in its row
+            _log.debug("the first case: %s", error)
+
+    def _simulated(self, run, until):
+        forces = [run.torques] if run.torques else ()
+        q0, v0 = run.q0 or None, run.v0 or None
+        return simulate(run.mechanism, (self.start, until), q0, v0, forces=forces, **run.options)
+
+    def about(self, cases) -> dict:
+        """What two sweeps must share for the rows of one to be those of the other."""
+        mechanism = loaded(self.scene)
+        return {
+            "scene": {"name": mechanism.name, **digests(mechanism)},
+            "start": {"time": self.start, "q": dict(self.q0), "v": dict(self.v0)},
+            "settings": {"until": self.until, **self.options},
+            "varied": list(self.names),
+            "cases": {"count": len(cases), "content": hashlib.sha256(json.dumps(cases).encode()).hexdigest()},
+            "backend": "python" if _core.load()[0] is None else "compiled",  # the last bits are others
+            "versions": versions(),
+        }
+
+    def columns(self) -> list[str]:
+        """The names of the table's columns; q and v as ``q.crank``, or ``q.ball[0]`` of a joint of several."""
+        mechanism, ends = loaded(self.scene), []
+        for letter, sizes in (("q", mechanism.model.nqs), ("v", mechanism.model.nvs)):
+            for joint, size in zip(mechanism.joints, list(sizes)[1:], strict=True):
+                own = f"{letter}.{joint}"
+                ends += [own] if size == 1 else [f"{own}[{k}]" for k in range(size)]
+        return ["case", *self.names, *MEASURED, *ends, "message"]
+
+    def rows(self, cases, measured: dict[int, dict]) -> list[list]:
+        """The rows of the cases that have been run, in their order; None where a number is missing."""
+        empty = [None] * (len(self.columns()) - len(self.names) - len(MEASURED) - 2)
+        return [
+            [i, *cases[i], *(row.get(name) for name in MEASURED), *(row.get("end") or empty), row["message"]]
+            for i, row in sorted(measured.items())
+        ]
+
+
+def write_table(file, sweep: SceneSweep, cases, measured: dict[int, dict]) -> None:
+    """Write a CSV file, whole or not at all; floats have the digits that give the same float again."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([sweep.columns(), *sweep.rows(cases, measured)])
+    with written_whole(file) as stream:
+        stream.write(text.getvalue().encode())
+
+
+def _gap(sol) -> float:
+    """`Certificate.position`, alone: the forces, which no row has, are most of a certificate's work."""
+    gaps = [sol.system.loop_rows(q, t)[0] for t, q in zip(sol.t, sol.q, strict=True)]
+    return float(np.abs(gaps).max(initial=0.0))
+
+
+def _moved(run, q) -> list[str]:
+    """Which joints could not start where they were put."""
+    mechanism, messages = run.mechanism, []
+    for joint, value in run.q0.items():
+        if not np.allclose(mechanism.configuration({joint: value}, base=q), q, rtol=0, atol=1e-9):
+            start = mechanism.model.idx_qs[i := mechanism.joint_index(joint)]
+            at = " ".join(f"{each:g}" for each in q[start : start + mechanism.model.nqs[i]])
+            asked = " ".join(f"{each:g}" for each in np.atleast_1d(value))
+            messages.append(f"the loops do not close with {joint} = {asked}; it began at {at}")
+    return messages
+
+
+class Journal:
+    """The rows of a table that is being made, one line each, in a file beside it; a killed sweep goes on from there.
+
+    The file is named like the table, with ``.partial`` after it, and locked while it is open. ``rows`` maps each case
+    that is done to its row. An InputError is raised if the file there is of another sweep, which `about` tells apart,
+    or if another process writes it; a FormatError if it is no journal, or damaged.
+    """
+
+    def __init__(self, table, about: dict):
+        self.path = Path(f"{table}.partial")
+        self.rows: dict[int, dict] = {}
+        self._stream = open(self.path, "a+b", buffering=0)  # unbuffered: a line is written by one call, or not at all
+        try:
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._begin({"pinconsist sweep": FORMAT, "about": json.loads(json.dumps(about))})
+        except BaseException as error:
+            self._stream.close()
+            if isinstance(error, BlockingIOError):
+                reason = "is being written by another sweep; wait for its end, or stop it"
+                raise InputError(f"{self.path} {reason}") from None
+            raise
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._stream.close()
+
+    def add(self, case: int, row: dict) -> None:
+        """Keep the row of a case."""
+        self._write([case, row])
+        self.rows[case] = row
+
+    def remove(self) -> None:
+        """Delete the file, once its table is there."""
+        self.path.unlink(missing_ok=True)
+
+    def _write(self, values):
+        line = json.dumps(values).encode() + b"\n"
+        written = self._stream.write(line)
+        if written != len(line):  # the next try raises the reason
+            self._stream.write(line[written:])
+
+    def _begin(self, header):
+        self._stream.seek(0)
+        whole, newline, torn = self._stream.read().rpartition(b"\n")
+        if not newline and not json.dumps(header).encode().startswith(torn):
+            raise self._damaged(1)
+        if torn:  # killed while it wrote
+            self._stream.truncate(len(whole) + len(newline))
+        if not newline:
+            self._write(header)
+            return
+        lines = whole.split(b"\n")
+        for k, line in enumerate(lines, start=1):
+            try:
+                entry = json.loads(line)
+            except ValueError:
+                raise self._damaged(k) from None
+            match entry:
+                case {"pinconsist sweep": _, "about": dict()} if k == 1:
+                    self._require_same(entry, header, len(lines) - 1)
+                case [int(i), {"status": str(), "message": str()}] if (
+                    0 <= i < header["about"]["cases"]["count"] and k > 1
+                ):
+                    self.rows[i] = entry[1]
+                case _:
+                    raise self._damaged(k)
+
+    def _require_same(self, found, header, count):
+        if found == header:
+            return
+        mine, other = header["about"], found["about"]
+        different = [name for name in mine if mine[name] != other.get(name)] or ["its format"]
+        raise InputError(
+            f"{self.path} holds {count} cases of another sweep, which differs in {', '.join(different)}. End that one "
+            f"by its own command, write this one elsewhere by --out, or delete {self.path.name} to begin afresh"
+        )
+
+    def _damaged(self, line) -> FormatError:
+        what = "no journal of a sweep, or a damaged one; delete it, or move it away, to begin afresh"
+        return FormatError(what, path=self.path, element=f"line {line}")

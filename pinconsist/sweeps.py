@@ -1,0 +1,300 @@
+"""One function over many cases: in a loop, on any executor, or in processes of its own."""
+
+from __future__ import annotations
+
+import copy
+import multiprocessing
+import os
+import pickle
+import secrets
+import signal
+import threading
+import time
+import traceback as tracebacks
+from collections.abc import Callable, Iterable
+from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field, replace
+from queue import SimpleQueue
+from typing import Any
+
+from .errors import InputError, PinconsistError
+from .interrupts import ended_like_ctrl_c, interrupted
+
+INTERRUPT, LOST = KeyboardInterrupt.__name__, BrokenProcessPool.__name__
+BROKEN = (
+    "A worker died (killed, out of memory or crashed) and took its pool with it while this case ran or waited. Run the "
+    "cases that are not finished in a new pool; a worker that dies again and again may need more memory"
+)
+NOT_SENT = (
+    "Functions, cases and values go to other processes by pickle: define the function at the top of a module, and keep "
+    "cases and values to plain data, mechanisms and solutions"
+)
+NOT_COPIED = "A case is copied before the function gets it: keep it to plain data"
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of one case of a :func:`sweep`.
+
+    Attributes
+    ----------
+    index : int
+        Its place among the cases.
+    case : object
+        The case, as it was given.
+    value : object
+        What the function returned; None where it did not.
+    error : str
+        Type of the error, such as ``"AssemblyError"``; empty where there was none.
+    message : str
+        What the error says.
+    traceback : str
+        Where it was raised, as Python prints it; of an error in another process, the place there.
+    finished : bool
+        The function ran to its end, by a value or by an error of its own. False where no answer came: interrupted,
+        lost with a worker that died, or something that cannot be sent to another process. These cases may be tried
+        again.
+    """
+
+    index: int
+    case: object
+    value: object = None
+    error: str = ""
+    message: str = ""
+    traceback: str = field(default="", repr=False)
+    finished: bool = True
+
+    @property
+    def success(self) -> bool:
+        """Whether there is a value. That a simulation failed on its way is for the value to say."""
+        return not self.error
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """The call of a function with one case. Its outcome leaves out the case, which need not be sent back."""
+
+    function: Callable
+    index: int
+    case: object
+
+    def __call__(self) -> Outcome:
+        begun, failure = time.monotonic(), None
+        with ended_like_ctrl_c(others=False):
+            try:
+                value = self.function(self.case)
+            except KeyboardInterrupt:
+                return _interrupted(self.index, None)
+            except BaseException as error:  # sys.exit() in one case does not end the others
+                value, failure = None, _failed(self.index, None, error)
+        if interrupted(begun):  # even if the function caught it, as `simulate` does: half a run is no value
+            return _interrupted(self.index, None)
+        return failure or Outcome(self.index, None, value)
+
+    def __dask_tokenize__(self):
+        """A new name for each call: dask would answer one that it knows, perhaps with an old error."""
+        return secrets.token_hex(16)
+
+
+def sweep(
+    function: Callable, cases: Iterable, *, executor: Any = None, callback: Callable[[Outcome], object] | None = None
+) -> list[Outcome]:
+    """Call a function with each of many cases, and return what became of each.
+
+    The numbers are the same, bit for bit, with every executor and without one, as long as the function takes all it
+    needs from its case. A case that needs random numbers carries its own seed, one of
+    ``numpy.random.SeedSequence(seed).spawn(n)``: case i gets the same seed however many cases there are.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(case)``. For other processes it is a function at the top of a module, or a ``functools.partial`` of
+        one; what is the same for all cases, such as the mechanism, it best makes once for each process (see
+        docs/sweeps.md).
+    cases : iterable
+        One argument each: plain data. The function gets a copy, so that no case can change another.
+    executor : concurrent.futures.Executor, optional
+        Anything with its ``submit``: a ProcessPoolExecutor, loky, dask's ``client.get_executor()``,
+        ``mpi4py.futures.MPIPoolExecutor``. Default: a plain loop in this process. It is left open.
+    callback : callable, optional
+        ``callback(outcome)`` in this process, as the outcomes arrive. What it raises ends the sweep.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the cases, one each. A case that raises is an outcome with its error; so is one that was lost
+        with its worker. Ctrl-C, SIGTERM and SIGHUP end the sweep: what was reached is returned, the other cases
+        are outcomes that are not ``finished``.
+
+    Raises
+    ------
+    InputError
+        Arguments that cannot be used.
+    """
+    if not callable(function):
+        raise InputError(f"sweep needs a function of one case, got {type(function).__name__}")
+    if not isinstance(cases, Iterable):
+        raise InputError(f"sweep needs a sequence of cases, got {type(cases).__name__}")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise InputError(
+            f"executor must have the submit() of concurrent.futures.Executor, got {type(executor).__name__}; "
+            "of a dask client give client.get_executor()"
+        )
+    if callback is not None and not callable(callback):
+        raise InputError(f"callback must be a function of an outcome, got {type(callback).__name__}")
+    cases, outcomes = list(cases), dict[int, Outcome]()
+
+    def arrived(outcome):
+        outcomes[outcome.index] = outcome
+        if callback is not None:
+            callback(outcome)
+
+    with ended_like_ctrl_c():
+        if executor is None:
+            _in_a_loop(function, cases, arrived)
+        else:
+            _on(executor, function, cases, arrived)
+    return [outcomes.get(i) or _interrupted(i, case) for i, case in enumerate(cases)]
+
+
+def _in_a_loop(function, cases, arrived):
+    try:
+        for i, case in enumerate(cases):
+            try:
+                own = copy.deepcopy(case)  # as another process gets one
+            except Exception as error:
+                arrived(_failed(i, case, error, finished=False, hint=NOT_COPIED))
+                continue
+            arrived(outcome := replace(Attempt(function, i, own)(), case=case))
+            if outcome.error == INTERRUPT:
+                return
+    except KeyboardInterrupt:  # between two calls
+        return
+
+
+def _on(executor, function, cases, arrived):
+    done: SimpleQueue = SimpleQueue()
+    futures: dict[int, Future] = {}
+
+    def hand_over(i):
+        future = futures.pop(i)
+        error = CancelledError() if future.cancelled() else future.exception()
+        arrived(replace(future.result(), case=cases[i]) if error is None else _lost(i, cases[i], error))
+
+    try:
+        for i, case in enumerate(cases):
+            try:
+                futures[i] = executor.submit(Attempt(function, i, case))
+            except Exception as error:  # a pool that broke meanwhile takes no more
+                arrived(_lost(i, case, error))
+                continue
+            futures[i].add_done_callback(lambda _, i=i: done.put(i))
+        while futures:
+            hand_over(done.get())
+    except BaseException as error:
+        for future in reversed(futures.values()):  # the last first, lest one begins meanwhile
+            future.cancel()
+        if not isinstance(error, KeyboardInterrupt):
+            raise
+        while not done.empty():
+            if (i := done.get()) in futures and not futures[i].cancelled():  # it ended before Ctrl-C came
+                hand_over(i)
+
+
+def _lost(i, case, error) -> Outcome:
+    """The outcome of a case that never gave its answer."""
+    if isinstance(error, KeyboardInterrupt):
+        return _interrupted(i, case)
+    not_sent = isinstance(error, pickle.PicklingError) or "pickle" in str(error)
+    hint = BROKEN if isinstance(error, BrokenExecutor) else NOT_SENT if not_sent else ""
+    return _failed(i, case, error, finished=False, hint=hint)
+
+
+def _failed(index, case, error, *, finished=True, hint="") -> Outcome:
+    """The outcome of a case that ended in an error, which is kept as text: not every exception can be sent."""
+    frames = error.__traceback__ and error.__traceback__.tb_next if finished else error.__traceback__
+    described = tracebacks.TracebackException(type(error), error, frames)
+    message, traceback = ". ".join(filter(None, (str(described), hint))), "".join(described.format())
+    return Outcome(index, case, None, type(error).__name__, message, traceback, finished)
+
+
+def _interrupted(index, case) -> Outcome:
+    return Outcome(index, case, None, INTERRUPT, "interrupted before it came to its end", finished=False)
+
+
+def sweep_in_processes(
+    function: Callable, cases: list, workers: int, callback: Callable[[Outcome], object]
+) -> list[Outcome]:
+    """A :func:`sweep` in new processes that loses no case to another one's death.
+
+    A worker that dies takes its pool along. The cases that may have killed it are then tried one by one in one process;
+    the first to kill that one is an outcome with an error, and the others go on in a new pool.
+    """
+    outcomes: dict[int, Outcome] = {}
+    waiting, alone = list(range(len(cases))), False
+    while waiting:
+        tried = waiting[:workers] if alone else waiting  # begun in order, so that those that ran stand first
+        found = _in_one_pool(function, cases, tried, 1 if alone else workers, callback)
+        lost = [outcome.index for outcome in found if _is_lost(outcome)]
+        outcomes |= {outcome.index: outcome for outcome in found}
+        if any(outcome.error == INTERRUPT for outcome in found):
+            break
+        if alone and lost:
+            culprit = lost.pop(0)
+            died = "its worker died (killed, out of memory or crashed), and again with this case alone"
+            outcomes[culprit] = replace(outcomes[culprit], message=died, traceback="", finished=True)
+            callback(outcomes[culprit])
+        waiting = lost + (waiting[workers:] if alone else [])
+        alone = bool(lost) and not alone
+    return [outcomes.get(i) or _interrupted(i, case) for i, case in enumerate(cases)]
+
+
+def _in_one_pool(function, cases, indices, workers, callback) -> list[Outcome]:
+    """The outcomes of some of the cases in a pool that is closed afterwards, at once after Ctrl-C."""
+
+    def arrived(outcome):
+        if outcome.error != INTERRUPT and not _is_lost(outcome):
+            callback(replace(outcome, index=indices[outcome.index]))
+
+    others, ended = multiprocessing.active_children(), False
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), end_with_parent)
+    try:
+        _start(pool, workers)
+        outcomes = sweep(function, [cases[i] for i in indices], executor=pool, callback=arrived)
+        ended = not any(outcome.error == INTERRUPT for outcome in outcomes)
+    finally:
+        pool.shutdown(wait=ended, cancel_futures=True)
+        if not ended:
+            for process in set(multiprocessing.active_children()) - set(others):
+                process.terminate()
+    return [replace(outcome, index=indices[outcome.index]) for outcome in outcomes]
+
+
+def _is_lost(outcome) -> bool:
+    return outcome.error == LOST and not outcome.finished
+
+
+def _start(pool, workers):
+    """Start the workers, which ignore Ctrl-C: their parent gets it too, and answers."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # which they inherit
+    try:
+        started = [pool.submit(os.getpid) for _ in range(workers)]
+    finally:
+        signal.signal(signal.SIGINT, before)
+    try:
+        wait(started)
+        started[0].result()
+    except BrokenProcessPool as error:
+        raise PinconsistError(f"no worker process can be started here: {error}") from error
+
+
+def end_with_parent():
+    """In a worker: end it as soon as its parent is gone, killed perhaps; it would wait for work for ever."""
+
+    def watch():
+        if (parent := multiprocessing.parent_process()) is not None:
+            parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
