@@ -1,179 +1,83 @@
-"""What each skip saves: runs of a scene with one thing switched on that the method leaves out, beside plain runs.
+"""What each thing saves that a run leaves out: ``python -m benchmarks ablate``.
 
-The method has no options for this. Each switch replaces, for the time of one run, the one function in which the skip
-is decided, or asks for what was not asked for. That dependent and zero rows leave the system cannot be switched off:
-with them the Newton matrix is singular.
+Each variant does one of these things after all, and its time stands beside that of a plain run. What the compiled
+method does for speed alone has a switch; charts, rows and derivatives are those of a subclass of the system, on the
+Python method; the rest is asked for. That dependent and zero rows leave the system cannot be switched off: with them
+the Newton matrix is singular.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import asdict, dataclass, field
-from functools import partial
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Annotated
-from unittest.mock import patch
 
 import numpy as np
 import typer
 
-from pinconsist import Event, InputError, load, simulate
+from pinconsist import Event, InputError, _core, assemble, load
+from pinconsist._core.compiled import stepper_for
 from pinconsist.cli import output
+from pinconsist.dae.integrate import integrate
+from pinconsist.dae.output import Output
+from pinconsist.dae.tuning import WORTH, Switches
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.plan import method_of
+from pinconsist.view.visuals import visuals
 
 from . import report
 
 SCENES = {"crank_rocker": 2.0, "andrews": 0.02, "bricard": 4.0, "delta_robot": 0.5, "chain_8": 1.0, "chain_64": 1.0}
 """The scenes and how long they run, s."""
 ELSEWHERE = 0.5  # s, of any other scene
+FEW = 8  # velocities for each constraint from which these are few, as in kkt.hpp
 
 
-@dataclass(frozen=True)
-class Skip:
-    """One thing that the method leaves out.
-
-    Attributes
-    ----------
-    name : str
-    switch : callable
-        Makes a context in which nothing is left out.
-    concerns : callable
-        Whether a system has anything to leave out here; the switch changes nothing elsewhere.
-    wishes : dict
-        Keywords of :func:`pinconsist.simulate` that ask for the work.
-    """
-
-    name: str
-    switch: Callable[[], AbstractContextManager] = nullcontext
-    concerns: Callable[[MechanismSystem], bool] = lambda system: True
-    wishes: dict = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Cost:
-    """A scene with one skip switched off.
-
-    Attributes
-    ----------
-    scene, skip : str
-    ratio : float
-        Time of the run, assembly and start included, to that with the skip: median of the rounds.
-    time : float
-        Median time of the processor without the skip, s.
-    steps, residuals, matrices : int
-        Accepted steps, residual evaluations, Newton matrices without the skip.
-    """
-
-    scene: str
-    skip: str
-    ratio: float
-    time: float
-    steps: int
-    residuals: int
-    matrices: int
-
-
-def ablate(scenes=None, repeats: int = 7, shapes=None) -> Iterator[Cost]:
-    """Switch each skip off in turn; yields for each scene first the plain run, then a :class:`Cost` for each skip.
-
-    Parameters
-    ----------
-    scenes : sequence of str, optional
-        Built-in models or files. Default: a few of every kind.
-    repeats : int
-        Rounds; in each all variants run one after the other.
-    shapes : callable, optional
-        ``shapes(mechanism)`` reads the shapes of a scene, as a viewer does; what that would add is measured, too.
-
-    Raises
-    ------
-    InputError
-        Fewer than one round.
-    """
-    if repeats < 1:
-        raise InputError(f"repeats must be at least 1, got {repeats!r}")
-    for scene in scenes or SCENES:
-        mech = load(scene)
-        span = (0.0, SCENES.get(scene, ELSEWHERE))
-        system = simulate(mech, span, max_steps=1, backend="python").system
-        variants = [PLAIN, *(skip for skip in SKIPS if skip.concerns(system))]
-        if shapes is not None and mech.geometry is not None:
-            variants.append(Skip("no geometry", partial(_geometry, shapes)))
-        runs = [[_timed(mech, span, skip) for skip in variants] for _ in range(repeats + 1)][1:]  # the first warms up
-        times = np.array([[elapsed for elapsed, _ in row] for row in runs])
-        ratios = np.median(times / times[:, :1], axis=0)
-        for skip, ratio, elapsed, (_, sol) in zip(variants, ratios, np.median(times, axis=0), runs[-1], strict=True):
-            yield Cost(scene, skip.name, float(ratio), float(elapsed), sol.nsteps, sol.nfev, sol.njev)
-
-
-def _timed(mech, span, skip):
-    with skip.switch():
-        start = time.process_time()
-        sol = simulate(mech, span, backend="python", **skip.wishes)  # the switches act on Python
-        return time.process_time() - start, sol
-
-
-@contextmanager
-def _charts():
+class WithCharts(MechanismSystem):
     """Joints like any other: tables are moved from chart to chart, positions go through Pinocchio."""
-    build, scale = MechanismSystem.__init__, MechanismSystem.position_scale
 
-    def built(self, *args, **options):
-        build(self, *args, **options)
-        self.flat, self.vector_like = self.vector_like, False
+    def __init__(self, *args):
+        super().__init__(*args)
+        self.vector_like = False
 
-    def scaled(self, p):
-        return np.abs(p) if self.flat else scale(self, p)  # the same steps as before
-
-    with patch.object(MechanismSystem, "__init__", built), patch.object(MechanismSystem, "position_scale", scaled):
-        yield
+    def position_scale(self, p):
+        return np.abs(p)  # the same steps as before
 
 
-@contextmanager
-def _all_rows():
+class AllRows(MechanismSystem):
     """All rows of the loops are evaluated as they stand in the convention; the kept ones are picked from them."""
-    build = MechanismSystem.__init__
 
-    def built(self, *args, **options):
-        build(self, *args, **options)
+    def __init__(self, *args):
+        super().__init__(*args)
+        self._kept_rows = self._picked
 
-        def rows(data, q, t):
-            phi, J = self.rows.evaluate(data, q, t)
-            return phi[self.kept], J[self.kept]
-
-        self._kept_rows = rows
-
-    with patch.object(MechanismSystem, "__init__", built):
-        yield
+    def _picked(self, data, q, t):
+        phi, J = self.rows.evaluate(data, q, t)
+        return phi[self.kept], J[self.kept]
 
 
-@contextmanager
-def _force_gradient():
-    """The turning of the constraint forces stands in every Newton matrix."""
-    linearize = MechanismSystem.linearize
+class WithForceGradient(MechanismSystem):
+    """The gradient of the constraint forces stands in every Newton matrix."""
 
-    def complete(self, t, p, v, a, lam, c, A):
-        W = linearize(self, t, p, v, a, lam, c, A)
+    def linearize(self, t, p, v, a, lam, c, A):
+        J = super().linearize(t, p, v, a, lam, c, A)
         if c:
             A -= c**2 * self.force_gradient(t, p, v, lam)
-        return W
-
-    with patch.object(MechanismSystem, "linearize", complete):
-        yield
+        return J
 
 
-@contextmanager
-def _geometry(shapes):
-    """The shapes of the scene are read with every system that is built."""
-    build = MechanismSystem.__init__
+@dataclass(frozen=True)
+class Variant:
+    """A run that leaves out one thing less."""
 
-    def built(self, mechanism, *args, **options):
-        build(self, mechanism, *args, **options)
-        shapes(mechanism)
-
-    with patch.object(MechanismSystem, "__init__", built):
-        yield
+    name: str
+    backend: str = "compiled"
+    off: str = ""  # the switch that is off
+    system: type[MechanismSystem] = MechanismSystem
+    output: Output = field(default_factory=Output)  # what is asked for
+    before: Callable = lambda mechanism: None  # what is read first
+    concerns: Callable[[MechanismSystem], bool] = lambda system: True  # else the variant changes nothing
 
 
 def _never(*args):
@@ -184,15 +88,85 @@ def _far_away(t, q, v, lam):
     return t + 1.0
 
 
-PLAIN = Skip("nothing switched off")
-SKIPS = (
-    Skip("no charts where joints are vector-like", _charts, lambda system: system.vector_like),
-    Skip("only the kept rows are evaluated", _all_rows, lambda system: system.nc > 0),
-    Skip("force gradient only where Newton is slow", _force_gradient, lambda system: system.nc > 0),
-    Skip("no dense output", wishes={"dense_output": True}),
-    Skip("no events", wishes={"events": [Event(_far_away)]}),
-    Skip("no callback", wishes={"callback": _never}),
+def _has_loops(system):
+    return system.nc > 0
+
+
+def _switched_off(switch):
+    """The compiled method without one of its switches, where the size of the system lets it act."""
+    concerns = {
+        "loop_forecast": _has_loops,
+        "jacobian_reuse": lambda system: system.nv >= WORTH,
+        "few_constraints": lambda system: 0 < FEW * system.nc <= system.nv,
+    }
+    name = f"{switch.replace('_', ' ')} off"
+    return Variant(name, off=switch, concerns=concerns.get(switch, Variant.concerns))
+
+
+PLAIN = Variant("nothing switched off")
+PLAIN_PYTHON = Variant("nothing switched off, in Python", "python")
+VARIANTS = (
+    PLAIN,
+    *(_switched_off(switch.name) for switch in fields(Switches)),
+    Variant("dense output", output=Output(dense=True)),
+    Variant("an event", output=Output(events=(Event(_far_away),))),
+    Variant("a callback", output=Output(callback=_never)),
+    Variant("geometry", before=visuals, concerns=lambda system: system.mechanism.geometry is not None),
+    PLAIN_PYTHON,
+    Variant("charts", "python", system=WithCharts, concerns=lambda system: system.vector_like),
+    Variant("all rows of the loops", "python", system=AllRows, concerns=_has_loops),
+    Variant("the force gradient in every matrix", "python", system=WithForceGradient, concerns=_has_loops),
 )
+"""Those in Python are compared with the plain run in Python."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """A scene with one variant: medians of the rounds, in the time of the processor."""
+
+    scene: str
+    variant: str
+    ratio: float  # of its time, assembly and start included, to that of the plain run
+    time: float  # s
+    steps: int  # accepted
+    residuals: int
+    matrices: int
+
+
+def ablate(scenes=None, repeats: int = 7) -> Iterator[Cost]:
+    """Run each variant on scenes (built-in models or files); yields a :class:`Cost` for each, the plain run first.
+
+    In each of the rounds all variants run one after the other. Raises InputError for less than one round.
+    """
+    if repeats < 1:
+        raise InputError(f"repeats must be at least 1, got {repeats!r}")
+    for scene in scenes or SCENES:
+        mech, until = load(scene), SCENES.get(scene, ELSEWHERE)
+        system = MechanismSystem(mech, assemble(mech).q)
+        variants = [variant for variant in VARIANTS if variant.concerns(system)]
+        if _core.load()[0] is None:  # then all of it on the Python method
+            others = (variant for variant in variants if not variant.off and variant not in (PLAIN, PLAIN_PYTHON))
+            variants = [PLAIN_PYTHON, *(replace(variant, backend="python") for variant in others)]
+        rounds = [[timed_run(mech, until, variant) for variant in variants] for _ in range(repeats + 1)]
+        times = np.array([[seconds for seconds, _ in runs] for runs in rounds[1:]])  # the first warms up
+        for variant, own, (_, run) in zip(variants, times.T, rounds[-1], strict=True):
+            base = times[:, variants.index(PLAIN if variant.backend == "compiled" else PLAIN_PYTHON)]
+            ratio, seconds = float(np.median(own / base)), float(np.median(own))
+            yield Cost(scene, variant.name, ratio, seconds, run.nsteps, run.nfev, run.njev)
+
+
+def timed_run(mech, until, variant, tol=1e-6, atol=1e-8):
+    """(s of the processor, trajectory) of a run from rest."""
+    begun, span = time.process_time(), (0.0, until)
+    variant.before(mech)
+    start = assemble(mech)
+    system = variant.system(mech, start.q)
+    method = method_of(span, "BDF", None, 5, tol, atol, "every-step", None, np.inf, None, variant.backend)
+    if variant.off:
+        method = replace(method, switches=replace(method.switches, **{variant.off: False}))
+    stepper = stepper_for(system, method, variant.backend)
+    run = integrate(system, span, start.q, start.v, method, variant.output, stepper)
+    return time.process_time() - begun, run
 
 
 def command(
@@ -203,14 +177,12 @@ def command(
     csv: report.Csv = None,
     as_json: output.Json = False,
 ) -> int:
-    """Switch off each thing that a run skips, in turn, and print what that costs.
+    """Do each thing that a run leaves out, in turn, and print what that costs.
 
     Example: python -m benchmarks ablate crank_rocker
     """
-    from pinconsist.view.visuals import visuals
-
     output.require_writable(csv=csv)
-    rows = [asdict(cost) for cost in ablate(scene, repeats, shapes=visuals)]
+    rows = [asdict(cost) for cost in ablate(scene, repeats)]
     if csv:
         report.write_csv(csv, rows)
     if as_json:
@@ -218,17 +190,12 @@ def command(
         return output.FINE
     print(report.machine() + "\n")
     for name in dict.fromkeys(row["scene"] for row in rows):
-        _print(name, [row for row in rows if row["scene"] == name])
+        columns = [
+            ("variant", "{variant}"),
+            ("time>", "{ratio:.2f}"),
+            ("[ms]>", report.scaled("time", 1e3)),
+            *((f"{count}>", f"{{{count}}}") for count in ("steps", "residuals", "matrices")),
+        ]
+        own = [row for row in rows if row["scene"] == name]
+        report.table(own, columns, f"{name}: time over that of the plain run on the same backend")
     return output.FINE
-
-
-def _print(scene, rows):
-    counts = ("steps", "residuals", "matrices")
-    output.table(
-        ("skip switched off", "time>", "[ms]>", *(f"{count}>" for count in counts)),
-        [
-            (row["skip"], f"{row['ratio']:.2f}", f"{1e3 * row['time']:.1f}", *(row[count] for count in counts))
-            for row in rows
-        ],
-        title=f"{scene}: what it costs not to skip (1.00: the run as it is)",
-    )

@@ -1,6 +1,7 @@
-"""What a run leaves out can be switched on for a measurement, and changes no result."""
+"""What a run leaves out can be done for a measurement, and changes no result."""
 
 import json
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,44 +10,47 @@ import pytest
 from helpers import command_line
 
 import pinconsist as pc
-from benchmarks.ablate import SKIPS, ablate
+from benchmarks.ablate import PLAIN, PLAIN_PYTHON, VARIANTS, ablate, timed_run
 from benchmarks.app import main
+from pinconsist import _core
 from pinconsist.errors import InputError
 from pinconsist.mechanism.system import MechanismSystem
 
 called = partial(command_line.called, main=main)
+BY_NAME = {variant.name: variant for variant in VARIANTS}
+
+
+def run(variant, tol=1e-6):
+    if variant.backend == "compiled" and _core.load()[0] is None:
+        if variant.off:
+            pytest.skip("the compiled method is not there")
+        variant = replace(variant, backend="python")
+    return timed_run(pc.load("crank_rocker"), 0.3, variant, tol, min(tol, 1e-8))[1]
 
 
 @pytest.fixture(scope="module")
 def plain():
-    return pc.simulate(pc.load("crank_rocker"), (0.0, 0.3), rtol=1e-9, atol=1e-9, backend="python")
+    return run(PLAIN_PYTHON, 1e-9)
 
 
-@pytest.mark.parametrize("skip", SKIPS, ids=lambda skip: skip.name)
-def test_a_switch_changes_the_way_and_not_the_solution(skip, plain):
-    methods = dict(vars(MechanismSystem))
-    with skip.switch():
-        sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.3), rtol=1e-9, atol=1e-9, **skip.wishes, backend="python")
-    assert dict(vars(MechanismSystem)) == methods
-    for part, size in (("q", 1.0), ("v", 10.0), ("lam", 100.0)):
-        np.testing.assert_allclose(getattr(sol, part)[-1], getattr(plain, part)[-1], atol=1e-6 * size)
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda variant: variant.name)
+def test_a_variant_changes_the_way_and_not_the_solution(variant, plain):
+    reached = run(variant, 1e-9)
+    assert reached.status == 0
+    for part, size in (("p", 1.0), ("v", 10.0), ("lam", 100.0)):
+        np.testing.assert_allclose(getattr(reached, part)[-1], getattr(plain, part)[-1], atol=1e-6 * size)
 
 
 def test_the_switches_act():
-    mech = pc.load("crank_rocker")
-    by_name = {skip.name: skip for skip in SKIPS}
+    assert run(BY_NAME["iteration forecast off"]).nfev > 1.5 * run(PLAIN).nfev
+    assert run(BY_NAME["dense output"]).dense is not None and run(PLAIN).dense is None
 
-    def run(name):
-        skip = by_name[name]
-        with skip.switch():
-            return pc.simulate(mech, (0.0, 0.3), **skip.wishes, backend="python")
 
-    plain = pc.simulate(mech, (0.0, 0.3), backend="python")
-    assert plain.system.vector_like and not run("no charts where joints are vector-like").system.vector_like
-    assert run("one look at the equations where one is enough").nfev > 1.5 * plain.nfev
-    assert run("no dense output").sol is not None
-    fast, slow = plain.system._kept_rows, run("only the kept rows are evaluated").system._kept_rows
-    data, q = plain.system.data, plain.q[-1]
+def test_the_systems_of_the_variants_act():
+    plain = run(PLAIN_PYTHON)
+    assert plain.system.vector_like and not run(BY_NAME["charts"]).system.vector_like
+    fast, slow = plain.system._kept_rows, run(BY_NAME["all rows of the loops"]).system._kept_rows
+    data, q = plain.system.data, plain.p[-1]
     pin.computeJointJacobians(plain.system.model, data, q)
     for one, other in zip(fast(data, q, 0.0), slow(data, q, 0.0), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-12)
@@ -55,22 +59,23 @@ def test_the_switches_act():
 
 def test_rows_of_the_measurement(capsys):
     rows = json.loads(called(capsys, "ablate", "four_bar", "--repeats", 1, "--json")[1])["ablate"]
-    names = [row["skip"] for row in rows]
-    assert (names[0], names[-1]) == ("nothing switched off", "no geometry") and len(names) == len(set(names))
-    assert (
-        all(row["ratio"] > 0.0 and row["time"] > 0.0 and row["steps"] > 5 for row in rows) and rows[0]["ratio"] == 1.0
-    )
+    names = [row["variant"] for row in rows]
+    plain = [name for name in names if name in (PLAIN.name, PLAIN_PYTHON.name)]
+    assert names[0] == plain[0] and plain[-1] == PLAIN_PYTHON.name and len(names) == len(set(names))
+    assert all(row["ratio"] > 0.0 and row["time"] > 0.0 and row["steps"] > 5 for row in rows)
+    assert {row["ratio"] for row in rows if row["variant"] in plain} == {1.0}
     printed = called(capsys, "ablate", "four_bar", "--repeats", 1)[1]
     assert all(name in printed for name in names)
 
 
-def test_only_what_a_scene_skips_is_switched_off():
+def test_only_what_a_scene_leaves_out_is_done():
     concerned = {}
     for scene in ("four_bar", "chain_32"):
         mech = pc.load(scene)
         system = MechanismSystem(mech, pc.assemble(mech).q)
-        concerned[scene] = {skip.name for skip in SKIPS if skip.concerns(system)}
-    assert concerned["chain_32"] - concerned["four_bar"] == {"a kept Newton matrix where a new one is dear"}
+        concerned[scene] = {variant.name for variant in VARIANTS if variant.concerns(system)}
+    assert concerned["chain_32"] - concerned["four_bar"] == {"jacobian reuse off", "few constraints off"}
+    assert not concerned["four_bar"] - concerned["chain_32"]
 
 
 def test_bad_input():
