@@ -15,7 +15,7 @@ from pinconsist import _core, assemble, load, simulate
 from pinconsist._core.compiled import stepper_for
 from pinconsist.cli import output
 from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.plan import method_of
+from pinconsist.options import method_of
 
 from . import report
 

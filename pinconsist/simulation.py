@@ -19,7 +19,7 @@ from .mechanism.checks import finite_array
 from .mechanism.mechanism import Mechanism, with_forces
 from .mechanism.singularity import require_nonsingular
 from .mechanism.system import MechanismSystem
-from .plan import method_of, span_of
+from .options import method_of, span_of
 from .solution import Solution
 
 
@@ -115,15 +115,15 @@ def simulate(
     """
     mech = with_forces(mech, forces, "simulate")
     span = span_of(t_span)
-    plan = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
+    chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
     assembly = assemble(mech, q0, v0, t=span[0])
     system = MechanismSystem(mech, assembly.q, span[0])
     require_nonsingular(system, assembly.q)
     output = _output(span, t_eval, dense_output, events, callback)
     with deferred(late=False) as interrupted:
-        stepper = stepper_for(system, plan, backend)
-        trajectory = dae.integrate(system, span, assembly.q, assembly.v, plan, output, stepper, interrupted)
-        return Solution._from_trajectory(trajectory, plan)
+        stepper = stepper_for(system, chosen, backend)
+        trajectory = dae.integrate(system, span, assembly.q, assembly.v, chosen, output, stepper, interrupted)
+        return Solution._from_trajectory(trajectory, chosen)
 
 
 def integrate(
@@ -174,7 +174,7 @@ def integrate(
         |Φ|/step².
     """
     span = span_of(t_span)
-    plan = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
+    chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
     system = system_of(system, span[0], p0, v0)
     phi = system.evaluate(span[0], p0, v0, np.zeros(system.nv))[1]
@@ -187,9 +187,9 @@ def integrate(
         )
     output = _output(span, t_eval, dense_output, events, callback)
     with deferred(late=False) as interrupted:
-        stepper = stepper_for(system, plan, backend)
-        trajectory = dae.integrate(system, span, p0, v0, plan, output, stepper, interrupted)
-        return Solution._from_trajectory(trajectory, plan)
+        stepper = stepper_for(system, chosen, backend)
+        trajectory = dae.integrate(system, span, p0, v0, chosen, output, stepper, interrupted)
+        return Solution._from_trajectory(trajectory, chosen)
 
 
 def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:

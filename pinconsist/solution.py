@@ -14,9 +14,8 @@ from .errors import InputError
 from .mechanism.energy import Energy, energy_of
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
-from .skips import skipped
 from .solution_file import read, write
-from .summary import summary_of
+from .summary import skipped_work, summary_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,8 +88,8 @@ class Solution:
     system: Any = field(default=None, repr=False, compare=False)
 
     @classmethod
-    def _from_trajectory(cls, trajectory, plan) -> Solution:
-        """The solution of a trajectory made by a method (`plan`); a failure if a row that left the system opened."""
+    def _from_trajectory(cls, trajectory, method) -> Solution:
+        """The solution of a trajectory made by a method; a failure if a row that left the system opened."""
         system = trajectory.system
         if trajectory.opened:
             i, gap, (loop, row) = trajectory.opened
@@ -108,10 +107,10 @@ class Solution:
             array.setflags(write=False)
         t, q, v, lam, h, order = arrays
         scene = getattr(system, "mechanism", None)
-        about = {"backend": trajectory.backend, "skipped": skipped(trajectory)}
+        about = {"backend": trajectory.backend, "skipped": skipped_work(trajectory)}
         about |= {"forces": len(scene.forces)} if scene else {}
         return cls(
-            t=t, q=q, v=v, lam=lam, h=h, order=order, system=system, method=plan.describe() | about,
+            t=t, q=q, v=v, lam=lam, h=h, order=order, system=system, method=method.describe() | about,
             scene=scene.name if scene else "",
             success=trajectory.status >= 0, sol=trajectory.dense,
             t_events=[np.array([row[0] for row in rows]) for rows in trajectory.events],

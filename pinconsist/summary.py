@@ -1,4 +1,4 @@
-"""A run in a few lines for a person."""
+"""A run in a few lines for a person, and the work that it skipped."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def summary_of(solution) -> str:
     if backend := solution.method.get("backend"):
         lines.append(f"steps made by the {backend} method" if backend == "compiled" else f"steps made in {backend}")
     if rows := [skip for skip in solution.method.get("skipped", ()) if "loop rows" in skip]:
-        lines.append(f"skipped: {', '.join(rows)}")  # of the rest, work that nobody asked for, `method` tells
+        lines.append(f"skipped: {', '.join(rows)}")  # the rest, work that was not requested, is in `method`
     return "\n".join(lines)
 
 
@@ -30,3 +30,19 @@ def _rejected(counts) -> str:
         return "".join(f" ({count} rejected by {reason})" for reason, count in counts.items())
     each = ", ".join(f"{count} by {reason}" for reason, count in counts.items())
     return f" ({sum(counts.values())} rejected: {each})"
+
+
+def skipped_work(trajectory) -> list[str]:
+    """What the integration of a trajectory skipped: work that its scene does not need, or that was not requested."""
+    system = trajectory.system
+    skipped = ["charts (all joints vector-like)"] if system.vector_like else []
+    rows = system.n_multipliers
+    if rows > system.nc:
+        skipped.append(f"{rows - system.nc} of {rows} loop rows (dependent or zero)")
+    if getattr(getattr(system, "mechanism", None), "geometry", None) is not None:
+        skipped.append("geometry")
+    if trajectory.dense is None:
+        skipped.append("dense output")
+    if not trajectory.events:
+        skipped.append("events")
+    return skipped

@@ -13,7 +13,7 @@ from pinconsist.dae.norms import EPS
 from pinconsist.dae.rounding import Headway, RoundingTest, velocity_rounding
 from pinconsist.dae.stepper import Stepper
 from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.plan import method_of
+from pinconsist.options import method_of
 
 
 def rounding(sigma, v=(1.0, -2.0, 0.5), p=(0.0, 0.0, 3.0)):

@@ -1,4 +1,4 @@
-"""The arguments of a run, checked, as the method that the loop of dae follows."""
+"""The options of a run: its arguments, checked, as the method that the loop of dae follows."""
 
 from __future__ import annotations
 
