@@ -15,7 +15,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from pinconsist.plan import method_of
 
 from pinconsist import Event, InputError, _core, assemble, load
 from pinconsist._core.compiled import stepper_for
@@ -24,6 +23,7 @@ from pinconsist.dae.integrate import integrate
 from pinconsist.dae.output import Output
 from pinconsist.dae.tuning import WORTH, Switches
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.options import method_of
 from pinconsist.view.visuals import visuals
 
 from . import report
