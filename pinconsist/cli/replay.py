@@ -43,20 +43,20 @@ def replay(
     mech, sol, code = run_of(source, scene_of_run, until, require)
     print(in_a_line(mech, sol))
     if html:
-        output.written(html, lambda: write_page(mech, sol, html, forces, traces, speed))
+        output.written(html, lambda: pc.export_html(mech, sol, html, **look(sol, forces, traces, speed)))
         output.print_written(html)
     else:
-        _serve(mech, sol, _look(sol, forces, traces, speed) | {"loop": loop}, no_browser)
+        _serve(mech, sol, look(sol, forces, traces, speed) | {"loop": loop}, no_browser)
     return code
 
 
-def _serve(mech, sol, look, no_browser):
+def _serve(mech, sol, options, no_browser):
     try:
         webbrowser.get()
     except webbrowser.Error:
         no_browser = True
         print("no browser was found here")
-    address = pc.replay(mech, sol, **look, open_browser=not no_browser)
+    address = pc.replay(mech, sol, **options, open_browser=not no_browser)
     if not no_browser:
         print("the page is open in your browser, and plays on without this command")
         return
@@ -68,13 +68,9 @@ def _serve(mech, sol, look, no_browser):
         logging.getLogger(__name__).debug("no longer served")
 
 
-def write_page(mech, sol, file, forces, traces, speed):
-    """Write the page of a run with the look that the options ask for."""
-    pc.export_html(mech, sol, file, **_look(sol, forces, traces, speed))
-
-
-def _look(sol, forces, traces, speed) -> dict:
-    length = abs(sol.t[-1] - sol.t[0])  # without --speed in real time, or slower if the run would be over at once
+def look(sol, forces, traces, speed) -> dict:
+    """The options of a page; without --speed it plays in real time, or slower if it would be over at once."""
+    length = abs(sol.t[-1] - sol.t[0])
     if speed is None:
         speed = 10.0 ** floor(log10(length)) if 0 < length < 1 else 1.0
     return {"speed": speed, "traces": traces or (), "forces": forces}

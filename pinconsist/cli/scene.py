@@ -69,11 +69,8 @@ def describe(mech, assembly) -> str:
 def report_moved(mech, wanted, assembly):
     """Print on stderr where the joints given by --at are, if they could not stay where they were put.
 
-    Raises
-    ------
-    InputError
-        Each position is possible, but not all together. Joints that end close by are reported only: rounded values
-        that choose one of several ways to close the loops do not contradict each other.
+    InputError if each position is possible, but not all together. Joints that end close by are only reported: rounded
+    values that choose one of several ways to close the loops do not contradict each other.
     """
 
     def is_at(q, joint, tolerance):

@@ -94,7 +94,8 @@ def simulate(
         print(certificate or "not checked: interrupted")
     with deferred(impatient=False):  # a further Ctrl-C waits until the files are written and named
         if html:
-            _written(html, sol, out, lambda: replay.write_page(mech, sol, html, forces, traces, speed))
+            look = replay.look(sol, forces, traces, speed)
+            _written(html, sol, out, lambda: pc.export_html(mech, sol, html, **look))
         if plot:
             _written(plot, sol, out, lambda: pc.plot_solution(sol, plot, mech))
         if as_json:
