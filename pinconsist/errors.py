@@ -1,4 +1,4 @@
-"""The package's exceptions. Each carries its evidence as attributes beside a message for a person."""
+"""The package's exceptions. ``str(error)`` is a message for a person; attributes hold what it is based on."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import traceback
 
 
 class PinconsistError(Exception):
-    """Base of every error that pinconsist raises on purpose; ``str(error)`` is a message for a person."""
+    """Base of every error that pinconsist raises on purpose."""
 
 
 class InputError(PinconsistError, ValueError):
@@ -20,14 +20,14 @@ class FormatError(PinconsistError, ValueError):
     Parameters
     ----------
     message : str
-        What is wrong; ``str(error)`` puts file and element before it.
+        What is wrong; ``str(error)`` has the file and the element before it.
 
     Attributes
     ----------
     path : str
         The file; empty if there is none.
     element : str
-        The element, record or line at fault; empty if the whole file is meant.
+        The element, record or line at fault; empty for the whole file.
     reason : str
         The message alone.
     """
@@ -44,15 +44,15 @@ class AssemblyError(PinconsistError):
     Parameters
     ----------
     message : str
-        For a person, ``str(error)``: names the loops and their gaps, or the velocities, and says what may help.
+        Names the loops and their gaps, or the velocities, and says what may help.
 
     Attributes
     ----------
     gaps : dict[str, float]
-        Remaining gap of each loop that did not close: the largest row of Φ, in m (or rad). Empty where
-        velocities contradict the loops, or a run or a motion cannot follow them.
+        Remaining gap of each open loop: the largest row of Φ, in m (or rad). Empty where velocities contradict the
+        loops, or a run or a motion cannot follow them.
     q : ndarray or None
-        The best or last configuration that was reached, shape (nq,), where one is known.
+        The best or last configuration reached, shape (nq,), if known.
     """
 
     def __init__(self, message: str, *, gaps: dict | None = None, q=None):
@@ -66,16 +66,16 @@ class EquilibriumError(PinconsistError):
     Parameters
     ----------
     message : str
-        For a person, ``str(error)``: what still pushes, on which joints, and what may help.
+        Says which forces are not balanced, at which joints, and what may help.
 
     Attributes
     ----------
     q : ndarray or None
         Where the search ended, shape (nq,).
     residual : float
-        What is not balanced there, N·m or N.
+        The unbalanced force there, N·m or N.
     names : tuple[str, ...]
-        The joints that are pushed.
+        The joints it acts on.
     """
 
     def __init__(self, message: str, *, q=None, residual: float = 0.0, names: tuple = ()):
@@ -89,12 +89,12 @@ class SingularSystemError(PinconsistError):
     Parameters
     ----------
     message : str
-        For a person, ``str(error)``: what is undetermined, and what may help.
+        Says what is undetermined, and what may help.
 
     Attributes
     ----------
     names : tuple[str, ...]
-        The joints or loops whose directions are undetermined; empty where that cannot be told.
+        The joints or loops whose directions are undetermined; empty if unknown.
     """
 
     def __init__(self, message: str, *, names: tuple = ()):
@@ -108,12 +108,12 @@ class SavingError(PinconsistError):
     Parameters
     ----------
     message : str
-        For a person, ``str(error)``: the file, and why it cannot be written.
+        Names the file, and why it cannot be written.
 
     Attributes
     ----------
     solution : Solution
-        The run, to be saved elsewhere: ``error.solution.save(file)``.
+        The run; save it elsewhere by ``error.solution.save(file)``.
     """
 
     def __init__(self, message: str, *, solution=None):
@@ -136,7 +136,7 @@ class UserFunctionError(PinconsistError):
     Attributes
     ----------
     t : float
-        When, s.
+        When it was called, s.
     """
 
     def __init__(self, what: str, t: float, error: BaseException):
@@ -150,4 +150,4 @@ class UserFunctionError(PinconsistError):
 
 
 class MissingExtraError(PinconsistError, ImportError):
-    """An optional package is needed; ``str(error)`` says what to install by pip. An ImportError too."""
+    """An optional package is needed; the message says what to install by pip. An ImportError too."""
