@@ -1,6 +1,7 @@
 """Mistakes of a caller: the package's own error, naming what and where, and no other exception."""
 
 import pickle
+import re
 import warnings
 
 import numpy as np
@@ -272,6 +273,59 @@ def test_inconsistent_shapes_of_a_general_problem(name):
         pendulum(**{name: function})
     with pytest.raises(pc.InputError, match=f"{name} must be callable, got int"):
         pendulum(**{name: 3})
+
+
+def late(name, wrong, since=0.05):
+    """The pendulum's function, which returns something else from some time on."""
+
+    def function(t, *state):
+        return wrong if t > since else PENDULUM[name](t, *state)
+
+    return {name: function}
+
+
+LATE = {  # function, what it returns later: message
+    "a number is not spread over all rows": ("F", -1.0, r"F returned shape \(\), needs \(2,\)"),
+    "one row is not spread": ("F", np.array([-1.0]), r"F returned shape \(1,\), needs \(2,\)"),
+    "another shape of U": ("U", np.zeros(3), r"U returned shape \(3,\), needs \(2,\)"),
+    "another shape of G": ("G", np.zeros(2), r"G returned shape \(2,\), needs \(2, 1\)"),
+    "complex": ("F", np.array([0.0, -1.0j]), "F returned .*, needs real numbers"),
+    "text": ("F", "down", "F returned 'down', needs real numbers"),
+    "nothing": ("R", None, "R returned None, needs real numbers"),
+    "rows of different lengths": ("G", [[1.0], [1.0, 2.0]], r"G returned .*, needs real numbers"),
+}
+
+
+@pytest.mark.parametrize("step", [0.01, None])
+@pytest.mark.parametrize("backend", ["auto", "python"])
+@pytest.mark.parametrize("case", LATE)
+def test_a_general_problem_whose_function_changes_its_mind(case, backend, step):
+    """Such a run keeps what it reached, with the reason; numpy would broadcast, or raise an error of its own."""
+    name, wrong, message = LATE[case]
+    problem = pc.HessenbergProblem(**(PENDULUM | late(name, wrong)))
+    sol = pc.integrate(problem, (0.0, 0.2), P0, V0, step=step, max_step=0.005, backend=backend)
+    assert sol.status == -1 and 0.0 < sol.t[-1] <= 0.06 and re.search(message, sol.message), sol.message
+
+
+def test_a_function_may_return_its_own_buffer():
+    """The values are copied: a buffer that the next call overwrites changes nothing that was returned before."""
+    buffer = np.zeros(1)
+
+    def R(t, p):
+        buffer[0] = (p @ p - 1) / 2
+        return buffer
+
+    own, fresh = pendulum(R=R), pendulum()
+    np.testing.assert_array_equal(own.q, fresh.q)
+
+
+@pytest.mark.parametrize("factor", [1.1, 0.9, -1.0])
+def test_a_wrong_derivative_of_the_constraint_is_refused(factor):
+    assert pendulum(R_p=lambda t, p: p[None]).success
+    with pytest.raises(pc.InputError, match="R_p is not the derivative of R at t = 0: .* Leave R_p out"):
+        pendulum(R_p=lambda t, p: factor * p[None])
+    with pytest.raises(pc.InputError, match="R_p is not the derivative of R"):
+        pendulum(R_p=lambda t, p: np.array([[0.0, 1.0]]))  # that of another point
 
 
 def test_general_problem_off_its_constraint_or_not_finite():

@@ -36,7 +36,8 @@ class HessenbergProblem(Index3System):
     Raises
     ------
     InputError
-        Something that is not callable; where a run starts, shapes that do not fit, numbers that are not finite.
+        Something that is not callable; where a run starts, shapes that do not fit, numbers that are not finite, an
+        ``R_p`` that is not the derivative of ``R``.
     UserFunctionError
         While it runs, one of the functions raised an exception.
 
@@ -63,13 +64,11 @@ class HessenbergProblem(Index3System):
         for name, function in given.items():
             if not (callable(function) or (function is None and "_" in name)):
                 raise InputError(f"HessenbergProblem: {name} must be callable, got {type(function).__name__}")
-        self.U, self.F, self.G, self.R, self._R_p, self._R_t, self._U_p, self._U_v = (
-            _guarded(name, function) for name, function in given.items()
-        )
+        self._given = {name: function for name, function in given.items() if function is not None}
         self.npos = self.nx = self.nv = self.nc = 0
 
     def at(self, t, p, v) -> HessenbergProblem:
-        """The problem with its sizes, learnt from one evaluation; a run begins with it.
+        """The problem with its sizes, taken from one evaluation; a run begins with it.
 
         Parameters
         ----------
@@ -81,13 +80,13 @@ class HessenbergProblem(Index3System):
         Returns
         -------
         HessenbergProblem
-            A copy that knows ``npos``, ``nx``, ``nv`` and ``nc``.
+            A copy that knows ``npos``, ``nx``, ``nv`` and ``nc``, and checks what its functions return.
 
         Raises
         ------
         InputError
             `p` or `v` is no vector; a function returns another shape than the others ask for, or a number that is not
-            finite.
+            finite; ``R_p`` is not the derivative of ``R``.
         UserFunctionError
             A function raised an exception.
         """
@@ -96,32 +95,35 @@ class HessenbergProblem(Index3System):
         sized = copy(self)
         sized.npos = sized.nx = nx = len(p)
         sized.nv = nv = len(v)
-        sized.nc = nc = len(np.atleast_1d(self.R(t, p)))
-        expected = {"U": (nx,), "F": (nv,), "G": (nv, nc), "R": (nc,)}
-        values = {"U": self.U(t, p, v), "F": self.F(t, p, v), "G": self.G(t, p, v), "R": self.R(t, p)}
-        optional = {"R_p": (nc, nx), "R_t": (nc,), "U_p": (nx, nx), "U_v": (nx, nv)}
-        for name, shape in optional.items():
-            if (function := getattr(self, "_" + name)) is not None:
-                expected[name] = shape
-                values[name] = function(t, p) if name[0] == "R" else function(t, p, v)
-        for name, value in values.items():
-            if np.shape(value) != expected[name]:
-                raise InputError(f"HessenbergProblem: {name} returned shape {np.shape(value)}, needs {expected[name]}")
-            if not np.isfinite(np.asarray(value, float)).all():
-                raise InputError(f"HessenbergProblem: {name} is not finite at t = {t:g}")
+        sized.nc = nc = len(np.atleast_1d(_called("R", self._given["R"], t, p)))
+        shapes = {"U": (nx,), "F": (nv,), "G": (nv, nc), "R": (nc,)}
+        shapes |= {"R_p": (nc, nx), "R_t": (nc,), "U_p": (nx, nx), "U_v": (nx, nv)}
+        for name, shape in shapes.items():
+            function = self._given.get(name)
+            setattr(sized, "_" + name, function and _checked(name, function, shape))
+            if function is not None:
+                state = (p,) if name[0] == "R" else (p, v)
+                value = getattr(sized, "_" + name)(t, *state)
+                if not np.isfinite(value).all():
+                    raise InputError(f"HessenbergProblem: {name} is not finite at t = {t:g}")
+        if sized._R_p is not None:
+            sized._compare_derivative(t, p)
         return sized
 
-    def integrate(self, p, xi):
-        return p + xi
-
-    def difference(self, p0, p1):
-        return p1 - p0
+    def _compare_derivative(self, t, p):
+        """R_p along a direction in which every coordinate moves, against the difference quotient of R."""
+        direction = np.cos(np.arange(1.0, self.nx + 1.0))
+        given, expected = self._R_p(t, p) @ direction, _along(self._R, t, p, 0.0, direction)
+        scale = largest(self._R_p(t, p)) + largest(expected)
+        if largest(given - expected) > 1e-4 * scale:
+            row = int(np.argmax(np.abs(given - expected)))
+            raise InputError(
+                f"HessenbergProblem: R_p is not the derivative of R at t = {t:g}: along a direction its row {row} "
+                f"gives {given[row]:.6g}, differences of R {expected[row]:.6g}. Leave R_p out, and differences are used"
+            )
 
     def rate(self, t, p, v):
-        return np.asarray(self.U(t, p, v), float)
-
-    def chart_rate(self, base, p, rate):
-        return rate
+        return self._U(t, p, v)
 
     def position(self, t, base, psi, c, v):
         p = psi + c * self.rate(t, base, v)
@@ -134,73 +136,75 @@ class HessenbergProblem(Index3System):
         return p, p
 
     def evaluate(self, t, p, v, a):
-        rho = self._hidden(t, p, self.rate(t, p, v))
-        return a - self.F(t, p, v), np.asarray(self.R(t, p), float), np.asarray(self.G(t, p, v), float), rho
+        phi, rho = self.constraint(t, p, self.rate(t, p, v))
+        return a - self._F(t, p, v), phi, self._G(t, p, v), rho
 
     def linearize(self, t, p, v, a, lam, c, A):
         E = np.linalg.inv(np.eye(self.nx) - c * self._jacobian_U_p(t, p, v))
         U_v = E @ self._jacobian_U_v(t, p, v)
 
         def force(p, v):
-            return np.asarray(self.F(t, p, v), float) + np.asarray(self.G(t, p, v), float) @ lam
+            return self._F(t, p, v) + self._G(t, p, v) @ lam
 
         A[:] = np.eye(self.nv)
         if c:
             A -= c * _columns(lambda x: force(p, x), v) + c**2 * _columns(lambda x: force(x, v), p) @ U_v
         return self._jacobian_R_p(t, p) @ U_v
 
-    def force_gradient(self, t, p, v, lam):
-        return 0.0  # linearize has it
-
     def constraint(self, t, p, rate):
-        return np.asarray(self.R(t, p), float), self._hidden(t, p, rate)
+        return self._R(t, p), self._hidden(t, p, rate)
 
     def _hidden(self, t, p, rate):
         if self._R_p is None:
-            return _along(self.R, t, p, 1.0, rate)
-        R_t = self._R_t(t, p) if self._R_t is not None else _along(self.R, t, p, 1.0, np.zeros_like(p))
-        return np.asarray(self._R_p(t, p), float) @ rate + R_t
+            return _along(self._R, t, p, 1.0, rate)
+        R_t = self._R_t(t, p) if self._R_t is not None else _along(self._R, t, p, 1.0, np.zeros_like(p))
+        return self._R_p(t, p) @ rate + R_t
 
     def acceleration_bias(self, t, p, v):
         U = self.rate(t, p, v)
         if self._R_p is not None:
             return _along(lambda t, p: self._hidden(t, p, self.rate(t, p, v)), t, p, 1.0, U)
-        return _second_along(self.R, t, p, U, _along(lambda t, p: self.rate(t, p, v), t, p, 1.0, U))
-
-    def position_scale(self, p):
-        return np.abs(p)
+        return _second_along(self._R, t, p, U, _along(lambda t, p: self.rate(t, p, v), t, p, 1.0, U))
 
     def describe_row(self, row):
         return f"row {row} of R"
 
     def _jacobian_R_p(self, t, p):
         if self._R_p is not None:
-            return np.asarray(self._R_p(t, p), float)
-        return np.column_stack([_along(self.R, t, p, 0.0, unit) for unit in np.eye(self.nx)])
+            return self._R_p(t, p)
+        return np.column_stack([_along(self._R, t, p, 0.0, unit) for unit in np.eye(self.nx)])
 
     def _jacobian_U_p(self, t, p, v):
-        if self._U_p is not None:
-            return np.asarray(self._U_p(t, p, v), float)
-        return _columns(lambda x: np.asarray(self.U(t, x, v), float), p)
+        return self._U_p(t, p, v) if self._U_p is not None else _columns(lambda x: self._U(t, x, v), p)
 
     def _jacobian_U_v(self, t, p, v):
-        if self._U_v is not None:
-            return np.asarray(self._U_v(t, p, v), float)
-        return _columns(lambda x: np.asarray(self.U(t, p, x), float), v)
+        return self._U_v(t, p, v) if self._U_v is not None else _columns(lambda x: self._U(t, p, x), v)
 
 
-def _guarded(name, function):
-    """The user's function, with its exceptions told as ours."""
-    if function is None:
-        return None
+def _called(name, function, t, *state):
+    """What the user's function returns, its exceptions raised as ours."""
+    try:
+        return function(t, *state)
+    except Exception as error:
+        raise UserFunctionError(f"{name} of the problem", t, error) from error
 
-    def call(t, *state):
+
+def _checked(name, function, shape):
+    """The user's function, whose values are copied, and checked at every call."""
+
+    def checked(t, *state):
+        value = _called(name, function, t, *state)
         try:
-            return function(t, *state)
-        except Exception as error:
-            raise UserFunctionError(f"{name} of the problem", t, error) from error
+            array = np.array(value)
+        except ValueError:  # rows of different lengths
+            array = np.array(None)
+        if array.dtype.kind not in "fiub":
+            raise InputError(f"HessenbergProblem: {name} returned {value!r}, needs real numbers (t = {t:g})")
+        if array.shape != shape:
+            raise InputError(f"HessenbergProblem: {name} returned shape {array.shape}, needs {shape} (t = {t:g})")
+        return array.astype(float, copy=False)
 
-    return call
+    return checked
 
 
 def _columns(function, x):
@@ -217,7 +221,7 @@ def _columns(function, x):
 def _along(function, t, p, dt, dp):
     """Derivative of function(t + ε dt, p + ε dp) at ε = 0 by fourth-order central differences."""
     e = 1e-3 * (1.0 + largest(p)) / (1.0 + abs(dt) + largest(dp))
-    at = [np.asarray(function(t + s * e * dt, p + s * e * dp), float) for s in (-2, -1, 1, 2)]
+    at = [function(t + s * e * dt, p + s * e * dp) for s in (-2, -1, 1, 2)]
     return (at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * e)
 
 
@@ -225,8 +229,5 @@ def _second_along(function, t, p, dp, ddp):
     """Second derivative of function(t + ε, p + ε dp + ε²/2 ddp) at ε = 0, sixth-order central differences."""
     e = 2e-2 * (1.0 + largest(p)) / (2.0 + largest(dp))
     weights = {-3: 2.0, -2: -27.0, -1: 270.0, 0: -490.0, 1: 270.0, 2: -27.0, 3: 2.0}
-    total = sum(
-        w * np.asarray(function(t + s * e, p + s * e * dp + 0.5 * (s * e) ** 2 * ddp), float)
-        for s, w in weights.items()
-    )
+    total = sum(w * function(t + s * e, p + s * e * dp + 0.5 * (s * e) ** 2 * ddp) for s, w in weights.items())
     return total / (180.0 * e**2)

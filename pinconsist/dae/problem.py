@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 
 class Index3System:
     """An index-3 system p' = U(t,p,v), M(t,p) v' + f₀(t,p,v) = G λ, 0 = Φ(t,p).
@@ -15,7 +17,7 @@ class Index3System:
     velocity and ``a`` its derivative, (nv,); ``lam`` multipliers, (nc,); ``c`` the step times the coefficient by which
     a BDF formula weighs the new derivative, s. All arrays are of float; none is changed but ``A``.
 
-    What follows :meth:`describe_row` has a default: a system says more where it can.
+    Methods with a body are defaults, those of positions for a vector space; a system says more where it can.
 
     Attributes
     ----------
@@ -31,20 +33,23 @@ class Index3System:
     nx: int
     nv: int
     nc: int
-    vector_like: bool
+    vector_like: bool = True
     dropped_are_zero: bool = True
 
     def integrate(self, p, xi):
         """p ⊕ ξ, shape (npos,): the position reached from `p` by the tangent vector `xi`."""
+        return p + xi
 
     def difference(self, p0, p1):
         """ξ with `p0` ⊕ ξ = `p1`, shape (nx,)."""
+        return p1 - p0
 
     def rate(self, t, p, v):
         """U at (`t`, `p`, `v`), shape (nx,): the tangent velocity of the position."""
 
     def chart_rate(self, base, p, rate):
         """The rate dξ/dt, shape (nx,), of the coordinate ξ with `p` = `base` ⊕ ξ, where `p` moves at `rate`."""
+        return rate
 
     def position(self, t, base, psi, c, v):
         """(p, ξ) with p = `base` ⊕ ξ and ξ = `psi` + `c` U(t, p, v): the position that a BDF step gives to `v` at `t`.
@@ -83,6 +88,7 @@ class Index3System:
 
         Else zero, as one number.
         """
+        return 0.0
 
     def constraint(self, t, p, rate):
         """(Φ, ρ) at (`t`, `p`), each (nc,): the constraint, and the hidden one ρ = Φ_p U + Φ_t with U = `rate`."""
@@ -92,6 +98,7 @@ class Index3System:
 
     def position_scale(self, p):
         """The size of each tangent coordinate at `p`, shape (nx,), by which a relative tolerance is multiplied."""
+        return np.abs(p)
 
     def describe_row(self, row: int) -> str:
         """The name by which messages speak of constraint row `row`, counted from 0."""
