@@ -14,10 +14,12 @@ from scipy.linalg.lapack import dgesv
 from pinconsist import _core, assemble, load, simulate
 from pinconsist._core.compiled import stepper_for
 from pinconsist.cli import output
+from pinconsist.cli.options import option
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.options import method_of
 
 from . import report
+from .against import against
 
 TIMED = "crank_rocker"
 SPEED = {"crank": 12.0}  # rad/s, the timing scene
@@ -131,19 +133,24 @@ def _steps(system, start, until, backend, tol=1e-6) -> tuple[int, float]:
     return steps, time.perf_counter() - begun
 
 
+# fmt: off
 def command(
-    scene: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[NAME|PATH ...]", help="Default: the crank-rocker, and chains of 8 to 256 links."),
-    ] = None,
+    scene: Annotated[list[str] | None, typer.Argument(metavar="[NAME|PATH ...]", help=(
+        "Default: the crank-rocker, and chains of 8 to 256 links; with --against four scenes."))] = None,
+    other: Annotated[str | None, option(
+        "--against", "PYTHON", "Time compiled runs in turn with those of the pinconsist that this interpreter imports, "
+        "such as that of another checkout, instead.")] = None,
     csv: report.Csv = None,
     as_json: output.Json = False,
 ) -> int:
+    # fmt: on
     """Time a step beside the bare Pinocchio calls of one residual. Steps of chains go to FILE_chains.csv.
 
     Example: python -m benchmarks overhead crank_rocker andrews
     """
     output.require_writable(csv=csv)
+    if other:
+        return _against(other, scene, csv, as_json)
     results = {name: [asdict(row) for row in overhead(name)] for name in scene or [TIMED]}
     chains = [] if scene else [asdict(row) for row in chain_steps()]
     if csv:
@@ -162,6 +169,26 @@ def command(
     print()
     if chains:
         _print_chains(chains)
+    return output.FINE
+
+
+def _against(other, scenes, csv, as_json):
+    rows = [asdict(row) for row in against(other, scenes)]
+    if csv:
+        report.write_csv(csv, rows)
+    if as_json:
+        output.print_json({"machine": report.machine(), "against": rows})
+        return output.FINE
+    print(report.machine() + "\n")
+    columns = [
+        ("scene", "{scene}"),
+        ("steps>", "{steps}"),
+        ("other's>", "{other_steps}"),
+        ("run [ms]>", report.scaled("time", 1e3, 2)),
+        ("other's [ms]>", report.scaled("other_time", 1e3, 2)),
+        ("ratio>", "{ratio:.3f}"),
+    ]
+    report.table(rows, columns, f"compiled runs in turn with those of {other}: ratio below 1, faster than the other")
     return output.FINE
 
 

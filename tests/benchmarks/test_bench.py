@@ -2,12 +2,14 @@
 
 import csv
 import json
+import sys
 from functools import partial
 from pathlib import Path
 
 import pytest
 from helpers import command_line
 
+from benchmarks.against import against
 from benchmarks.app import main
 from benchmarks.overhead import backends, chain_steps, overhead
 from benchmarks.robots import robots
@@ -82,3 +84,12 @@ def test_the_command_prints_tables(capsys):
 def test_the_command_refuses_what_it_does_not_know(capsys):
     code, _, err = called(capsys, "work-precision", "problem51", "--method", "nonsense")
     assert code == 2 and "no method 'nonsense'" in err
+
+
+def test_compiled_runs_of_two_interpreters_in_turn():
+    if len(backends()) == 1:
+        pytest.skip("the compiled method is not there")
+    (row,) = against(sys.executable, ["four_bar"], repeats=1, least=0.01)
+    assert row.steps == row.other_steps > 5 and 0.1 < row.ratio < 10.0
+    with pytest.raises(InputError, match="cannot be run"):
+        against("/no/such/python", ["four_bar"], repeats=1)
