@@ -175,10 +175,9 @@ def _checked(recipe) -> Recipe:
             raise InputError(f"there is no option {name!r}{near(name, known)}")
     if finite_array(recipe.t_span, "t_span").shape != (2,):
         raise InputError(f"t_span needs two numbers (start, end), got {recipe.t_span!r}")
-    if not isinstance(recipe.files, dict):
-        raise InputError(f"no hashes of files: {recipe.files!r}")
-    if not isinstance(recipe.mechanism, dict | None):
-        raise InputError(f"no digests of the mechanism: {recipe.mechanism!r}")
+    for what, kind in (("files", dict), ("mechanism", dict | None)):
+        if not isinstance(value := getattr(recipe, what), kind):
+            raise InputError(f"no hashes of its {what}: {value!r}")
     if recipe.save_every is None:
         return recipe
     period = finite_array(recipe.save_every, "save_every")

@@ -173,16 +173,19 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
         The scene cannot be loaded, or forces are missing.
     """
     old, recipe, mechanism, changed = _again(file, scene, forces)
-    if old.status != 0 and len(old.t):  # it was cut short, and nothing after that is to be compared
-        callback = _Until(old.t[-1], recipe.t_span[1] >= recipe.t_span[0], callback)
-    new = carry_out(replace(recipe, checkpoint=None), mechanism, None, callback=callback)
+    forward = recipe.t_span[1] >= recipe.t_span[0]
+
+    def until(t, q, v, lam):
+        stop = callback is not None and callback(t, q, v, lam)
+        return stop or (t >= old.t[-1] if forward else t <= old.t[-1])
+
+    cut_short = old.status != 0 and len(old.t)  # nothing after that is to be compared
+    new = carry_out(replace(recipe, checkpoint=None), mechanism, None, callback=until if cut_short else callback)
     about = [f"{name} {then} then, {now} now" for name, then, now in _other_versions(old)]
     if (then := old.method.get("backend")) != (now := new.method.get("backend")):
         about.append(f"the method ran {then} then, {now} now")
-    numbers = list(
-        filter(None, (_difference(name, getattr(old, name), getattr(new, name)) for name in (*ROWS, *STEPS)))
-    )
-    return Rerun(not numbers, (*about, *changed, *numbers), new)
+    numbers = [_difference(name, getattr(old, name), getattr(new, name)) for name in (*ROWS, *STEPS)]
+    return Rerun(not any(numbers), (*about, *changed, *filter(None, numbers)), new)
 
 
 def _other_versions(solution):
@@ -276,14 +279,3 @@ def _require_checkpoint(recipe, solution, file):
         good = False
     if not good:
         raise FormatError("its record of the last checkpoint cannot be read", path=file)
-
-
-class _Until:
-    """A callback that ends a run at a time."""
-
-    def __init__(self, end, forward, callback):
-        self.end, self.forward, self.callback = end, forward, callback
-
-    def __call__(self, t, q, v, lam):
-        stop = self.callback is not None and self.callback(t, q, v, lam)
-        return stop or (t >= self.end if self.forward else t <= self.end)
