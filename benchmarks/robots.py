@@ -94,7 +94,7 @@ def _variants(path):
         assemble(mech)
     except AssemblyError:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # which anchors move is what `check` tells
+            warnings.simplefilter("ignore", UserWarning)  # `check` reports which anchors move
             return [("point", load(path, closure="point")), ("re-anchored", mech.reanchored())]
     return [("as written", mech)]
 

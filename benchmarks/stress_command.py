@@ -15,12 +15,12 @@ from pinconsist.cli.options import option
 from pinconsist.interrupts import interrupted
 
 from . import report
-from .stress import SUBJECTS, cases, others
+from .stress import SUBJECTS, by_peers, cases
 from .stress.case import FAILED, run
 from .stress.random_chains import FAMILY
 
 SHORTENED = 100  # characters of a reason in the table; --json and --csv have it whole
-KINDS = ("held", "refused", FAILED, others.CUT, others.CANNOT)
+KINDS = ("held", "refused", FAILED, by_peers.CUT, by_peers.CANNOT)
 
 
 # fmt: off
@@ -50,7 +50,7 @@ def command(
     output.require_writable(csv=csv)
     options = {"count": count, "seed": seed}
     if peers:
-        return _by_peers(others.sample(_shared(subject or (), options), sample), csv, as_json)
+        return _by_peers(by_peers.sample(_shared(subject or (), options), sample), csv, as_json)
     outcomes = _run(list(cases(subject or (), long=long, **options)))
     counts = Counter(outcome.outcome for outcome in outcomes)
     if csv:
@@ -112,20 +112,20 @@ FIGURES = [
 
 
 def _shared(subjects, options):
-    if unknown := set(subjects) - set(others.SUBJECTS):
+    if unknown := set(subjects) - set(by_peers.SUBJECTS):
         raise InputError(
-            f"{', '.join(sorted(unknown))}: not with --peers, which tries {', '.join(others.SUBJECTS)}: steps of a "
+            f"{', '.join(sorted(unknown))}: not with --peers, which tries {', '.join(by_peers.SUBJECTS)}: steps of a "
             "given size and starts off the loops are the package's own"
         )
-    return cases(subjects or others.SUBJECTS, **options)
+    return cases(subjects or by_peers.SUBJECTS, **options)
 
 
 def _by_peers(sample, csv, as_json) -> int:
     rows = []
     with report.status() as show:
-        for method, outcome in others.outcomes(sample):
+        for method, outcome in by_peers.outcomes(sample):
             rows.append({"method": method} | asdict(outcome))
-            show(f"{len(rows)} of {len(sample) * len(others.methods())}, {outcome.family}: {method}")
+            show(f"{len(rows)} of {len(sample) * len(by_peers.methods())}, {outcome.family}: {method}")
     families, methods = list(dict.fromkeys(case.family for case in sample)), _counted(rows)
     if csv:
         report.write_csv(csv, rows)
@@ -138,15 +138,15 @@ def _by_peers(sample, csv, as_json) -> int:
             methods,
             [("method", "{method}"), *((f"{kind}>", lambda row, kind=kind: row[kind] or "") for kind in KINDS)],
             f"{len(sample)} cases by each method: held, or refused where that is right; FAILED; "
-            f"{others.CUT} after {others.LIMIT:g} s; {others.CANNOT}: not for it",
+            f"{by_peers.CUT} after {by_peers.LIMIT:g} s; {by_peers.CANNOT}: not for it",
         )
         columns = [("method", "{method}"), *((f"{family}>", f"{{{family}}}") for family in families)]
         report.table(methods, columns, "held or rightly refused, of those tried")
         columns = [("method", "{method}"), ("what did not hold", "{family}: {varied}"), *FIGURES]
-        report.table([row for row in rows if row["outcome"] in (FAILED, others.CUT)], columns, None)
-        for reason in others.missing():
+        report.table([row for row in rows if row["outcome"] in (FAILED, by_peers.CUT)], columns, None)
+        for reason in by_peers.missing():
             print(reason)
-    own = [row["outcome"] for row in rows if row["method"] == others.OWN]
+    own = [row["outcome"] for row in rows if row["method"] == by_peers.OWN]
     return output.FAILED if FAILED in own else output.FINE
 
 
@@ -158,7 +158,7 @@ def _counted(rows):
         counts = Counter(row["outcome"] for row in own)
         summary = {"method": method} | {kind: counts[kind] for kind in KINDS}
         for family in dict.fromkeys(row["family"] for row in rows):
-            tried = [row["outcome"] for row in own if row["family"] == family and row["outcome"] != others.CANNOT]
+            tried = [row["outcome"] for row in own if row["family"] == family and row["outcome"] != by_peers.CANNOT]
             right = sum(outcome in ("held", "refused") for outcome in tried)
             summary[family] = f"{right}/{len(tried)}" if tried else ""
         counted.append(summary)

@@ -13,7 +13,7 @@ import numpy as np
 
 from pinconsist import InputError, PinconsistError
 
-from .answers import Answers
+from .dense_reference import DenseReference
 from .peers import OWN, peers
 from .peers.problem import Problem, SolverFailed
 
@@ -60,7 +60,7 @@ class Equal(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Study:
+class Diagram:
     """All methods on one problem."""
 
     scene: str
@@ -83,7 +83,7 @@ class Study:
 
 def work_precision(
     problem: Problem, tolerances=TOLERANCES, *, repeats=3, budget=10.0, methods=None, report=lambda name: None
-) -> Study:
+) -> Diagram:
     """Measure a problem with every method that is installed and can do it.
 
     Every method runs once to warm up, which gives its errors; then all run in turn, `repeats` times. Building models
@@ -96,7 +96,7 @@ def work_precision(
     """
     if repeats < 1 or not budget > 0 or not all(0 < tol < 1 for tol in tolerances) or not len(tolerances):
         raise InputError("a measurement needs repeats ≥ 1, a budget > 0 s, and tolerances between 0 and 1")
-    answers = Answers(problem)
+    reference = DenseReference(problem)
     runs, points, versions = [], {}, {}
     for peer in _chosen(methods):
         report(peer.name)
@@ -105,7 +105,7 @@ def work_precision(
             continue
         versions[peer.package] = peer.version()
         series = _fixed_steps if peer.fixed_step else _tolerances
-        for k, (solve, point) in enumerate(series(problem, peer, tolerances, answers, budget)):
+        for k, (solve, point) in enumerate(series(problem, peer, tolerances, reference, budget)):
             points[peer.name, k] = point
             if solve is not None:
                 runs.append(((peer.name, k), solve))
@@ -113,8 +113,8 @@ def work_precision(
         for key, solve in runs:
             points[key] = replace(points[key], times=(*points[key].times, _timed(solve)))
     ordered = tuple(points.values())
-    return Study(
-        problem.name, problem.description, problem.span[1], budget, versions, answers.doubt, ordered,
+    return Diagram(
+        problem.name, problem.description, problem.span[1], budget, versions, reference.uncertainty, ordered,
         tuple((target, at_equal_error(ordered, target, OWN)) for target in TARGETS),
     )  # fmt: skip
 
@@ -172,20 +172,20 @@ def _chosen(methods):
     return [peer for peer in known if peer.name == OWN or any(named(peer, word) for word in methods)]
 
 
-def _tolerances(problem, peer, tolerances, answers, budget):
+def _tolerances(problem, peer, tolerances, reference, budget):
     """(solve or None, Point) of each tolerance, from coarse to fine, until a run is cut."""
     for tol in sorted(set(tolerances), reverse=True):
-        solve, point, spent = _first_run(problem, peer, tol, answers, budget)
+        solve, point, spent = _first_run(problem, peer, tol, reference, budget)
         yield solve, replace(point, tol=tol)
         if solve is None and spent >= budget:
             return
 
 
-def _fixed_steps(problem, peer, tolerances, answers, budget):
+def _fixed_steps(problem, peer, tolerances, reference, budget):
     """(solve or None, Point) of more and more steps, until the last target is met or a run would be cut."""
     steps, before = FEWEST, None
     while steps <= MOST:
-        solve, point, spent = _first_run(problem, peer, steps, answers, budget)
+        solve, point, spent = _first_run(problem, peer, steps, reference, budget)
         yield solve, replace(point, steps=steps)
         if spent >= budget or point.q <= min(TARGETS):
             return
@@ -199,7 +199,7 @@ def _fixed_steps(problem, peer, tolerances, answers, budget):
         before, steps = (steps, point.q), more
 
 
-def _first_run(problem, peer, setting, answers, budget):
+def _first_run(problem, peer, setting, reference, budget):
     """(solve, Point, seconds spent) of a run that is not timed; `solve` is None where it failed or was cut."""
     building, running = _Limit(budget), _Limit(budget)
     start, steps = time.process_time(), []
@@ -217,7 +217,7 @@ def _first_run(problem, peer, setting, answers, budget):
             with running:
                 result = solve()
             spent = time.process_time() - start
-            errors = answers.errors(read(result, thin))
+            errors = reference.errors(read(result, thin))
         return solve, Point(peer.name, np.nan, "done", steps[0], (), *errors), spent
     except (_OutOfTime, SolverFailed, PinconsistError, ValueError, RuntimeError, ArithmeticError, SystemError) as error:
         spent = time.process_time() - start

@@ -45,29 +45,29 @@ def command(
     output.require_writable(csv=csv, figure=plot)
     if not as_json:
         print(report.machine() + "\n")
-    studies = []
+    diagrams = []
     for name in scene or [SCENE]:
         with report.status() as show:
             options = {"repeats": repeats, "budget": budget, "methods": method}
             options["report"] = lambda peer, name=name: show(f"{name}: {peer}")
-            studies.append(work_precision(problem_of(name, until), tol or TOLERANCES, **options))
+            diagrams.append(work_precision(problem_of(name, until), tol or TOLERANCES, **options))
         if not as_json:
-            _print(studies[-1], repeats)
+            _print(diagrams[-1], repeats)
     if plot is not None:
-        output.written(plot, lambda: plot_work_precision(studies[0].series(), plot))
+        output.written(plot, lambda: plot_work_precision(diagrams[0].series(), plot))
     if csv:
-        _write(csv, studies, repeats)
+        _write(csv, diagrams, repeats)
     if as_json:
-        output.print_json({"machine": report.machine(), "scenes": [asdict(study) for study in studies]})
+        output.print_json({"machine": report.machine(), "scenes": [asdict(diagram) for diagram in diagrams]})
     return output.FINE
 
 
-def _write(file, studies, repeats):
+def _write(file, diagrams, repeats):
     points, equal = [], []
-    for study in studies:
-        run = {"scene": study.scene, "until": study.until, "repeats": repeats, "budget": study.budget}
-        points += [run | _row(point) for point in study.points]
-        for target, found in study.equal_error:
+    for diagram in diagrams:
+        run = {"scene": diagram.scene, "until": diagram.until, "repeats": repeats, "budget": diagram.budget}
+        points += [run | _row(point) for point in diagram.points]
+        for target, found in diagram.equal_error:
             for method, one in found.items():
                 values = one._asdict() if one else dict.fromkeys(Equal._fields)
                 equal.append(run | {"target": target, "method": method} | values)
@@ -86,12 +86,12 @@ def _done(format, scale=1.0):
     return lambda row: f"{scale * row[name]:{spec}}" if row["status"] == "done" else ""
 
 
-def _print(study, repeats):
-    versions = ", ".join(f"{package} {version}" for package, version in study.versions.items())
+def _print(diagram, repeats):
+    versions = ", ".join(f"{package} {version}" for package, version in diagram.versions.items())
     print(
-        f"{study.scene}: {study.description}, {study.until:g} s\n{versions}\n"
-        f"CPU times, medians of {repeats} runs in turn in one process; a run is cut after {study.budget:g} s; "
-        f"the reference is good to {study.reference:.0e} in q"
+        f"{diagram.scene}: {diagram.description}, {diagram.until:g} s\n{versions}\n"
+        f"CPU times, medians of {repeats} runs in turn in one process; a run is cut after {diagram.budget:g} s; "
+        f"the reference is good to {diagram.reference:.0e} in q"
     )
     columns = [
         ("method", "{method}"),
@@ -107,13 +107,13 @@ def _print(study, repeats):
         ("remark", lambda row: "" if row["status"] == "done" else row["status"]),
     ]
     title = "largest errors over the run: q in rad and m, v and λ in parts of their largest value"
-    report.table(map(_row, study.points), columns, title)
+    report.table(map(_row, diagram.points), columns, title)
     columns = ("time [ms]>", "ratio>", "λ, 1st row>", "1st step>")
-    methods = dict.fromkeys(name for _, found in study.equal_error for name in found)
-    targets = " and ".join(f"{target:.0e}" for target, _ in study.equal_error)
+    methods = dict.fromkeys(name for _, found in diagram.equal_error for name in found)
+    targets = " and ".join(f"{target:.0e}" for target, _ in diagram.equal_error)
     output.table(
-        ("method", *columns * len(study.equal_error)),
-        [(name, *(cell for _, found in study.equal_error for cell in _equal(found.get(name)))) for name in methods],
+        ("method", *columns * len(diagram.equal_error)),
+        [(name, *(cell for _, found in diagram.equal_error for cell in _equal(found.get(name)))) for name in methods],
         title=f"time at equal error in q (largest over the run), {targets}; its ratio to {OWN}: median of ratios; "
         "errors of the first multipliers",
     )

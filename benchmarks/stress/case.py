@@ -2,7 +2,7 @@
 
 A case holds where every figure keeps to its criterion, and is refused where the package ends it by an error of its own
 or by a solution without success, both with a reason. Anything else has FAILED: a figure beyond its criterion or not a
-number, an exception from below, a refusal where there is nothing to refuse, or a success where there is none to have.
+number, an exception of another package, a refusal of a valid case, or a success where a refusal is expected.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ EITHER = "held or refused"
 MAX_STEPS = 50_000
 """Of every run of the suite: none can hang."""
 RTOL = 1e-7
-"""rtol and atol of a run where nothing else is said."""
+"""Default rtol and atol of a run."""
 
 
 class Figure(NamedTuple):

@@ -66,7 +66,7 @@ def _velocity(scene, off, by):
 
 
 def _taken_as_it_stands(off, by):
-    """`integrate` assembles nothing: what it accepts must not spoil the multipliers without a word."""
+    """`integrate` assembles nothing: what it accepts must not spoil the multipliers silently."""
     problem = reference_problem("problem51")
     p0 = problem.p0 * (1.0 + off)
     sol = completed(by.integrate(problem.system, (0.0, 0.1), p0, problem.v0, rtol=1e-6, atol=1e-8, max_steps=MAX_STEPS))

@@ -62,14 +62,16 @@ def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
     table = tmp_path / "bench.csv"
     code, out, _ = called(capsys, "work-precision", *scene, *options, "--plot", figure, "--csv", table, "--json")
     assert code == 0 and figure.stat().st_size > 1000
-    (study,) = json.loads(out)["scenes"]
+    (diagram,) = json.loads(out)["scenes"]
     assert (
-        study["scene"] == "problem51" and study["until"] == 0.2 and study["versions"].keys() == {"pinconsist", "scipy"}
+        diagram["scene"] == "problem51"
+        and diagram["until"] == 0.2
+        and diagram["versions"].keys() == {"pinconsist", "scipy"}
     )
-    assert {point["method"] for point in study["points"]} == {"pinconsist BDF", "scipy LSODA, index 1"}
-    assert all(point["status"] == "done" and point["q"] < 1e-2 for point in study["points"])
+    assert {point["method"] for point in diagram["points"]} == {"pinconsist BDF", "scipy LSODA, index 1"}
+    assert all(point["status"] == "done" and point["q"] < 1e-2 for point in diagram["points"])
     rows = list(csv.DictReader(table.read_text().splitlines()))
-    assert [float(row["q"]) for row in rows] == pytest.approx([point["q"] for point in study["points"]], rel=1e-3)
+    assert [float(row["q"]) for row in rows] == pytest.approx([point["q"] for point in diagram["points"]], rel=1e-3)
     equal = list(csv.DictReader((tmp_path / "bench_equal_error.csv").read_text().splitlines()))
     assert {row["target"] for row in equal} == {"0.0001", "1e-06"} and equal[0]["ratio"] == "1"
 

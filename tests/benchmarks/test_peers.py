@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import null_space
 
 import pinconsist as pc
-from benchmarks.answers import Answers
+from benchmarks.dense_reference import DenseReference
 from benchmarks.peers import OWN, peers
 from benchmarks.peers.dae_solvers import Equations
 from benchmarks.peers.problem import Peer, SolverFailed
@@ -33,42 +33,42 @@ EPS = np.finfo(float).eps
 
 
 @pytest.fixture(scope="module", params=SHORT)
-def answers(request):
-    return Answers(problem_of(request.param, SHORT[request.param]))
+def reference(request):
+    return DenseReference(problem_of(request.param, SHORT[request.param]))
 
 
-def _run(answers, name, setting):
+def _run(reference, name, setting):
     """(steps, errors of q, v and λ) or a skip."""
     peer, counts = PEERS[name], []
-    if reason := peer.missing() or peer.can(answers.problem):
+    if reason := peer.missing() or peer.can(reference.problem):
         pytest.skip(reason)
 
     def thin(count, first=1):
         counts.append(count - 1)
         return np.unique(np.r_[0, first, np.linspace(0, count - 1, 60).astype(int)])
 
-    solve, read = peer.prepare(answers.problem, setting)
+    solve, read = peer.prepare(reference.problem, setting)
     rows = read(solve(), thin)
-    assert rows.t[0] == 0.0 and rows.t[-1] == pytest.approx(answers.problem.span[1], abs=1e-12)
-    return counts[0], np.array(answers.errors(rows)[:3])
+    assert rows.t[0] == 0.0 and rows.t[-1] == pytest.approx(reference.problem.span[1], abs=1e-12)
+    return counts[0], np.array(reference.errors(rows)[:3])
 
 
 @pytest.mark.parametrize("name", ORDERS)
-def test_half_the_step_gives_the_errors_of_the_order(answers, name):
-    (_, coarse), (_, fine) = (_run(answers, name, steps) for steps in (STEPS, 2 * STEPS))
-    h = answers.problem.span[1] / (2 * STEPS)
+def test_half_the_step_gives_the_errors_of_the_order(reference, name):
+    (_, coarse), (_, fine) = (_run(reference, name, steps) for steps in (STEPS, 2 * STEPS))
+    h = reference.problem.span[1] / (2 * STEPS)
     raw = not name.endswith("every-step")
-    floor = 10 * answers.doubt * np.ones(3) + (0.0, EPS / h, 100 * EPS / h**2 if raw else 100 * EPS / h)
+    floor = 10 * reference.uncertainty * np.ones(3) + (0.0, EPS / h, 100 * EPS / h**2 if raw else 100 * EPS / h)
     for error, half, least, order in zip(coarse, fine, floor, ORDERS[name], strict=True):
         if order is not None:
             assert half < max(least, error * 2.0 ** (SLACK - order))
 
 
 @pytest.mark.parametrize("name", [name for name, peer in PEERS.items() if not peer.fixed_step])
-def test_errors_are_what_the_tolerance_lets_add_up(answers, growth, name):
+def test_errors_are_what_the_tolerance_lets_add_up(reference, growth, name):
     """At worst all local errors, each tol (1 + |y|), are of one sign, and grow like a change of the state."""
     tols = np.array([1e-4, 1e-6] if "Euler" in name else [1e-6, 1e-8])
-    counts, errors = zip(*(_run(answers, name, tol) for tol in tols), strict=True)
+    counts, errors = zip(*(_run(reference, name, tol) for tol in tols), strict=True)
     for count, error, tol in zip(counts, errors, tols, strict=True):
         bound = count * tol * growth
         assert (error[:2] < bound[:2]).all()
@@ -79,11 +79,11 @@ def test_errors_are_what_the_tolerance_lets_add_up(answers, growth, name):
 
 
 @pytest.fixture(scope="module")
-def growth(answers):
+def growth(reference):
     """Changes of q, v and λ anywhere for a local error of tolerance 1 in q and v at the start, scaled as errors are."""
-    problem, system = answers.problem, answers.problem.system
-    n, size, times = system.nv, 1e-5, np.linspace(*answers.problem.span, 50)
-    rows = answers.at(times)
+    problem, system = reference.problem, reference.problem.system
+    n, size, times = system.nv, 1e-5, np.linspace(*reference.problem.span, 50)
+    rows = reference.at(times)
     rate, gains = RightHandSide(system, problem.q0), np.zeros((3, 2))
     for tangent in null_space(system.loop_rows(problem.q0)[1]).T:
         for part, change in enumerate(((size * tangent, 0 * tangent), (0 * tangent, size * tangent))):
@@ -113,7 +113,7 @@ def test_a_method_must_be_written():
 
 def test_exact_problem_as_reference():
     exact = reference_problem("problem51").exact
-    q, v, lam = Answers(problem_of("problem51")).at(np.array([0.0, 0.4, 1.0]))
+    q, v, lam = DenseReference(problem_of("problem51")).at(np.array([0.0, 0.4, 1.0]))
     for t, *ours in zip((0.0, 0.4, 1.0), q, v, lam, strict=True):
         for a, b in zip(ours, exact(t), strict=True):
             assert np.abs(a - b).max() < 1e-10
@@ -172,8 +172,8 @@ def test_a_residual_vanishes_at_its_start():
 
 def test_methods_of_fixed_step_go_on_until_the_last_target_or_the_budget():
     problem = problem_of("problem51", 0.3)
-    study = work_precision(problem, (1e-5,), repeats=1, methods=["fixed BDF-2, every"])
-    fixed = [point for point in study.points if "fixed" in point.method]
+    diagram = work_precision(problem, (1e-5,), repeats=1, methods=["fixed BDF-2, every"])
+    fixed = [point for point in diagram.points if "fixed" in point.method]
     assert fixed[0].steps == FEWEST and [point.tol == point.tol for point in fixed] == [False] * len(fixed)
     assert fixed[-1].q < 1e-6 < fixed[-2].q and all(point.status == "done" for point in fixed)
     cut = work_precision(problem, (1e-5,), repeats=1, budget=0.2, methods=["fixed BDF-1, every"])
@@ -193,21 +193,21 @@ def test_words_choose_methods():
 
 def test_a_reference_that_takes_too_many_steps_is_given_up(monkeypatch):
     problem = problem_of("pendulum")
-    monkeypatch.setattr("benchmarks.answers.MOST", 100)
+    monkeypatch.setattr("benchmarks.dense_reference.MOST", 100)
     with pytest.raises(PinconsistError, match=r"pendulum: no reference: at a tolerance of 1e-09 .* earlier end"):
-        Answers(problem)
+        DenseReference(problem)
 
 
 def test_a_study_names_what_it_cannot_do_and_cuts_what_takes_too_long():
-    study = work_precision(problem_of("pendulum", 0.5), (1e-4, 1e-7), repeats=2, methods=["LSODA", "MuJoCo", "DOP"])
+    diagram = work_precision(problem_of("pendulum", 0.5), (1e-4, 1e-7), repeats=2, methods=["LSODA", "MuJoCo", "DOP"])
     by_method = {}
-    for point in study.points:
+    for point in diagram.points:
         by_method.setdefault(point.method, []).append(point)
     assert len(by_method[OWN]) == 2 and all(len(point.times) == 2 for point in by_method[OWN])
     assert by_method[OWN][1].q < by_method[OWN][0].q < 1e-2
     (refused,) = by_method["MuJoCo implicitfast, soft loops"]
     assert refused.status != "done" and not refused.times
-    assert set(study.series()) == {OWN, "scipy LSODA, index 1", "scipy DOP853, index 1"}
+    assert set(diagram.series()) == {OWN, "scipy LSODA, index 1", "scipy DOP853, index 1"}
     cut = work_precision(problem_of("crank_rocker", 1.0), (1e-9,), repeats=1, budget=0.02, methods=["Radau"])
     status = {point.method: point.status for point in cut.points}
     assert status["scipy Radau, index 1"] == "cut after 0.02 s"

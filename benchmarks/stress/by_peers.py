@@ -2,7 +2,7 @@
 
 The package assembles every start, and judges every solution by the same residuals. A peer may refuse a case in any
 words, or by an exception from below; and where a criterion is tighter than the tolerance lets errors grow (loops that
-are closed to rounding), it need only keep to that. Cases about steps of a given size, about starts off the loops or
+are closed to rounding), it need only meet that. Cases about steps of a given size, about starts off the loops or
 about events are the package's own.
 """
 
@@ -152,7 +152,7 @@ class _Child:
             return None
 
     def given_up(self, limit):
-        """What is said in place of an answer; the process is ended."""
+        """The outcome in place of an answer; the process is ended."""
         self.process.join(0.1 if self.process.is_alive() else None)
         died = self.process.exitcode
         self.end()

@@ -20,12 +20,12 @@ FEW = 500
 """Evaluations that are always granted."""
 
 
-class Answers:
-    """The answer of a problem at any time.
+class DenseReference:
+    """The solution of a problem at any time.
 
-    `dense` is t → (q, v) at the finest of the tolerances that rounding allows, `doubt` its largest difference in q to
-    the tolerance before it. Raises InputError for configurations that are not vectors, and PinconsistError where scipy
-    fails, as where the rows of the loops that are kept at the start become dependent on the way.
+    `dense` is t → (q, v) at the finest tolerance that rounding allows, `uncertainty` its largest difference in q to the
+    tolerance before it. Raises InputError for configurations that are not vectors, and PinconsistError where scipy
+    fails, for instance where the rows of the loops that are kept at the start become dependent on the way.
     """
 
     def __init__(self, problem: Problem):
@@ -47,7 +47,7 @@ class Answers:
             )
         coarse, self.dense = found[-2:]
         n, times = self.system.nx, np.linspace(*problem.span, 200)
-        self.doubt = float(np.abs(self.dense(times)[:n] - coarse(times)[:n]).max())
+        self.uncertainty = float(np.abs(self.dense(times)[:n] - coarse(times)[:n]).max())
         _, v, lam = self.at(times)
         self._largest_v, self._largest_lam = (_size(part) for part in (v, lam))
 
