@@ -17,7 +17,7 @@ from .interrupts import ended_like_ctrl_c
 from .mechanism.digest import digests
 from .mechanism.mechanism import Mechanism, with_forces
 from .run_file import Recipe, SceneSource, loaded, recipe_of
-from .solution import Solution
+from .solution import Solution, require_mechanism
 from .solution_file import versions
 
 _log = logging.getLogger(__name__)
@@ -258,10 +258,7 @@ def _again(file, scene, forces):
             )
         forces = recipe.given_forces()
     mechanism = with_forces(mechanism, forces, "rerun")
-    sizes = solution.q.shape[1], solution.v.shape[1], solution.lam.shape[1]
-    if sizes != (mechanism.nq, mechanism.nv, mechanism.nc):
-        raise InputError(f"{file} is a run of another scene: its rows have {sizes} numbers of q, v and λ, those of "
-                         f"{mechanism.name!r} {(mechanism.nq, mechanism.nv, mechanism.nc)}")  # fmt: skip
+    require_mechanism(solution, mechanism, file)
     _require_checkpoint(recipe, solution, file)
     return solution, recipe, mechanism, changed
 

@@ -201,7 +201,7 @@ class Solution:
         InputError
             No such loop; no mechanism, another one, or a general problem; other axes.
         """
-        self._require_mechanism(mechanism)
+        require_mechanism(self, mechanism)
         mechanism = mechanism or getattr(self.system, "mechanism", None)
         if mechanism is None:
             where = "a solution read from a file needs its mechanism here: sol.reaction(loop, mechanism)"
@@ -213,26 +213,12 @@ class Solution:
             raise InputError(f"a solution read from a file needs its mechanism here: sol.{method}(mechanism)")
         if not len(self.t):
             raise InputError(f"the solution has no rows to {'check' if method == 'check' else 'compute energies of'}")
-        self._require_mechanism(mechanism)
+        require_mechanism(self, mechanism)
         forces = self.method.get("forces")
         if mechanism is not None and forces not in (None, len(mechanism.forces)):
             raise InputError(
                 f"the run had {forces} forces besides the model's own, this mechanism has {len(mechanism.forces)}: "
                 "give it those of simulate(forces=...) by mechanism.with_forces(...)"
-            )
-
-    def _require_mechanism(self, mechanism):
-        """Raise InputError for something given that cannot be the mechanism of the run."""
-        if mechanism is None:
-            return
-        if not isinstance(mechanism, Mechanism):
-            raise InputError(f"a Mechanism is needed to read the solution, got {type(mechanism).__name__}")
-        sizes = self.q.shape[1], self.v.shape[1], self.lam.shape[1]
-        if sizes != (mechanism.nq, mechanism.nv, mechanism.nc):
-            raise InputError(
-                f"the solution has {sizes[0]} position numbers, {sizes[1]} velocities and {sizes[2]} multipliers, "
-                f"mechanism {mechanism.name!r} has {mechanism.nq}, {mechanism.nv} and {mechanism.nc}: it is not the "
-                "one that was simulated"
             )
 
     def summary(self) -> str:
@@ -292,3 +278,18 @@ class Solution:
 
 
 _OUTCOME = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
+
+
+def require_mechanism(solution, mechanism, who="the solution", hint=""):
+    """Raise InputError for something given that cannot be the mechanism of a solution."""
+    if mechanism is None:
+        return
+    if not isinstance(mechanism, Mechanism):
+        raise InputError(f"a Mechanism is needed to read the solution, got {type(mechanism).__name__}")
+    sizes = solution.q.shape[1], solution.v.shape[1], solution.lam.shape[1]
+    if sizes != (mechanism.nq, mechanism.nv, mechanism.nc):
+        raise InputError(
+            f"{who} has {sizes[0]} position numbers, {sizes[1]} velocities and {sizes[2]} multipliers, mechanism "
+            f"{mechanism.name!r} has {mechanism.nq}, {mechanism.nv} and {mechanism.nc}: it is not the one that was "
+            f"simulated{hint}"
+        )

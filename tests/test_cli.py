@@ -343,7 +343,7 @@ def test_replay_finds_the_scene_of_a_run_again(run, torn, monkeypatch):
     code, _, err = run("replay", "run.npz", "--html", "play.html")
     assert code == 2 and "say where it is by --scene" in err
     assert run("replay", "run.npz", "--scene", "moved/bars.urdf", "--html", "play.html")[0] == 0
-    assert "it has 3 numbers in a configuration" in run("replay", "run.npz", "--scene", "five_bar")[2]
+    assert "run.npz has 3 position numbers" in run("replay", "run.npz", "--scene", "five_bar")[2]
 
 
 def test_a_page_shows_forces_and_paths_that_are_asked_for(run):

@@ -168,7 +168,7 @@ def test_what_has_changed_is_said(tmp_path, scene):
     assert not again.same and "bar.yaml has changed" in again.differences
     assert any(each.startswith("q: ") for each in again.differences) and str(again).endswith("are not the same")
     loops.unlink()
-    with pytest.raises(pc.InputError, match="another scene"):
+    with pytest.raises(pc.InputError, match="not the one that was simulated"):
         pc.rerun(file)
     scene.unlink()
     with pytest.raises(pc.InputError, match=r"the scene of .*run.npz cannot be loaded; .*--scene.*no such file"):
@@ -244,7 +244,7 @@ def test_a_mechanism_in_memory_has_to_be_given_again(tmp_path):
     with pytest.raises(pc.InputError, match=r"stood in memory.*scene="):
         pc.rerun(file)
     assert pc.rerun(file, scene=mech).same and not pc.rerun(file, scene=pc.load("four_bar")).same
-    with pytest.raises(pc.InputError, match="another scene"):
+    with pytest.raises(pc.InputError, match="not the one that was simulated"):
         pc.rerun(file, scene=pc.load("five_bar"))
     assert pc.resume(file, scene=mech).success
 

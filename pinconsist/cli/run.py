@@ -57,19 +57,14 @@ def in_a_line(mech, sol) -> str:
 def _saved(file, given):
     """Mechanism, None of a general problem, and solution of a saved run."""
     from ..runs import changed_files
+    from ..solution import require_mechanism
 
     sol = pc.Solution.load(file)
     what = _scene_of(sol, file, given)
     if what is None:
         return None, sol
     mech, hashes = scene.loaded(what, file)
-    sizes = sol.q.shape[1], sol.v.shape[1], sol.lam.shape[1]
-    if sizes != (mech.nq, mech.nv, mech.nc):
-        raise InputError(
-            f"{file} is a run of another scene than {what.source}: it has {sizes[0]} numbers in a configuration, "
-            f"{sizes[1]} in a velocity and {sizes[2]} multipliers, the scene {mech.nq}, {mech.nv} and {mech.nc}; "
-            "name its scene by --scene"
-        )
+    require_mechanism(sol, mech, file, "; name its scene by --scene")
     if changed := changed_files((sol.recipe or {}).get("files", hashes), hashes):
         _log.warning(
             "the scene is not as it was when this run was made (%s); energies and forces are those of the "
