@@ -1,73 +1,17 @@
 """Index-3 BDF for closed-chain mechanisms on Pinocchio, with multipliers that are right from the first step on.
 
-The public names below are loaded when they are first used, so that importing the package costs little.
+The public names are those of ``__init__.pyi``. They are loaded when first used, so that the import costs little.
 """
 
 import logging as _logging
+import os as _os
+import re as _re
 from importlib import import_module as _import_module
 
 __version__ = "0.1.0"
 
-_WHERE = {
-    "analysis.equilibrium": ("Equilibrium", "equilibrium"),
-    "analysis.inverse_dynamics": ("InverseDynamics", "inverse_dynamics"),
-    "analysis.linearize": ("Linearization", "linearize"),
-    "analysis.modes": ("Modes",),
-    "certificate": ("Certificate",),
-    "dae.events": ("Event",),
-    "dae.hessenberg": ("HessenbergProblem",),
-    "errors": (
-        "AssemblyError",
-        "EquilibriumError",
-        "FormatError",
-        "InputError",
-        "MissingExtraError",
-        "PinconsistError",
-        "SavingError",
-        "SingularSystemError",
-        "UserFunctionError",
-    ),
-    "formats.catalogue": ("models",),
-    "formats.load": ("load",),
-    "formats.write": ("write",),
-    "mechanism.assembly": ("Assembly", "assemble"),
-    "mechanism.custom": ("Constraint",),
-    "mechanism.energy": ("Energy",),
-    "mechanism.forces": (
-        "JointDamping",
-        "JointFriction",
-        "JointSpring",
-        "JointTorque",
-        "Servo",
-        "SpringDamper",
-        "Torque",
-        "Wrench",
-    ),
-    "mechanism.joint_constraints": ("Coupling", "Drive"),
-    "mechanism.loops": ("Loop",),
-    "mechanism.mechanism": ("Mechanism",),
-    "mechanism.motion": ("Motion",),
-    "mechanism.reactions": ("Reaction",),
-    "runs": ("Rerun", "record", "rerun", "resume"),
-    "simulation": ("consistent_initial_velocity", "integrate", "simulate"),
-    "solution": ("Solution",),
-    "comparison": ("compare",),
-    "reference": ("reference_problem", "reference_solution"),
-    "sweeps": ("Outcome", "sweep"),
-    "view.page": ("export_html", "replay"),
-    "view.plots": (
-        "plot_comparison",
-        "plot_drift",
-        "plot_energy",
-        "plot_multipliers",
-        "plot_phase",
-        "plot_solution",
-        "plot_steps",
-        "plot_trajectory",
-        "plot_work_precision",
-    ),
-}
-_MODULE_OF = {name: module for module, names in _WHERE.items() for name in names}
+with open(_os.path.join(__path__[0], "__init__.pyi"), encoding="utf-8") as _stub:
+    _MODULE_OF = {name: module for module, name in _re.findall(r"^from \.(\S+) import (\w+)", _stub.read(), _re.M)}
 __all__ = sorted(_MODULE_OF)
 
 _logging.getLogger(__name__).addHandler(_logging.NullHandler())  # silent unless the application listens

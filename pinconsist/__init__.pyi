@@ -1,4 +1,4 @@
-# What type checkers see of the names that __init__.py loads when they are first used; tests/test_public.py compares.
+# The public names, each in one line "from .module import Name as Name": __init__.py reads them, as type checkers do.
 
 from .analysis.equilibrium import Equilibrium as Equilibrium
 from .analysis.equilibrium import equilibrium as equilibrium
