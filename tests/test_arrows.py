@@ -1,6 +1,7 @@
 """The shape of the package: arrows between its parts point one way, and a few habits hold everywhere."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -111,6 +112,26 @@ def test_the_parts_form_no_cycle():
         waiting = {part: needs for part, needs in waiting.items() if part not in ready}
 
 
+def reached(arrows):
+    """Part → all parts that its arrows lead to, also by way of others."""
+    found = {part: set(direct) for part, direct in arrows.items()}
+    for middle in found:
+        for parts in found.values():
+            if middle in parts:
+                parts |= found[middle]
+    return found
+
+
+def test_the_graph_on_the_page_on_the_architecture_has_these_arrows():
+    page = (ROOT.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    graph = re.sub(r'\[".*?"\]', "", re.search(r"```mermaid\ngraph TD\n(.*?)```", page, flags=re.DOTALL)[1])
+    drawn = {part: set() for part in MAY_IMPORT}
+    for line in graph.splitlines():
+        start, ends = line.split("-->")
+        drawn[start.strip()] |= {end.strip() for end in ends.split("&")}
+    assert reached(drawn) == {part: parts - {"__init__"} for part, parts in reached(MAY_IMPORT).items()}
+
+
 CYCLES: dict[str, set[str]] = {}  # modules of a part that still import each other
 
 
@@ -128,12 +149,7 @@ def module_of(parts):
 
 def cyclic(needs):
     """The modules that import themselves by way of others."""
-    reached = {name: set(direct) for name, direct in needs.items()}
-    for middle in reached:
-        for found in reached.values():
-            if middle in found:
-                found |= reached[middle]
-    return {name for name, found in reached.items() if name in found}
+    return {name for name, found in reached(needs).items() if name in found}
 
 
 @pytest.mark.parametrize("part", sorted({part_of(name) for name in FILES if "/" in name}))

@@ -11,6 +11,7 @@ import pinconsist as pc
 from pinconsist.formats import loopfile
 
 ROOT = Path(__file__).resolve().parents[1]
+ROOTS = (ROOT, ROOT / "pinconsist")
 PAGES = [page for page in sorted((ROOT / "docs").glob("*.md")) if ">>>" in page.read_text(encoding="utf-8")]
 
 
@@ -33,8 +34,18 @@ def test_links_and_files_named_on_the_pages_exist(page):
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)\)", text):
         assert target.startswith("http") or (page.parent / target).exists(), target
-    for path in re.findall(r"`((?:pinconsist|tests)/[\w/]+\.[a-z]+)`", text):
-        assert (ROOT / path).is_file(), path
+    for path in re.findall(r"`([\w.]+/[\w./]*)`", text):  # from the root or from pinconsist/
+        if page.name == "architecture.md" or any((folder / path.split("/")[0]).is_dir() for folder in ROOTS):
+            assert any((folder / path).exists() for folder in ROOTS), path
+
+
+def test_names_on_the_page_on_the_architecture_exist():
+    sources = [path for folder in ("pinconsist", "benchmarks", "tests") for path in (ROOT / folder).rglob("*.*")]
+    texts = [path.read_text(encoding="utf-8") for path in sources if path.suffix in (".py", ".hpp", ".cpp")]
+    words = set(re.findall(r"\w+", "".join(texts)))
+    for name in re.findall(r"`([\w.]+)`", (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")):
+        is_file = name.endswith((".py", ".pyi", ".toml"))
+        assert any((folder / name).is_file() for folder in ROOTS) if is_file else set(name.split(".")) <= words, name
 
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
