@@ -150,7 +150,7 @@ def recipe_of(scene, files, mechanism, t_span, q0, v0, forces, options, save_eve
 
     for name in _RETURNED:
         if options.get(name):
-            raise InputError(f"{name}= is not for runs that are kept in a file, which does not hold it; use simulate()")
+            raise InputError(f"{name}= is not for recorded runs, whose file does not store it; use simulate()")
     options = {name: each for name, each in options.items() if name not in _RETURNED}
     for name, each in options.items():
         _option(each, name)
@@ -196,7 +196,7 @@ def _plain(value, name):
         return _plain(value.tolist(), name)
     if value is None or isinstance(value, str | bool | int | float):
         return value
-    raise InputError(f"{name} = {value!r} cannot be kept in a file; numbers and names can")
+    raise InputError(f"{name} = {value!r} cannot be stored in a file; numbers and names can")
 
 
 def _option(value, name):

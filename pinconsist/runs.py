@@ -140,15 +140,15 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
         return solution
     if changed:
         raise InputError(
-            f"{file} cannot be continued, its scene is another: {'; '.join(changed)}. See pinconsist rerun"
+            f"{file} cannot be continued, because its scene has changed: {'; '.join(changed)}. See pinconsist rerun"
         )
     require_writable(file)
     if other := [f"{name} {then}, now {now}" for name, then, now in _other_versions(solution)]:
-        _log.warning("%s was begun with %s: the last bits may be others", file, "; ".join(other))
+        _log.warning("%s was started with %s: the last bits may differ", file, "; ".join(other))
     with ended_like_ctrl_c():
         whole = carry_out(recipe, mechanism, file, begun=solution, callback=callback)
     if (then := solution.method.get("backend")) != (now := whole.method.get("backend")):
-        _log.warning("%s was begun by the method in %s, now it ran in %s: the last bits may be others", file, then, now)
+        _log.warning("%s: started by the %s method, continued by the %s one; the last bits may differ", file, then, now)
     return whole
 
 
@@ -220,7 +220,7 @@ def _scene(scene, load, file):
     """The mechanism, its record (None for one in memory), and the hashes of its files."""
     if isinstance(scene, Mechanism):
         if load:
-            raise InputError("load= has options for a scene that is read; this one is a mechanism already")
+            raise InputError("load= is for scenes that are read from a file; this one is a Mechanism already")
         return scene, None, {}
     if not isinstance(scene, str | os.PathLike):
         raise InputError(f"a scene is a name, a file or a Mechanism, got {type(scene).__name__}")
@@ -245,7 +245,7 @@ def _again(file, scene, forces):
         same, then = solution.versions.get("pin") == versions()["pin"], recipe.mechanism
         mechanism, changed = scene, _changed_mechanism(then, digests(scene), same) if then else []
     elif recipe.scene is None:
-        raise InputError(f"{file} is a run of a mechanism that stood in memory ({solution.scene}): give it by scene=")
+        raise InputError(f"{file} is a run of a mechanism in memory ({solution.scene}): give it by scene=")
     else:
         source = SceneSource.recorded(recipe.scene, file)
         mechanism, now = loaded(source if scene is None else replace(source, source=os.fspath(scene)), file)
@@ -253,8 +253,8 @@ def _again(file, scene, forces):
     if forces is None:
         if recipe.forces is None:
             raise InputError(
-                f"{file} was made with a force that is a Python function, which no file can hold; repeat or continue "
-                "it in Python, with the forces: pinconsist.rerun(file, forces=[...])"
+                f"{file} was made with a force that is a Python function, which a file cannot store; repeat or "
+                "continue it in Python, with the forces: pinconsist.rerun(file, forces=[...])"
             )
         forces = recipe.given_forces()
     mechanism = with_forces(mechanism, forces, "rerun")

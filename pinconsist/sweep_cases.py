@@ -44,7 +44,7 @@ def cases_of(
         else:
             lists[name] = _range(values, number, text) if ":" in values else _list(values, number, text)
     if bool(random) != (count is not None):
-        raise InputError("--count says how many samples to draw of normal: and uniform: values; give both or none")
+        raise InputError("--count is the number of samples of normal: and uniform: values; give both or neither")
     if seed is not None and not random:
         raise InputError("--seed is for normal: and uniform: values")
     size = math.prod(map(len, lists.values())) * (count or 1)
@@ -77,7 +77,7 @@ def _distribution(values, number, text):
 def _list(values, number, text):
     found = [_number(each, number, text) for each in values.split(",")]
     if len(set(found)) < len(found):
-        raise InputError(f"--vary {text}: a value stands twice")
+        raise InputError(f"--vary {text}: a value is given twice")
     return found
 
 

@@ -229,10 +229,10 @@ class Journal:
         mine, other = header["about"], found["about"]
         different = [name for name in mine if mine[name] != other.get(name)] or ["its format"]
         raise InputError(
-            f"{self.path} holds {count} cases of another sweep, which differs in {', '.join(different)}. End that one "
-            f"by its own command, write this one elsewhere by --out, or delete {self.path.name} to begin afresh"
+            f"{self.path} holds {count} cases of another sweep, which differs in {', '.join(different)}. Finish that "
+            f"one by its own command, write this one elsewhere by --out, or delete {self.path.name} to start again"
         )
 
     def _damaged(self, line) -> FormatError:
-        what = "no journal of a sweep, or a damaged one; delete it, or move it away, to begin afresh"
+        what = "no journal of a sweep, or a damaged one; delete it, or move it away, to start again"
         return FormatError(what, path=self.path, element=f"line {line}")

@@ -160,7 +160,7 @@ def test_what_has_changed_is_said(tmp_path, scene):
     scene.write_text(scene.read_text() + "<!-- a remark -->")
     again = pc.rerun(file)
     assert again.same and again.differences == ("bar.urdf has changed",)
-    with pytest.raises(pc.InputError, match=r"cannot be continued, its scene is another: bar.urdf has changed"):
+    with pytest.raises(pc.InputError, match=r"because its scene has changed: bar.urdf has changed"):
         pc.resume(file)
     loops = scene.with_suffix(".yaml")
     loops.write_text(loops.read_text() + "\ngravity: [0, 0, -5]\n")
@@ -188,7 +188,7 @@ def test_other_versions_are_said(tmp_path, monkeypatch, caplog):
     assert pc.rerun(file).differences == wanted and pc.rerun(file).same
     with caplog.at_level(logging.WARNING, "pinconsist"):
         pc.resume(file)
-    assert "was begun with pinconsist 0.0.9" in caplog.text
+    assert "was started with pinconsist 0.0.9" in caplog.text
 
 
 def test_file_and_scene_may_move_together(tmp_path, scene):
@@ -241,7 +241,7 @@ def test_forces_that_are_functions_have_to_be_given_again(tmp_path):
 def test_a_mechanism_in_memory_has_to_be_given_again(tmp_path):
     mech, file = pc.load("four_bar").with_gravity([0, 0, -3.0]), tmp_path / "run.npz"
     pc.record(mech, (0.0, 0.5), file, {"crank": 0.2}, save_every=0.2, callback=until(0.3))
-    with pytest.raises(pc.InputError, match=r"stood in memory.*scene="):
+    with pytest.raises(pc.InputError, match=r"mechanism in memory.*scene="):
         pc.rerun(file)
     assert pc.rerun(file, scene=mech).same and not pc.rerun(file, scene=pc.load("four_bar")).same
     with pytest.raises(pc.InputError, match="not the one that was simulated"):
@@ -273,7 +273,7 @@ def test_a_run_in_memory_is_not_continued_with_another_mechanism(tmp_path, part)
     pc.record(mech, (0.0, 0.5), file, save_every=0.2, callback=until(0.3))
     before = file.read_bytes()
     with pytest.raises(
-        pc.InputError, match=f"cannot be continued, its scene is another: the mechanism has other {part}"
+        pc.InputError, match=f"cannot be continued, because its scene has changed: the mechanism has other {part}"
     ):
         pc.resume(file, scene=other)
     assert file.read_bytes() == before
@@ -318,13 +318,13 @@ def test_checkpoints_are_passed_over_where_saving_takes_too_long(tmp_path, monke
 
 
 BAD = {
-    "events": ({"events": lambda t, q, v, lam: q[0]}, "events= is not for runs that are kept"),
-    "dense": ({"dense_output": True}, "dense_output= is not for runs"),
+    "events": ({"events": lambda t, q, v, lam: q[0]}, "events= is not for recorded runs, whose"),
+    "dense": ({"dense_output": True}, "dense_output= is not for recorded runs"),
     "unknown": ({"rtoll": 1e-3}, "there is no option 'rtoll'.*rtol"),
     "period": ({"save_every": 0.0}, "save_every must be a positive number of seconds, got 0"),
     "NaN": ({"save_every": float("nan")}, "save_every"),
     "many": ({"save_every": 1e-9}, "makes 100000000 checkpoints of 0.1 s; at most 100000"),
-    "object": ({"rtol": object()}, "rtol = .* cannot be kept in a file"),
+    "object": ({"rtol": object()}, "rtol = .* cannot be stored in a file"),
     "load": ({"load": {"loop": "x.yaml"}}, "load= maps options of load"),
 }
 

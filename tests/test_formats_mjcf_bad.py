@@ -130,21 +130,21 @@ CABLED = world('<site name="w"/>', body('<joint/><site name="s" pos="1 0 0"/>' +
 NOT_COMPUTED = {
     "tendon equality": (
         CABLED.format("") + '<equality><tendon tendon1="t"/></equality>',
-        "equality 'tendon1': equality of tendons is not computed here; remove it or set active=false",
+        "equality 'tendon1': equality of tendons is not supported; remove it or set active=false",
     ),
-    "spring tendon": (CABLED.format('stiffness="1"'), "tendon 't': stiffness is not computed here"),
-    "damped tendon": (CABLED.format('damping="1"'), "tendon 't': damping is not computed here"),
-    "rough tendon": (CABLED.format('frictionloss="1"'), "tendon 't': frictionloss is not computed here"),
-    "flex equality": (closing('<flex flex="f"/>'), "flex: flexible bodies are not computed"),
-    "flex": (f"{ARM}<deformable><flex name='f'/></deformable>", "flex: flexible bodies are not computed"),
-    "flexcomp": (world("<flexcomp/>"), "flexcomp: flexible bodies are not computed"),
+    "spring tendon": (CABLED.format('stiffness="1"'), "tendon 't': stiffness is not supported"),
+    "damped tendon": (CABLED.format('damping="1"'), "tendon 't': damping is not supported"),
+    "rough tendon": (CABLED.format('frictionloss="1"'), "tendon 't': frictionloss is not supported"),
+    "flex equality": (closing('<flex flex="f"/>'), "flex: flexible bodies are not supported"),
+    "flex": (f"{ARM}<deformable><flex name='f'/></deformable>", "flex: flexible bodies are not supported"),
+    "flexcomp": (world("<flexcomp/>"), "flexcomp: flexible bodies are not supported"),
     "damped actuator": (
         f'{ARM}<actuator><motor name="m" joint="j" damping="1"/></actuator>',
-        "actuator 'm': damping is not computed here",
+        "actuator 'm': damping is not supported",
     ),
     "fluid": (
         f'<option density="1.2"/>{ARM}',
-        "option: lift, drag and viscous forces of a fluid are not computed here",
+        "option: lift, drag and viscous forces of a fluid are not supported",
     ),
     "composite": (world(body("<composite/>")), "body 1: composite 1: unrecognized element"),
     "attach": (world("<attach/>"), "worldbody: attach 1: required attribute missing"),
@@ -157,9 +157,12 @@ NOT_COMPUTED = {
         world(body('<joint type="free" armature="1"/>' + ROD)),
         "joint 1: armature is not computed for a free joint",
     ),
-    "nonlinear": (world(body('<joint damping="1 2"/>' + ROD)), "joint 1: nonlinear damping is not computed here"),
-    "nonlinear spring": (world(body('<joint stiffness="1 2"/>' + ROD)), "joint 1: nonlinear stiffness is not computed"),
-    "yielding": (world(body('<joint stiffness="1" springyield="1"/>' + ROD)), "joint 1: springyield is not computed"),
+    "nonlinear": (world(body('<joint damping="1 2"/>' + ROD)), "joint 1: nonlinear damping is not supported"),
+    "nonlinear spring": (
+        world(body('<joint stiffness="1 2"/>' + ROD)),
+        "joint 1: nonlinear stiffness is not supported",
+    ),
+    "yielding": (world(body('<joint stiffness="1" springyield="1"/>' + ROD)), "joint 1: springyield is not supported"),
 }
 
 

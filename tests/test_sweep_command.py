@@ -291,7 +291,7 @@ def test_an_interrupted_sweep_without_a_file_prints_what_was_reached(run, monkey
         (["--vary", "pendulum=0:inf:1"], "must lead from"),
         (["--vary", "pendulum=0:1:1e-9"], "more than a million"),
         (["--vary", "pendulum=0:1:1e-4", "--vary", "pendulum_speed=0:1:1e-4"], "more than a million"),
-        (["--vary", "pendulum=1,1"], "stands twice"),
+        (["--vary", "pendulum=1,1"], "is given twice"),
         (["--vary", "pendulum=0,1", "--vary", "pendulum=3"], "twice"),
         (["--vary", "pendulm=0,1"], "near it: pendulum"),
         (["--vary", "pendulum=0,1", "--at", "pendulum=1"], "pendulum is varied"),

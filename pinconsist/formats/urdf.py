@@ -72,7 +72,7 @@ def _built(urdf, free_flyer, robot):
     if free_flyer and ROOT_JOINT in kinds:
         raise FormatError("a free-flyer adds a joint of this name; rename the file's", element=f"joint {ROOT_JOINT!r}")
     if not free_flyer and set(kinds.values()) <= {"fixed"}:
-        raise FormatError("nothing can move: the model has no joint that is not fixed (a free-flyer would move it)")
+        raise FormatError("nothing can move: all joints are fixed (free_flyer would let it move)")
     try:
         return pin.buildModelFromXML(urdf, *((pin.JointModelFreeFlyer(), ROOT_JOINT) if free_flyer else ()))
     except Exception as error:  # Boost.Python may raise any kind

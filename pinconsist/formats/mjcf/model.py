@@ -38,14 +38,14 @@ _ZERO = (
     "jnt_springyield jnt_stiffnesspoly dof_dampingpoly actuator_armature actuator_damping actuator_dampingpoly "
     "tendon_stiffness tendon_damping tendon_frictionloss tendon_armature"
 ).split()
-"""What acts on the bodies in MuJoCo and is not computed here; older versions do not have all of it."""
+"""What acts on the bodies in MuJoCo and is not supported; older versions do not have all of it."""
 _log = logging.getLogger(__name__)
 
 
 class Tree:
     """The tree of a compiled model: a pin.Model, and the names of joints and frames by MuJoCo's numbers.
 
-    FormatError where something acts on the bodies that is not computed here.
+    FormatError where something acts on the bodies that is not supported.
     """
 
     def __init__(self, compiled, name: str):
@@ -149,7 +149,7 @@ class Tree:
                 continue
             with located(element=f"equality {name!r}"):
                 if kind not in _EQUALITIES:
-                    raise InputError(f"equality of {kind}s is not computed here; remove it or set active=false")
+                    raise InputError(f"equality of {kind}s is not supported; remove it or set active=false")
                 yield self._coupling(e, name) if kind == "joint" else self._loop(e, kind, name, data)
 
     def _loop(self, e, kind, name, data):
@@ -185,20 +185,20 @@ def pose(pos, quat) -> pin.SE3:
 
 
 def _check(m) -> None:
-    """FormatError for numbers that no scene has, and for what acts on the bodies and is not computed here."""
+    """FormatError for numbers that no scene has, and for what acts on the bodies and is not supported."""
     for key in _FINITE:
         _refuse(m, key, ~(np.abs(getattr(m, key)) <= LARGEST), f"not finite, or above {LARGEST:g}")
     for key in _POSITIVE:
         _refuse(m, key, getattr(m, key) < 0, "negative")
     for key in _ZERO:
-        _refuse(m, key, getattr(m, key, np.zeros(0)) != 0, "not computed here")
-    _refuse(m, "body_plugin", m.body_plugin >= 0, "not computed here")
+        _refuse(m, key, getattr(m, key, np.zeros(0)) != 0, "not supported")
+    _refuse(m, "body_plugin", m.body_plugin >= 0, "not supported")
     rounds, free = m.jnt_type < _SLIDE, m.jnt_type[m.dof_jntid] == _FREE
     _refuse(m, "jnt_stiffness", rounds & (m.jnt_stiffness != 0), "computed for hinges and slides alone")
     for key in ("dof_armature", "dof_frictionloss"):  # they act along the world's axes
         _refuse(m, key, free & (getattr(m, key) != 0), "not computed for a free joint; a <freejoint/> has none")
     if m.opt.density or m.opt.viscosity:
-        raise FormatError("lift, drag and viscous forces of a fluid are not computed here", element="option")
+        raise FormatError("lift, drag and viscous forces of a fluid are not supported", element="option")
     if m.nv == 0:
         raise FormatError("nothing can move: no body has a joint")
 

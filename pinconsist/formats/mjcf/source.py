@@ -80,7 +80,7 @@ class Source:
         models, sizes = {}, {}
         for node in list(root.iter()):
             if node.tag in ("flex", "flexcomp"):
-                raise FormatError("flexible bodies are not computed here", path=self._files[root], element=node.tag)
+                raise FormatError("flexible bodies are not supported", path=self._files[root], element=node.tag)
             node[:] = [child for child in node if child.tag not in _LEFT_OUT]
             if node.tag == "model":
                 inner, text = self._open(node, files), f"{self._opened}.xml"

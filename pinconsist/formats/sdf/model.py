@@ -23,7 +23,7 @@ def build(document: Document, net: Net, inertias: Mapping[str, pin.Inertia], nam
     are those of links in their own frames. FormatError for names that clash, or if nothing moves or floats.
     """
     if free_flyer and not net.roots:
-        raise FormatError("nothing can float: all links are tied to the world; leave free_flyer away")
+        raise FormatError("nothing can float: all links are tied to the world; omit free_flyer")
     tree, guess = _Tree(document, net, inertias, name), {}
     for body in net.held:
         tree.plant(body)
@@ -35,7 +35,7 @@ def build(document: Document, net: Net, inertias: Mapping[str, pin.Inertia], nam
         tree.plant(body)
     tree.add_frames()
     if not tree.model.nv:
-        raise FormatError("nothing can move: there is no joint that is not fixed (a free-flyer would move it)")
+        raise FormatError("nothing can move: all joints are fixed (free_flyer would let it move)")
     return tree.model, guess
 
 
