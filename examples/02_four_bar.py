@@ -1,4 +1,4 @@
-"""A built-in four-bar linkage: simulate it, let the solution check itself, write a page that plays it."""
+"""A built-in four-bar linkage: simulate it, check the solution, and write a page that plays the motion."""
 
 import tempfile
 from pathlib import Path
@@ -13,7 +13,7 @@ def run():
 
 
 def main() -> float:
-    """Print the solution's certificate, write its page; return the crank's angle at the end, rad."""
+    """Print the certificate of the solution and write its page; return the crank's angle at the end, rad."""
     mech, sol = run()
     print(sol.summary())
     print(sol.check())

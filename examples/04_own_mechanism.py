@@ -1,4 +1,4 @@
-"""A mechanism in code: two rods hinged to the ground, a light bar between their tips as a loop, and a spring."""
+"""A mechanism built in code: two rods hinged to the ground, a massless bar between their tips, and a spring."""
 
 import numpy as np
 import pinocchio as pin

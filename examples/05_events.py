@@ -1,4 +1,4 @@
-"""A latch, closed by an event: a ballistic pendulum catches a flying ball, and both swing on as one."""
+"""A latch that closes at an event: a ballistic pendulum catches a flying ball, and both swing on together."""
 
 import numpy as np
 import pinocchio as pin
@@ -6,7 +6,7 @@ import pinocchio as pin
 import pinconsist as pc
 
 LENGTH, ROD, BALL, SPEED = 1.0, 2.0, 0.5, 6.0  # m, kg, kg, m/s
-AWAY = 1.5  # m, distance at which the ball is thrown, so that it arrives in level flight
+AWAY = 1.5  # m, distance of the throw; the ball arrives flying horizontally
 
 
 def scene() -> pc.Mechanism:
@@ -28,11 +28,11 @@ def scene() -> pc.Mechanism:
 def run():
     """Fly, catch, swing until the rod comes to rest."""
     apart, options = scene(), {"rtol": 1e-9, "atol": 1e-9}
-    fall = 9.81 * AWAY / SPEED  # m/s, the vertical velocity that the ball loses on its way
+    fall = 9.81 * AWAY / SPEED  # m/s, the vertical velocity that the ball loses in flight
     start = {"ball_x": -AWAY, "ball_z": -LENGTH - fall**2 / (2 * 9.81)}
     arrives = pc.Event(lambda t, q, v, lam: q[1], terminal=True, name="arrives")
     flight = pc.simulate(apart, (0.0, 1.0), start, {"ball_x": SPEED, "ball_z": fall}, events=arrives, **options)
-    # The latch is a loop. simulate puts the velocities on it in the mass metric: that is the impact in which it closes.
+    # The latch is a loop. simulate projects the velocities onto it in the mass metric, which is the impact.
     caught = apart.with_loops(pc.Loop("latch", "point", "tip", "ball"))
     rests = pc.Event(lambda t, q, v, lam: v[0], terminal=True, name="rests")
     return caught, pc.simulate(caught, (flight.t[-1], 3.0), flight.q[-1], flight.v[-1], events=rests, **options)

@@ -1,4 +1,4 @@
-"""Problem 5.1 of Arévalo (2008) as a mechanism: a point mass on the unit circle in a field of force."""
+"""Problem 5.1 of Arévalo (2008) as a mechanism: a point mass on the unit circle in a force field."""
 
 import numpy as np
 import pinocchio as pin
@@ -7,7 +7,7 @@ import pinconsist as pc
 
 
 def field(t, q, v):
-    """The force on the mass, N; weight is switched off below."""
+    """The force on the mass, N; gravity is switched off below."""
     return np.array([2 * q[1], -2 * q[0]])
 
 

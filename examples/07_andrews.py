@@ -1,4 +1,4 @@
-"""Andrews' squeezing mechanism, the stiff classic of the test set for initial value problems: 7 bodies, 3 loops."""
+"""Andrews' squeezing mechanism, a stiff classic from the test set for initial value problems: 7 bodies, 3 loops."""
 
 import pinconsist as pc
 

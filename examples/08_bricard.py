@@ -1,4 +1,4 @@
-"""Bricard's mechanism: six hinges that, by a count of rows, should not move, and do; one row is always redundant."""
+"""Bricard's mechanism: six hinges. By the count of constraints it could not move; one of them is always redundant."""
 
 import pinocchio as pin
 
@@ -17,7 +17,7 @@ def main() -> float:
     found = pc.assemble(mech)
     print(f"{found.rows} rows of rank {found.rank}, mobility {found.mobility}")
     for row, others in found.redundant.items():
-        print(f"redundant: {row}, a combination of {list(others) or 'none: it is zero'}")
+        print(f"redundant: {row}, {f'a combination of {list(others)}' if others else 'which is zero'}")
     data = mech.model.createData()
     pin.framesForwardKinematics(mech.model, data, sol.q[-1])
     return float(data.oMf[mech.model.getFrameId("P3")].translation[2])

@@ -1,4 +1,4 @@
-"""A delta robot on three driven arms: the platform only shifts, and the multipliers of the drives are the torques."""
+"""A delta robot on three driven arms: the platform only translates; the multipliers of the drives are the torques."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pinconsist as pc
 
 
 def run():
-    """One round of the platform; the arms follow sines that are a third of a turn apart."""
+    """One cycle of the platform; the arms follow sines that are a third of a turn apart."""
     mech = pc.load("delta_robot")
     drives = []
     for i in (1, 2, 3):
@@ -19,7 +19,7 @@ def run():
 
 
 def main() -> float:
-    """Print the motors' largest torques; return the largest distance of the platform from the middle axis, m."""
+    """Print the motors' largest torques; return the largest distance of the platform from the central axis, m."""
     mech, sol = run()
     for i in (1, 2, 3):
         print(sol.reaction(f"motor{i}"))

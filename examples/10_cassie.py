@@ -1,4 +1,4 @@
-"""Cassie in free fall, from its SDF file: sixteen loops and gears act inside, the centre of mass just falls.
+"""Cassie in free fall, from its SDF file: with sixteen loops and gears inside, the centre of mass simply falls.
 
 Needs the robot's files: pip install 'pinconsist[robots]'.
 """
@@ -19,14 +19,14 @@ def run():
 
 
 def main() -> float:
-    """Return the acceleration of the centre of mass, m/s², from where it starts, how fast, and where it arrives."""
+    """Return the vertical acceleration of the centre of mass, m/s², from its first state and its last position."""
     mech, sol = run()
     print(sol.summary())
     data = mech.model.createData()
     end = pin.centerOfMass(mech.model, data, sol.q[-1]).copy()
     pin.centerOfMass(mech.model, data, sol.q[0], sol.v[0])
     push = 2 * (end - data.com[0] - TIME * data.vcom[0]) / TIME**2
-    print(f"the knees turned by {np.abs(sol.q[-1] - sol.q[0]).max():.2f}, the centre accelerated by {push}")
+    print(f"the knees turned by {np.abs(sol.q[-1] - sol.q[0]).max():.2f}, the acceleration of the centre is {push}")
     return float(push[2])
 
 

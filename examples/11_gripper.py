@@ -1,16 +1,16 @@
-"""A closed-chain gripper: two parallelograms, geared, close until an event says contact; then how hard they grip."""
+"""A closed-chain gripper: two geared parallelograms close until an event detects contact; then the grip force."""
 
 import numpy as np
 import pinocchio as pin
 
 import pinconsist as pc
 
-BAR, BASE, PALM, BALL = 0.06, 0.03, 0.015, 0.05  # m: cranks, parallelogram's base, half the palm, ball between the pads
-TORQUE = 0.3  # N·m of the motor, on the left crank
+BAR, BASE, PALM, BALL = 0.06, 0.03, 0.015, 0.05  # m: crank, base of a parallelogram, half the palm, ball's diameter
+TORQUE = 0.3  # N·m, of the motor on the left crank
 
 
 def finger(model, side, sign):
-    """Crank and follower about y on the palm, the pad on the crank; the follower's end meets the pad's outer end."""
+    """Crank and follower turn about y on the palm, the pad on the crank; the loop joins follower and pad."""
 
     def body(parent, name, place, mass, centre):
         joint = model.addJoint(parent, pin.JointModelRY(), pin.SE3(np.eye(3), np.array(place)), f"{side}_{name}")
@@ -31,7 +31,7 @@ def finger(model, side, sign):
 
 
 def run():
-    """Close on the ball; return the gripper that holds it, and the motion up to the contact."""
+    """Close on the ball; return the gripper holding it, and the motion up to the contact."""
     model = pin.Model()
     model.gravity.setZero()
     loops = [finger(model, "left", -1), finger(model, "right", 1)]

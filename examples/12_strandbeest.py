@@ -1,4 +1,4 @@
-"""A leg of Theo Jansen's beach animals: seven links, three loops, one driven crank; where its foot walks."""
+"""A leg of Theo Jansen's beach animals: seven links, three loops, one driven crank, and the path of its foot."""
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +22,7 @@ def main() -> float:
         path.append(data.oMf[foot].translation.copy())
     lift = np.ptp(np.array(path)[:, 2])
     (motor,) = [loop.name for loop in mech.loops if loop.kind == "drive"]
-    print(f"the foot lifts {lift:.3f} m; the {motor} gives up to {np.abs(sol.reaction(motor).torque).max():.2f} N·m")
+    print(f"the foot rises {lift:.3f} m; the {motor} needs up to {np.abs(sol.reaction(motor).torque).max():.2f} N·m")
     return float(np.ptp(np.array(path)[:, 0]))
 
 

@@ -1,36 +1,36 @@
-"""Your own index-3 system, no rigid bodies needed: the car axis, whose constraint moves with time."""
+"""An index-3 system of your own, without rigid bodies: the car axis, whose constraint depends on time."""
 
 import numpy as np
 
 import pinconsist as pc
 
-# A car axis on two springs; the left wheel stands, the right one runs over a wave. p = (xl, yl, xr, yr), its ends.
+# A car axis on two springs. The left wheel rests, the right one rolls over waves. p = (xl, yl, xr, yr) are the ends.
 EPS, MASS, LENGTH, REST, WAVE, OMEGA = 1e-2, 10.0, 1.0, 0.5, 0.1, 10.0
 K = MASS * EPS**2 / 2
 
 
 def road(t):
-    """Where the right wheel touches the wave."""
+    """The point where the right wheel touches the wave."""
     yb = WAVE * np.sin(OMEGA * t)
     return np.sqrt(LENGTH**2 - yb**2), yb
 
 
 def springs(t, p, v):
-    """Accelerations by the two springs and gravity."""
+    """Accelerations due to the two springs and gravity."""
     left, right = p[:2], p[2:] - road(t)
     forces = [(REST - np.linalg.norm(end)) * end / np.linalg.norm(end) - (0, K) for end in (left, right)]
     return np.concatenate(forces) / K
 
 
 def constraint(t, p):
-    """The left spring stays at right angles to the line between the wheels; the axis keeps its length."""
+    """The left spring stays perpendicular to the line between the wheels; the axis keeps its length."""
     xl, yl, xr, yr = p
     xb, yb = road(t)
     return np.array([xl * xb + yl * yb, (xl - xr) ** 2 + (yl - yr) ** 2 - LENGTH**2])
 
 
 def directions(t, p, v):
-    """How the two multipliers act."""
+    """The directions in which the two multipliers act."""
     xl, yl, xr, yr = p
     xb, yb = road(t)
     return np.array([[xb, 2 * (xl - xr)], [yb, 2 * (yl - yr)], [0, -2 * (xl - xr)], [0, -2 * (yl - yr)]]) / K

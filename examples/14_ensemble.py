@@ -1,4 +1,4 @@
-"""Many runs from scattered starts, in parallel: one function, a case each, on any pool."""
+"""Many runs from random starts, in parallel: one function, called for each case in any pool."""
 
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -11,7 +11,7 @@ TIMES = np.linspace(0.0, 3.0, 61)
 
 
 def starts(count=24, seed=0):
-    """Angles of the rod from hanging, rad."""
+    """Initial angles of the rod, from hanging, rad."""
     return np.random.default_rng(seed).normal(1.0, 0.3, count)
 
 

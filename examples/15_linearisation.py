@@ -1,10 +1,10 @@
-"""Statics: where a closed chain comes to rest, what its loop then carries, and how it swings about that place."""
+"""Statics: where a closed chain rests, what its loop carries there, and how it vibrates about that position."""
 
 import pinconsist as pc
 
 
 def run():
-    """A parallelogram of three equal rods with a damper in one joint: equilibrium, modes, and a swing to compare."""
+    """A parallelogram of three equal rods with a damper in one joint: equilibrium, modes, and a run to compare."""
     mech = pc.load("n_four_bar_1").with_forces(pc.JointDamping({"crank0": 0.8}))
     rest = pc.equilibrium(mech, {"crank0": 1.2})
     modes = pc.linearize(mech, rest.q).modes()

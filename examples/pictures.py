@@ -1,6 +1,6 @@
 """The pictures of the gallery, made by the examples themselves: python examples/pictures.py [FOLDER [NAME ...]].
 
-A still of the page that `pinconsist.export_html` writes (by a headless Chromium) beside a curve of the run.
+Each shows a still of the page that `pinconsist.export_html` writes (by a headless Chromium) and a curve of the run.
 """
 
 import importlib.util
