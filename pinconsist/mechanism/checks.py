@@ -39,16 +39,10 @@ def number(value, what: str, least: float = -inf, above: float = -inf) -> float:
     return result
 
 
-def put_numbers(record, who: str, *fields: str, least: float = -inf) -> None:
-    """Replace fields of a record by finite floats of at least `least`; else InputError."""
+def put_checked(record, who: str, check, *fields: str, **bounds) -> None:
+    """Replace fields of a record by what a check returns of them: :func:`number`, :func:`triple` or :func:`name`."""
     for field in fields:
-        put(record, **{field: number(getattr(record, field), f"{who}: {field}", least)})
-
-
-def put_triples(record, who: str, *fields: str) -> None:
-    """Replace fields of a record by three finite floats each; else InputError."""
-    for field in fields:
-        put(record, **{field: triple(getattr(record, field), f"{who}: {field}")})
+        put(record, **{field: check(getattr(record, field), f"{who}: {field}", **bounds)})
 
 
 def numbers(values, what: str, least: float = -inf) -> tuple[float, ...]:
@@ -86,12 +80,6 @@ def name(value, what: str) -> str:
     return value
 
 
-def require_names(record, who: str, *fields: str) -> None:
-    """Raise InputError where one of these fields of a record is not a name."""
-    for field in fields:
-        name(getattr(record, field), f"{who}: {field}")
-
-
 def require_functions(record, who: str, of: str, *fields: str, optional: tuple[str, ...] = ()) -> None:
     """Raise InputError where one of these fields is not a function `of` its arguments; the `optional` may be None."""
     for field in (*fields, *optional):
@@ -107,14 +95,13 @@ def amounts(values, what: str, least: float = -inf, functions: bool = False):
     """
     if not isinstance(values, Mapping):
         return numbers(values, what, least)
-
-    def amount(joint, value):
-        if functions and callable(value):
-            return value
+    checked = {}
+    for joint, value in values.items():
         of_joint = f"{what} of joint {name(joint, f'{what}: a joint')!r}"
-        return number(value, of_joint, least) if _ndim(value) == 0 else numbers(value, of_joint, least)
-
-    return {joint: amount(joint, value) for joint, value in values.items()}
+        if not (functions and callable(value)):
+            value = number(value, of_joint, least) if _ndim(value) == 0 else numbers(value, of_joint, least)
+        checked[joint] = value
+    return checked
 
 
 def spread(model, values, what: str, alike: bool = False) -> np.ndarray:
@@ -166,13 +153,13 @@ def frame_of(model, frame: str, what: str):
 
 def check_model(model: pin.Model) -> None:
     """Refuse a model that makes Pinocchio's algorithms silently wrong, or whose inertias are impossible."""
-    mimic = [name for name, joint in zip(model.names, model.joints, strict=True) if "Mimic" in joint.shortname()]
-    if mimic:
-        raise InputError(
-            f"joint {mimic[0]!r} of model {model.name!r} is one of Pinocchio's mimic joints, which most of its "
-            "algorithms do not support. Build the model without (mimic=False), with a Coupling among the loops; "
-            "load() of the URDF file does that"
-        )
+    for name, joint in zip(model.names, model.joints, strict=True):
+        if "Mimic" in joint.shortname():
+            raise InputError(
+                f"joint {name!r} of model {model.name!r} is one of Pinocchio's mimic joints, which most of its "
+                "algorithms do not support. Build the model without (mimic=False), with a Coupling among the loops; "
+                "load() of the URDF file does that"
+            )
     if model.nv == 0:
         raise InputError(f"model {model.name!r} has no joints: nothing can move")
     for joint in range(2, model.njoints):
@@ -187,22 +174,17 @@ def check_model(model: pin.Model) -> None:
             raise InputError(f"the inertia of the body at joint {name!r} is not finite")
         if inertia.mass < 0:
             raise InputError(f"the body at joint {name!r} has negative mass {inertia.mass:g} kg")
-    for pose, name in zip(model.jointPlacements, model.names, strict=True):
-        _check_pose(pose, "joint", name)
-    for frame in model.frames:
-        _check_pose(frame.placement, "frame", frame.name)
+    poses = [(pose, f"joint {name!r}") for pose, name in zip(model.jointPlacements, model.names, strict=True)]
+    for pose, what in (*poses, *((frame.placement, f"frame {frame.name!r}") for frame in model.frames)):
+        R = pose.rotation
+        if not (np.isfinite(pose.translation).all() and np.abs(R.T @ R - np.eye(3)).max() < ROTATION):
+            raise InputError(f"the placement of {what} is not finite, or its rotation matrix is not a rotation")
     if not np.isfinite(model.gravity.vector).all():
         raise InputError(f"the gravity of model {model.name!r} is not finite")
     bad = np.flatnonzero(~(np.isfinite(model.armature) & (model.armature >= 0)))
     if len(bad):
         joint = next(j for j in range(1, model.njoints) if bad[0] < model.idx_vs[j] + model.nvs[j])
         raise InputError(f"the armature of joint {model.names[joint]!r} is negative or not finite")
-
-
-def _check_pose(pose, kind, name):
-    R = pose.rotation
-    if not (np.isfinite(pose.translation).all() and np.abs(R.T @ R - np.eye(3)).max() < ROTATION):
-        raise InputError(f"the placement of {kind} {name!r} is not finite, or its rotation matrix is not a rotation")
 
 
 def normalized(model, q, who: str) -> np.ndarray:

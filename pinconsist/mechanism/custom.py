@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import number, put, read_only, require_functions, require_names, returned
+from .checks import name, number, put, put_checked, read_only, require_functions, returned
 from .joint_constraints import Rows
 from .motion import TIME_STEP, check_slope, first, second
 
@@ -70,7 +70,7 @@ class Constraint:
 
     def __post_init__(self):
         who = f"constraint {self.name!r}"
-        require_names(self, who, "name")
+        put_checked(self, who, name, "name")
         require_functions(self, who, "(t, q)", "function", optional=("jacobian", "rate"))
         if isinstance(self.size, bool) or not isinstance(self.size, int | np.integer) or self.size < 1:
             raise InputError(f"{who}: size must be a positive whole number, got {self.size!r}")
@@ -103,7 +103,6 @@ class ConstraintRows(Rows):
         return first(lambda s: self._phi(t + s, q), TIME_STEP)
 
     def acceleration_bias(self, data, t, q, v):
-        """J̇ v + d(Φ_t)/dt of the motion that keeps the velocity v."""
         if not self.moving and (self._phi(t + TIME_STEP, q) != self._phi(t, q)).any():
             raise InputError(
                 f"constraint {self.loop.name!r} promises moving=False, but Φ changes with time at t = {t:.6g}"
@@ -133,7 +132,6 @@ class ConstraintRows(Rows):
             check_slope(f"{who} its rate", "function", self.rate(t, q), lambda s: self._phi(t + s, q), steps)
 
     def _along(self, t, q, unit):
-        """Φ as a function of a displacement along a tangent vector."""
         return lambda s: self._phi(t, pin.integrate(self.model, q, s * unit))
 
     def _phi(self, t, q):

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import InputError
-from .checks import called, joint_index, numbers, put, put_numbers, require_functions, require_names
+from .checks import called, joint_index, name, number, numbers, put, put_checked, require_functions
 from .motion import TIME_STEP, Motion, check_slope, first, second
 
 TURN = 2.0 * math.pi
@@ -18,10 +18,10 @@ CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps over which given derivatives
 
 
 class Coordinate:
-    """The coordinate of a joint with one degree of freedom: an angle or a length, however Pinocchio stores it.
+    """The coordinate of a joint with one degree of freedom, however Pinocchio stores it; InputError for other joints.
 
-    ``column`` is its place in v. ``period`` is 2π where the joint stores (cos, sin), so that its angle is known up to
-    whole turns only, else None. Messages of the InputError for other joints begin with `whose` and say `purpose`.
+    ``column`` is its place in v. ``period`` is 2π where the joint stores (cos, sin) and its angle is known up to whole
+    turns only, else None.
     """
 
     def __init__(self, model, joint: str, whose: str, purpose: str):
@@ -108,7 +108,7 @@ class Drive:
 
     def __post_init__(self):
         who = f"drive {self.name!r}"
-        require_names(self, who, "name", "joint")
+        put_checked(self, who, name, "name", "joint")
         require_functions(self, who, "time", "curve", optional=("rate", "acceleration"))
 
 
@@ -120,11 +120,10 @@ class DriveRow(Rows):
     def __init__(self, model, drive: Drive):
         self.loop = drive
         self._joint = Coordinate(model, drive.joint, f"drive {drive.name!r}", "driven")
-        given = {
-            field: getattr(drive, field) or getattr(drive.curve, field, None) for field in ("rate", "acceleration")
-        }
-        given["curve"] = drive.curve
-        self._functions = {field: function for field, function in given.items() if function is not None}
+        self._functions = {"curve": drive.curve}
+        for field in ("rate", "acceleration"):
+            if (function := getattr(drive, field) or getattr(drive.curve, field, None)) is not None:
+                self._functions[field] = function
         self._J = np.zeros((1, model.nv))
         self._J[0, self._joint.column] = 1.0
 
@@ -203,10 +202,10 @@ class Coupling:
 
     def __post_init__(self):
         who = f"coupling {self.name!r}"
-        require_names(self, who, "name", "joint", "other")
+        put_checked(self, who, name, "name", "joint", "other")
         if self.joint == self.other:
             raise InputError(f"{who}: joint {self.joint!r} cannot follow itself")
-        put_numbers(self, who, "ratio", "offset")
+        put_checked(self, who, number, "ratio", "offset")
         put(self, higher=numbers(self.higher, f"{who}: higher"))
 
 
@@ -234,15 +233,15 @@ class CouplingRow(Rows):
                 "known up to whole turns only, and its powers are not known at all; make it a plain revolute joint, "
                 "which counts its turns"
             )
-        if joint.period and not (_is_whole(ratio) or _is_whole(1.0 / ratio)):
+        whole = 1.0 / ratio if 0.0 < ratio < 1.0 else ratio
+        if joint.period and abs(whole - round(whole)) > 1e-12 * whole:
             raise InputError(
                 f"coupling {coupling.name!r}: joints {coupling.joint!r} and {coupling.other!r} store cosine and sine, "
                 f"so that their angles are known up to whole turns only; a ratio of {coupling.ratio:g} needs more "
                 "(a whole number or one over it would do): make one of them a plain revolute joint, which counts its "
                 "turns"
             )
-        periods = [period for period in (joint.period, TURN * ratio) if period]
-        return min(periods, default=None)
+        return min((period for period in (joint.period, TURN * ratio) if period), default=None)
 
     def evaluate(self, data, q, t):
         other, J = self._other.value(q), np.zeros((1, self._nv))
@@ -258,7 +257,7 @@ class CouplingRow(Rows):
 
 
 def _nearest(gap: float, period: float | None) -> float:
-    """What is left of `gap` when whole periods are taken out; `gap` itself where there is no period."""
+    """`gap` without whole periods."""
     return gap if period is None else math.remainder(gap, period)
 
 
@@ -271,7 +270,3 @@ def _polynomial(coefficients, x: float) -> float:
 
 def _derivative(coefficients) -> tuple:
     return tuple(i * coefficient for i, coefficient in enumerate(coefficients))[1:]
-
-
-def _is_whole(number: float) -> bool:
-    return abs(number - round(number)) <= 1e-12 * number

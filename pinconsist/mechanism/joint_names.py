@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import finite_array, normalized, similar
+from .checks import finite_array, near, normalized
 
 
 class JointNames:
@@ -24,17 +24,12 @@ class JointNames:
         return tuple(self.model.names)[1:]
 
     def columns(self, joint: str) -> slice:
-        """Where a joint's numbers are in v, in τ and in the columns of J.
+        """The place of a joint's numbers in v, in τ and in the columns of J, as a slice.
 
         Parameters
         ----------
         joint : str
             Its name.
-
-        Returns
-        -------
-        slice
-            ``v[mechanism.columns(joint)]`` has as many numbers as the joint has degrees of freedom.
 
         Raises
         ------
@@ -45,17 +40,12 @@ class JointNames:
         return slice(start, start + self.model.nvs[i])
 
     def joint_index(self, joint: str) -> int:
-        """The index of a joint in ``model.joints``, in which the ground is 0; its place in v is :meth:`columns`.
+        """The index of a joint in ``model.joints``, from 1 on: the ground is 0. Its place in v is :meth:`columns`.
 
         Parameters
         ----------
         joint : str
             Its name.
-
-        Returns
-        -------
-        int
-            1 to ``len(joints)``.
 
         Raises
         ------
@@ -64,13 +54,12 @@ class JointNames:
         """
         if joint not in self.joints:
             known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
-            near = ", ".join(similar(joint, self.joints)) if len(self.joints) > 12 else ""
-            near = f"near it: {near}; " if near else ""
-            raise InputError(f"{self.name}: no joint {joint!r}; {near}the joints are {known}")
+            resembling = near(joint, self.joints) if len(self.joints) > 12 else ""
+            raise InputError(f"{self.name}: no joint {joint!r}{resembling}; the joints are {known}")
         return self.model.getJointId(joint)
 
     def configuration(self, values, base=None) -> np.ndarray:
-        """A full configuration, quaternions and (cos, sin) pairs at unit length. The loops are not closed.
+        """A full configuration (nq,), quaternions and (cos, sin) pairs at unit length. The loops are not closed.
 
         Parameters
         ----------
@@ -79,11 +68,6 @@ class JointNames:
             a configuration (nq,).
         base : array, optional
             The configuration (nq,) from which the joints come that a mapping does not name. Default ``pin.neutral``.
-
-        Returns
-        -------
-        ndarray, shape (nq,)
-            A copy.
 
         Raises
         ------
@@ -95,18 +79,13 @@ class JointNames:
         return normalized(self.model, q, self.name)
 
     def velocity(self, values) -> np.ndarray:
-        """A full velocity. It is not put on the constraints.
+        """A full velocity (nv,). It is not put on the constraints.
 
         Parameters
         ----------
         values : mapping or array
             Joint name → velocity, rad/s or m/s, as many numbers as the joint has degrees of freedom, the other joints
             at rest; or a velocity (nv,).
-
-        Returns
-        -------
-        ndarray, shape (nv,)
-            A copy.
 
         Raises
         ------
@@ -121,8 +100,7 @@ class JointNames:
                 i = self.joint_index(joint)
                 start, size = getattr(self.model, starts)[i], getattr(self.model, sizes)[i]
                 value = finite_array(value, f"{what} of joint {joint!r}").ravel()
-                is_angle_of_pair = what == "configuration" and size == 2 and value.size == 1
-                if is_angle_of_pair and self.model.nvs[i] == 1:  # Pinocchio's unbounded revolute stores cos, sin
+                if value.size == self.model.nvs[i] == 1 and size == 2:  # Pinocchio's unbounded revolute: cos, sin
                     value = np.array([np.cos(value[0]), np.sin(value[0])])
                 if value.size != size:
                     raise InputError(f"{what} of joint {joint!r} needs {size} number(s), got {value.size}")

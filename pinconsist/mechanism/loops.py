@@ -38,7 +38,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import number, put, put_triples, require_names
+from .checks import name, number, put, put_checked, triple
 
 ROW_NAMES = {
     "point": ("x", "y", "z"),
@@ -109,7 +109,7 @@ class Loop:
         who = f"loop {self.name!r}"
         if not isinstance(self.kind, str) or self.kind not in ROW_NAMES:
             raise InputError(f"{who}: unknown kind {self.kind!r}; known are {', '.join(ROW_NAMES)}")
-        require_names(self, who, "name", "frame1", "frame2")
+        put_checked(self, who, name, "name", "frame1", "frame2")
         own = OWN_FIELDS.get(self.kind, ())
         for field in ("axis", "axis2", "length"):
             if field not in own and getattr(self, field) is not None:  # most likely another kind was meant
@@ -118,14 +118,14 @@ class Loop:
                     f"{who}: a loop of kind {self.kind!r} has no {field}, which is for {kinds}; besides frames and "
                     f"anchors it has {' and '.join(own) or 'nothing'}"
                 )
-        put_triples(self, who, "xyz1", "rpy1", "xyz2", "rpy2")
+        put_checked(self, who, triple, "xyz1", "rpy1", "xyz2", "rpy2")
         if self.kind == "distance":
             put(self, length=number(self.length, f"{who}: the length of a distance, in m,", above=0.0))
             return
         for field in own:
             if getattr(self, field) is None:
                 raise InputError(f"{who}: a {self.kind} needs its {field}, for instance {field} = (0, 1, 0)")
-            put_triples(self, who, field)
+            put_checked(self, who, triple, field)
             if not 1e-100 < max(map(abs, axis := getattr(self, field))) < 1e100:
                 raise InputError(f"{who}: the {self.kind} {field} is the zero vector, or too large: {axis}")
 

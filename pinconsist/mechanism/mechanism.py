@@ -76,7 +76,7 @@ class Mechanism(JointNames):
         put(self, model=model)
         for several in ("loops", "forces", "actuated"):
             put(self, **{several: _sequence(getattr(self, several), several)})
-        if not all(isinstance(loop, RECORDS) for loop in self.loops):
+        if not all(isinstance(loop, tuple(RECORDS)) for loop in self.loops):
             raise InputError(f"loops= needs Loop, Drive, Coupling and Constraint objects, got {self.loops!r}")
         names = [loop.name for loop in self.loops]
         if twice := [name for name in names if names.count(name) > 1]:
@@ -122,10 +122,6 @@ class Mechanism(JointNames):
         *loops : Loop, Drive, Coupling or Constraint
             One argument each; none makes a tree. ``with_loops(*mechanism.loops, drive)`` adds one.
 
-        Returns
-        -------
-        Mechanism
-
         Raises
         ------
         InputError
@@ -141,10 +137,6 @@ class Mechanism(JointNames):
         *forces
             One argument each, as in ``forces`` of :class:`Mechanism`.
 
-        Returns
-        -------
-        Mechanism
-
         Raises
         ------
         InputError
@@ -159,10 +151,6 @@ class Mechanism(JointNames):
         ----------
         gravity : array, shape (3,)
             m/s², in world axes.
-
-        Returns
-        -------
-        Mechanism
 
         Raises
         ------
@@ -182,10 +170,6 @@ class Mechanism(JointNames):
             Joint name → rotor inertia as seen from the joint, kg·m² (or kg), not negative; it counts for each velocity
             of the joint.
 
-        Returns
-        -------
-        Mechanism
-
         Raises
         ------
         InputError
@@ -199,7 +183,7 @@ class Mechanism(JointNames):
         return replace(self, model=model)
 
     def lock(self, joints, q=None) -> Mechanism:
-        """The same mechanism with joints fixed where they stand; their bodies become one with their parents'.
+        """The same mechanism without these joints, fixed where they stand; their bodies join those of their parents.
 
         What the locked joints leave nothing to do goes with them: loops of which both anchors then sit on one body
         (they must be closed), couplings of two locked joints, forces of locked joints. A user's own torques and
@@ -212,11 +196,6 @@ class Mechanism(JointNames):
         q : mapping or array, optional
             Where they are locked: joint name → value (others from ``guess``), or a configuration (nq,). Default
             ``guess``, of which the rest is the new guess.
-
-        Returns
-        -------
-        Mechanism
-            Of the joints that are left.
 
         Raises
         ------
@@ -243,10 +222,6 @@ class Mechanism(JointNames):
         q : mapping or array, optional
             From where assembly starts, as for :func:`~pinconsist.assemble`.
 
-        Returns
-        -------
-        Mechanism
-
         Raises
         ------
         AssemblyError
@@ -262,18 +237,13 @@ class Mechanism(JointNames):
         """The same mechanism with every loop's anchor 2 moved to where anchor 1 fits best.
 
         The loops that cannot close get their second anchor (a loop that holds a distance: its length) moved by the gap
-        that remains, and a warning lists each move. Loops that close stay as they are.
+        that remains, and a warning lists each move. Loops that close stay as they are. The guess becomes the
+        configuration that was reached, in which all loops close.
 
         Parameters
         ----------
         q : mapping or array, optional
-            From where assembly starts: joint name → value (others from ``guess``), or a configuration (nq,). Default
-            ``guess``.
-
-        Returns
-        -------
-        Mechanism
-            Its guess is the configuration that was reached, in which its loops close.
+            From where assembly starts: joint name → value (others from ``guess``), or a configuration (nq,).
 
         Raises
         ------

@@ -8,7 +8,7 @@ from math import cos, pi, sin
 import numpy as np
 
 from ..errors import InputError, PinconsistError
-from .checks import put_numbers
+from .checks import number, put_checked
 
 TIME_STEP = 1e-3
 """Of the difference quotients in time, s."""
@@ -46,7 +46,7 @@ class Motion:
     phase: float = 0.0
 
     def __post_init__(self):
-        put_numbers(self, "motion", *(each.name for each in fields(self)))
+        put_checked(self, "motion", number, *(each.name for each in fields(self)))
 
     @property
     def numbers(self) -> tuple[float, ...]:
@@ -57,34 +57,12 @@ class Motion:
         return self.start + self.speed * t + self.amplitude * sin(2 * pi * self.frequency * t + self.phase)
 
     def rate(self, t: float) -> float:
-        """The derivative by time.
-
-        Parameters
-        ----------
-        t : float
-            Time, s.
-
-        Returns
-        -------
-        float
-            rad/s or m/s; per second, whatever the unit of ``start``.
-        """
+        """The derivative at time `t`, s: rad/s or m/s; per second, whatever the unit of ``start``."""
         w = 2 * pi * self.frequency
         return self.speed + self.amplitude * w * cos(w * t + self.phase)
 
     def acceleration(self, t: float) -> float:
-        """The second derivative by time.
-
-        Parameters
-        ----------
-        t : float
-            Time, s.
-
-        Returns
-        -------
-        float
-            rad/s² or m/s²; per second squared, whatever the unit of ``start``.
-        """
+        """The second derivative at time `t`, s: rad/s² or m/s²; per second squared, whatever the unit of ``start``."""
         w = 2 * pi * self.frequency
         return -self.amplitude * w**2 * sin(w * t + self.phase)
 
@@ -106,7 +84,7 @@ def check_slope(what: str, of: str, slope, function, steps, size=0.0) -> None:
     """Raise InputError where `slope` is not f'(0) to a thousandth (of `size` where that is larger), by differences.
 
     One-sided slopes count, as functions may have a corner at zero, and several steps are tried, as they may have scales
-    of their own: a false alarm would be worse than a wrong slope that is overlooked.
+    of their own: a false alarm would be worse than a wrong slope that is not found.
     """
     slope = np.asarray(slope, float)
     try:
@@ -114,8 +92,8 @@ def check_slope(what: str, of: str, slope, function, steps, size=0.0) -> None:
             f = {i: np.asarray(function(i * h), float) for i in (-2, -1, 0, 1, 2)}
             noise = 20.0 * np.finfo(float).eps * max(np.max(np.abs(value), initial=0.0) for value in f.values()) / h
             middle = (8.0 * (f[1] - f[-1]) - (f[2] - f[-2])) / (12.0 * h)
-            ahead, behind = (4.0 * f[1] - 3.0 * f[0] - f[2]) / (2.0 * h), (3.0 * f[0] - 4.0 * f[-1] + f[-2]) / (2.0 * h)
-            for found in (middle, ahead, behind):
+            sides = [(4.0 * f[i] - 3.0 * f[0] - f[2 * i]) / (2.0 * i * h) for i in (1, -1)]
+            for found in (middle, *sides):
                 largest = np.maximum(np.maximum(np.abs(slope), np.abs(found)), size)
                 if (np.abs(slope - found) <= 1e-3 * largest + noise).all():
                     return

@@ -15,8 +15,6 @@ from .custom import Constraint, ConstraintRows
 from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow, Rows
 from .loops import Loop
 
-RECORDS = (Loop, Drive, Coupling, Constraint)
-"""What the loops of a mechanism may be."""
 TURNING = ("rx", "ry", "rz", "tilt1", "tilt2", "cross")  # rows in rad
 POSE = None  # instead of a shift: all six rows of a pose
 
@@ -24,16 +22,9 @@ POSE = None  # instead of a shift: all six rows of a pose
 class LoopRows:
     """The rows of several loops on one model, evaluated together.
 
-    Attributes
-    ----------
-    labels : list of (str, str)
-        Loop name and row name of each of the ``nc`` rows.
-    slices : dict[str, slice]
-        The rows of each loop.
-    turns, steady : ndarray of bool, shape (nc,)
-        Rows measured in rad; rows whose J does not depend on time.
-    moving : bool
-        Some Φ depends on time.
+    ``labels`` has loop and row name of each of the ``nc`` rows, ``slices`` the rows of each loop by its name. Arrays
+    (nc,) mark rows measured in rad, ``turns``, and those whose J does not depend on time, ``steady``; ``moving`` says
+    that some Φ does.
     """
 
     def __init__(self, model: pin.Model, loops):
@@ -43,16 +34,13 @@ class LoopRows:
         self.slices, start = {}, 0
         for loop in self.loops:
             self.slices[loop.name] = slice(start, start := start + len(loop.rows))
-        self.closures = [_rows_of(loop)(model, loop) for loop in self.loops]
+        self.closures = [_closure(model, loop) for loop in self.loops]
         self.turns = np.array([turns for closure in self.closures for turns in closure.turns], dtype=bool)
         self.steady = np.array([closure.steady for closure in self.closures for _ in closure.turns], dtype=bool)
         self.moving = any(closure.moving for closure in self.closures)
 
     def evaluate(self, data: pin.Data, q=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Φ, shape (nc,), and J, shape (nc, nv), where ``pin.computeJointJacobians`` was called last on ``data``.
-
-        Only rows without anchors depend on `q` and `t`.
-        """
+        """Φ and J, (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`; anchors need no `q` and `t`."""
         return _stacked([closure.evaluate(data, q, t) for closure in self.closures], self.model.nv)
 
     def time_rate(self, t: float, q=None) -> np.ndarray:
@@ -65,10 +53,9 @@ class LoopRows:
             closure.check_derivatives(t, q)
 
     def acceleration_bias(self, data: pin.Data, t: float = 0.0, q=None, v=None) -> np.ndarray:
-        """J̇ v and the like from Φ's dependence on time, shape (nc,), at a closed configuration.
+        """J̇ v and the like from Φ's dependence on time, shape (nc,), where the loops are closed.
 
-        Needs ``pin.forwardKinematics(model, data, q, v, 0)`` on ``data``. The rotational rows use R = 1 where
-        the exact expression has a derivative of the logarithm.
+        Needs ``pin.forwardKinematics(model, data, q, v, 0)`` on `data`.
         """
         return np.concatenate([np.zeros(0), *(closure.acceleration_bias(data, t, q, v) for closure in self.closures)])
 
@@ -80,14 +67,7 @@ class KeptRows:
     has the zeros of the same map of Pinocchio's position errors. So Newton's solution is the same, and a hinge whose
     tilts are not kept costs what a point costs. An axis of body 2 is the difference of two points 1 m apart,
     R axis2 = d(at axis2) − d. Distances, drives, couplings and user-defined constraints are evaluated as they stand.
-
-    Parameters
-    ----------
-    model : pin.Model
-    rows : LoopRows
-        All rows of the loops.
-    kept : ndarray of int
-        Indices of the rows wanted, ascending.
+    `kept` has the indices of the rows wanted among all `rows`, ascending.
     """
 
     def __init__(self, model: pin.Model, rows: LoopRows, kept):
@@ -233,14 +213,16 @@ def _anchor_motion(data, joint, placement):
     """Position, axes, velocity, spin, classical acceleration and spin rate of an anchor, in world axes."""
     pose = data.oMi[joint] * placement
     if joint == 0:
-        zero = np.zeros(3)
-        return pose.translation, pose.rotation, zero, zero, zero, zero
+        return pose.translation, pose.rotation, *np.zeros((4, 3))
     R = pose.rotation
     velocity, acceleration = placement.actInv(data.v[joint]), placement.actInv(data.a[joint])
     classical = acceleration.linear + pin.skew(velocity.angular) @ velocity.linear
     return pose.translation, R, R @ velocity.linear, R @ velocity.angular, R @ classical, R @ acceleration.angular
 
 
-def _rows_of(loop):
-    kinds = {Loop: AnchoredRows, Drive: DriveRow, Coupling: CouplingRow, Constraint: ConstraintRows}
-    return next(rows for record, rows in kinds.items() if isinstance(loop, record))
+RECORDS = {Loop: AnchoredRows, Drive: DriveRow, Coupling: CouplingRow, Constraint: ConstraintRows}
+"""What the loops of a mechanism may be, with the class of their rows."""
+
+
+def _closure(model, loop):
+    return next(rows(model, loop) for record, rows in RECORDS.items() if isinstance(loop, record))

@@ -25,22 +25,8 @@ WEAK = 0.2
 class MechanismSystem(Index3System):
     """The equations M v' + nle = τ + Jᵀλ, Φ(q) = 0 of a mechanism.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-    q : ndarray, shape (nq,)
-        A closed configuration; the kept rows are chosen there.
-    t : float
-        Its time, s.
-
-    Attributes
-    ----------
-    kept : ndarray of int
-        Indices of the kept rows among all rows of the loops.
-    chosen_at : float
-        Time at which they were chosen, s.
-    dropped_are_zero : bool
-        Whether the other rows vanish everywhere, as out-of-plane rows do.
+    ``kept`` has the indices of the rows in use among all rows; they are chosen at the closed configuration `q` and the
+    time `t`, ``chosen_at``. ``dropped_are_zero`` says that the others vanish everywhere, as out-of-plane rows do.
     """
 
     def __init__(self, mechanism: Mechanism, q, t: float = 0.0):
@@ -54,7 +40,7 @@ class MechanismSystem(Index3System):
         self.nc = len(self.kept)
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self._kept_rows = self.kept_rows.evaluate
-        self.dropped_are_zero = self._structurally_zero(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
+        self.dropped_are_zero = self._zero_everywhere(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
         self._forces = bound_forces(self.model, mechanism.forces)
         # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
@@ -159,11 +145,12 @@ class MechanismSystem(Index3System):
         if not np.isfinite(np.concatenate((q, v))).all():
             return ()
 
-        def finite(force):
-            parts = (force.torque(t, q, v), *force.derivatives(t, q, v))
-            return all(np.isfinite(part).all() for part in parts if part is not None)
-
-        return tuple(label for label, force in self._forces.items() if not finite(force))
+        parts = {label: (f.torque(t, q, v), *f.derivatives(t, q, v)) for label, f in self._forces.items()}
+        return tuple(
+            label
+            for label, values in parts.items()
+            if not all(np.isfinite(value).all() for value in values if value is not None)
+        )
 
     def mass_matrix(self, q):
         """M(q), shape (nv, nv)."""
@@ -189,16 +176,16 @@ class MechanismSystem(Index3System):
         """
         if self.nc == self.rows.nc:
             return lam
-        full = np.zeros((*lam.shape[:-1], self.rows.nc))
+        full, steady = np.zeros((*lam.shape[:-1], self.rows.nc)), np.flatnonzero(self.rows.steady)
         full[..., self.kept] = lam
-        if lam.ndim > 1 and not self.dropped_are_zero:
+        if self.dropped_are_zero:
+            return full
+        if lam.ndim > 1:
             if complete is not None:
-                return complete(self.chosen_at, q, full, np.flatnonzero(self.rows.steady))
+                return complete(self.chosen_at, q, full, steady)
             return np.array([self.full_multipliers(*row) for row in zip(q, lam, strict=True)])
-        if not self.dropped_are_zero:
-            steady = self.rows.steady
-            J = self.loop_rows(q)[1][steady]
-            full[steady] = np.linalg.lstsq(J.T, J.T @ full[steady], rcond=1e-10)[0]
+        J = self.loop_rows(q)[1][steady]
+        full[steady] = np.linalg.lstsq(J.T, J.T @ full[steady], rcond=1e-10)[0]
         return full
 
     def reselected(self, q):
@@ -221,17 +208,15 @@ class MechanismSystem(Index3System):
             return None
         suspects = range(len(times))
         if gaps is not None:
-            all_gaps = np.abs(gaps(times, configurations)) / self._sizes
-            suspects = np.flatnonzero(all_gaps.max(axis=1, initial=0.0) > OPEN)
+            suspects = np.flatnonzero((np.abs(gaps(times, configurations)) / self._sizes).max(axis=1) > OPEN)
         for i in suspects:
-            t, q = times[i], configurations[i]
-            phi = np.abs(self.loop_rows(q, t)[0]) / self._sizes
+            phi = np.abs(self.loop_rows(configurations[i], times[i])[0]) / self._sizes
             if phi.max() > OPEN + 100 * phi[self.kept].max(initial=0.0):  # interpolated rows are open in all alike
                 return int(i), float((phi * self._sizes).max()), self.rows.labels[int(np.argmax(phi))]
         return None
 
-    def _structurally_zero(self, rows, q) -> bool:
-        """Whether these rows of J vanish everywhere, as out-of-plane rows do: evaluated in three random places."""
+    def _zero_everywhere(self, rows, q) -> bool:
+        """Whether these rows of J vanish in three random places."""
         if not len(rows):
             return True
         rng = np.random.default_rng(0)

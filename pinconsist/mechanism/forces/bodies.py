@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
-from ..checks import frame_of, name, put_numbers, put_triples, require_names, returned
+from ..checks import frame_of, name, number, put_checked, returned, triple
 from ..loops import GROUND
 from .force import BoundForce, ForceRecord
 
@@ -56,10 +56,10 @@ class SpringDamper(ForceRecord):
     xyz2: tuple[float, float, float] = ZERO
 
     def __post_init__(self):
-        require_names(self, "SpringDamper", "frame1", "frame2")
-        put_numbers(self, self._who, "stiffness")
-        put_numbers(self, self._who, "length", "damping", least=0.0)
-        put_triples(self, self._who, "xyz1", "xyz2")
+        put_checked(self, "SpringDamper", name, "frame1", "frame2")
+        put_checked(self, self._who, number, "stiffness")
+        put_checked(self, self._who, number, "length", "damping", least=0.0)
+        put_checked(self, self._who, triple, "xyz1", "xyz2")
 
     @property
     def _who(self):
@@ -156,10 +156,10 @@ class Wrench(ForceRecord):
 
     def __post_init__(self):
         who = f"wrench on {name(self.frame, 'Wrench: frame')!r}"
-        put_triples(self, who, *(field for field in ("force", "moment") if not callable(getattr(self, field))))
+        put_checked(self, who, triple, *(field for field in ("force", "moment") if not callable(getattr(self, field))))
         if self.axes not in ("world", "local"):
             raise InputError(f"{who}: axes must be 'world' or 'local', got {self.axes!r}")
-        put_triples(self, who, "xyz")
+        put_checked(self, who, triple, "xyz")
 
     @property
     def label(self) -> str:

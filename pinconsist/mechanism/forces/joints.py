@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
-from ..checks import amounts, name, number, put, put_numbers, require_functions, returned, spread
+from ..checks import amounts, name, number, put, put_checked, require_functions, returned, spread
 from ..joint_constraints import Coordinate
 from ..motion import TIME_STEP, Motion, first
 from .force import BoundForce, ForceRecord, label
@@ -138,7 +138,7 @@ class JointSpring(ForceRecord):
 
     def __post_init__(self):
         who = f"joint spring {name(self.joint, 'JointSpring: joint')!r}"
-        put_numbers(self, who, "stiffness", "rest")
+        put_checked(self, who, number, "stiffness", "rest")
 
     @property
     def label(self) -> str:
@@ -191,7 +191,7 @@ class Servo(ForceRecord):
             if self.rate is not None:
                 raise InputError(f"{who}: a rate goes with a target that is a function of time, not {self.target!r}")
         require_functions(self, who, "time", optional=("rate",))
-        put_numbers(self, who, "stiffness", "damping", least=0.0)
+        put_checked(self, who, number, "stiffness", "damping", least=0.0)
 
     @property
     def label(self) -> str:
