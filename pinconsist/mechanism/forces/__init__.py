@@ -27,25 +27,13 @@ import numpy as np
 from ...errors import InputError
 from .bodies import SpringDamper, Wrench
 from .force import BoundForce, Force, unused
-from .joints import FRICTION_WIDTH, JointDamping, JointFriction, JointSpring, Servo
+from .joints import JointDamping, JointFriction, JointSpring, Servo
 from .torques import JointTorque, Torque, UserForce
 
 __all__ = [
-    "FRICTION_WIDTH",
-    "Force",
-    "JointDamping",
-    "JointFriction",
-    "JointSpring",
-    "JointTorque",
-    "Servo",
-    "SpringDamper",
-    "Torque",
-    "Wrench",
-    "as_force",
-    "bound_forces",
-    "model_forces",
-    "unused",
-]
+    "Force", "JointDamping", "JointFriction", "JointSpring", "JointTorque", "Servo", "SpringDamper",
+    "Torque", "Wrench", "as_force", "bound_forces", "model_forces", "unused",
+]  # fmt: skip
 
 
 def as_force(force) -> Any:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -20,57 +20,48 @@ SHORTEST = 1e-9
 ZERO = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class SpringDamper(ForceRecord):
-    """A spring and damper along the line between two points.
+# A point of a body at a configuration, in world axes: position (3,), and J of its velocity and spin, (3, nv).
+_Point = namedtuple("_Point", "joint x J spin")
 
-    The tension, positive where it pulls, is T = k (l - l₀) + d dl/dt, with l the distance of the points. Two points
-    that coincide have no direction between them: there, and within 1e-9 m, the force fades to zero. (With l₀ = 0 and
-    no damper it does so by itself, and nothing is special there.)
 
-    Parameters
-    ----------
-    frame1, frame2 : str
-        Frames of the model; ``"universe"`` is the ground.
-    stiffness : float
-        k, N/m.
-    length : float
-        l₀ ≥ 0, the length at which the spring is slack, m.
-    damping : float
-        d ≥ 0, N·s/m.
-    xyz1, xyz2 : tuple of 3 float
-        The points in their frames, m.
+class _Points:
+    """Kinematics of points on one model, with its own workspace."""
 
-    Raises
-    ------
-    InputError
-        Impossible numbers; on a model, unknown frames, or both on one body.
-    """
+    def __init__(self, model: pin.Model):
+        self.model = model.copy()
+        self.model.gravity.setZero()  # static torques are then those of the given forces alone
+        self.data = self.model.createData()
+        self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
+        self._still = np.zeros((3, model.nv))
 
-    frame1: str
-    frame2: str = GROUND
-    stiffness: float = 0.0
-    length: float = 0.0
-    damping: float = 0.0
-    xyz1: tuple[float, float, float] = ZERO
-    xyz2: tuple[float, float, float] = ZERO
+    def move(self, q) -> None:
+        """Go to a configuration."""
+        pin.computeJointJacobians(self.model, self.data, q)
 
-    def __post_init__(self):
-        put_checked(self, "SpringDamper", name, "frame1", "frame2")
-        put_checked(self, self._who, number, "stiffness")
-        put_checked(self, self._who, number, "length", "damping", least=0.0)
-        put_checked(self, self._who, triple, "xyz1", "xyz2")
+    def at(self, joint: int, offset) -> _Point:
+        """The point fixed at `offset` in a joint's axes."""
+        if joint == 0:
+            return _Point(joint, offset, self._still, self._still)
+        pose = self.data.oMi[joint]
+        J = pin.getJointJacobian(self.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)  # (6,) if nv = 1
+        arm = pose.rotation.dot(offset)
+        spin = J[3:]
+        return _Point(joint, pose.translation + arm, J[:3] - pin.skew(arm).dot(spin), spin)
 
-    @property
-    def _who(self):
-        return f"spring between {self.frame1!r} and {self.frame2!r}"
+    def gradient(self, q, loads, *, turning: bool) -> np.ndarray:
+        """∂(Σ Jᵀ f + spinᵀ m)/∂q, shape (nv, nv) in the tangent space, at the `q` to which :meth:`move` went.
 
-    @property
-    def label(self) -> str:
-        return f"spring {self.frame1}" if self.frame2 == GROUND else f"spring {self.frame1}-{self.frame2}"
-
-    def bind(self, model: pin.Model) -> _BoundSpring:
-        return _BoundSpring(self, model)
+        `loads` are (point, force, moment) in world axes, always on the same bodies, each at most once; `turning` says
+        whether they turn with their bodies or keep their directions in the world.
+        """
+        change = 0.0
+        for point, force, moment in loads:
+            if point.joint:
+                about_origin = moment + pin.skew(point.x).dot(force)
+                self._loads[point.joint] = self.data.oMi[point.joint].actInv(pin.Force(force, about_origin))
+                if not turning:  # a fixed direction turns in the axes of its body
+                    change += (point.J.T.dot(pin.skew(force)) + point.spin.T.dot(pin.skew(moment))).dot(point.spin)
+        return change - pin.computeStaticTorqueDerivatives(self.model, self.data, q, self._loads)
 
 
 class _BoundSpring(BoundForce):
@@ -124,6 +115,90 @@ class _BoundSpring(BoundForce):
 
 
 @dataclass(frozen=True)
+class SpringDamper(ForceRecord):
+    """A spring and damper along the line between two points.
+
+    The tension, positive where it pulls, is T = k (l - l₀) + d dl/dt, with l the distance of the points. Two points
+    that coincide have no direction between them: there, and within 1e-9 m, the force fades to zero. (With l₀ = 0 and
+    no damper it does so by itself, and nothing is special there.)
+
+    Parameters
+    ----------
+    frame1, frame2 : str
+        Frames of the model; ``"universe"`` is the ground.
+    stiffness : float
+        k, N/m.
+    length : float
+        l₀ ≥ 0, the length at which the spring is slack, m.
+    damping : float
+        d ≥ 0, N·s/m.
+    xyz1, xyz2 : tuple of 3 float
+        The points in their frames, m.
+
+    Raises
+    ------
+    InputError
+        Impossible numbers; on a model, unknown frames, or both on one body.
+    """
+
+    frame1: str
+    frame2: str = GROUND
+    stiffness: float = 0.0
+    length: float = 0.0
+    damping: float = 0.0
+    xyz1: tuple[float, float, float] = ZERO
+    xyz2: tuple[float, float, float] = ZERO
+
+    _kind, _acts_on, _law = "spring", "_ends", _BoundSpring
+    _who = property(lambda self: f"spring between {self.frame1!r} and {self.frame2!r}")
+    _ends = property(lambda self: self.frame1 if self.frame2 == GROUND else f"{self.frame1}-{self.frame2}")
+
+    def __post_init__(self):
+        put_checked(self, "SpringDamper", name, "frame1", "frame2")
+        put_checked(self, self._who, number, "stiffness")
+        put_checked(self, self._who, number, "length", "damping", least=0.0)
+        put_checked(self, self._who, triple, "xyz1", "xyz2")
+
+
+class _BoundWrench(BoundForce):
+    def __init__(self, wrench, model):
+        frame = frame_of(model, wrench.frame, wrench._who)
+        if frame.parentJoint == 0:
+            raise InputError(f"{wrench._who}: the frame belongs to the ground, which nothing moves")
+        self._wrench, self._joint, self._turn = wrench, frame.parentJoint, frame.placement.rotation
+        self._offset = frame.placement.act(np.array(wrench.xyz))
+        self._points, self._local = _Points(model), wrench.axes == "local"
+
+    def torque(self, t, q, v):
+        force, moment = self._in_world(t, q)
+        point = self._points.at(self._joint, self._offset)
+        return force.dot(point.J) + moment.dot(point.spin)
+
+    def derivatives(self, t, q, v):
+        load = self._in_world(t, q)
+        point = self._points.at(self._joint, self._offset)
+        return self._points.gradient(q, [(point, *load)], turning=self._local), None
+
+    def hand_over(self, twin) -> bool:
+        own = not (callable(self._wrench.force) or callable(self._wrench.moment))
+        if own:
+            turn = self._turn if self._local else np.eye(3)
+            load = (turn @ np.array(part) for part in (self._wrench.force, self._wrench.moment))
+            twin.add_wrench(self._joint, self._offset, *load, self._local)
+        return own
+
+    def _in_world(self, t, q):
+        """Force and moment in world axes, at a configuration to which this moves."""
+        self._points.move(q)
+        wrench, parts = self._wrench, []
+        for field, part in ("force", wrench.force), ("moment", wrench.moment):
+            what = f"the {field} of the {wrench._who}"
+            parts.append(returned(part, what, (3,), t) if callable(part) else np.array(part))
+        R = self._points.data.oMi[self._joint].rotation @ self._turn
+        return [R @ part for part in parts] if self._local else parts
+
+
+@dataclass(frozen=True)
 class Wrench(ForceRecord):
     """A force and a moment from outside on the body of a frame.
 
@@ -154,107 +229,14 @@ class Wrench(ForceRecord):
     axes: str = "world"
     xyz: tuple[float, float, float] = ZERO
 
+    _kind, _acts_on, _law = "wrench", "frame", _BoundWrench
+    _who = property(lambda self: f"wrench on {self.frame!r}")
+
     def __post_init__(self):
-        who = f"wrench on {name(self.frame, 'Wrench: frame')!r}"
-        put_checked(self, who, triple, *(field for field in ("force", "moment") if not callable(getattr(self, field))))
+        put_checked(self, "Wrench", name, "frame")
+        put_checked(
+            self, self._who, triple, *(field for field in ("force", "moment") if not callable(getattr(self, field)))
+        )
         if self.axes not in ("world", "local"):
-            raise InputError(f"{who}: axes must be 'world' or 'local', got {self.axes!r}")
-        put_checked(self, who, triple, "xyz")
-
-    @property
-    def label(self) -> str:
-        return f"wrench {self.frame}"
-
-    def bind(self, model) -> _BoundWrench:
-        return _BoundWrench(self, model)
-
-
-class _BoundWrench(BoundForce):
-    def __init__(self, wrench, model):
-        self._who = f"wrench on {wrench.frame!r}"
-        frame = frame_of(model, wrench.frame, self._who)
-        if frame.parentJoint == 0:
-            raise InputError(f"{self._who}: the frame belongs to the ground, which nothing moves")
-        self._wrench, self._joint, self._turn = wrench, frame.parentJoint, frame.placement.rotation
-        self._offset = frame.placement.act(np.array(wrench.xyz))
-        self._points, self._local = _Points(model), wrench.axes == "local"
-
-    def torque(self, t, q, v):
-        force, moment = self._in_world(t, q)
-        point = self._points.at(self._joint, self._offset)
-        return force.dot(point.J) + moment.dot(point.spin)
-
-    def derivatives(self, t, q, v):
-        load = self._in_world(t, q)
-        point = self._points.at(self._joint, self._offset)
-        return self._points.gradient(q, [(point, *load)], turning=self._local), None
-
-    def hand_over(self, twin) -> bool:
-        own = not (callable(self._wrench.force) or callable(self._wrench.moment))
-        if own:
-            turn = self._turn if self._local else np.eye(3)
-            load = (turn @ np.array(part) for part in (self._wrench.force, self._wrench.moment))
-            twin.add_wrench(self._joint, self._offset, *load, self._local)
-        return own
-
-    def _in_world(self, t, q):
-        """Force and moment in world axes, at a configuration to which this moves."""
-        self._points.move(q)
-        parts = []
-        for field in ("force", "moment"):
-            part = getattr(self._wrench, field)
-            what = f"the {field} of the {self._who}"
-            parts.append(returned(part, what, (3,), t) if callable(part) else np.array(part))
-        if not self._local:
-            return parts
-        R = self._points.data.oMi[self._joint].rotation @ self._turn
-        return [R @ part for part in parts]
-
-
-class _Point(NamedTuple):
-    """A point of a body at a configuration, in world axes: position (3,), and J of its velocity and spin, (3, nv)."""
-
-    joint: int
-    x: np.ndarray
-    J: np.ndarray
-    spin: np.ndarray
-
-
-class _Points:
-    """Kinematics of points on one model, with its own workspace."""
-
-    def __init__(self, model: pin.Model):
-        self.model = model.copy()
-        self.model.gravity.setZero()  # static torques are then those of the given forces alone
-        self.data = self.model.createData()
-        self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
-        self._still = np.zeros((3, model.nv))
-
-    def move(self, q) -> None:
-        """Go to a configuration."""
-        pin.computeJointJacobians(self.model, self.data, q)
-
-    def at(self, joint: int, offset) -> _Point:
-        """The point fixed at `offset` in a joint's axes."""
-        if joint == 0:
-            return _Point(joint, offset, self._still, self._still)
-        pose = self.data.oMi[joint]
-        J = pin.getJointJacobian(self.model, self.data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, -1)  # (6,) if nv = 1
-        arm = pose.rotation.dot(offset)
-        spin = J[3:]
-        return _Point(joint, pose.translation + arm, J[:3] - pin.skew(arm).dot(spin), spin)
-
-    def gradient(self, q, loads, *, turning: bool) -> np.ndarray:
-        """∂(Σ Jᵀ f + spinᵀ m)/∂q, shape (nv, nv) in the tangent space, at the `q` to which :meth:`move` went.
-
-        `loads` are (point, force, moment) in world axes, always on the same bodies, each at most once; `turning` says
-        whether they turn with their bodies or keep their directions in the world.
-        """
-        change = 0.0
-        for point, force, moment in loads:
-            if point.joint:
-                about_origin = moment + pin.skew(point.x).dot(force)
-                self._loads[point.joint] = self.data.oMi[point.joint].actInv(pin.Force(force, about_origin))
-                if not turning:  # a fixed direction turns in the axes of its body
-                    change += (point.J.T.dot(pin.skew(force)) + point.spin.T.dot(pin.skew(moment))).dot(point.spin)
-        return change - pin.computeStaticTorqueDerivatives(self.model, self.data, q, self._loads)
+            raise InputError(f"{self._who}: axes must be 'world' or 'local', got {self.axes!r}")
+        put_checked(self, self._who, triple, "xyz")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -26,15 +26,21 @@ class Force(Protocol):
         """(∂τ/∂q, ∂τ/∂v), each (nv, nv) in the tangent space, or None where it is zero or small."""
 
 
-class ForceRecord(ABC):
+class ForceRecord:
     """A force in plain numbers, by the names of joints and frames; it knows no model yet."""
 
-    @property
-    @abstractmethod
-    def label(self) -> str:
-        """The name of the force in energy reports and messages."""
+    _kind: ClassVar[str]
+    _acts_on: ClassVar[str]  # the field that says where
+    _law: ClassVar[Any]  # (record, model) → BoundForce
 
-    @abstractmethod
+    @property
+    def label(self) -> str:
+        """The name of the force in energy reports and messages: "damping crank, rocker", without joints if many."""
+        where = getattr(self, self._acts_on)
+        if isinstance(where, Mapping):
+            where = ", ".join(where) if len(where) <= MOST_NAMED else ""
+        return f"{self._kind} {where}" if where and isinstance(where, str) else self._kind
+
     def bind(self, model) -> Any:
         """The force on one model; systems call it, users need not.
 
@@ -54,6 +60,7 @@ class ForceRecord(ABC):
         InputError
             A joint or frame that the model does not have, or has several times; numbers that do not fit its velocities.
         """
+        return self._law(self, model)
 
 
 class BoundForce(ABC):
@@ -68,13 +75,6 @@ class BoundForce(ABC):
     def hand_over(self, twin) -> bool:
         """Add this law to the compiled system; False where that has to call Python."""
         return False
-
-
-def label(kind: str, joints) -> str:
-    """A kind of force and the joints it names, where they are few: "damping crank, rocker"; else the kind alone."""
-    if isinstance(joints, Mapping) and 0 < len(joints) <= MOST_NAMED:
-        return f"{kind} {', '.join(joints)}"
-    return kind
 
 
 def unused(wanted: str, taken) -> str:

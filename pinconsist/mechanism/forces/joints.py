@@ -11,10 +11,23 @@ from ...errors import InputError
 from ..checks import amounts, name, number, put, put_checked, require_functions, returned, spread
 from ..joint_constraints import Coordinate
 from ..motion import TIME_STEP, Motion, first
-from .force import BoundForce, ForceRecord, label
+from .force import BoundForce, ForceRecord
 
-FRICTION_WIDTH = 1e-2
-"""Velocity over which dry friction changes sign, rad/s or m/s."""
+
+class _ViscousDamping(BoundForce):
+    def __init__(self, damping, model):
+        self._coefficients = spread(model, damping.coefficients, "JointDamping", alike=True)
+        self._by_v = -np.diag(self._coefficients)
+
+    def torque(self, t, q, v):
+        return -self._coefficients * v
+
+    def derivatives(self, t, q, v):
+        return None, self._by_v
+
+    def hand_over(self, twin) -> bool:
+        twin.add_damping(self._coefficients)
+        return True
 
 
 @dataclass(frozen=True)
@@ -35,29 +48,26 @@ class JointDamping(ForceRecord):
 
     coefficients: Mapping[str, float | tuple] | tuple[float, ...]
 
+    _kind, _acts_on, _law = "damping", "coefficients", _ViscousDamping
+
     def __post_init__(self):
         put(self, coefficients=amounts(self.coefficients, "JointDamping", least=0.0))
 
-    @property
-    def label(self) -> str:
-        return label("damping", self.coefficients)
 
-    def bind(self, model) -> _ViscousDamping:
-        return _ViscousDamping(spread(model, self.coefficients, "JointDamping", alike=True))
-
-
-class _ViscousDamping(BoundForce):
-    def __init__(self, coefficients):
-        self._coefficients, self._by_v = coefficients, -np.diag(coefficients)
+class _SmoothFriction(BoundForce):
+    def __init__(self, friction, model):
+        self._coefficients = spread(model, friction.coefficients, "JointFriction", alike=True)
+        self._width = friction.width
 
     def torque(self, t, q, v):
-        return -self._coefficients * v
+        return -self._coefficients * np.tanh(v / self._width)
 
     def derivatives(self, t, q, v):
-        return None, self._by_v
+        sech = 1.0 / np.cosh(np.minimum(np.abs(v) / self._width, 300.0))
+        return None, np.diag(-self._coefficients * sech**2 / self._width)
 
     def hand_over(self, twin) -> bool:
-        twin.add_damping(self._coefficients)
+        twin.add_friction(self._coefficients, self._width)
         return True
 
 
@@ -82,34 +92,72 @@ class JointFriction(ForceRecord):
     """
 
     coefficients: Mapping[str, float | tuple] | tuple[float, ...]
-    width: float = FRICTION_WIDTH
+    width: float = 1e-2
+
+    _kind, _acts_on, _law = "friction", "coefficients", _SmoothFriction
 
     def __post_init__(self):
         put(self, coefficients=amounts(self.coefficients, "JointFriction", least=0.0))
         put(self, width=number(self.width, "JointFriction: width", above=0.0))
 
-    @property
-    def label(self) -> str:
-        return label("friction", self.coefficients)
 
-    def bind(self, model) -> _SmoothFriction:
-        return _SmoothFriction(spread(model, self.coefficients, "JointFriction", alike=True), self.width)
+class _BoundServo(BoundForce):
+    def __init__(self, servo, model):
+        self._set(servo, model, "servo-controlled", servo.target, servo.damping, servo.rate)
 
-
-class _SmoothFriction(BoundForce):
-    def __init__(self, coefficients, width):
-        self._coefficients, self._width = coefficients, width
+    def _set(self, record, model, purpose, target, damping=0.0, rate=None):
+        self._coordinate = Coordinate(model, record.joint, record._who, purpose)
+        self._who, self._target, self._rate = record._who, target, rate
+        self._stiffness, self._damping = record.stiffness, damping
+        self._by_q, self._by_v = np.zeros((2, model.nv, model.nv))
+        i = self._coordinate.column
+        self._by_q[i, i], self._by_v[i, i] = -record.stiffness, -damping
 
     def torque(self, t, q, v):
-        return -self._coefficients * np.tanh(v / self._width)
+        target, rate = self._wanted(t)
+        tau, i = np.zeros(len(v)), self._coordinate.column
+        tau[i] = -self._stiffness * self._coordinate.beyond(q, target) + self._damping * (rate - v[i])
+        return tau
 
     def derivatives(self, t, q, v):
-        sech = 1.0 / np.cosh(np.minimum(np.abs(v) / self._width, 300.0))
-        return None, np.diag(-self._coefficients * sech**2 / self._width)
+        return self._by_q, self._by_v if self._damping else None
 
     def hand_over(self, twin) -> bool:
-        twin.add_friction(self._coefficients, self._width)
-        return True
+        motion = self._target if callable(self._target) else Motion(self._target)
+        own = type(motion) is Motion and self._rate is None
+        if own:
+            period = self._coordinate.period or 0.0
+            twin.add_servo(self._coordinate.place, period, motion.numbers, self._stiffness, self._damping)
+        return own
+
+    def _wanted(self, t) -> tuple[float, float]:
+        """θ_d and θ̇_d."""
+        if not callable(self._target):
+            return self._target, 0.0
+
+        def number_of(function, part, t):
+            return float(returned(function, f"the {part} of {self._who}", (), t))
+
+        target = number_of(self._target, "target", t)
+        if not self._damping:
+            return target, 0.0
+        rate = self._rate or getattr(self._target, "rate", None)
+        if rate is not None:
+            return target, number_of(rate, "rate", t)
+        return target, float(first(lambda s: number_of(self._target, "target", t + s), TIME_STEP))
+
+
+class _BoundSpring(_BoundServo):
+    """A spring is an undamped servo that holds one place, and stores energy."""
+
+    def __init__(self, spring, model):
+        self._set(spring, model, "sprung", spring.rest)
+
+    def stored(self, q, v) -> tuple[float, float]:
+        """Elastic energy, J, and its rate, W."""
+        deflection = self._coordinate.beyond(q, self._target)
+        load = self._stiffness * deflection
+        return 0.5 * load * deflection, load * v[self._coordinate.column]
 
 
 @dataclass(frozen=True)
@@ -136,17 +184,12 @@ class JointSpring(ForceRecord):
     stiffness: float
     rest: float = 0.0
 
+    _kind, _acts_on, _law = "spring", "joint", _BoundSpring
+    _who = property(lambda self: f"joint spring {self.joint!r}")
+
     def __post_init__(self):
-        who = f"joint spring {name(self.joint, 'JointSpring: joint')!r}"
-        put_checked(self, who, number, "stiffness", "rest")
-
-    @property
-    def label(self) -> str:
-        return f"spring {self.joint}"
-
-    def bind(self, model) -> _BoundSpring:
-        coordinate = Coordinate(model, self.joint, f"joint spring {self.joint!r}", "sprung")
-        return _BoundSpring(model, coordinate, self.rest, self.stiffness)
+        put_checked(self, "JointSpring", name, "joint")
+        put_checked(self, self._who, number, "stiffness", "rest")
 
 
 @dataclass(frozen=True)
@@ -184,69 +227,16 @@ class Servo(ForceRecord):
     damping: float = 0.0
     rate: Callable | None = None
 
+    _kind, _acts_on, _law = "servo", "joint", _BoundServo
+    _who = property(lambda self: f"servo {self.joint!r}")
+
     def __post_init__(self):
-        who = f"servo {name(self.joint, 'Servo: joint')!r}"
+        put_checked(self, "Servo", name, "joint")
         if not callable(self.target):
-            put(self, target=number(self.target, f"{who}: target"))
+            put(self, target=number(self.target, f"{self._who}: target"))
             if self.rate is not None:
-                raise InputError(f"{who}: a rate goes with a target that is a function of time, not {self.target!r}")
-        require_functions(self, who, "time", optional=("rate",))
-        put_checked(self, who, number, "stiffness", "damping", least=0.0)
-
-    @property
-    def label(self) -> str:
-        return f"servo {self.joint}"
-
-    def bind(self, model) -> _BoundServo:
-        coordinate = Coordinate(model, self.joint, f"servo {self.joint!r}", "servo-controlled")
-        return _BoundServo(model, coordinate, self.target, self.stiffness, self.damping, self.rate, self.joint)
-
-
-class _BoundServo(BoundForce):
-    def __init__(self, model, coordinate, target, stiffness, damping=0.0, rate=None, joint=""):
-        self._coordinate, self._target, self._rate, self._nv = coordinate, target, rate, model.nv
-        self._stiffness, self._damping = stiffness, damping
-        self._what = tuple(f"the {part} of servo {joint!r}" for part in ("target", "rate"))
-        i = coordinate.column
-        self._by_q, self._by_v = np.zeros((2, model.nv, model.nv))
-        self._by_q[i, i], self._by_v[i, i] = -stiffness, -damping
-
-    def torque(self, t, q, v):
-        target, rate = self._wanted(t)
-        tau, i = np.zeros(self._nv), self._coordinate.column
-        tau[i] = -self._stiffness * self._coordinate.beyond(q, target) + self._damping * (rate - v[i])
-        return tau
-
-    def derivatives(self, t, q, v):
-        return self._by_q, self._by_v if self._damping else None
-
-    def hand_over(self, twin) -> bool:
-        motion = self._target if callable(self._target) else Motion(self._target)
-        own = type(motion) is Motion and self._rate is None
-        if own:
-            period = self._coordinate.period or 0.0
-            twin.add_servo(self._coordinate.place, period, motion.numbers, self._stiffness, self._damping)
-        return own
-
-    def _wanted(self, t) -> tuple[float, float]:
-        """θ_d and θ̇_d."""
-        target = self._target
-        if not callable(target):
-            return target, 0.0
-        here = float(returned(target, self._what[0], (), t))
-        if not self._damping:
-            return here, 0.0
-        rate = self._rate or getattr(target, "rate", None)
-        if rate is not None:
-            return here, float(returned(rate, self._what[1], (), t))
-        return here, float(first(lambda s: returned(target, self._what[0], (), t + s), TIME_STEP))
-
-
-class _BoundSpring(_BoundServo):
-    """A spring is an undamped servo that holds one place, and stores energy."""
-
-    def stored(self, q, v) -> tuple[float, float]:
-        """Elastic energy, J, and its rate, W."""
-        deflection = self._coordinate.beyond(q, self._target)
-        load = self._stiffness * deflection
-        return 0.5 * load * deflection, load * v[self._coordinate.column]
+                raise InputError(
+                    f"{self._who}: a rate goes with a target that is a function of time, not {self.target!r}"
+                )
+        require_functions(self, self._who, "time", optional=("rate",))
+        put_checked(self, self._who, number, "stiffness", "damping", least=0.0)

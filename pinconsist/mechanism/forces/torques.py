@@ -10,7 +10,35 @@ import numpy as np
 from ...errors import InputError
 from ..checks import amounts, called, function_name, joint_index, put, read_only, require_functions, returned, spread
 from ..motion import Motion
-from .force import BoundForce, ForceRecord, label
+from .force import BoundForce, ForceRecord
+
+
+class _BoundTorque(BoundForce):
+    def __init__(self, record, model):
+        constant, functions = record.torques, {}
+        if isinstance(constant, Mapping):
+            functions = {joint: torque for joint, torque in constant.items() if callable(torque)}
+            constant = {joint: torque for joint, torque in constant.items() if joint not in functions}
+        self._constant, self._curves = spread(model, constant, "JointTorque"), []
+        for joint, curve in functions.items():
+            i = joint_index(model, joint, "JointTorque")
+            size, start = model.nvs[i], model.idx_vs[i]
+            shape = () if size == 1 else (size,)
+            self._curves.append((curve, slice(start, start + size), shape, f"the torque of joint {joint!r}"))
+
+    def torque(self, t, q, v):
+        tau = self._constant.copy()
+        for curve, columns, shape, what in self._curves:
+            tau[columns] = returned(curve, what, shape, t)
+        return tau
+
+    def hand_over(self, twin) -> bool:
+        own = all(type(curve) is Motion and not shape for curve, _, shape, _ in self._curves)
+        if own:
+            twin.add_constant(self._constant)
+            for curve, columns, _, _ in self._curves:
+                twin.add_torque_curve(columns.start, curve.numbers)
+        return own
 
 
 @dataclass(frozen=True)
@@ -34,43 +62,10 @@ class JointTorque(ForceRecord):
 
     torques: Mapping[str, float | tuple | Callable] | tuple[float, ...]
 
+    _kind, _acts_on, _law = "torque", "torques", _BoundTorque
+
     def __post_init__(self):
         put(self, torques=amounts(self.torques, "JointTorque", functions=True))
-
-    @property
-    def label(self) -> str:
-        return label("torque", self.torques)
-
-    def bind(self, model) -> _BoundTorque:
-        return _BoundTorque(model, self.torques)
-
-
-class _BoundTorque(BoundForce):
-    def __init__(self, model, torques):
-        by_name = torques if isinstance(torques, Mapping) else {}
-        functions = {joint: torque for joint, torque in by_name.items() if callable(torque)}
-        constant = {joint: torque for joint, torque in by_name.items() if joint not in functions}
-        self._constant = spread(model, constant if isinstance(torques, Mapping) else torques, "JointTorque")
-        self._curves = []
-        for joint, curve in functions.items():
-            i = joint_index(model, joint, "JointTorque")
-            size, start = model.nvs[i], model.idx_vs[i]
-            shape = () if size == 1 else (size,)
-            self._curves.append((curve, slice(start, start + size), shape, f"the torque of joint {joint!r}"))
-
-    def torque(self, t, q, v):
-        tau = self._constant.copy()
-        for curve, columns, shape, what in self._curves:
-            tau[columns] = returned(curve, what, shape, t)
-        return tau
-
-    def hand_over(self, twin) -> bool:
-        own = all(type(curve) is Motion and not shape for curve, _, shape, _ in self._curves)
-        if own:
-            twin.add_constant(self._constant)
-            for curve, columns, _, _ in self._curves:
-                twin.add_torque_curve(columns.start, curve.numbers)
-        return own
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +100,7 @@ class Torque:
         return f"torque {function_name(self.function)}"
 
     def torque(self, t, q, v) -> np.ndarray:
-        """What the function returns at a state, checked.
+        """What the function returns at a state, checked: τ, N·m or N, shape (nv,).
 
         Parameters
         ----------
@@ -114,17 +109,10 @@ class Torque:
         q, v : ndarray, shapes (nq,), (nv,)
             Configuration and velocity.
 
-        Returns
-        -------
-        ndarray, shape (nv,)
-            τ, N·m or N.
-
         Raises
         ------
-        InputError
-            It returned another shape, or no real numbers.
-        UserFunctionError
-            It raised an exception.
+        InputError, UserFunctionError
+            It returned another shape, or no real numbers; it raised an exception.
         """
         what = f"the torque function {function_name(self.function)}"
         return returned(self.function, what, v.shape, t, read_only(q), read_only(v))
@@ -147,10 +135,8 @@ class Torque:
 
         Raises
         ------
-        InputError
-            A function returned other shapes, or no finite real numbers.
-        UserFunctionError
-            It raised an exception.
+        InputError, UserFunctionError
+            A function returned other shapes, or no finite real numbers; it raised an exception.
         """
         if self.gradient is not None:
             return _gradient(self.gradient, f"the gradient {function_name(self.gradient)}", t, q, v)
