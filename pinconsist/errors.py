@@ -17,10 +17,7 @@ class InputError(PinconsistError, ValueError):
 class FormatError(PinconsistError, ValueError):
     """A file that cannot be read as what it should be: a scene, a recorded run. A ValueError too.
 
-    Parameters
-    ----------
-    message : str
-        What is wrong; ``str(error)`` has the file and the element before it.
+    ``str(error)`` is the `message` with the file and the element before it.
 
     Attributes
     ----------
@@ -41,10 +38,7 @@ class FormatError(PinconsistError, ValueError):
 class AssemblyError(PinconsistError):
     """No closed configuration, or no velocity on the constraints, was found.
 
-    Parameters
-    ----------
-    message : str
-        Names the loops and their gaps, or the velocities, and says what may help.
+    The `message` names the loops and their gaps, or the velocities, and says what may help.
 
     Attributes
     ----------
@@ -63,10 +57,7 @@ class AssemblyError(PinconsistError):
 class EquilibriumError(PinconsistError):
     """No configuration was found in which the forces balance.
 
-    Parameters
-    ----------
-    message : str
-        Says which forces are not balanced, at which joints, and what may help.
+    The `message` says which forces are not balanced, at which joints, and what may help.
 
     Attributes
     ----------
@@ -86,10 +77,7 @@ class EquilibriumError(PinconsistError):
 class SingularSystemError(PinconsistError):
     """The equations of motion have no unique solution at a configuration.
 
-    Parameters
-    ----------
-    message : str
-        Says what is undetermined, and what may help.
+    The `message` says what is undetermined, and what may help.
 
     Attributes
     ----------
@@ -105,10 +93,7 @@ class SingularSystemError(PinconsistError):
 class SavingError(PinconsistError):
     """A run could not be written to its file; nothing of it is lost.
 
-    Parameters
-    ----------
-    message : str
-        Names the file, and why it cannot be written.
+    The `message` names the file, and why it cannot be written.
 
     Attributes
     ----------
@@ -124,14 +109,7 @@ class SavingError(PinconsistError):
 class UserFunctionError(PinconsistError):
     """A function given by the user raised an exception; that exception is the ``__cause__``.
 
-    ``str(error)`` names the function, the exception, the time, and the line that raised it.
-
-    Parameters
-    ----------
-    what : str
-        The function, as the message names it.
-    error : BaseException
-        The exception.
+    ``str(error)`` names the function (`what`), the exception (`error`), the time, and the line that raised it.
 
     Attributes
     ----------

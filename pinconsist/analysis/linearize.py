@@ -12,7 +12,6 @@ from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
 from ..mechanism.joint_names import joints_in
 from ..mechanism.mechanism import with_forces
-from ..mechanism.motion import first
 from ..mechanism.singularity import MASSLESS
 from ..mechanism.system import MechanismSystem
 from .equilibrium import equilibrium
@@ -21,6 +20,7 @@ from .variations import (
     SMOOTH,
     TangentSpace,
     along,
+    along_places,
     bias,
     by_position,
     by_velocity,
@@ -192,25 +192,23 @@ def _follow(system, space, t, q, v, a, sizes):
     The tangent vectors of rotations at q ⊕ δq are seen from another frame than those at q: with
     δv = δq' + T(v) δq, the coordinates of δv are y' + (T(v) δq)[coordinates].
     """
-    Z, P, nv = space.Z, space.P, system.nv
+    Z, P = space.Z, space.P
     if not (v.any() or a.any()):
         return np.zeros_like(Z), np.zeros_like(Z), np.zeros_like(Z)
 
-    def hidden(dq):
-        x = system.integrate(q, dq)
+    def hidden(x):
         return system.loop_rows(x, t)[1] @ v + system.rows.time_rate(t, x)
 
-    def pulled(dq):
-        x = system.integrate(q, dq)
+    def pulled(x):
         return system.loop_rows(x, t)[1] @ a + bias(system, t, x, v)
 
     def coordinates_of(vectors):
         return Z @ vectors[space.coordinates]
 
     turn_v, turn_a = _frame_turn(system, q, v), _frame_turn(system, q, a)
-    by_v = along(lambda dv: bias(system, t, q, v + dv), np.eye(nv), np.maximum(np.abs(v), sizes))
-    by_q = along(pulled, Z, SMOOTH * sizes)
-    velocity = coordinates_of(turn_v @ Z) - P @ along(hidden, Z, SMOOTH * sizes)
+    by_v = along(lambda dv: bias(system, t, q, v + dv), np.eye(system.nv), np.maximum(np.abs(v), sizes))
+    by_q = along_places(pulled, system, q, Z)
+    velocity = coordinates_of(turn_v @ Z) - P @ along_places(hidden, system, q, Z)
     from_velocity = coordinates_of(turn_v @ Z) - P @ (by_v @ Z)
     from_position = coordinates_of(turn_v @ (velocity - turn_v @ Z) + turn_a @ Z) - P @ (by_q + by_v @ velocity)
     return velocity, from_velocity, from_position
@@ -220,8 +218,6 @@ def _frame_turn(system, q, v):
     """T with v + T δq the velocity, in its own frame, of q ⊕ δq when q moves with v and δq stays; (nv, nv)."""
     if system.vector_like:
         return np.zeros((system.nv, system.nv))
-
-    def seen(dq):
-        return pin.dIntegrate(system.model, q, dq, pin.ArgumentPosition.ARG0) @ v
-
-    return np.column_stack([first(lambda s, e=e: seen(s * e), SMOOTH) for e in np.eye(system.nv)])
+    transport = pin.ArgumentPosition.ARG0
+    steps = np.full(system.nv, SMOOTH)
+    return along(lambda dq: pin.dIntegrate(system.model, q, dq, transport) @ v, np.eye(system.nv), steps)

@@ -16,31 +16,20 @@ from ..mechanism.closing import newton
 from ..mechanism.motion import first
 from ..mechanism.rank import independent_rows
 
-SMOOTH = 5e-3
-"""Step of the differences of kinematics, rad, or in units of the mechanism's length: errors near 1e-13."""
-NARROW = 1e-4
-"""Step of the differences of forces, which may have small widths of their own: errors near 1e-11."""
+SMOOTH = 5e-3  # step of differences of kinematics, rad or lengths of the mechanism: errors near 1e-13
+NARROW = 1e-4  # step of differences of forces, which may have small widths of their own: errors near 1e-11
+MOTOR_WEIGHT = 10.0  # how much more readily a motorised joint is taken as a coordinate
+EQUAL = 1e-6  # joints whose shares in the free motions differ by less are equally good coordinates
 TURNING_AXES = ("JointModelSphericalZYX", "JointModelUniversal", "JointModelComposite", "JointModelEllipsoid")
 """Joints whose axes depend on their own position, which Pinocchio's derivatives of rnea leave out."""
-MOTOR_WEIGHT = 10.0
-"""How much more readily a motorised joint is taken as a coordinate."""
-EQUAL = 1e-6
-"""Joints whose shares in the free motions differ by less than this are equally good coordinates."""
 
 
 class TangentSpace:
     """The variations that the loops allow at a configuration.
 
-    Attributes
-    ----------
-    J : ndarray, shape (nc, nv)
-        All rows of the loops; `kept` are independent ones.
-    Z : ndarray, shape (nv, n)
-        Basis of the null space of J with a unit row for each coordinate.
-    coordinates : ndarray of int, shape (n,)
-        The entries of δq that are the coordinates y.
-    P : ndarray, shape (nv, nc)
-        A right inverse of J that leaves the coordinates alone: J P r = r in the range of J, P[coordinates] = 0.
+    J (nc, nv) are all rows of the loops, `kept` independent ones; the columns of Z (nv, n) are a basis of its null
+    space, with unit rows at the `coordinates`, the entries of δq that are the y. P (nv, nc) is a right inverse of J
+    that leaves these alone: J P r = r in the range of J, P[coordinates] = 0.
     """
 
     def __init__(self, system, q, t: float = 0.0):
@@ -73,13 +62,10 @@ def _coordinates(mechanism, free):
     return np.sort(pivots[: free.shape[1]])
 
 
-def velocity_names(mechanism) -> tuple[str, ...]:
+def velocity_names(mechanism) -> list[str]:
     """A name for each entry of v: the joint's, numbered where it has several: ``ball[0]``."""
-    names = []
-    for joint in mechanism.joints:
-        size = len(range(mechanism.nv)[mechanism.columns(joint)])
-        names += [joint] if size == 1 else [f"{joint}[{i}]" for i in range(size)]
-    return tuple(names)
+    sizes = zip(mechanism.joints, list(mechanism.model.nvs)[1:], strict=True)
+    return [joint if size == 1 else f"{joint}[{i}]" for joint, size in sizes for i in range(size)]
 
 
 def locked(*arrays):
@@ -107,27 +93,31 @@ def along(function, directions, steps) -> np.ndarray:
     return np.column_stack(columns) if columns else np.zeros((len(function(np.zeros(len(directions)))), 0))
 
 
+def along_places(function, system, q, Z, step=SMOOTH) -> np.ndarray:
+    """d function(q ⊕ Z y)/dy at y = 0; `step` is how far to go in units of the mechanism."""
+    return along(lambda dq: function(system.integrate(q, dq)), Z, step * step_sizes(system, q))
+
+
 def by_position(system, t, q, v, a, lam, Z) -> np.ndarray:
     """∂(M a + nle - τ - Jᵀλ)/∂q Z with λ held, shape (nv, n): stiffness, the geometric one of Jᵀλ included."""
-    data, sizes = system.model.createData(), step_sizes(system, q)
-    if _has_turning_axes(system.model):
-        carried = along(lambda dq: pin.rnea(system.model, data, system.integrate(q, dq), v, a), Z, SMOOTH * sizes)
+    model, data = system.model, system.model.createData()
+    if _has_turning_axes(model):
+        carried = along_places(lambda x: pin.rnea(model, data, x, v, a), system, q, Z)
     else:
-        pin.computeRNEADerivatives(system.model, data, q, v, a)
+        pin.computeRNEADerivatives(model, data, q, v, a)
         carried = data.dtau_dq @ Z
-    loads = along(lambda dq: system.loop_rows(system.integrate(q, dq), t)[1].T @ lam, Z, SMOOTH * sizes)
-    forces = along(lambda dq: system.torque(t, system.integrate(q, dq), v), Z, NARROW * sizes)
-    return carried - forces - loads
+    loads = along_places(lambda x: system.loop_rows(x, t)[1].T @ lam, system, q, Z)
+    return carried - along_places(lambda x: system.torque(t, x, v), system, q, Z, NARROW) - loads
 
 
 def by_velocity(system, t, q, v, a) -> np.ndarray:
     """∂(M a + nle - τ)/∂v, shape (nv, nv): gyroscopic and damping terms."""
-    data, steps = system.model.createData(), NARROW * (step_sizes(system, q) + np.abs(v))
-    forces = along(lambda dv: system.torque(t, q, v + dv), np.eye(system.nv), steps)
-    if _has_turning_axes(system.model):  # the differences of a quadratic function are exact, whatever the step
-        widths = step_sizes(system, q) + np.abs(v)
-        return along(lambda dv: pin.rnea(system.model, data, q, v + dv, a), np.eye(system.nv), widths) - forces
-    pin.computeRNEADerivatives(system.model, data, q, v, a)
+    model, data = system.model, system.model.createData()
+    widths, every = step_sizes(system, q) + np.abs(v), np.eye(system.nv)
+    forces = along(lambda dv: system.torque(t, q, v + dv), every, NARROW * widths)
+    if _has_turning_axes(model):  # the differences of a quadratic function are exact, whatever the step
+        return along(lambda dv: pin.rnea(model, data, q, v + dv, a), every, widths) - forces
+    pin.computeRNEADerivatives(model, data, q, v, a)
     return data.dtau_dv - forces
 
 
