@@ -160,7 +160,7 @@ NOT_COMPUTED = {
     "nonlinear": (world(body('<joint damping="1 2"/>' + ROD)), "joint 1: nonlinear damping is not supported"),
     "nonlinear spring": (
         world(body('<joint stiffness="1 2"/>' + ROD)),
-        "joint 1: nonlinear stiffness is not supported",
+        "joint 1: nonlinear stiffness is not",
     ),
     "yielding": (world(body('<joint stiffness="1" springyield="1"/>' + ROD)), "joint 1: springyield is not supported"),
 }
