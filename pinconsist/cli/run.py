@@ -34,7 +34,7 @@ def run_of(source, scene_of_run, until, require=lambda mech: None):
     """
     if Path(source).suffix == ".npz":
         if until is not None:
-            raise InputError("--until is for a scene, which is simulated until then; a saved run (.npz) has its end")
+            raise InputError("--until is for scenes; the end of a saved run (.npz) is fixed")
         mech, sol = _saved(source, scene_of_run)
         require(mech)
         return mech, sol, output.FINE

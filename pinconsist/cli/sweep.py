@@ -8,6 +8,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated
 
+import pinconsist as pc
+
 from ..errors import InputError
 from . import options as given
 from . import output, scene
@@ -104,7 +106,6 @@ def _written(journal, file, write):
 def _run(scene_sweep, cases, workers, rows, journal=None) -> dict[int, dict]:
     """The rows of all cases that ended, including those that are there already."""
     from ..sweep_table import ERROR
-    from ..sweeps import sweep as in_a_loop
     from ..sweeps import sweep_in_processes
 
     missing = [i for i in range(len(cases)) if i not in rows]
@@ -123,7 +124,7 @@ def _run(scene_sweep, cases, workers, rows, journal=None) -> dict[int, dict]:
 
         waiting = [cases[i] for i in missing]
         if workers == 1:
-            in_a_loop(scene_sweep, waiting, callback=arrived)
+            pc.sweep(scene_sweep, waiting, callback=arrived)
         else:
             sweep_in_processes(scene_sweep, waiting, min(workers, len(waiting)), arrived)
     return rows
