@@ -114,19 +114,25 @@ def _subject(subject, q0, v0):
     """(name, system, t0, p0, v0, λ at times) of what is compared."""
     if isinstance(subject, Mechanism):
         assembly = assemble(subject, q0, v0)
-        system = system_of(subject, 0.0, assembly.q, assembly.v)
+        origin = 0.0, assembly.q, assembly.v
+        system = system_of(subject, *origin)
 
         def multipliers(times):
-            rows = integrate_index1(Index1(system), 0.0, assembly.q, assembly.v, times, 1e-13, 1e-13)
+            rows = integrate_index1(Index1(system), *origin, times, 1e-13, 1e-13)
             return np.array([system.full_multipliers(p, lam) for _, p, _, lam in rows])
 
-        return subject.name, system, 0.0, assembly.q, assembly.v, multipliers
+        return subject.name, system, *origin, multipliers
     if q0 is not None or v0 is not None:
         raise InputError(f"{subject} has its own initial values; q0 and v0 are for mechanisms")
     problem = reference_problem(subject)
-    t0, p0, v0 = problem.t0, problem.p0, problem.v0
-    system = system_of(problem.system, t0, p0, v0)
-    return problem.name, system, t0, p0, v0, lambda times: np.array([problem.exact(t)[2] for t in times])
+    origin = problem.t0, problem.p0, problem.v0
+    exact = problem.exact
+    return (
+        problem.name,
+        system_of(problem.system, *origin),
+        *origin,
+        lambda times: np.array([exact(t)[2] for t in times]),
+    )
 
 
 def _run(system, t0, p0, v0, exact, h, k, count):
@@ -140,10 +146,6 @@ def _run(system, t0, p0, v0, exact, h, k, count):
         if trajectory.status < 0:
             raise PinconsistError(f"consistency={mode!r}, h = {h:g}: {trajectory.message}")
         errors.append(np.max(np.abs(trajectory.lam - truth), axis=1))
-    return Run(h, times, *errors, v0, _consistent_velocity(system, t0, p0, v0, h, k))
-
-
-def _consistent_velocity(system, t0, p0, v0, h, k):
     states = start.equidistant_history(Index1(system), t0, p0, v0, h, k)
     base, Z = start.fill_table(system, states)
-    return consistency.consistent_velocities(system, h, k, base, Z, states)[0]
+    return Run(h, times, *errors, v0, consistency.consistent_velocities(system, h, k, base, Z, states)[0])

@@ -128,9 +128,10 @@ def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = 
     while True:
         following = None if place.is_balanced(FLOOR) else place.following(downhill=stable)
         if place.is_settled(following):
-            if not (stable and place.falls and nudges < MAX_NUDGES):
+            nudged = place.nudged() if stable and nudges < MAX_NUDGES else None
+            if nudged is None:
                 break
-            place, nudges = place.nudged(), nudges + 1
+            place, nudges = nudged, nudges + 1
         elif following is None:
             why = "no step goes further down" if stable else "Newton's method sticks; try stable=True or another start"
             raise _not_found(place, why)
@@ -138,15 +139,20 @@ def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = 
             raise _not_found(place, f"still moving after {MAX_ITERATIONS} steps")
         else:
             place, iterations = following, iterations + 1
-    _require_nonsingular(place)
+    rank = system.nv - place.Z.shape[1]
+    if rank < system.rows.nc and rank_nearby(system, place.q, place.Z) > rank:
+        raise SingularSystemError(
+            f"{mechanism.name}: the forces balance at a singular position: the motion branches there, and what the "
+            "loops carry is not determined. Change a length a little, or look for another equilibrium",
+            names=tuple(loop.name for loop in mechanism.loops),
+        )
     return place.result(iterations)
 
 
 class _Place:
-    """A closed configuration and the forces there.
+    """A closed configuration and the forces there: push = Zᵀ(g - τ) is not balanced.
 
-    Z is an orthonormal basis of the displacements that the loops allow, in units of `sizes`; push = Zᵀ(g - τ) is the
-    force that is not balanced.
+    Z is an orthonormal basis of the displacements that the loops allow, in units of `sizes`.
     """
 
     def __init__(self, system, t, q):
@@ -183,15 +189,12 @@ class _Place:
         K = self.stiffness
         return *np.linalg.eigh((K + K.T) / 2), NEUTRAL * (np.max(np.abs(K), initial=0.0) + self.scale)
 
-    @property
-    def falls(self) -> bool:
-        """Whether some displacement is not resisted but driven."""
-        values, _, noise = self.spectrum
-        return bool((values < -noise).any())
-
     def nudged(self):
-        """A place a little down the steepest fall."""
-        dq = self.Z @ self.spectrum[1][:, 0]
+        """A place a little down the steepest fall; None where every displacement is resisted."""
+        values, vectors, noise = self.spectrum
+        if not (values < -noise).any():
+            return None
+        dq = self.Z @ vectors[:, 0]
         return self._moved(NUDGE * dq / np.max(np.abs(dq) / self.sizes)) or self
 
     def following(self, downhill: bool):
@@ -227,17 +230,6 @@ class _Place:
         neutral = joints_in(self.system.mechanism, self.Z @ vectors[:, idle]) if idle.any() else ()
         mechanism, values = self.system.mechanism, np.where(idle, 0.0, values)
         return Equilibrium(mechanism, self.t, self.q, self.lam, self.residual, values, neutral, iterations)
-
-
-def _require_nonsingular(place) -> None:
-    """Raise SingularSystemError where rows that depend on others at this place do not in its neighbourhood."""
-    rank = place.system.nv - place.Z.shape[1]
-    if rank < place.system.rows.nc and rank_nearby(place.system, place.q, place.Z) > rank:
-        raise SingularSystemError(
-            f"{place.system.mechanism.name}: the forces balance at a singular position: the motion branches there, and "
-            "what the loops carry is not determined. Change a length a little, or look for another equilibrium",
-            names=tuple(loop.name for loop in place.system.mechanism.loops),
-        )
 
 
 def _not_found(place, why) -> EquilibriumError:

@@ -16,18 +16,7 @@ from ..mechanism.singularity import MASSLESS
 from ..mechanism.system import MechanismSystem
 from .equilibrium import equilibrium
 from .modes import Modes, modes
-from .variations import (
-    SMOOTH,
-    TangentSpace,
-    along,
-    along_places,
-    bias,
-    by_position,
-    by_velocity,
-    locked,
-    step_sizes,
-    velocity_names,
-)
+from .variations import TangentSpace, along, along_places, bias, by_position, by_velocity, locked, step_sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,9 +142,11 @@ def linearize(mechanism, q=None, v=None, *, forces=(), t: float = 0.0) -> Linear
     K = by_position(system, t, q, v, a, lam, Z)
     C = by_velocity(system, t, q, v, a)
     velocity, from_velocity, from_position = _follow(system, space, t, q, v, a, sizes)
+    joints = zip(mechanism.joints, list(mechanism.model.nvs)[1:], strict=True)
+    names = [joint if size == 1 else f"{joint}[{i}]" for joint, size in joints for i in range(size)]
     return Linearization(
         t, q, v, a, lam,
-        tuple(velocity_names(mechanism)[i] for i in space.coordinates), Z,
+        tuple(names[i] for i in space.coordinates), Z,
         mass=Z.T @ M @ Z,
         damping=Z.T @ (C @ Z + M @ from_velocity),
         stiffness=Z.T @ (K + C @ velocity + M @ from_position),
@@ -218,6 +209,4 @@ def _frame_turn(system, q, v):
     """T with v + T δq the velocity, in its own frame, of q ⊕ δq when q moves with v and δq stays; (nv, nv)."""
     if system.vector_like:
         return np.zeros((system.nv, system.nv))
-    transport = pin.ArgumentPosition.ARG0
-    steps = np.full(system.nv, SMOOTH)
-    return along(lambda dq: pin.dIntegrate(system.model, q, dq, transport) @ v, np.eye(system.nv), steps)
+    return along(lambda dq: pin.dIntegrate(system.model, q, dq, pin.ARG0) @ v, np.eye(system.nv))

@@ -62,12 +62,6 @@ def _coordinates(mechanism, free):
     return np.sort(pivots[: free.shape[1]])
 
 
-def velocity_names(mechanism) -> list[str]:
-    """A name for each entry of v: the joint's, numbered where it has several: ``ball[0]``."""
-    sizes = zip(mechanism.joints, list(mechanism.model.nvs)[1:], strict=True)
-    return [joint if size == 1 else f"{joint}[{i}]" for joint, size in sizes for i in range(size)]
-
-
 def locked(*arrays):
     """Make arrays read-only, as results have them."""
     for array in arrays:
@@ -84,12 +78,9 @@ def step_sizes(system, q) -> np.ndarray:
     return np.where(np.linalg.norm(columns[3:], axis=0) > 1e-9, 1.0, length)
 
 
-def along(function, directions, steps) -> np.ndarray:
+def along(function, directions, steps=SMOOTH) -> np.ndarray:
     """d function(ε z)/dε at ε = 0 for each column z of `directions`, as columns; `steps` (nv,) is how far to go."""
-    columns = []
-    for z in directions.T:
-        step = 1.0 / np.max(np.abs(z) / steps)
-        columns.append(first(lambda s, z=z: function(s * z), step))
+    columns = [first(lambda s, z=z: function(s * z), 1.0 / np.max(np.abs(z) / steps)) for z in directions.T]
     return np.column_stack(columns) if columns else np.zeros((len(function(np.zeros(len(directions)))), 0))
 
 

@@ -16,12 +16,9 @@ from .closing import CLOSED, LoopSolver
 from .joint_constraints import Drive
 from .rank import free_motions, independent_rows
 
-PLACES = 5
-"""Closed configurations, besides the first, in which joints and rows are examined."""
-REACH = 0.4
-"""How far these lie from one another, rad and m in all coordinates together."""
-IMMOBILE = 1e-7
-"""Share of a free motion, and displacement in rad or m, below which a joint counts as immobile."""
+PLACES = 5  # closed configurations, besides the first, in which joints and rows are examined
+REACH = 0.4  # how far these lie from one another, rad and m in all coordinates together
+IMMOBILE = 1e-7  # share of a free motion, and displacement in rad or m, below which a joint counts as immobile
 _log = logging.getLogger(__name__)
 
 
@@ -34,9 +31,8 @@ def reduced(mechanism, q=None):
     if len(still) == len(mechanism.joints):
         raise InputError(f"{mechanism.name}: the loops leave no motion at all, so that nothing would be left of it")
     result = mechanism.lock(still, closed) if still else replace(mechanism, guess=closed)
-    model, left = mechanism.model, []
-    for i in map(mechanism.joint_index, result.joints):
-        left += range(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
+    model, kept = mechanism.model, [mechanism.joint_index(joint) for joint in result.joints]
+    left = [k for i in kept for k in range(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])]
     lighter, changes = _with_fewer_rows(result, [place[left] for place in places])
     if still:
         _log.info("%s: joints that the loops hold still are locked: %s", mechanism.name, ", ".join(still))
@@ -112,7 +108,10 @@ def reanchored(mechanism, q=None):
         to_move = to_move or {name for name in anchored if worst > CLOSED and gaps[name] > 1e-3 * worst}
         if not to_move:
             break
-        result = replace(result, loops=_moved_anchors(result, best, to_move))
+        model, data = result.model, result.model.createData()
+        pin.framesForwardKinematics(model, data, best)
+        loops = (_moved_anchor(model, data, loop) if loop.name in to_move else loop for loop in result.loops)
+        result = replace(result, loops=tuple(loops))
         to_move, solver = set(), LoopSolver(result)
         best, _ = solver.close(best)
     pairs = zip(mechanism.loops, result.loops, strict=True)
@@ -128,12 +127,6 @@ def _move(before, after):
     turn = before.placement2.rotation.T @ after.placement2.rotation
     move = f"{before.name!r} by {np.linalg.norm(np.subtract(after.xyz2, before.xyz2)):.3g} m"
     return move if before.kind == "point" else f"{move} and {np.linalg.norm(pin.log3(turn)):.3g} rad"
-
-
-def _moved_anchors(mechanism, q, names):
-    data = mechanism.model.createData()
-    pin.framesForwardKinematics(mechanism.model, data, q)
-    return tuple(_moved_anchor(mechanism.model, data, loop) if loop.name in names else loop for loop in mechanism.loops)
 
 
 def _moved_anchor(model, data, loop):

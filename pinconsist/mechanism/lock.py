@@ -52,23 +52,16 @@ def _loop(loop, mechanism, smaller, locked, state):
     if isinstance(loop, Loop):
         if _body(smaller, loop.frame1) != _body(smaller, loop.frame2):
             return loop
-    elif isinstance(loop, Coupling):
-        held = [joint for joint in (loop.joint, loop.other) if joint in locked]
+    elif isinstance(loop, Coupling | Drive):
+        joints = [loop.joint, loop.other] if isinstance(loop, Coupling) else [loop.joint]
+        held, others = [each for each in joints if each in locked], [each for each in joints if each not in locked]
         if not held:
             return loop
-        if len(held) == 1:
-            other = loop.other if held[0] == loop.joint else loop.joint
-            raise InputError(
-                f"{mechanism.name}: joint {held[0]!r} cannot be locked alone: coupling {loop.name!r} then holds "
-                f"{other!r} too. Lock both"
-            )
-    elif isinstance(loop, Drive):
-        if loop.joint not in locked:
-            return loop
-        raise InputError(
-            f"{mechanism.name}: joint {loop.joint!r} cannot be locked, drive {loop.name!r} moves it; take the drive "
-            "out first, by with_loops()"
-        )
+        refused = f"{mechanism.name}: joint {held[0]!r} cannot be locked"
+        if isinstance(loop, Drive):
+            raise InputError(f"{refused}, drive {loop.name!r} moves it; take the drive out first, by with_loops()")
+        if others:
+            raise InputError(f"{refused} alone: coupling {loop.name!r} then holds {others[0]!r} too. Lock both")
     else:
         given = {"jacobian": state.v_left, "rate": None}
         functions = {field: _OfWhole(state, f, only) for field, only in given.items() if (f := getattr(loop, field))}
@@ -88,11 +81,11 @@ def _force(force, smaller, locked, state):
     """The force on the smaller model; None if it has nothing left to act on."""
     if isinstance(force, JointDamping | JointFriction | JointTorque):
         field = "torques" if isinstance(force, JointTorque) else "coefficients"
-        values = getattr(force, field)
-        if isinstance(values, Mapping):
-            left = {joint: value for joint, value in values.items() if joint not in locked}
+        left = getattr(force, field)
+        if isinstance(left, Mapping):
+            left = {joint: value for joint, value in left.items() if joint not in locked}
         else:
-            left = tuple(values[i] for i in state.v_left)
+            left = tuple(left[i] for i in state.v_left)
         return replace(force, **{field: left}) if left else None
     if isinstance(force, JointSpring | Servo):
         return None if force.joint in locked else force
@@ -122,14 +115,12 @@ class _WholeState:
         self.q_left = [k for i in left for k in range(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])]
         self.v_left = [k for i in left for k in range(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])]
 
-    def __call__(self, q, v=None):
+    def __call__(self, *state):
         """(q,), or (q, v)."""
-        whole_q, whole_v = self.full.copy(), self.rest.copy()
-        whole_q[self.q_left] = q
-        if v is None:
-            return (whole_q,)
-        whole_v[self.v_left] = v
-        return whole_q, whole_v
+        whole = self.full.copy(), self.rest.copy()
+        for part, left, values in zip(whole, (self.q_left, self.v_left), state, strict=False):
+            part[left] = values
+        return whole[: len(state)]
 
 
 class _OfWhole:
@@ -156,12 +147,9 @@ def rebuilt(
 ) -> pin.Model:
     """A copy of a model with joints replaced; frames keep their names and indices, bodies their inertia.
 
-    (``pin.buildReducedModel`` needs a frame for each joint, which models built in code need not have.)
-
-    `parts`: joint name → the (name, joint model) that replace it, one after the other; the last carries its body.
-    Damping, friction and armature act on each new velocity. An empty sequence fixes the joint: its body becomes one
-    with its parent's. `poses`: name of a fixed joint → pose of its body in its joint frame. `order`: the joints in the
-    order in which they are to be added, parents before children.
+    `parts`: joint name → the (name, joint model) that replace it, one after the other; the last carries its body, all
+    have its damping, friction and armature. An empty sequence fixes the joint (``pin.buildReducedModel`` would need a
+    frame for it), with its body at `poses` in the joint frame. `order`: of the joints, parents before children.
     """
     new = pin.Model()
     new.name, new.gravity = model.name, model.gravity
