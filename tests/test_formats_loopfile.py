@@ -177,7 +177,7 @@ def test_replacement_that_clashes_or_does_not_apply(robot):
                 THREE.replace('"k" type="revolute"', '"k" type="floating"'), "joint_name: [k]\njoint_type: [SPHERICAL]"
             )
         )
-    with pytest.raises(FormatError, match="joint 'k_X': another joint has the name"):
+    with pytest.raises(FormatError, match="joint 'k_X': a new joint has the name of another"):
         load(robot(THREE.replace('"m"', '"k_X"'), "joint_name: [k]\njoint_type: [UJOINT_XY]"))
 
 

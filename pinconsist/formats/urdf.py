@@ -24,8 +24,7 @@ from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known
 from .urdf_loops import couplings, loop_joints
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-UNLIMITED = 1e300
-"""Effort and velocity limit of joints without one."""
+UNLIMITED = 1e300  # effort and velocity limit of joints without one
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 ROOT_JOINT = "root_joint"
 
@@ -110,6 +109,32 @@ def checked(raw: Element, name: str) -> tuple[Element, list[tuple[str, str]]]:
     return robot, unlimited
 
 
+def fixed_links(names) -> tuple[Element, dict[str, Element]]:
+    """A `<robot>` whose links are all fixed to the first one, and the links by their names."""
+    robot = Element("robot", name="scene")
+    links = {name: SubElement(robot, "link", name=name) for name in names}
+    first, *others = links
+    for name in others:
+        joint = SubElement(robot, "joint", name=f"{name} mount", type="fixed")
+        SubElement(joint, "parent", link=first)
+        SubElement(joint, "child", link=name)
+    return robot, links
+
+
+def origin(out: Element, place: pin.SE3) -> None:
+    """Add an `<origin>`."""
+    SubElement(out, "origin", xyz=text(*place.translation), rpy=text(*pin.rpy.matrixToRpy(place.rotation)))
+
+
+def add_visual(link: Element, place: pin.SE3, kind: str, sizes: dict[str, str], rgba: str = "") -> None:
+    """Add a shape to a link; parsers give all materials of one name the colour of the first, so it is their name."""
+    out = SubElement(link, "visual")
+    origin(out, place)
+    SubElement(SubElement(out, "geometry"), kind, sizes)
+    if rgba:
+        SubElement(SubElement(out, "material", name=rgba), "color", rgba=rgba)
+
+
 def _inertial(out, node):
     _origin(out, node)
     mass = node.child("mass", required=True).number("value")
@@ -151,7 +176,7 @@ def _shape(link, tag, node, colours):
     SubElement(SubElement(out, "geometry"), kind, attributes)
     material = node.child("material")
     colour = _colour(material) or colours.get(material.get("name")) if material and tag == "visual" else None
-    if colour:  # named by its value: parsers give all materials of one name the colour of the first
+    if colour:
         SubElement(SubElement(out, "material", name=colour), "color", rgba=colour)
 
 
@@ -206,12 +231,11 @@ def _check_tree(links, joints):
     roots = [link for link in links if link not in joint_of]
     if len(roots) > 1:
         raise FormatError(f"the links {roots[0]!r} and {roots[1]!r} are both without a parent; join them by a joint")
-    loose = dict.fromkeys(links)
-    while roots:
-        del loose[link := roots.pop()]
+    for link in roots:  # the list grows
         roots += children.get(link, ())
-    if loose:
-        raise links[next(iter(loose))].error("its parents do not lead to a root: the links form a cycle")
+    if len(roots) < len(links):
+        loose = next(link for link in links if link not in roots)
+        raise links[loose].error("its parents do not lead to a root: the links form a cycle")
 
 
 def _origin(out, node):

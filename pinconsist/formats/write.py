@@ -25,7 +25,7 @@ from .joints import VALUES
 from .load import read_scene
 from .reading import parsed, text
 from .records import force_entries, loop_entries
-from .urdf import INERTIA, UNLIMITED
+from .urdf import INERTIA, UNLIMITED, origin
 
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 _SAME = 1e-9
@@ -223,8 +223,7 @@ def _inertial(link, inertia):
 
 def _join(robot, name, kind, parent, child, place):
     joint = SubElement(robot, "joint", name=name, type=kind)
-    rpy = pin.rpy.matrixToRpy(place.rotation) + 0.0
-    SubElement(joint, "origin", xyz=text(*place.translation), rpy=text(*rpy))
+    origin(joint, place)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
     return joint

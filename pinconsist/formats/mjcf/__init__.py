@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from xml.etree.ElementTree import Element, SubElement, tostring
+from xml.etree.ElementTree import tostring
 
 import numpy as np
 import pinocchio as pin
@@ -19,6 +19,7 @@ import pinocchio as pin
 from ...errors import FormatError
 from ...mechanism.mechanism import Geometry
 from ..reading import RobotFile, finite, text
+from ..urdf import add_visual, fixed_links
 from .model import Tree, pose
 from .source import Source
 
@@ -57,23 +58,14 @@ def read(path: Path, name: str, *, package_dirs=()) -> RobotFile:
 
 def _geometry(m, stand_ins, bodies, meshes, folders) -> Geometry:
     """The visible shapes as URDF, without planes, height fields, ellipsoids, and meshes outside of the folder."""
-    robot = Element("robot", name="scene")
-    links = [SubElement(robot, "link", name=name) for name in bodies]
-    for name in bodies[1:]:  # all on the world: the model's frames say where they are
-        joint = SubElement(robot, "joint", name=f"{name} mount", type="fixed")
-        SubElement(joint, "parent", link=bodies[0])
-        SubElement(joint, "child", link=name)
+    robot, links = fixed_links(bodies)  # all on the world: the model's frames say where they are
     for g in np.flatnonzero((m.geom_group <= _VISIBLE) & ((m.geom_type == _MESH) | ~stand_ins)):
         colour = m.geom_rgba[g]
         if m.geom_matid[g] >= 0 and np.array_equal(colour, _GREY):
             colour = m.mat_rgba[m.geom_matid[g]]
         rgba = " ".join(f"{value:.7g}" for value in colour)  # of single precision
-        for place, shape, sizes in _shapes(m, g, meshes):
-            visual = SubElement(links[m.geom_bodyid[g]], "visual")
-            rpy = pin.rpy.matrixToRpy(place.rotation)
-            SubElement(visual, "origin", xyz=text(*place.translation), rpy=text(*rpy))
-            SubElement(SubElement(visual, "geometry"), shape, sizes)
-            SubElement(SubElement(visual, "material", name=rgba), "color", rgba=rgba)
+        for shape in _shapes(m, g, meshes):
+            add_visual(links[bodies[m.geom_bodyid[g]]], *shape, rgba)
     return Geometry(tostring(robot, encoding="unicode"), tuple(str(Path(folder).resolve()) for folder in folders))
 
 

@@ -16,13 +16,10 @@ from ..reading import Node, floats, near, shown
 from .frames import WORLD, Frame, Frames, join
 
 OLDEST = (1, 4)
-FRAMES = (1, 7)
-"""The version from which names are unique and axes expressed in named frames."""
+FRAMES = (1, 7)  # the version from which names are unique, and axes expressed in named frames
 DEEPEST = 30
-GRAVITY = (0.0, 0.0, -9.8)
-"""What a world without <gravity> has in SDF, m/s²."""
-INFINITE = 1e16
-"""Limits from this size on are infinite, as in libsdformat."""
+GRAVITY = (0.0, 0.0, -9.8)  # of a world without <gravity>, m/s²
+INFINITE = 1e16  # limits from this size on are infinite, as in libsdformat
 
 _MODEL = ("link", "joint", "frame", "model", "include", "pose", "static", "self_collide", "allow_auto_disable")
 _MODEL += ("plugin", "gripper", "enable_wind")
@@ -88,18 +85,17 @@ class SdfNode(Node):
         style = found.get("rotation_format", "euler_rpy")
         if style not in ("euler_rpy", "quat_xyzw"):
             raise found.error(f"the rotation_format {shown(style)} is neither euler_rpy nor quat_xyzw")
-        is_rpy = style == "euler_rpy"
-        text = found.text() or "0 0 0 0 0 0" + " 1" * (not is_rpy)
-        x, y, z, *turn = floats(text, 6 if is_rpy else 7, found.name)
-        turn = np.array(turn)
-        if is_rpy:
+        default = "0 0 0 0 0 0" if style == "euler_rpy" else "0 0 0 0 0 0 1"
+        values = np.array(floats(found.text() or default, len(default.split()), found.name))
+        turn = values[3:]
+        if style == "euler_rpy":
             rotation = pin.rpy.rpyToMatrix(np.radians(turn) if found.truth(found.get("degrees", "false")) else turn)
-        elif not turn.any():
-            raise found.error("the quaternion is zero")
-        else:
+        elif turn.any():
             rotation = pin.Quaternion(unit(turn)).toRotationMatrix()
+        else:
+            raise found.error("the quaternion is zero")
         # before version 1.7 the attribute was called frame
-        return pin.SE3(rotation, np.array([x, y, z])), found.get("relative_to") or found.get("frame")
+        return pin.SE3(rotation, values[:3]), found.get("relative_to") or found.get("frame")
 
     def warn_unknown(self, known: tuple[str, ...]) -> None:
         """Warn of children that are not known, most likely misspelt; they have no effect."""
@@ -123,31 +119,27 @@ def unit(vector: np.ndarray) -> np.ndarray:
 
 
 class Body(NamedTuple):
-    """A link: its name, its element, its place in the world, and whether it cannot move."""
+    """A link: its name, element and place in the world, the model that it belongs to, and whether it cannot move."""
 
     name: str
     node: SdfNode
     pose: pin.SE3
+    scope: str
     static: bool
 
 
 class Document:
     """What a parsed file holds, by the names in the mechanism; FormatError for the first thing that is wrong.
 
-    The names of a file are collected first, and what they refer to is looked up afterwards.
+    The names of a file are collected first, and what they refer to is looked up afterwards. `frames` are the `<frame>`
+    elements with the body that each moves with and its place in the world, `roots` the bodies that the file names as
+    canonical links, `lookup` holds poses and bodies by full names.
     """
-
-    bodies: dict[str, Body]
-    joints: list[tuple[str, SdfNode, str]]  # full name, element and scope; without those of static models
-    frames: dict[str, tuple[str, pin.SE3]]  # `<frame>` elements: the body that each moves with, its place in the world
-    roots: list[str]  # bodies that the file names as canonical links
-    gravity: np.ndarray | None  # m/s²; None if there is no world
-    version: tuple[int, ...]
-    lookup: Frames  # poses and bodies by full names
 
     def __init__(self, raw: Element):
         self.version, top = _version(raw), SdfNode(raw, "sdf")
-        self.joints, self.gravity = [], None
+        self.joints: list[tuple[str, SdfNode, str]] = []  # full name, element, scope; without those of static models
+        self.gravity: np.ndarray | None = None  # m/s²; None if there is no world
         if worlds := raw.findall("world"):
             if len(worlds) > 1:
                 raise FormatError(f"one world is needed, this file has {len(worlds)}; keep one of them")
@@ -162,26 +154,19 @@ class Document:
         if len(models) == 1 and not top.child("joint") and not top.child("frame"):
             cut = len(join(models[0].get("name"), ""))
         self.lookup = Frames(cut)
-        self._links, extra, roots = {}, [], []
+        self._links, self._extra, self._canonical = {}, [], []  # by full names
         for model in models:
-            self._model(model, "", False, 0, extra, roots)
-        self._joints_and_frames(top, "", False, extra)
+            self._model(model, "", False, 0)
+        self._joints_and_frames(top, "", False)
         if not self._links:
             raise FormatError("there is no link")
         short, pose, body = self.lookup.short, self.lookup.pose, self.lookup.body
-        self.bodies = {
-            short(full): Body(short(full), node, pose(full), static) for full, (node, _, static) in self._links.items()
-        }
-        self.frames = {short(full): (short(body(full)), pose(full)) for full in extra}
-        self.roots = [short(body(full)) for full in roots]
-        self._scopes = {short(full): scope for full, (_, scope, _) in self._links.items()}
+        links = [(short(full), node, pose(full), *rest) for full, (node, *rest) in self._links.items()]
+        self.bodies = {name: Body(name, *rest) for name, *rest in links}
+        self.frames = {short(full): (short(body(full)), pose(full)) for full in self._extra}
+        self.roots = [short(body(full)) for full in self._canonical]
 
-    def place(self, body: str, name: str, element: str) -> pin.SE3:
-        """The pose in the world of the frame that the model of a body calls `name`."""
-        return self.lookup.pose(self.lookup.resolve(self._scopes[body], name, element))
-
-    def _model(self, node, scope, static, depth, extra, roots):
-        """Take in a model and the models in it."""
+    def _model(self, node, scope, static, depth):
         full = self._name(node, "model", scope)
         if depth > DEEPEST:
             raise node.error(f"models are nested more than {DEEPEST} deep")
@@ -195,17 +180,16 @@ class Document:
         attached = WORLD if static else canonical or inner[0]
         self.lookup.add(full, Frame(node.name, *node.pose(), scope, attached, full, node.get("placement_frame")))
         if canonical and not static:
-            roots.append(full)
+            self._canonical.append(full)
         for link in node.children("link"):
             name = self._name(link, "link", full)
             self.lookup.add(name, Frame(link.name, *link.pose(), full, attached=None))
             self._links[name] = link, full, static
         for each in node.children("model"):
-            self._model(each, full, static, depth + 1, extra, roots)
-        self._joints_and_frames(node, full, static, extra)
+            self._model(each, full, static, depth + 1)
+        self._joints_and_frames(node, full, static)
 
-    def _joints_and_frames(self, node, scope, static, extra):
-        """Take in the joints and frames of a model, or of the world."""
+    def _joints_and_frames(self, node, scope, static):
         for joint in node.children("joint"):
             full = self._name(joint, "joint", scope)
             (place, base), child = joint.pose(), joint.child("child").text()
@@ -218,7 +202,7 @@ class Document:
             full = self._name(frame, "frame", scope)
             (place, base), attached = frame.pose(), frame.get("attached_to")
             self.lookup.add(full, Frame(frame.name, place, base or attached, scope, attached))
-            extra.append(full)
+            self._extra.append(full)
 
     def _name(self, node, tag, scope):
         """The full name of an element, which also gets its name for messages."""
@@ -237,7 +221,6 @@ def _version(raw) -> tuple[int, ...]:
     text = raw.get("version", "")
     if not re.fullmatch(r"\d{1,4}\.\d{1,4}", text):
         raise FormatError(f"<sdf> needs a version such as 1.7, not {text[:20]!r}")
-    version = tuple(map(int, text.split(".")))
-    if version < OLDEST:
+    if (version := tuple(map(int, text.split(".")))) < OLDEST:
         raise FormatError(f"version {text} is too old, 1.4 is the first that can be read; `gz sdf -p` converts files")
     return version

@@ -43,7 +43,6 @@ class Frames:
         self._cut = cut
         self._frames: dict[str, Frame] = {}
         self._poses = {WORLD: pin.SE3.Identity()}
-        self._locals: dict[str, pin.SE3] = {}
 
     def short(self, full: str) -> str:
         """The name in the mechanism: without that of the only model of a file."""
@@ -70,49 +69,41 @@ class Frames:
         """The pose of a frame in the world."""
         path, each = {}, name
         while each not in self._poses:
-            self._step(path, each)
-            each = self._base(each)
-        for each in reversed(path):
-            self._poses[each] = self._poses[self._base(each)] * self._local(each)
+            each = self._step(path, each)
+        for each, base in reversed(path.items()):
+            self._poses[each] = self._poses[base] * self._local(each)
         return self._poses[name]
 
     def body(self, name: str) -> str:
         """The full name of the link that a frame moves with, or the world."""
         path = {}
-        while name != WORLD and (attached := self._frames[name].attached) is not None:
-            self._step(path, name)
-            frame = self._frames[name]
-            name = self.resolve(frame.scope if frame.inside is None else frame.inside, attached, frame.element)
+        while name != WORLD and self._frames[name].attached is not None:
+            name = self._step(path, name, to_body=True)
         return name
 
-    def _step(self, path, name):
+    def _step(self, path, name, to_body=False):
+        """Add a frame to a path; returns its base, or what it is attached to."""
+        frame = self._frames[name]
         if name in path:
             names = [*map(self.short, path), self.short(name)]
             listed = " → ".join(names[names.index(names[-1]) :][:8])
-            raise FormatError(f"a cycle of frames: {listed}", element=self._frames[name].element)
-        path[name] = None
-
-    def _base(self, name):
-        frame = self._frames[name]
-        return self.resolve(frame.scope, frame.base, frame.element)
+            raise FormatError(f"a cycle of frames: {listed}", element=frame.element)
+        scope, to = frame.scope, frame.base
+        if to_body:
+            scope, to = scope if frame.inside is None else frame.inside, frame.attached
+        path[name] = self.resolve(scope, to, frame.element)
+        return path[name]
 
     def _local(self, name):
         """The pose of a frame in its base."""
         frame = self._frames[name]
-        if not frame.placement:
-            return frame.pose
-        if name not in self._locals:
-            self._locals[name] = frame.pose * self._inside(name, frame).inverse()
-        return self._locals[name]
-
-    def _inside(self, model, frame):
-        """The pose in a model of the frame by which it is placed."""
-        place = self.resolve(model, frame.placement, f"{frame.element}: placement_frame")
-        pose, path = pin.SE3.Identity(), {}
-        while place != model:
-            if place == WORLD:
-                raise FormatError("its placement_frame is relative to the world", element=frame.element)
-            self._step(path, place)
-            pose = self._local(place) * pose
-            place = self._base(place)
-        return pose
+        if frame.placement:  # it is that of the frame inside a model by which the model is placed
+            place = self.resolve(name, frame.placement, f"{frame.element}: placement_frame")
+            pose, path = pin.SE3.Identity(), {}
+            while place != name:
+                if place == WORLD:
+                    raise FormatError("its placement_frame is relative to the world", element=frame.element)
+                here, place = place, self._step(path, place)
+                pose = self._local(here) * pose
+            frame = self._frames[name] = frame._replace(pose=frame.pose * pose.inverse(), placement="")
+        return frame.pose

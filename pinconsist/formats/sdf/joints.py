@@ -15,10 +15,7 @@ from .frames import WORLD, join
 AXES = dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), 1) | dict.fromkeys(("ball", "fixed"), 0)
 AXES |= dict.fromkeys(("universal", "revolute2", "gearbox"), 2)
 """Joint types, and how many axes they have."""
-
-PARALLEL = 1e-6
-"""Sine of the angle between two axes below which they count as parallel."""
-
+PARALLEL = 1e-6  # sine of the angle between two axes below which they count as parallel
 _PARTS = ("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio", "gearbox_reference_body")
 _PARTS += ("thread_pitch", "screw_thread_pitch")
 _IN_AXIS = ("xyz", "dynamics", "limit", "mimic", "use_parent_model_frame", "initial_position")
@@ -83,7 +80,6 @@ class _Reader:
         self.frames, self.version, self.scope = document.lookup, document.version, scope
 
     def joint(self, full, node) -> Joint:
-        """The joint of a full name."""
         name = self.frames.short(full)
         node.name = f"joint {name!r}"
         node.warn_unknown(_PARTS)
@@ -104,18 +100,12 @@ class _Reader:
             axes = (replace(axes[0], lower=-math.inf, upper=math.inf),)
         elif kind == "ball":
             axes = (_ball(node.child("axis")),)
-        return Joint(
-            name,
-            {"continuous": "revolute", "revolute2": "universal"}.get(kind, kind),
-            parent,
-            child,
-            pose,
-            axes,
-            pitch=_pitch(node) if kind == "screw" else 0.0,
-            ratio=node.value("gearbox_ratio", 1.0),
-            reference=self._body(node, "gearbox_reference_body") if kind == "gearbox" else "",
-            must_cut=node.child("physics").child("simbody").flag("must_be_loop_joint"),
-        )
+        pitch = _pitch(node) if kind == "screw" else 0.0
+        ratio = node.value("gearbox_ratio", 1.0)
+        reference = self._body(node, "gearbox_reference_body") if kind == "gearbox" else ""
+        must_cut = node.child("physics").child("simbody").flag("must_be_loop_joint")
+        kind = {"continuous": "revolute", "revolute2": "universal"}.get(kind, kind)
+        return Joint(name, kind, parent, child, pose, axes, pitch, ratio, reference, must_cut)
 
     def _body(self, node, tag):
         full = self.frames.resolve(self.scope, node.word(tag), f"{node.name}: {tag}")
@@ -136,17 +126,10 @@ class _Reader:
         lower, upper = limits.limit("lower", -math.inf), limits.limit("upper", math.inf)
         if lower > upper:
             raise limits.error(f"lower {lower:g} is above upper {upper:g}")
-        effort, velocity = (limits.limit(tag, math.inf) for tag in ("effort", "velocity"))
-        return Axis(
-            direction,
-            **_dynamics(node.child("dynamics")),
-            lower=lower,
-            upper=upper,
-            effort=effort if effort >= 0 else math.inf,  # not enforced
-            velocity=velocity if velocity >= 0 else math.inf,
-            initial=node.value("initial_position"),
-            follows=self._follower(node.child("mimic")),
-        )
+        largest = [limits.limit(tag, math.inf) for tag in ("effort", "velocity")]
+        bounds = (lower, upper, *(each if each >= 0 else math.inf for each in largest))  # negative: not enforced
+        acting, follows = _dynamics(node.child("dynamics")), self._follower(node.child("mimic"))
+        return Axis(direction, *acting, *bounds, node.value("initial_position"), follows)
 
     def _expressed_in(self, node):
         """The frame of the components of an axis; empty: the joint's own."""
@@ -170,19 +153,20 @@ class _Reader:
 
 def _ball(node):
     """The damping and friction that simulators let act about all axes of a ball; its direction means nothing."""
-    given = _dynamics(node.child("dynamics"))
-    if given["stiffness"]:
+    damping, friction, stiffness, _ = _dynamics(node.child("dynamics"))
+    if stiffness:
         raise node.error("a ball joint has no axis about which a spring could act")
-    return Axis(np.zeros(3), given["damping"], given["friction"])
+    return Axis(np.zeros(3), damping, friction)
 
 
-def _dynamics(node: SdfNode) -> dict[str, float]:
-    tags = {"damping": "damping", "friction": "friction", "stiffness": "spring_stiffness"}
-    given = {key: node.value(tag) for key, tag in tags.items()}
-    for key, value in given.items():
-        if value < 0:
-            raise node.child(tags[key]).error(f"{value:g} is negative")
-    return given | {"reference": node.value("spring_reference")}
+def _dynamics(node: SdfNode) -> list[float]:
+    """Damping, friction, stiffness and reference, as in :class:`Axis`."""
+    values = []
+    for tag in ("damping", "friction", "spring_stiffness"):
+        values.append(node.value(tag))
+        if values[-1] < 0:
+            raise node.child(tag).error(f"{values[-1]:g} is negative")
+    return [*values, node.value("spring_reference")]
 
 
 def _pitch(node: SdfNode) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 
 import numpy as np
@@ -48,11 +49,11 @@ class _Tree:
         if document.gravity is not None:
             self.model.gravity.linear = document.gravity
         self._document, self._net, self._inertias = document, net, inertias
-        self._leaving: dict[str, list] = {}  # body → (joint, other body) of what leaves it; None: a copy of the child
+        self._leaving = defaultdict(list)  # body → (joint, other body) of what leaves it; None: a copy of the child
         for number, start, end in net.branches:
-            self._leaving.setdefault(start, []).append((net.joints[number], end))
+            self._leaving[start].append((net.joints[number], end))
         for joint in net.copied:
-            self._leaving.setdefault(joint.parent, []).append((joint, None))
+            self._leaving[joint.parent].append((joint, None))
         self._poses = [pin.SE3.Identity()]  # of the model's joints in the world, at q = 0
         self.carrier = {WORLD: 0}  # body → the joint that carries it
 
@@ -75,7 +76,7 @@ class _Tree:
             if carrier:
                 self.model.appendBodyToJoint(carrier, self._inertias[name], self._poses[carrier].actInv(pose))
             self._frame(name, carrier, pose, pin.FrameType.BODY)
-        return [(carrier, *each) for each in reversed(self._leaving.get(name, ()))]
+        return [(carrier, *each) for each in reversed(self._leaving[name])]
 
     def add(self, parent, joint, place, pose, name):
         """Add a joint by its place on its parent and its pose in the world; its index."""
@@ -108,10 +109,9 @@ class _Tree:
 
     def add_frames(self):
         """Add the frames of the file, and those where loops close."""
-        for name, (body, pose) in self._document.frames.items():
+        frames = [(name, *each) for name, each in self._document.frames.items()]
+        for name, body, pose in frames + [(joint.name, joint.child, joint.pose) for joint in self._net.cut]:
             self._frame(name, self.carrier[body], pose, pin.FrameType.OP_FRAME)
-        for joint in self._net.cut:
-            self._frame(joint.name, self.carrier[joint.child], joint.pose, pin.FrameType.OP_FRAME)
 
 
 def _set_values(model, joint, axis):

@@ -30,8 +30,7 @@ _KINDS = {"ball": "point", "revolute": "hinge", "prismatic": "slider", "fixed": 
 _ROWS = {"ball": 3, "universal": 4, "revolute": 5, "prismatic": 5, "screw": 5, "fixed": 6}
 _ACTS, _ASKED = 10, 100
 _PERPENDICULAR = 1e-6
-_ALONG = 1e-3
-"""Sine of the angle up to which an axis of a gearbox counts as that of the joint."""
+_ALONG = 1e-3  # sine of the angle up to which an axis of a gearbox counts as that of the joint
 
 
 def spanning_tree(
@@ -40,7 +39,6 @@ def spanning_tree(
     """The tree of largest weight (Prim's algorithm): its branches, and its roots beside those that are `held`.
 
     A branch is the index of a joint, the body where it starts, which is nearer to a root, and the body where it ends.
-
     Ties go to joints that lead from parent to child, then to short chains, then to the order given. `ends` are parent
     and child body of each joint. Of the `candidates`, all bodies, the first that no joint ties to a root becomes one.
     """
@@ -58,21 +56,17 @@ def spanning_tree(
             if other not in reached:
                 heapq.heappush(heap, (-weights[joint], body == child, depth + 1, joint, body, other))
 
-    def grow():
+    for body in held:
+        reach(body, 0)
+    for body in (None, *candidates):
+        if body is not None and body not in reached:
+            roots.append(body)
+            reach(body, 0)
         while heap:
             _, _, depth, joint, start, end = heapq.heappop(heap)
             if end not in reached:
                 branches.append((joint, start, end))
                 reach(end, depth)
-
-    for body in dict.fromkeys(held):
-        reach(body, 0)
-    grow()
-    for body in candidates:
-        if body not in reached:
-            roots.append(body)
-            reach(body, 0)
-            grow()
     return branches, roots
 
 
@@ -113,10 +107,8 @@ def copy_name(joint: Joint) -> str:
 
 def _whole(joint):
     """Whether a joint needs its coordinates also where it closes a loop."""
-    if joint.kind == "universal":
-        first, second = (axis.direction for axis in joint.axes)
-        if abs(first @ second) > _PERPENDICULAR:
-            return True
+    if joint.kind == "universal" and abs(joint.axes[0].direction @ joint.axes[1].direction) > _PERPENDICULAR:
+        return True
     return joint.kind == "screw" or any(a.damping or a.friction or a.stiffness or a.follows for a in joint.axes)
 
 
@@ -143,10 +135,9 @@ def couplings(joints: Sequence[Joint]) -> list[Coupling]:
             first, second = _geared(joints, joint)
             signs = _sign(joint, 0, first, joint.parent) * _sign(joint, 1, second, joint.child)
             made.append(Coupling(joint.name, second.name, first.name, ratio=-joint.ratio * signs))
-            continue
-        for part, axis in zip(joint.parts, joint.axes, strict=False):
-            if axis.follows:
-                made.append(_follow(by_name, joint, part, axis.follows))
+        else:
+            axes = zip(joint.parts, joint.axes, strict=False)
+            made += [_follow(by_name, joint, part, axis.follows) for part, axis in axes if axis.follows]
     return made
 
 
@@ -163,11 +154,8 @@ def _geared(joints, gearbox):
         ends = {gearbox.reference, body}
         between = [joint for joint in joints if joint.kind == "revolute" and {joint.parent, joint.child} == ends]
         if len(between) != 1:
-            raise FormatError(
-                f"one revolute joint between its reference body {gearbox.reference!r} and {body!r} is needed, there "
-                f"are {len(between)}",
-                element=f"joint {gearbox.name!r}",
-            )
+            reason = f"one revolute joint between its reference body {gearbox.reference!r} and {body!r} is needed"
+            raise FormatError(f"{reason}, there are {len(between)}", element=f"joint {gearbox.name!r}")
         found += between
     return found
 

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..reading import Node, shown, text
-from ..urdf import INERTIA, symmetric
+from ..urdf import INERTIA, add_visual, fixed_links, symmetric
 from .document import Body, Document
 
 _DEFAULT_INERTIA = dict(zip(INERTIA, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), strict=True))  # kg·m²
@@ -29,19 +29,13 @@ _log = logging.getLogger(__name__)
 
 def in_urdf(document: Document, folders: tuple[Path, ...]) -> Element:
     """A raw `<robot>` with the links of a file, their inertias and shapes, all fixed to the first one."""
-    robot = Element("robot")
-    for body in document.bodies.values():
-        link = SubElement(robot, "link", name=body.name)
+    robot, links = fixed_links(document.bodies)
+    for name, body in document.bodies.items():
         body.node.warn_unknown(_LINK)
-        _inertial(SubElement(link, "inertial"), body.node.child("inertial"))
+        _inertial(SubElement(links[name], "inertial"), body.node.child("inertial"))
         for visual in body.node.children("visual"):
             visual.name += f" {visual.get('name')!r}"
-            _visual(link, visual, body, document, folders)
-    first, *others = document.bodies
-    for i, name in enumerate(others):
-        joint = SubElement(robot, "joint", name=str(i), type="fixed")
-        SubElement(joint, "parent", link=first)
-        SubElement(joint, "child", link=name)
+            _visual(links[name], visual, body, document, folders)
     return robot
 
 
@@ -93,17 +87,13 @@ def _visual(link, node, body: Body, document, folders):
             _log.warning("%s: uri: left out, nothing is fetched from the network: %s", solid.name, shown(uri))
             return
         sizes["filename"] = _mesh(uri, folders, solid.child("uri"))
-    out = SubElement(link, "visual")
     place, relative_to = node.pose()
     if relative_to:
-        place = body.pose.actInv(document.place(body.name, relative_to, f"{node.name}: pose") * place)
-    SubElement(out, "origin", xyz=text(*place.translation), rpy=text(*pin.rpy.matrixToRpy(place.rotation)))
-    SubElement(SubElement(out, "geometry"), kind, sizes)
+        base = document.lookup.resolve(body.scope, relative_to, f"{node.name}: pose")
+        place = body.pose.actInv(document.lookup.pose(base) * place)
     material = node.child("material")
     colour = (material.child("diffuse").text() or material.child("ambient").text()).split()
-    if colour:
-        rgba = " ".join([*colour, "1"] if len(colour) == 3 else colour)
-        SubElement(SubElement(out, "material"), "color", rgba=rgba)
+    add_visual(link, place, kind, sizes, " ".join([*colour, "1"] if len(colour) == 3 else colour))
 
 
 def _mesh(uri, folders, node):
@@ -117,7 +107,6 @@ def _mesh(uri, folders, node):
     else:
         raise node.error(f"the scheme of {shown(uri)} is none of model, package, file")
     if "\0" in uri or not inside:
-        raise node.error(
-            f"{shown(uri)} leads out of the folder of the scene; name the folders of its meshes by package_dirs="
-        )
+        reason = "leads out of the folder of the scene; name the folders of its meshes by package_dirs="
+        raise node.error(f"{shown(uri)} {reason}")
     return f"package://{rest}" if scheme == "model" else uri
