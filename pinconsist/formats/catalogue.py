@@ -21,15 +21,11 @@ from .loopfile import read as read_loop_file
 
 READERS = {".urdf": "urdf", ".sdf": "sdf", ".xml": "mjcf", ".mjcf": "mjcf"}
 """Suffix → the module whose ``read`` reads such a file; imported when it is needed."""
-ROBOTS = {
-    name: f"cassie_description/robots/{name}.sdf"
-    for name in ("cassie", "cassie_reduced", "cassie_simple", "cassie_v2", "cassie_wo_gearbox_spring")
-}
-"""Name → file of the pip package example-robot-data."""
+ROBOTS = ("cassie", "cassie_reduced", "cassie_simple", "cassie_v2", "cassie_wo_gearbox_spring")
+"""Files of the pip package example-robot-data."""
 _PACKAGE, _SHARE = "example-robot-data", "cmeel.prefix/share"
 
-MOST = 2000
-"""Largest number of a family: the dense matrices, with several times as many rows, must fit into memory."""
+MOST = 2000  # of a family: the dense matrices, with several times as many rows, must fit into memory
 RADIUS = 0.02  # m, of a rod
 SPAN = 0.6  # of a chain's length: how far its ends are apart
 BLUE, ORANGE, DARK, STEEL = "0.16 0.44 0.72 1", "0.93 0.52 0.14 1", "0.20 0.22 0.25 1", "0.55 0.58 0.62 1"
@@ -91,15 +87,11 @@ def find(source: str | os.PathLike) -> Source:
     elif path.suffix.lower() not in READERS:
         if isinstance(source, str) and not path.suffix and len(path.parts) == 1 and not os.path.exists(path):
             names = (*built_in, *(f"{name}_<n>" for name in FAMILIES))
-            raise InputError(
-                f"there is no built-in model and no file {source!r}{near(source, (*names, *ROBOTS))}. "
-                f"Built in are: {', '.join(names)}"
-            )
-        raise FormatError(
-            f"files of kind {path.suffix or 'without suffix'!r} cannot be read; supported are URDF (.urdf), with "
-            "a loop file (.yaml) next to it or given by loops=, SDF (.sdf) and MJCF (.xml)",
-            path=path,
-        )
+            reason = f"there is no built-in model and no file {source!r}{near(source, (*names, *ROBOTS))}"
+            raise InputError(f"{reason}. Built in are: {', '.join(names)}")
+        supported = "URDF (.urdf), with a loop file (.yaml) next to it or given by loops=, SDF (.sdf) and MJCF (.xml)"
+        kind = path.suffix or "without suffix"
+        raise FormatError(f"files of kind {kind!r} cannot be read; supported are {supported}", path=path)
     return Source(path, path.stem if path.stem not in ("robot", "model") else path.resolve().parent.name)
 
 
@@ -108,11 +100,9 @@ def robot_file(name: str) -> tuple[Path, Path]:
     try:
         share = Path(str(distribution(_PACKAGE).locate_file(_SHARE)))
     except PackageNotFoundError:
-        raise MissingExtraError(
-            f"the files of {name!r} come with the pip package {_PACKAGE}, which is not installed: "
-            "pip install 'pinconsist[robots]'"
-        ) from None
-    path = share / _PACKAGE / "robots" / ROBOTS[name]
+        reason = f"the files of {name!r} come with the pip package {_PACKAGE}, which is not installed"
+        raise MissingExtraError(f"{reason}: pip install 'pinconsist[robots]'") from None
+    path = share / _PACKAGE / "robots" / "cassie_description" / "robots" / f"{name}.sdf"
     if not path.is_file():
         raise MissingExtraError(f"the pip package {_PACKAGE} is installed, but does not hold {path}; version 6 does")
     return path, share
@@ -126,8 +116,8 @@ def _built_in():
 
 def _family(name: str):
     """(build, n) of a name such as ``chain_16``, or None; InputError for a number that the family does not have."""
-    match = re.fullmatch(r"(\w+)_(\d+)", name, re.ASCII)
-    if not match or match[1] not in FAMILIES:
+    match = re.fullmatch(rf"({'|'.join(FAMILIES)})_(\d+)", name, re.ASCII)
+    if not match:
         return None
     _, least, build = FAMILIES[match[1]]
     n = int(match[2]) if len(match[2]) < 10 else MOST + 1
@@ -205,6 +195,5 @@ def _hinge(name, parent, x, z, child):
     )
 
 
-def _pinned(name, frame1, frame2, xyz2):
-    """The end of a rod pinned to another body."""
-    return Loop(name, "hinge", frame1, frame2, xyz1=(1.0, 0.0, 0.0), xyz2=xyz2, axis=(0.0, 1.0, 0.0))
+def _pinned(name, rod, frame2, xyz2):
+    return Loop(name, "hinge", rod, frame2, xyz1=(1.0, 0.0, 0.0), xyz2=xyz2, axis=(0.0, 1.0, 0.0))

@@ -10,18 +10,14 @@
 
 ``armature``, ``damping`` and ``friction`` replace those of the robot's file: one number for each velocity of the
 joint, or one for all of them. ``joint_order`` is the order of the joints in q and v. ``type``, as ``joint_type`` in a
-robot.yaml, replaces a joint:
+robot.yaml, replaces a joint by::
 
-================= ==================================================================================================
-type              what the joint becomes
-================= ==================================================================================================
-SPHERICAL         a ball joint, a quaternion in q
-TRANSLATION       free to move along all axes, without turning
-UJOINT_AB         two hinges, about the axes A and B (of X, Y, Z) of the joint frame; CARDAN is an older UJOINT_XY
-HELICAL p         a screw about the axis of the revolute joint that it replaces, p metres to the radian
-UNBOUNDED         a revolute joint that stores cosine and sine of its angle and does not count its turns
-FIXED             no joint: held at zero
-================= ==================================================================================================
+    SPHERICAL     a ball joint, a quaternion in q
+    TRANSLATION   free to move along all axes, without turning
+    UJOINT_AB     two hinges, about the axes A and B (of X, Y, Z) of the joint frame; CARDAN is an older UJOINT_XY
+    HELICAL p     a screw about the axis of the revolute joint that it replaces, p metres to the radian
+    UNBOUNDED     a revolute joint that stores cosine and sine of its angle and does not count its turns
+    FIXED         no joint: held at zero
 """
 
 from __future__ import annotations
@@ -36,11 +32,8 @@ from ..mechanism.lock import rebuilt
 from .reading import finite, located, require_known, shown
 from .records import amount, known_keys, mapping, name
 
-VALUES = {
-    "armature": ("armature",),
-    "damping": ("damping",),
-    "friction": ("upperDryFrictionLimit", "lowerDryFrictionLimit"),
-}
+_FRICTION = ("upperDryFrictionLimit", "lowerDryFrictionLimit")
+VALUES = {"armature": ("armature",), "damping": ("damping",), "friction": _FRICTION}
 """Key of a joint → the vectors of the model that it sets; a second one gets the opposite."""
 AS_WRITTEN = {"FIXED": "fixed", "UNBOUNDED": "continuous"}
 """Types that replace the joint's type in the URDF text; the others replace the joint of the model."""
@@ -76,15 +69,11 @@ def joint_settings(record: dict) -> tuple[dict[str, str], dict[str, dict]]:
         known_keys(mapping(given, element, "type, armature"), ("type", *VALUES), element)
         if given.get("type") is not None:
             types[joint] = check_type(given["type"], element)
-        values[joint] = {key: _amount(given[key], f"{element}: {key}") for key in VALUES if given.get(key) is not None}
+        values[joint] = {key: amount(given[key], f"{element}: {key}") for key in VALUES if given.get(key) is not None}
+        for key, value in values[joint].items():
+            if np.min(value, initial=0.0) < 0:
+                raise FormatError(f"it is negative: {shown(given[key])}", element=f"{element}: {key}")
     return types, values
-
-
-def _amount(value, element):
-    result = amount(value, element)
-    if np.min(result, initial=0.0) < 0:
-        raise FormatError(f"it is negative: {shown(value)}", element=element)
-    return result
 
 
 def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
@@ -112,10 +101,8 @@ def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
 
 def _parts(joint, kind, own):
     """(name, joint model) of each joint that replaces one."""
-    if kind == "SPHERICAL":
-        return [(joint, pin.JointModelSpherical())]
-    if kind == "TRANSLATION":
-        return [(joint, pin.JointModelTranslation())]
+    if kind in ("SPHERICAL", "TRANSLATION"):
+        return [(joint, getattr(pin, f"JointModel{kind.capitalize()}")())]
     if helical := _HELICAL.fullmatch(kind):
         which, pitch = own.shortname(), float(helical[1])
         if which == "JointModelRevoluteUnaligned":

@@ -72,9 +72,8 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
             raise InputError("free_flyer= is for files; a model in memory has its root joint already")
         return _of_model(source, () if loops is None else loops, closure)
     if not (loops is None or isinstance(loops, (str, os.PathLike))):
-        raise InputError(
-            f"loops= needs the path of a loop file, got {type(loops).__name__}; add records by load(…).with_loops(…)"
-        )
+        reason = f"loops= needs the path of a loop file, got {type(loops).__name__}"
+        raise InputError(f"{reason}; add records by load(…).with_loops(…)")
     return read_scene(catalogue.find(source), loops, closure, free_flyer, package_dirs)
 
 
@@ -82,16 +81,15 @@ def read_scene(scene: catalogue.Source, loops=None, closure=None, free_flyer=Fal
     """The mechanism of a file and of the loop file that belongs to it; see :func:`load`."""
     path, reader = scene.path, catalogue.READERS[scene.path.suffix.lower()]
     is_urdf = reader == "urdf"
-    if free_flyer and reader.startswith("mjcf"):
+    if free_flyer and reader == "mjcf":
         raise InputError("free_flyer= is not for MJCF, where the file says what floats: give the body a <freejoint/>")
     loop_path = None if loops is None else Path(loops)
     if loops is None and is_urdf and not scene.content:
         loop_path = loopfile.find_loop_file(path)
     record = scene.loop_file if loop_path is None else loopfile.read(loop_path)
     if record.joint_types and not is_urdf:
-        raise FormatError(
-            f"joints can be replaced in URDF scenes only; change the {reader[:4].upper()} file", path=loops
-        )
+        reason = f"joints can be replaced in URDF scenes only; change the {reader.upper()} file"
+        raise FormatError(reason, path=loops)
     options = {"joint_types": record.joint_types, "content": scene.content} if is_urdf else {}
     if free_flyer:
         options["free_flyer"] = True
@@ -134,12 +132,12 @@ def _of_model(source, loops, closure) -> Mechanism:
     if isinstance(loops, str) or not hasattr(loops, "__iter__"):
         kind = type(loops).__name__
         raise InputError(f"loops= of a pin.Model needs a sequence of constraint models or Loops, got {kind}")
-    loops = tuple(loops)
-    own = [hasattr(each, "kind") and hasattr(each, "rows") for each in loops]
-    found, model = loops_of([each for each, is_own in zip(loops, own, strict=True) if not is_own], model)
-    theirs = iter(found)
-    records = [each if is_own else next(theirs) for each, is_own in zip(loops, own, strict=True)]
-    return Mechanism(model, _closed_by(records, closure), name=model.name or "mechanism")
+    loops = list(loops)
+    theirs = [i for i, each in enumerate(loops) if not (hasattr(each, "kind") and hasattr(each, "rows"))]
+    found, model = loops_of([loops[i] for i in theirs], model)
+    for i, loop in zip(theirs, found, strict=True):
+        loops[i] = loop
+    return Mechanism(model, _closed_by(loops, closure), name=model.name or "mechanism")
 
 
 def _closed_by(loops, closure) -> tuple:

@@ -14,8 +14,7 @@ from xml.etree.ElementTree import Element, ParseError
 from ..errors import FormatError, InputError
 from ..mechanism.checks import near as resembling
 
-LARGEST = 1e30
-"""No number of a scene is larger, except limits: products of some such numbers still fit into a float."""
+LARGEST = 1e30  # of a scene's numbers, except limits: products of some such numbers still fit into a float
 MAX_XML_BYTES = 50_000_000
 
 _read: ContextVar[list | None] = ContextVar("files read", default=None)
@@ -37,8 +36,7 @@ class RobotFile:
 @contextmanager
 def files_read():
     """Within the block, the list of (path, SHA-256) of the files that are read."""
-    found = []
-    before = _read.set(found)
+    before = _read.set(found := [])
     try:
         yield found
     finally:
@@ -174,7 +172,7 @@ class Node:
 
     def solid(self):
         """The first child of ``<geometry>``, named by its tag."""
-        found = None if self.xml is None else self.xml.find("geometry/*")
+        found = self.child("geometry/*").xml
         return self._inside(found, "nothing" if found is None else str(found.tag))
 
     def named(self, tag: str) -> dict:
@@ -192,12 +190,10 @@ class Node:
 
     def numbers(self, key: str, count: int = 1, default=None, largest: float = LARGEST) -> tuple[float, ...]:
         """The finite numbers of an attribute; without a default it is required."""
-        given = None if self.xml is None else self.xml.get(key)
-        if given is None:
-            if default is None:
-                raise self.error(f"attribute {key!r} is missing")
-            return default
-        return floats(given, count, self.name, f"{key}=", largest)
+        given = self.get(key, None)
+        if given is None and default is None:
+            raise self.error(f"attribute {key!r} is missing")
+        return default if given is None else floats(given, count, self.name, f"{key}=", largest)
 
     def number(self, key: str, default: float | None = None, largest: float = LARGEST) -> float:
         """The finite number of an attribute; without a default it is required."""

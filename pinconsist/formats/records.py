@@ -35,18 +35,10 @@ from ..mechanism.motion import Motion
 from .reading import bound, finite, located, near, shown
 
 LOOPS = {kind: Loop for kind in ROW_NAMES} | {"coupling": Coupling, "drive": Drive}
-FORCES = {
-    "damping": JointDamping,
-    "friction": JointFriction,
-    "spring": JointSpring,
-    "spring-damper": SpringDamper,
-    "torque": JointTorque,
-    "servo": Servo,
-    "wrench": Wrench,
-}
+FORCES = {"damping": JointDamping, "friction": JointFriction, "spring": JointSpring, "spring-damper": SpringDamper}
+FORCES |= {"torque": JointTorque, "servo": Servo, "wrench": Wrench}
 _MOTION = tuple(each.name for each in dataclasses.fields(Motion))
-_CODE_ONLY = "Callable | None"
-"""Annotation of fields that a file cannot hold."""
+_CODE_ONLY = "Callable | None"  # annotation of fields that a file cannot hold
 
 
 def loop_record(number: int, entry):
@@ -56,8 +48,7 @@ def loop_record(number: int, entry):
     element = loop_element(number, given)
     kind = _kind(entry, LOOPS, element)
     if kind in ROW_NAMES:
-        return record_of(Loop, entry, element, f"loop {given!r}: ")
-    del entry["kind"]
+        return record_of(Loop, entry | {"kind": kind}, element, f"loop {given!r}: ")
     if kind == "coupling":
         return record_of(Coupling, entry, element, f"coupling {given!r}: ")
     known_keys(entry, ("name", "joint", *_MOTION), element)
@@ -69,7 +60,6 @@ def force_record(number: int, entry):
     """The force of the record at place `number`, counted from 1; FormatError if it is not valid."""
     entry = dict(mapping(entry, force_element(number), "kind, joint, stiffness"))
     kind = _kind(entry, FORCES, force_element(number))
-    del entry["kind"]
     return record_of(FORCES[kind], entry, f"force {number} ({kind})")
 
 
@@ -86,19 +76,20 @@ def force_element(number: int, force=None) -> str:
 
 def loop_entries(mechanism) -> list[dict]:
     """The records under ``loops``, as plain data; InputError for a user's function or constraint."""
-    return [_loop_entry(loop, f"{mechanism.name}: {loop.kind} {loop.name!r}") for loop in mechanism.loops]
+    entries = []
+    for loop in mechanism.loops:
+        what = f"{mechanism.name}: {loop.kind} {loop.name!r}"
+        if not isinstance(loop, Loop | Coupling | Drive):
+            reason = "is a user-defined function, which a file cannot store; leave it out by with_loops()"
+            raise InputError(f"{what} {reason}")
+        entry = {"name": loop.name, "kind": loop.kind} | _fields(loop, what)
+        entries.append(entry | entry.pop("curve", {}))
+    return entries
 
 
 def force_entries(mechanism) -> list[dict]:
     """The records under ``forces``, as plain data; InputError for a user's law, or function that is not a Motion."""
     return [_force_entry(mechanism, force) for force in mechanism.forces]
-
-
-def _loop_entry(loop, what):
-    if not isinstance(loop, Loop | Coupling | Drive):
-        raise InputError(f"{what} is a user-defined function, which a file cannot store; leave it out by with_loops()")
-    entry = {"name": loop.name, "kind": loop.kind} | _fields(loop, what)
-    return entry | entry.pop("curve", {})
 
 
 def _force_entry(mechanism, force):
@@ -233,7 +224,8 @@ def _field(entry, key, element):
 
 
 def _kind(entry, kinds, element):
+    """The kind of a record, taken out of it."""
     kind = _field(entry, "kind", element)
     if kind not in tuple(kinds):
         raise FormatError(f"unknown kind {shown(kind)}; known are {', '.join(kinds)}", element=element)
-    return kind
+    return entry.pop("kind")

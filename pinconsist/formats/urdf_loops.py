@@ -13,16 +13,13 @@ Isaac Sim's (``type``; it reads ``spherical`` only). Both are read here. ``xyz``
 link; in a closed loop the anchors coincide, up to the motion that the type leaves free. ``axis`` has the same
 components in both anchors and is URDF's default, x, if it is missing.
 
-==================== ============================= =========
-type                 leaves free                   kind
-==================== ============================= =========
-fixed                nothing                       frame
-revolute, continuous the angle about the axis      hinge
-(no type)            the same                      hinge
-prismatic            the way along the axis        slider
-planar               the plane normal to the axis  plane
-spherical, ball      all angles                    point
-==================== ============================= =========
+The types, what they leave free, and the kinds of loop that they become::
+
+    fixed                            nothing                       frame
+    revolute, continuous or no type  the angle about the axis      hinge
+    prismatic                        the way along the axis        slider
+    planar                           the plane normal to the axis  plane
+    spherical, ball                  all angles                    point
 
 Limits, damping and friction of a loop joint do not act; if they are given, a warning says so.
 
@@ -30,14 +27,10 @@ Limits, damping and friction of a loop joint do not act; if they are given, a wa
 
 Frames with closing names are the two ends of a loop, read if nothing else says how a robot is closed:
 
-=============================== =================================== ===========================================
-names                           written by                          closed as
-=============================== =================================== ===========================================
-closing_x_1, closing_x_2        onshape-to-robot                    point: the exporter does not write the kind of
-                                                                    its mate; the axis of its hinges is the frames' z
-closedloopX_A, closedloopX_B    the collection                      frame (its default), or point where the name
-                                example-parallel-robots             says 3D: closedloop3D_1A, closedloop2_A_3D
-=============================== =================================== ===========================================
+* ``closing_x_1``, ``closing_x_2`` of onshape-to-robot become a point: the exporter does not write the kind of its mate;
+  the axis of its hinges is the frames' z.
+* ``closedloopX_A``, ``closedloopX_B`` of the collection example-parallel-robots become a frame (its default), or a
+  point where the name says 3D: ``closedloop3D_1A``, ``closedloop2_A_3D``.
 
 ``load(..., closure=...)`` chooses otherwise for all of them.
 """
@@ -68,11 +61,9 @@ def loop_joints(robot: Element) -> tuple[Loop, ...]:
     """The loops of a parsed ``<robot>``; FormatError also for other extensions that close loops and would be lost."""
     for tag in _FOREIGN:
         if robot.find(tag) is not None:
-            raise FormatError(
-                f"<{tag}> is an extension that is not read, so that what it joins would come apart; write it as "
-                "<loop_joint>, <mimic> or in a loop file",
-                element=f"{tag} {robot.find(tag).get('name', '')!r}",
-            )
+            reason = f"<{tag}> is an extension that is not read, so that what it joins would come apart"
+            where = f"{tag} {robot.find(tag).get('name', '')!r}"
+            raise FormatError(f"{reason}; write it as <loop_joint>, <mimic> or in a loop file", element=where)
     if robot.find("gazebo/joint") is not None:
         _log.warning("a <joint> inside <gazebo> is not read; if it closes a loop, write it as <loop_joint>")
     links = {link.get("name") for link in robot.findall("link")}
@@ -121,8 +112,8 @@ def couplings(robot: Element) -> tuple[Coupling, ...]:
             require_known(other, kinds, f"there is no joint {other!r} to follow", node.name)
             for each, what in ((name, "follow another"), (other, "be followed")):
                 if (kind := kinds[each]) not in _CAN_FOLLOW:
-                    listed = ", ".join(_CAN_FOLLOW)
-                    raise node.error(f"joint {each!r} is {kind} and cannot {what}; only {listed} joints can")
+                    only = f"only {', '.join(_CAN_FOLLOW)} joints can"
+                    raise node.error(f"joint {each!r} is {kind} and cannot {what}; {only}")
             if other == name:
                 raise node.error("the joint follows itself")
             found[name] = Coupling(name, name, other, node.number("multiplier", 1.0), node.number("offset", 0.0))
@@ -149,18 +140,15 @@ def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
             pairs.setdefault((match[1] + (match[3] or ""), "collection"), {})[match[2].upper()] = frame.name
     for (name, source), ends in pairs.items():
         if len(ends) < 2:
-            _log.warning(
-                "%s: the frame %r closes no loop: there is no other frame to pair it with", path, *ends.values()
-            )
+            reason = "there is no other frame to pair it with"
+            _log.warning("%s: the frame %r closes no loop: %s", path, *ends.values(), reason)
             continue
         kind, axis = "point" if source == "onshape" or "3D" in name.upper() else "frame", None
         if source == "onshape" and closure == "hinge":
             kind, axis = "hinge", (0.0, 0.0, 1.0)
         found.append(Loop(name, kind, *(ends[side] for side in sorted(ends)), axis=axis))
     if found:
+        reason = "loops are closed between frames with closing names"
         listed = ", ".join(f"{loop.name} ({loop.kind})" for loop in found)
-        _log.warning(
-            "%s has no loop file; loops are closed between frames with closing names: %s. "
-            "closure= or a loop file overrides this", path, listed,
-        )  # fmt: skip
+        _log.warning("%s has no loop file; %s: %s. closure= or a loop file overrides this", path, reason, listed)
     return tuple(found)

@@ -99,18 +99,13 @@ def scale_of(kind: str, actions: list[Action], size: float) -> Scale | None:
         return None
     visible = [each[each > 1e-6 * largest] for each in norms]
     common = np.exp(np.median([np.log(np.percentile(each, 75)) for each in visible if each.size]))
-    unit = UNITS[kind]
-    per_metre, most = _round(common / (COMMON[kind] * size)), LONGEST[kind] * size
+    unit, most, exact = UNITS[kind], LONGEST[kind] * size, common / (COMMON[kind] * size)
+    power = 10.0 ** np.floor(np.log10(exact))
+    per_metre = float(min((1, 2, 5, 10), key=lambda step: abs(np.log(exact / (step * power)))) * power)
     length = 10.0 ** np.floor(np.log10(COMMON[kind] * size))
     what = "m of arrow" if kind == FORCE else "m of radius"
     cut = f", larger ones cut at {most * per_metre:.3g} {unit}" if largest > most * per_metre else ""
     return Scale(1 / per_metre, most, f"{length:g} {what} is {length * per_metre:.3g} {unit}{cut}")
-
-
-def _round(value: float) -> float:
-    """The nearest of 1, 2 and 5 times a power of ten."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(min((1, 2, 5, 10), key=lambda step: abs(np.log(value / (step * power)))) * power)
 
 
 def arrow(path: str, action: Action, scale: Scale, size: float) -> tuple[list[tuple[Node, list[Shape]]], np.ndarray]:
@@ -131,10 +126,8 @@ def arrow(path: str, action: Action, scale: Scale, size: float) -> tuple[list[tu
         shaft = Node(f"{path}/shaft", np.hstack((points, turns)), np.column_stack((thin, length, thin)).clip(SMALLEST))
         necks = np.hstack((points + along * length[:, None], turns))
         pointed = Node(f"{path}/head", necks, np.repeat(thin[:, None], 3, axis=1).clip(SMALLEST))
-        parts = [
-            (shaft, [cylinder(0, np.zeros(3), (0.0, 1.0, 0.0), radius, **look)]),
-            (pointed, [cylinder(0, np.zeros(3), (0.0, head, 0.0), 2.4 * radius, tip=0.0, **look)]),
-        ]
+        tip = cylinder(0, np.zeros(3), (0.0, head, 0.0), 2.4 * radius, tip=0.0, **look)
+        parts = [(shaft, [cylinder(0, np.zeros(3), (0.0, 1.0, 0.0), radius, **look)]), (pointed, [tip])]
         return parts, (points + along * reach[:, None])[:, None]
     end = np.array([np.cos(ARC), np.sin(ARC), 0.0])
     cone = cylinder(0, end, end + TIP * np.array([-end[1], end[0], 0.0]), 2.6 * TUBE, tip=0.0, **look)

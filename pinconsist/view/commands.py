@@ -26,17 +26,9 @@ class Node:
 
 def draw(path: str, shape: Shape) -> dict:
     """Draw a shape."""
-    material = {
-        "uuid": f"{path} material",
-        "type": "MeshPhongMaterial",
-        "color": shape.color,
-        "shininess": 20,
-        "flatShading": "data" in shape.geometry,  # a mesh shares corners between faces that meet at an edge
-        "side": 2,
-        "opacity": shape.opacity,
-        "transparent": shape.opacity < 1,
-        "depthTest": not shape.on_top,
-    }
+    material = {"uuid": f"{path} material", "type": "MeshPhongMaterial", "color": shape.color, "shininess": 20}
+    material["flatShading"] = "data" in shape.geometry  # a mesh shares corners between faces that meet at an edge
+    material |= {"side": 2, "opacity": shape.opacity, "transparent": shape.opacity < 1, "depthTest": not shape.on_top}
     matrix = shape.placement.homogeneous.T.ravel().tolist()
     thing = {"uuid": path, "type": "Mesh", "matrix": matrix, "renderOrder": int(shape.on_top)}
     return _set_object(path, thing, shape.geometry, material)

@@ -91,8 +91,8 @@ def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:
     elif len(runs) == 1:
         return runs
     else:
-        numbers = [str(k + 1) for k in range(len(runs))]
         choices = ([run.consistency for run in runs], [run.mech.name for run in runs])
+        numbers = [str(k + 1) for k in range(len(runs))]
         titles = next((names for names in choices if all(names) and len(set(names)) == len(names)), numbers)
     return [replace(run, title=title) for run, title in zip(runs, titles, strict=True)]
 
@@ -103,10 +103,9 @@ def playing_times(runs, speed: float, fps: float) -> np.ndarray:
     duration = max(run.elapsed[-1] for run in runs) / speed
     frames = ceil(duration * fps * (1 - 1e-12)) + 1
     if frames > MAX_FRAMES:
-        name = runs[0].mech.name
-        log.info("replay of %s: %.4g frames per second instead of %g", name, (MAX_FRAMES - 1) / duration, fps)
-        frames = MAX_FRAMES
-    return np.linspace(0.0, duration, frames)
+        name, lower = runs[0].mech.name, (MAX_FRAMES - 1) / duration
+        log.info("replay of %s: %.4g frames per second instead of %g", name, lower, fps)
+    return np.linspace(0.0, duration, min(frames, MAX_FRAMES))
 
 
 def on_joint(model: pin.Model, frame: str, offset: pin.SE3 | None = None) -> tuple[int, pin.SE3]:
@@ -117,7 +116,7 @@ def on_joint(model: pin.Model, frame: str, offset: pin.SE3 | None = None) -> tup
 
 def anchors(model: pin.Model, *loops: Loop) -> list[tuple[int, pin.SE3]]:
     """Joint, and placement on it, of both anchors of each loop."""
-    pairs = [pair for a in loops for pair in ((a.frame1, a.placement1), (a.frame2, a.placement2))]
+    pairs = (pair for a in loops for pair in ((a.frame1, a.placement1), (a.frame2, a.placement2)))
     return [on_joint(model, *pair) for pair in pairs]
 
 

@@ -93,10 +93,8 @@ def replay(
 
     Raises
     ------
-    InputError
+    InputError, MissingExtraError
         As in `export_html`; or there is no free port on the loopback interface.
-    MissingExtraError
-        meshcat is not installed.
     """
     import webbrowser
 
@@ -109,7 +107,7 @@ def replay(
 
 
 def _page(mech, sol, **options) -> bytes:
-    """The page, put together from page.html, page.css, page.js, meshcat's viewer and the commands."""
+    """page.html with page.css, page.js, meshcat's viewer and the commands."""
     import html
     import json
     from importlib.resources import files

@@ -41,32 +41,28 @@ LOOK = {
 @contextmanager
 def new_figure(width, height, file=None):
     """An empty figure in this look, inches, written to `file` at the end of the block, whole or not at all."""
-    require_figure(file)
-    import matplotlib
+    ending = require_figure(file)
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(LOOK):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        yield figure
-        if file is None:
-            return
-        with written_whole(file) as stream:
-            figure.savefig(stream, format=_ending(file))
+    with rc_context(LOOK):
+        yield (figure := Figure(figsize=(width, height), layout="constrained"))
+        if file is not None:
+            with written_whole(file) as stream:
+                figure.savefig(stream, format=ending)
 
 
-def require_figure(file=None):
-    """Raise MissingExtraError without matplotlib, InputError if it has no format for the ending of `file`."""
+def require_figure(file=None) -> str:
+    """The format for the ending of `file`; MissingExtraError without matplotlib, InputError if it has none."""
     try:
         import matplotlib.backend_bases
     except ImportError:
         raise MissingExtraError("figures need matplotlib; install it by: pip install 'pinconsist[plot]'") from None
     known = matplotlib.backend_bases.FigureCanvasBase.get_supported_filetypes()
-    if file is not None and _ending(file) not in known:
+    ending = Path(file or "").suffix.lstrip(".").lower()
+    if file is not None and ending not in known:
         raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
-
-
-def _ending(file) -> str:
-    return Path(file).suffix.lstrip(".").lower()
+    return ending
 
 
 def joint_labels(mech, sizes) -> list[str]:
@@ -94,7 +90,7 @@ def legend_beside(axis):
 
 def positive(values):
     """NaN for what a logarithm cannot show."""
-    return np.where(np.asarray(values) > 0, values, np.nan)
+    return np.where(values > 0, values, np.nan)
 
 
 def widest(values, most: int) -> list[int]:
@@ -111,7 +107,7 @@ def curves(axis, t, values, labels, title, *, magnified=None):
     if named is None:
         named = widest(values, LEGEND if len(labels) <= LEGEND else LEGEND - 1)
         named = [k for k in named if values[:, k].any()] or named
-    others = [k for k in range(values.shape[1]) if k not in set(named)]
+    others = sorted({*range(values.shape[1])} - {*named})
     rest = f"{len(others)} {'more' if values[:, others].any() else 'zero throughout'}"
     for k in others:
         axis.plot(t, values[:, k], color=GREY, linewidth=0.7, zorder=1, label=rest if k == others[0] else None)
@@ -141,23 +137,21 @@ class DrawnSolution:
             if values.ndim != 2 or len(values) != self.t.size:
                 raise InputError(f"a figure needs {name} of shape ({self.t.size}, columns), got {values.shape}")
             labels = [f"{'λ' if name == 'lam' else name}{k + 1}" for k in range(values.shape[1])]
-            names = labels if self.mech is None else self._column_names(name)
+            if self.mech is None:
+                names = labels
+            elif name == "lam":
+                names = [f"{loop} {row}" for loop, row in self.mech.row_labels]
+            else:
+                names = joint_labels(self.mech, self.mech.model.nqs if name == "q" else self.mech.model.nvs)
             if len(names) != len(labels) and name != "lam":  # redundant rows may have been left out
                 raise InputError(f"{self.mech.name!r} has {len(names)} columns of {name}, the solution {len(labels)}")
             self.labels[name] = names if len(names) == len(labels) else labels
 
-    def _column_names(self, name: str) -> list[str]:
-        if name == "lam":
-            return [f"{loop} {row}" for loop, row in self.mech.row_labels]
-        return joint_labels(self.mech, self.mech.model.nqs if name == "q" else self.mech.model.nvs)
-
     def need_mechanism(self, of_what: str):
         """The mechanism, or an error that says how to give it."""
         if self.mech is None:
-            raise InputError(
-                f"a picture of the {of_what} needs the mechanism: give it as mech=. A solution read from a file does "
-                "not hold it, a general problem has none"
-            )
+            why = "A solution read from a file does not hold it, a general problem has none"
+            raise InputError(f"a picture of the {of_what} needs the mechanism: give it as mech=. {why}")
         return self.mech
 
     def residuals(self) -> tuple[list[str], np.ndarray, np.ndarray]:
@@ -187,9 +181,8 @@ class DrawnSolution:
         """Columns of q and of v that belong together."""
         if self.mech is None:
             return [(k, k) for k in range(self.q.shape[1])] if self.q.shape == self.v.shape else []
-        model = self.mech.model
-        joints = (j for j in range(1, model.njoints) if model.nqs[j] == model.nvs[j] == 1)
-        return [(model.idx_qs[j], model.idx_vs[j]) for j in joints]
+        m = self.mech.model
+        return [(m.idx_qs[j], m.idx_vs[j]) for j in range(1, m.njoints) if m.nqs[j] == m.nvs[j] == 1]
 
     @property
     def portrait_lines(self) -> int:

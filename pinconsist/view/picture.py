@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from itertools import cycle
+from itertools import cycle, pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -77,14 +77,9 @@ class DrawnRun:
 
 
 def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetitions: int) -> dict:
-    """The replay as a page needs it; parameters as in :func:`pinconsist.export_html`.
+    """The replay as a page needs it, places in axes with y up; parameters as in :func:`pinconsist.export_html`.
 
-    Returns
-    -------
-    dict
-        ``commands`` in their order, ``target`` of the camera, ``aspect`` for which it was placed, ``clock`` (time at
-        the start, seconds of motion per second of playing, duration of playing), ``titles`` with their places, and
-        ``legend``: color and text each. Places are in axes with y up.
+    ``clock`` is the time at the start, the seconds of motion per second of playing, and the duration of playing.
     """
     from .visuals import visuals  # and with it coal, only when something is shown
 
@@ -119,7 +114,7 @@ def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, repeti
     return {
         "commands": commands,
         "target": target,
-        "aspect": ASPECT,
+        "aspect": ASPECT,  # for which the camera was placed
         "clock": [first, speed * (-1.0 if last < first else 1.0), float(clock[-1])],
         "titles": [{"text": text, "at": y_up(place)} for text, place in titles],
         "legend": _legend(runs, traces, forces, scales, acting, not_drawn),
@@ -132,8 +127,8 @@ def _frames(traces, runs) -> list[str]:
     traces = list(dict.fromkeys(traces))
     for mech in (run.mech for run in runs):
         names = [frame.name for frame in mech.model.frames]
-        for name in (name for name in traces if name not in names):
-            raise InputError(f"{mech.name}: no frame {name!r} to trace{near(name, names)}")
+        if unknown := [name for name in traces if name not in names]:
+            raise InputError(f"{mech.name}: no frame {unknown[0]!r} to trace{near(unknown[0], names)}")
     return traces
 
 
@@ -143,20 +138,17 @@ def _part(name: str) -> str:
 
 def _offsets(extents, right: np.ndarray, size: float) -> list[np.ndarray]:
     """Where the runs stand: in a row to the viewer's right, the first where its world is."""
-    offsets, edge = [], None
-    for points in extents:
-        along = points @ right
-        shift = 0.0 if edge is None else edge + GAP * size - along.min()
-        edge = along.max() + shift
-        offsets.append(shift * right)
-    return offsets
+    ends = [((points @ right).min(), (points @ right).max()) for points in extents]
+    shifts = [0.0]
+    for (_, before), (start, _) in pairwise(ends):
+        shifts.append(shifts[-1] + before + GAP * size - start)
+    return [shift * right for shift in shifts]
 
 
 def _below(points: np.ndarray, axes: np.ndarray, size: float) -> np.ndarray:
     """The point under the middle of others, as the viewer sees it."""
-    seen = points @ axes.T
-    middle = (seen.max(0) + seen.min(0)) / 2
-    return np.array([middle[0], seen[:, 1].min() - 0.06 * size, middle[2]]) @ axes
+    low, high = np.min(points @ axes.T, axis=0), np.max(points @ axes.T, axis=0)
+    return np.array([(low[0] + high[0]) / 2, low[1] - 0.06 * size, (low[2] + high[2]) / 2]) @ axes
 
 
 def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]:
@@ -187,8 +179,8 @@ def _first_force(runs) -> str:
     wrong, right = (runs[k].lam[1:FIRST_ROWS] for k in (exact, 1 - exact))
     if wrong.shape != right.shape or not right.size:
         return ""
-    errors, norms = np.linalg.norm(wrong - right, axis=1), np.linalg.norm(right, axis=1)
-    error = errors.max() / (norms[errors.argmax()] or np.inf)
+    errors = np.linalg.norm(wrong - right, axis=1)
+    error = errors.max() / (np.linalg.norm(right[errors.argmax()]) or np.inf)
     if error < VISIBLE:
         return ""
     here, there = ("left", "right") if exact == 0 else ("right", "left")

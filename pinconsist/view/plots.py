@@ -61,14 +61,13 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
         The file cannot be written.
     """
     names = list(dict.fromkeys([what] if isinstance(what, str) else what))
-    if unknown := [name for name in names if name not in PICTURES]:
-        raise InputError(f"there is no picture {unknown[0]!r}; there are {', '.join(PICTURES)}")
-    if not names:
-        raise InputError(f"what= names no picture; there are {', '.join(PICTURES)}")
+    if not names or (unknown := [name for name in names if name not in PICTURES]):
+        reason = f"there is no picture {unknown[0]!r}" if names else "what= names no picture"
+        raise InputError(f"{reason}; there are {', '.join(PICTURES)}")
     drawn = DrawnSolution(sol, mech)
     if len(names) > 1 and not drawn.lam.shape[1]:
         names = [name for name in names if name != "multipliers"]
-    groups = [(phase, list(group)) for phase, group in groupby(names, lambda name: name == "phase")]
+    groups = [(phase, list(group)) for phase, group in groupby(names, "phase".__eq__)]
     heights = [HEIGHT * (drawn.portrait_lines if phase else len(group)) for phase, group in groups]
     with new_figure(WIDTH, sum(heights) + (0.3 if drawn.mech is not None else 0.0), file) as figure:
         parts = figure.subfigures(len(groups), 1, height_ratios=heights, squeeze=False)[:, 0]
@@ -85,10 +84,7 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
 
 
 def plot_trajectory(sol, file=None, mech=None) -> Figure:
-    """A figure of configuration and velocity over time.
-
-    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
-    """
+    """A figure of configuration and velocity over time; `sol`, `file`, `mech` and errors as :func:`plot_solution`."""
     return plot_solution(sol, file, mech, ["trajectory"])
 
 
@@ -96,9 +92,8 @@ def plot_multipliers(sol, file=None, mech=None) -> Figure:
     """A figure of λ of each row over time, and its first twenty steps once more, magnified.
 
     Row 0 is the multiplier of the differential equation; from exact initial values (``consistency="exact"``) the rows
-    after it are wrong by O(1), whatever the step size (Arévalo 2008).
-
-    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    after it are wrong by O(1), whatever the step size (Arévalo 2008). `sol`, `file`, `mech` and errors as
+    :func:`plot_solution`.
     """
     return plot_solution(sol, file, mech, ["multipliers"])
 
@@ -106,7 +101,7 @@ def plot_multipliers(sol, file=None, mech=None) -> Figure:
 def plot_drift(sol, file=None, mech=None) -> Figure:
     """A figure of the largest size of Φ (m, rad) and of J v + Φ_t (m/s, rad/s) of each loop over time.
 
-    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    `sol`, `file`, `mech` and errors as :func:`plot_solution`.
     """
     return plot_solution(sol, file, mech, ["drift"])
 
@@ -114,7 +109,7 @@ def plot_drift(sol, file=None, mech=None) -> Figure:
 def plot_energy(sol, file=None, mech=None) -> Figure:
     """A figure of energies and work of the forces, J, and the error of their balance, J (:class:`~pinconsist.Energy`).
 
-    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    `sol`, `file`, `mech` and errors as :func:`plot_solution`.
     """
     return plot_solution(sol, file, mech, ["energy"])
 
@@ -122,7 +117,7 @@ def plot_energy(sol, file=None, mech=None) -> Figure:
 def plot_steps(sol, file=None, mech=None) -> Figure:
     """A figure of step size, s, and order over time; InputError for one with ``t_eval``, whose rows are no steps.
 
-    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    `sol`, `file`, `mech` and errors as :func:`plot_solution`.
     """
     return plot_solution(sol, file, mech, ["steps"])
 
@@ -130,15 +125,13 @@ def plot_steps(sol, file=None, mech=None) -> Figure:
 def plot_phase(sol, file=None, mech=None) -> Figure:
     """A figure of velocity over configuration, a panel for each of the twelve widest joints of one degree of freedom.
 
-    A square marks the start.
-
-    Parameters and errors as :func:`plot_solution`: `sol`, `file` (where the figure is written, if given) and `mech`.
+    A square marks the start. `sol`, `file`, `mech` and errors as :func:`plot_solution`.
     """
     return plot_solution(sol, file, mech, ["phase"])
 
 
 def plot_comparison(rows, file=None) -> Figure:
-    """Error of the multipliers over time, from exact and from consistent initial values, a panel for each step size.
+    """A figure of the error of λ over time, from exact and from consistent initial values, a panel for each step size.
 
     As figure 5.1 of Arévalo (2008).
 
@@ -149,10 +142,6 @@ def plot_comparison(rows, file=None) -> Figure:
         ``consistent``, shape (n,), norms of the error of λ.
     file : path, optional
         Where the figure is written, whole or not at all; the ending chooses the format.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
 
     Raises
     ------
@@ -185,7 +174,7 @@ def plot_comparison(rows, file=None) -> Figure:
 
 
 def plot_work_precision(series, file=None) -> Figure:
-    """Run time against error, a line for each method: further left and lower is better.
+    """A figure of run time against error, a line for each method: further left and lower is better.
 
     Parameters
     ----------
@@ -194,10 +183,6 @@ def plot_work_precision(series, file=None) -> Figure:
         out.
     file : path, optional
         Where the figure is written, whole or not at all; the ending chooses the format.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
 
     Raises
     ------

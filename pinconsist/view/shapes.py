@@ -92,31 +92,28 @@ def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
         if joint:
             ends[joint].append(place.translation.copy())
     for joint, inertia in zip(ends, list(model.inertias)[1:], strict=True):
-        if not ends[joint] and inertia.mass > 0:
-            ends[joint].append(_rod_end(inertia))
+        if not ends[joint] and inertia.mass > 0:  # beyond the centre of mass by half a uniform rod of this inertia
+            half = np.sqrt(3 * np.linalg.eigvalsh(inertia.inertia)[-1] / inertia.mass)
+            reach = max(np.linalg.norm(inertia.lever), 1e-300)
+            ends[joint].append(inertia.lever * (1 + min(half / reach, 1.0)))
     return ends
-
-
-def _rod_end(inertia: pin.Inertia) -> np.ndarray:
-    """Centre of mass, and beyond it by half a uniform rod of this inertia, at most twice as far."""
-    reach = np.linalg.norm(inertia.lever)
-    half = np.sqrt(3 * np.linalg.eigvalsh(inertia.inertia)[-1] / inertia.mass)
-    return inertia.lever * (1 + min(half / reach, 1.0)) if reach > 0 else inertia.lever.copy()
 
 
 def skeleton(mech: Mechanism, poses: np.ndarray) -> np.ndarray:
     """World positions over the motion of joints, link ends and anchors, shape (n, k, 3)."""
-    parts = [in_world(poses[:, joint], [np.zeros(3), *ends]) for joint, ends in link_ends(mech).items()]
-    pairs = anchors(mech.model, *mech.anchored_loops)
-    parts += [in_world(poses[:, joint], [place.translation]) for joint, place in pairs]
-    return np.concatenate(parts, axis=1) if parts else np.zeros((len(poses), 1, 3))
+    points = [(joint, [np.zeros(3), *ends]) for joint, ends in link_ends(mech).items()]
+    points += [(joint, [place.translation]) for joint, place in anchors(mech.model, *mech.anchored_loops)]
+    points = points or [(0, [np.zeros(3)])]
+    return np.concatenate([in_world(poses[:, joint], each) for joint, each in points], axis=1)
 
 
 def bars(mech: Mechanism, poses: np.ndarray) -> dict[str, np.ndarray]:
     """Poses, shape (n, 7) each, of the bars that stand for the distance loops, by their names."""
     rods = {loop.name: anchors(mech.model, loop) for loop in mech.anchored_loops if loop.kind == "distance"}
-    ends = {name: [point_in_world(poses, j, place.translation) for j, place in pair] for name, pair in rods.items()}
-    return {name: bar_poses(*pair) for name, pair in ends.items()}
+    return {
+        name: bar_poses(*(point_in_world(poses, j, place.translation) for j, place in ends))
+        for name, ends in rods.items()
+    }
 
 
 def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=frozenset()) -> list[Shape]:
@@ -169,12 +166,10 @@ def _rail(mech: Mechanism, joint: int, poses: np.ndarray, size: float) -> np.nda
 
 def _ground(points, radius: float) -> list[Shape]:
     """A block at every fixed point, and thin bars between them: the frame that stands still."""
-    places = np.unique(np.round(points, 12), axis=0) if len(points) else np.zeros((0, 3))
+    places = np.unique(np.round(np.reshape(points, (-1, 3)), 12), axis=0)
     side = 3.2 * radius
     blocks = [block(0, place, (0, 1, 0), side, side, color=GROUND, opacity=0.5) for place in places]
-    if len(places) < 2:
-        return blocks
-    pairs = [places] if len(places) == 2 else [(places.mean(0), place) for place in places]
+    pairs = [places] if len(places) == 2 else [(places.mean(0), place) for place in places if len(places) > 2]
     return blocks + [cylinder(0, *pair, 0.45 * radius, color=RAIL) for pair in pairs]
 
 
