@@ -12,8 +12,7 @@ from .mechanism.energy import energy_of
 from .mechanism.reactions import not_determined, undetermined
 from .mechanism.system import MechanismSystem
 
-MOST = 2000
-"""Rows at which the multipliers of the differential equation are solved for: two thirds of the work."""
+MOST = 2000  # rows at which the multipliers of the differential equation are solved for: two thirds of the work
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ def certify(solution, mechanism=None) -> Certificate:
 
 
 def _compared(solution):
-    """Whether the forces of a row are compared: of all that the method made itself, or of MOST among them."""
+    """Mask of the rows whose forces are compared: of all that the method made itself, or of MOST among them."""
     made = 1 + np.flatnonzero(solution.order > 0)
     rows = made if len(made) else np.arange(len(solution.t))  # with t_eval all rows count
     compared = np.zeros(len(solution.t), dtype=bool)

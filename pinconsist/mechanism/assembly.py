@@ -101,29 +101,26 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
     solver = LoopSolver(mechanism, t)
     if held and (led := solver.led(base, guess, solver.free_columns(held))) is not None:
         start = mechanism.configuration(held, base=led)
-    attempts = (held, fixed) if named.keys() - fixed.keys() else (held,)
-    for names in attempts:  # named joints stay if the loops close that way, else only the fixed ones
+    for names in (held, fixed):  # named joints stay if the loops close that way, else only the fixed ones
         best, iterations = solver.close(start, solver.free_columns(names))
-        if solver.size(best) <= tolerance:
+        if names.keys() == fixed.keys() or solver.size(best) <= tolerance:
             break
     solver.loop_rows.check_derivatives(t, best)
     gaps = solver.gaps(best)
     open_loops = {name: gap for name, gap in gaps.items() if not gap <= tolerance}
     if open_loops:
         raise _not_closed(solver, guess, best, open_loops, fixed)
-    nearly = {name: gap for name, gap in gaps.items() if gap > CLOSED}
-    if nearly and tolerance <= NEARLY:
-        worst = max(nearly, key=nearly.__getitem__)
+    worst = max(gaps, key=gaps.__getitem__, default="")
+    if gaps and gaps[worst] > CLOSED and tolerance <= NEARLY:
         warnings.warn(
             f"{mechanism.name}: the loops contradict each other slightly: {worst!r} closes only to "
-            f"{nearly[worst]:.1e} m or rad. Most likely the numbers of the file are rounded",
+            f"{gaps[worst]:.1e} m or rad. Most likely the numbers of the file are rounded",
             stacklevel=2,
         )
     J = solver.rows(best)[1]
     kept, labels = independent_rows(J, solver.loop_rows.turns), mechanism.row_labels
     redundant = {
-        labels[row]: {labels[i]: value for i, value in combination.items()}
-        for row, combination in dependencies(J, kept).items()
+        labels[row]: {labels[i]: share for i, share in shares.items()} for row, shares in dependencies(J, kept).items()
     }
     return Assembly(
         q=best,
@@ -139,11 +136,7 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
 
 
 def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
-    """A velocity with J v + Φ_t = 0 at a closed configuration, shape (nv,).
-
-    A mapping joint → value keeps these joints' velocities and lets the others follow (least kinetic energy); an array
-    is projected in the mass metric. AssemblyError where the named velocities contradict the loops.
-    """
+    """A velocity with J v + Φ_t = 0 at a closed configuration, as :func:`assemble` takes it."""
     mechanism, model, t = solver.mechanism, solver.model, solver.t
     _, J = solver.rows(q)
     kept = independent_rows(J, solver.loop_rows.turns)
@@ -162,25 +155,21 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
     result = np.linalg.lstsq(K, np.concatenate((reference, target)), rcond=1e-13)[0][:nv]
     miss = np.abs(E @ result - target)
     if miss.max(initial=0.0) > 1e-8 * (1.0 + np.abs(target).max(initial=0.0)):
-        names = ", ".join(v) if isinstance(v, Mapping) else ""
-        s = np.linalg.svd(J, compute_uv=False)
+        names, advice = ", ".join(v) if isinstance(v, Mapping) else "", "name fewer joints"
+        if len(s := np.linalg.svd(J, compute_uv=False)) and s[-1] < NEARLY_SINGULAR * s[0]:
+            advice = "loop rows are nearly dependent here: a singular position is close, start a little away from it"
         raise AssemblyError(
             f"{mechanism.name}: the loops do not allow the velocities given for {names} "
-            f"(they miss each other by {miss.max():.3g} rad/s or m/s); "
-            + (
-                "loop rows are nearly dependent here: a singular position is close, start a little away from it"
-                if len(s) and s[-1] < NEARLY_SINGULAR * s[0]
-                else "name fewer joints"
-            )
+            f"(they miss each other by {miss.max():.3g} rad/s or m/s); {advice}"
         )
     return result
 
 
 def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
-    """Loop → best gap, of the loops that stay open even if all others are cut."""
+    """Loop → best gap, of the loops open by `gaps` that stay open even if all others are cut."""
     alone = {}
     for loop in mechanism.loops:
-        if not gaps[loop.name] <= CLOSED:
+        if not gaps.get(loop.name, 0.0) <= CLOSED:
             solver = LoopSolver(mechanism.with_loops(loop), t)
             gap = solver.size(solver.close(guess, solver.free_columns(fixed))[0])
             if gap > CLOSED:
@@ -190,22 +179,24 @@ def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
 
 def _not_closed(solver, guess, best, open_loops, fixed):
     mechanism = solver.mechanism
-    gaps = {loop.name: open_loops.get(loop.name, 0.0) for loop in mechanism.loops}
     held = f" with {', '.join(fixed)} held" if fixed else ""
     if len(mechanism.loops) == 1:
         ((name, gap),) = named = list(open_loops.items())
-        what = f"loop {name!r} cannot close{held}: {gap:.3g} {_open_row(solver, best, name)}"
+        worst = int(np.argmax(np.abs(solver.rows(best)[0])))
+        unit = "rad" if solver.loop_rows.turns[worst] else "m"
+        unit = unit if mechanism.anchored_loops else "m or rad"  # other rows are measured by their joint
+        row = mechanism.row_labels[worst][1]
+        what = f"loop {name!r} cannot close{held}: {gap:.3g} {unit} stay open in row {row}"
     else:
-        alone = impossible_alone(mechanism, guess, gaps, fixed, solver.t)
+        alone = impossible_alone(mechanism, guess, open_loops, fixed, solver.t)
         named = sorted((alone or open_loops).items(), key=lambda item: -item[1])
         in_metres = [loop.name for loop in mechanism.loops if loop.kind in ("point", "distance")]
-        units = {name: "m" if name in in_metres else "m or rad" for name in gaps}
-        listed = ", ".join(f"{name!r} (gap {gap:.3g} {units[name]})" for name, gap in named)
+        listed = ", ".join(f"{name!r} (gap {gap:.3g} m{' or rad' * (name not in in_metres)})" for name, gap in named)
         what = f"the loops cannot close together{held}, though each can alone; left open: {listed}"
         if alone:
-            of_all = f"{len(alone)} of {len(mechanism.loops)}"
-            worst = f", the worst first: {listed}" if len(named) > 1 else f": {listed}"
-            what = f"{of_all} loops cannot close{held}, {'each ' * (len(named) > 1)}even with all others cut{worst}"
+            each, order = ("each ", ", the worst first") if len(alone) > 1 else ("", "")
+            what = f"loops cannot close{held}, {each}even with all others cut{order}: {listed}"
+            what = f"{len(alone)} of {len(mechanism.loops)} {what}"
     let_go = ", let the held joints go" if fixed else ""
     return AssemblyError(
         f"{mechanism.name}: {what}. Check lengths, units and anchors; try "
@@ -214,13 +205,3 @@ def _not_closed(solver, guess, best, open_loops, fixed):
         gaps=dict(named),
         q=best,
     )
-
-
-def _open_row(solver, q, name) -> str:
-    """Unit and name of the row of a loop that stays open farthest."""
-    rows = solver.loop_rows
-    part = rows.slices[name]
-    worst = part.start + int(np.argmax(np.abs(solver.rows(q)[0][part])))
-    anchored = name in (loop.name for loop in solver.mechanism.anchored_loops)  # others measure by their joint
-    unit = "m or rad" if not anchored else "rad" if rows.turns[worst] else "m"
-    return f"{unit} stay open in row {rows.labels[worst][1]}"

@@ -11,10 +11,8 @@ import pinocchio as pin
 
 from ..errors import InputError, UserFunctionError
 
-UNIT = 1e-9
-"""How far from unit length an orientation may be."""
-ROTATION = 1e-6
-"""How far from the unit matrix RᵀR of a placement may be."""
+UNIT = 1e-9  # how far from unit length an orientation may be
+ROTATION = 1e-6  # how far from the unit matrix RᵀR of a placement may be
 
 
 def put(record, **values) -> None:

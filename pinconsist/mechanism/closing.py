@@ -28,9 +28,7 @@ class LoopSolver:
 
     def rows(self, q):
         """Φ and J at a configuration."""
-        pin.computeJointJacobians(self.model, self.data, q)
-        phi, J = self.loop_rows.evaluate(self.data, q, self.t)
-        return np.array(phi), np.array(J)
+        return self.loop_rows.at(self.data, q, self.t)
 
     def size(self, q) -> float:
         """Largest |Φ|, m or rad."""
@@ -118,9 +116,8 @@ class LoopSolver:
         if np.abs(dx).max() > LEAP:
             return None
         reached = newton(self.rows, self.model, self.loop_rows.turns, pin.integrate(self.model, q, dx), LEAP, free)
-        if reached is None or np.abs(pin.difference(self.model, q, reached)).max() > LEAP:
-            return None
-        return reached
+        leaps = reached is not None and np.abs(pin.difference(self.model, q, reached)).max() > LEAP
+        return None if leaps else reached
 
 
 def newton(rows, model, turns, q, longest, free=True):

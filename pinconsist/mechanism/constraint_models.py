@@ -8,8 +8,12 @@ import pinocchio as pin
 from ..errors import InputError
 from .loops import GROUND, Loop
 
-_ANCHORS = {"PointAnchorConstraintModel": "point", "FrameAnchorConstraintModel": "frame"}
-_LEGACY, _LEGACY_KINDS = "RigidConstraintModel", {"CONTACT_3D": "point", "CONTACT_6D": "frame"}
+_KINDS = {
+    "PointAnchorConstraintModel": "point",
+    "FrameAnchorConstraintModel": "frame",
+    "RigidConstraintModel of type CONTACT_3D": "point",
+    "RigidConstraintModel of type CONTACT_6D": "frame",
+}
 _MUST_VANISH = (
     "desired_constraint_offset",
     "desired_constraint_velocity",
@@ -34,9 +38,7 @@ def loops_of(constraint_models, model: pin.Model) -> tuple[tuple[Loop, ...], pin
         name = getattr(constraint, "name", "") or f"loop{number}"
         if name in (loop.name for loop in loops):
             name = f"{name} ({number})"
-        kind = _kind(constraint, name)
-        _require_rigid_and_at_rest(constraint, name)
-        fields = {}
+        fields = {"kind": _kind(constraint, name)}
         for end in (1, 2):
             joint = getattr(constraint, f"joint{end}_id")
             if not 0 <= joint < model.njoints:
@@ -45,25 +47,20 @@ def loops_of(constraint_models, model: pin.Model) -> tuple[tuple[Loop, ...], pin
             place = model.frames[model.getFrameId(frame)].placement.actInv(getattr(constraint, f"joint{end}_placement"))
             fields[f"frame{end}"] = frame
             fields[f"xyz{end}"], fields[f"rpy{end}"] = place.translation, pin.rpy.matrixToRpy(place.rotation)
-        loops.append(Loop(name, kind, **fields))
+        loops.append(Loop(name, **fields))
     return tuple(loops), model
 
 
 def _kind(constraint, name):
+    """The kind of the loop; InputError where the constraint is not rigid, or its anchors move."""
     which = type(constraint).__name__
-    kind = _ANCHORS.get(which)
-    if which == _LEGACY:
-        which = f"{which} of type {constraint.type}"
-        kind = _LEGACY_KINDS.get(str(constraint.type))
-    if kind is None:
+    if which == "RigidConstraintModel":
+        which += f" of type {constraint.type}"
+    if which not in _KINDS:
         raise InputError(
-            f"constraint {name!r}: a {which} cannot be read as a loop; {', '.join(_ANCHORS)} and {_LEGACY} in 3D or 6D "
-            "can. Limits, friction and contact are not modelled as constraints here (see help(pinconsist.Loop))"
+            f"constraint {name!r}: a {which} cannot be read as a loop; {', '.join(_KINDS)} can. Limits, friction and "
+            "contact are not modelled as constraints here (see help(pinconsist.Loop))"
         )
-    return kind
-
-
-def _require_rigid_and_at_rest(constraint, name):
     for attribute in _MUST_VANISH:
         value = getattr(constraint, attribute, 0.0)
         if np.any(getattr(value, "vector", value)):
@@ -72,6 +69,7 @@ def _require_rigid_and_at_rest(constraint, name):
             )
     if np.any(constraint.retrieveCompliance()):
         raise InputError(f"constraint {name!r}: it is compliant; a loop is rigid, a SpringDamper is not")
+    return _KINDS[which]
 
 
 def _with_frame_on(joint, model):

@@ -14,8 +14,7 @@ from .checks import name, number, put, put_checked, read_only, require_functions
 from .joint_constraints import Rows
 from .motion import TIME_STEP, check_slope, first, second
 
-REACH = 10.0
-"""How many times its `step` a constraint is moved where its curvature along the motion is wanted."""
+REACH = 10.0  # how many times its `step` a constraint is moved where its curvature along the motion is wanted
 CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)  # parts of the steps over which given derivatives are checked
 
 
@@ -62,8 +61,7 @@ class Constraint:
     jacobian: Callable | None = None
     rate: Callable | None = None
     moving: bool = True
-    # None until __post_init__ names them: read, they are a tuple
-    rows: tuple[str, ...] = None  # type: ignore[assignment]
+    rows: tuple[str, ...] = None  # type: ignore[assignment]  # a tuple after __post_init__
     step: float = 1e-3
 
     kind: ClassVar[str] = "constraint"
@@ -108,10 +106,9 @@ class ConstraintRows(Rows):
                 f"constraint {self.loop.name!r} promises moving=False, but Φ changes with time at t = {t:.6g}"
             )
         fastest = np.max(np.abs(v), initial=0.0)
-        if not (fastest or self.moving):
+        step = min(TIME_STEP if self.moving else np.inf, REACH * self.loop.step / fastest if fastest else np.inf)
+        if step == np.inf:
             return np.zeros(self.loop.size)
-        step = TIME_STEP if self.moving else np.inf
-        step = min(step, REACH * self.loop.step / fastest) if fastest else step
 
         def place(s):
             return pin.integrate(self.model, q, s * v)

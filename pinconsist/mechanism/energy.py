@@ -12,8 +12,7 @@ from scipy.interpolate import CubicSpline
 from .forces import bound_forces, unused
 from .rows import LoopRows
 
-EVENTS = "events"
-"""Where ``work`` has what the jumps at events change."""
+EVENTS = "events"  # where ``work`` has what the jumps at events change
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,14 +23,8 @@ class Energy:
     ----------
     t : ndarray
         Times, s.
-    kinetic : ndarray
-        Of the bodies and rotors.
-    potential : ndarray
-        In the field of gravity.
-    elastic : ndarray
-        In all springs, the sum of ``stored``.
-    total : ndarray
-        Their sum.
+    kinetic, potential, elastic, total : ndarray
+        Of the bodies and rotors; in the field of gravity; in all springs, the sum of ``stored``; the sum of the three.
     stored : dict[str, ndarray]
         Elastic energy of each spring.
     power : dict[str, ndarray]

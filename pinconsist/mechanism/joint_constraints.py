@@ -13,7 +13,7 @@ from ..errors import InputError
 from .checks import called, joint_index, name, number, numbers, put, put_checked, require_functions
 from .motion import TIME_STEP, Motion, check_slope, first, second
 
-TURN = 2.0 * math.pi
+TURN = math.tau
 CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps over which given derivatives are checked
 
 
@@ -227,19 +227,14 @@ class CouplingRow(Rows):
         joint, other, ratio = self._joint, self._other, abs(coupling.ratio)
         if not other.period:
             return joint.period
-        if any(coupling.higher):
+        whole = 1.0 / ratio if 0.0 < ratio < 1.0 else ratio
+        problem = "its powers are not known" if any(coupling.higher) else ""
+        if joint.period and abs(whole - round(whole)) > 1e-12 * whole:
+            problem = problem or f"a ratio of {coupling.ratio:g} needs more (a whole number or one over it would do)"
+        if problem:
             raise InputError(
                 f"coupling {coupling.name!r}: joint {coupling.other!r} stores cosine and sine, so that its angle is "
-                "known up to whole turns only, and its powers are not known at all; make it a plain revolute joint, "
-                "which counts its turns"
-            )
-        whole = 1.0 / ratio if 0.0 < ratio < 1.0 else ratio
-        if joint.period and abs(whole - round(whole)) > 1e-12 * whole:
-            raise InputError(
-                f"coupling {coupling.name!r}: joints {coupling.joint!r} and {coupling.other!r} store cosine and sine, "
-                f"so that their angles are known up to whole turns only; a ratio of {coupling.ratio:g} needs more "
-                "(a whole number or one over it would do): make one of them a plain revolute joint, which counts its "
-                "turns"
+                f"known up to whole turns only, and {problem}: make it a plain revolute joint, which counts its turns"
             )
         return min((period for period in (joint.period, TURN * ratio) if period), default=None)
 

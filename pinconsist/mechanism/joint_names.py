@@ -24,33 +24,14 @@ class JointNames:
         return tuple(self.model.names)[1:]
 
     def columns(self, joint: str) -> slice:
-        """The place of a joint's numbers in v, in τ and in the columns of J, as a slice.
-
-        Parameters
-        ----------
-        joint : str
-            Its name.
-
-        Raises
-        ------
-        InputError
-            No such joint.
-        """
+        """The columns of a `joint` in v, in τ and in J, as a slice; InputError where there is no such joint."""
         start = self.model.idx_vs[i := self.joint_index(joint)]
         return slice(start, start + self.model.nvs[i])
 
     def joint_index(self, joint: str) -> int:
-        """The index of a joint in ``model.joints``, from 1 on: the ground is 0. Its place in v is :meth:`columns`.
+        """The index of a `joint` in ``model.joints``, from 1 on: the ground is 0. Its place in v is :meth:`columns`.
 
-        Parameters
-        ----------
-        joint : str
-            Its name.
-
-        Raises
-        ------
-        InputError
-            No such joint; names those there are.
+        Raises InputError where there is no such joint; its message names those there are.
         """
         if joint not in self.joints:
             known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
@@ -81,16 +62,9 @@ class JointNames:
     def velocity(self, values) -> np.ndarray:
         """A full velocity (nv,). It is not put on the constraints.
 
-        Parameters
-        ----------
-        values : mapping or array
-            Joint name → velocity, rad/s or m/s, as many numbers as the joint has degrees of freedom, the other joints
-            at rest; or a velocity (nv,).
-
-        Raises
-        ------
-        InputError
-            Unknown joint, wrong size, NaN.
+        `values` maps joint names to velocities, rad/s or m/s, as many numbers as the joint has degrees of freedom, the
+        other joints at rest; or it is a velocity (nv,), which is copied. Raises InputError for an unknown joint, a
+        wrong size, NaN.
         """
         return self._fill(values, np.zeros(self.model.nv), "idx_vs", "nvs", "velocity")
 

@@ -74,10 +74,8 @@ class Loop:
         What the closure holds together; see the table of :mod:`pinconsist.mechanism.loops`.
     frame1, frame2 : str
         Names of frames of the model; ``"universe"`` is the ground.
-    xyz1, xyz2 : tuple of 3 float
-        Position of each anchor in its frame, m.
-    rpy1, rpy2 : tuple of 3 float
-        Orientation of each anchor in its frame, URDF's roll, pitch, yaw, rad.
+    xyz1, rpy1, xyz2, rpy2 : tuple of 3 float
+        Position, m, and orientation, URDF's roll, pitch, yaw in rad, of each anchor in its frame.
     axis : tuple of 3 float
         A direction of any length. The axis of a hinge, slider or cylinder, and the normal of a plane: the same
         components in both anchors. Of a universal, the axis that belongs to body 1, in anchor 1.

@@ -115,47 +115,24 @@ class Mechanism(JointNames):
         return [(loop.name, row) for loop in self.loops for row in loop.rows]
 
     def with_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:
-        """The same mechanism with these loops instead of its own.
+        """The same mechanism with these `loops` instead of its own; none makes a tree.
 
-        Parameters
-        ----------
-        *loops : Loop, Drive, Coupling or Constraint
-            One argument each; none makes a tree. ``with_loops(*mechanism.loops, drive)`` adds one.
-
-        Raises
-        ------
-        InputError
-            Unknown frames or joints, two of one name, something that is no loop.
+        ``with_loops(*mechanism.loops, drive)`` adds one. Raises InputError for unknown frames or joints, two of one
+        name, something that is no loop.
         """
         return replace(self, loops=loops)
 
     def with_forces(self, *forces) -> Mechanism:
-        """The same mechanism with these forces added to its own.
+        """The same mechanism with these `forces` added to its own; each as in ``forces`` of :class:`Mechanism`.
 
-        Parameters
-        ----------
-        *forces
-            One argument each, as in ``forces`` of :class:`Mechanism`.
-
-        Raises
-        ------
-        InputError
-            Unknown frames or joints, wrong sizes, something that is no force.
+        Raises InputError for unknown frames or joints, wrong sizes, something that is no force.
         """
         return replace(self, forces=(*self.forces, *forces))
 
     def with_gravity(self, gravity) -> Mechanism:
-        """The same mechanism under another gravity.
+        """The same mechanism under another `gravity`, three numbers, m/s², in world axes.
 
-        Parameters
-        ----------
-        gravity : array, shape (3,)
-            m/s², in world axes.
-
-        Raises
-        ------
-        InputError
-            Not three finite numbers.
+        Raises InputError for anything but three finite numbers.
         """
         model = self.model.copy()
         model.gravity.linear = np.array(triple(gravity, "gravity"))
@@ -164,16 +141,9 @@ class Mechanism(JointNames):
     def with_armature(self, armature: Mapping[str, float]) -> Mechanism:
         """The same mechanism with rotor inertia added to its own.
 
-        Parameters
-        ----------
-        armature : mapping
-            Joint name → rotor inertia as seen from the joint, kg·m² (or kg), not negative; it counts for each velocity
-            of the joint.
-
-        Raises
-        ------
-        InputError
-            No mapping, unknown joint, or a value that is not one number of at least zero.
+        `armature` maps joint names to rotor inertia as seen from the joint, kg·m² (or kg), not negative; it counts for
+        each velocity of the joint. Raises InputError for anything but a mapping, an unknown joint, or a value that is
+        not one number of at least zero.
         """
         model = self.model.copy()
         if not isinstance(armature, Mapping):
@@ -224,10 +194,8 @@ class Mechanism(JointNames):
 
         Raises
         ------
-        AssemblyError
-            The loops do not close.
-        InputError
-            They leave no motion.
+        AssemblyError, InputError
+            The loops do not close; they leave no motion.
         """
         from .editing import reduced
 

@@ -10,8 +10,7 @@ import numpy as np
 from ..errors import InputError, PinconsistError
 from .checks import number, put_checked
 
-TIME_STEP = 1e-3
-"""Of the difference quotients in time, s."""
+TIME_STEP = 1e-3  # s, of the difference quotients in time
 
 
 @dataclass(frozen=True)
@@ -22,16 +21,10 @@ class Motion:
 
     Parameters
     ----------
-    start : float
-        rad or m (N·m or N of a torque).
-    speed : float
-        Per second.
-    amplitude : float
-        In the unit of `start`.
-    frequency : float
-        Hz.
-    phase : float
-        rad.
+    start, speed : float
+        rad or m (N·m or N of a torque), and that per second.
+    amplitude, frequency, phase : float
+        In the unit of `start`; Hz; rad.
 
     Raises
     ------

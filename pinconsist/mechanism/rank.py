@@ -30,8 +30,6 @@ def independent_rows(J, turns) -> np.ndarray:
     J = J / row_scales(J, turns)[:, None]
     R, pivots = qr(J.T, mode="r", pivoting=True)
     diagonal = np.abs(np.diagonal(R))
-    if diagonal[0] == 0.0:
-        return np.zeros(0, dtype=int)
     return np.sort(pivots[: np.count_nonzero(diagonal > RANK_TOLERANCE * diagonal[0])])
 
 
@@ -44,15 +42,11 @@ def free_motions(J, turns) -> np.ndarray:
 def dependencies(J, kept) -> dict[int, dict[int, float]]:
     """For each dropped row, the kept rows it is a combination of and their coefficients ({} for a zero row)."""
     dropped = [row for row in range(len(J)) if row not in set(kept)]
-    if not dropped or not len(kept):
+    if not len(kept):
         return {row: {} for row in dropped}
-    coefficients = np.linalg.lstsq(J[kept].T, J[dropped].T, rcond=None)[0]
-    size = np.abs(J).max()
+    shares = np.linalg.lstsq(J[kept].T, J[dropped].T, rcond=None)[0].T
+    shares[np.abs(J[dropped]).max(axis=1) <= RANK_TOLERANCE * np.abs(J).max()] = 0.0
     return {
-        row: {
-            int(kept[i]): float(column[i])
-            for i in np.flatnonzero(np.abs(column) > 1e-9)
-            if np.abs(J[row]).max() > RANK_TOLERANCE * size
-        }
-        for row, column in zip(dropped, coefficients.T, strict=True)
+        row: {int(kept[i]): float(share[i]) for i in np.flatnonzero(np.abs(share) > 1e-9)}
+        for row, share in zip(dropped, shares, strict=True)
     }

@@ -38,11 +38,9 @@ class Reaction:
         ``"world"``, or ``"anchor"``: the axes of anchor 1, in which the loop's rows are written.
     t : ndarray, shape (n,)
         Times, s.
-    force : ndarray, shape (n, 3), or None
-        On body 2 (that of ``frame2``) at anchor 2, N; body 1 takes the opposite there. None for drives, couplings and
-        constraints of the user's own, which have no anchors.
-    moment : ndarray, shape (n, 3), or None
-        On body 2 about anchor 2, N·m; body 1 takes the opposite.
+    force, moment : ndarray, shape (n, 3), or None
+        On body 2 (that of ``frame2``) at anchor 2, N, and about it, N·m; body 1 takes the opposite there. None for
+        drives, couplings and user-defined constraints, which have no anchors.
     torque : ndarray, shape (n,), or None
         Of a drive, what the motor gives to its joint, positive along the joint's velocity, N·m (N if it slides). Of
         a coupling, what `joint` receives; `other` receives -dq_joint/dq_other times it.
@@ -72,9 +70,8 @@ class Reaction:
         ]
         size = np.abs(self.joint_forces).max(initial=0.0)
         text = f"{self.kind} {self.loop!r}: {', '.join(largest) or f'joint forces up to {size:.4g}'}"
-        if self.dependence is None:
-            return text
-        return f"{text}; not determined: its rows depend on others to {self.dependence:.0e}"
+        doubt = "; not determined: its rows depend on others to"
+        return text if self.dependence is None else f"{text}{doubt} {self.dependence:.0e}"
 
 
 class HasReactions:
@@ -86,7 +83,7 @@ class HasReactions:
     lam: np.ndarray
 
     def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
-        """What a loop does to its bodies.
+        """What a loop does to its bodies, one row for each of the n times; one row in an equilibrium.
 
         Parameters
         ----------
@@ -94,11 +91,6 @@ class HasReactions:
             Name of a loop, drive, coupling or constraint of the mechanism.
         axes : {"world", "anchor"}
             In which force and moment are given: world axes, or those of the loop's anchor 1.
-
-        Returns
-        -------
-        Reaction
-            A row for each of the n times; one row in an equilibrium.
 
         Raises
         ------
@@ -110,11 +102,7 @@ class HasReactions:
 
 
 def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") -> Reaction:
-    """The reaction of one loop at given states.
-
-    The wrench on body 2 is (∂Φ/∂twist of body 2)ᵀ λ, from the rows' own derivatives. `lam`, (n, nc), has the
-    multipliers of all rows. InputError for an unknown loop and other axes.
-    """
+    """The reaction of one loop at given states; `lam`, (n, nc), has the multipliers of all rows."""
     if axes not in AXES:
         raise InputError(f"reaction: axes={axes!r} is not one of {', '.join(map(repr, AXES))}")
     names = [loop.name for loop in mechanism.loops]
@@ -130,7 +118,6 @@ def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") ->
         joint_forces[i] = closure.evaluate(data, q[i], t[i])[1].T @ lam[i]
         if anchored:
             wrenches[i] = _wrench(closure, data, lam[i], axes)
-    torque = lam[:, 0].copy() if loop.kind in ("drive", "coupling") else None
     return Reaction(
         loop=name,
         kind=loop.kind,
@@ -138,7 +125,7 @@ def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") ->
         t=read_only(t),
         force=read_only(wrenches[:, :3]) if anchored else None,
         moment=read_only(wrenches[:, 3:]) if anchored else None,
-        torque=None if torque is None else read_only(torque),
+        torque=read_only(lam[:, 0].copy()) if loop.kind in ("drive", "coupling") else None,
         joint_forces=read_only(joint_forces),
         dependence=undetermined(mechanism, t, q).get(name),
     )
@@ -150,12 +137,11 @@ def undetermined(mechanism: Mechanism, t, q) -> dict[str, float]:
     It is small in all of the run's rows that are looked at: at a singular position that is passed, forces are large but
     real. Rows that depend on others exactly share their load at least norm, and do not count.
     """
-    if not mechanism.loops or not len(t):
-        return {}
     data, rows, looks = mechanism.model.createData(), LoopRows(mechanism.model, mechanism.loops), []
+    if not rows.nc or not len(t):
+        return {}
     for i in np.unique(np.linspace(0, len(t) - 1, LOOKS).astype(int)):
-        pin.computeJointJacobians(mechanism.model, data, q[i])
-        looks.append(_nearly_dependent(rows, rows.evaluate(data, q[i], t[i])[1]))
+        looks.append(_nearly_dependent(rows, rows.at(data, q[i], t[i])[1]))
         if not looks[-1]:
             return {}
     return {name: max(look[name] for look in looks) for name in looks[0] if all(name in look for look in looks)}
@@ -182,7 +168,7 @@ def not_determined(found: dict[str, float]) -> str:
 
 
 def _wrench(closure, data, lam, axes):
-    """[force, moment] on body 2 at anchor 2."""
+    """[force, moment] on body 2 at anchor 2, (∂Φ/∂twist of body 2)ᵀ λ by the rows' own derivatives."""
     pose1, pose2 = data.oMi[closure.joint1] * closure.place1, data.oMi[closure.joint2] * closure.place2
     gap, twist = pose1.actInv(pose2), np.eye(6)
     wrench = closure.rows(gap.translation, gap.rotation, twist[:3], twist[3:])[1].T @ lam

@@ -43,12 +43,18 @@ class LoopRows:
         """Φ and J, (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`; anchors need no `q` and `t`."""
         return _stacked([closure.evaluate(data, q, t) for closure in self.closures], self.model.nv)
 
+    def at(self, data: pin.Data, q, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Copies of Φ and J at `q`; `data` is a workspace."""
+        pin.computeJointJacobians(self.model, data, q)
+        phi, J = self.evaluate(data, q, t)
+        return np.array(phi), np.array(J)
+
     def time_rate(self, t: float, q=None) -> np.ndarray:
         """Φ_t, shape (nc,)."""
         return np.concatenate([np.zeros(0), *(closure.rate(t, q) for closure in self.closures)])
 
     def check_derivatives(self, t: float, q) -> None:
-        """Raise InputError where derivatives that a user gave contradict the functions they belong to."""
+        """See :meth:`Rows.check_derivatives`."""
         for closure in self.closures:
             closure.check_derivatives(t, q)
 
@@ -168,15 +174,14 @@ def near_closed(closure, local):
     n = len(place.directions)
     if turn is None or max(local) < n:
         return [(here, place.directions[local])]
-    if isinstance(turn, Turn) and n == 3:
+    if not isinstance(turn, Turn):
+        shift, ahead, behind = turn.axis2, turn.directions, -turn.directions
+    elif n == 3:
         return [(POSE, np.eye(6)[local])]
-    if isinstance(turn, Turn):
-        matrix = np.zeros((n + 3, 9))
-        matrix[:n, :3], matrix[n:, 6:] = place.directions, np.eye(3)
-        return [(here, matrix[local, :3]), (POSE, matrix[local, 3:])]
-    matrix = np.zeros((n + len(turn.directions), 6))
-    matrix[:n, :3], matrix[n:, :3], matrix[n:, 3:] = place.directions, -turn.directions, turn.directions
-    return [(here, matrix[local, :3]), (turn.axis2, matrix[local, 3:])]
+    else:
+        shift, ahead, behind = POSE, np.eye(6)[3:], np.zeros((3, 3))
+    matrix = np.vstack((place.directions, behind)), np.vstack((np.zeros((n, ahead.shape[1])), ahead))
+    return [(here, matrix[0][local]), (shift, matrix[1][local])]
 
 
 def _constraint(model, closure, shift):
@@ -184,11 +189,9 @@ def _constraint(model, closure, shift):
 
     Error and Jacobian of a point, seen from anchor 1, are exact also while the loop is open.
     """
-    ends = closure.joint1, closure.place1, closure.joint2
-    if shift is POSE:
-        constraint = pin.FrameAnchorConstraintModel(model, *ends, closure.place2)
-    else:
-        constraint = pin.PointAnchorConstraintModel(model, *ends, closure.place2 * pin.SE3(np.eye(3), shift))
+    place2 = closure.place2 if shift is POSE else closure.place2 * pin.SE3(np.eye(3), shift)
+    record = pin.FrameAnchorConstraintModel if shift is POSE else pin.PointAnchorConstraintModel
+    constraint = record(model, closure.joint1, closure.place1, closure.joint2, place2)
     return constraint, constraint.createData()
 
 

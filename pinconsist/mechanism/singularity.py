@@ -10,10 +10,8 @@ from .closing import LoopSolver
 from .joint_names import joints_in
 from .rank import free_motions, independent_rows
 
-NEARBY = 1e-3
-"""How far, in rad and m, the rank of the loops is checked around a position with dependent rows."""
-MASSLESS = 1e-14
-"""Inertia of a free motion, relative to the largest, below which it counts as zero."""
+NEARBY = 1e-3  # rad and m: how far around a position with dependent rows the rank of the loops is checked
+MASSLESS = 1e-14  # inertia of a free motion, relative to the largest, below which it counts as zero
 
 
 def require_nonsingular(system, q) -> None:
@@ -54,10 +52,7 @@ def require_nonsingular(system, q) -> None:
 
 
 def rank_nearby(system, q, free) -> int:
-    """The highest rank of the loops in three closed configurations near `q`, reached by motions in the columns `free`.
-
-    0 where nothing can move.
-    """
+    """The highest rank of the loops at three closed configurations near `q`, by motions in the columns `free`, or 0."""
     if not free.size:
         return 0
     solver, rng, highest = LoopSolver(system.mechanism, system.chosen_at), np.random.default_rng(0), 0

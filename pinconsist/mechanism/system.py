@@ -16,10 +16,8 @@ from .mechanism import Mechanism
 from .rank import independent_rows, row_scales
 from .rows import KeptRows, LoopRows
 
-OPEN = 1e-6
-"""Gap, relative to the mechanism's size, at which a row that left the system is taken to have been needed."""
-WEAK = 0.2
-"""Smallest singular value of the kept rows, relative to that of all rows, at which others are chosen."""
+OPEN = 1e-6  # gap, relative to the mechanism's size, at which a row that left the system has been needed
+WEAK = 0.2  # smallest singular value of the kept rows, relative to that of all rows, at which others are chosen
 
 
 class MechanismSystem(Index3System):
@@ -161,9 +159,7 @@ class MechanismSystem(Index3System):
 
         J depends on time only in constraints of the user's own, Φ in drives too.
         """
-        pin.computeJointJacobians(self.model, self.data, q)
-        phi, J = self.rows.evaluate(self.data, q, self.chosen_at if t is None else t)
-        return np.array(phi), np.array(J)
+        return self.rows.at(self.data, q, self.chosen_at if t is None else t)
 
     @property
     def n_multipliers(self):
