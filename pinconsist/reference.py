@@ -53,7 +53,6 @@ def reference_problem(name: str) -> ReferenceProblem:
     Returns
     -------
     ReferenceProblem
-        With ``system``, ``t0``, ``p0``, ``v0`` and ``exact(t) -> (p, v, lam)``.
 
     Raises
     ------

@@ -26,9 +26,8 @@ import numpy as np
 
 from ...errors import InputError
 from .bodies import SpringDamper, Wrench
-from .force import BoundForce, Force, unused
+from .force import BoundForce, Force, JointTorque, Torque, UserForce, unused
 from .joints import JointDamping, JointFriction, JointSpring, Servo
-from .torques import JointTorque, Torque, UserForce
 
 __all__ = [
     "Force", "JointDamping", "JointFriction", "JointSpring", "JointTorque", "Servo", "SpringDamper",

@@ -1,12 +1,17 @@
-"""What a force is: the protocol, the records in plain numbers, and what they become on a model."""
+"""What a force is: the protocol, records in plain numbers, their laws on a model; torques at joints, users' laws."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+
+from ...errors import InputError
+from ..checks import amounts, called, function_name, joint_index, put, read_only, require_functions, returned, spread
+from ..motion import Motion
 
 MOST_NAMED = 3  # joints in a label
 
@@ -75,6 +80,184 @@ class BoundForce(ABC):
     def hand_over(self, twin) -> bool:
         """Add this law to the compiled system; False where that has to call Python."""
         return False
+
+
+class _BoundTorque(BoundForce):
+    def __init__(self, record, model):
+        constant, functions = record.torques, {}
+        if isinstance(constant, Mapping):
+            functions = {joint: torque for joint, torque in constant.items() if callable(torque)}
+            constant = {joint: torque for joint, torque in constant.items() if joint not in functions}
+        self._constant, self._curves = spread(model, constant, "JointTorque"), []
+        for joint, curve in functions.items():
+            i = joint_index(model, joint, "JointTorque")
+            size, start = model.nvs[i], model.idx_vs[i]
+            shape = () if size == 1 else (size,)
+            self._curves.append((curve, slice(start, start + size), shape, f"the torque of joint {joint!r}"))
+
+    def torque(self, t, q, v):
+        tau = self._constant.copy()
+        for curve, columns, shape, what in self._curves:
+            tau[columns] = returned(curve, what, shape, t)
+        return tau
+
+    def hand_over(self, twin) -> bool:
+        own = all(type(curve) is Motion and not shape for curve, _, shape, _ in self._curves)
+        if own:
+            twin.add_constant(self._constant)
+            for curve, columns, _, _ in self._curves:
+                twin.add_torque_curve(columns.start, curve.numbers)
+        return own
+
+
+@dataclass(frozen=True)
+class JointTorque(ForceRecord):
+    """Torques at joints, constant or as functions of time.
+
+    Parameters
+    ----------
+    torques : mapping or sequence of nv numbers
+        Of joints by name, N·m (or N): a number, a number for each velocity of the joint, or a function of time that
+        returns one or the other, for instance a :class:`Motion`. Or constant torques at every joint velocity.
+
+    Raises
+    ------
+    InputError
+        Impossible numbers; on a model, unknown joints and wrong sizes; while it runs, a function that returns
+        something else.
+    UserFunctionError
+        A function raised an exception.
+    """
+
+    torques: Mapping[str, float | tuple | Callable] | tuple[float, ...]
+
+    _kind, _acts_on, _law = "torque", "torques", _BoundTorque
+
+    def __post_init__(self):
+        put(self, torques=amounts(self.torques, "JointTorque", functions=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Torque:
+    """A user's own law τ = f(t, q, v).
+
+    Parameters
+    ----------
+    function : callable
+        ``f(t, q, v) -> array (nv,)``; called with read-only arrays.
+    gradient : callable, optional
+        ``g(t, q, v) -> (∂τ/∂q, ∂τ/∂v)`` in the tangent space, either may be None. Without it the velocity part is
+        taken by finite differences, and the position part is left out of Newton's matrix (never of the residual).
+
+    Raises
+    ------
+    InputError
+        While it runs: wrong shapes, complex numbers.
+    UserFunctionError
+        A function raised an exception.
+    """
+
+    function: Callable
+    gradient: Callable | None = None
+
+    def __post_init__(self):
+        require_functions(self, "Torque", "(t, q, v)", "function", optional=("gradient",))
+
+    @property
+    def label(self) -> str:
+        """The name of the force in energy reports and messages."""
+        return f"torque {function_name(self.function)}"
+
+    def torque(self, t, q, v) -> np.ndarray:
+        """What the function returns at a state, checked: τ, N·m or N, shape (nv,).
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+        q, v : ndarray, shapes (nq,), (nv,)
+            Configuration and velocity.
+
+        Raises
+        ------
+        InputError, UserFunctionError
+            It returned another shape, or no real numbers; it raised an exception.
+        """
+        what = f"the torque function {function_name(self.function)}"
+        return returned(self.function, what, v.shape, t, read_only(q), read_only(v))
+
+    def derivatives(self, t, q, v) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """What ``gradient`` returns at a state, checked; without one, forward differences by velocity.
+
+        Parameters
+        ----------
+        t : float
+            Time, s.
+        q, v : ndarray, shapes (nq,), (nv,)
+            Configuration and velocity.
+
+        Returns
+        -------
+        (ndarray or None, ndarray or None)
+            (∂τ/∂q, ∂τ/∂v), each (nv, nv) in the tangent space; None where it is not given. Without ``gradient`` the
+            first one is None.
+
+        Raises
+        ------
+        InputError, UserFunctionError
+            A function returned other shapes, or no finite real numbers; it raised an exception.
+        """
+        if self.gradient is not None:
+            return _gradient(self.gradient, f"the gradient {function_name(self.gradient)}", t, q, v)
+        at = self.torque(t, q, v)
+        columns = np.empty((len(v), len(v)))
+        for i, step in enumerate(1e-7 * (1.0 + np.abs(v))):
+            moved = v.copy()
+            moved[i] += step
+            with np.errstate(invalid="ignore"):  # infinite torques are reported by the caller
+                columns[:, i] = (self.torque(t, q, moved) - at) / step
+        return None, columns
+
+
+class UserForce(BoundForce):
+    """A user-defined force object: what it returns is checked before it is used."""
+
+    def __init__(self, force, label):
+        self._force, self._label = force, label
+        if hasattr(force, "stored"):
+            self.stored = force.stored
+
+    def torque(self, t, q, v):
+        return returned(self._force.torque, f"the torque of {self._label!r}", v.shape, t, read_only(q), read_only(v))
+
+    def derivatives(self, t, q, v):
+        return _gradient(self._force.derivatives, f"the derivatives of {self._label!r}", t, q, v)
+
+
+def _gradient(function, what, t, q, v):
+    """What a user's gradient returned, checked."""
+    parts = called(function, what, t, read_only(q), read_only(v))
+    shape = (len(v), len(v))
+    if isinstance(parts, tuple | list) and len(parts) == 2:
+        parts = tuple(None if part is None else np.asarray(part) for part in parts)
+        wrong = next((wrong for part in parts if part is not None and (wrong := _wrong(part, shape))), "")
+    else:
+        wrong = repr(parts)
+    if wrong:
+        raise InputError(
+            f"{what} returned {wrong} at t = {t:.6g}; it must return two matrices of shape {shape}, "
+            "(∂τ/∂q, ∂τ/∂v), or None for either"
+        )
+    return tuple(None if part is None else part.astype(float, copy=False) for part in parts)
+
+
+def _wrong(matrix, shape) -> str:
+    """What is wrong with a user's matrix, or an empty string."""
+    if matrix.shape != shape:
+        return f"shape {matrix.shape}"
+    if matrix.dtype.kind not in "biuf":
+        return "complex numbers" if matrix.dtype.kind == "c" else "no numbers"
+    return "" if np.isfinite(matrix).all() else "a number that is not finite"
 
 
 def unused(wanted: str, taken) -> str:
