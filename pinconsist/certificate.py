@@ -65,7 +65,7 @@ class Certificate:
 
     @property
     def concerns(self) -> list[str]:
-        """What a person should look at before believing the solution; empty where nothing stands out."""
+        """What a person should look at before trusting the solution; empty where nothing stands out."""
         found, advice = [], "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
         if self.position > 1e-8:
             found.append(f"a loop is open by {self.position:.1e}")
@@ -73,7 +73,7 @@ class Certificate:
             found.append(f"the constraint forces are off by more than 1 %: {advice}, or a force jumps within a step")
         if self.energy_error is not None and self.energy_error > 0.01:
             found.append(
-                f"the energy balance misses more than 1 %: {advice}, or a force or a drive jumps (restart there "
+                f"the energy balance is off by more than 1 %: {advice}, or a force or a drive jumps (restart there "
                 "by an event), or the rows are too few to see the work of the forces"
             )
         if self.undetermined:

@@ -1,8 +1,8 @@
 """A run from checkpoint to checkpoint.
 
-At every checkpoint the integration begins anew from the state there, whether the run was interrupted or not. So the
-numbers after it depend on that state alone, and a run that is continued from its file has those of one that went
-through.
+At every checkpoint the integration starts again from the state there, whether the run was interrupted or not. So the
+numbers after it depend on that state alone, and a run that is continued from its file gives the same numbers as one
+without interruption.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ def checkpoints(t_span, period) -> list[float]:
 def carry_out(recipe, mechanism, file, *, begun=None, callback=None):
     """Make the run of a recipe with a mechanism on which all forces act, and return its solution.
 
-    It is saved in `file`, unless that is None, at its end and at checkpoints, but for a tenth of the time at most: each
-    save writes the whole run so far. A run that has `begun` goes on from its last checkpoint. SavingError, with the
-    solution, is raised where the end cannot be written.
+    It is saved in `file`, unless that is None, at its end and at checkpoints. Each save writes the whole run so far;
+    checkpoints are skipped where saving would take more than a tenth of the time. A run that has `begun` continues from
+    its last checkpoint. SavingError, with the solution, is raised where the end cannot be written.
     """
     parts, due, (_, t_end) = _Parts(recipe, mechanism, callback, begun), 0.0, recipe.t_span
     with deferred(late=False):
@@ -122,7 +122,7 @@ class _Parts:
         asked, first, last = self.recipe.options.get("t_eval"), 0, len(run.t)
         if asked is None:
             first = 1 if self.parts else 0
-        elif end not in asked and last and run.t[-1] == end:  # a row to go on from, which nobody asked for
+        elif end not in asked and last and run.t[-1] == end:  # a row to continue from, which was not requested
             last -= 1
         self.parts.append({n: getattr(run, n)[first:last] for n in ROWS} | {n: getattr(run, n) for n in STEPS})
         self.counted = {name: number + getattr(run, name) for name, number in self.counted.items()}
@@ -152,7 +152,7 @@ class _Parts:
         return f"max_steps = {self.recipe.options['max_steps']} used up at t = {t:.6g} of {self.recipe.t_span[1]:.6g}"
 
     def stop(self, error):
-        """End as the error says that came between two parts."""
+        """End the run by an error that was raised between two parts."""
         at = f"t = {self._reached():.6g}"
         self.status, self.message = -1, str(error)
         if isinstance(error, KeyboardInterrupt):

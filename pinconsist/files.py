@@ -14,7 +14,7 @@ from .errors import InputError
 def written_whole(file):
     """A binary stream whose content becomes `file` at the end of the block; after an error nothing is left behind.
 
-    What is no regular file, such as /dev/stdout or a pipe, takes the content as it comes; it is never replaced.
+    What is not a regular file, such as /dev/stdout or a pipe, is written to directly and never replaced.
     """
     if os.path.exists(file) and not os.path.isfile(file):
         with open(file, "wb") as stream:
@@ -23,10 +23,10 @@ def written_whole(file):
     target = Path(os.path.realpath(file))
     draft = target.with_name(f".{target.name}.{secrets.token_hex(6)}")
     try:
-        with open(draft, "xb") as stream:  # beside the target: os.replace is atomic only within one file system
+        with open(draft, "xb") as stream:  # next to the target: os.replace is atomic only within one file system
             yield stream
             stream.flush()
-            os.fsync(stream.fileno())  # else a power cut may leave the new name with no content
+            os.fsync(stream.fileno())  # otherwise a power failure may leave the new name with no content
         os.replace(draft, target)
         _sync_folder(target.parent)
     finally:
@@ -34,7 +34,7 @@ def written_whole(file):
 
 
 def _sync_folder(folder) -> None:
-    """Put names on the disk, which a power cut may take back else, where platform and file system can."""
+    """Flush file names to the disk, where platform and file system can: a power failure might undo them."""
     with suppress(OSError):
         number = os.open(folder, os.O_RDONLY)
         try:

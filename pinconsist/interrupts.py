@@ -1,4 +1,4 @@
-"""Signals that end a run: while it is made they are noted, and their handlers called between its steps."""
+"""Signals that end a run: they are recorded while it is being made, and handled between its steps."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _came: list[float] = []  # when a signal raised KeyboardInterrupt
 
 @contextmanager
 def ended_like_ctrl_c(*, others=True):
-    """Within the block SIGTERM and SIGHUP (`others`) raise KeyboardInterrupt, as Ctrl-C does, several at once one.
+    """Within the block SIGTERM and SIGHUP (`others`) raise KeyboardInterrupt, like Ctrl-C; several at once raise one.
 
-    Signals that the application handles, or that `nohup` ignores, stay so.
+    Signals that the application handles itself, or that `nohup` ignores, are left alone.
     """
     defaults = (signal.default_int_handler, signal.SIG_DFL) if others else (signal.default_int_handler,)
     changed = {each: handler for each, handler in _handlers().items() if handler in defaults}
@@ -31,26 +31,26 @@ def ended_like_ctrl_c(*, others=True):
 
 
 def ignored_from_now_on() -> None:
-    """The process ends because of a signal; those that still come must not end it before its exit code is out."""
+    """Ignore further signals: the process is ending because of one, and must still return its exit code."""
     for each in _handlers():
         signal.signal(each, signal.SIG_IGN)
 
 
 def interrupted(since=0.0) -> bool:
-    """Whether a signal raised KeyboardInterrupt, also where somebody caught it, since this `time.monotonic()`."""
+    """Whether a signal has raised KeyboardInterrupt since this `time.monotonic()`, even if it was caught."""
     return bool(_handlers() and _came) and _came[-1] >= since
 
 
 class deferred:
-    """Within the block signals with a handler in Python are noted; the handlers are called on demand, or at its end.
+    """Within the block signals with a Python handler are recorded; the handlers are called on demand, or at its end.
 
-    The block gets the function that calls them, and returns whether the work should stop. In a block within another
-    one the end is that of the outer one. Exceptions of handlers other than KeyboardInterrupt are raised at the end.
+    The context's value is a function that calls them and returns whether the work should stop. Nested blocks end with
+    the outermost one. Exceptions of handlers other than KeyboardInterrupt are raised at the end.
 
     Parameters
     ----------
     late : bool
-        Whether KeyboardInterrupt is raised at the end of a block that went well, or comes too late there.
+        Whether KeyboardInterrupt is raised at the end of a block that succeeded; otherwise it is too late there.
     impatient : bool
         Whether a second signal, more than a second after the first, acts at once: user-defined functions may hang.
     """
@@ -104,7 +104,7 @@ class deferred:
 
 
 def _handlers() -> dict:
-    """Signal → its handler; empty in threads other than the main one, which alone is given signals."""
+    """Signal → its handler; empty in threads other than the main one, which alone receives signals."""
     main = threading.current_thread() is threading.main_thread()
     return {each: signal.getsignal(each) for each in SIGNALS if main}
 

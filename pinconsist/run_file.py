@@ -13,7 +13,7 @@ from .errors import FormatError, InputError
 
 @dataclass(frozen=True)
 class SceneSource:
-    """A source and the options of :func:`pinconsist.load`; with `reanchor`, loops are moved together at `at`."""
+    """A source and the options of :func:`pinconsist.load`; with `reanchor`, open loops are closed at `at`."""
 
     source: str
     loops: str | None = None
@@ -74,7 +74,7 @@ def loaded(scene: SceneSource, run_file):
 
 
 _RETURNED = ("events", "dense_output")
-"""Options of simulate whose results no file holds."""
+"""Options of simulate whose results are not stored."""
 _OTHERS = ("mech", "t_span", "q0", "v0", "forces", "callback", *_RETURNED)
 
 
@@ -135,7 +135,7 @@ class Recipe:
         return asdict(self) | {"options": {name: _option(each, name) for name, each in self.options.items()}}
 
     def given_forces(self) -> tuple:
-        """The forces that came on top of the scene's, from their records."""
+        """The forces given in addition to the scene's, from their records."""
         from .formats.records import force_record
 
         return tuple(force_record(number, entry) for number, entry in enumerate(self.forces or (), start=1))
@@ -164,7 +164,7 @@ def recipe_of(scene, files, mechanism, t_span, q0, v0, forces, options, save_eve
 
 
 def _checked(recipe) -> Recipe:
-    """The recipe, or InputError for a span, a period or options that cannot be."""
+    """The recipe, or InputError for a span, a period or options that are not valid."""
     from .formats.reading import near
     from .mechanism.checks import finite_array
     from .simulation import simulate
@@ -200,6 +200,6 @@ def _plain(value, name):
 
 
 def _option(value, name):
-    """Like `_plain`; a pair (of tolerances) stays apart from a list."""
+    """Like `_plain`; a pair (of tolerances) is kept distinct from a list."""
     plain = _plain(value, name)
     return {"pair": plain} if isinstance(value, tuple) and len(value) == 2 else plain

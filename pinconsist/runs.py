@@ -32,7 +32,7 @@ class Rerun:
     same : bool
         Every number of t, q, v, λ, steps and orders is the same, bit for bit.
     differences : tuple of str
-        What is not as it was: versions, files of the scene, numbers.
+        What has changed: versions, files of the scene, numbers.
     solution : Solution
         The new run; where the one in the file was cut short, up to there.
     """
@@ -52,35 +52,35 @@ def record(
 ) -> Solution:
     """Simulate, and keep the run in a file from which it can be repeated and continued.
 
-    With `save_every` the file is written anew at each checkpoint, and is a whole run up to there at any time; a
-    process that is killed loses what came after. (Checkpoints are passed over where saving would take more than a
-    tenth of the time.) At every checkpoint the integration begins anew from the
-    state there; so the numbers depend on `save_every` (within the tolerances), and :func:`resume` gives exactly those
-    of the run that was not interrupted. Ctrl-C, SIGTERM and SIGHUP end the run, with what was reached in the file.
+    With `save_every` the file is written again at each checkpoint, and always holds a complete run up to there; a
+    process that is killed loses only what came after. (Checkpoints are skipped where saving would take more than a
+    tenth of the time.) At every checkpoint the integration starts again from the state there; so the numbers depend on
+    `save_every` (within the tolerances), and :func:`resume` gives exactly those of the run without interruption.
+    Ctrl-C, SIGTERM and SIGHUP end the run, with what was reached in the file.
 
     Parameters
     ----------
     scene : str, path-like or Mechanism
-        A built-in name or a file, as for :func:`pinconsist.load`. A mechanism in memory can be given too; it has
-        then to be given again to `rerun` and `resume`.
+        A built-in name or a file, as for :func:`pinconsist.load`. A mechanism in memory can be given too; it
+        must then be given again to `rerun` and `resume`.
     t_span : (float, float)
         Start and end, s.
     file : path-like
-        The file; ``.npz`` is put behind a name without it.
+        The file; ``.npz`` is added to a name without it.
     q0, v0 : mapping or array, optional
         As for :func:`pinconsist.simulate`.
     load : mapping, optional
         Options of :func:`pinconsist.load`: ``loops``, ``closure``, ``free_flyer``, ``package_dirs``.
     save_every : float, optional
-        Period of checkpoints, s of simulated time. Choose it long against a step: each checkpoint costs a start of
+        Period of checkpoints, s of simulated time. Choose it much longer than a step: each checkpoint costs a start of
         the method and a file of the run so far.
     forces : sequence
         As for :func:`pinconsist.simulate`. Records, numbers and Motions are kept in the file; Python functions
-        cannot be, and have to be given again to `rerun` and `resume`.
+        cannot, and must be given again to `rerun` and `resume`.
     callback : callable, optional
         As for :func:`pinconsist.simulate`; an exception in it ends the run as a failure that keeps what was reached.
     **options
-        Others of :func:`pinconsist.simulate`, but for ``events`` and ``dense_output``, which no file holds.
+        Others of :func:`pinconsist.simulate`, except ``events`` and ``dense_output``, whose results are not stored.
 
     Returns
     -------
@@ -129,7 +129,7 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
     Raises
     ------
     FormatError
-        The file is no whole run, or does not say how it was made.
+        The file is not a complete run, or does not say how it was made.
     InputError
         The scene has changed, or forces are missing.
     SavingError
@@ -168,7 +168,7 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
     Raises
     ------
     FormatError
-        The file is no whole run, or does not say how it was made.
+        The file is not a complete run, or does not say how it was made.
     InputError
         The scene cannot be loaded, or forces are missing.
     """
@@ -189,7 +189,7 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
 
 
 def _other_versions(solution):
-    """(package, version of then, version of now) where they differ."""
+    """(package, version then, version now) where they differ."""
     now = versions()
     return [(name, then, now.get(name)) for name, then in solution.versions.items() if then != now.get(name)]
 
@@ -203,7 +203,7 @@ def _difference(name, old, new) -> str:
 
 
 def changed_files(then, now) -> list[str]:
-    """A sentence for each file of a scene that is not what it was."""
+    """A sentence for each file of a scene that has changed."""
     changed = [f"{name} has changed" for name in then if name in now and then[name] != now[name]]
     changed += [f"{name} is not read any more" for name in then if name not in now]
     return changed + [f"{name} was not read then" for name in now if name not in then]

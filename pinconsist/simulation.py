@@ -70,7 +70,7 @@ def simulate(
         Tolerances of the local error, of positions and velocities; a pair gives the parts (q, v). The multipliers
         are never in the error test. They converge with the velocities.
     forces : sequence
-        Forces on top of the mechanism's own; see :class:`Mechanism`.
+        Forces in addition to the mechanism's own; see :class:`Mechanism`.
     t_eval : array, optional
         Times of the rows, inside the span, in its direction. Default: every accepted step. With it nothing else is
         kept, so that memory does not grow with the run. Its rows are interpolated between steps: their loops are
@@ -83,7 +83,7 @@ def simulate(
         ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run. A callback with an attribute
         ``order`` finds the order of the step there (0: of the one-step start).
     consistency : {"every-step", "initial", "exact"}
-        ``"every-step"``: every accepted step is put on the hidden constraint, multipliers have full order
+        ``"every-step"``: every accepted step is projected onto the hidden constraint, multipliers have full order
         throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing
         else; for fixed steps. ``"exact"``: raw BDF from the exact values; its first multipliers are wrong.
     first_step, max_step : float, optional
@@ -91,7 +91,7 @@ def simulate(
     max_steps : int, optional
         Give up after so many steps.
     backend : {"auto", "compiled", "python"}
-        Who makes the steps. The compiled part is the same method in C++, about ten times faster; ``"auto"`` takes it
+        What makes the steps. The compiled part is the same method in C++, about ten times faster; ``"auto"`` uses it
         where it was built. Results agree to rounding.
 
     Returns
@@ -228,7 +228,7 @@ def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:
 
 
 def system_of(system, t0, p0, v0):
-    """The Index3System of a Mechanism or HessenbergProblem at a state; anything else is one already, or InputError."""
+    """The Index3System of a Mechanism or HessenbergProblem at a state, or the given Index3System; else InputError."""
     if isinstance(system, Mechanism):
         if p0.shape != (system.nq,) or v0.shape != (system.nv,):
             raise InputError(

@@ -124,16 +124,16 @@ class Solution:
         return f"Solution of {self.scene or 'a problem'}: {len(self.t)} rows, {self.nsteps} steps, {first!r}"
 
     def __getstate__(self):
-        """Without system and dense output, which hold Pinocchio's workspaces; `check` then wants a mechanism."""
+        """Without system and dense output, which hold Pinocchio's workspaces; `check` then needs a mechanism."""
         return self.__dict__ | {"system": None, "sol": None}
 
     @property
     def y(self) -> np.ndarray:
-        """[q; v; λ] with times as columns, as scipy has it: shape (nq+nv+nc, n)."""
+        """[q; v; λ] with times as columns, as in scipy: shape (nq+nv+nc, n)."""
         return np.hstack((self.q, self.v, self.lam)).T
 
     def check(self, mechanism=None) -> Certificate:
-        """Measure the solution's own residuals, in a system built afresh: see :class:`Certificate`.
+        """Measure the solution's own residuals, in a system of its own: see :class:`Certificate`.
 
         Parameters
         ----------
@@ -240,7 +240,7 @@ class Solution:
         Parameters
         ----------
         file : path-like
-            The file; ``.npz`` is put behind a name without it. One that is there is replaced.
+            The file; ``.npz`` is added to a name without it. An existing file is replaced.
 
         Returns
         -------
@@ -250,7 +250,7 @@ class Solution:
         Raises
         ------
         OSError
-            The file cannot be written; one that stood there stands there still.
+            The file cannot be written; an existing one is left as it was.
         """
         return write(self, file)
 
@@ -266,7 +266,7 @@ class Solution:
         Returns
         -------
         Solution
-            Without ``system``, ``sol`` and events: :meth:`check`, :meth:`energy` and :meth:`reaction` want the
+            Without ``system``, ``sol`` and events: :meth:`check`, :meth:`energy` and :meth:`reaction` need the
             mechanism.
 
         Raises
@@ -281,7 +281,7 @@ _OUTCOME = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
 
 
 def require_mechanism(solution, mechanism, who="the solution", hint=""):
-    """Raise InputError for something given that cannot be the mechanism of a solution."""
+    """Raise InputError for an argument that cannot be the mechanism of a solution."""
     if mechanism is None:
         return
     if not isinstance(mechanism, Mechanism):

@@ -1,4 +1,4 @@
-"""The npz file of a Solution: arrays, and one JSON text beside them; never a pickle."""
+"""The npz file of a Solution: arrays, and one JSON text with them; never a pickle."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ABOUT = {
 
 
 def write(solution, file) -> Path:
-    """Write a solution, whole or not at all; ``.npz`` is put behind a name without it."""
+    """Write a solution, whole or not at all; ``.npz`` is added to a name without it."""
     path = Path(file)
     path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
     about = {name: getattr(solution, name) for name in _ABOUT} | {"format": FORMAT}

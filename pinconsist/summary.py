@@ -1,4 +1,4 @@
-"""A run in a few lines for a person, and the work that it skipped."""
+"""A run in a few lines of text, and the work that it skipped."""
 
 from __future__ import annotations
 

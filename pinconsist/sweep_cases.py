@@ -122,9 +122,9 @@ def target(mechanism: Mechanism, name: str) -> Callable[[Run, float], None]:
     """The function that puts a number of this name into a run, or InputError where nothing has the name.
 
     Names are those of joints of one degree of freedom (initial position, rad or m), ``<joint>_speed`` (initial
-    velocity), ``<joint>_torque`` (constant, beside the scene's forces); ``<loop or force>.<number>``, by the names of
-    the scene file, such as ``gear.ratio``, ``motor.speed``, ``spring crank.stiffness``; ``gravity.x``, ``gravity.y``,
-    ``gravity.z`` (m/s²); ``rtol``, ``atol``, ``step``, ``until``.
+    velocity), ``<joint>_torque`` (constant, in addition to the scene's forces); ``<loop or force>.<number>``, by the
+    names of the scene file, such as ``gear.ratio``, ``motor.speed``, ``spring crank.stiffness``; ``gravity.x``,
+    ``gravity.y``, ``gravity.z`` (m/s²); ``rtol``, ``atol``, ``step``, ``until``.
     """
     for joint, kind in ((name, "q0"), (name.removesuffix("_speed"), "v0"), (name.removesuffix("_torque"), "torques")):
         if joint in mechanism.joints and (kind == "q0" or joint != name):
@@ -167,7 +167,7 @@ def _records(mechanism) -> dict:
 
 
 def _path(record, label, name) -> tuple:
-    """The path to the number of this name in a record; its last word will do where there is one such number."""
+    """The path to the number of this name in a record; its last word is enough where there is one such number."""
     numbers = list(_numbers(record))
     whole = [path for path in numbers if ".".join(path) == name]
     short = [path for path in numbers if path[-1] == name]

@@ -29,7 +29,7 @@ MEASURED = ("status", "t", "steps", "gap", "energy_error")
 DONE, FAILED, ERROR = "done", "failed", "error"
 _log = logging.getLogger(__name__)
 _loaded: dict[str, Mechanism] = {}
-"""Text of a scene source → its mechanism, for the one sweep that a process works at."""
+"""Text of a scene source → its mechanism, for the sweep that this process works on."""
 
 
 def loaded(scene, *, anew=False) -> Mechanism:
@@ -42,7 +42,7 @@ def loaded(scene, *, anew=False) -> Mechanism:
 
 @dataclass(frozen=True)
 class SceneSweep:
-    """How each case of a sweep is run: plain data, that any process can be sent.
+    """How each case of a sweep is run: plain data that can be sent to any process.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class SceneSweep:
         return run
 
     def check(self, case) -> None:
-        """Raise InputError if the run of a case cannot even begin for what was asked."""
+        """Raise InputError if the run of a case cannot begin because of the options."""
         try:
             self._simulated(self.run(case), self.start)
         except InputError:
@@ -98,7 +98,7 @@ class SceneSweep:
         return simulate(run.mechanism, (self.start, until), q0, v0, forces=forces, **run.options)
 
     def about(self, cases) -> dict:
-        """What two sweeps must share for the rows of one to be those of the other."""
+        """What two sweeps must have in common for their rows to be the same."""
         mechanism = loaded(self.scene)
         return {
             "scene": {"name": mechanism.name, **digests(mechanism)},
@@ -137,7 +137,7 @@ def write_table(file, sweep: SceneSweep, cases, measured: dict[int, dict]) -> No
 
 
 def _gap(sol) -> float:
-    """`Certificate.position`, alone: the forces, which no row has, are most of a certificate's work."""
+    """`Certificate.position` alone: the forces, most of a certificate's work, are not in the table."""
     gaps = [sol.system.loop_rows(q, t)[0] for t, q in zip(sol.t, sol.q, strict=True)]
     return float(np.abs(gaps).max(initial=0.0))
 
@@ -155,11 +155,11 @@ def _moved(run, q) -> list[str]:
 
 
 class Journal:
-    """The rows of a table that is being made, one line each, in a file beside it; a killed sweep goes on from there.
+    """The rows of an unfinished table, one line each, in a file next to it, from which a killed sweep continues.
 
     The file is named like the table, with ``.partial`` after it, and locked while it is open. ``rows`` maps each case
-    that is done to its row. An InputError is raised if the file there is of another sweep, which `about` tells apart,
-    or if another process writes it; a FormatError if it is no journal, or damaged.
+    that is done to its row. An InputError is raised if the file belongs to another sweep, by its `about`, or if
+    another process writes it; a FormatError if it is not a journal, or damaged.
     """
 
     def __init__(self, table, about: dict):

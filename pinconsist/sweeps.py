@@ -35,7 +35,7 @@ NOT_COPIED = "A case is copied before the function gets it: keep it to plain dat
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of one case of a :func:`sweep`.
+    """The outcome of one case of a :func:`sweep`.
 
     Attributes
     ----------
@@ -52,9 +52,8 @@ class Outcome:
     traceback : str
         Where it was raised, as Python prints it; of an error in another process, the place there.
     finished : bool
-        The function ran to its end, by a value or by an error of its own. False where no answer came: interrupted,
-        lost with a worker that died, or something that cannot be sent to another process. These cases may be tried
-        again.
+        The function returned a value or raised an error. False where the case was interrupted, lost with a worker that
+        died, or could not be sent to another process; it may be tried again.
     """
 
     index: int
@@ -67,7 +66,7 @@ class Outcome:
 
     @property
     def success(self) -> bool:
-        """Whether there is a value. That a simulation failed on its way is for the value to say."""
+        """Whether there is a value. A simulation that failed has one, too: its solution says so."""
         return not self.error
 
 
@@ -93,14 +92,14 @@ class Attempt:
         return failure or Outcome(self.index, None, value)
 
     def __dask_tokenize__(self):
-        """A new name for each call: dask would answer one that it knows, perhaps with an old error."""
+        """A new name for each call: for a name that it knows dask returns the old result, perhaps an error."""
         return secrets.token_hex(16)
 
 
 def sweep(
     function: Callable, cases: Iterable, *, executor: Any = None, callback: Callable[[Outcome], object] | None = None
 ) -> list[Outcome]:
-    """Call a function with each of many cases, and return what became of each.
+    """Call a function with each of many cases, and return their outcomes.
 
     The numbers are the same, bit for bit, with every executor and without one, as long as the function takes all it
     needs from its case. A case that needs random numbers carries its own seed, one of
@@ -193,7 +192,7 @@ def _on(executor, function, cases, arrived):
         while futures:
             hand_over(done.get())
     except BaseException as error:
-        for future in reversed(futures.values()):  # the last first, lest one begins meanwhile
+        for future in reversed(futures.values()):  # the last first, so that none begins meanwhile
             future.cancel()
         if not isinstance(error, KeyboardInterrupt):
             raise
@@ -203,7 +202,7 @@ def _on(executor, function, cases, arrived):
 
 
 def _lost(i, case, error) -> Outcome:
-    """The outcome of a case that never gave its answer."""
+    """The outcome of a case that never returned."""
     if isinstance(error, KeyboardInterrupt):
         return _interrupted(i, case)
     not_sent = isinstance(error, pickle.PicklingError) or "pickle" in str(error)
@@ -226,9 +225,9 @@ def _interrupted(index, case) -> Outcome:
 def sweep_in_processes(
     function: Callable, cases: list, workers: int, callback: Callable[[Outcome], object]
 ) -> list[Outcome]:
-    """A :func:`sweep` in new processes that loses no case to another one's death.
+    """A :func:`sweep` in new processes, in which a worker that dies costs no other case.
 
-    A worker that dies takes its pool along. The cases that may have killed it are then tried one by one in one process;
+    Its death ends the pool. The cases that may have killed it are then tried one by one in one process;
     the first to kill that one is an outcome with an error, and the others go on in a new pool.
     """
     outcomes: dict[int, Outcome] = {}
@@ -276,7 +275,7 @@ def _is_lost(outcome) -> bool:
 
 
 def _start(pool, workers):
-    """Start the workers, which ignore Ctrl-C: their parent gets it too, and answers."""
+    """Start the workers, which ignore Ctrl-C: their parent gets it too, and handles it."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # which they inherit
     try:
         started = [pool.submit(os.getpid) for _ in range(workers)]
@@ -290,7 +289,7 @@ def _start(pool, workers):
 
 
 def end_with_parent():
-    """In a worker: end it as soon as its parent is gone, killed perhaps; it would wait for work for ever."""
+    """In a worker: end it when its parent is gone, perhaps killed; otherwise it would wait for work forever."""
 
     def watch():
         if (parent := multiprocessing.parent_process()) is not None:

@@ -118,7 +118,7 @@ def test_the_command_that_can_save_nowhere_says_so(tmp_path):
         preexec_fn=small_files,
     )
     assert code == 2 and "warning: run.npz cannot be written: File too large, at t = " in err
-    assert "run.npz cannot be written: File too large; the run is lost, no other folder takes it" in err
+    assert "run.npz cannot be written: File too large; the run is lost: no other folder is writable" in err
     assert pc.Solution.load(tmp_path / "run.npz").t[-1] > 0.1  # the last checkpoint that fitted
     assert pc.resume(tmp_path / "run.npz").t[-1] == 20.0 and len(list(tmp_path.iterdir())) == 1
 

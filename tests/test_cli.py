@@ -168,7 +168,7 @@ def test_json_is_all_there_is_on_stdout(run):
         (["simulate", "four_bar", "--at", "crank=x"], "'x' is not a number"),
         (
             ["simulate", "four_bar", "--with-velocity", "crank=1,rocker=3"],
-            "not a number; separate several by blanks",
+            "not a number; separate several by spaces",
         ),
         (["simulate", "four_bar", "--at", "crank=1", "crank=2"], "names joint 'crank' twice"),
         (["simulate", "four_bar", "--at", "crank=nan"], "not finite"),

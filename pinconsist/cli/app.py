@@ -81,7 +81,7 @@ for command, codes in COMMANDS.items():
 def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     """Run the commands of `app` with the arguments `argv`, or those of the process, and end it with the exit code.
 
-    After a signal, `studies` may fail in other ways, since the runs inside them return what was reached.
+    `studies` are commands of many runs, which may fail in any way after a signal: each run returns what was reached.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == ["help"]:
@@ -135,13 +135,13 @@ def _run(arguments, app, program, studies) -> int:
         return typer.main.get_command(app).main(arguments, prog_name=program, standalone_mode=False) or 0
     except SavingError as error:
         file = rescued(error.solution)
-        message = f"{error}; the run is {f'saved as {file} instead' if file else 'lost, no other folder takes it'}"
+        message = f"{error}; the run is {f'saved as {file} instead' if file else 'lost: no other folder is writable'}"
     except PinconsistError as error:
         message = error
     except (typer.Abort, KeyboardInterrupt):
         return INTERRUPTED
     except MemoryError:
-        print_error("out of memory; what --out --save-every saved before is in the file")
+        print_error("out of memory; what was saved by --out and --save-every is in the file")
         return FAILED
     except Exception as error:
         if interrupted() and arguments[0] in studies:

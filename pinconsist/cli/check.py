@@ -73,7 +73,7 @@ def check(
 
 
 def _report_open(mech, before, after, error, as_json) -> int:
-    """The loops cannot close: which, and by how much."""
+    """Report loops that cannot close, and by how much they are open."""
     if as_json:
         output.print_json({
             "scene": mech.name, "closed": False, "error": str(error), "gaps_before": before, "gaps": after,
@@ -171,7 +171,7 @@ def _ends(loop):
 
 
 def _fields(loop) -> dict:
-    """The fields that say how a loop holds, by the names they have in a loop file."""
+    """The fields that define a loop, by their names in a loop file."""
     from ..mechanism.motion import Motion
 
     record = loop.curve if isinstance(getattr(loop, "curve", None), Motion) else loop

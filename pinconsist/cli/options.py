@@ -12,7 +12,7 @@ Count = int | None
 
 
 def option(name, metavar, about, panel=None):
-    """An option as `typer` wants it; a flag has no `metavar`."""
+    """An option for `typer`; a flag has no `metavar`."""
     return typer.Option(name, metavar=metavar, help=about, rich_help_panel=panel)
 
 

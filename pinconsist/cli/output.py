@@ -27,7 +27,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instea
 def table(columns, rows, *, title=None, width=WIDTH):
     """Print a table and an empty line; a column named ``...>`` holds numbers: aligned right, never shortened.
 
-    `width` is that of a table which goes to no terminal.
+    `width` is used where the output is not a terminal.
     """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
@@ -93,7 +93,7 @@ def _plain(value):
 
 
 def require_writable(*, figure=None, **others):
-    """Raise now for files, each by the name of its option, that could not be written after the run."""
+    """Raise InputError now for files, given by the names of their options, that could not be written after the run."""
     options: dict[Path, str] = {}
     for option, file in {**others, "plot": figure}.items():
         if file is not None:
@@ -121,7 +121,7 @@ def written(file, write):
 
 
 def rescued(solution):
-    """Save a run that could not be written where it was wanted; the file, or None where no folder takes it."""
+    """Save a run elsewhere whose own file cannot be written; the file, or None if no folder can be written."""
     for folder in (tempfile.gettempdir(), Path.home(), Path.cwd()):
         try:
             return solution.save(Path(folder, f"pinconsist-{secrets.token_hex(4)}.npz"))

@@ -69,7 +69,7 @@ def _serve(mech, sol, options, no_browser):
 
 
 def look(sol, forces, traces, speed) -> dict:
-    """The options of a page; without --speed it plays in real time, or slower if it would be over at once."""
+    """The options of a page; without --speed it plays in real time, or slower if the run is short."""
     length = abs(sol.t[-1] - sol.t[0])
     if speed is None:
         speed = 10.0 ** floor(log10(length)) if 0 < length < 1 else 1.0
@@ -77,7 +77,7 @@ def look(sol, forces, traces, speed) -> dict:
 
 
 def require_drawable(mech, traces, speed):
-    """Raise InputError before a long run for a --trace of no frame, or a --speed that is not positive."""
+    """Raise InputError before a long run for a --trace that is no frame, or a --speed that is not positive."""
     if speed is not None and not 0 < speed < float("inf"):
         raise InputError(f"--speed {speed}: needs a positive number")
     if traces:

@@ -14,7 +14,7 @@ _log = logging.getLogger(__name__)
 
 
 def exit_code(sol) -> int:
-    """Of a run; its only callback never stops it, so a run that was stopped was interrupted."""
+    """The exit code of a run; its only callback never stops it, so a run that was stopped was interrupted."""
     return {0: output.FINE, 1: output.INTERRUPTED, -1: output.FAILED}[sol.status]
 
 
@@ -55,7 +55,7 @@ def in_a_line(mech, sol) -> str:
 
 
 def _saved(file, given):
-    """Mechanism, None of a general problem, and solution of a saved run."""
+    """Mechanism (None for a general problem) and solution of a saved run."""
     from ..runs import changed_files
     from ..solution import require_mechanism
 
@@ -75,7 +75,7 @@ def _saved(file, given):
 
 
 def _scene_of(sol, file, given):
-    """The scene of a saved run; None of a general problem, which no file of the folder must stand in for."""
+    """The scene of a saved run; None for a general problem, also where a file in the folder has its name."""
     from ..formats.catalogue import is_built_in
 
     about = (sol.recipe or {}).get("scene")

@@ -32,13 +32,13 @@ def joint_values(texts, option: str) -> dict[str, list[float]]:
         try:
             values[joint] = [_number(each) for each in numbers.split(",")]
         except ValueError:
-            several = "; separate several by blanks" if "=" in numbers else ""
+            several = "; separate several by spaces" if "=" in numbers else ""
             raise InputError(f"{option} {text}: {numbers!r} is not a number{several}") from None
     return values
 
 
 def _number(text) -> float:
-    """A number, also in parts of pi: a singular position is met exactly or not at all."""
+    """A number, which may be a multiple of pi: only exact values give a singular position."""
     match = PARTS_OF_PI.fullmatch(text.replace(" ", ""))
     if not match:
         return float(text)
@@ -97,7 +97,7 @@ def report_moved(mech, wanted, assembly):
 
 
 def text(value, digits=4) -> str:
-    """A number, or several with blanks between them."""
+    """A number, or several with spaces between them."""
     return " ".join(f"{each:.{digits}g}" for each in (value if hasattr(value, "__len__") else [value]))
 
 

@@ -92,7 +92,7 @@ def simulate(
         certificate = None
     if not as_json:
         print(certificate or "not checked: interrupted")
-    with deferred(impatient=False):  # a further Ctrl-C waits until the files are written and named
+    with deferred(impatient=False):  # a further Ctrl-C takes effect when the files are written and named
         if html:
             look = replay.look(sol, forces, traces, speed)
             _written(html, sol, out, lambda: pc.export_html(mech, sol, html, **look))

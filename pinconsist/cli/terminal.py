@@ -63,7 +63,7 @@ class RunProgress:
 
 
 class BrokenPipeTolerated:
-    """A context in which what can no longer be printed is left out, so that a run goes on without its reader.
+    """A context in which a stdout that was closed does not end the run: the rest of the output is dropped.
 
     Its value is the list of errors. The first is reported on stderr, unless the reader is gone, as in ``... | head``.
     """
