@@ -114,22 +114,17 @@ def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> 
     """
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
     system, times = system_of(system, t0, p0, v0), np.atleast_1d(finite_array(times, "times"))
-    rows = _rows(system, t0, p0, v0, times, rtol, atol)
-    return Reference(*(np.array(column) for column in zip(*rows, strict=True)))
-
-
-def _rows(system, t, p, v, times, rtol, atol):
-    """The rows of a mechanism; other constraint rows are kept on the way where those kept become a poor choice."""
-    rows, longest = [], abs(times[-1] - t) / PLACES if len(times) else 0.0
-    for target in times:
-        stops = 1 if system.dropped_are_zero else max(1, int(np.ceil(abs(target - t) / longest))) if longest else 1
+    t, p, v, rows, longest = t0, p0, v0, [], abs(times[-1] - t0) / PLACES if len(times) else 0.0
+    for target in times:  # other constraint rows are kept on the way where those kept become a poor choice
+        whole = system.dropped_are_zero or not longest
+        stops = 1 if whole else max(1, int(np.ceil(abs(target - t) / longest)))
         for stop in np.linspace(t, target, stops + 1)[1:]:
             ((t, p, v, lam),) = integrate_index1(Index1(system), t, p, v, [stop], rtol, atol)
             if opened := system.opened([t], [p]):
                 raise PinconsistError(f"no reference: the loops are open by {opened[1]:.1e} at t = {t:.6g}")
             full, system = system.full_multipliers(p, lam), system.reselected(p) or system
         rows.append((t, p, v, full))
-    return rows
+    return Reference(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def _problem51():

@@ -17,8 +17,10 @@ from .loops import Loop
 from .rows import LoopRows
 
 _LIMITS = [f"{end}{what}Limit" for what in ("DryFriction", "Effort", "Velocity") for end in ("lower", "upper")]
-_PER_VELOCITY = ("armature", "damping", "rotorInertia", "rotorGearRatio", *_LIMITS)
-_PER_COORDINATE = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
+_PER_JOINT = [  # what a model holds for each velocity, and for each coordinate
+    (("armature", "damping", "rotorInertia", "rotorGearRatio", *_LIMITS), "idx_vs", "nvs"),
+    (("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin"), "idx_qs", "nqs"),
+]
 
 
 def lock(mechanism, joints, q=None):
@@ -162,7 +164,11 @@ def rebuilt(
         replacements = parts.get(name, [(name, model.joints[old])])
         for part, joint in replacements:
             carrier, place = new.addJoint(carrier, joint, place, part), pin.SE3.Identity()
-            _copy_values(model, old, new, carrier, name not in parts)
+            for fields, start, size in _PER_JOINT[: 1 if name in parts else 2]:
+                here = slice(i := getattr(model, start)[old], i + getattr(model, size)[old])
+                there = slice(i := getattr(new, start)[carrier], i + getattr(new, size)[carrier])
+                for field in fields:
+                    getattr(new, field)[there] = getattr(model, field)[here]
         if not replacements:
             place = place * poses[name]
         carriers[old] = carrier, place
@@ -176,13 +182,3 @@ def rebuilt(
         moved = pin.Frame(frame.name, carrier, frame.parentFrame, place * frame.placement, kind, frame.inertia)
         new.addFrame(moved, False)
     return new
-
-
-def _copy_values(model, old, new, joint, same_joint):
-    here, there = model.idx_vs[old], new.idx_vs[joint]
-    for key in _PER_VELOCITY:
-        getattr(new, key)[there : there + new.nvs[joint]] = getattr(model, key)[here : here + model.nvs[old]]
-    if same_joint:
-        here, there = model.idx_qs[old], new.idx_qs[joint]
-        for key in _PER_COORDINATE:
-            getattr(new, key)[there : there + new.nqs[joint]] = getattr(model, key)[here : here + model.nqs[old]]

@@ -61,13 +61,7 @@ def model_forces(model) -> tuple[JointDamping | JointFriction, ...]:
 
 
 def bound_forces(model, forces) -> dict[str, Force]:
-    """The model's own forces and the given ones, ready to be evaluated, under different labels.
-
-    Raises
-    ------
-    InputError
-        Joints or frames that the model does not have, wrong sizes.
-    """
+    """The model's own forces and the given ones, ready to be evaluated, under different labels; InputError by them."""
     bound: dict[str, Force] = {}
     for force in (*model_forces(model), *forces):
         label = unused(getattr(force, "label", "") or type(force).__name__, bound)

@@ -187,7 +187,9 @@ class Torque:
         return returned(self.function, what, v.shape, t, read_only(q), read_only(v))
 
     def derivatives(self, t, q, v) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """What ``gradient`` returns at a state, checked; without one, forward differences by velocity.
+        """What ``gradient`` returns at a state, checked: (∂τ/∂q, ∂τ/∂v), each (nv, nv) in the tangent space, or None.
+
+        Without a ``gradient`` ∂τ/∂q is None, and ∂τ/∂v from forward differences.
 
         Parameters
         ----------
@@ -195,12 +197,6 @@ class Torque:
             Time, s.
         q, v : ndarray, shapes (nq,), (nv,)
             Configuration and velocity.
-
-        Returns
-        -------
-        (ndarray or None, ndarray or None)
-            (∂τ/∂q, ∂τ/∂v), each (nv, nv) in the tangent space; None where it is not given. Without ``gradient`` the
-            first one is None.
 
         Raises
         ------
