@@ -67,13 +67,7 @@ class Attempt:
 
 
 class Newton:
-    """Solves the steps of one system, and counts the work.
-
-    Attributes
-    ----------
-    nfev, njev, nlu : int
-        Residual evaluations, Newton matrices, factorisations.
-    """
+    """Solves the steps of a run, and counts residual evaluations, Newton matrices and factorisations."""
 
     def __init__(self):
         self.nfev = self.njev = self.nlu = 0
@@ -84,14 +78,10 @@ class Newton:
         Parameters
         ----------
         system : Index3System
-        t : float
-            The new time, s.
-        base : ndarray
-            Centre of the chart (the predicted position).
-        psi, predicted : ndarray
-            ψ and the predicted [ξ | v | λ], shape (nx+nv+nc,).
-        c : float
-            h/α_k, s.
+        t, c : float
+            The new time, and h/α_k, s.
+        base, psi, predicted : ndarray
+            Centre of the chart (the predicted position), ψ and the predicted [ξ | v | λ], shape (nx+nv+nc,).
         weight : ndarray, shape (nx+nv,)
             Reciprocal tolerances of position and velocity.
         tol : float
@@ -101,8 +91,7 @@ class Newton:
         psi_x, psi_v = psi[:nx], psi[nx : nx + nv]
         v, lam = predicted[nx : nx + nv], predicted[nx + nv :]
         p, xi = system.position(t, base, psi_x, c, v)
-        step = Attempt(t, c, base, psi_x, p, xi, v, lam)
-        last, rate, slow = 0.0, 1.0, False
+        last, rate, slow, failure = 0.0, 1.0, False, "not_converged"
         for iteration in range(1, MAX_ITERATIONS + 1):
             a = (v - psi_v) / c
             f, phi, G, _ = system.evaluate(t, p, v, a)
@@ -117,31 +106,28 @@ class Newton:
                 self.njev += 1
                 self.nlu += 1
                 if kkt.singular:
-                    step.failure = FAILURES["singular"]
-                    return step
+                    failure = "singular"
+                    break
             dynamics, constraint = kkt.solve(rhs).T
-            size = _size(dynamics[:nv] * weight[nx:], constraint[:nv] * _moved_weight(weight, nx, nv))
+            dv, moved = dynamics[:nv], constraint[:nv]
+            size = _size(dv * weight[nx:], moved * _moved_weight(weight, nx, nv))
             if not isfinite(size):
-                step.failure = FAILURES["not_finite"] + culprits(system, t, base, v)
-                return step
-            previous, increment = v, dynamics + constraint / c
-            v, lam = v - increment[:nv], lam - increment[nv:]
-            p, xi = system.position(t, base, psi_x, c, v)
-            if iteration > 1:
-                rate = size / last
+                failure = "not_finite"
+                break
+            rate = size / last if iteration > 1 else rate
             to_come = size if iteration == 1 else size * rate / (1.0 - rate) if rate < 1.0 else np.inf
+            before, v, lam = v, v - dv - moved / c, lam - dynamics[nv:] - constraint[nv:] / c
+            p, xi = system.position(t, base, psi_x, c, v)
             noise = STAGNATED if iteration > 1 and rate > STAGNANT else LAST if iteration == MAX_ITERATIONS else 0.0
-            if min(size, to_come) <= tol or (
-                noise and is_noise(dynamics[:nv], constraint[:nv], previous, psi_v, p, noise)
-            ):
+            if min(size, to_come) <= tol or (noise and is_noise(dv, moved, before, psi_v, p, noise)):
                 return Attempt(t, c, base, psi_x, p, xi, v, lam, kkt, rate)
             if rate > 2.0 and iteration > 2:
-                step.failure = FAILURES["diverged"]
-                return step
+                failure = "diverged"
+                break
             slow = iteration > 1 and (rate > FRESH_RATE or size * rate ** (MAX_ITERATIONS - iteration) > tol)
             last = size
-        step.failure = FAILURES["not_converged"]
-        return step
+        why = FAILURES[failure] + (culprits(system, t, base, v) if failure == "not_finite" else "")
+        return Attempt(t, c, base, psi_x, p, xi, v, lam, failure=why)
 
 
 def _size(*parts) -> float:
