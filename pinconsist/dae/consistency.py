@@ -97,26 +97,7 @@ def consistent_initial_velocity(system, t0, p0, v0, h):
 
     One trial step gives p₁, v₁; then v₀ := v(0) - B₁ (v₁ - v(0)), B₁ = M₁⁻¹ G₁ S₁⁻¹ W₁, which equals
     v(0) - h M₁⁻¹ G₁ δλ with δλ = S₁⁻¹ W₁ (f₁ + G₁ λ₁). In the general form R_p (U₁ - U(0)) takes the place of
-    W₁ (v₁ - v(0)), which covers U_t as the paper has it, and U_p.
-
-    Parameters
-    ----------
-    system : Index3System
-    t0 : float
-        Start, s.
-    p0, v0 : ndarray
-        Exact (consistent) values.
-    h : float
-        The step that will be taken, s.
-
-    Returns
-    -------
-    ndarray, shape (nv,)
-        The changed velocity: O(h) away from `v0`.
-
-    References
-    ----------
-    C. Arévalo, ETNA 34 (2008), sections 3 and 4.
+    W₁ (v₁ - v(0)), which covers U_t as the paper has it, and U_p. (C. Arévalo, ETNA 34 (2008), sections 3 and 4.)
     """
     k = 1
     Z = np.zeros((k + 3, system.nx + system.nv + system.nc))

@@ -106,7 +106,7 @@ class HessenbergProblem(Index3System):
                 value = getattr(sized, "_" + name)(t, *state)
                 if not np.isfinite(value).all():
                     raise InputError(f"HessenbergProblem: {name} is not finite at t = {t:g}")
-        if sized._R_p is not None:
+        if "R_p" in self._given:
             sized._compare_derivative(t, p)
         return sized
 

@@ -41,14 +41,9 @@ def integration_failed_message(t, cause) -> str:
 
 
 def solve_acceleration(system, t, p, v):
-    """Acceleration and multiplier of the differential equation itself at a state.
+    """(a, λ), shapes (nv,) and (nc,): acceleration and multiplier of the differential equation itself at a state.
 
     Solves [[M, -G], [W, 0]] [a; λ] = [-f₀; -γ]; M alone may be singular (massless links).
-
-    Returns
-    -------
-    a : ndarray, shape (nv,)
-    lam : ndarray, shape (nc,)
     """
     kkt, f0, _, _ = kkt_at(system, t, p, v)
     rhs = -np.concatenate((f0, system.acceleration_bias(t, p, v)))
@@ -117,34 +112,10 @@ class Index1:
 
 
 class OneStep:
-    """A run of DOP853 on [ξ | v] in the chart at `base`.
+    """A run of DOP853 from (t0, p0, v0) towards `t_end` on [ξ | v] in the chart at `base`.
 
-    Parameters
-    ----------
-    system : Index3System
-    base : ndarray
-        Chart centre.
-    t0, p0, v0 : float, ndarray, ndarray
-        Start.
-    t_end : float
-        No step goes further, s.
-    rtol, atol : float
-        Tolerances of the local error.
-    max_step : float
-        Largest step, s.
-    dense : bool
-        Keep the interpolants, for :meth:`sample`.
-
-    Attributes
-    ----------
-    t, y : float, ndarray
-        Time and [ξ | v] reached.
-    step_size : float
-        The last step, s, positive.
-    finished : bool
-        `t_end` is reached.
-    evaluations : int
-        Of the right-hand side; interpolants take three a step.
+    `t` and `y` are what is reached, `step_size` is the last step, `evaluations` counts those of the right-hand side;
+    with `dense` the interpolants are kept, for :meth:`sample`.
     """
 
     def __init__(self, system, base, t0, p0, v0, t_end, rtol, atol, max_step=np.inf, dense=False):
@@ -181,10 +152,7 @@ class OneStep:
 class RightHandSide:
     """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy.
 
-    Attributes
-    ----------
-    not_finite : NotFiniteError or None
-        What the evaluations since the last good one raised.
+    `not_finite` is what the evaluations since the last good one raised, or None.
     """
 
     def __init__(self, system, base):

@@ -15,6 +15,7 @@ from .dense import DenseOutput
 from .events import EventWatch
 from .failure import failure_report
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
+from .problem import Index3System
 from .stepper import StepBatch, Stepper
 from .tuning import Switches
 
@@ -49,38 +50,13 @@ class Method:
 
 @dataclass
 class Trajectory:
-    """What an integration reached. Rows are times.
-
-    Attributes
-    ----------
-    t, p, v, lam : ndarray
-        (n,), (n, npos), (n, nv), (n, nc).
-    system : Index3System
-        The system at the end: other rows may be kept than at the start.
-    status : int
-        0 end reached, 1 stopped by an event or a callback, -1 failed.
-    message : str
-        One sentence (or more) for a person.
-    nsteps, nfev, njev, nlu : int
-        Accepted steps, residual evaluations, Newton matrices, factorisations.
-    backend : str
-        Who made the steps: "compiled", or "python", with the reason where it had to.
-    rejected : dict
-        Number of rejected attempts by reason.
-    h, order : ndarray
-        Step and order of each accepted step (order 0: from the one-step start); empty with ``t_eval``.
-    dense : DenseOutput or None
-    events : list of list of (t, p, v, λ)
-        Occurrences of each event.
-    opened : tuple or None
-        Where a constraint that was left out is violated, see :meth:`~pinconsist.dae.problem.Index3System.opened`.
-    """
+    """What an integration reached, as in :class:`~pinconsist.solution.Solution`. Rows are times."""
 
     t: np.ndarray
     p: np.ndarray
     v: np.ndarray
     lam: np.ndarray
-    system: object
+    system: Index3System  # at the end: other rows of its constraints may be kept than at the start
     status: int
     message: str
     nsteps: int = 0
@@ -92,8 +68,8 @@ class Trajectory:
     h: np.ndarray = field(default_factory=lambda: np.zeros(0))
     order: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     dense: DenseOutput | None = None
-    events: list = field(default_factory=list)
-    opened: tuple | None = None
+    events: list = field(default_factory=list)  # occurrences (t, p, v, λ) of each event
+    opened: tuple | None = None  # where a constraint that was left out is violated, see Index3System.opened
 
 
 def integrate(
@@ -110,14 +86,10 @@ def integrate(
 
     Parameters
     ----------
-    system : Index3System
-    t_span : (float, float)
-        Start and end, s; backwards if the end is earlier.
-    p0, v0 : ndarray
-        Initial position and velocity.
-    method : Method
-    output : Output, optional
-        What to record.
+    system, t_span, p0, v0 : Index3System, (float, float), ndarray, ndarray
+        What, from when to when (s, backwards if the end is earlier), initial position and velocity.
+    method, output : Method, Output
+        How, and what to record.
     stepper : Stepper, optional
         What makes the steps, of this system and method. Default: the Python method.
     interrupted : callable, optional

@@ -30,34 +30,18 @@ from .tuning import FAILURES, FRESH_RATE, LAST, MAX_ITERATIONS, STAGNANT, STAGNA
 
 @dataclass(slots=True)
 class Attempt:
-    """Outcome of one call of :meth:`Newton.attempt`.
-
-    Attributes
-    ----------
-    t, c : float
-        Time of the step, and h/α_k, s.
-    base, psi_x : ndarray
-        Centre of the chart, and ψ of the position.
-    p, xi, v, lam : ndarray
-        The solution: position, its coordinate in the chart, velocity and multipliers, not yet corrected.
-    kkt : KKT or None
-        The matrix with which it was found.
-    rate : float
-        Contraction of the last iteration; 1 if there was only one.
-    failure : str
-        Empty, or why there is no solution.
-    """
+    """Outcome of one call of :meth:`Newton.attempt`: the solution, not yet corrected, or why there is none."""
 
     t: float
-    c: float
-    base: np.ndarray
-    psi_x: np.ndarray
+    c: float  # h/α_k, s
+    base: np.ndarray  # centre of the chart
+    psi_x: np.ndarray  # ψ of the position
     p: np.ndarray
-    xi: np.ndarray
+    xi: np.ndarray  # p = base ⊕ ξ
     v: np.ndarray
     lam: np.ndarray
-    kkt: KKT | None = None
-    rate: float = 1.0
+    kkt: KKT | None = None  # the matrix with which it was found
+    rate: float = 1.0  # contraction of the last iteration, 1 if there was only one
     failure: str = ""
 
     @property

@@ -47,13 +47,7 @@ class Stop(Exception):
 class Record:
     """Keeps what was asked for, in the order of the run.
 
-    Parameters
-    ----------
-    output : Output
-    t_span : (float, float)
-        Start and end, s.
-    finish : callable
-        ``finish(p, lam)``: the multipliers as the user sees them, of one row or a stack of rows.
+    ``finish(p, lam)`` gives the multipliers as the user sees them, of one row or a stack of rows.
     """
 
     def __init__(self, output: Output, t_span, finish):

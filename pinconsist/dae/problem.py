@@ -102,6 +102,7 @@ class Index3System:
 
     def describe_row(self, row: int) -> str:
         """The name by which messages speak of constraint row `row`, counted from 0."""
+        return f"constraint row {row}"
 
     @property
     def n_multipliers(self) -> int:

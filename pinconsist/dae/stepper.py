@@ -19,34 +19,16 @@ from .tuning import FAILURES, PATIENCE
 
 @dataclass(slots=True)
 class StepBatch:
-    """Accepted steps that were made in one call.
+    """Accepted steps that were made in one call."""
 
-    Attributes
-    ----------
-    failure : str
-        Why there are no more, or empty.
-    error : BaseException or None
-        What a user's function raised after these steps.
-    pieces : list of (rows, segment, order)
-        For each step its rows (t, p, v, λ), interpolant (None unless asked for) and order.
-    block : tuple or None
-        Instead of pieces (t, p, v, λ, order) as arrays over all steps.
-    """
-
-    failure: str = ""
-    error: BaseException | None = None
-    pieces: list = field(default_factory=list)
-    block: tuple | None = None
+    failure: str = ""  # why there are no more, or empty
+    error: BaseException | None = None  # what a user's function raised after these steps
+    pieces: list = field(default_factory=list)  # for each step (rows, segment or None, order), rows (t, p, v, λ)
+    block: tuple | None = None  # instead of pieces (t, p, v, λ, order) as arrays over all steps
 
 
 class Stepper:
-    """Backward differences, step and order of one run.
-
-    Parameters
-    ----------
-    system : Index3System
-    method : Method
-        Order, control and consistency.
+    """Backward differences, step and order of one run of a system by a method.
 
     Attributes
     ----------
