@@ -29,10 +29,8 @@ class Assembly:
         Closed configuration (nq,) and a velocity on the constraints (nv,).
     gaps : dict[str, float]
         Largest |Φ| of each loop, m or rad.
-    rows, rank : int
-        Constraint rows, and how many of them are independent here.
-    mobility : int
-        Degrees of freedom left: nv - rank.
+    rows, rank, mobility : int
+        Constraint rows; how many of them are independent here; degrees of freedom left, nv - rank.
     redundant : dict[(str, str), dict[(str, str), float]]
         Each row that left the system → the rows it is a combination of (empty: it is identically zero).
     moved : float

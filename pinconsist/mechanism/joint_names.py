@@ -87,7 +87,7 @@ class JointNames:
 
 
 def require_mechanism(mechanism, caller: str) -> None:
-    """Raise InputError for anything but a Mechanism, which is the only class of JointNames."""
+    """Raise InputError for anything but a Mechanism."""
     if not isinstance(mechanism, JointNames):
         raise InputError(f"{caller} needs a Mechanism, got {type(mechanism).__name__}; see pinconsist.load()")
 

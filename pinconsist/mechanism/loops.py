@@ -51,14 +51,10 @@ ROW_NAMES = {
     "universal": ("x", "y", "z", "cross"),
 }
 OWN_FIELDS = {
-    "hinge": ("axis",),
-    "slider": ("axis",),
-    "cylinder": ("axis",),
-    "plane": ("axis",),
+    **dict.fromkeys(("hinge", "slider", "cylinder", "plane"), ("axis",)),
     "universal": ("axis", "axis2"),
     "distance": ("length",),
-}
-"""The fields that only some kinds have."""
+}  # the fields that only some kinds have
 GROUND = "universe"
 
 

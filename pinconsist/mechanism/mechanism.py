@@ -71,8 +71,7 @@ class Mechanism(JointNames):
     def __post_init__(self):
         if not isinstance(self.model, pin.Model):
             raise InputError(f"Mechanism needs a pin.Model, got {type(self.model).__name__}")
-        model = self.model.copy()
-        check_model(model)
+        check_model(model := self.model.copy())
         put(self, model=model)
         for several in ("loops", "forces", "actuated"):
             put(self, **{several: _sequence(getattr(self, several), several)})
@@ -187,15 +186,8 @@ class Mechanism(JointNames):
         redundant loops is lost. A loop that is redundant elsewhere may be what guides a mechanism through a singular
         position: a reduced mechanism may branch there, and a run that meets one says so.
 
-        Parameters
-        ----------
-        q : mapping or array, optional
-            From where assembly starts, as for :func:`~pinconsist.assemble`.
-
-        Raises
-        ------
-        AssemblyError, InputError
-            The loops do not close; they leave no motion.
+        `q` is the configuration from which assembly starts, as for :func:`~pinconsist.assemble`. Raises AssemblyError
+        where the loops do not close, InputError where they leave no motion.
         """
         from .editing import reduced
 
@@ -208,15 +200,8 @@ class Mechanism(JointNames):
         that remains, and a warning lists each move. Loops that close stay as they are. The guess becomes the
         configuration that was reached, in which all loops close.
 
-        Parameters
-        ----------
-        q : mapping or array, optional
-            From where assembly starts: joint name → value (others from ``guess``), or a configuration (nq,).
-
-        Raises
-        ------
-        InputError
-            Unknown joint, wrong size, NaN.
+        Assembly starts from `q`: joint name → value (others from ``guess``), or a configuration (nq,); default
+        ``guess``. Raises InputError for an unknown joint, a wrong size, NaN.
         """
         from .editing import reanchored
 

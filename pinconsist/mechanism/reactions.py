@@ -85,17 +85,8 @@ class HasReactions:
     def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
         """What a loop does to its bodies, one row for each of the n times; one row in an equilibrium.
 
-        Parameters
-        ----------
-        loop : str
-            Name of a loop, drive, coupling or constraint of the mechanism.
-        axes : {"world", "anchor"}
-            In which force and moment are given: world axes, or those of the loop's anchor 1.
-
-        Raises
-        ------
-        InputError
-            No such loop; other axes.
+        `loop` is the name of a loop, drive, coupling or constraint; `axes`, "world" or "anchor", those in which force
+        and moment are given: of the world, or of the loop's anchor 1. Raises InputError for other names and axes.
         """
         states = np.atleast_1d(self.t), np.atleast_2d(self.q), np.atleast_2d(self.lam)
         return reaction(self.mechanism, loop, *states, axes)
