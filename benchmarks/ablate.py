@@ -1,9 +1,9 @@
-"""What each thing saves that a run leaves out: ``python -m benchmarks ablate``.
+"""What is saved by the work that a run skips: ``python -m benchmarks ablate``.
 
-Each variant does one of these things after all, and its time stands beside that of a plain run. What the compiled
-method does for speed alone has a switch; charts, rows and derivatives are those of a subclass of the system, on the
-Python method; the rest is asked for. That dependent and zero rows leave the system cannot be switched off: with them
-the Newton matrix is singular.
+Each variant does one piece of this work, and its time is compared with that of a plain run. What the compiled method
+does for speed alone has a switch; charts, rows and derivatives are those of a subclass of the system, on the Python
+method; the rest is requested. That dependent and zero rows leave the system cannot be switched off: with them the
+Newton matrix is singular.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from . import report
 SCENES = {"crank_rocker": 2.0, "andrews": 0.02, "bricard": 4.0, "delta_robot": 0.5, "chain_8": 1.0, "chain_64": 1.0}
 """The scenes and how long they run, s."""
 ELSEWHERE = 0.5  # s, of any other scene
-FEW = 8  # velocities for each constraint from which these are few, as in kkt.hpp
+FEW = 8  # velocities per constraint from which constraints are few, as in kkt.hpp
 
 
 class WithCharts(MechanismSystem):
@@ -58,7 +58,7 @@ class AllRows(MechanismSystem):
 
 
 class WithForceGradient(MechanismSystem):
-    """The gradient of the constraint forces stands in every Newton matrix."""
+    """The gradient of the constraint forces is in every Newton matrix."""
 
     def linearize(self, t, p, v, a, lam, c, A):
         J = super().linearize(t, p, v, a, lam, c, A)
@@ -69,13 +69,13 @@ class WithForceGradient(MechanismSystem):
 
 @dataclass(frozen=True)
 class Variant:
-    """A run that leaves out one thing less."""
+    """A run that skips one piece of work less."""
 
     name: str
     backend: str = "compiled"
     off: str = ""  # the switch that is off
     system: type[MechanismSystem] = MechanismSystem
-    output: Output = field(default_factory=Output)  # what is asked for
+    output: Output = field(default_factory=Output)  # what is requested
     before: Callable = lambda mechanism: None  # what is read first
     concerns: Callable[[MechanismSystem], bool] = lambda system: True  # else the variant changes nothing
 
@@ -177,7 +177,7 @@ def command(
     csv: report.Csv = None,
     as_json: output.Json = False,
 ) -> int:
-    """Do each thing that a run leaves out, in turn, and print what that costs.
+    """Do each piece of work that a run skips, in turn, and print what it costs.
 
     Example: python -m benchmarks ablate crank_rocker
     """

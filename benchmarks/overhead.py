@@ -1,4 +1,4 @@
-"""What a step costs, beside Pinocchio's own calls and as a chain grows: ``python -m benchmarks overhead``."""
+"""What a step costs, compared with Pinocchio's own calls, and as a chain grows: ``python -m benchmarks overhead``."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CHAINS = {8: 1.0, 32: 1.0, 64: 1.0, 128: 1.0, 256: 1.0}  # links → s
 
 @dataclass(frozen=True)
 class Overhead:
-    """A step beside the bare Pinocchio calls of one residual: medians of wall times, s."""
+    """A step and the bare Pinocchio calls of one residual: medians of wall times, s."""
 
     backend: str
     rtol: float
@@ -144,7 +144,7 @@ def command(
     as_json: output.Json = False,
 ) -> int:
     # fmt: on
-    """Time a step beside the bare Pinocchio calls of one residual. Steps of chains go to FILE_chains.csv.
+    """Time a step against the bare Pinocchio calls of one residual. Steps of chains go to FILE_chains.csv.
 
     Example: python -m benchmarks overhead crank_rocker andrews
     """
@@ -206,7 +206,7 @@ def _print_overhead(name, rows):
             ("with K⁻¹ [us]>", report.scaled("least_time", 1e6, 2)),
             ("step/bare>", "{ratio:.2f}"),
         ],
-        title=f"{name}{', 5 s from 12 rad/s' if name == TIMED else ', from rest'}: a step beside rnea + joint Jacobians"
+        title=f"{name}{', 5 s from 12 rad/s' if name == TIMED else ', from rest'}: a step, and rnea + joint Jacobians"
         " + constraint + its Jacobian",
     )
 

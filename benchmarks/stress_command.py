@@ -41,7 +41,7 @@ def command(
     # fmt: on
     """Try to break the method, and print what was tried and what held.
 
-    Each case held, by a criterion that stands beside the figure, or was refused
+    Each case held, by the criterion next to its figure, or was refused
     with a reason; anything else has FAILED, and the exit code is then 1. The exit
     code does not judge the peers; their counts go to FILE_methods.csv.
 

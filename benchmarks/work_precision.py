@@ -25,7 +25,7 @@ FEWEST, MOST = 125, 1_000_000
 LEAST = 0.05
 """s that a timed run takes, by repetition."""
 LOOKED_AT = 400
-"""Steps of a run at which its error is measured, beside the first and the last."""
+"""Steps of a run at which its error is measured, besides the first and the last."""
 
 
 @dataclass(frozen=True)

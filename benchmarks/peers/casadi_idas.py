@@ -16,7 +16,7 @@ GRID = 500
 class CasadiIdas(Peer):
     """IDAS with exact derivatives: x = (q, v), z = (a, λ), 0 = f(q, v, a) - Jᵀλ, 0 = J a + γ.
 
-    Pinocchio's wheel is built without CasADi, so that the equations are written anew, by Newton and Euler's recursion.
+    Pinocchio's wheel is built without CasADi, so the equations are written once more, by Newton and Euler's recursion.
     """
 
     package = module = "casadi"

@@ -31,7 +31,7 @@ class ExudynAlpha(Peer):
     def prepare(self, problem, steps):
         import exudyn
 
-        exudyn.config.printToConsole = False  # its warnings would stand among our output
+        exudyn.config.printToConsole = False  # its warnings would appear in our output
         tree = _Tree(problem)
         settings = exudyn.SimulationSettings()
         duration = problem.span[1] - problem.span[0]

@@ -1,6 +1,6 @@
 """The stress suite: what is tried, one file per kind of stress, and what held.
 
-Every case has a criterion that is stated beside its figure; see :mod:`benchmarks.stress.case`.
+Every case has a criterion, stated next to its figure; see :mod:`benchmarks.stress.case`.
 """
 
 from __future__ import annotations
