@@ -84,7 +84,7 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
 
 
 def plot_trajectory(sol, file=None, mech=None) -> Figure:
-    """A figure of configuration and velocity over time; `sol`, `file`, `mech` and errors as :func:`plot_solution`."""
+    """A figure of q and v over time. Parameters and errors as :func:`plot_solution`: `sol`, `file`, `mech`."""
     return plot_solution(sol, file, mech, ["trajectory"])
 
 
@@ -92,8 +92,8 @@ def plot_multipliers(sol, file=None, mech=None) -> Figure:
     """A figure of λ of each row over time, and its first twenty steps once more, magnified.
 
     Row 0 is the multiplier of the differential equation; from exact initial values (``consistency="exact"``) the rows
-    after it are wrong by O(1), whatever the step size (Arévalo 2008). `sol`, `file`, `mech` and errors as
-    :func:`plot_solution`.
+    after it are wrong by O(1), whatever the step size (Arévalo 2008). Parameters and errors as
+    :func:`plot_solution`: `sol`, `file`, `mech`.
     """
     return plot_solution(sol, file, mech, ["multipliers"])
 
@@ -101,7 +101,7 @@ def plot_multipliers(sol, file=None, mech=None) -> Figure:
 def plot_drift(sol, file=None, mech=None) -> Figure:
     """A figure of the largest size of Φ (m, rad) and of J v + Φ_t (m/s, rad/s) of each loop over time.
 
-    `sol`, `file`, `mech` and errors as :func:`plot_solution`.
+    Parameters and errors as :func:`plot_solution`: `sol`, `file`, `mech`.
     """
     return plot_solution(sol, file, mech, ["drift"])
 
@@ -109,7 +109,7 @@ def plot_drift(sol, file=None, mech=None) -> Figure:
 def plot_energy(sol, file=None, mech=None) -> Figure:
     """A figure of energies and work of the forces, J, and the error of their balance, J (:class:`~pinconsist.Energy`).
 
-    `sol`, `file`, `mech` and errors as :func:`plot_solution`.
+    Parameters and errors as :func:`plot_solution`: `sol`, `file`, `mech`.
     """
     return plot_solution(sol, file, mech, ["energy"])
 
@@ -117,7 +117,7 @@ def plot_energy(sol, file=None, mech=None) -> Figure:
 def plot_steps(sol, file=None, mech=None) -> Figure:
     """A figure of step size, s, and order over time; InputError for one with ``t_eval``, whose rows are no steps.
 
-    `sol`, `file`, `mech` and errors as :func:`plot_solution`.
+    Parameters and errors as :func:`plot_solution`: `sol`, `file`, `mech`.
     """
     return plot_solution(sol, file, mech, ["steps"])
 
@@ -125,7 +125,7 @@ def plot_steps(sol, file=None, mech=None) -> Figure:
 def plot_phase(sol, file=None, mech=None) -> Figure:
     """A figure of velocity over configuration, a panel for each of the twelve widest joints of one degree of freedom.
 
-    A square marks the start. `sol`, `file`, `mech` and errors as :func:`plot_solution`.
+    A square marks the start. Parameters and errors as :func:`plot_solution`: `sol`, `file`, `mech`.
     """
     return plot_solution(sol, file, mech, ["phase"])
 
@@ -142,6 +142,10 @@ def plot_comparison(rows, file=None) -> Figure:
         ``consistent``, shape (n,), norms of the error of λ.
     file : path, optional
         Where the figure is written, whole or not at all; the ending chooses the format.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Raises
     ------
@@ -183,6 +187,10 @@ def plot_work_precision(series, file=None) -> Figure:
         out.
     file : path, optional
         Where the figure is written, whole or not at all; the ending chooses the format.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Raises
     ------
