@@ -92,8 +92,8 @@ def plot_multipliers(sol, file=None, mech=None) -> Figure:
     """A figure of λ of each row over time, and its first twenty steps once more, magnified.
 
     Row 0 is the multiplier of the differential equation; from exact initial values (``consistency="exact"``) the rows
-    after it are wrong by O(1), whatever the step size (Arévalo 2008). Parameters and errors as
-    :func:`plot_solution`: `sol`, `file`, `mech`.
+    after it are wrong by O(1), whatever the step size (Arévalo 2008).
+    Parameters and errors as :func:`plot_solution`: `sol`, `file`, `mech`.
     """
     return plot_solution(sol, file, mech, ["multipliers"])
 
