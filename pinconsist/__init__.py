@@ -10,7 +10,7 @@ from importlib import import_module as _import_module
 
 __version__ = "0.1.0"
 
-with open(_os.path.join(__path__[0], "__init__.pyi"), encoding="utf-8") as _stub:
+with open(_os.path.splitext(__file__)[0] + ".pyi", encoding="utf-8") as _stub:
     _MODULE_OF = {name: module for module, name in _re.findall(r"^from \.(\S+) import (\w+)", _stub.read(), _re.M)}
 __all__ = sorted(_MODULE_OF)
 

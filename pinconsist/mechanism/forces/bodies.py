@@ -192,10 +192,13 @@ class _BoundWrench(BoundForce):
         self._points.move(q)
         wrench, parts = self._wrench, []
         for field, part in ("force", wrench.force), ("moment", wrench.moment):
-            what = f"the {field} of the {wrench._who}"
-            parts.append(returned(part, what, (3,), t) if callable(part) else np.array(part))
+            if callable(part):
+                part = returned(part, f"the {field} of the {wrench._who}", (3,), t)
+            parts.append(np.array(part))
+        if not self._local:
+            return parts
         R = self._points.data.oMi[self._joint].rotation @ self._turn
-        return [R @ part for part in parts] if self._local else parts
+        return [R @ part for part in parts]
 
 
 @dataclass(frozen=True)
