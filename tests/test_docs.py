@@ -44,7 +44,7 @@ def test_names_on_the_page_on_the_architecture_exist():
     texts = [path.read_text(encoding="utf-8") for path in sources if path.suffix in (".py", ".hpp", ".cpp")]
     words = set(re.findall(r"\w+", "".join(texts)))
     for name in re.findall(r"`([\w.]+)`", (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")):
-        is_file = name.endswith((".py", ".pyi", ".toml"))
+        is_file = name.endswith((".py", ".pyi", ".toml", ".txt"))
         assert any((folder / name).is_file() for folder in ROOTS) if is_file else set(name.split(".")) <= words, name
 
 
