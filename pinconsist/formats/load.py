@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from ..errors import FormatError, InputError
 from ..mechanism.constraint_models import loops_of
-from ..mechanism.mechanism import Mechanism
+from ..mechanism.mechanism import Geometry, Mechanism
 from . import catalogue, loopfile
 from .reading import located
 
@@ -26,23 +26,20 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
     ----------
     source : str, path-like, pin.Model or RobotWrapper
         A name of :func:`models`, with a number for ``<n>``; or a ``.urdf``, ``.sdf`` or MJCF ``.xml`` file; or a folder
-        that holds one ``.urdf``; or a model in memory; or a robot of the pip package example-robot-data:
-        ``"cassie"``, ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``, named
-        like their files.
+        that holds one ``.urdf``; or a model in memory; or a robot of the pip package example-robot-data: ``"cassie"``,
+        ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``.
     loops : path-like or sequence, optional
         The loop file. Without it: ``<stem>.yaml`` or ``.yml`` beside the URDF, else ``robot.yaml`` or ``.yml``
         there, else what the URDF says itself: ``<loop_joint>`` elements, or pairs of frames with closing names
-        (:mod:`pinconsist.formats.urdf_loops`), else none (a plain tree).
-        SDF and MJCF files close their loops themselves (:mod:`pinconsist.formats.sdf`,
-        :mod:`pinconsist.formats.mjcf`); a loop file beside them is not looked for.
+        (:mod:`pinconsist.formats.urdf_loops`), else none (a plain tree). SDF and MJCF files close their loops
+        themselves (:mod:`pinconsist.formats.sdf`, :mod:`pinconsist.formats.mjcf`); no loop file is looked for.
         Of a model in memory, a sequence of Pinocchio's constraint models and of Loop, Drive and Coupling records.
     closure : {"point", "frame", "hinge"}, optional
         Close every loop in this way instead (a kind of :class:`~pinconsist.Loop`); loops of another kind than these
         stay as they are.
     free_flyer : bool
         Let the root link of a file float freely instead of fixing it to the ground, where it is. SDF files too
-        are fixed by default, though a model that nothing ties to the world floats in SDF: so one scene in two formats
-        is one mechanism, as with Pinocchio's own readers. Not for MJCF, where the file says what floats.
+        are fixed by default, as by Pinocchio's own readers. Not for MJCF, where the file says what floats.
     package_dirs : sequence of path-like
         Folders in which mesh files are looked for, before the folder of the URDF.
 
@@ -94,8 +91,8 @@ def read_scene(scene: catalogue.Source, loops=None, closure=None, free_flyer=Fal
     if free_flyer:
         options["free_flyer"] = True
     with located(path):
-        read = import_module(f".{reader}", __package__).read
-        robot = read(path, scene.name, package_dirs=(*package_dirs, *scene.package_dirs), **options)
+        read, folders = import_module(f".{reader}", __package__).read, (*package_dirs, *scene.package_dirs, path.parent)
+        robot = read(path, scene.name, folders, **options)
     with located(loop_path):
         model = record.applied(robot.model)
         model = loopfile.with_distinct_frames((*robot.loops, *record.loops, *record.forces), model)
@@ -116,7 +113,7 @@ def read_scene(scene: catalogue.Source, loops=None, closure=None, free_flyer=Fal
             name=scene.name,
             guess=robot.guess | record.guess,
             actuated=tuple(dict.fromkeys((*robot.actuated, *record.actuated))),
-            geometry=robot.geometry,
+            geometry=Geometry(robot.shapes, tuple(str(Path(folder).resolve()) for folder in folders)),
             duration=record.duration,
         )
 

@@ -64,9 +64,8 @@ class LoopFile:
                 for frame in (loop.frame1, loop.frame2) if isinstance(loop, Loop) else ():
                     require_known(frame, frames, f"the model has no frame {frame!r}")
                     if frames.count(frame) > 1:
-                        raise FormatError(
-                            f"the name {frame!r} belongs to a link and to a joint that is elsewhere; rename one of them"
-                        )
+                        reason = "belongs to a link and to a joint that is elsewhere; rename one of them"
+                        raise FormatError(f"the name {frame!r} {reason}")
                 for key in ("joint", "other"):
                     if joint := getattr(loop, key, None):
                         require_known(joint, joints, f"the model has no joint {joint!r}")
@@ -87,20 +86,16 @@ def find_loop_file(path: Path) -> Path | None:
 
 def warn_of_other_yaml(path: Path) -> None:
     """Warn of YAML files beside a robot without a loop file: most likely one of them was meant."""
-    others = sorted(each.name for each in (*path.parent.glob("*.yaml"), *path.parent.glob("*.yml")))
-    if others:
-        _log.warning(
-            "%s has no loop file (%s.yaml or robot.yaml) and is read as a plain tree; name one by loops=, "
-            "on the command line --loops, if it is %s",
-            path, path.stem, " or ".join(others),
-        )  # fmt: skip
+    if others := sorted(each.name for suffix in ("yaml", "yml") for each in path.parent.glob(f"*.{suffix}")):
+        advice = f"name one by loops=, on the command line --loops, if it is {' or '.join(others)}"
+        plain = "and is read as a plain tree"
+        _log.warning("%s has no loop file (%s.yaml or robot.yaml) %s; %s", path, path.stem, plain, advice)
 
 
 def with_distinct_frames(records, model):
-    """A model in which a name that loops or forces use means one frame, if its link and its joint have one placement.
+    """A copy in which the joint's frame has another name where link and joint have one name and one placement.
 
-    Link and joint of one name are common in exported files. The joint's frame then gets a name of its own; if the two
-    are apart they stay, and :meth:`LoopFile.check` refuses the name.
+    They are common in exported files. If the two are apart they stay, and :meth:`LoopFile.check` refuses the name.
     """
     used = {getattr(each, field, None) for each in records for field in ("frame", "frame1", "frame2")}
     names, model = [frame.name for frame in model.frames], model.copy()
@@ -143,11 +138,10 @@ class _PlainLoader(yaml.SafeLoader):
 
     def construct_mapping(self, node, deep=False):
         seen = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode):
-                if key.value in seen:
-                    _refuse(f"the key {key.value!r} is given twice", key)
-                seen.add(key.value)
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in seen:
+                _refuse(f"the key {key.value!r} is given twice", key)
+            seen.add(key.value)
         return super().construct_mapping(node, deep)
 
 
@@ -185,9 +179,8 @@ def _own(record):
         raise FormatError(f"a positive number of seconds is needed, not {shown(given)}", element="duration")
     guess = {joint: amount(value, f"guess: {joint}") for joint, value in guess.items()}
     gravity = None if record.get("gravity") is None else numbers(record["gravity"], "gravity", count=3)
-    actuated, order = _names(record, "actuated"), _names(record, "joint_order")
-    settings = (*joint_settings(record), gravity, order)
-    return LoopFile(tuple(loops), forces, actuated, guess, *settings, description, duration)
+    settings = (*joint_settings(record), gravity, _names(record, "joint_order"))
+    return LoopFile(tuple(loops), forces, _names(record, "actuated"), guess, *settings, description, duration)
 
 
 def _robot(record, path):

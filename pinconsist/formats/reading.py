@@ -25,7 +25,7 @@ class RobotFile:
     """What a robot's file says, whatever its format."""
 
     model: Any  # pin.Model, the tree
-    geometry: Any  # where its shapes come from
+    shapes: str  # a URDF text with the shapes of the links
     loops: tuple = ()
     couplings: tuple = ()  # they come after all loops in the mechanism
     forces: tuple = ()

@@ -18,24 +18,22 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
-from ..mechanism.mechanism import Geometry
 from .joints import AS_WRITTEN, replaced
 from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
-from .urdf_loops import couplings, loop_joints
+from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 UNLIMITED = 1e300  # effort and velocity limit of joints without one
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 ROOT_JOINT = "root_joint"
 
-_ZERO, _X = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+# Pinocchio requires all four: the values for those that are missing
 _LIMIT = {"lower": (0.0,), "upper": (0.0,), "effort": (UNLIMITED,), "velocity": (UNLIMITED,)}
-"""Pinocchio requires all four: the values for those that are missing."""
-_SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
+_SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}, "mesh": {"scale": 3}}
 _log = logging.getLogger(__name__)
 
 
-def read(path: Path, name: str, *, free_flyer=False, package_dirs=(), joint_types=None, content=None) -> RobotFile:
+def read(path: Path, name: str, folders, *, free_flyer=False, joint_types=None, content=None) -> RobotFile:
     """What a URDF file, or a text as its `content`, says; a free-flyer is a joint ``root_joint``.
 
     `joint_types` are the joints to replace: name → type, see :mod:`pinconsist.formats.joints`.
@@ -43,31 +41,23 @@ def read(path: Path, name: str, *, free_flyer=False, package_dirs=(), joint_type
     raw = parsed(read_bytes(path) if content is None else content)
     robot, unlimited = checked(raw, name)
     loops, followers = loop_joints(raw), couplings(raw)
-    types = dict(joint_types or {})
-    for joint, kind in types.items():
-        if kind in AS_WRITTEN:
-            _retype(robot, joint, kind)
+    types, joints = dict(joint_types or {}), {joint.get("name"): joint for joint in robot.findall("joint")}
+    for joint in [joint for joint, kind in types.items() if kind in AS_WRITTEN]:
+        element = f"joint {joint!r}"
+        require_known(joint, joints, "there is no joint of this name to replace", element)
+        if types[joint] == "UNBOUNDED" and joints[joint].get("type") != "revolute":
+            raise FormatError("only a revolute joint can be made unbounded", element=element)
+        joints[joint].set("type", AS_WRITTEN[types.pop(joint)])
+        unlimited = [pair for pair in unlimited if pair[0] != joint]
     urdf = tostring(robot, encoding="unicode")
-    model = _built(urdf, free_flyer, robot)
+    model = _built(urdf, free_flyer, {name: joint.get("type") for name, joint in joints.items()})
     for joint, side in unlimited:
-        if model.existJointName(joint) and types.get(joint) != "UNBOUNDED":  # not one that was fixed
-            limits = model.lowerPositionLimit if side == "lower" else model.upperPositionLimit
-            limits[model.idx_qs[model.getJointId(joint)]] = -math.inf if side == "lower" else math.inf
-    types = {joint: kind for joint, kind in types.items() if kind not in AS_WRITTEN}
-    folders = tuple(str(Path(folder).resolve()) for folder in (*package_dirs, path.parent))
-    return RobotFile(replaced(model, types) if types else model, Geometry(urdf, folders), loops, followers)
+        limits = getattr(model, f"{side}PositionLimit")
+        limits[model.idx_qs[model.getJointId(joint)]] = -math.inf if side == "lower" else math.inf
+    return RobotFile(replaced(model, types) if types else model, urdf, loops, followers)
 
 
-def _retype(robot, name, kind):
-    joints, element = {joint.get("name"): joint for joint in robot.findall("joint")}, f"joint {name!r}"
-    require_known(name, joints, "there is no joint of this name to replace", element)
-    if kind == "UNBOUNDED" and joints[name].get("type") != "revolute":
-        raise FormatError("only a revolute joint can be made unbounded", element=element)
-    joints[name].set("type", AS_WRITTEN[kind])
-
-
-def _built(urdf, free_flyer, robot):
-    kinds = {joint.get("name"): joint.get("type") for joint in robot.findall("joint")}
+def _built(urdf, free_flyer, kinds):
     if free_flyer and ROOT_JOINT in kinds:
         raise FormatError("a free-flyer adds a joint of this name; rename the file's", element=f"joint {ROOT_JOINT!r}")
     if not free_flyer and set(kinds.values()) <= {"fixed"}:
@@ -157,20 +147,20 @@ def symmetric(values) -> np.ndarray:
 
 
 def _shape(link, tag, node, colours):
-    solid, name = node.solid(), node.name
-    if not solid or (solid.xml.tag not in _SHAPES and solid.xml.tag != "mesh"):
-        _log.warning("%s: left out, its geometry is none of %s, mesh", name, ", ".join(_SHAPES))
+    solid = node.solid()
+    kind = solid.xml.tag if solid else ""
+    if kind not in _SHAPES:
+        _log.warning("%s: left out, its geometry is none of %s", node.name, ", ".join(_SHAPES))
         return
-    kind = solid.xml.tag
+    default = (1.0, 1.0, 1.0) if kind == "mesh" else None
+    sizes = {key: solid.numbers(key, count, default) for key, count in _SHAPES[kind].items()}
+    attributes = {key: text(*size) for key, size in sizes.items()}
     if kind == "mesh":
-        attributes = {"scale": text(*solid.numbers("scale", 3, (1.0, 1.0, 1.0))), "filename": solid.get("filename")}
+        attributes["filename"] = solid.get("filename")
         if not attributes["filename"]:
             raise solid.error("attribute 'filename' is missing")
-    else:
-        sizes = {key: solid.numbers(key, count) for key, count in _SHAPES[kind].items()}
-        if min(map(min, sizes.values())) < 0:
-            raise solid.error("a size is negative")
-        attributes = {key: text(*size) for key, size in sizes.items()}
+    elif min(map(min, sizes.values())) < 0:
+        raise solid.error("a size is negative")
     out = SubElement(link, tag)
     _origin(out, node)
     SubElement(SubElement(out, "geometry"), kind, attributes)
@@ -200,7 +190,7 @@ def _joint(robot, name, node, links):
         raise node.error(f"parent and child are the same link {ends[0]!r}")
     if kind in ("fixed", "floating"):
         return ()
-    axis = node.child("axis").numbers("xyz", 3, _X)
+    axis = node.child("axis").numbers("xyz", 3, X_AXIS)
     length = math.hypot(*axis)
     if length == 0:
         raise node.error("the axis is the zero vector")
@@ -222,10 +212,9 @@ def _check_tree(links, joints):
     for joint in joints:
         parent, link = joint.find("parent").get("link"), joint.find("child").get("link")
         if link in joint_of:
-            raise links[link].error(
-                f"it is the child of two joints, {joint_of[link]!r} and {joint.get('name')!r}. URDF holds a tree: "
-                "keep one of them and close the loop by a <loop_joint> or in a loop file"
-            )
+            advice = "URDF holds a tree: keep one of them and close the loop by a <loop_joint> or in a loop file"
+            two = f"{joint_of[link]!r} and {joint.get('name')!r}"
+            raise links[link].error(f"it is the child of two joints, {two}. {advice}")
         joint_of[link] = joint.get("name")
         children.setdefault(parent, []).append(link)
     roots = [link for link in links if link not in joint_of]
@@ -240,10 +229,10 @@ def _check_tree(links, joints):
 
 def _origin(out, node):
     if origin := node.child("origin"):
-        _copy(out, origin, "origin", {"xyz": _ZERO, "rpy": _ZERO})
+        _copy(out, origin, "origin", {"xyz": ZERO, "rpy": ZERO})
 
 
 def _copy(out, node, tag, defaults, largest=LARGEST):
     """Write an element whose attributes are as many numbers as their defaults have."""
     numbers = {key: node.numbers(key, len(default), default, largest) for key, default in defaults.items()}
-    return SubElement(out, tag, {key: text(*each) for key, each in numbers.items()})
+    SubElement(out, tag, {key: text(*each) for key, each in numbers.items()})

@@ -50,7 +50,7 @@ _KINDS = {"fixed": "frame", "revolute": "hinge", "continuous": "hinge", "prismat
 _KINDS |= {"spherical": "point", "ball": "point"}
 _WITH_AXIS = ("hinge", "slider", "plane")
 _FOREIGN = ("loop", "coupling", "constraint")
-_ZERO, _X = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+ZERO, X_AXIS = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
 _CAN_FOLLOW = ("revolute", "continuous", "prismatic")
 _ONSHAPE = re.compile(r"(closing_.+)_([12])")
 _COLLECTION = re.compile(r"(closedloop.*?)_?([AB])(_?[36]D)?", re.IGNORECASE)
@@ -82,11 +82,11 @@ def _loop(name, node, links):
         end = node.child(f"link{number}", required=True)
         fields[f"frame{number}"] = link = end.get("link")
         require_known(link, links, f"there is no link {link!r}", end.name)
-        fields |= {f"{key}{number}": end.numbers(key, 3, _ZERO) for key in ("xyz", "rpy")}
+        fields |= {f"{key}{number}": end.numbers(key, 3, ZERO) for key in ("xyz", "rpy")}
     if fields["frame1"] == fields["frame2"]:
         raise node.error(f"both ends are on the link {fields['frame1']!r}")
     if _KINDS[kind] in _WITH_AXIS:
-        fields["axis"] = node.child("axis").numbers("xyz", 3, _X)
+        fields["axis"] = node.child("axis").numbers("xyz", 3, X_AXIS)
         if not any(fields["axis"]):
             raise node.error("the axis is the zero vector")
     with located(element=node.name, prefix=f"loop {name!r}: "):
@@ -94,11 +94,7 @@ def _loop(name, node, links):
 
 
 def couplings(robot: Element) -> tuple[Coupling, ...]:
-    """The ``<mimic>`` elements of a parsed ``<robot>``, each named like the joint that follows.
-
-    The angle of a ``continuous`` joint counts its turns here, so that any multiplier is right. A joint may follow one
-    that follows a third, but no circle.
-    """
+    """The ``<mimic>`` elements of a parsed ``<robot>``, each named like the joint that follows."""
     kinds = {joint.get("name"): joint.get("type") for joint in robot.findall("joint")}
     found = {}
     for joint in Node(robot).children("joint"):
@@ -119,19 +115,15 @@ def couplings(robot: Element) -> tuple[Coupling, ...]:
             found[name] = Coupling(name, name, other, node.number("multiplier", 1.0), node.number("offset", 0.0))
     for name in found:
         path = [name]
-        while (following := found.get(path[-1])) is not None:
-            path.append(following.other)
-            if path.count(path[-1]) > 1:
-                circle = " → ".join(path)
-                raise FormatError(f"joints follow each other in a circle: {circle}", element=f"joint {name!r}")
+        while path[-1] in found and path.count(path[-1]) == 1:
+            path.append(found[path[-1]].other)
+        if path.count(path[-1]) > 1:
+            raise FormatError(f"joints follow each other in a circle: {' → '.join(path)}", element=f"joint {name!r}")
     return tuple(found.values())
 
 
 def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
-    """The loops between the pairs of closing frames of a model; what was assumed is logged with the path of the file.
-
-    With the `closure` of :func:`pinconsist.load` "hinge" they take the exporter's axis.
-    """
+    """The loops between closing frames of a model, by hinges about the exporter's axis if the `closure` is "hinge"."""
     pairs, found = {}, []
     for frame in model.frames:
         if match := _ONSHAPE.fullmatch(frame.name):

@@ -99,10 +99,8 @@ def _loop_file(mechanism, joints) -> dict:
     if np.any(model.gravity.angular):
         raise InputError(f"{mechanism.name}: gravity has an angular part, which a file cannot hold")
     gravity = model.gravity.linear.tolist()
-    guess = {}
-    for name, start, size in list(zip(model.names, model.idx_qs, model.nqs, strict=True))[1:]:
-        share = mechanism.guess[start : start + size].tolist()
-        guess[name] = share[0] if size == 1 else share
+    shares = zip(mechanism.joints, np.split(mechanism.guess, model.idx_qs[2:]), strict=True)
+    guess = {name: share.item() if share.size == 1 else share.tolist() for name, share in shares}
     scene = {
         "gravity": gravity if tuple(gravity) != _STANDARD_GRAVITY else None,
         "joints": joints,
@@ -233,9 +231,8 @@ def _joint(robot, mechanism, joint, links):
     """Write a joint; return its settings in the loop file."""
     model = mechanism.model
     kind, axis, replaced = _kind(mechanism, joint)
-    node = _join(
-        robot, model.names[joint], kind, links[model.parents[joint]], links[joint], model.jointPlacements[joint]
-    )
+    ends = (links[model.parents[joint]], links[joint])
+    node = _join(robot, model.names[joint], kind, *ends, model.jointPlacements[joint])
     given = {"type": replaced} if replaced else {}
     q, v, size = model.idx_qs[joint], model.idx_vs[joint], model.nvs[joint]
     values = {key: getattr(model, VALUES[key][0])[v : v + size].tolist() for key in VALUES}
@@ -263,10 +260,8 @@ def _kind(mechanism, joint):
     which = model.joints[joint].shortname().removeprefix("JointModel")
     found = next((each for pattern, each in _JOINTS.items() if re.fullmatch(pattern, which)), None)
     if found is None:
-        raise InputError(
-            f"{mechanism.name}: joint {model.names[joint]!r} is a {which} joint, which neither URDF nor a loop "
-            "file can describe; build it from hinges and sliders"
-        )
+        reason = "which neither URDF nor a loop file can describe; build it from hinges and sliders"
+        raise InputError(f"{mechanism.name}: joint {model.names[joint]!r} is a {which} joint, {reason}")
     kind, axis, replaced = found
     if axis is not None:
         return found

@@ -57,10 +57,8 @@ def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces
     ------
     InputError
         A solution that does not fit the mechanism, an unknown frame, a `speed` or `fps` that is not positive.
-    MissingExtraError
-        meshcat is not installed.
-    OSError
-        The file cannot be written.
+    MissingExtraError, OSError
+        meshcat is not installed; the file cannot be written.
     """
     page = _page(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, repetitions=FOREVER)
     with written_whole(file) as stream:

@@ -103,7 +103,6 @@ def skeleton(mech: Mechanism, poses: np.ndarray) -> np.ndarray:
     """World positions over the motion of joints, link ends and anchors, shape (n, k, 3)."""
     points = [(joint, [np.zeros(3), *ends]) for joint, ends in link_ends(mech).items()]
     points += [(joint, [place.translation]) for joint, place in anchors(mech.model, *mech.anchored_loops)]
-    points = points or [(0, [np.zeros(3)])]
     return np.concatenate([in_world(poses[:, joint], each) for joint, each in points], axis=1)
 
 

@@ -17,7 +17,6 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError
-from ...mechanism.mechanism import Geometry
 from ..reading import RobotFile, finite, text
 from ..urdf import add_visual, fixed_links
 from .model import Tree, pose
@@ -29,13 +28,12 @@ _GREY = (0.5, 0.5, 0.5, 1.0)
 _log = logging.getLogger(__name__)
 
 
-def read(path: Path, name: str, *, package_dirs=()) -> RobotFile:
+def read(path: Path, name: str, folders) -> RobotFile:
     """What an MJCF file says.
 
     The active equality constraints close the scene. Joints have MuJoCo's values: ``ref`` where the bodies stand as the
     file places them. Assembly starts at the first keyframe, else there.
     """
-    folders = (*package_dirs, path.parent)
     try:
         with np.errstate(all="ignore"):  # numbers that are not finite are reported by Tree
             source = Source(path, folders)
@@ -46,17 +44,12 @@ def read(path: Path, name: str, *, package_dirs=()) -> RobotFile:
         raise FormatError("elements are nested too deeply") from None
     start = tree.configuration(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)
     shares = zip(tree.joints, tree.model.idx_qs[1:], tree.model.nqs[1:], strict=True)
-    return RobotFile(
-        tree.model,
-        _geometry(compiled, stand_ins, tree.bodies, source.meshes, folders),
-        closures,
-        forces=forces,
-        guess={joint: start[first : first + size] for joint, first, size in shares},
-        actuated=tuple(tree.actuated()),
-    )
+    guess = {joint: start[first : first + size] for joint, first, size in shares}
+    shapes, actuated = _visible(compiled, stand_ins, tree.bodies, source.meshes), tuple(tree.actuated())
+    return RobotFile(tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated)
 
 
-def _geometry(m, stand_ins, bodies, meshes, folders) -> Geometry:
+def _visible(m, stand_ins, bodies, meshes) -> str:
     """The visible shapes as URDF, without planes, height fields, ellipsoids, and meshes outside of the folder."""
     robot, links = fixed_links(bodies)  # all on the world: the model's frames say where they are
     for g in np.flatnonzero((m.geom_group <= _VISIBLE) & ((m.geom_type == _MESH) | ~stand_ins)):
@@ -66,7 +59,7 @@ def _geometry(m, stand_ins, bodies, meshes, folders) -> Geometry:
         rgba = " ".join(f"{value:.7g}" for value in colour)  # of single precision
         for shape in _shapes(m, g, meshes):
             add_visual(links[bodies[m.geom_bodyid[g]]], *shape, rgba)
-    return Geometry(tostring(robot, encoding="unicode"), tuple(str(Path(folder).resolve()) for folder in folders))
+    return tostring(robot, encoding="unicode")
 
 
 def _shapes(m, g, meshes):

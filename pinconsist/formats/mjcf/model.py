@@ -1,8 +1,7 @@
 """MuJoCo's compiled model → the tree of a pin.Model, what closes it, and the forces of its springs.
 
-Several joints of one body become a chain of joints with massless bodies between them: Pinocchio's composite joints have
-wrong ``computeRNEADerivatives``. The value of a joint is MuJoCo's ``qpos``: ``ref`` where its body stands as the file
-places it. Source: "XML Reference" of the MuJoCo documentation, and mjmodel.h.
+Several joints of one body become a chain of joints with massless bodies between them. The value of a joint is MuJoCo's
+``qpos``: ``ref`` where its body stands as the file places it. Source: MuJoCo's "XML Reference", and mjmodel.h.
 """
 
 from __future__ import annotations
@@ -24,11 +23,8 @@ _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _KINDS = ("free", "ball", "slide", "hinge")
 _EQUALITIES = ("connect", "weld", "joint")
 _SITE = 6
-_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_JOINTS = {
-    _SLIDE: (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ, pin.JointModelPrismaticUnaligned),
-    _HINGE: (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ, pin.JointModelRevoluteUnaligned),
-}
+_AXES = {(1.0, 0.0, 0.0): "X", (0.0, 1.0, 0.0): "Y", (0.0, 0.0, 1.0): "Z"}
+_JOINTS = {_SLIDE: ("P", pin.JointModelPrismaticUnaligned), _HINGE: ("R", pin.JointModelRevoluteUnaligned)}
 _POSITIVE = "jnt_stiffness dof_armature dof_damping dof_frictionloss".split()
 _FINITE = (
     "body_pos body_quat body_ipos body_iquat body_mass body_inertia body_gravcomp jnt_pos jnt_axis site_pos site_quat "
@@ -43,10 +39,7 @@ _log = logging.getLogger(__name__)
 
 
 class Tree:
-    """The tree of a compiled model: a pin.Model, and the names of joints and frames by MuJoCo's numbers.
-
-    FormatError where something acts on the bodies that is not supported.
-    """
+    """The tree of a compiled model; FormatError where something acts on the bodies that is not supported."""
 
     def __init__(self, compiled, name: str):
         import mujoco
@@ -90,11 +83,12 @@ class Tree:
             before, after = place * pin.SE3(np.eye(3), -ref * axis), pin.SE3.Identity()
         elif kind == _FREE:
             before = after = pin.SE3.Identity()
-        if kind in _JOINTS:
-            *aligned, general = _JOINTS[kind]
-            made = aligned[_AXES.index(tuple(axis))]() if tuple(axis) in _AXES else general(axis)
-        else:
+        if kind not in _JOINTS:
             made = pin.JointModelSpherical() if kind == _BALL else pin.JointModelFreeFlyer()
+        else:
+            letter, general = _JOINTS[kind]
+            along = _AXES.get(tuple(axis))
+            made = getattr(pin, f"JointModel{letter}{along}")() if along else general(axis)
         joint = model.addJoint(parent, made, before, self.joints[j])
         v, q = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint]), model.idx_qs[joint]
         friction = m.dof_frictionloss[v] * (not {"frictionloss", "constraint"} & self._off)
@@ -223,8 +217,7 @@ def _names(m):
     """The names of joints, bodies and sites, which are all frames in Pinocchio; sites without a name have none here.
 
     Joints keep their names. A body or a site that has the name of another frame gets ``_body`` or ``_site`` behind it.
-    What has no name is called ``body3`` by MuJoCo's number, and ``body3_hinge`` after its body, ``body3_hinge2`` where
-    a body has several hinges.
+    What has no name is called ``body3``, ``body3_hinge``, or ``body3_hinge2`` where a body has several hinges.
     """
     every = ((m.jnt, m.njnt), (m.body, m.nbody), (m.site, m.nsite))
     joints, bodies, sites = ([found(i).name for i in range(count)] for found, count in every)

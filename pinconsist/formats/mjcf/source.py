@@ -1,8 +1,8 @@
 """An MJCF file → the model that MuJoCo compiles of it.
 
 MuJoCo itself opens no file: includes are expanded here, attached models are texts of their own, and both come from the
-folder of the scene. Mesh files are replaced by stand-ins. The scene is compiled with two different ones, and the files
-themselves are read only if an inertia depends on them.
+folder of the scene. It is compiled with two different stand-ins for meshes, which are read only if an inertia depends
+on them.
 """
 
 from __future__ import annotations
@@ -141,10 +141,7 @@ class Source:
         raise FormatError(reason, path=files[-1], element=f"{node.tag} {shown(name)}")
 
     def compiled(self):
-        """The mjModel, and of each geom whether its size is that of a stand-in.
-
-        A FormatError says in MuJoCo's words what it refuses, or names a body that needs meshes that are not there.
-        """
+        """The mjModel, and of each geom whether its size is that of a stand-in; FormatError in MuJoCo's words."""
         for needed in (False, True):
             for mesh in self.meshes if needed else ():
                 places = [(folder / mesh.path, folder) for folder in self._folders if mesh.path]
@@ -158,11 +155,9 @@ class Source:
             if not bodies.size:
                 return model, np.any(model.geom_size != other.geom_size, axis=1)
         names = ", ".join(mesh.path or mesh.node.get("name") for mesh in self.meshes if mesh.content is None)
-        raise FormatError(
-            f"its inertia depends on meshes whose files are not in the folder of the scene: {names}. Give the body an "
-            "<inertial>, or these geoms mass=0",
-            element=f"body {model.body(bodies[0]).name or bodies[0].item()!r}",
-        )
+        reason = f"its inertia depends on meshes whose files are not in the folder of the scene: {names}"
+        body = f"body {model.body(bodies[0]).name or bodies[0].item()!r}"
+        raise FormatError(f"{reason}. Give the body an <inertial>, or these geoms mass=0", element=body)
 
     def _compiled(self, stand_in):
         try:

@@ -6,8 +6,7 @@ The specification is that of versions 1.4 to 1.12. What a file says is carried o
   (:mod:`.net` says which, and how). The poses of a file describe it closed, at q = 0.
 * A link without ``<inertial>`` has 1 kg and 1 kg·m², as the specification has it.
 * A model that no joint ties to the world floats in SDF. Here it is fixed where it is unless
-  ``load(..., free_flyer=True)`` lets it float: as with URDF files and Pinocchio's own readers, so that one scene in two
-  formats is one mechanism. ``<static>`` models never move.
+  ``load(..., free_flyer=True)`` lets it float, as with URDF files. ``<static>`` models never move.
 * The name of the only model of a file is left out; else links, joints and frames are ``model::name``. Before version
   1.7 a link and a joint may have one name: the joint is then ``name_joint``.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model and do not act.
@@ -26,7 +25,6 @@ from xml.etree.ElementTree import tostring
 import numpy as np
 
 from ...mechanism.forces import JointSpring
-from ...mechanism.mechanism import Geometry
 from ..reading import RobotFile, parsed, read_bytes
 from ..urdf import checked
 from .document import Document
@@ -38,12 +36,11 @@ from .shapes import in_urdf, inertias, weightless
 _log = logging.getLogger(__name__)
 
 
-def read(path: Path, name: str, *, free_flyer=False, package_dirs=()) -> RobotFile:
+def read(path: Path, name: str, folders, *, free_flyer=False) -> RobotFile:
     """What an SDF file says; links and `<frame>` elements become frames of the model, a free-flyer ``root_joint``."""
     document = Document(parsed(read_bytes(path)))
     joints = read_joints(document)
-    folders = tuple(Path(folder).resolve() for folder in (*package_dirs, path.parent))
-    robot, _ = checked(in_urdf(document, folders), name)
+    robot, _ = checked(in_urdf(document, [Path(folder).resolve() for folder in folders]), name)
     net = Net(document, joints)
     if len(net.roots) > 1:
         _log.warning("%s: no joints tie %s together or to the world", path, ", ".join(map(repr, net.roots)))
@@ -53,7 +50,5 @@ def read(path: Path, name: str, *, free_flyer=False, package_dirs=()) -> RobotFi
     motions = [motion for joint in net.joints for motion in zip(joint.parts, joint.axes, strict=False)]
     springs = [JointSpring(part, axis.stiffness, axis.reference) for part, axis in motions if axis.stiffness]
     guess |= {part: axis.initial for part, axis in motions if axis.initial and model.existJointName(part)}
-    geometry = Geometry(tostring(robot, encoding="unicode"), tuple(map(str, folders)))
-    return RobotFile(
-        model, geometry, tuple(net.loops(document)), tuple(couplings(joints)), forces=tuple(springs), guess=guess
-    )
+    shapes, loops = tostring(robot, encoding="unicode"), tuple(net.loops(document))
+    return RobotFile(model, shapes, loops, tuple(couplings(joints)), forces=tuple(springs), guess=guess)

@@ -34,7 +34,9 @@ def build(document: Document, net: Net, inertias: Mapping[str, pin.Inertia], nam
             tree.carrier[body] = tree.add(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), pose, root)
             guess[root] = pin.SE3ToXYZQUAT(pose)
         tree.plant(body)
-    tree.add_frames()
+    frames = [(name, *each) for name, each in document.frames.items()]
+    for frame, body, pose in frames + [(joint.name, joint.child, joint.pose) for joint in net.cut]:
+        tree.add_frame(frame, tree.carrier[body], pose, pin.FrameType.OP_FRAME)
     if not tree.model.nv:
         raise FormatError("nothing can move: all joints are fixed (free_flyer would let it move)")
     return tree.model, guess
@@ -64,7 +66,8 @@ class _Tree:
             carrier, joint, end = waiting.pop()
             carrier = self._hang(joint, carrier, forward=end != joint.parent)
             if end is None:
-                self._frame(copy_name(joint), carrier, self._document.bodies[joint.child].pose, pin.FrameType.OP_FRAME)
+                pose = self._document.bodies[joint.child].pose
+                self.add_frame(copy_name(joint), carrier, pose, pin.FrameType.OP_FRAME)
             else:
                 waiting += self._arrive(end, carrier)
 
@@ -75,7 +78,7 @@ class _Tree:
             pose = self._document.bodies[name].pose
             if carrier:
                 self.model.appendBodyToJoint(carrier, self._inertias[name], self._poses[carrier].actInv(pose))
-            self._frame(name, carrier, pose, pin.FrameType.BODY)
+            self.add_frame(name, carrier, pose, pin.FrameType.BODY)
         return [(carrier, *each) for each in reversed(self._leaving[name])]
 
     def add(self, parent, joint, place, pose, name):
@@ -90,7 +93,7 @@ class _Tree:
     def _hang(self, joint: Joint, carrier, forward):
         """Add a joint of the file; the index of the model's joint that then carries its other body."""
         if joint.kind == "fixed":
-            self._frame(joint.name, carrier, joint.pose, pin.FrameType.FIXED_JOINT)
+            self.add_frame(joint.name, carrier, joint.pose, pin.FrameType.FIXED_JOINT)
             return carrier
         place = self._poses[carrier].actInv(joint.pose)
         # backwards, the parent moves against the child: the same coordinates along the opposite axes
@@ -102,16 +105,11 @@ class _Tree:
             place = pin.SE3.Identity()
         return carrier
 
-    def _frame(self, name, carrier, pose, kind):
+    def add_frame(self, name, carrier, pose, kind):
+        """Add a frame by its pose in the world."""
         place = self._poses[carrier].actInv(pose)
         parent = self.model.getFrameId(self.model.names[carrier], pin.FrameType.JOINT) if carrier else 0
         self.model.addFrame(pin.Frame(name, carrier, parent, place, kind), False)
-
-    def add_frames(self):
-        """Add the frames of the file, and those where loops close."""
-        frames = [(name, *each) for name, each in self._document.frames.items()]
-        for name, body, pose in frames + [(joint.name, joint.child, joint.pose) for joint in self._net.cut]:
-            self._frame(name, self.carrier[body], pose, pin.FrameType.OP_FRAME)
 
 
 def _set_values(model, joint, axis):

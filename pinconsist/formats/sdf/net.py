@@ -2,9 +2,8 @@
 
 The tree is the one of largest weight. It pays to cut joints that leave few rows, so a ball rather than a hinge; and a
 joint in which something acts (damping, friction, a spring, a coupling) belongs in the tree, where it has a coordinate.
-If such a joint must be cut all the same, for instance because every hinge of a loop is damped, nothing is lost: the
-joint stays, carries a massless copy of its child link, and this is held to the link by six rows. Of loops of like
-joints the tree takes the shortest chains. ``<must_be_loop_joint>`` asks for a cut.
+If such a joint must be cut all the same, it stays, carries a massless copy of its child link, and this is held to the
+link by six rows. Of loops of like joints the tree takes the shortest chains. ``<must_be_loop_joint>`` asks for a cut.
 
 A ball that is cut becomes a point, a revolute or continuous joint a hinge, a prismatic joint a slider, a fixed joint a
 frame, a universal joint a universal if its axes are perpendicular. Other universal joints and screws are copied.
@@ -124,10 +123,10 @@ def _loop(joint, document, kind, frame1, body1):
 
 
 def couplings(joints: Sequence[Joint]) -> list[Coupling]:
-    """The gearboxes and followers of a file as couplings of two joints.
+    """The gearboxes and followers of a file as couplings of two joints; FormatError for those that do not exist.
 
     A gearbox holds θ₂ = -ratio θ₁, with θ₁ the angle from its reference body to its parent about its first axis, and
-    θ₂ that to its child about the second. FormatError for joints that do not exist or have no such axis.
+    θ₂ that to its child about the second.
     """
     made, by_name = [], {joint.name: joint for joint in joints}
     for joint in joints:

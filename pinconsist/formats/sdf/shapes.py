@@ -27,7 +27,7 @@ _SIZES: dict[str, dict[str, tuple[float, ...]]] = {
 _log = logging.getLogger(__name__)
 
 
-def in_urdf(document: Document, folders: tuple[Path, ...]) -> Element:
+def in_urdf(document: Document, folders: list[Path]) -> Element:
     """A raw `<robot>` with the links of a file, their inertias and shapes, all fixed to the first one."""
     robot, links = fixed_links(document.bodies)
     for name, body in document.bodies.items():
