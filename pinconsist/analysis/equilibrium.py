@@ -11,8 +11,7 @@ import pinocchio as pin
 from ..errors import EquilibriumError, SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
-from ..mechanism.joint_names import joints_in
-from ..mechanism.mechanism import Mechanism, with_forces
+from ..mechanism.mechanism import Mechanism, joints_in, with_forces
 from ..mechanism.reactions import HasReactions
 from ..mechanism.singularity import rank_nearby
 from ..mechanism.system import MechanismSystem

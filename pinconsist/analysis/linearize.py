@@ -10,8 +10,7 @@ import pinocchio as pin
 from ..errors import SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
-from ..mechanism.joint_names import joints_in
-from ..mechanism.mechanism import with_forces
+from ..mechanism.mechanism import joints_in, with_forces
 from ..mechanism.singularity import MASSLESS
 from ..mechanism.system import MechanismSystem
 from .equilibrium import equilibrium

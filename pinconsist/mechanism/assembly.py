@@ -12,7 +12,7 @@ import pinocchio as pin
 from ..errors import AssemblyError, InputError
 from .checks import finite_array
 from .closing import CLOSED, LoopSolver
-from .joint_names import require_mechanism
+from .mechanism import require_mechanism
 from .rank import dependencies, independent_rows
 
 NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little

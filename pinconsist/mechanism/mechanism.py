@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import check_model, number, put, triple
+from .checks import check_model, finite_array, near, normalized, number, put, triple
 from .custom import Constraint
 from .forces import as_force, bound_forces
 from .joint_constraints import Coupling, Drive
-from .joint_names import JointNames, require_mechanism
 from .loops import Loop
 from .rows import RECORDS, LoopRows
 
@@ -28,7 +28,7 @@ class Geometry:
 
 
 @dataclass(frozen=True, eq=False)
-class Mechanism(JointNames):
+class Mechanism:
     """A tree of bodies, the loops that close it and the forces that act.
 
     The joint damping and dry friction of the model, and gravity, act always; ``forces`` come on top.
@@ -112,6 +112,64 @@ class Mechanism(JointNames):
     def row_labels(self) -> list[tuple[str, str]]:
         """(loop, row) of each multiplier."""
         return [(loop.name, row) for loop in self.loops for row in loop.rows]
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names, without the ground."""
+        return tuple(self.model.names)[1:]
+
+    def columns(self, joint: str) -> slice:
+        """The columns of a `joint` in v, in τ and in J, as a slice; InputError where there is no such joint."""
+        start = self.model.idx_vs[i := self.joint_index(joint)]
+        return slice(start, start + self.model.nvs[i])
+
+    def joint_index(self, joint: str) -> int:
+        """The index of a `joint` in ``model.joints``, from 1 on: the ground is 0. Its place in v is :meth:`columns`.
+
+        Raises InputError where there is no such joint; its message names those there are.
+        """
+        if joint not in self.joints:
+            known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
+            resembling = near(joint, self.joints) if len(self.joints) > 12 else ""
+            raise InputError(f"{self.name}: no joint {joint!r}{resembling}; the joints are {known}")
+        return self.model.getJointId(joint)
+
+    def configuration(self, values, base=None) -> np.ndarray:
+        """A full configuration (nq,), quaternions and (cos, sin) pairs at unit length. The loops are not closed.
+
+        `values` maps joint names to as many numbers as the joint has in q (one angle, rad, where it stores (cos, sin));
+        the other joints come from `base`, a configuration (nq,), by default ``pin.neutral``. Or it is a configuration
+        (nq,) itself, which is copied. Raises InputError for an unknown joint, a wrong size, NaN, a quaternion or pair
+        of length zero.
+        """
+        start = pin.neutral(self.model) if base is None else np.array(base, float)
+        return normalized(self.model, self._fill(values, start, "idx_qs", "nqs", "configuration"), self.name)
+
+    def velocity(self, values) -> np.ndarray:
+        """A full velocity (nv,). It is not put on the constraints.
+
+        `values` maps joint names to velocities, rad/s or m/s, as many numbers as the joint has degrees of freedom, the
+        other joints at rest; or it is a velocity (nv,), which is copied. Raises InputError for an unknown joint, a
+        wrong size, NaN.
+        """
+        return self._fill(values, np.zeros(self.model.nv), "idx_vs", "nvs", "velocity")
+
+    def _fill(self, values, full, starts, sizes, what):
+        if isinstance(values, Mapping):
+            for joint, value in values.items():
+                i = self.joint_index(joint)
+                start, size = getattr(self.model, starts)[i], getattr(self.model, sizes)[i]
+                value = finite_array(value, f"{what} of joint {joint!r}").ravel()
+                if value.size == self.model.nvs[i] == 1 and size == 2:  # Pinocchio's unbounded revolute: cos, sin
+                    value = np.array([np.cos(value[0]), np.sin(value[0])])
+                if value.size != size:
+                    raise InputError(f"{what} of joint {joint!r} needs {size} number(s), got {value.size}")
+                full[start : start + size] = value
+            return full
+        values = finite_array(values, what)
+        if values.shape != full.shape:
+            raise InputError(f"{what} needs shape {full.shape} for {self.name!r}, got {values.shape}")
+        return values
 
     def with_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:
         """The same mechanism with these `loops` instead of its own; none makes a tree.
@@ -212,6 +270,19 @@ def _sequence(value, what: str) -> tuple:
     if isinstance(value, str) or not hasattr(value, "__iter__"):
         raise InputError(f"{what}= needs a sequence, got {value!r}")
     return tuple(value)
+
+
+def require_mechanism(mechanism, caller: str) -> None:
+    """Raise InputError for anything but a Mechanism."""
+    if not isinstance(mechanism, Mechanism):
+        raise InputError(f"{caller} needs a Mechanism, got {type(mechanism).__name__}; see pinconsist.load()")
+
+
+def joints_in(mechanism, variations) -> tuple[str, ...]:
+    """The joints that have a considerable share in any of the columns of `variations`, (nv,) or (nv, n)."""
+    share = np.abs(variations).reshape(mechanism.nv, -1)
+    share = (share / np.maximum(share.max(axis=0), 1e-300)).max(axis=1)
+    return tuple(joint for joint in mechanism.joints if share[mechanism.columns(joint)].max(initial=0.0) > 0.3)
 
 
 def with_forces(mechanism, forces, caller: str) -> Mechanism:

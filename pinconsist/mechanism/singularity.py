@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from ..errors import SingularSystemError
 from .closing import LoopSolver
-from .joint_names import joints_in
+from .mechanism import joints_in
 from .rank import free_motions, independent_rows
 
 NEARBY = 1e-3  # rad and m: how far around a position with dependent rows the rank of the loops is checked
