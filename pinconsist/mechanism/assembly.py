@@ -10,9 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import AssemblyError, InputError
-from .checks import finite_array
+from .checks import finite_array, require_mechanism
 from .closing import CLOSED, LoopSolver
-from .mechanism import require_mechanism
 from .rank import dependencies, independent_rows
 
 NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little

@@ -185,6 +185,12 @@ def check_model(model: pin.Model) -> None:
         raise InputError(f"the armature of joint {model.names[joint]!r} is negative or not finite")
 
 
+def require_mechanism(mechanism, caller: str) -> None:
+    """Raise InputError for anything but a Mechanism, recognised by its class: that imports this file."""
+    if not hasattr(type(mechanism), "anchored_loops"):
+        raise InputError(f"{caller} needs a Mechanism, got {type(mechanism).__name__}; see pinconsist.load()")
+
+
 def normalized(model, q, who: str) -> np.ndarray:
     """A configuration with its quaternions and (cos, sin) pairs at unit length; InputError where one has none."""
     q = pin.normalize(model, q)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import check_model, finite_array, near, normalized, number, put, triple
+from .checks import check_model, finite_array, near, normalized, number, put, require_mechanism, triple
 from .custom import Constraint
 from .forces import as_force, bound_forces
 from .joint_constraints import Coupling, Drive
@@ -270,12 +270,6 @@ def _sequence(value, what: str) -> tuple:
     if isinstance(value, str) or not hasattr(value, "__iter__"):
         raise InputError(f"{what}= needs a sequence, got {value!r}")
     return tuple(value)
-
-
-def require_mechanism(mechanism, caller: str) -> None:
-    """Raise InputError for anything but a Mechanism."""
-    if not isinstance(mechanism, Mechanism):
-        raise InputError(f"{caller} needs a Mechanism, got {type(mechanism).__name__}; see pinconsist.load()")
 
 
 def joints_in(mechanism, variations) -> tuple[str, ...]:
