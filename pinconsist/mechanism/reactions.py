@@ -70,8 +70,8 @@ class Reaction:
         ]
         size = np.abs(self.joint_forces).max(initial=0.0)
         text = f"{self.kind} {self.loop!r}: {', '.join(largest) or f'joint forces up to {size:.4g}'}"
-        doubt = "; not determined: its rows depend on others to"
-        return text if self.dependence is None else f"{text}{doubt} {self.dependence:.0e}"
+        warning = "; not determined: its rows depend on others to"
+        return text if self.dependence is None else f"{text}{warning} {self.dependence:.0e}"
 
 
 class HasReactions:

@@ -142,7 +142,6 @@ class MechanismSystem(Index3System):
         """Labels of the forces whose torque or derivatives are not finite at a state that is."""
         if not np.isfinite(np.concatenate((q, v))).all():
             return ()
-
         parts = {label: (f.torque(t, q, v), *f.derivatives(t, q, v)) for label, f in self._forces.items()}
         return tuple(
             label
