@@ -93,8 +93,7 @@ def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
             parts[joint] = _parts(joint, kind, model.joints[model.getJointId(joint)])
     names = [joint for joint in model.names if joint not in types]
     names += [part for some in parts.values() for part, _ in some]
-    twice = [joint for joint in names if names.count(joint) > 1]
-    if twice:
+    if twice := [joint for joint in names if names.count(joint) > 1]:
         raise FormatError("a new joint has the name of another one", element=f"joint {twice[0]!r}")
     return rebuilt(model, parts)
 

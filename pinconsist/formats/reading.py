@@ -156,7 +156,6 @@ class Node:
         return FormatError(reason, element=self.name)
 
     def get(self, key: str, default: str | None = ""):
-        """An attribute."""
         return default if self.xml is None else self.xml.get(key, default)
 
     def child(self, tag: str, required: bool = False):
@@ -167,7 +166,6 @@ class Node:
         return self._inside(found, tag)
 
     def children(self, tag: str) -> list:
-        """All children with this tag."""
         return [] if self.xml is None else [self._inside(each, tag) for each in self.xml.findall(tag)]
 
     def solid(self):

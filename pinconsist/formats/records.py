@@ -53,7 +53,7 @@ def loop_record(number: int, entry):
         return record_of(Coupling, entry, element, f"coupling {given!r}: ")
     known_keys(entry, ("name", "joint", *_MOTION), element)
     names = [name(_field(entry, key, element), f"{element}: {key}") for key in ("name", "joint")]
-    return Drive(*names, motion({key: value for key, value in entry.items() if key in _MOTION}, element))
+    return Drive(*names, motion({key: entry[key] for key in entry if key in _MOTION}, element))
 
 
 def force_record(number: int, entry):
@@ -182,8 +182,7 @@ def items(record: dict, key: str) -> list:
 
 def number(value, element: str) -> float:
     """A finite number, or FormatError."""
-    result = finite(value)
-    if result is None:
+    if (result := finite(value)) is None:
         raise FormatError(f"a finite number is needed, not {shown(value)}{bound(value)}", element=element)
     return result
 
@@ -217,8 +216,7 @@ def _value(value, kind, element):
 
 
 def _field(entry, key, element):
-    value = entry.get(key)
-    if value is None:
+    if (value := entry.get(key)) is None:
         raise FormatError(f"{key!r} is missing", element=element)
     return value
 

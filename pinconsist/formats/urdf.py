@@ -29,7 +29,8 @@ ROOT_JOINT = "root_joint"
 
 # Pinocchio requires all four: the values for those that are missing
 _LIMIT = {"lower": (0.0,), "upper": (0.0,), "effort": (UNLIMITED,), "velocity": (UNLIMITED,)}
-_SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}, "mesh": {"scale": 3}}
+SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}, "mesh": {"scale": 3}}
+"""Shape → its attributes, and how many numbers each has."""
 _log = logging.getLogger(__name__)
 
 
@@ -149,11 +150,11 @@ def symmetric(values) -> np.ndarray:
 def _shape(link, tag, node, colours):
     solid = node.solid()
     kind = solid.xml.tag if solid else ""
-    if kind not in _SHAPES:
-        _log.warning("%s: left out, its geometry is none of %s", node.name, ", ".join(_SHAPES))
+    if kind not in SHAPES:
+        _log.warning("%s: left out, its geometry is none of %s", node.name, ", ".join(SHAPES))
         return
     default = (1.0, 1.0, 1.0) if kind == "mesh" else None
-    sizes = {key: solid.numbers(key, count, default) for key, count in _SHAPES[kind].items()}
+    sizes = {key: solid.numbers(key, count, default) for key, count in SHAPES[kind].items()}
     attributes = {key: text(*size) for key, size in sizes.items()}
     if kind == "mesh":
         attributes["filename"] = solid.get("filename")
@@ -165,8 +166,7 @@ def _shape(link, tag, node, colours):
     _origin(out, node)
     SubElement(SubElement(out, "geometry"), kind, attributes)
     material = node.child("material")
-    colour = _colour(material) or colours.get(material.get("name")) if material and tag == "visual" else None
-    if colour:
+    if material and tag == "visual" and (colour := _colour(material) or colours.get(material.get("name"))):
         SubElement(SubElement(out, "material", name=colour), "color", rgba=colour)
 
 

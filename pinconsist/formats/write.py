@@ -48,8 +48,7 @@ def write(mechanism: Mechanism, path) -> Path:
     the order of its joints, inertias, joint types, damping, friction and rotor inertia (armature), limits of hinges and
     sliders, gravity, loops, couplings and drives, forces, guess, motorised joints, duration, and the shapes of URDF
     scenes. Mesh files stay where they are: files elsewhere are found again by ``load(..., package_dirs=...)``. Frames
-    keep their names and places; those of joints that had none, and the links of joints without a body frame, come in
-    addition.
+    keep their names and places; joints without a frame get one, and those without a body frame a link.
 
     Parameters
     ----------
@@ -245,9 +244,8 @@ def _joint(robot, mechanism, joint, links):
         limits = {"effort": model.upperEffortLimit[v], "velocity": model.upperVelocityLimit[v]}
         if model.nqs[joint] == 1:
             limits |= {"lower": model.lowerPositionLimit[q], "upper": model.upperPositionLimit[q]}
-        limits = {key: text(value) for key, value in limits.items() if abs(value) < UNLIMITED}
-        if limits:
-            SubElement(node, "limit", limits)
+        if given_limits := {key: text(value) for key, value in limits.items() if abs(value) < UNLIMITED}:
+            SubElement(node, "limit", given_limits)
     for key, amounts in values.items():
         if any(amounts):
             given[key] = amounts if len(set(amounts)) > 1 else amounts[0]

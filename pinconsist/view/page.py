@@ -124,8 +124,7 @@ def _viewer() -> str:
 
     found = find_spec("meshcat")
     for folder in found.submodule_search_locations if found else ():
-        bundle = Path(folder, "viewer", "dist", "main.min.js")
-        if bundle.is_file():
+        if (bundle := Path(folder, "viewer", "dist", "main.min.js")).is_file():
             return bundle.read_text(encoding="utf-8")
     raise MissingExtraError("replays need the package meshcat; install it by: pip install meshcat")
 

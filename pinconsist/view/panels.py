@@ -249,8 +249,7 @@ def steps(left, right, drawn):
     left.plot(t, h, drawstyle="steps-pre", color=COLORS[0])
     left.set(title="step size  [s]", yscale="log", xlabel="t  [s]")
     right.plot(t, order, drawstyle="steps-pre", color=COLORS[0])
-    start = order == 0
-    if start.any():
+    if (start := order == 0).any():
         right.plot(t[start], order[start], label="one-step start", **style(1) | {"linestyle": "none"})
         legend_beside(right)
     right.set(title="order", yticks=range(int(order.max()) + 1), xlabel="t  [s]")

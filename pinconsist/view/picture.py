@@ -153,8 +153,7 @@ def _below(points: np.ndarray, axes: np.ndarray, size: float) -> np.ndarray:
 
 def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]:
     out = [(color, f"path of {name}") for name, color in zip(traces, cycle(TRACES), strict=False)]
-    kinds = {loop.kind for run in runs for loop in run.mech.anchored_loops}
-    if kinds:
+    if kinds := {loop.kind for run in runs for loop in run.mech.anchored_loops}:
         seats = dict.fromkeys(seat for kind, seat in SEATS.items() if kind in kinds)
         out.append((CLOSED, f"loop: closed where its core sits {', '.join(seats)}"))
     for kind, scale in scales.items():

@@ -204,24 +204,19 @@ def plot_work_precision(series, file=None) -> Figure:
     with new_figure(6.8, 3.8, file) as figure:
         axis = figure.subplots()
         for k, (label, pair) in enumerate(series.items()):
-            times, errors = _points(label, pair)
+            try:
+                times, errors = (np.asarray(each, float) for each in pair)
+            except (TypeError, ValueError):
+                raise InputError(f"the series {label!r} needs two rows of numbers, (times, errors)") from None
+            if times.ndim != 1 or times.shape != errors.shape:
+                shapes = f"times of shape {times.shape} and errors of shape {errors.shape}"
+                raise InputError(f"the series {label!r} has {shapes}")
+            shown = np.isfinite(times) & np.isfinite(errors) & (times > 0) & (errors > 0)
+            if not shown.any():
+                raise InputError(f"the series {label!r} has no point with a positive time and error")
+            times, errors = np.array([times, errors])[:, shown][:, np.argsort(errors[shown])]
             bold = {"linewidth": 2.6, "markersize": 6} if label == OWN else {}
             axis.plot(errors, times, label=label, **style(k), **bold)
         axis.set(xscale="log", yscale="log", xlabel="error", ylabel="run time  [s]")
         legend_beside(axis)
     return figure
-
-
-def _points(label, pair):
-    """Times and errors that a logarithmic scale can show, by increasing error."""
-    try:
-        times, errors = (np.asarray(each, float) for each in pair)
-    except (TypeError, ValueError):
-        raise InputError(f"the series {label!r} needs two rows of numbers, (times, errors)") from None
-    if times.ndim != 1 or times.shape != errors.shape:
-        raise InputError(f"the series {label!r} has times of shape {times.shape} and errors of shape {errors.shape}")
-    shown = np.isfinite(times) & np.isfinite(errors) & (times > 0) & (errors > 0)
-    if not shown.any():
-        raise InputError(f"the series {label!r} has no point with a positive time and error")
-    order = np.argsort(errors[shown])
-    return times[shown][order], errors[shown][order]

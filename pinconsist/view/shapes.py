@@ -217,8 +217,7 @@ def springs(mech: Mechanism, poses: np.ndarray, size: float) -> list[tuple[np.nd
             joint, place = on_joint(mech.model, name)
             ends.append(point_in_world(poses, joint, place.act(np.array(xyz))))
         lengths = np.linalg.norm(ends[1] - ends[0], axis=1)
-        stretch = np.ones((len(poses), 3))
-        stretch[:, 1] = lengths.clip(SMALLEST)
+        stretch = np.insert(np.ones((len(poses), 2)), 1, lengths.clip(SMALLEST), axis=1)
         out.append((bar_poses(*ends), stretch, _coil(max(lengths.mean(), SMALLEST), size), np.stack(ends, axis=1)))
     return out
 

@@ -101,8 +101,7 @@ class Source:
     def _clean(self, node, compiler, folder):
         """Remove from an element what names files; that of a mesh is noted."""
         node.attrib = {key: value for key, value in node.attrib.items() if key not in _IGNORED}
-        given = node.attrib.pop("file", "").replace("\\", "/")
-        if given:
+        if given := node.attrib.pop("file", "").replace("\\", "/"):
             node.attrib.setdefault("name", PurePosixPath(given).stem)
         if node.tag == "hfield":  # it has no mass
             node.attrib = {"name": node.get("name", ""), "size": "1 1 1 1", "nrow": "2", "ncol": "2"}

@@ -52,7 +52,6 @@ class SdfNode(Node):
         return math.copysign(math.inf, value) if abs(value) >= INFINITE else value
 
     def flag(self, tag: str, default: bool = False) -> bool:
-        """The truth value of a child."""
         found = self.child(tag)
         return found.truth(found.text()) if found else default
 
@@ -71,7 +70,6 @@ class SdfNode(Node):
         return found.text()
 
     def text(self) -> str:
-        """Its own text."""
         return ((self.xml.text if self else "") or "").strip()
 
     def pose(self) -> tuple[pin.SE3, str]:

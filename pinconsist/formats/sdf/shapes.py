@@ -11,19 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from ..reading import Node, shown, text
-from ..urdf import INERTIA, add_visual, fixed_links, symmetric
+from ..urdf import INERTIA, SHAPES, add_visual, fixed_links, symmetric
 from .document import Body, Document
 
 _DEFAULT_INERTIA = dict(zip(INERTIA, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), strict=True))  # kg·m²
 _LINK = ("pose", "inertial", "collision", "visual", "sensor", "projector", "audio_sink", "audio_source", "battery")
 _LINK += ("light", "particle_emitter", "gravity", "enable_wind", "self_collide", "kinematic", "must_be_base_link")
 _LINK += ("velocity_decay",)
-_SIZES: dict[str, dict[str, tuple[float, ...]]] = {
-    "box": {"size": (1.0, 1.0, 1.0)},
-    "cylinder": {"radius": (1.0,), "length": (1.0,)},
-    "sphere": {"radius": (1.0,)},
-    "mesh": {"scale": (1.0, 1.0, 1.0)},
-}
 _log = logging.getLogger(__name__)
 
 
@@ -80,7 +74,7 @@ def _inertial(out, node):
 def _visual(link, node, body: Body, document, folders):
     solid = node.solid()
     kind = solid.xml.tag if solid else "nothing"
-    sizes = {key: text(*solid.values(key, default)) for key, default in _SIZES.get(kind, {}).items()}
+    sizes = {key: text(*solid.values(key, (1.0,) * count)) for key, count in SHAPES.get(kind, {}).items()}
     if kind == "mesh":
         uri = solid.word("uri")
         if uri.startswith(("http://", "https://")):
