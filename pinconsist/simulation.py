@@ -120,10 +120,7 @@ def simulate(
     system = MechanismSystem(mech, assembly.q, span[0])
     require_nonsingular(system, assembly.q)
     output = _output(span, t_eval, dense_output, events, callback)
-    with deferred(late=False) as interrupted:
-        stepper = stepper_for(system, chosen, backend)
-        trajectory = dae.integrate(system, span, assembly.q, assembly.v, chosen, output, stepper, interrupted)
-        return Solution._from_trajectory(trajectory, chosen)
+    return _integrated(system, span, assembly.q, assembly.v, chosen, output, backend)
 
 
 def integrate(
@@ -185,7 +182,10 @@ def integrate(
             "method turns that into a multiplier error of that size over the step squared. Give a p0 on the "
             "constraint, or use simulate(), which assembles"
         )
-    output = _output(span, t_eval, dense_output, events, callback)
+    return _integrated(system, span, p0, v0, chosen, _output(span, t_eval, dense_output, events, callback), backend)
+
+
+def _integrated(system, span, p0, v0, chosen, output, backend) -> Solution:
     with deferred(late=False) as interrupted:
         stepper = stepper_for(system, chosen, backend)
         trajectory = dae.integrate(system, span, p0, v0, chosen, output, stepper, interrupted)

@@ -99,23 +99,20 @@ class Solution:
                 f"are open by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
                 "Start elsewhere, or from a state just before"
             )
-        arrays = [
-            np.array(a)
-            for a in (trajectory.t, trajectory.p, trajectory.v, trajectory.lam, trajectory.h, trajectory.order)
-        ]
-        for array in arrays:
+        arrays = {name: np.array(getattr(trajectory, name)) for name in ("t", "v", "lam", "h", "order")}
+        arrays["q"] = np.array(trajectory.p)
+        for array in arrays.values():
             array.setflags(write=False)
-        t, q, v, lam, h, order = arrays
         scene = getattr(system, "mechanism", None)
         about = {"backend": trajectory.backend, "skipped": skipped_work(trajectory)}
         about |= {"forces": len(scene.forces)} if scene else {}
         return cls(
-            t=t, q=q, v=v, lam=lam, h=h, order=order, system=system, method=method.describe() | about,
-            scene=scene.name if scene else "",
+            **arrays, system=system, method=method.describe() | about, scene=scene.name if scene else "",
             success=trajectory.status >= 0, sol=trajectory.dense,
-            t_events=[np.array([row[0] for row in rows]) for rows in trajectory.events],
-            q_events=[np.array([row[1] for row in rows]) for rows in trajectory.events],
-            v_events=[np.array([row[2] for row in rows]) for rows in trajectory.events],
+            **{
+                f"{name}_events": [np.array([row[k] for row in rows]) for rows in trajectory.events]
+                for k, name in enumerate("tqv")
+            },
             **{name: getattr(trajectory, name) for name in _OUTCOME},
         )  # fmt: skip
 
@@ -133,45 +130,19 @@ class Solution:
         return np.hstack((self.q, self.v, self.lam)).T
 
     def check(self, mechanism=None) -> Certificate:
-        """Measure the solution's own residuals, in a system of its own: see :class:`Certificate`.
+        """The largest residuals over all rows, measured in a system of its own: see :class:`Certificate`.
 
-        Parameters
-        ----------
-        mechanism : Mechanism, optional
-            Needed for a solution read from a file: the mechanism with the forces of the run, those given to
-            ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`).
-
-        Returns
-        -------
-        Certificate
-            The largest residuals over all rows; ``print`` shows them.
-
-        Raises
-        ------
-        InputError
-            No mechanism, another one, or one with another number of forces than the run had; no rows.
+        A solution read from a file needs `mechanism`, with the forces of the run, those given to
+        ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`). Raises InputError for no mechanism, another
+        one, or one with another number of forces than the run had; for no rows.
         """
         self._require_scene(mechanism, "check")
         return certify(self, mechanism)
 
     def energy(self, mechanism=None) -> Energy:
-        """Energies of the rows, power and work of each force, and their balance: see :class:`~pinconsist.Energy`.
+        """The energies of the rows, power and work of each force, and their balance: see :class:`~pinconsist.Energy`.
 
-        Parameters
-        ----------
-        mechanism : Mechanism, optional
-            As in :meth:`check`.
-
-        Returns
-        -------
-        Energy
-            A value for each row.
-
-        Raises
-        ------
-        InputError
-            No mechanism, another one, one with another number of forces than the run had, or a general problem; no
-            rows.
+        `mechanism` is as in :meth:`check`. Raises InputError as there, and for a general problem.
         """
         self._require_scene(mechanism, "energy")
         mechanism = mechanism or getattr(self.system, "mechanism", None)
@@ -222,57 +193,24 @@ class Solution:
             )
 
     def summary(self) -> str:
-        """Say in a few lines how the run went.
-
-        Returns
-        -------
-        str
-            The message; steps, their sizes and orders; rejected ones by reason; what the run took; what was skipped.
-        """
+        """The message; steps, their sizes and orders; rejected ones by reason; what the run took; what was skipped."""
         return summary_of(self)
 
     def save(self, file) -> Path:
-        """Write an npz file without pickles, whole or not at all.
+        """The npz file that was written from `file`, to which ``.npz`` is added if missing; whole or not at all.
 
-        The file says by which versions it was made. It can be repeated and continued where the run itself was made
-        by :func:`pinconsist.record`. It does not hold ``system``, ``sol`` and the events.
-
-        Parameters
-        ----------
-        file : path-like
-            The file; ``.npz`` is added to a name without it. An existing file is replaced.
-
-        Returns
-        -------
-        Path
-            The file that was written.
-
-        Raises
-        ------
-        OSError
-            The file cannot be written; an existing one is left as it was.
+        An existing file is replaced. It holds no pickles, and not ``system``, ``sol`` and the events. It says by which
+        versions it was made, and can be repeated and continued where :func:`pinconsist.record` made the run. Raises
+        OSError where it cannot be written; an existing one is then left as it was.
         """
         return write(self, file)
 
     @classmethod
     def load(cls, file) -> Solution:
-        """Read what :meth:`save` wrote.
+        """The solution that :meth:`save` wrote to this `file`, given with its ``.npz``.
 
-        Parameters
-        ----------
-        file : path-like
-            The file, with its ``.npz``.
-
-        Returns
-        -------
-        Solution
-            Without ``system``, ``sol`` and events: :meth:`check`, :meth:`energy` and :meth:`reaction` need the
-            mechanism.
-
-        Raises
-        ------
-        FormatError
-            Missing, truncated, damaged or foreign file, or one of another format; names the file.
+        It has no ``system``, ``sol`` and events: :meth:`check`, :meth:`energy` and :meth:`reaction` need the mechanism.
+        Raises FormatError, which names the file, for a missing, truncated, damaged or foreign one, or another format.
         """
         return cls(**read(file))
 
