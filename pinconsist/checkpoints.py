@@ -50,8 +50,8 @@ def carry_out(recipe, mechanism, file, *, begun=None, callback=None):
     with deferred(late=False):
         try:
             for end in parts.ends_to_come():
-                parts.advance(end)
-                if parts.status != 0:
+                parts.add(parts.run(end), end)
+                if parts.last.status != 0:
                     break
                 if end != t_end and file is not None and (began := time.monotonic()) >= due:
                     try:
@@ -82,8 +82,7 @@ class _Parts:
     def __init__(self, recipe, mechanism, callback, begun):
         self.recipe, self.mechanism = recipe, mechanism
         self.callback = None if callback is None else _Callback(callback)
-        self.parts, self.counted, self.rejected = [], dict.fromkeys(COUNTERS, 0), {}
-        self.last, self.status, self.message = None, 0, ""
+        self.parts, self.counted, self.rejected, self.last = [], dict.fromkeys(COUNTERS, 0), {}, None
         if begun is not None and (at := recipe.checkpoint) is not None:
             rows, steps = at["rows"], min(len(begun.h), max(at["rows"] - 1, 0))
             self.parts = [{n: getattr(begun, n)[:rows] for n in ROWS} | {n: getattr(begun, n)[:steps] for n in STEPS}]
@@ -93,17 +92,13 @@ class _Parts:
         ends = checkpoints(self.recipe.t_span, self.recipe.save_every)
         return ends if self.recipe.checkpoint is None else ends[ends.index(self.recipe.checkpoint["t"]) + 1 :]
 
-    def advance(self, end):
-        self._add(self._run(end), end)
-
-    def _run(self, end):
+    def run(self, end):
         """The part up to a checkpoint."""
-        at, options = self.recipe.checkpoint, dict(self.recipe.options)
-        start = self._reached()
-        if (most := options.get("max_steps")) is not None and at is not None:
-            if self.counted["nsteps"] >= most:
+        at, options, start = self.recipe.checkpoint, dict(self.recipe.options), self._reached()
+        if at is not None and options.get("max_steps") is not None:
+            options["max_steps"] -= self.counted["nsteps"]
+            if options["max_steps"] <= 0:
                 raise PinconsistError(self._used_up(start))
-            options["max_steps"] = most - self.counted["nsteps"]
         if options.get("t_eval") is not None:
             low, high = min(start, end), max(start, end)
             asked = [t for t in options["t_eval"] if low <= t <= high and (at is None or t != start)]
@@ -117,7 +112,7 @@ class _Parts:
         q, v = np.array(at["q"]), np.array(at["v"])
         return integrate(self.mechanism, (start, end), q, v, callback=self.callback, **options)
 
-    def _add(self, run, end):
+    def add(self, run, end):
         """Keep the rows of a part; its first one is the last of the part before."""
         asked, first, last = self.recipe.options.get("t_eval"), 0, len(run.t)
         if asked is None:
@@ -127,22 +122,22 @@ class _Parts:
         self.parts.append({n: getattr(run, n)[first:last] for n in ROWS} | {n: getattr(run, n) for n in STEPS})
         self.counted = {name: number + getattr(run, name) for name, number in self.counted.items()}
         self.rejected |= {reason: self.rejected.get(reason, 0) + number for reason, number in run.rejected.items()}
-        self.last, self.status, self.message = run, run.status, run.message
-        most = self.recipe.options.get("max_steps")
-        if self.status == -1 and most is not None and self.counted["nsteps"] >= most:
-            self.message = self._used_up(run.t[-1] if len(run.t) else self.recipe.t_span[0])
+        status, message, t_end = run.status, run.message, self.recipe.t_span[1]
+        if status == -1 and self.counted["nsteps"] >= (self.recipe.options.get("max_steps") or np.inf):
+            message = self._used_up(run.t[-1] if len(run.t) else self.recipe.t_span[0])
         if self.callback and self.callback.error:
-            self.status, self.message = -1, f"{self.callback.error} (reached t = {self.callback.t:.6g})"
-        if self.status == 0:
-            at = None
-            if end != self.recipe.t_span[1]:
-                self.message = (
-                    f"saved at t = {end:g} of {self.recipe.t_span[1]:g}; to be continued by pinconsist resume"
-                )
-                at = {"t": end, "q": run.q[-1].tolist(), "v": run.v[-1].tolist()}
-                at |= {"rows": sum(len(part["t"]) for part in self.parts)}
-                at |= {"counted": self.counted, "rejected": dict(self.rejected)}
+            status, message = -1, f"{self.callback.error} (reached t = {self.callback.t:.6g})"
+        if status == 0 and end == t_end:
+            self.recipe = replace(self.recipe, checkpoint=None)
+        elif status == 0:
+            message = f"saved at t = {end:g} of {t_end:g}; to be continued by pinconsist resume"
+            at = {
+                "t": end, "q": run.q[-1].tolist(), "v": run.v[-1].tolist(),
+                "rows": sum(len(part["t"]) for part in self.parts),
+                "counted": self.counted, "rejected": dict(self.rejected),
+            }  # fmt: skip
             self.recipe = replace(self.recipe, checkpoint=at)
+        self.last = replace(run, status=status, message=message)
 
     def _reached(self):
         """The time of the last checkpoint."""
@@ -153,22 +148,22 @@ class _Parts:
 
     def stop(self, error):
         """End the run by an error that was raised between two parts."""
-        at = f"t = {self._reached():.6g}"
-        self.status, self.message = -1, str(error)
+        at, status, message = f"t = {self._reached():.6g}", -1, str(error)
         if isinstance(error, KeyboardInterrupt):
-            self.status, self.message = 1, f"interrupted at {at}; the solution holds what was reached"
+            status, message = 1, f"interrupted at {at}; the solution holds what was reached"
         elif isinstance(error, MemoryError):
-            self.message = f"out of memory after {at}; t_eval= keeps fewer rows"
+            message = f"out of memory after {at}; t_eval= keeps fewer rows"
+        self.last = replace(self.last, status=status, message=message)
 
     def solution(self):
         """What was reached; status 1 where there is more to come."""
         arrays = {name: np.concatenate([part[name] for part in self.parts]) for name in (*ROWS, *STEPS)}
         for array in arrays.values():
             array.setflags(write=False)
-        status = 1 if self.status == 0 and self.recipe.checkpoint is not None else self.status
+        status = 1 if self.last.status == 0 and self.recipe.checkpoint is not None else self.last.status
         return replace(
-            self.last, **arrays, **self.counted, rejected=self.rejected, message=self.message,
-            status=status, success=status >= 0, recipe=self.recipe.plain(), versions={},
+            self.last, **arrays, **self.counted, rejected=self.rejected, status=status, success=status >= 0,
+            recipe=self.recipe.plain(), versions={},
         )  # fmt: skip
 
 

@@ -45,14 +45,9 @@ class deferred:
     """Within the block signals with a Python handler are recorded; the handlers are called on demand, or at its end.
 
     The context's value is a function that calls them and returns whether the work should stop. Nested blocks end with
-    the outermost one. Exceptions of handlers other than KeyboardInterrupt are raised at the end.
-
-    Parameters
-    ----------
-    late : bool
-        Whether KeyboardInterrupt is raised at the end of a block that succeeded; otherwise it is too late there.
-    impatient : bool
-        Whether a second signal, more than a second after the first, acts at once: user-defined functions may hang.
+    the outermost one. Exceptions of handlers other than KeyboardInterrupt are raised at the end; KeyboardInterrupt at
+    the end of a block that succeeded only if `late`. If `impatient`, a second signal more than a second after the
+    first acts at once: user-defined functions may hang.
     """
 
     def __init__(self, *, late=True, impatient=True):

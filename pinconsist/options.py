@@ -41,19 +41,20 @@ def method_of(
         raise InputError(f"max_steps must be a positive whole number, got {max_steps!r}")
     max_steps = None if max_steps is None else int(max_steps)
     if step is not None:
-        step = _positive(step, "step")
+        step = positive_time(step, "step")
         if step < shortest_step(*span):
             raise InputError(f"step = {step:g} s is too small to differ from zero at t = {max(map(abs, span)):g} s")
         return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps)
-    first_step = None if first_step is None else _positive(first_step, "first_step")
-    max_step = np.inf if max_step == np.inf else _positive(max_step, "max_step")
+    first_step = None if first_step is None else positive_time(first_step, "first_step")
+    max_step = np.inf if max_step == np.inf else positive_time(max_step, "max_step")
     control = ErrorControl(_pair(rtol, "rtol"), _pair(atol, "atol"), order, max_step)
     if min(part.min() for part in control.rtol) < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
     return dae.Method(order, consistency, control, None, first_step, max_steps)
 
 
-def _positive(value, what) -> float:
+def positive_time(value, what) -> float:
+    """A positive number of seconds, or InputError."""
     value = finite_array(value, what)
     if value.shape != () or not value > 0:
         raise InputError(f"{what} must be a positive number of seconds, got {value!s}")

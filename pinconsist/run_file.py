@@ -80,34 +80,18 @@ _OTHERS = ("mech", "t_span", "q0", "v0", "forces", "callback", *_RETURNED)
 
 @dataclass(frozen=True)
 class Recipe:
-    """All that a run depends on, apart from the packages.
+    """All that a run depends on, apart from the packages."""
 
-    Attributes
-    ----------
-    scene : dict or None
-        A :class:`SceneSource`, paths as seen from the run's file; None for a mechanism that was given in memory.
-    files : dict[str, str]
-        SHA-256 of each file of the scene.
-    t_span, q0, v0, options, save_every
-        As given to :func:`pinconsist.record`.
-    forces : list of dict or None
-        Records as in a loop file; None where one was a Python function.
-    checkpoint : dict or None
-        The last one: state, number of rows, counters.
-    mechanism : dict or None
-        Digests of the mechanism without `forces`; None in files of older versions.
-    """
-
-    scene: dict | None
-    files: dict
+    scene: dict | None  # a SceneSource, paths as seen from the run's file; None for a mechanism in memory
+    files: dict  # of the scene → SHA-256
     t_span: list
     q0: object = None
     v0: object = None
-    forces: list | None = field(default_factory=list)
+    forces: list | None = field(default_factory=list)  # records as in a loop file; None: one was a Python function
     options: dict = field(default_factory=dict)
     save_every: float | None = None
-    checkpoint: dict | None = None
-    mechanism: dict | None = None
+    checkpoint: dict | None = None  # the last one: state, number of rows, counters
+    mechanism: dict | None = None  # digests, without `forces`; None in files of older versions
 
     @classmethod
     def read(cls, solution, file) -> Recipe:
@@ -165,25 +149,21 @@ def recipe_of(scene, files, mechanism, t_span, q0, v0, forces, options, save_eve
 
 def _checked(recipe) -> Recipe:
     """The recipe, or InputError for a span, a period or options that are not valid."""
-    from .formats.reading import near
-    from .mechanism.checks import finite_array
+    from .mechanism.checks import near
+    from .options import positive_time, span_of
     from .simulation import simulate
 
     known = [name for name in inspect.signature(simulate).parameters if name not in _OTHERS]
     for name in recipe.options:
         if name not in known:
             raise InputError(f"there is no option {name!r}{near(name, known)}")
-    if finite_array(recipe.t_span, "t_span").shape != (2,):
-        raise InputError(f"t_span needs two numbers (start, end), got {recipe.t_span!r}")
+    span_of(recipe.t_span)
     for what, kind in (("files", dict), ("mechanism", dict | None)):
         if not isinstance(value := getattr(recipe, what), kind):
             raise InputError(f"no hashes of its {what}: {value!r}")
     if recipe.save_every is None:
         return recipe
-    period = finite_array(recipe.save_every, "save_every")
-    if period.shape != () or not period > 0:
-        raise InputError(f"save_every must be a positive number of seconds, got {recipe.save_every!s}")
-    return replace(recipe, save_every=float(period))
+    return replace(recipe, save_every=positive_time(recipe.save_every, "save_every"))
 
 
 def _plain(value, name):

@@ -61,14 +61,11 @@ def record(
     Parameters
     ----------
     scene : str, path-like or Mechanism
-        A built-in name or a file, as for :func:`pinconsist.load`. A mechanism in memory can be given too; it
-        must then be given again to `rerun` and `resume`.
-    t_span : (float, float)
-        Start and end, s.
+        As for :func:`pinconsist.load`; a mechanism in memory must be given again to `rerun` and `resume`.
+    t_span, q0, v0 : optional
+        As for :func:`pinconsist.simulate`.
     file : path-like
         The file; ``.npz`` is added to a name without it.
-    q0, v0 : mapping or array, optional
-        As for :func:`pinconsist.simulate`.
     load : mapping, optional
         Options of :func:`pinconsist.load`: ``loops``, ``closure``, ``free_flyer``, ``package_dirs``.
     save_every : float, optional
@@ -143,8 +140,8 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
             f"{file} cannot be continued, because its scene has changed: {'; '.join(changed)}. See pinconsist rerun"
         )
     require_writable(file)
-    if other := [f"{name} {then}, now {now}" for name, then, now in _other_versions(solution)]:
-        _log.warning("%s was started with %s: the last bits may differ", file, "; ".join(other))
+    if other := _other_versions(solution):
+        _log.warning("%s was started by other versions (%s): the last bits may differ", file, "; ".join(other))
     with ended_like_ctrl_c():
         whole = carry_out(recipe, mechanism, file, begun=solution, callback=callback)
     if (then := solution.method.get("backend")) != (now := whole.method.get("backend")):
@@ -153,24 +150,11 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
 
 
 def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
-    """Make the run in a file again, and compare every number.
+    """Whether a run made again from its `file` has the same numbers, and what else is not as it was.
 
-    Parameters
-    ----------
-    file, scene, forces, callback
-        As for :func:`resume`; the file is not changed.
-
-    Returns
-    -------
-    Rerun
-        Whether the numbers are the same, and what else is not: versions, files of the scene, the mechanism.
-
-    Raises
-    ------
-    FormatError
-        The file is not a complete run, or does not say how it was made.
-    InputError
-        The scene cannot be loaded, or forces are missing.
+    `scene`, `forces` and `callback` are as for :func:`resume`; the file is not changed. Raises FormatError where it
+    is not a complete run, or does not say how it was made; InputError where the scene cannot be loaded, or forces are
+    missing.
     """
     old, recipe, mechanism, changed = _again(file, scene, forces)
     forward = recipe.t_span[1] >= recipe.t_span[0]
@@ -181,17 +165,16 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
 
     cut_short = old.status != 0 and len(old.t)  # nothing after that is to be compared
     new = carry_out(replace(recipe, checkpoint=None), mechanism, None, callback=until if cut_short else callback)
-    about = [f"{name} {then} then, {now} now" for name, then, now in _other_versions(old)]
+    about = _other_versions(old)
     if (then := old.method.get("backend")) != (now := new.method.get("backend")):
         about.append(f"the method ran {then} then, {now} now")
     numbers = [_difference(name, getattr(old, name), getattr(new, name)) for name in (*ROWS, *STEPS)]
     return Rerun(not any(numbers), (*about, *changed, *filter(None, numbers)), new)
 
 
-def _other_versions(solution):
-    """(package, version then, version now) where they differ."""
-    now = versions()
-    return [(name, then, now.get(name)) for name, then in solution.versions.items() if then != now.get(name)]
+def _other_versions(solution) -> list[str]:
+    then, now = solution.versions, versions()
+    return [f"{name} {then[name]} then, {now.get(name)} now" for name in then if then[name] != now.get(name)]
 
 
 def _difference(name, old, new) -> str:

@@ -42,38 +42,26 @@ def loaded(scene, *, anew=False) -> Mechanism:
 
 @dataclass(frozen=True)
 class SceneSweep:
-    """How each case of a sweep is run: plain data that can be sent to any process.
+    """How each case of a sweep is run: plain data that can be sent to any process."""
 
-    Parameters
-    ----------
-    scene : object
-        Plain data with a method ``load() -> Mechanism``.
-    names : tuple of str
-        What the numbers of a case are, by the names of :func:`~pinconsist.sweep_cases.target`.
-    start, until : float
-        Of the run, s.
-    q0, v0 : mapping
-        Joint name → number(s), for the joints that are not varied.
-    options : mapping
-        Of :func:`~pinconsist.simulate`.
-    """
-
-    scene: Any
-    names: tuple[str, ...]
+    scene: Any  # plain data with a method load() -> Mechanism
+    names: tuple[str, ...]  # what the numbers of a case are, by the names of `sweep_cases.target`
     start: float
     until: float
-    q0: Mapping
+    q0: Mapping  # of the joints that are not varied
     v0: Mapping
-    options: Mapping
+    options: Mapping  # of simulate
 
     def __call__(self, case) -> dict:
         """The row of a case: what was measured, ``end`` (q and v of the last row), and a message where one is due."""
         run = self.run(case)
         sol = self._simulated(run, run.until)
-        row = (DONE if sol.success else FAILED, float(sol.t[-1]), sol.nsteps, _gap(sol), sol.energy().balance_error)
         messages = [*([] if sol.success else [sol.message]), *_moved(run, sol.q[0])]
-        end = [*map(float, sol.q[-1]), *map(float, sol.v[-1])]
-        return dict(zip(MEASURED, row, strict=True)) | {"end": end, "message": "; ".join(messages)}
+        return {
+            "status": DONE if sol.success else FAILED, "t": float(sol.t[-1]), "steps": sol.nsteps, "gap": _gap(sol),
+            "energy_error": sol.energy().balance_error, "end": np.concatenate([sol.q[-1], sol.v[-1]]).tolist(),
+            "message": "; ".join(messages),
+        }  # fmt: skip
 
     def run(self, case) -> Run:
         """What `simulate` is called with for a case; InputError where its numbers cannot be."""
@@ -199,15 +187,13 @@ class Journal:
 
     def _begin(self, header):
         self._stream.seek(0)
-        whole, newline, torn = self._stream.read().rpartition(b"\n")
-        if not newline and not json.dumps(header).encode().startswith(torn):
+        *lines, torn = self._stream.read().split(b"\n")
+        if not lines and not json.dumps(header).encode().startswith(torn):
             raise self._damaged(1)
         if torn:  # killed while it wrote
-            self._stream.truncate(len(whole) + len(newline))
-        if not newline:
+            self._stream.truncate(self._stream.tell() - len(torn))
+        if not lines:
             self._write(header)
-            return
-        lines = whole.split(b"\n")
         for k, line in enumerate(lines, start=1):
             try:
                 entry = json.loads(line)
@@ -216,10 +202,10 @@ class Journal:
             match entry:
                 case {"pinconsist sweep": _, "about": dict()} if k == 1:
                     self._require_same(entry, header, len(lines) - 1)
-                case [int(i), {"status": str(), "message": str()}] if (
-                    0 <= i < header["about"]["cases"]["count"] and k > 1
+                case [int(i), {"status": str(), "message": str()} as row] if (
+                    k > 1 and 0 <= i < header["about"]["cases"]["count"]
                 ):
-                    self.rows[i] = entry[1]
+                    self.rows[i] = row
                 case _:
                     raise self._damaged(k)
 

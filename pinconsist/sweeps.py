@@ -45,12 +45,9 @@ class Outcome:
         The case, as it was given.
     value : object
         What the function returned; None where it did not.
-    error : str
-        Type of the error, such as ``"AssemblyError"``; empty where there was none.
-    message : str
-        What the error says.
-    traceback : str
-        Where it was raised, as Python prints it; of an error in another process, the place there.
+    error, message, traceback : str
+        Type of the error, such as ``"AssemblyError"``, what it says, and where it was raised, as Python prints it (in
+        another process, the place there); empty where there was none.
     finished : bool
         The function returned a value or raised an error. False where the case was interrupted, lost with a worker that
         died, or could not be sent to another process; it may be tried again.
@@ -79,17 +76,17 @@ class Attempt:
     case: object
 
     def __call__(self) -> Outcome:
-        begun, failure = time.monotonic(), None
+        begun = time.monotonic()
         with ended_like_ctrl_c(others=False):
             try:
-                value = self.function(self.case)
+                outcome = Outcome(self.index, None, self.function(self.case))
             except KeyboardInterrupt:
                 return _interrupted(self.index, None)
             except BaseException as error:  # sys.exit() in one case does not end the others
-                value, failure = None, _failed(self.index, None, error)
+                outcome = _failed(self.index, None, error)
         if interrupted(begun):  # even if the function caught it, as `simulate` does: half a run is no value
             return _interrupted(self.index, None)
-        return failure or Outcome(self.index, None, value)
+        return outcome
 
     def __dask_tokenize__(self):
         """A new name for each call: for a name that it knows dask returns the old result, perhaps an error."""
@@ -114,17 +111,16 @@ def sweep(
     cases : iterable
         One argument each: plain data. The function gets a copy, so that no case can change another.
     executor : concurrent.futures.Executor, optional
-        Anything with its ``submit``: a ProcessPoolExecutor, loky, dask's ``client.get_executor()``,
-        ``mpi4py.futures.MPIPoolExecutor``. Default: a plain loop in this process. It is left open.
+        Anything with its ``submit``, such as a ProcessPoolExecutor, loky, dask's ``client.get_executor()`` or
+        ``mpi4py.futures.MPIPoolExecutor``; it is left open. Default: a plain loop in this process.
     callback : callable, optional
         ``callback(outcome)`` in this process, as the outcomes arrive. What it raises ends the sweep.
 
     Returns
     -------
     list of Outcome
-        In the order of the cases, one each. A case that raises is an outcome with its error; so is one that was lost
-        with its worker. Ctrl-C, SIGTERM and SIGHUP end the sweep: what was reached is returned, the other cases
-        are outcomes that are not ``finished``.
+        In the order of the cases, one each. A case that raises, or is lost with its worker, is an outcome with its
+        error. Ctrl-C, SIGTERM and SIGHUP end the sweep: the cases that were not reached are not ``finished``.
 
     Raises
     ------

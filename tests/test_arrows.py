@@ -28,7 +28,7 @@ MAY_IMPORT = {
     "interrupts": set(),
     "solution_file": {"files", "errors"},
     "checkpoints": {"simulation", "interrupts", "errors"},
-    "run_file": {"simulation", "formats", "mechanism", "errors"},
+    "run_file": {"options", "simulation", "formats", "mechanism", "errors"},
     "runs": {"checkpoints", "run_file", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
     "formats": {"mechanism", "files", "errors"},
     "view": {"mechanism", "files", "errors"},

@@ -188,7 +188,7 @@ def test_other_versions_are_said(tmp_path, monkeypatch, caplog):
     assert pc.rerun(file).differences == wanted and pc.rerun(file).same
     with caplog.at_level(logging.WARNING, "pinconsist"):
         pc.resume(file)
-    assert "was started with pinconsist 0.0.9" in caplog.text
+    assert "was started by other versions (pinconsist 0.0.9 then" in caplog.text
 
 
 def test_file_and_scene_may_move_together(tmp_path, scene):

@@ -75,8 +75,8 @@ LATE = {  # between the last step and the file
     "rows": ("pinconsist.dae.output.Record", "arrays"),
     "steps": ("pinconsist.dae.output.Record", "steps"),
     "solution": ("pinconsist.simulation", "Solution._from_trajectory"),
-    "stretch": ("pinconsist.checkpoints._Parts", "_run"),
-    "chain": ("pinconsist.checkpoints._Parts", "_add"),
+    "stretch": ("pinconsist.checkpoints._Parts", "run"),
+    "chain": ("pinconsist.checkpoints._Parts", "add"),
     "whole": ("pinconsist.checkpoints._Parts", "solution"),
     "saved": ("pinconsist.solution.Solution", "save"),
 }
