@@ -99,20 +99,18 @@ class Solution:
                 f"are open by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
                 "Start elsewhere, or from a state just before"
             )
-        arrays = {name: np.array(getattr(trajectory, name)) for name in ("t", "v", "lam", "h", "order")}
-        arrays["q"] = np.array(trajectory.p)
-        for array in arrays.values():
+        values: dict[str, Any] = {name: np.array(getattr(trajectory, name)) for name in ("t", "v", "lam", "h", "order")}
+        values["q"] = np.array(trajectory.p)
+        for array in values.values():
             array.setflags(write=False)
+        for k, name in enumerate("tqv"):
+            values[f"{name}_events"] = [np.array([row[k] for row in rows]) for rows in trajectory.events]
         scene = getattr(system, "mechanism", None)
         about = {"backend": trajectory.backend, "skipped": skipped_work(trajectory)}
         about |= {"forces": len(scene.forces)} if scene else {}
         return cls(
-            **arrays, system=system, method=method.describe() | about, scene=scene.name if scene else "",
+            **values, system=system, method=method.describe() | about, scene=scene.name if scene else "",
             success=trajectory.status >= 0, sol=trajectory.dense,
-            **{
-                f"{name}_events": [np.array([row[k] for row in rows]) for rows in trajectory.events]
-                for k, name in enumerate("tqv")
-            },
             **{name: getattr(trajectory, name) for name in _OUTCOME},
         )  # fmt: skip
 

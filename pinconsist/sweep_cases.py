@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
+from functools import partial
 
 import numpy as np
 
@@ -153,7 +154,7 @@ def _set_gravity(run, axis, value):
 
 def _set_number(run, place, i, path, value):
     records = list(getattr(run.mechanism, place))
-    records[i] = _with(records[i], path, value)
+    records[i] = _numbers(records[i])[path](value)
     run.mechanism = replace(run.mechanism, **{place: records})
 
 
@@ -177,36 +178,29 @@ def _path(record, label, name) -> tuple:
     raise InputError(f"{label!r} has {'several numbers' if found else 'no number'} {name!r}; it has {there}")
 
 
-def _parts(record) -> dict:
-    """Name → value of the fields of a record, the entries of a mapping, the members of a tuple."""
-    if dataclasses.is_dataclass(record):
-        parts = {each: getattr(record, each.name) for each in dataclasses.fields(record)}
-        return {
-            each.name: 0.0 if part is None and each.type == "float | None" else part for each, part in parts.items()
-        }
-    if isinstance(record, tuple):
-        return {str(i): part for i, part in enumerate(record)}
-    return dict(record) if isinstance(record, Mapping) else {}
-
-
-def _numbers(record) -> Iterator[tuple]:
-    """The paths to all numbers in a record and in its parts."""
+def _numbers(record) -> dict[tuple, Callable]:
+    """Path → function that returns the record with another number there, of all numbers in a record and its parts."""
     if isinstance(record, float | int) and not isinstance(record, bool):
-        yield ()
-    for name, part in _parts(record).items():
-        yield from ((name, *path) for path in _numbers(part))
+        return {(): lambda value: value}
+    parts = dict(record) if isinstance(record, Mapping) else {}
+    if isinstance(record, tuple):
+        parts = {str(i): part for i, part in enumerate(record)}
+    elif dataclasses.is_dataclass(record):
+        kinds = {each.name: each.type for each in dataclasses.fields(record)}
+        parts = {name: getattr(record, name) for name in kinds}
+        parts |= {name: 0.0 for name, part in parts.items() if part is None and kinds[name] == "float | None"}
 
+    def put(name, change, value):
+        changed = {name: change(value)}
+        if dataclasses.is_dataclass(record):
+            return replace(record, **changed)
+        return tuple((parts | changed).values()) if isinstance(record, tuple) else parts | changed
 
-def _with(record, path, value):
-    """The record with another number at the end of a path."""
-    if not path:
-        return value
-    first, *rest = path
-    parts = _parts(record)
-    changed = {first: _with(parts[first], rest, value)}
-    if dataclasses.is_dataclass(record):
-        return replace(record, **changed)
-    return {**record, **changed} if isinstance(record, Mapping) else tuple((parts | changed).values())
+    return {
+        (name, *path): partial(put, name, change)
+        for name, part in parts.items()
+        for path, change in _numbers(part).items()
+    }
 
 
 def _unknown(mechanism, name) -> str:
