@@ -150,11 +150,21 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
 
 
 def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
-    """Whether a run made again from its `file` has the same numbers, and what else is not as it was.
+    """Make the run in a file again, and compare every number.
 
-    `scene`, `forces` and `callback` are as for :func:`resume`; the file is not changed. Raises FormatError where it
-    is not a complete run, or does not say how it was made; InputError where the scene cannot be loaded, or forces are
-    missing.
+    Parameters as :func:`resume`: `file`, which is not changed, `scene`, `forces`, `callback`.
+
+    Returns
+    -------
+    Rerun
+        Whether the numbers are the same, and what else has changed: versions, files of the scene, the mechanism.
+
+    Raises
+    ------
+    FormatError
+        The file is not a complete run, or does not say how it was made.
+    InputError
+        The scene cannot be loaded, or forces are missing.
     """
     old, recipe, mechanism, changed = _again(file, scene, forces)
     forward = recipe.t_span[1] >= recipe.t_span[0]
