@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -168,15 +169,11 @@ def _checked(recipe) -> Recipe:
 
 def _plain(value, name):
     """What JSON holds exactly, or InputError."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(each, name) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each, name) for each in value]
-    if hasattr(value, "tolist"):  # an array or a number of numpy
-        return _plain(value.tolist(), name)
-    if value is None or isinstance(value, str | bool | int | float):
-        return value
-    raise InputError(f"{name} = {value!r} cannot be stored in a file; numbers and names can")
+    try:
+        text = json.dumps(value, default=lambda each: dict(each) if isinstance(each, Mapping) else each.tolist())
+    except (TypeError, ValueError, AttributeError):
+        raise InputError(f"{name} = {value!r} cannot be stored in a file; numbers and names can") from None
+    return json.loads(text)
 
 
 def _option(value, name):

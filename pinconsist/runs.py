@@ -6,7 +6,6 @@ import logging
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from .mechanism.digest import digests
 from .mechanism.mechanism import Mechanism, with_forces
 from .run_file import Recipe, SceneSource, loaded, recipe_of
 from .solution import Solution, require_mechanism
-from .solution_file import versions
+from .solution_file import npz_path, versions
 
 _log = logging.getLogger(__name__)
 
@@ -91,8 +90,7 @@ def record(
     SavingError
         The end could not be written; the error carries the solution.
     """
-    file = Path(os.fspath(file))
-    file = file if file.suffix == ".npz" else file.with_name(file.name + ".npz")
+    file = npz_path(file)
     require_writable(file)
     mechanism, where, files = _scene(scene, load, file)
     recipe = recipe_of(where, files, mechanism, t_span, q0, v0, forces, options, save_every)

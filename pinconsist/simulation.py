@@ -72,9 +72,8 @@ def simulate(
     forces : sequence
         Forces in addition to the mechanism's own; see :class:`Mechanism`.
     t_eval : array, optional
-        Times of the rows, inside the span, in its direction. Default: every accepted step. With it nothing else is
-        kept, so that memory does not grow with the run. Its rows are interpolated between steps: their loops are
-        closed to the tolerance only.
+        Times of the rows, inside the span, in its direction; nothing else is kept. They are interpolated between
+        steps: their loops are closed to the tolerance only. Default: every accepted step.
     dense_output : bool
         Give ``sol.sol(t) -> (q, v, lam)`` for any time.
     events : Event or function, or sequence of them, optional
@@ -97,10 +96,8 @@ def simulate(
     Returns
     -------
     Solution
-        ``success`` is False, with what was reached and a message, where the integration fails. ``lam[0]`` belongs to
-        the start, ``lam[1]`` to the first step, which with variable steps is one of the one-step start (``order`` 0),
-        not of the method itself; see :class:`Solution`. Ctrl-C ends the run with what was reached, ``status`` 1;
-        after the last step it changes nothing.
+        ``success`` is False, with what was reached and a message, where the integration fails. Ctrl-C ends the run
+        with what was reached, ``status`` 1; after the last step it changes nothing.
 
     Raises
     ------
@@ -200,9 +197,8 @@ def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:
 
     Parameters
     ----------
-    system : Mechanism or HessenbergProblem or Index3System
-    t0 : float
-        Start, s.
+    system, t0 : Mechanism or HessenbergProblem or Index3System, float
+        What, and from when, s.
     p0, v0 : array
         Exact (consistent) initial values.
     step : float

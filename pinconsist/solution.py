@@ -33,11 +33,8 @@ class Solution:
         to the first step. With variable steps, and with fixed ones of an order above 1, rows of the one-step start
         (``order`` 0) come before the first step of the method itself. Rows of ``t_eval``, and where an event ends a
         step, are interpolated: their loops are closed to the tolerance only, those of steps to rounding.
-    success : bool
-        True unless the integration failed. A run stopped by an event or a callback is a success, as in scipy; so is
-        one that Ctrl-C interrupted, with what was reached.
-    status : int
-        0 end reached, 1 stopped by an event or a callback or interrupted (Ctrl-C), -1 failed.
+    success, status : bool, int
+        Status 0: end reached; 1: stopped by an event, a callback or Ctrl-C, a success as in scipy; -1: failed.
     message : str
         What happened, for a person; begins with "interrupted" after Ctrl-C.
     nsteps, nfev, njev, nlu : int
@@ -151,24 +148,10 @@ class Solution:
     def reaction(self, loop: str, mechanism=None, *, axes: str = "world") -> Reaction:
         """What a loop does to its bodies: force and moment on body 2, or a motor's torque; see :class:`Reaction`.
 
-        Parameters
-        ----------
-        loop : str
-            Name of a loop, drive, coupling or constraint of the mechanism.
-        mechanism : Mechanism, optional
-            Needed for a solution read from a file: the mechanism that was simulated.
-        axes : {"world", "anchor"}
-            In which force and moment are given: world axes, or those of the loop's anchor 1.
-
-        Returns
-        -------
-        Reaction
-            A row for each row of the solution.
-
-        Raises
-        ------
-        InputError
-            No such loop; no mechanism, another one, or a general problem; other axes.
+        `loop` names a loop, drive, coupling or constraint of the mechanism; there is a row for each row of the
+        solution. A solution read from a file needs the `mechanism` that was simulated. `axes` of force and moment are
+        "world", or "anchor": those of the loop's anchor 1. Raises InputError where there is no such loop, for no
+        mechanism, another one, or a general problem, and for other axes.
         """
         require_mechanism(self, mechanism)
         mechanism = mechanism or getattr(self.system, "mechanism", None)

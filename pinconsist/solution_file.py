@@ -25,13 +25,18 @@ _ABOUT = {
 
 def write(solution, file) -> Path:
     """Write a solution, whole or not at all; ``.npz`` is added to a name without it."""
-    path = Path(file)
-    path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+    path = npz_path(file)
     about = {name: getattr(solution, name) for name in _ABOUT} | {"format": FORMAT}
     about["versions"] = about["versions"] or versions()
     with written_whole(path) as stream:
         np.savez(stream, about=np.array(json.dumps(about)), **{name: getattr(solution, name) for name in ARRAYS})
     return path
+
+
+def npz_path(file) -> Path:
+    """The path with ``.npz`` added to a name without it."""
+    path = Path(file)
+    return path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
 
 
 def read(file) -> dict:
@@ -40,10 +45,15 @@ def read(file) -> dict:
         _require_plain(file)
         with np.load(file, allow_pickle=False) as stored:
             about = json.loads(str(stored["about"]))
-            written, by = about.pop("format", None), about.get("versions", {})
-            arrays = {name: stored[name] for name in ARRAYS} if written == FORMAT else {}
-        if written == FORMAT:
-            _check(arrays, about)
+            if (written := about.pop("format", None)) != FORMAT:
+                writer = about.get("versions", {}).get("pinconsist")
+                by = f"pinconsist {writer}" if writer else "another version of pinconsist"
+                here = f"pinconsist {__version__}, which is installed here, reads format {FORMAT}"
+                raise FormatError(f"written by {by} in format {written!r}; {here}", path=file)
+            arrays = {name: stored[name] for name in ARRAYS}
+        _check(arrays, about)
+    except FormatError:
+        raise
     except FileNotFoundError:
         raise FormatError("no such file", path=file) from None
     except PermissionError as error:
@@ -51,14 +61,6 @@ def read(file) -> dict:
     except Exception as error:  # zipfile, numpy and json raise many kinds for a damaged file
         reason = str(error) or type(error).__name__
         raise FormatError(f"damaged, or not a solution written by pinconsist ({reason})", path=file) from None
-    if written != FORMAT:
-        writer = by.get("pinconsist") if isinstance(by, dict) else None
-        by = f"pinconsist {writer}" if writer else "another version of pinconsist"
-        raise FormatError(
-            f"written by {by} in format {written!r}; "
-            f"pinconsist {__version__}, which is installed here, reads format {FORMAT}",
-            path=file,
-        )
     for array in arrays.values():
         array.setflags(write=False)
     return arrays | about

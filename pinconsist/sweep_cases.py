@@ -170,9 +170,8 @@ def _records(mechanism) -> dict:
 def _path(record, label, name) -> tuple:
     """The path to the number of this name in a record; its last word is enough where there is one such number."""
     numbers = list(_numbers(record))
-    whole = [path for path in numbers if ".".join(path) == name]
-    short = [path for path in numbers if path[-1] == name]
-    if len(found := whole or short) == 1:
+    found = [path for path in numbers if ".".join(path) == name] or [path for path in numbers if path[-1] == name]
+    if len(found) == 1:
         return found[0]
     there = ", ".join(".".join(path) for path in found or numbers) or "none"
     raise InputError(f"{label!r} has {'several numbers' if found else 'no number'} {name!r}; it has {there}")

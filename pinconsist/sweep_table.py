@@ -103,8 +103,7 @@ class SceneSweep:
         mechanism, ends = loaded(self.scene), []
         for letter, sizes in (("q", mechanism.model.nqs), ("v", mechanism.model.nvs)):
             for joint, size in zip(mechanism.joints, list(sizes)[1:], strict=True):
-                own = f"{letter}.{joint}"
-                ends += [own] if size == 1 else [f"{own}[{k}]" for k in range(size)]
+                ends += [f"{letter}.{joint}" + (f"[{k}]" if size > 1 else "") for k in range(size)]
         return ["case", *self.names, *MEASURED, *ends, "message"]
 
     def rows(self, cases, measured: dict[int, dict]) -> list[list]:
@@ -135,9 +134,8 @@ def _moved(run, q) -> list[str]:
     mechanism, messages = run.mechanism, []
     for joint, value in run.q0.items():
         if not np.allclose(mechanism.configuration({joint: value}, base=q), q, rtol=0, atol=1e-9):
-            start = mechanism.model.idx_qs[i := mechanism.joint_index(joint)]
-            at = " ".join(f"{each:g}" for each in q[start : start + mechanism.model.nqs[i]])
-            asked = " ".join(f"{each:g}" for each in np.atleast_1d(value))
+            own = np.split(q, mechanism.model.idx_qs[2:])[mechanism.joint_index(joint) - 1]
+            asked, at = (" ".join(f"{each:g}" for each in np.atleast_1d(part)) for part in (value, own))
             messages.append(f"the loops do not close with {joint} = {asked}; it began at {at}")
     return messages
 
@@ -145,24 +143,23 @@ def _moved(run, q) -> list[str]:
 class Journal:
     """The rows of an unfinished table, one line each, in a file next to it, from which a killed sweep continues.
 
-    The file is named like the table, with ``.partial`` after it, and locked while it is open. ``rows`` maps each case
-    that is done to its row. An InputError is raised if the file belongs to another sweep, by its `about`, or if
-    another process writes it; a FormatError if it is not a journal, or damaged.
+    The file, ``.partial`` after the table's name, is locked while it is open. InputError if it belongs to another
+    sweep, by its `about`, or another process writes it; FormatError if it is not a journal, or damaged.
     """
 
     def __init__(self, table, about: dict):
         self.path = Path(f"{table}.partial")
-        self.rows: dict[int, dict] = {}
+        self.rows: dict[int, dict] = {}  # case → row
         self._stream = open(self.path, "a+b", buffering=0)  # unbuffered: a line is written by one call, or not at all
         try:
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._begin({"pinconsist sweep": FORMAT, "about": json.loads(json.dumps(about))})
         except BaseException as error:
             self._stream.close()
-            if isinstance(error, BlockingIOError):
-                reason = "is being written by another sweep; wait for its end, or stop it"
-                raise InputError(f"{self.path} {reason}") from None
-            raise
+            if not isinstance(error, BlockingIOError):
+                raise
+            reason = "is being written by another sweep; wait for its end, or stop it"
+            raise InputError(f"{self.path} {reason}") from None
 
     def __enter__(self):
         return self

@@ -14,6 +14,7 @@ import traceback as tracebacks
 from collections.abc import Callable, Iterable
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from queue import SimpleQueue
 from typing import Any
@@ -154,7 +155,7 @@ def sweep(
 
 
 def _in_a_loop(function, cases, arrived):
-    try:
+    with suppress(KeyboardInterrupt):  # between two calls
         for i, case in enumerate(cases):
             try:
                 own = copy.deepcopy(case)  # as another process gets one
@@ -164,8 +165,6 @@ def _in_a_loop(function, cases, arrived):
             arrived(outcome := replace(Attempt(function, i, own)(), case=case))
             if outcome.error == INTERRUPT:
                 return
-    except KeyboardInterrupt:  # between two calls
-        return
 
 
 def _on(executor, function, cases, arrived):
