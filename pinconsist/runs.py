@@ -220,10 +220,8 @@ def _scene(scene, load, file):
         raise InputError(f"load= maps options of load() to their values; those are {', '.join(known)}, got {load!r}")
     options = {name: value for name, value in load.items() if value is not None}
     folders = options.pop("package_dirs", ())
-    folders = (folders,) if isinstance(folders, str | os.PathLike) else folders
-    if "loops" in options:
-        options["loops"] = os.fspath(options["loops"])
-    source = SceneSource(os.fspath(scene), package_dirs=[os.fspath(each) for each in folders], **options)
+    folders = [folders] if isinstance(folders, str | os.PathLike) else list(folders)
+    source = SceneSource(os.fspath(scene), package_dirs=folders, **options)
     mechanism, files = source.load_with_hashes()
     return mechanism, source.record(file), files
 
