@@ -120,8 +120,9 @@ public:
     bool rejected = false;
     Vec y_new, f_new;
     while (true) {
-      if (singular_) return "singular";
-      if (size < smallest) return "Required step size is less than spacing between numbers.";
+      if (singular_ && !started_) return "singular";
+      if (size < smallest)
+        return singular_ ? "singular" : "Required step size is less than spacing between numbers.";
       t_new = t + size * direction_;
       if (direction_ * (t_new - t_end_) > 0.0) t_new = t_end_;
       h = t_new - t;
@@ -187,12 +188,16 @@ private:
     else system_.integrate(base_, state.head(nx), p_);
     const bool regular = projection_.acceleration(time, p_, v_, a_, lam_);
     if (!regular || !a_.allFinite() || !lam_.allFinite()) {
-      if (!singular_ && state.allFinite()) culprit_t = time, culprit_p = p_, culprit_v = v_;
-      singular_ |= !regular;
+      if (state.allFinite()) { // the stages after it are only led on from there
+        culprit_t = time, culprit_p = p_, culprit_v = v_;
+        singular_ = !regular;
+      }
       f.setConstant(state.size(), NOT_A_NUMBER);
       return;
     }
-    if (!singular_) culprit_p.resize(0);
+    culprit_p.resize(0);
+    singular_ = false;
+    started_ = true;
     f.resize(state.size());
     f.head(nx) = system_.chart_rate(base_, p_, v_);
     f.tail(nv) = a_;
@@ -242,7 +247,7 @@ private:
   const Vec base_;
   const double t_end_, rtol_, atol_, max_step_, direction_;
   const bool dense_;
-  bool singular_ = false;
+  bool singular_ = false, started_ = false;
   double size_;
   Table K_;
   Vec f_, k_, p_, v_, a_, lam_;

@@ -12,6 +12,27 @@ namespace pinconsist {
 constexpr int BLOCK = 32;
 constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
 
+inline double sinc(double x) { return x == 0.0 ? 1.0 : std::sin(x) / x; }
+
+// mechanism/planar.py
+struct Planar {
+  int q, v;
+
+  void integrate(const Vec &p, const Vec &xi, Vec &out) const {
+    const double x = xi[v], y = xi[v + 1], w = xi[v + 2], half = 0.5 * w, cos = p[q + 2], sin = p[q + 3];
+    const double s = sinc(w), k = std::sin(half) * sinc(half), dx = s * x - k * y, dy = k * x + s * y;
+    const double c1 = cos * std::cos(w) - sin * std::sin(w), s1 = sin * std::cos(w) + cos * std::sin(w);
+    const double length = std::hypot(c1, s1);
+    out.segment<4>(q) << p[q] + cos * dx - sin * dy, p[q + 1] + sin * dx + cos * dy, c1 / length, s1 / length;
+  }
+  void difference(const Vec &p0, const Vec &p1, Vec &xi) const {
+    const double cos = p0[q + 2], sin = p0[q + 3], c = p1[q + 2], s = p1[q + 3];
+    const double dx = p1[q] - p0[q], dy = p1[q + 1] - p0[q + 1], x = cos * dx + sin * dy, y = cos * dy - sin * dx;
+    const double half = 0.5 * std::atan2(cos * s - sin * c, cos * c + sin * s), scale = std::cos(half) / sinc(half);
+    xi.segment<3>(v) << scale * x + half * y, scale * y - half * x, 2.0 * half;
+  }
+};
+
 class MechanismSystem : public System {
 public:
   MechanismSystem(nb::object model, nb::object data)
@@ -20,10 +41,9 @@ public:
     npos = model_.nq;
     nx = nv = model_.nv;
     vector_like = npos == nv;
-    for (const auto &joint : model_.joints) planar_ |= joint.shortname() == "JointModelPlanar";
+    for (const auto &joint : model_.joints)
+      if (joint.shortname() == "JointModelPlanar") planar_.push_back({joint.idx_q(), joint.idx_v()});
     f = tau_ = Vec::Zero(nv);
-    moved_ = Vec::Zero(npos);
-    rest_ = Vec::Zero(nx);
     constant_ = damping_ = zero_ = Vec::Zero(nv);
     size_rows();
   }
@@ -49,8 +69,12 @@ public:
 
   void integrate(const Vec &p, const Vec &xi, Vec &out) const override {
     out.resize(npos);
-    if (vector_like) out = p + xi;
-    else pinocchio::integrate(model_, p, xi, out);
+    if (vector_like) {
+      out = p + xi;
+      return;
+    }
+    pinocchio::integrate(model_, p, xi, out);
+    for (const auto &joint : planar_) joint.integrate(p, xi, out);
   }
 
   void difference(const Vec &p0, const Vec &p1, Vec &xi) const override {
@@ -59,11 +83,7 @@ public:
       return;
     }
     pinocchio::difference(model_, p0, p1, xi);
-    if (planar_) { // Pinocchio's logarithm of SE(2) is off by up to 5e-13
-      pinocchio::integrate(model_, p0, xi, moved_);
-      pinocchio::difference(model_, moved_, p1, rest_);
-      xi += rest_;
-    }
+    for (const auto &joint : planar_) joint.difference(p0, p1, xi);
   }
 
   Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const {
@@ -186,11 +206,11 @@ private:
   nb::object model_object_, data_object_;
   const Model &model_;
   Data &data_;
-  bool planar_ = false, calls_python_ = false;
+  std::vector<Planar> planar_;
+  bool calls_python_ = false;
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
   std::vector<std::unique_ptr<Force>> forces_;
   Vec constant_, damping_, tau_, zero_;
-  mutable Vec moved_, rest_;
   Mat by_forces_;
 };
 

@@ -135,7 +135,9 @@ class OneStep:
         with _overflow_allowed():
             reason = solver.step()
         if solver.status == "failed":
-            cause = self._f.not_finite
+            cause = self._f.failure
+            if isinstance(cause, SingularSystemError):
+                raise cause
             raise PinconsistError(integration_failed_message(solver.t, cause or reason)) from cause
         self.step_size = abs(solver.step_size)
         if self._dense:
@@ -152,22 +154,24 @@ class OneStep:
 class RightHandSide:
     """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy.
 
-    `not_finite` is what the evaluations since the last good one raised, or None.
+    `failure` says why the evaluations since the last good one have no value, or is None.
     """
 
     def __init__(self, system, base):
-        self.system, self.base, self.not_finite = system, base, None
+        self.system, self.base, self.failure, self._started = system, base, None, False
 
     def __call__(self, t, y):
         system, base = self.system, self.base
         p, v = chart_point(system, base, y[: system.nx]), y[system.nx :]
         try:
             a, _ = solve_acceleration(system, t, p, v)
-        except NotFiniteError as error:  # a step far too long for a stiff force: scipy takes a shorter one
+        except (NotFiniteError, SingularSystemError) as error:
+            if not self._started and isinstance(error, SingularSystemError):
+                raise
             if np.isfinite(y).all():  # the stages after it are only led on from there
-                self.not_finite = error
-            return np.full(len(y), np.nan)
-        self.not_finite = None
+                self.failure = error
+            return np.full(len(y), np.nan)  # a step far too long for a stiff force: scipy takes a shorter one
+        self.failure, self._started = None, True
         return np.concatenate((system.chart_rate(base, p, system.rate(t, p, v)), a))
 
 

@@ -13,6 +13,7 @@ from ..dae.problem import Index3System
 from ..errors import PinconsistError
 from .forces import bound_forces
 from .mechanism import Mechanism
+from .planar import PlanarJoints
 from .rank import independent_rows, row_scales
 from .rows import KeptRows, LoopRows
 
@@ -42,18 +43,21 @@ class MechanismSystem(Index3System):
         self._forces = bound_forces(self.model, mechanism.forces)
         # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
-        self._planar = any(joint.shortname() == "JointModelPlanar" for joint in self.model.joints)
+        self._planar = PlanarJoints(self.model)
         self._moving, self._J = self.rows.moving, None
 
     def integrate(self, p, xi):
-        return p + xi if self.vector_like else pin.integrate(self.model, p, xi)
+        if self.vector_like:
+            return p + xi
+        q = pin.integrate(self.model, p, xi)
+        self._planar.integrate(p, xi, q)
+        return q
 
     def difference(self, p0, p1):
         if self.vector_like:
             return p1 - p0
         xi = pin.difference(self.model, p0, p1)
-        if self._planar:  # Pinocchio's logarithm of SE(2) is off by up to 5e-13
-            xi += pin.difference(self.model, pin.integrate(self.model, p0, xi), p1)
+        self._planar.difference(p0, p1, xi)
         return xi
 
     def rate(self, t, p, v):
@@ -64,7 +68,7 @@ class MechanismSystem(Index3System):
 
     def position(self, t, base, psi, c, v):
         xi = psi + c * v
-        return (xi, xi) if self.vector_like else (pin.integrate(self.model, base, xi), xi)
+        return (xi, xi) if self.vector_like else (self.integrate(base, xi), xi)
 
     def evaluate(self, t, p, v, a):
         f = pin.rnea(self.model, self.data, p, v, a) - self.torque(t, p, v)
