@@ -89,3 +89,25 @@ def test_a_state_outlives_the_next_step(kind):
     run.step()
     run.step()
     np.testing.assert_array_equal(before, kept)
+
+
+@pytest.mark.parametrize("backend", ["auto", "python"])
+@pytest.mark.parametrize("tol", [1e-3, 1e-4, 1e-5])
+def test_a_stiff_damper_between_two_hinged_bodies_starts(tol, backend):
+    """A first try goes so far that bodies fly off and a trial stage is singular: a shorter one follows."""
+    model = pin.Model()
+    for i in range(2):
+        joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"body{i}")
+        inertia = pin.Inertia(1.0, np.array([0.5, 0.0, 0.0]), np.diag([0.01, 0.1, 0.1]))
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        for name, x in (("hub", 0.0), ("tip", 1.0)):
+            place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+            model.addFrame(pin.Frame(f"{name}{i}", joint, 0, place, pin.FrameType.OP_FRAME))
+    loops = [pc.Loop(f"hinge{i}", "hinge", "universe", f"hub{i}", xyz1=(1.5 * i, 0, 0), axis=(0, 0, 1)) for i in (0, 1)]
+    strut = pc.SpringDamper("tip0", "tip1", stiffness=8e5, length=1.0, damping=4e4)
+    v0 = np.zeros(12)
+    v0[[5, 11]] = 6.0
+    sol = pc.simulate(pc.Mechanism(model, loops, [strut]), (0.0, 0.1), None, v0, rtol=tol, atol=tol, backend=backend)
+    assert sol.success and sol.check().position < 1e-12
+    spun = sol.v[-1, [5, 11]]
+    assert np.abs(spun[0] - spun[1]) < 20.0 * tol and 5.0 < spun[0] < 8.0  # they turn as a parallelogram would

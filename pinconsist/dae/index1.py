@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import DOP853
 
-from ..errors import AssemblyError, PinconsistError
+from ..errors import AssemblyError, PinconsistError, SingularSystemError
 from .charts import chart_point, table_row
 from .kkt import kkt_at
 from .newton import culprits

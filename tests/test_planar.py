@@ -1,0 +1,80 @@
+"""Planar joints: exponential and logarithm to rounding, loops closed to rounding, the answer of three single joints."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinconsist as pc
+from pinconsist.mechanism.planar import PlanarJoints
+
+
+def planar_model(bodies=1):
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, -9.81, 0.0])
+    for i in range(bodies):
+        joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), f"plane{i}")
+        inertia = pin.Inertia(1.0 + i, np.array([0.2, 0.05, 0.0]), np.diag([0.02, 0.03, 0.04]))
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"plate{i}", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return model
+
+
+@pytest.mark.parametrize("turn", [0.0, *10.0 ** np.arange(-12.0, 0.5, 0.25), 3.1])
+def test_the_logarithm_undoes_the_exponential(turn):
+    """To a few spacings of the numbers, at every turn; Pinocchio's own are not."""
+    model, rng = planar_model(2), np.random.default_rng(0)
+    joints = PlanarJoints(model)
+    for _ in range(50):
+        q = pin.randomConfiguration(model, -np.ones(8), np.ones(8))
+        xi = rng.normal(size=6)
+        xi[[2, 5]] = turn * rng.choice((-1.0, 1.0), 2)
+        there, back = np.empty(8), np.empty(6)
+        joints.integrate(q, xi, there)
+        joints.difference(q, there, back)
+        np.testing.assert_allclose(back, xi, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(np.hypot(there[2::4], there[3::4]), 1.0, rtol=0, atol=4e-16)
+        if turn > 0.1:  # where Pinocchio's formulas are good
+            np.testing.assert_allclose(there, pin.integrate(model, q, xi), rtol=0, atol=1e-13)
+
+
+def random_scene(seed):
+    """Two plates held to the ground and to each other by points, so that one or two motions are left."""
+    rng = np.random.default_rng(seed)
+    loops = [
+        pc.Loop("ground", "point", "universe", "plate0", xyz2=(*rng.uniform(-0.3, 0.3, 2), 0.0)),
+        pc.Loop("between", "point", "plate0", "plate1", xyz1=(0.5, 0.1, 0.0), xyz2=(*rng.uniform(-0.3, 0.3, 2), 0.0)),
+    ]
+    return pc.Mechanism(planar_model(2), loops, [pc.JointDamping({"plane1": 0.01})] if seed % 2 else [])
+
+
+@pytest.mark.parametrize("backend", ["auto", "python"])
+@pytest.mark.parametrize("seed", range(6))
+def test_random_planar_scenes_run_and_stay_closed(seed, backend):
+    for tol in (1e-4, 1e-7):
+        sol = pc.simulate(random_scene(seed), (0.0, 1.0), rtol=tol, atol=tol, backend=backend)
+        assert sol.success, sol.message
+        assert sol.check().position < 1e-12
+
+
+@pytest.mark.parametrize("backend", ["auto", "python"])
+def test_a_planar_joint_moves_as_two_sliders_and_a_hinge(backend):
+    """The same plates on prismatic and revolute joints, which need no chart."""
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, -9.81, 0.0])
+    for i in range(2):
+        joint = 0
+        for axis, kind in zip("xyz", (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelRZ()), strict=True):
+            joint = model.addJoint(joint, kind, pin.SE3.Identity(), f"{axis}{i}")
+        inertia = pin.Inertia(1.0 + i, np.array([0.2, 0.05, 0.0]), np.diag([0.02, 0.03, 0.04]))
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"plate{i}", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    planar = random_scene(0)
+    single = pc.Mechanism(model, planar.loops)
+    options = {"rtol": 1e-10, "atol": 1e-10, "t_eval": [0.0, 0.3, 0.6], "backend": backend}
+    ours = pc.simulate(planar, (0.0, 0.6), **options)
+    start = [ours.q[0, 0], ours.q[0, 1], np.arctan2(ours.q[0, 3], ours.q[0, 2])]
+    start += [ours.q[0, 4], ours.q[0, 5], np.arctan2(ours.q[0, 7], ours.q[0, 6])]
+    theirs = pc.simulate(single, (0.0, 0.6), start, **options)
+    angles = np.arctan2(ours.q[:, [3, 7]], ours.q[:, [2, 6]])
+    np.testing.assert_allclose(np.sin(angles - theirs.q[:, [2, 5]]), 0.0, atol=1e-7)
+    np.testing.assert_allclose(ours.q[:, [0, 1, 4, 5]], theirs.q[:, [0, 1, 3, 4]], atol=1e-7)
