@@ -50,6 +50,8 @@ def method_of(
     control = ErrorControl(_pair(rtol, "rtol"), _pair(atol, "atol"), order, max_step)
     if min(part.min() for part in control.rtol) < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
+    if max(part.max() for part in control.rtol) >= 1.0:
+        raise InputError(f"rtol = {rtol!r} allows errors as large as the solution; take less than 1, such as 1e-3")
     return dae.Method(order, consistency, control, None, first_step, max_steps)
 
 

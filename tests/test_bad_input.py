@@ -58,6 +58,8 @@ SIMULATE = {
     "order 2.5": (lambda: run(max_order=2.5), "max_order must be a whole number"),
     "order True": (lambda: run(max_order=True), "max_order must be a whole number"),
     "rtol 0": (lambda: run(rtol=0), "rtol must be a positive number.*got 0"),
+    "rtol of one": (lambda: run(rtol=1.0), "rtol = 1.0 allows errors as large as the solution"),
+    "rtol of one for v": (lambda: run(rtol=(1e-6, 2.0)), "allows errors as large as the solution"),
     "rtol NaN": (lambda: run(rtol=nan), "rtol has a number that is not finite"),
     "rtol tiny": (lambda: run(rtol=1e-20), "below 1e-13, which double precision cannot reach"),
     "atol < 0": (lambda: run(atol=(1e-6, -1)), "atol must be a positive number"),

@@ -391,3 +391,27 @@ def test_what_a_users_function_raises_on_the_way_is_told_and_loses_nothing(whose
     assert sol.status == -1 and 0.4 < sol.t[-1] <= 0.6 + 1e-9
     what = "the callback" if whose == "callback" else "apply of the event 'bump'"
     assert sol.message.startswith(f"{what} raised KeyError: 'lost' (at t = ")
+
+
+@pytest.mark.parametrize("power", [3, 9])
+@pytest.mark.parametrize("backend", ["auto", "python"])
+def test_a_zero_of_higher_order_is_located(power, backend):
+    """The secants of Brent's method are no help at such a zero; halving is."""
+    event = pc.Event(lambda t, q, v, lam: (t - 0.5) ** power, terminal=True, name="flat")
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), events=event, backend=backend)
+    assert sol.status == 1 and abs(sol.t[-1] - 0.5) < 1e-12
+
+
+@pytest.mark.parametrize("backend", ["auto", "python"])
+def test_a_callback_cannot_change_the_solution(backend):
+    seen = []
+
+    def change(t, q, v, lam):
+        for array in (q, v, lam):
+            seen.append(array.copy())
+            with pytest.raises(ValueError, match="read-only"):
+                array[:] = 0.0
+
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.2), callback=change, backend=backend)
+    assert sol.success and len(seen) == 3 * len(sol.t)
+    np.testing.assert_array_equal(seen[-3], sol.q[-1])

@@ -11,6 +11,7 @@ from ..errors import InputError, UserFunctionError
 
 SAME_TIME = 1e-13  # relative: events closer than that happen at once
 NUDGE = 1e-6  # of a step
+MOST_TRIES = 3000  # Brent's method needs 135 for a triple zero, and never more than 52² for any
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ class EventWatch:
 
         if g(begin) == 0.0 or g(begin) * g_end > 0:
             return end  # the interpolant's sign at its old end is lost in rounding
-        return brentq(g, begin, end, xtol=4e-16 * max(1.0, abs(end)), rtol=1e-14)
+        return brentq(g, begin, end, xtol=4e-16 * max(1.0, abs(end)), rtol=1e-14, maxiter=MOST_TRIES)
 
 
 def _at_once(t1, t2) -> bool:

@@ -144,10 +144,16 @@ class Record:
         if callback is None:
             return
         try:
-            stop = callback(t, p, v, self._finish(p, lam))
+            stop = callback(t, *map(_read_only, (p, v, self._finish(p, lam))))
         except PinconsistError:
             raise
         except Exception as error:
             raise UserFunctionError("the callback", t, error) from error
         if stop:
             raise Stop(STOPPED, f"stopped by the callback at t = {t:.6g}")
+
+
+def _read_only(array):
+    view = array.view()
+    view.flags.writeable = False
+    return view
