@@ -26,6 +26,8 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a background job of a shell; tests send it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     wanted = config.getoption("--backend")
     if wanted == "python":  # in this process, and in those that tests start
         sys.modules["pinconsist._core.twin"] = None
