@@ -11,8 +11,8 @@ struct Force {
   virtual ~Force() = default;
   // Joint Jacobians have been computed at q.
   virtual void add_torque(const Data &data, double t, const Vec &q, const Vec &v, Vec &tau) const = 0;
-  // A -= c ∂τ/∂v + c² ∂τ/∂q
-  virtual void linearize(const Data &data, double t, const Vec &q, const Vec &v, double c, Mat &A) const = 0;
+  // D -= ∂τ/∂v, K -= ∂τ/∂q
+  virtual void linearize(const Data &data, double t, const Vec &q, const Vec &v, Mat &D, Mat &K) const = 0;
   virtual bool calls_python() const { return false; }
 };
 
@@ -24,10 +24,10 @@ public:
   void add_torque(const Data &, double, const Vec &, const Vec &v, Vec &tau) const override {
     for (Eigen::Index i = 0; i < v.size(); ++i) tau[i] -= coefficients_[i] * std::tanh(v[i] / width_);
   }
-  void linearize(const Data &, double, const Vec &, const Vec &v, double c, Mat &A) const override {
+  void linearize(const Data &, double, const Vec &, const Vec &v, Mat &D, Mat &) const override {
     for (Eigen::Index i = 0; i < v.size(); ++i) {
       const double sech = 1.0 / std::cosh(std::min(std::abs(v[i]) / width_, 300.0));
-      A(i, i) += c * coefficients_[i] * sech * sech / width_;
+      D(i, i) += coefficients_[i] * sech * sech / width_;
     }
   }
 
@@ -46,8 +46,9 @@ public:
     tau[joint_.column] += stiffness_ * nearest(target_(t) - joint_.value(q), period_) +
                           damping_ * (target_.rate(t) - v[joint_.column]);
   }
-  void linearize(const Data &, double, const Vec &, const Vec &, double c, Mat &A) const override {
-    A(joint_.column, joint_.column) += c * damping_ + c * c * stiffness_;
+  void linearize(const Data &, double, const Vec &, const Vec &, Mat &D, Mat &K) const override {
+    D(joint_.column, joint_.column) += damping_;
+    K(joint_.column, joint_.column) += stiffness_;
   }
 
 private:
@@ -64,7 +65,7 @@ public:
   void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override {
     tau[column_] += curve_(t);
   }
-  void linearize(const Data &, double, const Vec &, const Vec &, double, Mat &) const override {}
+  void linearize(const Data &, double, const Vec &, const Vec &, Mat &, Mat &) const override {}
 
 private:
   int column_;
@@ -86,7 +87,7 @@ public:
     for (size_t i = 0; i < columns_.size(); ++i) tau[columns_[i].index] -= tension * along_[i];
   }
 
-  void linearize(const Data &data, double, const Vec &, const Vec &v, double c, Mat &A) const override {
+  void linearize(const Data &data, double, const Vec &, const Vec &v, Mat &D, Mat &K) const override {
     const double tension = line(data, v);
     const int n = static_cast<int>(columns_.size());
     for (int i = 0; i < n; ++i) // ∂²l/∂q²
@@ -101,7 +102,8 @@ public:
       for (int i = 0; i < n; ++i) turning += v[columns_[i].index] * bend_(i, j);
       for (int i = 0; i < n; ++i) {
         const double by_q = stiffness_ * along_[i] * along_[j] + tension * bend_(i, j) + damping_ * along_[i] * turning;
-        A(columns_[i].index, columns_[j].index) += c * damping_ * along_[i] * along_[j] + c * c * by_q;
+        D(columns_[i].index, columns_[j].index) += damping_ * along_[i] * along_[j];
+        K(columns_[i].index, columns_[j].index) += by_q;
       }
     }
   }
@@ -148,7 +150,7 @@ public:
       tau[column.index] += f.dot(moved(data, column.index, x)) + m.dot(spin(data, column.index));
   }
 
-  void linearize(const Data &data, double, const Vec &, const Vec &, double c, Mat &A) const override {
+  void linearize(const Data &data, double, const Vec &, const Vec &, Mat &, Mat &K) const override {
     const auto [x, f, m] = in_world(data);
     for (const auto &row : columns_)
       for (const auto &column : columns_) { // ∂τ_row/∂q_column
@@ -160,7 +162,7 @@ public:
         } else if (!local_) {
           change = f.dot(turn.cross(moved(data, row.index, x))) + m.dot(turn.cross(spun));
         }
-        A(row.index, column.index) -= c * c * change;
+        K(row.index, column.index) -= change;
       }
   }
 
@@ -191,19 +193,19 @@ public:
     if (torque.size() != tau.size()) throw nb::value_error("a torque of another size");
     tau += torque;
   }
-  void linearize(const Data &, double t, const Vec &q, const Vec &v, double c, Mat &A) const override {
+  void linearize(const Data &, double t, const Vec &q, const Vec &v, Mat &D, Mat &K) const override {
     const auto parts = nb::cast<std::pair<nb::object, nb::object>>(law_.attr("derivatives")(t, q, v));
-    subtract(parts.second, c, A);
-    subtract(parts.first, c * c, A);
+    subtract(parts.second, D);
+    subtract(parts.first, K);
   }
   bool calls_python() const override { return true; }
 
 private:
-  static void subtract(const nb::object &matrix, double factor, Mat &A) {
+  static void subtract(const nb::object &matrix, Mat &A) {
     if (matrix.is_none()) return;
     const auto part = nb::cast<Mat>(matrix);
     if (part.rows() != A.rows() || part.cols() != A.cols()) throw nb::value_error("derivatives of another size");
-    A -= factor * part;
+    A -= part;
   }
 
   nb::object law_;

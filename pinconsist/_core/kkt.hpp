@@ -18,54 +18,16 @@ struct Lapack {
   static constexpr int LARGE = 24;
 };
 
-class KKT {
+// Factors of a square matrix, with row pivots.
+class LU {
 public:
-  KKT(int nv, int nc, bool few = true)
-      : nv_(nv), n_(nv + nc), few_(few && n_ >= Lapack::LARGE && 0 < nc && FEW * nc <= nv), K_(Eigen::MatrixXd::Zero(n_, n_)),
-        lu_(n_, n_), of_constraints_(few_ ? n_ : 0, few_ ? nc : 0), pivots_(n_) {}
+  explicit LU(int n) : n_(n), lu_(n, n), pivots_(n) {}
 
-  Eigen::Ref<Eigen::MatrixXd> A() { return K_.topLeftCorner(nv_, nv_); }
+  int size() const { return n_; }
 
-  // Fill in c G and W, factorise and solve in place; false where the matrix is singular. Columns of the right-hand side
-  // from `dense` on are zero above the constraints.
-  bool solve_new(const Eigen::MatrixXd &W, const Eigen::MatrixXd &Gt, double c, Eigen::MatrixXd &rhs, int dense) {
-    const int nc = n_ - nv_;
-    K_.topRightCorner(nv_, nc) = -c * Gt.transpose();
-    K_.bottomLeftCorner(nc, nv_) = W;
-    lu_ = K_;
-    c_ = c;
-    if (!factorise()) return false;
-    if (few_) { // what each constraint moves is solved for once, not with every right-hand side
-      of_constraints_.setZero();
-      of_constraints_.bottomRows(nc).setIdentity();
-      substitute_all(of_constraints_.data(), nc);
-    }
-    solve(rhs, c, dense);
-    return true;
-  }
-
-  // x = K⁻¹ x with the last factors. With another c than theirs, the unknowns that K multiplies with c G are scaled.
-  void solve(Eigen::MatrixXd &x, double c, int dense) const {
-    const int nc = n_ - nv_, columns = static_cast<int>(x.cols());
-    substitute_all(x.data(), few_ || !nc ? dense : columns);
-    if (few_ && dense < columns)
-      x.rightCols(columns - dense) = (of_constraints_ * x.bottomRightCorner(nc, columns - dense)).eval();
-    if (c != c_) x.bottomRows(nc) *= c_ / c;
-  }
-
-private:
-  void substitute_all(double *x, int columns) const {
-    if (n_ < Lapack::LARGE) {
-      for (int column = 0; column < columns; ++column) substitute(x + static_cast<long>(column) * n_);
-    } else if (columns) {
-      char plain = 'N';
-      int n = n_, info = 0;
-      Lapack::solve(&plain, &n, &columns, const_cast<double *>(lu_.data()), &n, const_cast<int *>(pivots_.data()), x, &n,
-                    &info);
-    }
-  }
-
-  bool factorise() {
+  // False where the matrix is singular.
+  bool factorise(const Eigen::MatrixXd &matrix) {
+    lu_ = matrix;
     if (n_ >= Lapack::LARGE) {
       int n = n_, info = 0;
       Lapack::factorise(&n, &n, lu_.data(), &n, pivots_.data(), &info);
@@ -92,6 +54,18 @@ private:
     return true;
   }
 
+  void substitute(double *x, int columns) const {
+    if (n_ < Lapack::LARGE) {
+      for (int column = 0; column < columns; ++column) substitute(x + static_cast<long>(column) * n_);
+    } else if (columns) {
+      char plain = 'N';
+      int n = n_, info = 0;
+      Lapack::solve(&plain, &n, &columns, const_cast<double *>(lu_.data()), &n, const_cast<int *>(pivots_.data()), x, &n,
+                    &info);
+    }
+  }
+
+private:
   void substitute(double *x) const {
     for (int k = 0; k < n_; ++k) std::swap(x[k], x[pivots_[k]]);
     for (int k = 0; k < n_; ++k) {
@@ -107,12 +81,53 @@ private:
     }
   }
 
+  int n_;
+  Eigen::MatrixXd lu_;
+  std::vector<int> pivots_;
+};
+
+class KKT {
+public:
+  KKT(int nv, int nc, bool few = true)
+      : nv_(nv), n_(nv + nc), few_(few && n_ >= Lapack::LARGE && 0 < nc && FEW * nc <= nv), K_(Eigen::MatrixXd::Zero(n_, n_)),
+        lu_(n_), of_constraints_(few_ ? n_ : 0, few_ ? nc : 0) {}
+
+  Eigen::Ref<Eigen::MatrixXd> A() { return K_.topLeftCorner(nv_, nv_); }
+
+  // Fill in c G and W, factorise and solve in place; false where the matrix is singular. Columns of the right-hand side
+  // from `dense` on are zero above the constraints.
+  bool solve_new(const Eigen::MatrixXd &W, const Eigen::MatrixXd &Gt, double c, Eigen::MatrixXd &rhs, int dense) {
+    const int nc = n_ - nv_;
+    K_.topRightCorner(nv_, nc) = -c * Gt.transpose();
+    K_.bottomLeftCorner(nc, nv_) = W;
+    c_ = c;
+    if (!lu_.factorise(K_)) return false;
+    if (few_) { // what each constraint moves is solved for once, not with every right-hand side
+      of_constraints_.setZero();
+      of_constraints_.bottomRows(nc).setIdentity();
+      lu_.substitute(of_constraints_.data(), nc);
+    }
+    solve(rhs, c, dense);
+    return true;
+  }
+
+  // x = K⁻¹ x with the last factors. With another c than theirs, the unknowns that K multiplies with c G are scaled.
+  void solve(Eigen::MatrixXd &x, double c, int dense) const {
+    const int nc = n_ - nv_, columns = static_cast<int>(x.cols());
+    lu_.substitute(x.data(), few_ || !nc ? dense : columns);
+    if (few_ && dense < columns)
+      x.rightCols(columns - dense) = (of_constraints_ * x.bottomRightCorner(nc, columns - dense)).eval();
+    if (c != c_) x.bottomRows(nc) *= c_ / c;
+  }
+
+private:
   static constexpr int FEW = 8; // velocities for each constraint from which these are few
 
   int nv_, n_;
   bool few_;
-  Eigen::MatrixXd K_, lu_, of_constraints_;
-  std::vector<int> pivots_;
+  Eigen::MatrixXd K_;
+  LU lu_;
+  Eigen::MatrixXd of_constraints_;
   double c_ = 1.0;
 };
 

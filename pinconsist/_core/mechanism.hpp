@@ -101,19 +101,13 @@ public:
 
   void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) override {
     f = pinocchio::rnea(model_, data_, p, v, a);
-    constraint(t, p, v);
-    f -= constant_;
-    f.array() += damping_.array() * v.array();
-    if (forces_.empty()) return;
-    tau_.setZero();
-    for (const auto &force : forces_) force->add_torque(data_, t, p, v, tau_);
-    f -= tau_;
+    evaluate_rows(t, p);
+    add_the_rest(t, p, v);
   }
 
   void constraint(double t, const Vec &p, const Vec &v) override {
     evaluate_rows(t, p);
-    rho.noalias() = W * v;
-    for (const auto &[rows, at] : rows_) rows->add_rate(t, p, at, rho);
+    hidden_residual(t, p, v);
   }
 
   // γ with dρ/dt = W v' + γ.
@@ -137,9 +131,22 @@ public:
       }
     A.diagonal() += c * damping_;
     if (forces_.empty()) return;
-    by_forces_.setZero(nv, nv);
-    for (const auto &force : forces_) force->linearize(data_, t, p, v, c, by_forces_);
-    A += by_forces_;
+    by_v_.setZero(nv, nv);
+    by_q_.setZero(nv, nv);
+    for (const auto &force : forces_) force->linearize(data_, t, p, v, by_v_, by_q_);
+    A += c * (by_v_ + c * by_q_);
+  }
+
+  void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, double, Mat &M, Mat &D, Mat &K) override {
+    pinocchio::computeRNEADerivatives(model_, data_, p, v, a); // oMi, J and τ are at hand after it
+    f = data_.tau;
+    fill_rows(t, p);
+    add_the_rest(t, p, v);
+    M = data_.M.selfadjointView<Eigen::Upper>();
+    D = data_.dtau_dv;
+    K = data_.dtau_dq;
+    D.diagonal() += damping_;
+    for (const auto &force : forces_) force->linearize(data_, t, p, v, D, K);
   }
 
   void mass_matrix(double, const Vec &p, const Vec &, Eigen::Ref<Mat> M) override {
@@ -195,9 +202,29 @@ public:
   }
 
 private:
+  void hidden_residual(double t, const Vec &p, const Vec &v) {
+    rho.noalias() = W * v;
+    for (const auto &[rows, at] : rows_) rows->add_rate(t, p, at, rho);
+  }
+
+  // What is added to the inertial forces f, and ρ; rows have been evaluated.
+  void add_the_rest(double t, const Vec &p, const Vec &v) {
+    hidden_residual(t, p, v);
+    f -= constant_;
+    f.array() += damping_.array() * v.array();
+    if (forces_.empty()) return;
+    tau_.setZero();
+    for (const auto &force : forces_) force->add_torque(data_, t, p, v, tau_);
+    f -= tau_;
+  }
+
   void evaluate_rows(double t, const Vec &p) {
     if (rows_.empty() && forces_.empty()) return; // nobody looks at joint Jacobians
     pinocchio::computeJointJacobians(model_, data_, p);
+    fill_rows(t, p);
+  }
+
+  void fill_rows(double t, const Vec &p) {
     phi.setZero();
     W.setZero();
     for (const auto &[rows, at] : rows_) rows->evaluate(data_, t, p, at, phi, W);
@@ -211,7 +238,7 @@ private:
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
   std::vector<std::unique_ptr<Force>> forces_;
   Vec constant_, damping_, tau_, zero_;
-  Mat by_forces_;
+  Mat by_v_, by_q_;
 };
 
 } // namespace pinconsist

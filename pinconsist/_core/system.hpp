@@ -45,6 +45,8 @@ public:
   // A = M + c ∂f/∂v + c² ∂f/∂p at the point evaluated last.
   virtual void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double c,
                          Eigen::Ref<Mat> A) = 0;
+  // As `evaluate`, with M, D = ∂f/∂v and K = ∂f/∂p; W and G belong to the point afterwards. The step is of size h.
+  virtual void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, double h, Mat &M, Mat &D, Mat &K) = 0;
   // M at a point whose constraint was evaluated last; W and G belong to it afterwards.
   virtual void mass_matrix(double t, const Vec &p, const Vec &v, Eigen::Ref<Mat> M) = 0;
   // A -= c² ∂(G λ)/∂ξ
@@ -110,6 +112,17 @@ public:
     nb::object filled = nb::module_::import_("numpy").attr("empty")(nb::make_tuple(nv, nv));
     W = matrix(system_.attr("linearize")(t, p, v, a, lam, c, filled), nc, nv, "linearize");
     A = matrix(filled, nv, nv, "linearize");
+  }
+  void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, double h, Mat &M, Mat &D, Mat &K) override {
+    const Vec zero = Vec::Zero(nc);
+    Mat forward(nv, nv), backward(nv, nv);
+    M.resize(nv, nv);
+    evaluate(t, p, v, a);
+    linearize(t, p, v, a, zero, h, forward);
+    linearize(t, p, v, a, zero, -h, backward);
+    linearize(t, p, v, a, zero, 0.0, M);
+    D = (forward - backward) / (2.0 * h);
+    K = (forward + backward - 2.0 * M) / (2.0 * h * h);
   }
   void mass_matrix(double t, const Vec &p, const Vec &v, Eigen::Ref<Mat> M) override {
     const Vec kept_phi = phi, kept_rho = rho, zero = Vec::Zero(nv);
