@@ -8,10 +8,13 @@ from ._core.compiled import BACKENDS
 from .dae import consistency as paper
 from .dae import integrate as dae
 from .dae.control import ErrorControl, FixedStep
+from .dae.radau_stepper import RadauControl
 from .dae.rounding import shortest_step
-from .dae.tuning import MAX_ADAPTIVE_ORDER, MAX_ORDER
+from .dae.tuning import MAX_ADAPTIVE_ORDER, MAX_ORDER, STAGES
 from .errors import InputError
 from .mechanism.checks import finite_array
+
+METHODS = ("BDF", "Radau", "ImplicitEuler")
 
 
 def span_of(t_span):
@@ -26,17 +29,15 @@ def method_of(
     span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend
 ) -> dae.Method:
     """The method that the arguments of :func:`pinconsist.simulate` ask for, or InputError."""
-    if method not in ("BDF", "ImplicitEuler"):
-        raise InputError(f"unknown method {method!r}; known are 'BDF' and 'ImplicitEuler'")
+    if method not in METHODS:
+        raise InputError(f"unknown method {method!r}; known are {', '.join(map(repr, METHODS))}")
     if consistency not in paper.MODES:
         raise InputError(f"unknown consistency {consistency!r}; known are {', '.join(map(repr, paper.MODES))}")
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; known are {', '.join(map(repr, BACKENDS))}")
+    stages = _stages(max_order, consistency) if method == "Radau" else None
     paper.MODES[consistency].check(step is not None)
-    highest = MAX_ORDER if step is not None else MAX_ADAPTIVE_ORDER
-    if isinstance(max_order, bool) or not isinstance(max_order, int | np.integer) or not 1 <= max_order <= highest:
-        raise InputError(f"max_order must be a whole number from 1 to {highest}, got {max_order!r}")
-    order = 1 if method == "ImplicitEuler" else int(max_order)
+    order = 1 if method == "ImplicitEuler" else _order(max_order, step) if stages is None else 2 * stages - 1
     if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 1):
         raise InputError(f"max_steps must be a positive whole number, got {max_steps!r}")
     max_steps = None if max_steps is None else int(max_steps)
@@ -44,15 +45,42 @@ def method_of(
         step = positive_time(step, "step")
         if step < shortest_step(*span):
             raise InputError(f"step = {step:g} s is too small to differ from zero at t = {max(map(abs, span)):g} s")
-        return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps)
+        return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps, stages=stages)
     first_step = None if first_step is None else positive_time(first_step, "first_step")
     max_step = np.inf if max_step == np.inf else positive_time(max_step, "max_step")
-    control = ErrorControl(_pair(rtol, "rtol"), _pair(atol, "atol"), order, max_step)
+    kind = ErrorControl if stages is None else RadauControl
+    control = kind(_pair(rtol, "rtol"), _pair(atol, "atol"), order, max_step)
     if min(part.min() for part in control.rtol) < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
     if max(part.max() for part in control.rtol) >= 1.0:
         raise InputError(f"rtol = {rtol!r} allows errors as large as the solution; take less than 1, such as 1e-3")
-    return dae.Method(order, consistency, control, None, first_step, max_steps)
+    return dae.Method(order, consistency, control, None, first_step, max_steps, stages=stages)
+
+
+def _order(max_order, step) -> int:
+    """The highest order of BDF."""
+    highest = MAX_ORDER if step is not None else MAX_ADAPTIVE_ORDER
+    if max_order is None:
+        return MAX_ADAPTIVE_ORDER
+    if isinstance(max_order, bool) or not isinstance(max_order, int | np.integer) or not 1 <= max_order <= highest:
+        raise InputError(f"max_order must be a whole number from 1 to {highest}, got {max_order!r}")
+    return int(max_order)
+
+
+def _stages(max_order, consistency) -> int:
+    """The stages of Radau IIA, 0 where it chooses them."""
+    if consistency != "every-step":
+        raise InputError(
+            f"consistency={consistency!r} is a mode of BDF, whose steps depend on those before them. A step of Radau "
+            "depends on (q, v) alone, and its end is projected: leave consistency out. To see what exact values do to "
+            "a method that does not correct them, take method='ImplicitEuler'"
+        )
+    orders = {2 * s - 1: s for s in STAGES}
+    if max_order is None:
+        return 0
+    if isinstance(max_order, bool) or max_order not in orders:
+        raise InputError(f"max_order of Radau must be one of {', '.join(map(str, orders))}, got {max_order!r}")
+    return orders[max_order]
 
 
 def positive_time(value, what) -> float:

@@ -31,7 +31,7 @@ def simulate(
     *,
     method="BDF",
     step=None,
-    max_order=5,
+    max_order=None,
     rtol=1e-6,
     atol=1e-8,
     forces=(),
@@ -59,13 +59,14 @@ def simulate(
     v0 : mapping or array, optional
         Mapping joint name → velocity: the named joints keep it, the others follow. Array (nv,): put on the
         constraints in the mass metric. Default: rest.
-    method : {"BDF", "ImplicitEuler"}
-        BDF of variable order, or implicit Euler (BDF-1).
+    method : {"BDF", "Radau", "ImplicitEuler"}
+        BDF of variable order; Radau IIA, whose steps need no history; or implicit Euler (BDF-1).
     step : float, optional
         Fixed step, s: the largest step not above it that divides the interval. ``max_order`` is then the order
         throughout, 1 to 6, and Newton runs to rounding. Without it step and order vary (orders 1 to 5).
-    max_order : int
-        Highest order, 1 to 5; with ``step`` the order throughout, 1 to 6. On the command line it is ``--order``.
+    max_order : int, optional
+        BDF: highest order, 1 to 5 (default 5); with ``step`` the order throughout, 1 to 6. Radau: the order, 1, 3, 5, 9
+        or 13; by default it begins with 9 and changes as it goes. On the command line it is ``--order``.
     rtol, atol : float or (float, float)
         Tolerances of the local error, of positions and velocities; a pair gives the parts (q, v). The multipliers
         are never in the error test. They converge with the velocities.
@@ -128,7 +129,7 @@ def integrate(
     *,
     method="BDF",
     step=None,
-    max_order=5,
+    max_order=None,
     rtol=1e-6,
     atol=1e-8,
     t_eval=None,

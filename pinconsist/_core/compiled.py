@@ -17,6 +17,7 @@ from ..dae.index1 import (
     not_closed_message,
     not_finite_message,
 )
+from ..dae.integrate import python_stepper
 from ..dae.kkt import singular_message
 from ..dae.newton import culprits
 from ..dae.stepper import StepBatch, Stepper
@@ -37,15 +38,15 @@ def stepper_for(system, method, backend: str = "auto") -> Stepper:
     InputError
         ``backend="compiled"`` where the compiled part is not there.
     """
-    if backend == "python":
-        return Stepper(system, method)
+    if backend == "python" or (method.stages is not None and backend == "auto"):
+        return python_stepper(system, method)
     module, why = load()
     if module is not None:
         return CompiledStepper(system, method)
     if backend == "compiled":
         raise InputError(f"backend='compiled' is not available: {why}. backend='auto' uses Python instead")
     _warn_once(why)
-    stepper = Stepper(system, method)
+    stepper = python_stepper(system, method)
     stepper.backend = f"python ({why})"
     return stepper
 

@@ -151,6 +151,14 @@ class HessenbergProblem(Index3System):
             A -= c * _columns(lambda x: force(p, x), v) + c**2 * _columns(lambda x: force(x, v), p) @ U_v
         return self._jacobian_R_p(t, p) @ U_v
 
+    def matrices(self, t, p, v, a):
+        U_v = self._jacobian_U_v(t, p, v)
+        F_v, F_p = _columns(lambda x: self._F(t, p, x), v), _columns(lambda x: self._F(t, x, v), p)
+        return np.eye(self.nv), -F_v, -F_p @ U_v
+
+    def velocity_jacobian(self, t, p, v, G):
+        return self._jacobian_R_p(t, p) @ self._jacobian_U_v(t, p, v)
+
     def constraint(self, t, p, rate):
         return self._R(t, p), self._hidden(t, p, rate)
 

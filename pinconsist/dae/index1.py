@@ -67,6 +67,12 @@ def project_velocity(system, t, p, v):
     return v
 
 
+def moved_by(system, t, p, v, change):
+    """∂U/∂v `change`, shape (nx,): the tangent vector by which a vector of velocities moves the position."""
+    small = 1e-4 * (1.0 + largest(v)) / max(largest(change), 1e-300)  # not so small that v rounds it away
+    return (system.rate(t, p, v) - system.rate(t, p, v - small * change)) / small
+
+
 def project_position(system, t, p, v):
     """`p`, near the manifold, put on Φ(t, p) = 0 in the mass metric.
 
@@ -84,9 +90,7 @@ def project_position(system, t, p, v):
         if size <= EPS or (size <= rounding_gap(p, G) and size >= 0.5 * last):
             return p
         step = velocity_shift(system, t, p, v, phi)
-        small = 1e-4 * (1.0 + largest(v)) / largest(step)  # not so small that v rounds it away
-        move = (system.rate(t, p, v) - system.rate(t, p, v - small * step)) / small
-        p, last = system.integrate(p, -move), size
+        p, last = system.integrate(p, -moved_by(system, t, p, v, step)), size
     raise AssemblyError(not_closed_message(last))
 
 

@@ -16,6 +16,7 @@ from .events import EventWatch
 from .failure import failure_report
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
 from .problem import Index3System
+from .radau_stepper import RadauStepper
 from .stepper import StepBatch, Stepper
 from .tuning import Switches
 
@@ -33,6 +34,12 @@ class Method:
     first_step: float | None = None
     max_steps: int | None = None
     switches: Switches = field(default_factory=Switches)
+    stages: int | None = None  # of Radau IIA; 0 where the method chooses them, None for BDF
+
+    @property
+    def name(self) -> str:
+        """The method's name."""
+        return "BDF" if self.stages is None else "Radau"
 
     @property
     def mode(self) -> Exact:
@@ -41,7 +48,7 @@ class Method:
 
     def describe(self) -> dict:
         """The method in plain numbers and words, for the record."""
-        about = {"max_order": self.order, "consistency": self.consistency, "step": self.step}
+        about = {"method": self.name, "max_order": self.order, "consistency": self.consistency, "step": self.step}
         if isinstance(self.control, ErrorControl):
             about["rtol"] = [np.asarray(part).tolist() for part in self.control.rtol]
             about["atol"] = [np.asarray(part).tolist() for part in self.control.atol]
@@ -100,7 +107,7 @@ def integrate(
     Trajectory
         ``status`` is -1, with what was reached, where the method fails.
     """
-    output, stepper = output or Output(), stepper or Stepper(system, method)
+    output, stepper = output or Output(), stepper or python_stepper(system, method)
     with closing(stepper):
         record = Record(output, t_span, stepper.full_multipliers)
         watch = EventWatch(output.events, stepper.full_multipliers)
@@ -128,6 +135,11 @@ def integrate(
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
         backend=stepper.backend, dense=record.dense(), events=watch.found, h=h, order=order, opened=opened,
     )  # fmt: skip
+
+
+def python_stepper(system, method) -> Stepper:
+    """What makes the steps of a method in Python."""
+    return (Stepper if method.stages is None else RadauStepper)(system, method)
 
 
 def _ending(error, t):

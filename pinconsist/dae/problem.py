@@ -48,7 +48,10 @@ class Index3System:
         """U at (`t`, `p`, `v`), shape (nx,): the tangent velocity of the position."""
 
     def chart_rate(self, base, p, rate):
-        """The rate dξ/dt, shape (nx,), of the coordinate ξ with `p` = `base` ⊕ ξ, where `p` moves at `rate`."""
+        """The rate dξ/dt, shape (nx,), of the coordinate ξ with `p` = `base` ⊕ ξ, where `p` moves at `rate`.
+
+        Several rates may be the columns of one `rate`.
+        """
         return rate
 
     def position(self, t, base, psi, c, v):
@@ -82,6 +85,20 @@ class Index3System:
         ndarray, shape (nc, nv)
             W.
         """
+
+    def matrices(self, t, p, v, a):
+        """(M, ∂f/∂v, ∂f/∂p) at (`t`, `p`, `v`, `a`), each (nv, nv), the last in velocity columns.
+
+        The parts of :meth:`linearize`, without that of G λ. The arrays are the caller's to change.
+        """
+        M, plus, minus = (np.empty((self.nv, self.nv)) for _ in range(3))
+        for c, A in ((0.0, M), (1.0, plus), (-1.0, minus)):
+            self.linearize(t, p, v, a, np.zeros(self.nc), c, A)
+        return M, 0.5 * (plus - minus), 0.5 * (plus + minus) - M
+
+    def velocity_jacobian(self, t, p, v, G):
+        """W at (`t`, `p`, `v`), shape (nc, nv), where force directions `G` are known; Gᵀ, as of rigid bodies."""
+        return G.T
 
     def force_gradient(self, t, p, v, lam):
         """∂(G `lam`)/∂ξ at (`t`, `p`, `v`), (nv, nv) in velocity columns, where :meth:`linearize` leaves it out.

@@ -34,6 +34,17 @@ SLOW = 0.5  # of the order: errors that fall more slowly with the step are round
 REMEMBERED = 20  # steps for which a measurement is believed
 SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it advanced by less than this part meanwhile
 
+# Radau IIA
+STAGES = (1, 2, 3, 5, 7)  # for orders 1, 3, 5, 9, 13
+MAX_STAGE_ITERATIONS = 12
+MAX_SWEEPS = 30  # substitutions of the positions where rates depend on them
+STAGE_NEWTON_FACTOR = {1: 2e-2, 2: 2e-2, 3: 2e-2, 5: 2e-2, 7: 2e-3}  # of the error test; 7 stages show what it leaves
+STAGE_SAFETY = 0.75
+STAGE_GROWTH = 1.5  # by which a step grows at most; from the first one by MAX_FACTOR
+STAGE_AFTER_FAILURE = 0.5  # by which a step changes where Newton failed
+FELT = 3.0  # eps in stage positions, felt by the error estimate
+LAST_MODE = 0.01  # of the highest mode in the denominator of the error estimate
+
 PATIENCE = 0.05  # s after which no more steps are made in one call, so that an interrupt is noticed
 
 # Of the compiled method alone: forecasts of what need not be computed, matrices that are kept

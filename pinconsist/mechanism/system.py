@@ -84,18 +84,23 @@ class MechanismSystem(Index3System):
         if c == 0.0:
             A[:] = self.mass_matrix(p)
             return self._J
-        pin.computeRNEADerivatives(self.model, self.data, p, v, a)
-        np.multiply(self._f_q, c, A)
-        A += self._f_v
+        M, f_v, f_q = self.matrices(t, p, v, a)
+        np.multiply(f_q, c, A)
+        A += f_v
         A *= c
-        A += self._M
+        A += M
+        return self._J
+
+    def matrices(self, t, p, v, a):
+        pin.computeRNEADerivatives(self.model, self.data, p, v, a)
+        f_v, f_q = self._f_v.copy(), self._f_q.copy()
         for force in self._forces.values():
             tau_q, tau_v = force.derivatives(t, p, v)
             if tau_v is not None:
-                A -= c * tau_v
+                f_v -= tau_v
             if tau_q is not None:
-                A -= c**2 * tau_q
-        return self._J
+                f_q -= tau_q
+        return self._M.copy(), f_v, f_q
 
     def force_gradient(self, t, p, v, lam):
         """∂(Jᵀλ)/∂q, shape (nv, nv), by forward differences: wanted only where Newton is slow."""

@@ -1,0 +1,294 @@
+"""Radau IIA on the index-3 equations: tables, and the stage equations by Newton in the null space of the constraints.
+
+The unknowns of a step from (t₀, p₀, v₀) are accelerations W_i at the times t₀ + c_i h, i = 1 … s. They give
+
+    V_i = v₀ + h Σ_j a_ij W_j,    P_i = p₀ ⊕ ξ_i,    ξ_i = h Σ_j a_ij U_j
+
+with U_j the rate of ξ at stage j (V_j itself where positions are vectors), and solve, with multipliers L_i,
+
+    f(t_i, P_i, V_i, W_i) = G_i L_i,    Φ(t_i, P_i) = 0.
+
+Newton moves the stage *positions* by dP_i. The constraint then is one of each stage alone, J_i dP_i = -Φ_i, and
+
+    dP_i = Z_i y_i - N_i Φ_i,    J_i Z_i = 0,    J_i N_i = 1,
+
+leaves s (nv - nc) unknowns y. The multipliers vanish in the rows Y_iᵀ, Y_iᵀ G_i = 0 (Y_i = Z_i for rigid bodies), and
+are neither predicted nor iterated:
+
+    Y_iᵀ Σ_j (b²_ij M_i + b_ij h D_i + δ_ij h² K_i) dP_j = -h² Y_iᵀ f_i,    D = ∂f/∂v, K = ∂f/∂p,
+
+where b = A⁻¹ and b² = A⁻², as dV = A⁻¹ dP/h and dW = A⁻² dP/h². In a chart, U = T V, they are T_i⁻¹ b_ij T_j and its
+product with b.
+
+References
+----------
+E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, sections IV.5, IV.8, VII.4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from math import isfinite
+
+import numpy as np
+from numpy.polynomial import legendre
+from scipy.linalg.lapack import dgetrf, dgetrs
+
+from .newton import culprits
+from .norms import EPS, largest
+from .problem import Index3System
+from .rounding import is_noise
+from .tuning import FAILURES, FRESH_RATE, LAST, MAX_STAGE_ITERATIONS, MAX_SWEEPS, STAGNANT, STAGNATED
+
+
+@dataclass(frozen=True)
+class Table:
+    """Radau IIA with s stages, order 2s - 1.
+
+    Attributes
+    ----------
+    c : ndarray, shape (s,)
+        Nodes, the last one 1.
+    A, inverse, inverse2 : ndarray, shape (s, s)
+        Weights a_ij = ∫ ℓ_j from 0 to c_i, A⁻¹ and A⁻².
+    modes : ndarray, shape (s, s)
+        Leads values at the nodes to the coefficients of Legendre polynomials on the step.
+    """
+
+    s: int
+    c: np.ndarray
+    A: np.ndarray
+    inverse: np.ndarray
+    inverse2: np.ndarray
+    modes: np.ndarray
+
+    def values(self, theta):
+        """(n, s): leads values at the nodes to those of their polynomial at the parts `theta` (n,) of the step."""
+        return legendre.legvander(2.0 * np.asarray(theta) - 1.0, self.s - 1) @ self.modes
+
+    def integrals(self, theta):
+        """(n, s): leads values at the nodes to the integrals of their polynomial from 0 to `theta` (n,)."""
+        return _integrals(np.asarray(theta), self.s) @ self.modes
+
+
+@cache
+def table(s: int) -> Table:
+    """The formula with s stages, from its definition: nodes at the zeros of P_{s-1} - P_s, exact for degree s - 1."""
+    x = legendre.legroots([0.0] * (s - 1) + [1.0, -1.0])
+    x[-1] = 1.0
+    c = 0.5 * (1.0 + x)
+    modes = np.linalg.inv(legendre.legvander(x, s - 1))
+    A = _integrals(c, s) @ modes
+    inverse = np.linalg.inv(A)
+    parts = c, A, inverse, inverse @ inverse, modes
+    for part in parts:
+        part.setflags(write=False)
+    return Table(s, *parts)
+
+
+def _integrals(theta, s):
+    """(n, s): ∫ P_k(2x - 1) dx from 0 to theta, k < s."""
+    V = legendre.legvander(2.0 * theta - 1.0, s)
+    below = np.column_stack([-np.ones(len(theta)), V[:, : s - 1]])  # P_{-1} = -1 makes ∫ P_0 = (x + 1)/2
+    return 0.5 * (V[:, 1:] - below) / (2.0 * np.arange(s) + 1.0)
+
+
+@dataclass(slots=True)
+class Stages:
+    """The stages of one step: its start (t, p, v), and arrays with a row for each stage."""
+
+    system: Index3System
+    table: Table
+    t: float
+    p: np.ndarray
+    v: np.ndarray
+    h: float
+    W: np.ndarray  # accelerations, (s, nv)
+    V: np.ndarray = None  # velocities, (s, nv)
+    xi: np.ndarray = None  # positions p ⊕ ξ in the chart at p, (s, nx)
+    U: np.ndarray = None  # rates of ξ, (s, nx)
+    P: list = None  # positions
+    rate: float = 0.0  # contraction of Newton's iteration, 0 if one was enough
+    iterations: int = 0
+    failure: str = ""
+
+    def __post_init__(self):
+        self.xi = np.zeros((self.table.s, self.system.nx))
+        self.move()
+
+    @property
+    def times(self):
+        """The times of the stages."""
+        return self.t + self.h * self.table.c
+
+    def move(self, dW=0.0) -> bool:
+        """Velocities and positions of the accelerations W + dW; returns whether the chart has them.
+
+        Where rates depend on positions they are found by substitution, from the ξ that there are.
+        """
+        system, A, h = self.system, self.table.A, self.h
+        self.W = self.W + dW
+        self.V = self.v + h * A @ self.W
+        for _ in range(MAX_SWEEPS):
+            self.P = [system.integrate(self.p, xi) for xi in self.xi]
+            points = zip(self.times, self.P, self.V, strict=True)
+            self.U = np.array([system.chart_rate(self.p, p, system.rate(t, p, v)) for t, p, v in points])
+            before, self.xi = self.xi, h * A @ self.U
+            if not largest(self.xi - before) > 4.0 * EPS * (1.0 + largest(self.xi)):
+                break
+        return bool(np.isfinite(self.xi).all())
+
+
+class StageNewton:
+    """Solves the stage equations of a run, and counts what it evaluates."""
+
+    def __init__(self):
+        self.nfev = self.njev = self.nlu = 0
+
+    def solve(self, stages: Stages, weight, tol) -> Stages:
+        """Iterate from the accelerations that `stages` has to the solution; `failure` says why there is none.
+
+        `weight` are reciprocal tolerances of [ξ | v]; it ends when increments to come are estimated below `tol`.
+        """
+        system, table, h, last, matrix, failure = stages.system, stages.table, stages.h, 0.0, None, "not_converged"
+        floor = 20.0 * EPS * table.s**2 / abs(h)
+        for iteration in range(1, MAX_STAGE_ITERATIONS + 1):
+            stages.iterations = iteration
+            f, phi, G, J = self._residuals(stages)
+            if matrix is None or stages.rate > FRESH_RATE:
+                matrix = StageMatrix(stages, G, J)
+                self.njev += table.s
+                self.nlu += 1
+                if matrix.singular:
+                    failure = "singular"
+                    break
+            dP = matrix.solve(f, phi, G, J)
+            dV = matrix.velocities(dP)
+            size = _size(dP, dV, weight, system)
+            if not isfinite(size):
+                failure = "not_finite"
+                break
+            if iteration > 1:
+                stages.rate = size / last
+            to_come = (
+                size if iteration == 1 else size * stages.rate / (1.0 - stages.rate) if stages.rate < 1 else np.inf
+            )
+            before = stages.V
+            if not stages.move(table.inverse @ dV / h):
+                failure = "not_finite"
+                break
+            reach = largest(stages.P[-1])
+            noise = STAGNATED if iteration > 1 and stages.rate > STAGNANT else LAST
+            if min(size, to_come) <= tol or largest(dV) <= floor * (1.0 + reach):
+                return stages
+            if iteration > 1 and is_noise(dV, dP, before, stages.v, stages.P[-1], noise):
+                return stages
+            if stages.rate > 2.0 and iteration > 2:
+                failure = "diverged"
+                break
+            last = size
+        culprit = culprits(system, stages.times[-1], stages.p, stages.v) if failure == "not_finite" else ""
+        stages.failure = FAILURES[failure] + culprit
+        return stages
+
+    def _residuals(self, stages):
+        """f, Φ, G and J of every stage."""
+        system = stages.system
+        self.nfev += stages.table.s
+        points = list(zip(stages.times, stages.P, stages.V, strict=True))
+        rows = [system.evaluate(*point, w) for point, w in zip(points, stages.W, strict=True)]
+        f, phi, G = (np.array([row[i] for row in rows]) for i in range(3))
+        J = np.array([system.velocity_jacobian(*point, g) for point, g in zip(points, G, strict=True)])
+        return f, phi, G, J
+
+
+class StageMatrix:
+    """The matrix of the stage equations in the null space of the constraints, factorised."""
+
+    def __init__(self, stages, G, J):
+        system, table, h = stages.system, stages.table, stages.h
+        s, nv = table.s, system.nv
+        self._T = _chart_matrices(stages)
+        self._B, self._h = table.inverse, h
+        self._blocks = np.zeros((s, nv, s, nv))
+        unit = np.eye(s * nv).reshape(s, nv, s * nv)
+        dV = self._along(unit).reshape(s, nv, s, nv)  # h dV and h² dW by dP
+        dW = np.einsum("ij,jakb->iakb", table.inverse, dV)
+        for i, (t, p, v, w) in enumerate(zip(stages.times, stages.P, stages.V, stages.W, strict=True)):
+            M, D, K = system.matrices(t, p, v, w)
+            self._blocks[i] = np.tensordot(M, dW[i], 1) + h * np.tensordot(D, dV[i], 1)
+            self._blocks[i, :, i] += h**2 * K
+        self._right = [dependent_columns(j) for j in J]
+        self._left = [dependent_columns(g.T) for g in G]
+        self.singular = any(len(columns) < system.nc for columns in (*self._right, *self._left))
+        if self.singular:
+            return
+        Z, _ = self._null_spaces(J, self._right)
+        Y, _ = self._null_spaces(G.swapaxes(1, 2), self._left)
+        reduced = np.einsum("iab,iajc,jcd->ibjd", Y, self._blocks, Z)
+        size = s * Z.shape[2]
+        self._lu, self._pivots, info = dgetrf(reduced.reshape(size, size)) if size else (None, None, 0)
+        self.singular = info != 0
+
+    def solve(self, f, phi, G, J):
+        """dP of all stages, shape (s, nv), with the constraint directions of this iteration."""
+        Z, N = self._null_spaces(J, self._right)
+        Y, _ = self._null_spaces(G.swapaxes(1, 2), self._left)
+        closing = -np.einsum("iab,ib->ia", N, phi)
+        if not Z.shape[2]:
+            return closing
+        rhs = -np.einsum("iab,ia->ib", Y, self._h**2 * f + np.einsum("iajc,jc->ia", self._blocks, closing))
+        y = dgetrs(self._lu, self._pivots, rhs.ravel())[0]
+        return np.einsum("iab,ib->ia", Z, y.reshape(rhs.shape)) + closing
+
+    def velocities(self, dP):
+        """dV of all stages, shape (s, nv)."""
+        return self._along(dP) / self._h
+
+    def _along(self, dP):
+        """T_i⁻¹ Σ_j b_ij T_j dP_j."""
+        if self._T is None:
+            return np.einsum("ij,j...->i...", self._B, dP)
+        return np.linalg.solve(self._T, np.einsum("ij,jab,jb...->ia...", self._B, self._T, dP))
+
+    @staticmethod
+    def _null_spaces(J, columns):
+        """(Z, N) of every stage: Z spans the null space of J and is 1 in its free columns, J N = 1."""
+        s, nc, nv = J.shape
+        Z, N = np.zeros((s, nv, nv - nc)), np.zeros((s, nv, nc))
+        for i, dependent in enumerate(columns):
+            free = np.setdiff1d(np.arange(nv), dependent)
+            inverse = np.linalg.inv(J[i][:, dependent])
+            N[i, dependent] = inverse
+            Z[i, dependent] = -inverse @ J[i][:, free]
+            Z[i, free] = np.eye(nv - nc)
+        return Z, N
+
+
+def dependent_columns(J):
+    """The columns of J that follow from the others, by complete pivoting; fewer than rows where its rank is less."""
+    rest, chosen = np.array(J), []
+    for _ in range(len(J)):
+        row, column = np.unravel_index(np.argmax(np.abs(rest)), rest.shape)
+        if not abs(rest[row, column]) > EPS * largest(J):
+            break
+        chosen.append(int(column))
+        rest = rest - np.outer(rest[:, column] / rest[row, column], rest[row])
+        rest[row], rest[:, column] = 0.0, 0.0
+    return chosen
+
+
+def _chart_matrices(stages):
+    """T of every stage, with dξ/dt = T v, shape (s, nx, nx); None where positions are vectors."""
+    system = stages.system
+    if system.vector_like:
+        return None
+    return np.array([system.chart_rate(stages.p, p, np.eye(system.nx)) for p in stages.P])
+
+
+def _size(dP, dV, weight, system) -> float:
+    """Root mean square over the stages of the weighted increments."""
+    nx, nv = system.nx, system.nv
+    parts = dV * weight[nx:], dP * (weight[:nx] if nx == nv else weight[:nx].max(initial=0.0))
+    return float(np.sqrt(sum((part**2).sum() for part in parts) / max(1, dV.size)))

@@ -1,0 +1,293 @@
+"""A run of Radau IIA: one step after another, each from (q, v) alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import AssemblyError, SingularSystemError
+from .charts import fastest_turn, turning_coordinates
+from .control import ErrorControl
+from .index1 import Index1, moved_by, not_closed_message
+from .kkt import kkt_at
+from .norms import EPS, largest, weighted_norm
+from .radau import StageNewton, Stages, table
+from .rounding import rounding_gap, shortest_step
+from .stepper import Stepper
+from .tuning import (
+    CLOSED,
+    CLOSINGS,
+    FAILURES,
+    FELT,
+    LAST_MODE,
+    MAX_CHART_TURN,
+    MAX_FACTOR,
+    MIN_FACTOR,
+    STAGE_AFTER_FAILURE,
+    STAGE_GROWTH,
+    STAGE_NEWTON_FACTOR,
+    STAGE_SAFETY,
+)
+
+
+@dataclass
+class RadauControl(ErrorControl):
+    """The step from the error estimate, and Gustafsson's prediction of the next one; ``stages`` None: chosen."""
+
+    stages: int | None = None
+    _last: tuple | None = field(default=None, init=False, repr=False, compare=False)  # h and error of the last step
+
+    def restart(self) -> None:
+        """Forget the last step."""
+        self._last = None
+
+    def after_failure(self, h):
+        """The step after Newton failed."""
+        self.reasons["newton"] += 1
+        self._last = None
+        return STAGE_AFTER_FAILURE * h
+
+    def after_rejection(self, s, h, error):
+        """The step with which to try again."""
+        self.reasons["error"] += 1
+        return h * max(MIN_FACTOR, STAGE_SAFETY * error ** (-1.0 / exponent(s)))
+
+    def next_step(self, s, h, error):
+        """The step after an accepted one."""
+        error = max(error, 1e-10)
+        factor = error ** (-1.0 / exponent(s))
+        if self._last is not None:
+            h_old, error_old = self._last
+            factor *= min(1.0, abs(h / h_old) * (error_old / error) ** (1.0 / exponent(s)))
+        growth = MAX_FACTOR if self._last is None else STAGE_GROWTH
+        self._last = h, max(error, 1e-2)
+        factor = min(growth, max(MIN_FACTOR, STAGE_SAFETY * factor))
+        return h * min(factor, self.max_step / abs(h))
+
+
+def exponent(s) -> int:
+    """The power of h by which the error estimate with s stages falls."""
+    return s + 2 if s >= 3 else s + 1
+
+
+@dataclass(slots=True)
+class Landing:
+    """The end of a step: p and v on the constraints, a and λ of the differential equation there."""
+
+    p: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    lam: np.ndarray
+    error: float
+
+
+class RadauStepper(Stepper):
+    """Step and stages of one run; see :class:`~pinconsist.dae.stepper.Stepper` for what it answers.
+
+    Attributes
+    ----------
+    t, p, v, a, lam : float, ndarray
+        The state reached.
+    h : float
+        The next step, signed.
+    s : int
+        Stages of the next step.
+    shape : (Stages, ndarray) or None
+        The last step, whose accelerations, a polynomial over it, start Newton's iteration; or constant ones.
+    """
+
+    def __init__(self, system, method):
+        super().__init__(system, method)
+        self.newton = StageNewton()
+
+    k = property(lambda self: 2 * self.s - 1)
+    y = property(lambda self: np.concatenate((np.zeros(self.system.nx), self.v, self.lam)))
+
+    def begin(self, t, p, v, t_end):
+        """Start, or start again, at a state, which is put on the constraints; nothing else is needed."""
+        system, method = self.system, self.method
+        self.t_old = t
+        self.t, self.p, self.v, self.lam = self.index1.state(t, p, v)
+        self.a = self.index1.acceleration(t, self.p, self.v)[0]
+        self.control.restart()
+        self.headway.restart(t, t)
+        self._turns = turning_coordinates(system, p)
+        self.shape, self.stages = None, None
+        self.s, self._taken = method.stages or 5, 0
+        if method.step is not None:
+            self._steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
+            self._start, self.h = t, (t_end - t) / self._steps
+        else:
+            self.h = self._first_step(t_end)
+        self.used, self._begun = (self.h, 0), True
+        return [(t, self.p, self.v, self.lam)]
+
+    def _first_step(self, t_end):
+        """A step over which the acceleration changes by what the tolerance allows (Hairer, Nørsett, Wanner II.4)."""
+        system, control, limit = self.system, self.control, abs(t_end - self.t)
+        if self.method.first_step is not None:
+            return np.copysign(min(self.method.first_step, limit), t_end - self.t)
+        weight, _ = self._weights()
+        weight = weight[system.nx :]
+
+        def size(x):
+            return float(np.sqrt(np.mean((weight * x) ** 2)))
+
+        rate = size(self.a)
+        trial = np.copysign(min(1e-2 * (1.0 + size(self.v)) / rate if rate else limit, limit), t_end - self.t)
+        p = system.integrate(self.p, trial * system.rate(self.t, self.p, self.v))
+        try:
+            a = self.index1.acceleration(self.t + trial, p, self.v + trial * self.a)[0]
+            change = size(a - self.a) / abs(trial)
+        except (SingularSystemError, ValueError):
+            change = np.inf
+        h = (0.01 / max(change, 1e-30)) ** (1.0 / 2)
+        return np.copysign(max(min(100 * abs(trial), h, limit, control.max_step), shortest_step(self.t, t_end)), trial)
+
+    def prepare_next(self) -> None:
+        """Nothing: the step is prepared when the last one is accepted."""
+
+    def advance(self, t_end) -> str:
+        """One accepted step towards `t_end`; returns why there is none, or an empty string."""
+        control = self.control
+        while True:
+            t_next = self._next_time(t_end)
+            stages = self._solved(t_next)
+            if not stages.failure:
+                landing = self.landed(stages)
+                if landing.error <= 1.0:
+                    break
+                smaller = control.after_rejection(self.s, self.h, landing.error)
+                self.shape = stages
+            else:
+                smaller, self.shape = control.after_failure(self.h), None
+                if smaller is None:
+                    return stages.failure
+            if self.headway.setback() or abs(smaller) < shortest_step(self.t):
+                return stages.failure or FAILURES["error_test"]
+            self.h = smaller
+        self.used, self.stages, self.shape = (stages.h, self.k), stages, stages
+        self.t_old, self.t = self.t, t_next
+        self.p, self.v, self.a, self.lam = landing.p, landing.v, landing.a, landing.lam
+        self.landing = landing
+        self._taken += 1
+        if self.method.step is None:
+            self.h = control.next_step(self.s, stages.h, landing.error)
+        self.headway.reached(self.t)
+        return ""
+
+    def _solved(self, t_next) -> Stages:
+        """The stages of a step to `t_next`."""
+        h = t_next - self.t
+        times = self.t + h * table(self.s).c
+        W = np.tile(self.a, (self.s, 1)) if self.shape is None else accelerations(self.shape, times)
+        stages = Stages(self.system, table(self.s), self.t, self.p, self.v, h, W)
+        weight, tol = self._weights()
+        if self.method.step is None:
+            tol = STAGE_NEWTON_FACTOR[self.s]
+        stages = self.newton.solve(stages, weight, tol)
+        if not stages.failure and fastest_turn(self._turns, stages.xi) > MAX_CHART_TURN:
+            stages.failure = "a joint turns half around within a step, where the charts of rotations end"
+        return stages
+
+    def _weights(self):
+        return self.control.weights(self.system, np.concatenate((np.zeros(self.system.nx), self.v)), self.p)
+
+    def landed(self, stages) -> Landing:
+        """The end of a step; one factorisation at the last stage serves the projections and the error estimate."""
+        system, t = self.system, stages.times[-1]
+        p, v = stages.P[-1], stages.V[-1]
+        kkt, _, G, W = kkt_at(system, t, p, v)
+        self.newton.nlu += 1
+        zero = np.zeros(system.nv)
+        for _ in range(CLOSINGS):
+            phi, rho = system.constraint(t, p, system.rate(t, p, v))
+            p = system.integrate(p, -moved_by(system, t, p, v, kkt.solve(np.concatenate((zero, phi)))[: system.nv]))
+            v = v - kkt.solve(np.concatenate((zero, rho)))[: system.nv]
+            if largest(phi) <= CLOSED * (1.0 + largest(p)):
+                break
+        else:
+            if (gap := largest(system.constraint(t, p, v)[0])) > rounding_gap(p, G):
+                raise AssemblyError(not_closed_message(gap))
+        a, lam = self.index1.acceleration(t, p, v)
+        return Landing(p, v, a, lam, self._error(stages, kkt, W, p, v))
+
+    def _error(self, stages, kkt, W, p, v):
+        """The error of a step over its tolerance, from the highest modes of the accelerations along the constraints."""
+        if self.method.step is not None:
+            return 0.0
+        system, table, h = self.system, stages.table, stages.h
+        weight, _ = self._weights()
+
+        def size(values):
+            free = values - kkt.solve(np.concatenate((np.zeros(system.nv), W @ values)))[: system.nv]
+            moved = h * moved_by(system, stages.times[-1], p, v, free)
+            return abs(h) * weighted_norm(np.concatenate((moved, free)), weight, system.nv)
+
+        if table.s < 3:  # the degree is raised by the acceleration at the start
+            return size(table.values([0.0])[0] @ stages.W - self.a)
+        modes = table.modes @ stages.W
+        highest, before = size(modes[-1]), size(modes[-3])
+        noise = FELT * EPS * (1.0 + largest(p)) / abs(h) * largest(weight[system.nx :])
+        felt = noise * np.linalg.norm(table.modes[-1] @ table.inverse2)
+        highest = np.sqrt(max(highest**2 - felt**2, 0.0))
+        return float(highest**2 / (before + LAST_MODE * highest)) if highest else 0.0
+
+    def segment(self):
+        """The interpolant of the last step."""
+        if self.stages is None:
+            return None
+        return RadauSegment(self.t_old, self.t, self.stages, self.landing.p, self.landing.v, self)
+
+    def velocity_and_multipliers(self):
+        return self.v, self.lam
+
+    def _next_time(self, t_end):
+        if self.method.step is not None:
+            return self._start + (self._taken + 1) * self.h if self._taken + 1 < self._steps else t_end
+        if speed := fastest_turn(self._turns, self.system.rate(self.t, self.p, self.v)):
+            self.h = np.copysign(min(abs(self.h), MAX_CHART_TURN / speed), self.h)
+        left = (t_end - self.t) / self.h
+        if left >= 2.0:
+            return self.t + self.h
+        last = left < 1.0 + 1e-9
+        self.h = (t_end - self.t) / (1 if last else 2)
+        return t_end if last else self.t + self.h
+
+
+def accelerations(stages, times):
+    """The polynomial of the accelerations of a step at `times`, (n, nv)."""
+    return stages.table.values((times - stages.t) / stages.h) @ stages.W
+
+
+@dataclass(frozen=True)
+class RadauSegment:
+    """The collocation polynomial of a step, led to the projected state at its end; λ by the index-1 equations."""
+
+    t_old: float
+    end: float
+    stages: Stages
+    p: np.ndarray
+    v: np.ndarray
+    stepper: RadauStepper
+
+    def until(self, end: float):
+        """The same polynomial, used only up to `end`."""
+        return self if end == self.end else replace(self, end=end)
+
+    def __call__(self, t: float):
+        """(p, v, λ) at a time inside the step."""
+        stages = self.stages
+        system, theta = stages.system, (t - stages.t) / stages.h
+        b = stages.table.integrals([theta])[0] * stages.h
+        xi, v = b @ stages.U, stages.v + b @ stages.W
+        p1 = system.difference(stages.p, self.p) - stages.xi[-1]
+        p = system.integrate(stages.p, xi + theta**2 * (3.0 - 2.0 * theta) * p1)
+        v = v + theta**2 * (self.v - stages.V[-1])
+        return p, v, Index1(system).acceleration(t, p, v)[1]
+
+    def finished(self, t: float):
+        """(p, v, λ) with the multipliers as the user sees them, by the rows that were kept in this step."""
+        p, v, lam = self(t)
+        return p, v, self.stages.system.full_multipliers(p, lam)
