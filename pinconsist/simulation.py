@@ -54,8 +54,9 @@ def simulate(
     t_span : (float, float)
         Start and end, s. An end before the start integrates backwards.
     q0 : mapping or array, optional
-        Mapping joint name → value: the named joints are kept if the loops allow it, the others follow. Array (nq,): a
-        guess, of which nothing is kept. The loops are closed from there. Default: the scene's guess.
+        Mapping joint name → value: the named joints are kept if the loops allow it, else a warning says where they
+        are; the others follow. Array (nq,): a guess, of which nothing is kept. The loops are closed from there.
+        Default: the scene's guess.
     v0 : mapping or array, optional
         Mapping joint name → velocity: the named joints keep it, the others follow. Array (nv,): put on the
         constraints in the mass metric. Default: rest.
@@ -105,7 +106,7 @@ def simulate(
     InputError
         Arguments that cannot be used.
     AssemblyError
-        The loops cannot be closed, or `v0` contradicts them.
+        The loops cannot be closed, `v0` contradicts them, or `q0` a drive.
     SingularSystemError
         Some joint can move without any inertia.
     UserFunctionError

@@ -8,6 +8,7 @@ import hashlib
 import io
 import json
 import logging
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,8 +56,8 @@ class SceneSweep:
     def __call__(self, case) -> dict:
         """The row of a case: what was measured, ``end`` (q and v of the last row), and a message where one is due."""
         run = self.run(case)
-        sol = self._simulated(run, run.until)
-        messages = [*([] if sol.success else [sol.message]), *_moved(run, sol.q[0])]
+        sol, warned = self._simulated(run, run.until)
+        messages = warned if sol.success else [sol.message, *warned]
         return {
             "status": DONE if sol.success else FAILED, "t": float(sol.t[-1]), "steps": sol.nsteps, "gap": _gap(sol),
             "energy_error": sol.energy().balance_error, "end": np.concatenate([sol.q[-1], sol.v[-1]]).tolist(),
@@ -81,9 +82,14 @@ class SceneSweep:
             _log.debug("the first case: %s", error)
 
     def _simulated(self, run, until):
+        """The solution, and the warnings of the run."""
         forces = [run.torques] if run.torques else ()
         q0, v0 = run.q0 or None, run.v0 or None
-        return simulate(run.mechanism, (self.start, until), q0, v0, forces=forces, **run.options)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", UserWarning)
+            sol = simulate(run.mechanism, (self.start, until), q0, v0, forces=forces, **run.options)
+        return sol, list(dict.fromkeys(str(each.message) for each in told))
 
     def about(self, cases) -> dict:
         """What two sweeps must have in common for their rows to be the same."""
@@ -127,17 +133,6 @@ def _gap(sol) -> float:
     """`Certificate.position` alone: the forces, most of a certificate's work, are not in the table."""
     gaps = [sol.system.loop_rows(q, t)[0] for t, q in zip(sol.t, sol.q, strict=True)]
     return float(np.abs(gaps).max(initial=0.0))
-
-
-def _moved(run, q) -> list[str]:
-    """Which joints could not start where they were put."""
-    mechanism, messages = run.mechanism, []
-    for joint, value in run.q0.items():
-        if not np.allclose(mechanism.configuration({joint: value}, base=q), q, rtol=0, atol=1e-9):
-            own = np.split(q, mechanism.model.idx_qs[2:])[mechanism.joint_index(joint) - 1]
-            asked, at = (" ".join(f"{each:g}" for each in np.atleast_1d(part)) for part in (value, own))
-            messages.append(f"the loops do not close with {joint} = {asked}; it began at {at}")
-    return messages
 
 
 class Journal:

@@ -13,6 +13,7 @@ from helpers.zoo import FourBar
 
 import pinconsist as pc
 
+pytestmark = pytest.mark.filterwarnings("ignore:.* do not close with")
 TIGHT = 1e-10
 
 
@@ -68,6 +69,49 @@ def test_named_joints_give_way_only_where_they_must():
     assert soft.q[0] != 0.5 and tips_meet(soft.q) < TIGHT
     hard = pc.assemble(mech, {"rocker": 2.0}, fixed={"crank": 0.5})
     assert hard.q[0] == 0.5 and hard.q[2] != 2.0 and tips_meet(hard.q) < TIGHT
+
+
+def test_a_joint_that_cannot_keep_its_value_is_named_with_both_values():
+    mech, q = pc.load("four_bar"), pc.assemble(pc.load("four_bar"), {"crank": 0.3}).q
+    for run in (lambda q0: pc.simulate(mech, (0.0, 0.0), q0).q[0], lambda q0: pc.assemble(mech, q0).q):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            run({"crank": 0.3, "rocker": q[2] + 1e-10})
+            run(q + 0.1)  # a guess, of which nothing is kept
+        with pytest.warns(UserWarning) as caught:
+            reached = run({"rocker": 3.0})[2]
+        assert len(caught) == 1 and caught[0].filename == __file__
+        told = f"four_bar: the loops do not close with rocker = 3; they do at rocker = {reached:.6g}"
+        assert str(caught[0].message) == told
+
+
+def test_a_wheel_that_stores_cosine_and_sine_is_told_as_an_angle():
+    model = pin.Model()
+    for name in "ab":
+        joint = model.addJoint(0, pin.JointModelRUBZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    mech = pc.Mechanism(model, [pc.Loop("stuck", "frame", "a", "universe")])
+    with pytest.warns(UserWarning, match="do not close with a = 1; they do at a = -?[0-9e.-]+$"):
+        pc.assemble(mech, {"a": 1.0})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert pc.assemble(mech, {"b": -3.0 + 2 * np.pi}).q[2:] == pytest.approx([np.cos(3.0), -np.sin(3.0)])
+
+
+def test_a_drive_that_contradicts_a_start_is_an_error():
+    mech = pc.load("four_bar")
+    mech = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", lambda t: 0.2 + 3.0 * t))
+    told = "joint 'crank' cannot start at 0.5: drive 'motor' has it at 3.2 at t = 1 s"
+    for start in ({"q0": {"crank": 0.5}}, {"q0": {"crank": 0.5, "rocker": 1.4}}):
+        with pytest.raises(pc.AssemblyError, match=told):
+            pc.simulate(mech, (1.0, 2.0), **start)
+    with pytest.raises(pc.AssemblyError, match="motor"):
+        pc.assemble(mech, fixed={"crank": 0.5})
+    assert pc.simulate(mech, (0.0, 0.0), {"crank": 0.2 + 1e-9}, {"crank": 3.0}).v[0, 0] == pytest.approx(3.0)
+    with pytest.warns(UserWarning, match="the loops and drives do not close with rocker = 1; they do at rocker = "):
+        pc.assemble(mech, {"rocker": 1.0})
+    with pytest.raises(pc.AssemblyError, match="drive 'motor' gives crank 3 at t = 0 s; leave out what is driven"):
+        pc.simulate(mech, (0.0, 1.0), v0={"crank": 0.0})
 
 
 @pytest.mark.parametrize("nothing", [None, {}])

@@ -328,6 +328,27 @@ def test_joints_without_frames_get_one_in_a_copy():
     np.testing.assert_allclose(loop_rows(mech, q)[0], [*gap.translation, *pin.log3(gap.rotation)], atol=1e-13)
 
 
+def test_joints_of_a_model_are_frames_whether_or_not_frames_were_added():
+    """In loops, in forces, in results; the model itself stays as it is."""
+    results = []
+    for with_frames in (False, True):
+        model = pin.Model()
+        for name, x in zip("ab", (0.0, 1.0), strict=True):
+            at = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+            index = model.addJoint(0, pin.JointModelRY(), at, name)
+            model.appendBodyToJoint(index, pin.Inertia(1.0, np.array([0.4, 0, 0]), np.eye(3)), pin.SE3.Identity())
+            if with_frames:
+                model.addJointFrame(index)
+        before = model.nframes
+        tips = {"xyz1": (0.7, 0.0, 0.0), "xyz2": (0.8, 0.0, 0.0)}
+        mech = pc.load(model, loops=[pc.Loop("tie", "distance", "a", "b", length=1.0, **tips)])
+        mech = mech.with_forces(pc.SpringDamper("a", "b", stiffness=30.0, length=0.2), pc.Wrench("b", force=(0, 0, 1)))
+        sol = pc.simulate(mech, (0.0, 0.1))
+        assert model.nframes == before and sorted(frame.name for frame in mech.model.frames) == ["a", "b", "universe"]
+        results.append(np.hstack((sol.q, sol.lam, sol.reaction("tie").force)))
+    np.testing.assert_allclose(*results, rtol=0, atol=1e-12)
+
+
 def test_records_stand_among_constraint_models_and_closure_holds_for_both():
     model = pc.load("four_bar").model
     constraint = pin.PointAnchorConstraintModel(model, *anchors(model))

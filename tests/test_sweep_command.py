@@ -252,7 +252,7 @@ def test_cases_that_fail_are_rows(run):
 def test_a_joint_that_cannot_start_where_it_was_put_is_told(run):
     told = json.loads(run("crank_rocker", "--vary", "rocker=1.5,0.5", "--until", "0.01", "--json")[1])
     near, far = (row[-1] for row in told["rows"])
-    assert near == "" and far == "the loops do not close with rocker = 0.5; it began at 2.24744"
+    assert near == "" and far == "crank_rocker: the loops do not close with rocker = 0.5; they do at rocker = 2.24744"
 
 
 def test_without_a_file_the_table_is_printed(run):

@@ -94,7 +94,7 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     log.addHandler(handler)
     try:
         with warnings.catch_warnings(), ended_like_ctrl_c(), BrokenPipeTolerated() as broken:
-            warnings.showwarning = partial(_show_warning, warnings.showwarning)
+            warnings.showwarning = partial(_show_warning, warnings.showwarning, set())
             code = _run(spread(arguments), app, program, studies)
             if code == INTERRUPTED:
                 print("pinconsist: interrupted", file=sys.stderr)
@@ -105,10 +105,12 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     sys.exit(code)
 
 
-def _show_warning(show, message, category, *where, **more):
-    """Print a warning for the user without the line of code; others go to `show`."""
+def _show_warning(show, shown, message, category, *where, **more):
+    """Print a warning for the user once, without the line of code; others go to `show`."""
     if category is UserWarning:
-        print(f"pinconsist: warning: {message}", file=sys.stderr)
+        if str(message) not in shown:
+            print(f"pinconsist: warning: {message}", file=sys.stderr)
+        shown.add(str(message))
     else:
         show(message, category, *where, **more)
 

@@ -2,8 +2,6 @@
 
 from dataclasses import fields
 
-import pinconsist as pc
-
 from ..errors import AssemblyError, SingularSystemError
 from . import options as given
 from . import output, scene
@@ -41,10 +39,9 @@ def check(
     gaps = LoopSolver(mech).gaps
     before = gaps(guess)
     try:
-        assembly = pc.assemble(mech, q0 or None)
+        assembly = scene.assembled(mech, q0)
     except AssemblyError as error:
         return _report_open(mech, before, gaps(error.q), error, as_json)
-    scene.report_moved(mech, q0, assembly)
     singular, warnings = "", scene.scene_warnings(mech, assembly)
     try:
         require_nonsingular(MechanismSystem(mech, assembly.q), assembly.q)

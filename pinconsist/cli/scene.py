@@ -2,12 +2,14 @@
 
 import logging
 import re
-import sys
+import warnings
 from math import isfinite, pi, remainder, tau
 
 import pinconsist as pc
 
 from ..errors import InputError
+from ..mechanism.assembly import not_kept
+from ..mechanism.checks import coordinates
 from ..run_file import SceneSource as SceneSource
 from ..run_file import loaded as loaded
 from .output import counted, first
@@ -66,34 +68,31 @@ def describe(mech, assembly) -> str:
     return f"{text}, mobility {assembly.mobility}"
 
 
-def report_moved(mech, wanted, assembly):
-    """Print on stderr where the joints given by --at are, if they could not stay where they were put.
+def assembled(mech, q0, v0=None, t=0.0):
+    """The closed configuration of a command, from the values of --at and --with-velocity.
 
     InputError if each position is possible, but not all together. Joints that end close by are only reported: rounded
     values that choose one of several ways to close the loops do not contradict each other.
     """
 
-    def is_at(q, joint, tolerance):
-        return all(abs(mech.configuration({joint: wanted[joint]}, base=q) - q) <= tolerance)
+    def positions(q, joints):
+        return ", ".join(f"{joint} = {text(coordinates(mech.model, joint, q), 6)}" for joint in joints)
 
-    def positions(configurations):
-        return ", ".join(f"{joint} = {text(by_joint(mech, q)[joint], 6)}" for joint, q in configurations.items())
-
-    moved = [joint for joint in wanted if not is_at(assembly.q, joint, ROUNDING)]
-    if len(wanted) > 1 and not all(is_at(assembly.q, joint, CLOSE_BY) for joint in moved):
-        alone = {joint: pc.assemble(mech, {joint: wanted[joint]}).q for joint in wanted}
-        if all(is_at(q, joint, ROUNDING) for joint, q in alone.items()):
-            first, *others = wanted
-            q = alone[first]
-            raise InputError(
-                f"{mech.name}: the loops do not allow the positions given for {', '.join(wanted)} together: with "
-                f"{positions({first: q})} they close at {positions(dict.fromkeys(others, q))}. Name fewer joints by "
-                "--at"
-            )
-    if moved:
-        asked = ", ".join(f"{joint} = {text(value, 6)}" for joint, value in wanted.items())
-        start = positions(dict.fromkeys(wanted, assembly.q))
-        print(f"pinconsist: note: the loops do not close with {asked}; they do at {start}", file=sys.stderr)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        assembly = pc.assemble(mech, q0 or None, v0 or None, t=t)
+        if len(q0) > 1 and not_kept(mech, q0, assembly.q, CLOSE_BY):
+            alone = {joint: pc.assemble(mech, {joint: value}, t=t).q for joint, value in q0.items()}
+            if not any(not_kept(mech, {joint: q0[joint]}, q) for joint, q in alone.items()):
+                first, *others = q0
+                raise InputError(
+                    f"{mech.name}: the loops do not allow the positions given for {', '.join(q0)} together: with "
+                    f"{positions(alone[first], [first])} they close at {positions(alone[first], others)}. Name fewer "
+                    "joints by --at"
+                )
+    for each in told:
+        warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
+    return assembly
 
 
 def text(value, digits=4) -> str:

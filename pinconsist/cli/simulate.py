@@ -68,8 +68,7 @@ def simulate(
     mech, hashes = what.load_with_hashes()
     replay.require_drawable(mech, traces, speed)
     until = start + mech.duration if until is None else until
-    assembly = pc.assemble(mech, q0 or None, v0 or None)
-    scene.report_moved(mech, q0, assembly)
+    assembly = scene.assembled(mech, q0, v0, start)
     scene.log_warnings(scene.scene_warnings(mech, assembly))
     if not as_json:
         print(scene.describe(mech, assembly) + "\n")

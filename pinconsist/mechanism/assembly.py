@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,11 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import AssemblyError, InputError
-from .checks import finite_array, require_mechanism
+from .checks import coordinates, finite_array, require_mechanism, warn
 from .closing import CLOSED, LoopSolver
 from .rank import dependencies, independent_rows
 
 NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little
+KEPT = 1e-9  # rad or m: a joint that is farther from its value has not kept it
+MOST_SHOWN = 6  # joints in one warning
+DRIVEN = 1e-6  # rad or m: a drive that has a joint farther from its value contradicts it
 NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relative to the largest
 
 
@@ -62,9 +64,10 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
     mechanism : Mechanism
     q : mapping or array, optional
         Guess: joint name → value (the others from ``mechanism.guess``; the named joints are kept if the loops
-        allow it), or a configuration (nq,) of which nothing is kept. Where ``mechanism.guess`` is closed, the named
-        joints are led from there in small steps with the loops closed, so that the mode of assembly stays; where that
-        way is blocked, the loops are closed from the guess, in whichever mode is near.
+        allow it, else a warning says where they are), or a configuration (nq,) of which nothing is kept. Where
+        ``mechanism.guess`` is closed, the named joints are led from there in small steps with the loops closed, so that
+        the mode of assembly stays; where that way is blocked, the loops are closed from the guess, in whichever mode is
+        near.
     v : mapping or array, optional
         Velocity: joint name → value (these joints keep it, the others follow), or an array (nv,) that is projected
         in the mass metric. Default rest.
@@ -82,7 +85,8 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
     Raises
     ------
     AssemblyError
-        The loops cannot be closed: names the worst ones and their gaps, and carries the best configuration.
+        The loops cannot be closed: names the worst ones and their gaps, and carries the best configuration. Or a
+        drive has a joint elsewhere than `q` or `fixed`.
     InputError
         Unknown joints, wrong sizes, NaN.
     """
@@ -96,6 +100,9 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
     base = mechanism.configuration(mechanism.guess if q is None or isinstance(q, Mapping) else q)
     start = guess = mechanism.configuration(held, base=base)
     solver = LoopSolver(mechanism, t)
+    for joint in _driven(solver, held, guess):  # which have the drive's value, rounding apart
+        held.pop(joint)
+        fixed.pop(joint, None)
     if held and (led := solver.led(base, guess, solver.free_columns(held))) is not None:
         start = mechanism.configuration(held, base=led)
     for names in (held, fixed):  # named joints stay if the loops close that way, else only the fixed ones
@@ -109,11 +116,16 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
         raise _not_closed(solver, guess, best, open_loops, fixed)
     worst = max(gaps, key=gaps.__getitem__, default="")
     if gaps and gaps[worst] > CLOSED and tolerance <= NEARLY:
-        warnings.warn(
+        warn(
             f"{mechanism.name}: the loops contradict each other slightly: {worst!r} closes only to "
-            f"{gaps[worst]:.1e} m or rad. Most likely the numbers of the file are rounded",
-            stacklevel=2,
+            f"{gaps[worst]:.1e} m or rad. Most likely the numbers of the file are rounded"
         )
+    if moved := not_kept(mechanism, named, best):
+        shown = moved[:MOST_SHOWN] if len(named) > MOST_SHOWN else named
+        asked = ", ".join(f"{joint} = {_text(np.atleast_1d(named[joint]))}" for joint in shown)
+        at = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, best))}" for joint in shown)
+        loops = "loops and drives" if solver.loop_rows.moving else "loops"
+        warn(f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")
     J = solver.rows(best)[1]
     kept, labels = independent_rows(J, solver.loop_rows.turns), mechanism.row_labels
     redundant = {
@@ -130,6 +142,34 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
         moved=float(np.max(np.abs(pin.difference(mechanism.model, guess, best)), initial=0.0)),
         iterations=iterations,
     )
+
+
+def not_kept(mechanism, named, q, tolerance: float = KEPT) -> list[str]:
+    """The joints of a mapping `named`, joint → value, that are elsewhere in a configuration."""
+    apart = np.abs(pin.difference(mechanism.model, q, mechanism.configuration(named, base=q)))
+    return [joint for joint in named if apart[mechanism.columns(joint)].max() > tolerance]
+
+
+def _driven(solver, held, q) -> set[str]:
+    """Those of the joints `held` at their values in `q` that a drive moves; AssemblyError if it has one elsewhere."""
+    found = set()
+    for row in solver.loop_rows.closures:
+        if row.loop.kind == "drive" and row.loop.joint in held:
+            found.add(row.loop.joint)
+            gap, (value,) = row.evaluate(None, q, solver.t)[0][0], coordinates(solver.model, row.loop.joint, q)
+            if abs(gap) > DRIVEN:
+                raise AssemblyError(
+                    f"{solver.mechanism.name}: joint {row.loop.joint!r} cannot start at {value:.6g}: drive "
+                    f"{row.loop.name!r} has it at {value - gap:.6g} at t = {solver.t:g} s. Leave the joint out, or "
+                    "change the curve",
+                    gaps={row.loop.name: abs(gap)},
+                    q=q,
+                )
+    return found
+
+
+def _text(values) -> str:
+    return " ".join(f"{each:.6g}" for each in values)
 
 
 def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
@@ -155,6 +195,10 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
         names, advice = ", ".join(v) if isinstance(v, Mapping) else "", "name fewer joints"
         if len(s := np.linalg.svd(J, compute_uv=False)) and s[-1] < NEARLY_SINGULAR * s[0]:
             advice = "loop rows are nearly dependent here: a singular position is close, start a little away from it"
+        rows = solver.loop_rows.closures if isinstance(v, Mapping) else ()
+        if driven := [row for row in rows if row.loop.kind == "drive" and row.loop.joint in v]:
+            given = ", ".join(f"{row.loop.name!r} gives {row.loop.joint} {-row.rate(t, q)[0]:.6g}" for row in driven)
+            advice = f"drive {given} at t = {t:g} s; leave out what is driven"
         raise AssemblyError(
             f"{mechanism.name}: the loops do not allow the velocities given for {names} "
             f"(they miss each other by {miss.max():.3g} rad/s or m/s); {advice}"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import sys
+import warnings
 from collections.abc import Mapping
-from math import inf, isfinite
+from math import atan2, inf, isfinite
 
 import numpy as np
 import pinocchio as pin
@@ -139,6 +141,13 @@ def joint_index(model, joint: str, what: str) -> int:
     return model.getJointId(joint)
 
 
+def coordinates(model, joint: str, q) -> tuple[float, ...]:
+    """The numbers of a joint in a configuration as ``Mechanism.configuration`` takes them, one angle for (cos, sin)."""
+    start, size = model.idx_qs[i := model.getJointId(joint)], model.nqs[i]
+    part = tuple(float(value) for value in q[start : start + size])
+    return (atan2(part[1], part[0]),) if size == 2 and model.nvs[i] == 1 else part
+
+
 def frame_of(model, frame: str, what: str):
     """The frame of a name; InputError where there is none, or several."""
     names = [each.name for each in model.frames]
@@ -149,8 +158,12 @@ def frame_of(model, frame: str, what: str):
     return model.frames[model.getFrameId(frame)]
 
 
-def check_model(model: pin.Model) -> None:
-    """Refuse a model that makes Pinocchio's algorithms silently wrong, or whose inertias are impossible."""
+def checked_model(model: pin.Model) -> pin.Model:
+    """A copy in which each joint is a frame, unless one has its name; models built in Python often lack these.
+
+    InputError for a model that makes Pinocchio's algorithms silently wrong, or whose inertias are impossible.
+    """
+    model = model.copy()
     for name, joint in zip(model.names, model.joints, strict=True):
         if "Mimic" in joint.shortname():
             raise InputError(
@@ -183,6 +196,11 @@ def check_model(model: pin.Model) -> None:
     if len(bad):
         joint = next(j for j in range(1, model.njoints) if bad[0] < model.idx_vs[j] + model.nvs[j])
         raise InputError(f"the armature of joint {model.names[joint]!r} is negative or not finite")
+    named = {frame.name for frame in model.frames}
+    for joint, name in enumerate(model.names):
+        if name not in named:
+            model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.JOINT), False)
+    return model
 
 
 def require_mechanism(mechanism, caller: str) -> None:
@@ -224,6 +242,14 @@ def returned(function, what: str, shape: tuple, t: float, *state, hint: str = ""
         wanted = str(shape) if shape else "one number"
         raise InputError(f"{what} returned shape {array.shape} at t = {t:.6g}; it must return {wanted}{hint}")
     return array.astype(float, copy=False)
+
+
+def warn(message: str) -> None:
+    """A UserWarning at the line of the user's code that called this package."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "pinconsist":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, stacklevel=level)
 
 
 def read_only(array):

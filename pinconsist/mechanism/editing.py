@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +11,7 @@ import pinocchio as pin
 from ..errors import InputError
 from .assembly import assemble, impossible_alone
 from .blocks import blocks
+from .checks import warn
 from .closing import CLOSED, LoopSolver
 from .joint_constraints import Drive
 from .rank import free_motions, independent_rows
@@ -117,7 +117,7 @@ def reanchored(mechanism, q=None):
     pairs = zip(mechanism.loops, result.loops, strict=True)
     moves = [_move(before, after) for before, after in pairs if before != after]
     if moves:
-        warnings.warn(f"{mechanism.name}: anchor 2 moved to the best fit on loops {', '.join(moves)}", stacklevel=3)
+        warn(f"{mechanism.name}: anchor 2 moved to the best fit on loops {', '.join(moves)}")
     return replace(result, guess=best)
 
 

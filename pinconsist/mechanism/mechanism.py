@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import check_model, finite_array, near, normalized, number, put, require_mechanism, triple
+from .checks import checked_model, finite_array, near, normalized, number, put, require_mechanism, triple
 from .custom import Constraint
 from .forces import as_force, bound_forces
 from .joint_constraints import Coupling, Drive
@@ -36,7 +36,7 @@ class Mechanism:
     Parameters
     ----------
     model : pin.Model
-        The tree; copied, never changed.
+        The tree; copied, never changed. In the copy each joint is a frame too, unless a frame has its name already.
     loops : sequence of Loop, Drive, Coupling and Constraint
         Loop closures, driven and coupled joints, constraints of your own; none is allowed (a plain tree).
     forces : sequence
@@ -71,8 +71,7 @@ class Mechanism:
     def __post_init__(self):
         if not isinstance(self.model, pin.Model):
             raise InputError(f"Mechanism needs a pin.Model, got {type(self.model).__name__}")
-        check_model(model := self.model.copy())
-        put(self, model=model)
+        put(self, model=(model := checked_model(self.model)))
         for several in ("loops", "forces", "actuated"):
             put(self, **{several: _sequence(getattr(self, several), several)})
         if not all(isinstance(loop, tuple(RECORDS)) for loop in self.loops):
