@@ -38,11 +38,13 @@ def stepper_for(system, method, backend: str = "auto") -> Stepper:
     InputError
         ``backend="compiled"`` where the compiled part is not there.
     """
-    if backend == "python" or (method.stages is not None and backend == "auto"):
+    if backend == "python":
         return python_stepper(system, method)
     module, why = load()
     if module is not None:
-        return CompiledStepper(system, method)
+        from .compiled_radau import CompiledRadauStepper
+
+        return (CompiledStepper if method.stages is None else CompiledRadauStepper)(system, method)
     if backend == "compiled":
         raise InputError(f"backend='compiled' is not available: {why}. backend='auto' uses Python instead")
     _warn_once(why)
@@ -66,17 +68,17 @@ def compiled_system(system):
     return compiled
 
 
-class CompiledStepper(Stepper):
-    """A :class:`~pinconsist.dae.stepper.Stepper` that makes many steps in one call.
+class CompiledSystem:
+    """What the compiled steppers have in common: their compiled equations, and the counting of their work.
 
-    It holds the user's functions where the garbage collector does not see them, until it is closed.
+    They hold the user's functions where the garbage collector does not see them, until they are closed.
     """
 
     batch, backend = 1000, "compiled"
 
     def change_system(self, system) -> None:
         super().change_system(system)
-        self._compiled, control = compiled_system(system), self.control
+        self._compiled = compiled_system(system)
         native = not isinstance(self._compiled, load()[0].CallbackSystem)
         if native:
             self.index1 = CompiledIndex1(system, self._compiled)
@@ -84,9 +86,6 @@ class CompiledStepper(Stepper):
         if native and not system.dropped_are_zero:
             self._all_rows = load()[0].MechanismSystem(system.model, system.data)
             system.hand_over_all_rows(self._all_rows)
-        self._core = load()[0].Stepper(self._compiled, self.method.consistency == "every-step", self.method.switches)
-        if isinstance(control, ErrorControl):
-            self._core.control_error(*control.spread, control.max_order, control.max_step)
 
     def close(self) -> None:
         self._compiled = self._core = self._all_rows = None
@@ -97,6 +96,26 @@ class CompiledStepper(Stepper):
 
     def opened(self, times, positions):
         return self.system.opened(times, positions, self._all_rows and self._all_rows.gaps)
+
+    def _count(self) -> None:
+        """Add the compiled method's work to the counters."""
+        newton, reasons = self.newton, self.control.reasons
+        nfev, njev, nlu, *rejected = self._core.work()
+        newton.nfev += nfev
+        newton.njev += njev
+        newton.nlu += nlu
+        for reason, count in zip(reasons, rejected, strict=False):  # a fixed step rejects nothing
+            reasons[reason] += count
+
+
+class CompiledStepper(CompiledSystem, Stepper):
+    """A :class:`~pinconsist.dae.stepper.Stepper` that makes many steps in one call."""
+
+    def change_system(self, system) -> None:
+        super().change_system(system)
+        self._core, control = load()[0].Stepper(self._compiled, self.method.consistency == "every-step", self.method.switches), self.control
+        if isinstance(control, ErrorControl):
+            self._core.control_error(*control.spread, control.max_order, control.max_step)
 
     def begin(self, t, p, v, t_end):
         states = super().begin(t, p, v, t_end)
@@ -124,16 +143,6 @@ class CompiledStepper(Stepper):
             pieces.append(([(t[i], p[i], v[i], lam[i])], segment, int(k[i])))
             t_old = t[i]
         return StepBatch(why, error, pieces)
-
-    def _count(self) -> None:
-        """Add the compiled method's work to the counters."""
-        newton, reasons = self.newton, self.control.reasons
-        nfev, njev, nlu, *rejected = self._core.work()
-        newton.nfev += nfev
-        newton.njev += njev
-        newton.nlu += nlu
-        for reason, count in zip(reasons, rejected, strict=False):  # a fixed step rejects nothing
-            reasons[reason] += count
 
 
 class CompiledIndex1(Index1):

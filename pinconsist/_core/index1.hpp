@@ -15,10 +15,10 @@ struct State {
 // [[M, -G], [W, 0]] at a position, factorised.
 class Projection {
 public:
-  explicit Projection(MechanismSystem &system)
+  explicit Projection(System &system)
       : system_(system), kkt_(system.nv, system.nc), rhs_(system.nv + system.nc, 1), zero_(Vec::Zero(system.nv)) {}
 
-  MechanismSystem &system() const { return system_; }
+  System &system() const { return system_; }
 
   // Acceleration and multipliers of the differential equation itself; false where it is singular.
   bool acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
@@ -27,7 +27,7 @@ public:
     rhs_.col(0).head(nv) = -system_.f;
     system_.acceleration_bias(t, p, v, bias_);
     rhs_.col(0).tail(nc) = -bias_;
-    if (!solve(p, rhs_)) return false;
+    if (!solve(t, p, v)) return false;
     a = rhs_.col(0).head(nv);
     lam = rhs_.col(0).tail(nc);
     return true;
@@ -39,23 +39,23 @@ public:
     if (system_.nc && !position(t, state)) return state;
     for (int turn = 0; turn < 2 && system_.nc; ++turn) {
       system_.constraint(t, state.p, state.v);
-      if (!shift(state.p, system_.rho)) return singular(state);
+      if (!shift(t, state, system_.rho)) return singular(state);
       state.v -= rhs_.col(0).head(system_.nv);
     }
     return state;
   }
 
 private:
-  bool solve(const Vec &p, Mat &rhs) {
-    system_.mass_matrix(0.0, p, zero_, kkt_.A());
-    return kkt_.solve_new(system_.W, system_.W, 1.0, rhs, static_cast<int>(rhs.cols()));
+  bool solve(double t, const Vec &p, const Vec &v) {
+    system_.mass_matrix(t, p, v, kkt_.A());
+    return kkt_.solve_new(system_.W, system_.G_transposed(), 1.0, rhs_, 1);
   }
 
   // The smallest velocity, in the mass metric, that carries the residual; W is the one at p.
-  bool shift(const Vec &p, const Vec &residual) {
+  bool shift(double t, const State &state, const Vec &residual) {
     rhs_.setZero();
     rhs_.col(0).tail(system_.nc) = residual;
-    return solve(p, rhs_);
+    return solve(t, state.p, state.v);
   }
 
   bool position(double t, State &state) {
@@ -64,9 +64,9 @@ private:
       system_.constraint(t, state.p, state.v);
       const double size = largest(system_.phi);
       if (size <= EPS || (size <= rounding_gap(state.p, system_.W) && size >= 0.5 * last)) return true;
-      if (!shift(state.p, system_.phi)) return singular(state), false;
+      if (!shift(t, state, system_.phi)) return singular(state), false;
       Vec moved;
-      system_.integrate(state.p, -rhs_.col(0).head(system_.nv), moved);
+      system_.integrate(state.p, -system_.moved_by(t, state.p, state.v, rhs_.col(0).head(system_.nv)), moved);
       state.p = moved;
       last = size;
     }
@@ -80,7 +80,7 @@ private:
     return state;
   }
 
-  MechanismSystem &system_;
+  System &system_;
   KKT kkt_;
   Mat rhs_;
   Vec zero_, bias_;
@@ -242,7 +242,7 @@ private:
     pieces_.push_back({t, t_new, y, F});
   }
 
-  MechanismSystem &system_;
+  System &system_;
   Projection &projection_;
   const Vec base_;
   const double t_end_, rtol_, atol_, max_step_, direction_;

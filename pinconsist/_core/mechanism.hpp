@@ -43,6 +43,8 @@ public:
     vector_like = npos == nv;
     for (const auto &joint : model_.joints)
       if (joint.shortname() == "JointModelPlanar") planar_.push_back({joint.idx_q(), joint.idx_v()});
+    for (const auto &joint : model_.joints)
+      if (joint.nv() > 1 && joint.nq() != joint.nv()) curved.push_back({joint.idx_v(), joint.nv()});
     f = tau_ = Vec::Zero(nv);
     constant_ = damping_ = zero_ = Vec::Zero(nv);
     size_rows();
@@ -86,11 +88,18 @@ public:
     for (const auto &joint : planar_) joint.difference(p0, p1, xi);
   }
 
-  Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const {
-    if (vector_like) return rate;
-    Mat derivative = Mat::Zero(nx, nx);
-    pinocchio::dDifference(model_, base, p, derivative, pinocchio::ARG1);
-    return derivative * rate;
+  Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const override {
+    Vec turned = rate;
+    if (curved.empty()) return turned;
+    Mat T(nx, nx);
+    chart_matrix(base, p, T);
+    for (auto [first, size] : curved)
+      turned.segment(first, size) = T.block(first, first, size, size) * rate.segment(first, size);
+    return turned;
+  }
+  void chart_matrix(const Vec &base, const Vec &p, Mat &T) const override {
+    T.setZero();
+    pinocchio::dDifference(model_, base, p, T, pinocchio::ARG1);
   }
 
   void position(double, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
@@ -110,8 +119,7 @@ public:
     hidden_residual(t, p, v);
   }
 
-  // γ with dρ/dt = W v' + γ.
-  void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) {
+  void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) override {
     pinocchio::forwardKinematics(model_, data_, p, v, zero_);
     bias.setZero(nc);
     for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
@@ -137,7 +145,7 @@ public:
     A += c * (by_v_ + c * by_q_);
   }
 
-  void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, double, Mat &M, Mat &D, Mat &K) override {
+  void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) override {
     pinocchio::computeRNEADerivatives(model_, data_, p, v, a); // oMi, J and τ are at hand after it
     f = data_.tau;
     fill_rows(t, p);

@@ -1,6 +1,5 @@
 // What Python sees: a system to which rows and forces are added, and a stepper that makes batches of steps.
-#include "index1.hpp"
-#include "stepper.hpp"
+#include "radau_stepper.hpp"
 
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
@@ -27,32 +26,53 @@ template <class T> nb::object array(std::vector<T> &&numbers, std::initializer_l
   return nb::cast(nb::ndarray<nb::numpy, T>(kept->data(), shape.size(), shape.begin(), owner));
 }
 
-// A batch as a tuple: why it ended, an exception of Python's, and its rows.
-nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, bool keep_tables) {
-  StepBatch out;
+Switches switches_of(nb::object switches) {
+  const auto on = [&](const char *name) { return nb::cast<bool>(switches.attr(name)); };
+  return {on("iteration_forecast"), on("loop_forecast"), on("jacobian_reuse"), on("few_constraints"), on("kept_weights"),
+          on("few_derivatives")};
+}
+
+// Make steps until something ends them; returns its name and an exception of Python's. Others run meanwhile if they can.
+template <class Run> std::pair<const char *, nb::object> attempted(const System &system, const Run &run) {
   Failure failure = Failure::none;
   nb::object error = nb::none();
   try {
     if (system.calls_python()) {
-      failure = stepper.run(t_end, most, keep_tables, out);
+      failure = run();
     } else {
       nb::gil_scoped_release release;
-      failure = stepper.run(t_end, most, keep_tables, out);
+      failure = run();
     }
   } catch (nb::python_error &raised) {
     error = nb::borrow(raised.value());
   } catch (const std::exception &raised) {
     error = nb::module_::import_("builtins").attr("RuntimeError")(raised.what());
   }
+  return {name_of(failure), error};
+}
+
+// A batch as a tuple: why it ended, an exception of Python's, and its rows.
+nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, bool keep_tables) {
+  StepBatch out;
+  const auto [failure, error] = attempted(system, [&] { return stepper.run(t_end, most, keep_tables, out); });
   const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc;
   nb::object base = nb::none(), Z = nb::none();
   if (keep_tables) {
     base = array(std::move(out.base), {n, static_cast<size_t>(stepper.base.size())});
     Z = array(std::move(out.Z), {n, bdf::ROWS, system.nx + nv + nc});
   }
-  return nb::make_tuple(name_of(failure), error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
+  return nb::make_tuple(failure, error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
                         array(std::move(out.v), {n, nv}), array(std::move(out.lam), {n, nc}), array(std::move(out.h), {n}),
                         array(std::move(out.k), {n}), base, Z);
+}
+
+nb::tuple run_radau(RadauStepper &stepper, const System &system, double t_end, long most, bool keep_stages) {
+  RadauBatch out;
+  const auto [failure, error] = attempted(system, [&] { return stepper.run(t_end, most, keep_stages, out); });
+  const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc, W = out.W.size(), U = out.U.size();
+  return nb::make_tuple(failure, error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
+                        array(std::move(out.v), {n, nv}), array(std::move(out.lam), {n, nc}), array(std::move(out.h), {n}),
+                        array(std::move(out.k), {n}), array(std::move(out.W), {W}), array(std::move(out.U), {U}));
 }
 
 } // namespace
@@ -61,7 +81,7 @@ nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, b
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 3; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 4; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -177,10 +197,8 @@ NB_MODULE(twin, m) {
       .def(
           "__init__",
           [](Stepper *self, System &system, bool correct, nb::object switches) {
-            const auto on = [&](const char *name) { return nb::cast<bool>(switches.attr(name)); };
             new (self) Stepper(system, correct,
-                               {on("iteration_forecast"), on("loop_forecast"), on("jacobian_reuse"),
-                                on("few_constraints"), on("kept_weights")});
+                               switches_of(switches));
           },
           "system"_a, "correct"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_ro("t", &Stepper::t)
@@ -221,4 +239,56 @@ NB_MODULE(twin, m) {
            })
       .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, s.newton.culprit_p, s.newton.culprit_v); })
       .def("run", &run, "system"_a, "t_end"_a, "most"_a, "keep_tables"_a);
+
+  nb::class_<RadauStepper>(m, "RadauStepper")
+      .def("__init__", [](RadauStepper *self, System &system, nb::object switches) {
+             new (self) RadauStepper(system, switches_of(switches));
+           }, "system"_a, "switches"_a, nb::keep_alive<1, 2>())
+      .def_ro("t", &RadauStepper::t)
+      .def_ro("h", &RadauStepper::h)
+      .def_ro("s", &RadauStepper::s)
+      .def_prop_ro("p", [](const RadauStepper &s) { return s.p; })
+      .def_prop_ro("v", [](const RadauStepper &s) { return s.v; })
+      .def_prop_ro("a", [](const RadauStepper &s) { return s.a; })
+      .def_prop_ro("lam", [](const RadauStepper &s) { return s.lam; })
+      .def_rw("turns", &RadauStepper::turns)
+      .def("add_table",
+           [](RadauStepper &stepper, const Vec &c, const Mat &A, const Mat &inverse, const Mat &inverse2, const Mat &modes,
+              double newton_factor) {
+             const int s = static_cast<int>(c.size());
+             const double leading = (modes.row(s - 1) * inverse2).norm();
+             stepper.tables[s] = {s, c, A, inverse, inverse2, modes, leading};
+             stepper.newton_factors[s] = newton_factor;
+           })
+      .def("begin",
+           [](RadauStepper &s, double t, double h, int stages, const Vec &p, const Vec &v, const Vec &a, const Vec &lam) {
+             s.t = t;
+             s.h = h;
+             s.s = stages;
+             s.p = p;
+             s.v = v;
+             s.a = a;
+             s.lam = lam;
+             s.begin_anew();
+           })
+      .def("fix_step",
+           [](RadauStepper &s, double start, long steps) {
+             s.start = start;
+             s.taken = 0;
+             s.steps = steps;
+           })
+      .def("control_error",
+           [](RadauStepper &s, const Vec &rtol, const Vec &atol, double max_step) {
+             s.control.rtol = rtol;
+             s.control.atol = atol;
+             s.control.max_step = max_step;
+           })
+      .def("work", // since it was asked last
+           [](RadauStepper &s) {
+             const auto taken = [](long &count) { return std::exchange(count, 0); };
+             return nb::make_tuple(taken(s.newton.nfev), taken(s.newton.njev), taken(s.newton.nlu),
+                                   taken(s.control.rejected_by_error), taken(s.control.rejected_by_newton));
+           })
+      .def_prop_ro("culprit", [](const RadauStepper &s) { return nb::make_tuple(s.newton.culprit_t, s.newton.culprit_p, s.newton.culprit_v); })
+      .def("run", &run_radau, "system"_a, "t_end"_a, "most"_a, "keep_stages"_a);
 }

@@ -8,6 +8,7 @@
 #include <nanobind/nanobind.h>
 
 #include <utility>
+#include <vector>
 
 namespace pinconsist {
 
@@ -24,6 +25,9 @@ class System {
 public:
   int npos = 0, nx = 0, nv = 0, nc = 0;
   bool vector_like = true;
+  bool rate_is_velocity = true;
+  // Where dξ/dt in a chart is not the rate itself: first tangent coordinate and number, of each joint.
+  std::vector<std::pair<int, int>> curved;
   // What `evaluate` and `constraint` leave: f = M a + f0, Φ and the hidden residual ρ; and W of `linearize`, which for
   // rigid bodies is J and known already after `constraint`.
   Vec f, phi, rho;
@@ -39,21 +43,37 @@ public:
   virtual void integrate(const Vec &p, const Vec &xi, Vec &out) const = 0;
   virtual void difference(const Vec &p0, const Vec &p1, Vec &xi) const = 0;
   virtual Vec rate(double, const Vec &, const Vec &v) const { return v; }
+  virtual Vec chart_rate(const Vec &, const Vec &, const Vec &rate) const { return rate; }
+  // T with dξ/dt = T rate.
+  virtual void chart_matrix(const Vec &, const Vec &, Mat &) const {}
   virtual void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const = 0;
   virtual void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) = 0;
   virtual void constraint(double t, const Vec &p, const Vec &v) = 0;
+  // γ with dρ/dt = W v' + γ.
+  virtual void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) = 0;
+  // W at the point evaluated last.
+  virtual const Mat &velocity_jacobian(double, const Vec &, const Vec &) { return W; }
   // A = M + c ∂f/∂v + c² ∂f/∂p at the point evaluated last.
   virtual void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double c,
                          Eigen::Ref<Mat> A) = 0;
-  // As `evaluate`, with M, D = ∂f/∂v and K = ∂f/∂p; W and G belong to the point afterwards. The step is of size h.
-  virtual void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, double h, Mat &M, Mat &D, Mat &K) = 0;
+  // As `evaluate`, with M, D = ∂f/∂v and K = ∂f/∂p; for Radau IIA.
+  virtual void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) = 0;
   // M at a point whose constraint was evaluated last; W and G belong to it afterwards.
   virtual void mass_matrix(double t, const Vec &p, const Vec &v, Eigen::Ref<Mat> M) = 0;
   // A -= c² ∂(G λ)/∂ξ
   virtual void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c,
                                        Eigen::Ref<Mat> A) = 0;
-  // Sizes of the position coordinates, where they are no vector.
-  virtual void position_scale(const Vec &, Eigen::Ref<Vec> scale) const { scale.setOnes(); }
+  // Sizes of the position coordinates.
+  virtual void position_scale(const Vec &p, Eigen::Ref<Vec> scale) const {
+    if (vector_like) scale = p.cwiseAbs();
+    else scale.setOnes();
+  }
+  // ∂U/∂v times a change of velocities, dae/index1.py.
+  Vec moved_by(double t, const Vec &p, const Vec &v, const Vec &change) const {
+    if (rate_is_velocity) return change;
+    const double small = 1e-4 * (1.0 + largest(v)) / std::max(largest(change), 1e-300);
+    return (rate(t, p, v) - rate(t, p, v - small * change)) / small;
+  }
 
 protected:
   void size_rows() {
@@ -71,6 +91,8 @@ public:
     nv = number("nv");
     nc = number("nc");
     vector_like = nb::cast<bool>(system_.attr("vector_like"));
+    rate_is_velocity = false;
+    if (!vector_like) curved = {{0, nx}};
     f = Vec::Zero(nv);
     size_rows();
     Gt_ = Mat::Zero(nc, nv);
@@ -90,6 +112,12 @@ public:
   Vec rate(double t, const Vec &p, const Vec &v) const override {
     return vector(system_.attr("rate")(t, p, v), nx, "rate");
   }
+  Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const override {
+    return vector_like ? rate : vector(system_.attr("chart_rate")(base, p, rate), nx, "chart_rate");
+  }
+  void chart_matrix(const Vec &base, const Vec &p, Mat &T) const override {
+    T = matrix(system_.attr("chart_rate")(base, p, Mat(Mat::Identity(nx, nx))), nx, nx, "chart_rate");
+  }
   void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
     const nb::object both = system_.attr("position")(t, base, psi_x, c, v);
     p = vector(both[0], npos, "position");
@@ -107,22 +135,25 @@ public:
     phi = vector(both[0], nc, "constraint");
     rho = vector(both[1], nc, "constraint");
   }
+  void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) override {
+    bias = vector(system_.attr("acceleration_bias")(t, p, v), nc, "acceleration_bias");
+  }
+  const Mat &velocity_jacobian(double t, const Vec &p, const Vec &v) override {
+    W = matrix(system_.attr("velocity_jacobian")(t, p, v, Mat(Gt_.transpose())), nc, nv, "velocity_jacobian");
+    return W;
+  }
   void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double c,
                  Eigen::Ref<Mat> A) override {
     nb::object filled = nb::module_::import_("numpy").attr("empty")(nb::make_tuple(nv, nv));
     W = matrix(system_.attr("linearize")(t, p, v, a, lam, c, filled), nc, nv, "linearize");
     A = matrix(filled, nv, nv, "linearize");
   }
-  void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, double h, Mat &M, Mat &D, Mat &K) override {
-    const Vec zero = Vec::Zero(nc);
-    Mat forward(nv, nv), backward(nv, nv);
-    M.resize(nv, nv);
+  void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) override {
     evaluate(t, p, v, a);
-    linearize(t, p, v, a, zero, h, forward);
-    linearize(t, p, v, a, zero, -h, backward);
-    linearize(t, p, v, a, zero, 0.0, M);
-    D = (forward - backward) / (2.0 * h);
-    K = (forward + backward - 2.0 * M) / (2.0 * h * h);
+    const nb::object all = system_.attr("matrices")(t, p, v, a);
+    M = matrix(all[0], nv, nv, "matrices");
+    D = matrix(all[1], nv, nv, "matrices");
+    K = matrix(all[2], nv, nv, "matrices");
   }
   void mass_matrix(double t, const Vec &p, const Vec &v, Eigen::Ref<Mat> M) override {
     const Vec kept_phi = phi, kept_rho = rho, zero = Vec::Zero(nv);

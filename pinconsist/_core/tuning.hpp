@@ -10,7 +10,8 @@ namespace pinconsist {
   X(MAX_ITERATIONS) X(FRESH_RATE) X(NEWTON_FACTOR) X(STAGNANT) X(STAGNATED) X(LAST) X(CLOSINGS) X(CLOSED) X(GAP)       \
   X(SAFETY) X(MIN_FACTOR) X(MAX_FACTOR) X(AFTER_FAILURE) X(SMALLEST_STEP) X(MAX_CHART_TURN) X(NEAR_ROUNDING) X(HALF)   \
   X(SLOW) X(REMEMBERED) X(SETBACKS) X(PROGRESS) X(HIDDEN) X(FORECAST_ROUNDING) X(STALE_FACTOR) X(WORTH) X(WIDEST)      \
-  X(WEIGHED) X(PATIENCE)
+  X(WEIGHED) X(PATIENCE) X(MAX_STAGE_ITERATIONS) X(MAX_SWEEPS) X(STAGE_SAFETY) X(STAGE_GROWTH)                         \
+  X(STAGE_AFTER_FAILURE) X(FELT) X(LAST_MODE)
 
 #define PINCONSIST_DECLARE(name) inline double name = 0.0;
 PINCONSIST_TUNING(PINCONSIST_DECLARE)
@@ -24,7 +25,7 @@ constexpr double EPS = std::numeric_limits<double>::epsilon(), INF = std::numeri
 // What is done for speed alone; see dae/tuning.py.
 struct Switches {
   bool iteration_forecast = true, loop_forecast = true, jacobian_reuse = true, few_constraints = true,
-       kept_weights = true;
+       kept_weights = true, few_derivatives = true;
 };
 
 } // namespace pinconsist

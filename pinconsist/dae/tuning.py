@@ -80,6 +80,8 @@ class Switches:
         Where constraints are few, solve for what each of them moves once, not with every right-hand side.
     kept_weights : bool
         Keep the weights of the error norm for some steps.
+    few_derivatives : bool
+        With five stages or more evaluate the derivatives at three of them, and interpolate those of the others.
     """
 
     iteration_forecast: bool = True
@@ -87,3 +89,4 @@ class Switches:
     jacobian_reuse: bool = True
     few_constraints: bool = True
     kept_weights: bool = True
+    few_derivatives: bool = True

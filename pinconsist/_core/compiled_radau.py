@@ -1,0 +1,55 @@
+"""The compiled stepper of Radau IIA."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..dae.control import ErrorControl
+from ..dae.newton import culprits
+from ..dae.radau import Stages, table
+from ..dae.radau_stepper import RadauSegment, RadauStepper
+from ..dae.stepper import StepBatch
+from ..dae.tuning import FAILURES, STAGE_NEWTON_FACTOR, STAGES
+from . import load
+from .compiled import CompiledSystem
+
+
+class CompiledRadauStepper(CompiledSystem, RadauStepper):
+    """A :class:`~pinconsist.dae.radau_stepper.RadauStepper` that makes many steps in one call."""
+
+    def change_system(self, system) -> None:
+        super().change_system(system)
+        self._core, control = load()[0].RadauStepper(self._compiled, self.method.switches), self.control
+        for s in STAGES:
+            of = table(s)
+            self._core.add_table(of.c, of.A, of.inverse, of.inverse2, of.modes, STAGE_NEWTON_FACTOR[s])
+        if isinstance(control, ErrorControl):
+            self._core.control_error(*control.spread, control.max_step)
+
+    def begin(self, t, p, v, t_end):
+        states = super().begin(t, p, v, t_end)
+        self._core.turns = self._turns
+        self._core.begin(self.t, self.h, self.s, self.p, self.v, self.a, self.lam)
+        if self.method.step is not None:
+            self._core.fix_step(self._start, self._steps)
+        return states
+
+    def steps(self, t_end, most, with_segments) -> StepBatch:
+        core, t_old, p_old, v_old = self._core, self.t, self.p, self.v
+        failure, error, t, p, v, lam, h, k, W, U = core.run(self._compiled, t_end, most, with_segments)
+        self.t, self.h, self.s, self.p, self.v, self.a, self.lam = core.t, core.h, core.s, core.p, core.v, core.a, core.lam
+        if len(t):
+            self.used = float(h[-1]), int(k[-1])
+        self._count()
+        why = FAILURES.get(failure, "")
+        if failure == "not_finite":
+            why += culprits(self.system, *core.culprit)
+        if not with_segments:
+            return StepBatch(why, error, block=(t, p, v, lam, k))
+        pieces, at_w, at_u = [], 0, 0
+        for i in range(len(t)):
+            s, nv, nx = (int(k[i]) + 1) // 2, self.system.nv, self.system.nx
+            stages = Stages(self.system, table(s), t_old, p_old, v_old, h[i], W[at_w : at_w + s * nv].reshape(s, nv))
+            pieces.append(([(t[i], p[i], v[i], lam[i])], RadauSegment(t_old, t[i], stages, p[i], v[i], self), int(k[i])))
+            t_old, p_old, v_old, at_w, at_u = t[i], p[i], v[i], at_w + s * nv, at_u + s * nx
+        return StepBatch(why, error, pieces)
