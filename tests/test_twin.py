@@ -37,7 +37,7 @@ SCENES = {  # name → duration, s
     "chain_40": 0.3,  # Newton matrices are kept, LAPACK factorises; accelerations carry rounding times cond(M)
 }
 ALIKE = 20  # steps that both make alike: 12 of the first size, and the first ones that the control chooses
-OFF = Switches(*[False] * 5)
+OFF = Switches(*[False] * len(dataclasses.fields(Switches)))
 
 
 @needs_twin
@@ -178,6 +178,8 @@ def test_same_numbers_with_a_fixed_step(name):
         {"max_order": 3, "max_step": 2e-3, **LOOSE},
         {"rtol": (1e-4, 1e-3), "atol": (1e-5, np.array([1e-4, 1e-5, 1e-4]))},
         {"max_steps": 20, **LOOSE},
+        {"step": 1e-2, "method": "Radau", "max_order": 1},
+        {"step": 1e-2, "method": "Radau", "max_order": 5},
     ],
     ids=str,
 )

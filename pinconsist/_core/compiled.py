@@ -113,7 +113,8 @@ class CompiledStepper(CompiledSystem, Stepper):
 
     def change_system(self, system) -> None:
         super().change_system(system)
-        self._core, control = load()[0].Stepper(self._compiled, self.method.consistency == "every-step", self.method.switches), self.control
+        method, control = self.method, self.control
+        self._core = load()[0].Stepper(self._compiled, method.consistency == "every-step", method.switches)
         if isinstance(control, ErrorControl):
             self._core.control_error(*control.spread, control.max_order, control.max_step)
 

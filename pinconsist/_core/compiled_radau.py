@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..dae.control import ErrorControl
 from ..dae.newton import culprits
-from ..dae.radau import Stages, table
+from ..dae.radau import table
 from ..dae.radau_stepper import RadauSegment, RadauStepper
 from ..dae.stepper import StepBatch
 from ..dae.tuning import FAILURES, STAGE_NEWTON_FACTOR, STAGES
@@ -37,7 +35,8 @@ class CompiledRadauStepper(CompiledSystem, RadauStepper):
     def steps(self, t_end, most, with_segments) -> StepBatch:
         core, t_old, p_old, v_old = self._core, self.t, self.p, self.v
         failure, error, t, p, v, lam, h, k, W, U = core.run(self._compiled, t_end, most, with_segments)
-        self.t, self.h, self.s, self.p, self.v, self.a, self.lam = core.t, core.h, core.s, core.p, core.v, core.a, core.lam
+        self.t, self.h, self.s = core.t, core.h, core.s
+        self.p, self.v, self.a, self.lam = core.p, core.v, core.a, core.lam
         if len(t):
             self.used = float(h[-1]), int(k[-1])
         self._count()
@@ -46,10 +45,12 @@ class CompiledRadauStepper(CompiledSystem, RadauStepper):
             why += culprits(self.system, *core.culprit)
         if not with_segments:
             return StepBatch(why, error, block=(t, p, v, lam, k))
-        pieces, at_w, at_u = [], 0, 0
+        pieces, nv, nx = [], self.system.nv, self.system.nx
         for i in range(len(t)):
-            s, nv, nx = (int(k[i]) + 1) // 2, self.system.nv, self.system.nx
-            stages = Stages(self.system, table(s), t_old, p_old, v_old, h[i], W[at_w : at_w + s * nv].reshape(s, nv))
-            pieces.append(([(t[i], p[i], v[i], lam[i])], RadauSegment(t_old, t[i], stages, p[i], v[i], self), int(k[i])))
-            t_old, p_old, v_old, at_w, at_u = t[i], p[i], v[i], at_w + s * nv, at_u + s * nx
+            s = (int(k[i]) + 1) // 2
+            here, W = W[: s * nv].reshape(s, nv), W[s * nv :]
+            rates, U = U[: s * nx].reshape(s, nx), U[s * nx :]
+            segment = RadauSegment(t_old, t[i], h[i], table(s), p_old, v_old, here, rates, p[i], v[i], self.system)
+            pieces.append(([(t[i], p[i], v[i], lam[i])], segment, int(k[i])))
+            t_old, p_old, v_old = t[i], p[i], v[i]
         return StepBatch(why, error, pieces)

@@ -12,7 +12,8 @@ from .control import ErrorControl
 from .index1 import Index1, moved_by, not_closed_message
 from .kkt import kkt_at
 from .norms import EPS, largest, weighted_norm
-from .radau import StageNewton, Stages, table
+from .problem import Index3System
+from .radau import StageNewton, Stages, Table, table
 from .rounding import rounding_gap, shortest_step
 from .stepper import Stepper
 from .tuning import (
@@ -238,7 +239,8 @@ class RadauStepper(Stepper):
         """The interpolant of the last step."""
         if self.stages is None:
             return None
-        return RadauSegment(self.t_old, self.t, self.stages, self.landing.p, self.landing.v, self)
+        of, end = self.stages, self.landing
+        return RadauSegment(of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, self.system)
 
     def velocity_and_multipliers(self):
         return self.v, self.lam
@@ -263,14 +265,22 @@ def accelerations(stages, times):
 
 @dataclass(frozen=True)
 class RadauSegment:
-    """The collocation polynomial of a step, led to the projected state at its end; λ by the index-1 equations."""
+    """The collocation polynomial of a step from (p0, v0), led to its projected end (p, v); λ by the index-1 equations.
+
+    `W` and `U` have the accelerations and the rates of ξ at the stages of the formula `table`, a row for each.
+    """
 
     t_old: float
     end: float
-    stages: Stages
+    h: float
+    table: Table
+    p0: np.ndarray
+    v0: np.ndarray
+    W: np.ndarray
+    U: np.ndarray
     p: np.ndarray
     v: np.ndarray
-    stepper: RadauStepper
+    system: Index3System
 
     def until(self, end: float):
         """The same polynomial, used only up to `end`."""
@@ -278,16 +288,14 @@ class RadauSegment:
 
     def __call__(self, t: float):
         """(p, v, λ) at a time inside the step."""
-        stages = self.stages
-        system, theta = stages.system, (t - stages.t) / stages.h
-        b = stages.table.integrals([theta])[0] * stages.h
-        xi, v = b @ stages.U, stages.v + b @ stages.W
-        p1 = system.difference(stages.p, self.p) - stages.xi[-1]
-        p = system.integrate(stages.p, xi + theta**2 * (3.0 - 2.0 * theta) * p1)
-        v = v + theta**2 * (self.v - stages.V[-1])
+        system, theta = self.system, (t - self.t_old) / self.h
+        here, last = self.h * self.table.integrals([theta])[0], self.h * self.table.A[-1]
+        missing = system.difference(self.p0, self.p) - last @ self.U
+        p = system.integrate(self.p0, here @ self.U + theta**2 * (3.0 - 2.0 * theta) * missing)
+        v = self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
         return p, v, Index1(system).acceleration(t, p, v)[1]
 
     def finished(self, t: float):
         """(p, v, λ) with the multipliers as the user sees them, by the rows that were kept in this step."""
         p, v, lam = self(t)
-        return p, v, self.stages.system.full_multipliers(p, lam)
+        return p, v, self.system.full_multipliers(p, lam)
