@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 import pinconsist as pc
 from pinconsist import _core
-from pinconsist._core.compiled import CompiledIndex1, compiled_system
+from pinconsist._core.compiled_system import CompiledIndex1, compiled_system
 from pinconsist.dae.index1 import Index1
 from pinconsist.errors import PinconsistError, SingularSystemError
 from pinconsist.mechanism.assembly import assemble

@@ -9,10 +9,10 @@ from ..dae.radau_stepper import RadauSegment, RadauStepper
 from ..dae.stepper import StepBatch
 from ..dae.tuning import FAILURES, STAGE_NEWTON_FACTOR, STAGES
 from . import load
-from .compiled import CompiledSystem
+from .compiled_system import CompiledRun
 
 
-class CompiledRadauStepper(CompiledSystem, RadauStepper):
+class CompiledRadauStepper(CompiledRun, RadauStepper):
     """A :class:`~pinconsist.dae.radau_stepper.RadauStepper` that makes many steps in one call."""
 
     def change_system(self, system) -> None:

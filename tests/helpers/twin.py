@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pinconsist import _core
-from pinconsist._core import compiled
+from pinconsist._core.compiled_system import compiled_system
 from pinconsist.dae.index1 import Index1, solve_acceleration
 from pinconsist.mechanism.system import MechanismSystem
 
@@ -13,7 +13,7 @@ LOOSE = {"rtol": 1e-4, "atol": 1e-6}  # errors far above rounding, which the cho
 
 
 def twin_of(system):
-    return compiled.compiled_system(system)
+    return compiled_system(system)
 
 
 def assert_same(a, b, size=1e-12):

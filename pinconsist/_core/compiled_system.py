@@ -1,0 +1,129 @@
+"""What the compiled steppers have in common: compiled equations, in a run and of index 1."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..dae.index1 import (
+    Index1,
+    NotFiniteError,
+    chart_state,
+    integration_failed_message,
+    not_closed_message,
+    not_finite_message,
+)
+from ..dae.kkt import singular_message
+from ..dae.stepper import Stepper
+from ..errors import AssemblyError, PinconsistError, SingularSystemError
+from . import load
+
+
+def compiled_system(system):
+    """The compiled equations of a system: those of a mechanism, or callbacks into any other."""
+    module = load()[0]
+    if not hasattr(system, "hand_over"):
+        return module.CallbackSystem(system)
+    compiled = module.MechanismSystem(system.model, system.data)
+    system.hand_over(compiled)
+    return compiled
+
+
+class CompiledRun(Stepper):
+    """A stepper in C++: its compiled equations, and the counting of its work.
+
+    It holds the user's functions where the garbage collector does not see them, until it is closed.
+    """
+
+    batch, backend = 1000, "compiled"
+    _compiled: Any = None
+    _core: Any = None  # the C++ stepper
+
+    def change_system(self, system) -> None:
+        super().change_system(system)
+        self._compiled = compiled_system(system)
+        native = not isinstance(self._compiled, load()[0].CallbackSystem)
+        if native:
+            self.index1 = CompiledIndex1(system, self._compiled)
+        self._all_rows = None
+        if native and not system.dropped_are_zero:
+            self._all_rows = load()[0].MechanismSystem(system.model, system.data)
+            system.hand_over_all_rows(self._all_rows)
+
+    def close(self) -> None:
+        self._compiled = self._core = self._all_rows = None
+        self.index1 = Index1(self.system)
+
+    def full_multipliers(self, p, lam):
+        return self.system.full_multipliers(p, lam, self._all_rows and self._all_rows.complete)
+
+    def opened(self, times, positions):
+        return self.system.opened(times, positions, self._all_rows and self._all_rows.gaps)
+
+    def _count(self) -> None:
+        """Add the compiled method's work to the counters."""
+        newton, reasons = self.newton, self.control.reasons
+        nfev, njev, nlu, *rejected = self._core.work()
+        newton.nfev += nfev
+        newton.njev += njev
+        newton.nlu += nlu
+        for reason, count in zip(reasons, rejected, strict=False):  # a fixed step rejects nothing
+            reasons[reason] += count
+
+
+class CompiledIndex1(Index1):
+    """The answers of :class:`~pinconsist.dae.index1.Index1`, in C++."""
+
+    def __init__(self, system, compiled):
+        super().__init__(system)
+        self._projection = load()[0].Projection(compiled)
+
+    def acceleration(self, t, p, v):
+        """Acceleration and multipliers of the differential equation."""
+        solution = self._projection.acceleration(t, p, v)
+        if solution is None:
+            raise SingularSystemError(singular_message(t))
+        a, lam, finite = solution
+        if not finite:
+            raise NotFiniteError(not_finite_message(self.system, t, p, v))
+        return a, lam
+
+    def state(self, t, p, v):
+        """(t, p, v, λ) with p and v put on the constraints."""
+        p, v, failure, gap = self._projection.project(t, p, v)
+        if failure:
+            raise (
+                SingularSystemError(singular_message(t))
+                if failure == "singular"
+                else AssemblyError(not_closed_message(gap))
+            )
+        return t, p, v, self.acceleration(t, p, v)[1]
+
+    def one_step(self, base, t0, p0, v0, t_end, rtol, atol, max_step=np.inf, dense=False):
+        """A run of DOP853."""
+        y0 = chart_state(self.system, base, p0, v0)
+        return CompiledOneStep(self.system, self._projection.one_step(base, t0, y0, t_end, rtol, atol, max_step, dense))
+
+
+class CompiledOneStep:
+    """The answers of :class:`~pinconsist.dae.index1.OneStep`, in C++."""
+
+    def __init__(self, system, run):
+        self._system, self._run, self.sample = system, run, run.sample
+
+    t = property(lambda self: self._run.t)
+    y = property(lambda self: self._run.y)
+    step_size = property(lambda self: self._run.step_size)
+    finished = property(lambda self: self._run.finished)
+    evaluations = property(lambda self: self._run.evaluations)
+
+    def step(self) -> None:
+        """One step, as of :class:`~pinconsist.dae.index1.OneStep`."""
+        run = self._run
+        reason = run.step()
+        if reason == "singular":
+            raise SingularSystemError(singular_message(run.culprit[0]))
+        if reason:
+            cause = NotFiniteError(not_finite_message(self._system, *run.culprit)) if run.culprit else None
+            raise PinconsistError(integration_failed_message(run.t, cause or reason)) from cause
