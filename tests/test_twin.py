@@ -17,7 +17,7 @@ from helpers.twin import LOOSE, assert_same, compare_terms, needs_twin, twin_of
 
 import pinconsist as pc
 from pinconsist import _core
-from pinconsist._core import compiled
+from pinconsist._core import compiled, compiled_system
 from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.dae.tuning import Switches
 from pinconsist.mechanism.system import MechanismSystem
@@ -387,7 +387,7 @@ def test_a_called_back_mechanism_makes_the_same_steps_on_manifolds(monkeypatch):
     mech = pc.Mechanism(model, [pc.Loop("rope", "distance", "arm", "raft", length=1.0)], [FORCES["spring-damper"]])
     first = 0.999 * pc.simulate(mech, (0.0, 0.2), backend="compiled", **LOOSE).h[0]
     native = pc.simulate(mech, (0.0, 0.2), backend="compiled", first_step=first, **LOOSE)
-    monkeypatch.setattr(compiled, "compiled_system", lambda system: _core.load()[0].CallbackSystem(system))
+    monkeypatch.setattr(compiled_system, "compiled_system", lambda system: _core.load()[0].CallbackSystem(system))
     called_back = pc.simulate(mech, (0.0, 0.2), backend="compiled", first_step=first, **LOOSE)
     assert_same(native.q[-1], called_back.q[-1], 1e-6)
     assert abs(native.nsteps - called_back.nsteps) <= 2

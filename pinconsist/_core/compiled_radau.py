@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from ..dae.control import ErrorControl
+from ..dae.dense import RadauSegment
 from ..dae.newton import culprits
 from ..dae.radau import table
-from ..dae.radau_stepper import RadauSegment, RadauStepper
+from ..dae.radau_stepper import RadauStepper
 from ..dae.stepper import StepBatch
 from ..dae.tuning import FAILURES, STAGE_NEWTON_FACTOR, STAGES
 from . import load

@@ -9,7 +9,9 @@ import numpy as np
 from ..errors import InputError
 from . import bdf
 from .charts import chart_point
+from .index1 import Index1
 from .problem import Index3System
+from .radau import Table
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,44 @@ class Segment:
         y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z)
         nx, nv = self.system.nx, self.system.nv
         return chart_point(self.system, self.base, y[:nx]), y[nx : nx + nv], y[nx + nv :]
+
+    def finished(self, t: float):
+        """(p, v, λ) with the multipliers as the user sees them, by the rows that were kept in this step."""
+        p, v, lam = self(t)
+        return p, v, self.system.full_multipliers(p, lam)
+
+
+@dataclass(frozen=True)
+class RadauSegment:
+    """The collocation polynomial of a step from (p0, v0), led to its projected end (p, v); λ by the index-1 equations.
+
+    `W` and `U` have the accelerations and the rates of ξ at the stages of the formula `table`, a row for each.
+    """
+
+    t_old: float
+    end: float
+    h: float
+    table: Table
+    p0: np.ndarray
+    v0: np.ndarray
+    W: np.ndarray
+    U: np.ndarray
+    p: np.ndarray
+    v: np.ndarray
+    system: Index3System
+
+    def until(self, end: float):
+        """The same polynomial, used only up to `end`."""
+        return self if end == self.end else replace(self, end=end)
+
+    def __call__(self, t: float):
+        """(p, v, λ) at a time inside the step."""
+        system, theta = self.system, (t - self.t_old) / self.h
+        here, last = self.h * self.table.integrals([theta])[0], self.h * self.table.A[-1]
+        missing = system.difference(self.p0, self.p) - last @ self.U
+        p = system.integrate(self.p0, here @ self.U + theta**2 * (3.0 - 2.0 * theta) * missing)
+        v = self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
+        return p, v, Index1(system).acceleration(t, p, v)[1]
 
     def finished(self, t: float):
         """(p, v, λ) with the multipliers as the user sees them, by the rows that were kept in this step."""

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..errors import AssemblyError, SingularSystemError
 from .charts import fastest_turn, turning_coordinates
 from .control import ErrorControl
-from .index1 import Index1, moved_by, not_closed_message
+from .dense import RadauSegment
+from .index1 import moved_by, not_closed_message
 from .kkt import kkt_at
 from .norms import EPS, largest, weighted_norm
-from .problem import Index3System
-from .radau import StageNewton, Stages, Table, table
+from .radau import StageNewton, Stages, table
 from .rounding import rounding_gap, shortest_step
 from .stepper import Stepper
 from .tuning import (
@@ -261,41 +261,3 @@ class RadauStepper(Stepper):
 def accelerations(stages, times):
     """The polynomial of the accelerations of a step at `times`, (n, nv)."""
     return stages.table.values((times - stages.t) / stages.h) @ stages.W
-
-
-@dataclass(frozen=True)
-class RadauSegment:
-    """The collocation polynomial of a step from (p0, v0), led to its projected end (p, v); λ by the index-1 equations.
-
-    `W` and `U` have the accelerations and the rates of ξ at the stages of the formula `table`, a row for each.
-    """
-
-    t_old: float
-    end: float
-    h: float
-    table: Table
-    p0: np.ndarray
-    v0: np.ndarray
-    W: np.ndarray
-    U: np.ndarray
-    p: np.ndarray
-    v: np.ndarray
-    system: Index3System
-
-    def until(self, end: float):
-        """The same polynomial, used only up to `end`."""
-        return self if end == self.end else replace(self, end=end)
-
-    def __call__(self, t: float):
-        """(p, v, λ) at a time inside the step."""
-        system, theta = self.system, (t - self.t_old) / self.h
-        here, last = self.h * self.table.integrals([theta])[0], self.h * self.table.A[-1]
-        missing = system.difference(self.p0, self.p) - last @ self.U
-        p = system.integrate(self.p0, here @ self.U + theta**2 * (3.0 - 2.0 * theta) * missing)
-        v = self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
-        return p, v, Index1(system).acceleration(t, p, v)[1]
-
-    def finished(self, t: float):
-        """(p, v, λ) with the multipliers as the user sees them, by the rows that were kept in this step."""
-        p, v, lam = self(t)
-        return p, v, self.system.full_multipliers(p, lam)
