@@ -1,0 +1,108 @@
+"""``python -m benchmarks chains``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict
+from typing import Annotated
+
+import numpy as np
+
+from pinconsist import InputError
+from pinconsist.cli import output
+from pinconsist.cli.options import option
+
+from . import report
+from .chains import campaign
+
+TOLERANCES = (1e-3, 1e-5, 1e-7)
+QUANTITIES = ("q", "v", "force")
+FAR = 100.0
+SHORTENED = 160
+SAVED = 20  # runs after which the rows are written anew
+
+
+# fmt: off
+def command(
+    count: Annotated[int, option("--count", "N", "How many random closed chains.")] = 100,
+    seed: Annotated[int, option("--seed", "N", "Seed of the first of them.")] = 1,
+    tol: Annotated[list[float] | None, option(
+        "--tol", "NUMBER", "An rtol, atol being a hundredth; may be repeated. Default: 1e-3, 1e-5, 1e-7.")] = None,
+    backend: Annotated[list[str] | None, option(
+        "--backend", "NAME", "compiled or python; may be repeated. Default: compiled.")] = None,
+    method: Annotated[str, option("--method", "NAME", "As of simulate.")] = "BDF",
+    until: Annotated[float, option("--until", "SECONDS", "Span of a run.")] = 1.0,
+    limit: Annotated[float, option("--limit", "SECONDS", "After how long a run counts as hung.")] = 60.0,
+    csv: report.Csv = None,
+    as_json: output.Json = False,
+) -> int:
+    # fmt: on
+    """Compare runs of random closed chains with independent equations.
+
+    Trees of 2 to 8 bodies with all kinds of joints, loops, couplings, drives
+    and forces. The reference is DOP853 on equations of its own. Prints the
+    runs that failed, were refused, or are off by more than 100 tolerances, and
+    the distribution of the largest error of a run over its tolerance. The exit
+    code is 1 where a run failed.
+
+    Example: python -m benchmarks chains --count 500 --tol 1e-3 --tol 1e-5
+    """
+    output.require_writable(csv=csv)
+    if count < 1 or seed < 0:
+        raise InputError(f"--count must be positive and --seed not negative, got {count} and {seed}")
+    plan = tol or TOLERANCES, backend or ["compiled"], method
+    rows, total = [], count * len(plan[0]) * len(plan[1])
+    with report.status() as show:
+        for run in campaign.runs(range(seed, seed + count), *plan, until=until, limit=limit):
+            rows.append(asdict(run))
+            show(f"{len(rows)} of {total}: seed {run.seed}, {run.scene}")
+            if csv and (len(rows) % SAVED == 0 or len(rows) == total):
+                report.write_csv(csv, rows)
+    counts, errors = Counter(row["outcome"] for row in rows), distribution(rows)
+    if as_json:
+        output.print_json({"machine": report.machine(), "counts": counts, "errors": errors, "runs": rows})
+    else:
+        report.table([row for row in rows if _remarkable(row)], REMARKABLE, "failed, refused, or far off")
+        report.table(errors, ERRORS, "largest error of a run over its tolerance")
+        print(", ".join(f"{number} {what}" for what, number in counts.most_common()))
+    return output.FAILED if any(counts[kind] for kind in campaign.FAILURES) else output.FINE
+
+
+def distribution(rows) -> list[dict]:
+    """Of each quantity, backend and tolerance: median, 90 %, 99 % and the worst with its seed."""
+    found = []
+    for name, backend, tol in sorted({(name, row["backend"], row["tol"]) for row in rows for name in QUANTITIES}):
+        alike = [row for row in rows if (row["backend"], row["tol"]) == (backend, tol) and row[name] is not None]
+        alike = [row for row in alike if row["outcome"] == campaign.FINE]
+        if alike:
+            errors, worst = [row[name] for row in alike], max(alike, key=lambda row: row[name])
+            shares = dict(zip(("median", "most", "nearly_all"), np.quantile(errors, (0.5, 0.9, 0.99)), strict=True))
+            about = {"quantity": name, "backend": backend, "tol": tol, "runs": len(alike)}
+            found.append(about | shares | {"worst": worst[name], "seed": worst["seed"]})
+    return found
+
+
+def _remarkable(row):
+    return row["outcome"] != campaign.FINE or max(row[name] or 0.0 for name in QUANTITIES) > FAR
+
+
+def _errors(row):
+    return " ".join("-" if row[name] is None else f"{row[name]:.2g}" for name in QUANTITIES)
+
+
+def _why(row):
+    """The message, or by how much the motion amplifies a change where that explains an error."""
+    text = " ".join(row["message"].split()) or f"a change of the start grows {row['amplification'] or 0:.1e} times"
+    if len(text) <= SHORTENED:
+        return text
+    return f"…{text[-SHORTENED:]}" if row["outcome"] == campaign.FOREIGN else f"{text[:SHORTENED]}…"
+
+
+REMARKABLE = [
+    ("seed>", "{seed}"), ("backend", "{backend}"), ("tol>", "{tol:g}"), ("outcome", "{outcome}"),
+    ("q, v, force / tol", _errors), ("why", _why),
+]  # fmt: skip
+ERRORS = [
+    ("", "{quantity}"), ("backend", "{backend}"), ("tol>", "{tol:g}"), ("runs>", "{runs}"), ("median>", "{median:.2g}"),
+    ("90 %>", "{most:.2g}"), ("99 %>", "{nearly_all:.2g}"), ("worst>", "{worst:.2g}"), ("seed>", "{seed}"),
+]  # fmt: skip
