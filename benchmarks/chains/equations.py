@@ -37,7 +37,7 @@ class OnLine:
     frame: str
     xyz: np.ndarray
     origin: np.ndarray
-    across: np.ndarray  # (2, 3): directions along which the point stays where the origin is
+    across: np.ndarray  # (k, 3): directions along which the point stays where the origin is
     sway: np.ndarray  # the origin moves by sway·sin(rate·t)
     rate: float
 

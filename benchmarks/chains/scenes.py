@@ -146,11 +146,11 @@ class Chance:
     def _line(self, name, frame):
         rng, xyz = self.rng, self._offset()
         origin = self.data.oMf[self.model.getFrameId(frame)].act(xyz)
-        across = np.array([[0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]) if self.planar else _frame(rng)[:2]
+        across = np.array([[0.6, 0.8, 0.0]]) if self.planar else _frame(rng)[:2]
         moving = bool(rng.random() < 0.5)
         sway = moving * 0.3 * self._offset()
         line = OnLine(self.model, frame, xyz, origin, across, sway, rng.uniform(1.0, 5.0))
-        return Constraint(name, line, 2, moving=moving)
+        return Constraint(name, line, len(across), moving=moving)
 
     def _one(self, *, counts=False, but=None):
         """The name of a joint of one freedom, which counts its turns where asked; None where there is none."""
