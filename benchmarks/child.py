@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from multiprocessing import get_context
 
+DIED = "its process died"
+
 
 class Child:
     """A process that answers questions one by one, and keeps what it has made for the next one.
@@ -34,7 +36,7 @@ class Child:
         died = self._process.exitcode
         self.end()
         self._begin()
-        return None, f"not done after {limit:g} s" if died is None else f"its process died ({died})"
+        return None, f"not done after {limit:g} s" if died is None else f"{DIED} ({died})"
 
     def end(self):
         """Kill the process, if it is there."""

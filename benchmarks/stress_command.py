@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Annotated
 
 import typer
@@ -17,7 +16,6 @@ from pinconsist.interrupts import interrupted
 from . import report
 from .stress import SUBJECTS, by_peers, cases
 from .stress.case import FAILED, run
-from .stress.random_chains import FAMILY
 
 SHORTENED = 100  # characters of a reason in the table; --json and --csv have it whole
 KINDS = ("held", "refused", FAILED, by_peers.CUT, by_peers.CANNOT)
@@ -27,14 +25,11 @@ KINDS = ("held", "refused", FAILED, by_peers.CUT, by_peers.CANNOT)
 def command(
     subject: Annotated[list[str] | None, typer.Argument(
         metavar="SUBJECT", help=f"{', '.join(SUBJECTS)}; all by default.")] = None,
-    count: Annotated[int, option("--count", "N", "How many random closed chains.")] = 100,
-    seed: Annotated[int, option("--seed", "N", "Seed of the first of them.")] = 0,
     long: Annotated[bool, option("--long", None, "Look at drift over a million steps, for minutes.")] = False,
     peers: Annotated[bool, option(
         "--peers", None, "Let the peers of work-precision try a sample of the same cases, each for a few seconds at "
         "most.")] = False,
     sample: Annotated[int, option("--sample", "N", "With --peers: cases of each kind.")] = 4,
-    every: Annotated[bool, option("--every", None, "A row for every random chain, also where it held.")] = False,
     csv: report.Csv = None,
     as_json: output.Json = False,
 ) -> int:
@@ -45,13 +40,12 @@ def command(
     with a reason; anything else has FAILED, and the exit code is then 1. The exit
     code does not judge the peers; their counts go to FILE_methods.csv.
 
-    Example: python -m benchmarks stress chains --count 500
+    Example: python -m benchmarks stress singular forces
     """
     output.require_writable(csv=csv)
-    options = {"count": count, "seed": seed}
     if peers:
-        return _by_peers(by_peers.sample(_shared(subject or (), options), sample), csv, as_json)
-    outcomes = _run(list(cases(subject or (), long=long, **options)))
+        return _by_peers(by_peers.sample(_shared(subject or ()), sample), csv, as_json)
+    outcomes = _run(list(cases(subject or (), long=long)))
     counts = Counter(outcome.outcome for outcome in outcomes)
     if csv:
         report.write_csv(csv, [asdict(outcome) for outcome in outcomes])
@@ -60,7 +54,7 @@ def command(
         output.print_json({"machine": report.machine(), "counts": counts, "cases": rows})
     else:
         columns = [("case", "{family}"), ("varied", "{varied}"), ("outcome", "{outcome}"), *FIGURES]
-        report.table(map(asdict, outcomes if every else _gathered(outcomes)), columns, None)
+        report.table(map(asdict, outcomes), columns, None)
         seconds = sum(outcome.seconds for outcome in outcomes)
         summary = ", ".join(f"{number} {what}" for what, number in sorted(counts.items()))
         print(f"{output.counted(len(outcomes), 'case')} in {seconds:.0f} s: {summary}")
@@ -76,20 +70,6 @@ def _run(cases):
             if interrupted():  # simulate returns what was reached, and the case was judged by that
                 raise KeyboardInterrupt
     return outcomes
-
-
-def _gathered(outcomes):
-    """The outcomes with one row for all random chains that held, or were refused for one reason."""
-    rows, alike, total = [], {}, sum(outcome.family == FAMILY for outcome in outcomes)
-    for outcome in outcomes:
-        if outcome.family != FAMILY or outcome.outcome == FAILED:
-            rows.append(outcome)
-        else:
-            alike.setdefault((outcome.outcome, re.sub(r"[\d.e+-]+", "#", outcome.reason)), []).append(outcome)
-    for same in alike.values():
-        worst = max(same, key=lambda outcome: outcome.figure / outcome.criterion if outcome.figure else 0.0)
-        rows.append(replace(worst, varied=f"{len(same)} of {total}, the worst: {worst.varied}"))
-    return rows
 
 
 def _number(name):
@@ -111,13 +91,13 @@ FIGURES = [
 ]
 
 
-def _shared(subjects, options):
+def _shared(subjects):
     if unknown := set(subjects) - set(by_peers.SUBJECTS):
         raise InputError(
             f"{', '.join(sorted(unknown))}: not with --peers, which tries {', '.join(by_peers.SUBJECTS)}: steps of a "
             "given size and starts off the loops are the package's own"
         )
-    return cases(subjects or by_peers.SUBJECTS, **options)
+    return cases(subjects or by_peers.SUBJECTS)
 
 
 def _by_peers(sample, csv, as_json) -> int:

@@ -85,7 +85,7 @@ def _answer(question):
 def judged(run: Run, until: float, limit: float = 60.0) -> Run:
     """A run, made and compared with the reference of its seed."""
     mech, q, v = random_chain(run.seed)
-    reference = _reference(run.seed, until, limit / 2)
+    reference = _reference(run.seed, until, limit / 4)
     options = {"rtol": run.tol, "atol": FLOOR * run.tol, "method": run.method, "backend": run.backend}
     start = time.perf_counter()
     try:
@@ -102,7 +102,7 @@ def judged(run: Run, until: float, limit: float = 60.0) -> Run:
     if not sol.success:
         outcome = _refused(reference, sol.t[-1], until)
     errors = {name: error / run.tol for name, error in errors.items()}
-    amplified = _amplification(run.seed, until, limit / 2) if max(errors.values(), default=0.0) > LARGE else None
+    amplified = _amplification(run.seed, until, limit / 4) if max(errors.values(), default=0.0) > LARGE else None
     return replace(
         run, outcome=outcome, message="" if sol.success else sol.message, steps=sol.nsteps,
         rejected=sum(sol.rejected.values()), seconds=seconds, gap=gap, amplification=amplified, reference=reference.why,
@@ -113,20 +113,21 @@ def judged(run: Run, until: float, limit: float = 60.0) -> Run:
 def compared(sol, reference):
     """(largest gap, relative, {name: error}) of a solution; the errors as far as the reference goes."""
     chosen = np.unique(np.linspace(0, len(sol.t) - 1, ROWS).astype(int))
-    equations = reference.equations
-    gap = max(equations.gap(sol.t[i], sol.q[i]) / (1.0 + np.abs(sol.q[i]).max()) for i in chosen)
-    chosen = [i for i in chosen if sol.t[i] <= reference.until]
-    if len(chosen) < 2:
-        return gap, {}
-    off, sizes = [], []
-    for i in chosen:
-        t, q, v = sol.t[i], sol.q[i], sol.v[i]
+    rows = [(sol.t[i], sol.q[i], sol.v[i], sol.lam[i]) for i in chosen]
+    gap = max(reference.equations.gap(t, q) / (1.0 + np.abs(q).max()) for t, q, _, _ in rows)
+    rows = [(t, q, v, sol.system.loop_rows(q, t)[1].T @ lam) for t, q, v, lam in rows if t <= reference.until]
+    return gap, off(reference, rows) if len(rows) > 1 else {}
+
+
+def off(reference, rows) -> dict[str, float]:
+    """The largest errors of rows (t, q, v, Jᵀλ), each coordinate in parts of its largest value; forces of any one."""
+    kinematics, errors, sizes = reference.equations.kinematics, [], []
+    for t, q, v, force in rows:
         true_q, true_v, true_force = reference.at(t)
-        force = sol.system.loop_rows(q, t)[1].T @ sol.lam[i]
-        off.append([equations.kinematics.difference(true_q, q), v - true_v, force - true_force])
-        sizes.append([equations.kinematics.sizes(true_q), np.abs(true_v), np.full(len(v), np.abs(true_force).max())])
-    errors = np.abs(off).max(axis=0) / (np.max(sizes, axis=0) + FLOOR)
-    return gap, dict(zip(("q", "v", "force"), errors.max(axis=1).tolist(), strict=True))
+        errors.append([kinematics.difference(true_q, q), v - true_v, force - true_force])
+        sizes.append([kinematics.sizes(true_q), np.abs(true_v), np.full(len(v), np.abs(true_force).max())])
+    relative = np.abs(errors).max(axis=0) / (np.max(sizes, axis=0) + FLOOR)
+    return dict(zip(("q", "v", "force"), relative.max(axis=1).tolist(), strict=True))
 
 
 def _refused(reference, reached, until):

@@ -7,7 +7,7 @@ in world axes, and configurations move by the kinematics of their quaternions an
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from math import atan2, cos, pi, remainder, sin, tanh
 
 import numpy as np
@@ -41,10 +41,14 @@ class OnLine:
     sway: np.ndarray  # the origin moves by sway·sin(rate·t)
     rate: float
 
+    @cached_property
+    def data(self):
+        """The workspace."""
+        return self.model.createData()
+
     def __call__(self, t, q):
-        data = self.model.createData()
-        pin.framesForwardKinematics(self.model, data, q)
-        place = data.oMf[self.model.getFrameId(self.frame)].act(self.xyz)
+        pin.framesForwardKinematics(self.model, self.data, q)
+        place = self.data.oMf[self.model.getFrameId(self.frame)].act(self.xyz)
         return self.across @ (place - self.origin - self.sway * sin(self.rate * t))
 
 

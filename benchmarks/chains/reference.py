@@ -18,7 +18,7 @@ DEPENDENT = 1e-9
 PIECES = 40
 """Of the span: at the end of each the state is put on the constraints anew."""
 STIFF = 30_000
-"""Evaluations by DOP853 after which Radau takes over."""
+"""Evaluations over the span beyond which Radau takes over from DOP853."""
 
 
 SINGULAR, TOO_LONG = "singular", "not done in its time"
@@ -161,13 +161,13 @@ class Reference:
     """The motion of a mechanism from a state, by DOP853 or, where that takes too long, Radau.
 
     `until` is what it reached, and `why` not the end, or an empty string. `tol` is scipy's tolerance, `seconds` how
-    long it may take.
+    much CPU time it may take.
     """
 
     def __init__(self, mech, q, v, end, *, tol=TOLERANCE, seconds=20.0):
         self.equations, self.nq, self.end, self.tol = Equations(mech), mech.nq, end, tol
         self.until, self.why, self._pieces = 0.0, "", []
-        self._due, self._count = time.monotonic() + seconds, 0
+        self._due, self._count = time.process_time() + seconds, 0
         try:
             *self.start, self._kept = self.equations.closed(0.0, q, v)
             self._integrate()
@@ -184,7 +184,7 @@ class Reference:
 
     def _rate(self, t, y):
         self._count += 1
-        if self._count % 100 == 0 and time.monotonic() > self._due:
+        if self._count % 100 == 0 and time.process_time() > self._due:
             raise Broken(TOO_LONG)
         q, v = y[: self.nq], y[self.nq :]
         try:
@@ -196,16 +196,25 @@ class Reference:
         y, method, step = np.concatenate(self.start), DOP853, None
         for end in np.linspace(0.0, self.end, PIECES + 1)[1:]:
             q, v, self._kept = self.equations.closed(self.until, y[: self.nq], y[self.nq :])
-            if self._count > STIFF and method is DOP853:
-                method, step, self.tol = Radau, None, max(self.tol, 1e-10)
-            step = step and min(step, end - self.until)
-            start = self.until, np.concatenate((q, v)), end
-            with np.errstate(all="ignore"):
-                solver = method(self._rate, *start, rtol=self.tol, atol=self.tol, first_step=step)
-                while solver.status == "running":
-                    solver.step()
+            y = np.concatenate((q, v))
+            while self.until < end:
+                solver = self._solver(method, y, end, step)
+                while solver.status == "running" and not (method is DOP853 and self._is_stiff()):
+                    with np.errstate(all="ignore"):
+                        solver.step()
                     if solver.status == "failed":
                         raise Broken("its step size falls to zero")
                     self._pieces.append((solver.dense_output(), self._kept))
                     self.until, y = solver.t, solver.y
                     step = solver.step_size if solver.status == "running" else max(step or 0.0, solver.step_size)
+                if solver.status == "running":
+                    method, step, self.tol = Radau, None, max(self.tol, 1e-10)
+
+    def _solver(self, method, y, end, step):
+        step = step and min(step, end - self.until)
+        with np.errstate(all="ignore"):
+            return method(self._rate, self.until, y, end, rtol=self.tol, atol=self.tol, first_step=step)
+
+    def _is_stiff(self):
+        """Whether an explicit method would need too many evaluations to reach the end."""
+        return self._count > STIFF * max(self.until / self.end, 1.0 / PIECES)

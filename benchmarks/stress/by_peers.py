@@ -8,17 +8,16 @@ about events are the package's own.
 
 from __future__ import annotations
 
-import os
 import time
 import warnings
 from collections.abc import Iterable, Iterator
-from multiprocessing import get_context
 
 import numpy as np
 
 from pinconsist import InputError, Solution, assemble, simulation
 from pinconsist.simulation import system_of
 
+from ..child import DIED, Child
 from ..peers import peers
 from ..peers.problem import Peer, Problem
 from .case import FAILED, Case, Outcome, declined, measured
@@ -32,7 +31,7 @@ LOOKED_AT = 2000
 """Rows that are judged."""
 LIMIT = 5.0
 """s for each case and method."""
-SUBJECTS = ("scales", "singular", "forces", "tolerances", "chains")
+SUBJECTS = ("scales", "singular", "forces", "tolerances")
 
 
 class Cannot(Exception):
@@ -120,60 +119,14 @@ def outcomes(cases: list[Case], *, limit: float = LIMIT) -> Iterator[tuple[str, 
     """(method, Outcome) of every case by every method, each in a child process that is ended after `limit` s."""
     if not limit > 0:
         raise InputError(f"a case needs a limit of some seconds, got {limit:g}")
-    child = _Child(cases)
+    known = methods()
+    child = Child(lambda question: judged(cases[question[0]], known[question[1]]))
     try:
         for i, case in enumerate(cases):
-            for name in methods():
+            for name in known:
                 start = time.perf_counter()
-                found = child.ask((i, name), limit)
-                if found is None:
-                    found, child = child.given_up(limit), _Child(cases)
+                found, why = child.ask((i, name), limit)
+                found = found or (FAILED if DIED in why else CUT, why)
                 yield name, Outcome(case.family, case.varied, *found, seconds=time.perf_counter() - start)
     finally:
         child.end()
-
-
-class _Child:
-    """A process that tries cases one by one; references that it has made serve the next method."""
-
-    def __init__(self, cases):
-        context = get_context("fork")  # the cases hold functions, which cannot be sent
-        self.pipe, other = context.Pipe()
-        self.process = context.Process(target=_work, args=(cases, other), daemon=True)
-        self.process.start()
-        other.close()
-
-    def ask(self, question, limit):
-        """The answer, or None where there is none in time or the process died."""
-        self.pipe.send(question)
-        try:
-            return self.pipe.recv() if self.pipe.poll(limit) else None
-        except EOFError:
-            return None
-
-    def given_up(self, limit):
-        """The outcome in place of an answer; the process is ended."""
-        self.process.join(0.1 if self.process.is_alive() else None)
-        died = self.process.exitcode
-        self.end()
-        return (CUT, f"not done after {limit:g} s") if died is None else (FAILED, f"its process died ({died})")
-
-    def end(self):
-        """Kill the process, if it is there."""
-        self.process.kill()
-        self.process.join()
-        self.pipe.close()
-
-
-def _work(cases, pipe):
-    """Answer until the pipe is closed; what solvers print goes nowhere."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):
-        os.dup2(nowhere, stream)
-    known = methods()
-    while True:
-        try:
-            number, name = pipe.recv()
-        except EOFError:
-            return
-        pipe.send(judged(cases[number], known[name]))

@@ -9,14 +9,12 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from benchmarks.app import main
 from benchmarks.linkages import four_bar
 from benchmarks.stress import SUBJECTS, cases
 from benchmarks.stress.case import EITHER, HELD, REFUSED, Case, Figure, Refused, completed, run
-from benchmarks.stress.random_chains import random_chain
 from pinconsist.errors import InputError
 
 
@@ -73,38 +71,15 @@ def test_a_solution_without_success_is_a_refusal_with_its_message():
 
 
 def test_cases_of_every_subject_have_names_of_their_own():
-    found = [case for case in cases(long=True, count=3)]
+    found = list(cases(long=True))
     names = [(case.family, case.varied) for case in found]
     assert len(set(names)) == len(names) > 150
     assert sum("1,000,000 steps" in varied for _, varied in names) == 2
-    assert sum(family == "random chain" for family, _ in names) == 3
 
 
-def test_unknown_subjects_and_impossible_counts():
+def test_unknown_subjects():
     with pytest.raises(InputError, match="no stress subject 'chain'; known are steps"):
         cases(["chain"])
-    with pytest.raises(InputError, match="must not be negative"):
-        cases(count=-1)
-
-
-@pytest.mark.parametrize("seed", range(40))
-def test_random_chains_are_closed_and_reproducible(seed):
-    """Their first position closes every loop, by frames alone; the same seed gives the same chain."""
-    mech, q, v = random_chain(seed)
-    again, q_again, v_again = random_chain(seed)
-    assert mech.loops == again.loops and (q == q_again).all() and (v == v_again).all()
-    assert mech.loops and mech.nv == len(v)
-    data = mech.model.createData()
-    pin.framesForwardKinematics(mech.model, data, q)
-    for loop in mech.loops:
-        ends = [
-            data.oMf[mech.model.getFrameId(frame)] * place
-            for frame, place in ((loop.frame1, loop.placement1), (loop.frame2, loop.placement2))
-        ]
-        apart = np.linalg.norm(ends[1].translation - ends[0].translation)
-        assert apart == pytest.approx(loop.length or 0.0, abs=1e-12)
-        if loop.kind != "distance":
-            assert np.allclose(ends[0].rotation, ends[1].rotation, atol=1e-12)
 
 
 SELECTION = (
@@ -131,7 +106,7 @@ SELECTION = (
 
 @pytest.mark.parametrize("varied", SELECTION)
 def test_a_selection_holds_or_is_refused(varied):
-    (case,) = (case for case in cases(count=0) if case.varied == varied)
+    (case,) = (case for case in cases() if case.varied == varied)
     outcome = run(case)
     assert outcome.outcome != "FAILED", outcome
 
@@ -144,14 +119,8 @@ def test_every_nonsense_of_a_user_is_refused_by_name(case):
     assert outcome.outcome == "refused", outcome
 
 
-@pytest.mark.parametrize("case", list(cases(["chains"], count=12)), ids=lambda case: case.varied)
-def test_random_chains_against_scipy(case):
-    outcome = run(case)
-    assert outcome.outcome == "held", outcome
-
-
 def test_command_prints_a_table_and_json(capsys, monkeypatch):
-    monkeypatch.setitem(SUBJECTS, "steps", lambda long, count, seed: iter([GOOD, BAD]))
+    monkeypatch.setitem(SUBJECTS, "steps", lambda long: iter([GOOD, BAD]))
     with pytest.raises(SystemExit) as ended:
         main(["stress", "steps"])
     text = capsys.readouterr().out
@@ -162,16 +131,10 @@ def test_command_prints_a_table_and_json(capsys, monkeypatch):
     told = json.loads(capsys.readouterr().out)
     assert ended.value.code == 1 and told["counts"] == {"held": 1, "FAILED": 1}
     assert told["cases"][0]["figure"] == 1.0 and told["cases"][1]["outcome"] == "FAILED"
-    monkeypatch.setitem(SUBJECTS, "steps", lambda long, count, seed: iter([GOOD]))
+    monkeypatch.setitem(SUBJECTS, "steps", lambda long: iter([GOOD]))
     with pytest.raises(SystemExit) as ended:
         main(["stress", "steps"])
     assert ended.value.code == 0
-
-
-def test_command_gathers_the_random_chains(capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["stress", "chains", "--count", "2"])
-    assert ended.value.code == 0 and "2 of 2, the worst: seed" in capsys.readouterr().out
 
 
 @pytest.mark.slow

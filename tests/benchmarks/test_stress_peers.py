@@ -110,7 +110,7 @@ def test_nothing_hangs_and_a_dead_process_is_replaced(monkeypatch):
 
 
 def test_a_sample_is_spread_over_every_family():
-    every = list(cases(by_peers.SUBJECTS, count=5))
+    every = list(cases(by_peers.SUBJECTS))
     few = by_peers.sample(every, 3)
     families = {one.family for one in every}
     assert {one.family for one in few} == families and len(few) == 3 * len(families)
@@ -125,7 +125,7 @@ def test_a_sample_is_spread_over_every_family():
 def test_the_command(monkeypatch, capsys):
     known = {by_peers.OWN: None, "scipy LSODA": ScipyIvp("LSODA"), "fake": Fake(fail)}
     monkeypatch.setattr(by_peers, "methods", lambda: known)
-    monkeypatch.setitem(SUBJECTS, "scales", lambda long, count, seed: iter([case()]))
+    monkeypatch.setitem(SUBJECTS, "scales", lambda long: iter([case()]))
     code, text, _ = called(capsys, "stress", "scales", "--peers")
     assert code == 0 and "1/1" in text and "0/1" in text and "no more steps" in text
     rows = json.loads(called(capsys, "stress", "scales", "--peers", "--json")[1])["cases"]
@@ -151,7 +151,7 @@ def test_what_is_not_installed_is_said(monkeypatch, capsys):
     monkeypatch.setattr(sys, "meta_path", [Refusing(), *sys.meta_path])
     known = {by_peers.OWN: None, "absent": absent, "again": absent, "refused": refused, "fake": Fake(fail)}
     monkeypatch.setattr(by_peers, "methods", lambda: known)
-    monkeypatch.setitem(SUBJECTS, "scales", lambda long, count, seed: iter([case()]))
+    monkeypatch.setitem(SUBJECTS, "scales", lambda long: iter([case()]))
     code, text, _ = called(capsys, "stress", "scales", "--peers")
     assert code == 0 and "ModuleNotFoundError" not in text and text.endswith(
         "\nnot_there is not installed: pip install --group benchmarks\n"
