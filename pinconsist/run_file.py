@@ -11,6 +11,8 @@ from pathlib import Path
 
 from .errors import FormatError, InputError
 
+LOAD_OPTIONS = ("loops", "closure", "free_flyer", "package_dirs", "ignore", "precision")
+
 
 @dataclass(frozen=True)
 class SceneSource:
@@ -23,13 +25,14 @@ class SceneSource:
     package_dirs: list[str] = field(default_factory=list)
     reanchor: bool = False
     at: dict[str, list[float]] = field(default_factory=dict)
+    ignore: list[str] = field(default_factory=list)
+    precision: float = 0.0
 
     def load(self):
         """The mechanism."""
         from .formats.load import load  # brings Pinocchio, which a command's --help does without
 
-        options = {name: getattr(self, name) for name in ("loops", "closure", "free_flyer", "package_dirs")}
-        mechanism = load(self.source, **options)
+        mechanism = load(self.source, **{name: getattr(self, name) for name in LOAD_OPTIONS})
         return mechanism.reanchored(self.at or None) if self.reanchor else mechanism
 
     def load_with_hashes(self):
@@ -50,8 +53,10 @@ class SceneSource:
     def recorded(cls, about: dict, run_file) -> SceneSource:
         """The scene that :meth:`record` described; FormatError for anything else."""
         about = about if isinstance(about, dict) else {}
-        texts = [about.get("source"), about.get("loops") or "", *(about.get("package_dirs") or ())]
-        if set(about) != {each.name for each in fields(cls)} or not all(isinstance(each, str) for each in texts):
+        lists = *(about.get("package_dirs") or ()), *(about.get("ignore") or ())
+        texts = [about.get("source"), about.get("loops") or "", *lists]
+        known = {*about, "ignore", "precision"}  # which files of older versions lack
+        if known != {each.name for each in fields(cls)} or not all(isinstance(each, str) for each in texts):
             raise FormatError("its record of the scene cannot be read", path=run_file)
         folder = Path(run_file).absolute().parent
         return cls(**cls(**about)._with_paths(lambda path: os.path.normpath(folder / path)))

@@ -15,7 +15,7 @@ from .files import require_writable
 from .interrupts import ended_like_ctrl_c
 from .mechanism.digest import digests
 from .mechanism.mechanism import Mechanism, with_forces
-from .run_file import Recipe, SceneSource, loaded, recipe_of
+from .run_file import LOAD_OPTIONS, Recipe, SceneSource, loaded, recipe_of
 from .solution import Solution, require_mechanism
 from .solution_file import npz_path, versions
 
@@ -215,13 +215,14 @@ def _scene(scene, load, file):
         return scene, None, {}
     if not isinstance(scene, str | os.PathLike):
         raise InputError(f"a scene is a name, a file or a Mechanism, got {type(scene).__name__}")
-    known, load = ("loops", "closure", "free_flyer", "package_dirs"), {} if load is None else load
-    if not isinstance(load, Mapping) or set(load) - set(known):
-        raise InputError(f"load= maps options of load() to their values; those are {', '.join(known)}, got {load!r}")
+    load = {} if load is None else load
+    if not isinstance(load, Mapping) or set(load) - set(LOAD_OPTIONS):
+        known = ", ".join(LOAD_OPTIONS)
+        raise InputError(f"load= maps options of load() to their values; those are {known}, got {load!r}")
     options = {name: value for name, value in load.items() if value is not None}
-    folders = options.pop("package_dirs", ())
-    folders = [folders] if isinstance(folders, str | os.PathLike) else list(folders)
-    source = SceneSource(os.fspath(scene), package_dirs=folders, **options)
+    for name in {"package_dirs", "ignore"} & set(options):
+        options[name] = [each] if isinstance(each := options[name], str | os.PathLike) else list(each)
+    source = SceneSource(os.fspath(scene), **options)
     mechanism, files = source.load_with_hashes()
     return mechanism, source.record(file), files
 

@@ -284,3 +284,15 @@ def test_the_loop_file_of_an_sdf_scene(scene, tmp_path):
     loops.write_text("joint_name: [j]\njoint_type: [SPHERICAL]")
     with pytest.raises(pc.FormatError, match=r"more\.yaml: joints can be replaced in URDF scenes only"):
         pc.load(scene(CHAIN), loops=loops)
+
+
+@pytest.mark.parametrize("place", ["model", "axis"])
+def test_what_closes_loops_elsewhere_is_refused_unless_it_is_ignored(scene, place):
+    foreign = '<drake:mimic name="l"/>' if place == "axis" else "<drake:ball_constraint/>"
+    body = A + B + joint(inside=axis(inside=foreign)) if place == "axis" else CHAIN + "\n" + foreign
+    path, tag = scene(body), foreign[1:].split("/")[0].split()[0]
+    line = 3 if place == "axis" else 5
+    with pytest.raises(pc.FormatError, match=f"line {line}, {tag}.*: <{tag}> is an extension") as caught:
+        pc.load(path)
+    assert caught.value.path == str(path)
+    assert pc.load(path, ignore=[tag]).loops == ()

@@ -174,8 +174,6 @@ BAD_LOOP_JOINTS = {
         "'tip': axis: .* is not 3 finite numbers .they go up to 1e.30",
     ),
     "one body": (loop_joint(inside=ENDS.replace('"c"', '"f"')) + links("f"), "'tip'.*same body"),
-    "urdf plus": ('<loop name="l"/>', "loop 'l': <loop> is an extension that is not read"),
-    "constraint": ('<constraint name="l"/>', "constraint 'l': <constraint> is an extension that is not read"),
 }
 
 
@@ -190,8 +188,71 @@ def test_bad_loop_joint_is_named(robot, written, message):
 def test_what_does_not_act_on_a_loop_joint_is_told(robot, caplog):
     pc.load(robot(CHAIN + loop_joint(inside=ENDS + '<limit lower="0"/><dynamics damping="1"/>')))
     assert "<limit> does not act" in caplog.text and "<dynamics> does not act" in caplog.text
-    pc.load(robot(CHAIN + "<gazebo><joint/></gazebo>", "loops: []", name="gazebo"))
-    assert "inside <gazebo> is not read" in caplog.text
+
+
+DRAKE = ' xmlns:drake="http://drake.mit.edu"'
+FOREIGN = {  # tag in messages → what is written, and what declares its prefix
+    "loop": ('<loop name="l"/>', ""),
+    "constraint": ('<constraint name="l"/>', ""),
+    "equality": ('<equality name="l"><connect body1="a" body2="c"/></equality>', ""),
+    "mujoco/equality": ("<mujoco><compiler/><equality><connect/></equality></mujoco>", ""),
+    "gazebo/joint": ('<gazebo><joint name="l"><parent>a</parent><child>c</child></joint></gazebo>', ""),
+    "loopjoint": ('<loopjoint name="l"><link1 link="a"/><link2 link="c"/></loopjoint>', ""),
+    "Loop_Joint": ('<Loop_Joint name="l"/>', ""),
+    "lop_joint": ('<lop_joint name="l"/>', ""),
+    "drake:ball_constraint": ('<drake:ball_constraint name="l"/>', DRAKE),
+    "drake:linear_bushing_rpy": ("<drake:linear_bushing_rpy/>", DRAKE),
+    "drake:coupler_constraint": ("<drake:coupler_constraint/>", ""),  # as Drake reads it, too
+}
+
+
+@pytest.mark.parametrize("tag", FOREIGN)
+def test_what_closes_loops_elsewhere_is_refused_with_its_line(robot, tag):
+    written, declared = FOREIGN[tag]
+    path = robot(CHAIN + "\n\n" + written, head=f'<?xml version="1.0"?>\n<!-- <a:b> -->\n<robot name="r"{declared}>')
+    line = 1 + path.read_text(encoding="utf-8").partition(written)[0].count("\n")
+    with pytest.raises(pc.FormatError, match=f"<{tag}> is an extension that is not read") as caught:
+        pc.load(path)
+    named = " 'l'" if 'name="l"' in written else ""
+    assert (caught.value.path, caught.value.element) == (str(path), f"line {line}, {tag}{named}")
+    ignored = (tag, [tag], [tag.rpartition(":")[2].rpartition("/")[2]], *([["other", "l"]] if named else []))
+    assert f"ignore=[{tag!r}] (--ignore {tag})" in str(caught.value)
+    for ignore in ignored:
+        assert pc.load(path, ignore=ignore).loops == ()
+    with pytest.raises(pc.FormatError):
+        pc.load(path, ignore=["something else"])
+
+
+HARMLESS = """<transmission name="t"><joint name="j"/><actuator name="m"/></transmission>
+<gazebo reference="j"><implicitSpringDamper>1</implicitSpringDamper></gazebo>
+<gazebo><plugin name="p" filename="libmimic.so"><joint>j</joint><mimicJoint>k</mimicJoint></plugin></gazebo>
+<mujoco><compiler angle="radian"/></mujoco><ros2_control name="x" type="system"><joint name="j"/></ros2_control>
+<drake:collision_filter_group name="g"><drake:member link="a"/></drake:collision_filter_group>
+<drake:rotor_inertia value="1"/><sensor name="s"><parent link="a"/></sensor><disable_collisions link1="a" link2="c"/>
+<virtual_joint name="v"/><passive_joint name="j"/><group name="arm"><joint name="j"/></group><contact/>"""
+
+
+def test_what_closes_no_loop_is_left_out_silently(robot, caplog):
+    assert pc.load(robot(CHAIN + HARMLESS)).joints == pc.load(robot(CHAIN)).joints
+    assert not [each for each in caplog.records if "loop file" not in each.getMessage()]
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda path: pc.load(path, ignore=[3]), "ignore= needs tags or names"),
+        (lambda path: pc.load(pc.load(path).model, ignore=["loop"]), "ignore= is for files"),
+    ],
+)
+def test_ignore_that_cannot_be(robot, call, told):
+    with pytest.raises(pc.InputError, match=told):
+        call(robot(CHAIN))
+
+
+def test_a_run_whose_scene_ignores_something_is_repeated(robot, tmp_path):
+    path = robot(CHAIN + "<loopjoint/>")
+    sol = pc.record(path, (0.0, 0.02), tmp_path / "a.npz", load={"ignore": "loopjoint"})
+    assert np.array_equal(sol.q, pc.rerun(tmp_path / "a.npz").solution.q)
 
 
 # <mimic> --------------------------------------------------------------------------------------------------------------

@@ -18,6 +18,8 @@ def check(
     closure: given.Closure = None,
     free_flyer: given.FreeFlyer = False,
     package_dirs: given.PackageDirs = None,
+    precision: given.Precision = 0.0,
+    ignore: given.Ignore = None,
     reanchor: given.Reanchor = False,
     at: given.At = None,
     as_json: output.Json = False,
@@ -34,7 +36,9 @@ def check(
     from ..mechanism.system import MechanismSystem
 
     q0 = scene.joint_values(at, "--at")
-    mech = scene.SceneSource(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0).load()
+    mech = scene.SceneSource(
+        source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision
+    ).load()
     guess = mech.configuration(q0, base=mech.guess)
     gaps = LoopSolver(mech).gaps
     before = gaps(guess)

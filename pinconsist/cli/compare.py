@@ -23,6 +23,8 @@ def compare(
     loops: given.Loops = None,
     closure: given.Closure = None,
     free_flyer: given.FreeFlyer = False,
+    precision: given.Precision = 0.0,
+    ignore: given.Ignore = None,
     reanchor: given.Reanchor = False,
     at: given.At = None,
     with_velocity: given.WithVelocity = None,
@@ -51,13 +53,15 @@ def compare(
     q0 = scene.joint_values(at, "--at") or None
     v0 = scene.joint_values(with_velocity, "--with-velocity") or None
     if subject in PROBLEMS:
-        if loops or closure or free_flyer or reanchor or q0 or v0:
+        if loops or closure or free_flyer or precision or ignore or reanchor or q0 or v0:
             raise InputError(f"{subject} has its own loops and initial values; these options are for scenes")
         what, duration = subject, pc.Mechanism.duration
         if html and not isinstance(pc.reference_problem(subject).system, pc.Mechanism):
             raise InputError(f"--html shows bodies, and {subject} has none")
     else:
-        what = scene.SceneSource(subject, loops, closure, free_flyer, [], reanchor, q0 or {}).load()
+        what = scene.SceneSource(
+            subject, loops, closure, free_flyer, [], reanchor, q0 or {}, ignore or [], precision
+        ).load()
         duration = what.duration
     steps = step or [duration * share for share in STEPS]
     runs = []

@@ -30,6 +30,12 @@ Closure = Annotated[Text, option(
 FreeFlyer = Annotated[bool, option(
     "--free-flyer", None, "Let the root link float instead of fixing it to the ground.", SCENE)]
 PackageDirs = Annotated[Texts, option("--package-dir", "DIR", "Folder to look for meshes in; may be repeated.", SCENE)]
+Precision = Annotated[float, option(
+    "--precision", "NUMBER", "How far off the numbers of the file may be, m and rad: 1e-6 if it was written with six "
+    "digits. Loops that lock or contradict each other only by rounding then move.", SCENE)]
+Ignore = Annotated[Texts, option(
+    "--ignore", "TAG", "Load a file without these elements, which close loops in another program and are not read "
+    "here, by tag or name; may be repeated.", SCENE)]
 Reanchor = Annotated[bool, option(
     "--reanchor", None, "Move the anchors of loops that cannot close to where they fit best.", SCENE)]
 

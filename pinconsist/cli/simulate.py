@@ -21,6 +21,8 @@ def simulate(
     closure: given.Closure = None,
     free_flyer: given.FreeFlyer = False,
     package_dirs: given.PackageDirs = None,
+    precision: given.Precision = 0.0,
+    ignore: given.Ignore = None,
     reanchor: given.Reanchor = False,
     start: given.From = 0.0,
     until: given.Until = None,
@@ -64,7 +66,9 @@ def simulate(
 
     q0 = scene.joint_values(at, "--at")
     v0 = scene.joint_values(with_velocity, "--with-velocity")
-    what = scene.SceneSource(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
+    what = scene.SceneSource(
+        source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision
+    )
     mech, hashes = what.load_with_hashes()
     replay.require_drawable(mech, traces, speed)
     until = start + mech.duration if until is None else until

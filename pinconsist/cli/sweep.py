@@ -34,6 +34,8 @@ def sweep(
     closure: given.Closure = None,
     free_flyer: given.FreeFlyer = False,
     package_dirs: given.PackageDirs = None,
+    precision: given.Precision = 0.0,
+    ignore: given.Ignore = None,
     reanchor: given.Reanchor = False,
     start: given.From = 0.0,
     until: given.Until = None,
@@ -77,7 +79,9 @@ def sweep(
     for name in names:
         if name in q0 or name.removesuffix("_speed") in v0.keys() - {name}:
             raise InputError(f"{name} is varied, and also has a value by --at or --with-velocity")
-    recipe = scene.SceneSource(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0)
+    recipe = scene.SceneSource(
+        source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision
+    )
     duration = loaded(recipe, anew=True).duration
     until = start + duration if until is None else until
     settings = present(rtol=rtol, atol=atol, step=step, max_steps=max_steps)

@@ -19,7 +19,7 @@ from .reading import located
 _CLOSURES = ("point", "frame", "hinge")
 
 
-def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=()) -> Mechanism:
+def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=(), precision=0.0) -> Mechanism:
     """A mechanism from a built-in name, a file, a folder or an object of Pinocchio's.
 
     Parameters
@@ -42,6 +42,12 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
         are fixed by default, as by Pinocchio's own readers. Not for MJCF, where the file says what floats.
     package_dirs : sequence of path-like
         Folders in which mesh files are looked for, before the folder of the URDF.
+    ignore : sequence of str
+        Elements of a URDF or SDF file that close loops in another program, are not read here and would be refused,
+        by tag or name: ``"drake:ball_constraint"``, ``"gazebo/joint"``. The file is loaded without them.
+    precision : float
+        How far off the numbers of the source may be, m and rad; see :class:`Mechanism`. 1e-6 for a file that was
+        written with six digits. Default: its numbers are taken as they stand.
 
     Returns
     -------
@@ -59,27 +65,34 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=())
     """
     if closure is not None and closure not in _CLOSURES:
         raise InputError(f"closure={closure!r} is not one of {', '.join(_CLOSURES)}")
-    if isinstance(package_dirs, (str, os.PathLike)) or not isinstance(package_dirs, Iterable):
-        package_dirs = (package_dirs,)
-    package_dirs = tuple(package_dirs)
+    package_dirs, ignore = _several(package_dirs), _several(ignore)
     if not all(isinstance(folder, (str, os.PathLike)) for folder in package_dirs):
         raise InputError(f"package_dirs= needs folders, got {package_dirs!r}")
+    if not all(isinstance(tag, str) for tag in ignore):
+        raise InputError(f"ignore= needs tags or names of elements, got {ignore!r}")
     if not isinstance(source, (str, os.PathLike)):
         if free_flyer:
             raise InputError("free_flyer= is for files; a model in memory has its root joint already")
-        return _of_model(source, () if loops is None else loops, closure)
+        if ignore:
+            raise InputError("ignore= is for files; a model in memory has no elements")
+        return replace(_of_model(source, () if loops is None else loops, closure), precision=precision)
     if not (loops is None or isinstance(loops, (str, os.PathLike))):
         reason = f"loops= needs the path of a loop file, got {type(loops).__name__}"
         raise InputError(f"{reason}; add records by load(…).with_loops(…)")
-    return read_scene(catalogue.find(source), loops, closure, free_flyer, package_dirs)
+    scene = read_scene(catalogue.find(source), loops, closure, free_flyer, package_dirs, ignore)
+    return replace(scene, precision=precision)
 
 
-def read_scene(scene: catalogue.Source, loops=None, closure=None, free_flyer=False, package_dirs=()) -> Mechanism:
+def read_scene(
+    scene: catalogue.Source, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=()
+) -> Mechanism:
     """The mechanism of a file and of the loop file that belongs to it; see :func:`load`."""
     path, reader = scene.path, catalogue.READERS[scene.path.suffix.lower()]
     is_urdf = reader == "urdf"
     if free_flyer and reader == "mjcf":
         raise InputError("free_flyer= is not for MJCF, where the file says what floats: give the body a <freejoint/>")
+    if ignore and reader == "mjcf":
+        raise InputError('ignore= is not for MJCF: set active="false" on an equality that is to be left out')
     loop_path = None if loops is None else Path(loops)
     if loops is None and is_urdf and not scene.content:
         loop_path = loopfile.find_loop_file(path)
@@ -88,8 +101,8 @@ def read_scene(scene: catalogue.Source, loops=None, closure=None, free_flyer=Fal
         reason = f"joints can be replaced in URDF scenes only; change the {reader.upper()} file"
         raise FormatError(reason, path=loops)
     options = {"joint_types": record.joint_types, "content": scene.content} if is_urdf else {}
-    if free_flyer:
-        options["free_flyer"] = True
+    if reader != "mjcf":
+        options |= {"free_flyer": free_flyer, "ignore": ignore}
     with located(path):
         read, folders = import_module(f".{reader}", __package__).read, (*package_dirs, *scene.package_dirs, path.parent)
         robot = read(path, scene.name, folders, **options)
@@ -116,6 +129,12 @@ def read_scene(scene: catalogue.Source, loops=None, closure=None, free_flyer=Fal
             geometry=Geometry(robot.shapes, tuple(str(Path(folder).resolve()) for folder in folders)),
             duration=record.duration,
         )
+
+
+def _several(values) -> tuple:
+    """The values of an option that may also be given as one."""
+    alone = isinstance(values, (str, os.PathLike)) or not isinstance(values, Iterable)
+    return (values,) if alone else tuple(values)
 
 
 def _of_model(source, loops, closure) -> Mechanism:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -133,7 +134,19 @@ def parsed(content: bytes) -> Element:
     except DefusedXmlException as error:
         raise FormatError(f"document types and entities are refused for safety ({type(error).__name__})") from error
     except (ParseError, ValueError, LookupError) as error:  # the last two: encodings
+        if "unbound prefix" in str(error) and (bound := _with_prefixes_bound(content)) != content:
+            return parsed(bound)
         raise FormatError(f"not well-formed XML: {error}") from error
+
+
+def _with_prefixes_bound(content: bytes) -> bytes:
+    """A document whose root declares the prefixes of tags, such as ``drake:``, that it lacks; many robots' files do."""
+    prefixes = set(re.findall(rb"<([A-Za-z_][\w.-]*):", content)) - set(re.findall(rb"xmlns:([\w.-]+)", content))
+    root = next((m for m in re.finditer(rb"(?s)<!--.*?-->|<\?.*?\?>|<([A-Za-z_][\w.:-]*)", content) if m[1]), None)
+    if root is None:
+        return content
+    names = b"".join(b' xmlns:%b="%b"' % (prefix, prefix) for prefix in sorted(prefixes))
+    return content[: root.end()] + names + content[root.end() :]
 
 
 def text(*values: float) -> str:

@@ -20,7 +20,7 @@ import pinocchio as pin
 from ..errors import FormatError
 from .joints import AS_WRITTEN, replaced
 from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
-from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints
+from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 UNLIMITED = 1e300  # effort and velocity limit of joints without one
@@ -34,13 +34,15 @@ SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": 
 _log = logging.getLogger(__name__)
 
 
-def read(path: Path, name: str, folders, *, free_flyer=False, joint_types=None, content=None) -> RobotFile:
+def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_types=None, content=None) -> RobotFile:
     """What a URDF file, or a text as its `content`, says; a free-flyer is a joint ``root_joint``.
 
-    `joint_types` are the joints to replace: name → type, see :mod:`pinconsist.formats.joints`.
+    `joint_types` are the joints to replace: name → type, see :mod:`pinconsist.formats.joints`; `ignore` names what
+    :mod:`pinconsist.formats.extensions` refuses.
     """
-    raw = parsed(read_bytes(path) if content is None else content)
-    robot, unlimited = checked(raw, name)
+    content = read_bytes(path) if content is None else content
+    robot, unlimited = checked(raw := parsed(content), name)
+    refuse_foreign(raw, ignore, content)
     loops, followers = loop_joints(raw), couplings(raw)
     types, joints = dict(joint_types or {}), {joint.get("name"): joint for joint in robot.findall("joint")}
     for joint in [joint for joint, kind in types.items() if kind in AS_WRITTEN]:

@@ -44,12 +44,13 @@ from xml.etree.ElementTree import Element
 from ..errors import FormatError
 from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import Loop
+from .extensions import closing, refuse
 from .reading import Node, located, require_known
 
 _KINDS = {"fixed": "frame", "revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "planar": "plane"}
 _KINDS |= {"spherical": "point", "ball": "point"}
 _WITH_AXIS = ("hinge", "slider", "plane")
-_FOREIGN = ("loop", "coupling", "constraint")
+_OWN = ("link", "joint", "loop_joint", "material", "transmission", "gazebo", "mujoco")
 ZERO, X_AXIS = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
 _CAN_FOLLOW = ("revolute", "continuous", "prismatic")
 _ONSHAPE = re.compile(r"(closing_.+)_([12])")
@@ -57,15 +58,15 @@ _COLLECTION = re.compile(r"(closedloop.*?)_?([AB])(_?[36]D)?", re.IGNORECASE)
 _log = logging.getLogger(__name__)
 
 
+def refuse_foreign(robot: Element, ignore, content) -> None:
+    """Raise FormatError for extensions that close loops and would be lost; see :mod:`.extensions`."""
+    found = closing(robot, _OWN) + [("mujoco/equality", each) for each in robot.iterfind("mujoco/equality")]
+    found += [("gazebo/joint", each) for each in robot.iterfind("gazebo/joint")]  # one of SDF's
+    refuse(found, ignore, robot, content, "write it as <loop_joint>, <mimic> or in a loop file")
+
+
 def loop_joints(robot: Element) -> tuple[Loop, ...]:
-    """The loops of a parsed ``<robot>``; FormatError also for other extensions that close loops and would be lost."""
-    for tag in _FOREIGN:
-        if robot.find(tag) is not None:
-            reason = f"<{tag}> is an extension that is not read, so that what it joins would come apart"
-            where = f"{tag} {robot.find(tag).get('name', '')!r}"
-            raise FormatError(f"{reason}; write it as <loop_joint>, <mimic> or in a loop file", element=where)
-    if robot.find("gazebo/joint") is not None:
-        _log.warning("a <joint> inside <gazebo> is not read; if it closes a loop, write it as <loop_joint>")
+    """The ``<loop_joint>`` elements of a parsed ``<robot>``."""
     links = {link.get("name") for link in robot.findall("link")}
     return tuple(_loop(name, node, links) for name, node in Node(robot).named("loop_joint").items())
 

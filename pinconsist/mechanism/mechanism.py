@@ -52,6 +52,10 @@ class Mechanism:
         Shapes for replays.
     duration : float
         How long its motion is interesting, s: the default duration of a run for commands.
+    precision : float
+        How far off lengths and angles may be, m and rad. Rows that are independent of the others by less leave the
+        system, and the gap that they keep is tolerated up to this size, see :attr:`Certificate.tolerated`. 0: rows
+        are dependent, and loops closed, to rounding (1e-8).
 
     Raises
     ------
@@ -67,6 +71,7 @@ class Mechanism:
     actuated: tuple[str, ...] = ()
     geometry: Geometry | None = field(default=None, repr=False)
     duration: float = 5.0
+    precision: float = 0.0
 
     def __post_init__(self):
         if not isinstance(self.model, pin.Model):
@@ -86,6 +91,7 @@ class Mechanism:
         for joint in self.actuated:
             self.joint_index(joint)
         put(self, duration=number(self.duration, "duration", above=0.0))
+        put(self, precision=number(self.precision, "precision", least=0.0))
 
     @property
     def nq(self) -> int:

@@ -25,6 +25,7 @@ from xml.etree.ElementTree import tostring
 import numpy as np
 
 from ...mechanism.forces import JointSpring
+from ..extensions import closing, refuse
 from ..reading import RobotFile, parsed, read_bytes
 from ..urdf import checked
 from .document import Document
@@ -36,9 +37,15 @@ from .shapes import in_urdf, inertias, weightless
 _log = logging.getLogger(__name__)
 
 
-def read(path: Path, name: str, folders, *, free_flyer=False) -> RobotFile:
+def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> RobotFile:
     """What an SDF file says; links and `<frame>` elements become frames of the model, a free-flyer ``root_joint``."""
-    document = Document(parsed(read_bytes(path)))
+    raw = parsed(content := read_bytes(path))
+    holders = [each for tag in ("world", "model", "joint", "axis", "axis2") for each in raw.iter(tag)]
+    found = [
+        each for holder in holders for each in closing(holder, ("mimic", "gearbox_ratio", "gearbox_reference_body"))
+    ]
+    refuse(found, ignore, raw, content, "write it as a <joint> or <mimic> of SDF")
+    document = Document(raw)
     joints = read_joints(document)
     robot, _ = checked(in_urdf(document, [Path(folder).resolve() for folder in folders]), name)
     net = Net(document, joints)
