@@ -129,7 +129,7 @@ def _steps(system, start, until, backend, tol=1e-6) -> tuple[int, float]:
         batch = stepper.steps(until, stepper.batch, False)
         if batch.failure:
             raise RuntimeError(batch.failure)
-        steps += len(batch.pieces) if batch.block is None else len(batch.block[0])
+        steps += len(batch.t)
     return steps, time.perf_counter() - begun
 
 

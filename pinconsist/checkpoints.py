@@ -172,17 +172,18 @@ class _Callback:
 
     def __init__(self, callback):
         self.callback, self.order, self.t, self.error = callback, 0, 0.0, None
+        self.each_step = getattr(callback, "each_step", True)
         self.skip = False  # the first row of a part that goes on from a checkpoint
 
-    def __call__(self, t, q, v, lam):
-        if self.skip:
+    def __call__(self, t, *about):
+        if self.skip and self.each_step:
             self.skip = False
             return False
         self.t = t
         if hasattr(self.callback, "order"):
             self.callback.order = self.order
         try:
-            return self.callback(t, q, v, lam)
+            return self.callback(t, *about)
         except Exception as error:
             self.error = UserFunctionError("the callback", t, error)
             return True

@@ -82,7 +82,9 @@ def simulate(
         See :class:`Event`; plain functions ``g(t, q, v, lam)`` may carry ``terminal``, ``direction``, ``apply``.
     callback : callable, optional
         ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run. A callback with an attribute
-        ``order`` finds the order of the step there (0: of the one-step start).
+        ``order`` finds the order of the step there (0: of the one-step start). Unless forces or constraints are
+        functions of yours, up to 50 ms of further steps have been made by then; where it stops the run they are
+        dropped (the counters of work have them).
     consistency : {"every-step", "initial", "exact"}
         ``"every-step"``: every accepted step is projected onto the hidden constraint, multipliers have full order
         throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from ..dae.control import ErrorControl
-from ..dae.dense import Segment
+from ..dae.dense import Tables
 from ..dae.integrate import python_stepper
 from ..dae.newton import culprits
 from ..dae.stepper import StepBatch, Stepper
@@ -67,21 +67,16 @@ class CompiledStepper(CompiledRun):
             self._core.fix_step(self._start, self._taken, self._steps)
         return states
 
-    def steps(self, t_end, most, with_segments) -> StepBatch:
+    def steps(self, t_end, most, with_curve) -> StepBatch:
         core, system, t_old = self._core, self.system, self.t
-        failure, error, t, p, v, lam, h, k, base, Z = core.run(self._compiled, t_end, most, with_segments)
+        failure, error, t, p, v, lam, h, k, base, Z = core.run(self._compiled, t_end, most, with_curve)
         self.t, self.h, self.k, self.p, self.y = core.t, core.h, core.k, core.p, core.y
         self._count()
-        why = FAILURES.get(failure, "")
+        why, curve = FAILURES.get(failure, ""), None
         if failure == "not_finite":
             why += culprits(system, *core.culprit)
         elif failure == "turns_too_far":
             why = self._turns_too_far(self.velocity_and_multipliers()[0])
-        if not with_segments:
-            return StepBatch(why, error, block=(t, p, v, lam, k))
-        pieces = []
-        for i in range(len(t)):
-            segment = Segment(t_old, t[i], t[i], h[i], int(k[i]), base[i], Z[i, : k[i] + 1], system)
-            pieces.append(([(t[i], p[i], v[i], lam[i])], segment, int(k[i])))
-            t_old = t[i]
-        return StepBatch(why, error, pieces)
+        if with_curve and len(t):
+            curve = Tables(np.append(t_old, t[:-1]), t, t, h, k, base, Z, system, self._chart_points)
+        return StepBatch(t, p, v, lam, k, curve, why, error)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..dae.control import ErrorControl
-from ..dae.dense import RadauSegment
+from ..dae.dense import Curve, RadauSegment
 from ..dae.newton import culprits
 from ..dae.radau import table
 from ..dae.radau_stepper import RadauStepper
@@ -33,9 +33,9 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
             self._core.fix_step(self._start, self._steps)
         return states
 
-    def steps(self, t_end, most, with_segments) -> StepBatch:
+    def steps(self, t_end, most, with_curve) -> StepBatch:
         core, t_old, p_old, v_old = self._core, self.t, self.p, self.v
-        failure, error, t, p, v, lam, h, k, W, U = core.run(self._compiled, t_end, most, with_segments)
+        failure, error, t, p, v, lam, h, k, W, U = core.run(self._compiled, t_end, most, with_curve)
         self.t, self.h, self.s = core.t, core.h, core.s
         self.p, self.v, self.a, self.lam = core.p, core.v, core.a, core.lam
         if len(t):
@@ -44,14 +44,13 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         why = FAILURES.get(failure, "")
         if failure == "not_finite":
             why += culprits(self.system, *core.culprit)
-        if not with_segments:
-            return StepBatch(why, error, block=(t, p, v, lam, k))
-        pieces, nv, nx = [], self.system.nv, self.system.nx
-        for i in range(len(t)):
+        segments, nv, nx = [], self.system.nv, self.system.nx
+        for i in range(len(t) if with_curve else 0):
             s = (int(k[i]) + 1) // 2
             here, W = W[: s * nv].reshape(s, nv), W[s * nv :]
             rates, U = U[: s * nx].reshape(s, nx), U[s * nx :]
-            segment = RadauSegment(t_old, t[i], h[i], table(s), p_old, v_old, here, rates, p[i], v[i], self.system)
-            pieces.append(([(t[i], p[i], v[i], lam[i])], segment, int(k[i])))
+            segments.append(
+                RadauSegment(t_old, t[i], h[i], table(s), p_old, v_old, here, rates, p[i], v[i], self.system)
+            )
             t_old, p_old, v_old = t[i], p[i], v[i]
-        return StepBatch(why, error, pieces)
+        return StepBatch(t, p, v, lam, k, Curve(segments) if segments else None, why, error)

@@ -39,13 +39,16 @@ class CompiledRun(Stepper):
     batch, backend = 1000, "compiled"
     _compiled: Any = None
     _core: Any = None  # the C++ stepper
+    _chart_points: Any = None  # see Tables in dae/dense.py; it holds no function of the user's
 
     def change_system(self, system) -> None:
         super().change_system(system)
         self._compiled = compiled_system(system)
         native = not isinstance(self._compiled, load()[0].CallbackSystem)
+        self._chart_points, self.ahead = None, native and not self._compiled.calls_python
         if native:
             self.index1 = CompiledIndex1(system, self._compiled)
+            self._chart_points = load()[0].MechanismSystem(system.model, system.data).chart_points
         self._all_rows = None
         if native and not system.dropped_are_zero:
             self._all_rows = load()[0].MechanismSystem(system.model, system.data)

@@ -88,6 +88,17 @@ public:
     for (const auto &joint : planar_) joint.difference(p0, p1, xi);
   }
 
+  // The positions of several charts' centres and coordinates, one a row.
+  Table chart_points(const Table &bases, const Table &xi) const {
+    Table points(bases.rows(), npos);
+    Vec point;
+    for (Eigen::Index i = 0; i < points.rows(); ++i) {
+      integrate(bases.row(i).transpose(), xi.row(i).transpose(), point);
+      points.row(i) = point.transpose();
+    }
+    return points;
+  }
+
   Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const override {
     Vec turned = rate;
     if (curved.empty()) return turned;

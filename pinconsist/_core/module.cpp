@@ -81,7 +81,7 @@ nb::tuple run_radau(RadauStepper &stepper, const System &system, double t_end, l
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 4; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 5; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -150,6 +150,7 @@ NB_MODULE(twin, m) {
              s.evaluate(t, p, v, a);
              return nb::make_tuple(s.f, s.phi, s.W, s.rho);
            })
+      .def("chart_points", &MechanismSystem::chart_points)
       .def("gaps", &MechanismSystem::gaps)
       .def("complete", &MechanismSystem::complete)
       .def("linearize", [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a, double c) {

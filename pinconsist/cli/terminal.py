@@ -34,9 +34,10 @@ def bar(before, width, *after):
 class RunProgress:
     """A context whose value is a callback of `simulate` that shows how far a run has come; None if nobody watches."""
 
+    each_step = False  # it is called with batches of steps, see dae/output.py
+
     def __init__(self, start: float, end: float):
-        self.start, self.end, self.last_t = start, end, start
-        self.steps, self.order = -1, 0  # the first call is the initial row; the run sets the order before each call
+        self.start, self.end, self.steps = start, end, 0
         self.bar: Any = None
         self.next_update = time.monotonic() + PATIENCE
 
@@ -47,19 +48,18 @@ class RunProgress:
         if self.bar is not None:
             self.bar.stop()
 
-    def __call__(self, t, q, v, lam) -> bool:
-        self.steps += 1
-        step, self.last_t = abs(t - self.last_t), t
-        if time.monotonic() >= self.next_update:
-            self.next_update = time.monotonic() + PERIOD
-            text = f"{self.steps} steps, now {step:.2g} s, order {self.order},"
-            state = {"description": text, "where": f"t = {t:.4g} of {self.end:g} s"}
-            if self.bar is None:
-                self.bar = bar("{task.fields[where]}", 12, "{task.description}")
-                self.task = self.bar.add_task(total=abs(self.end - self.start), **state)
-                self.bar.start()
-            self.bar.update(self.task, completed=abs(t - self.start), **state)
-        return False
+    def __call__(self, t, step, order, count):
+        self.steps += count
+        if time.monotonic() < self.next_update:
+            return
+        self.next_update = time.monotonic() + PERIOD
+        text = f"{self.steps} steps, now {step:.2g} s, order {order},"
+        state = {"description": text, "where": f"t = {t:.4g} of {self.end:g} s"}
+        if self.bar is None:
+            self.bar = bar("{task.fields[where]}", 12, "{task.description}")
+            self.task = self.bar.add_task(total=abs(self.end - self.start), **state)
+            self.bar.start()
+        self.bar.update(self.task, completed=abs(t - self.start), **state)
 
 
 class BrokenPipeTolerated:

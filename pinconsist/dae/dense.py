@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,14 +38,9 @@ class Segment:
 
     def __call__(self, t: float):
         """(p, v, λ) at a time inside the step."""
-        y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z)
+        y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z[: self.k + 1])
         nx, nv = self.system.nx, self.system.nv
         return chart_point(self.system, self.base, y[:nx]), y[nx : nx + nv], y[nx + nv :]
-
-    def finished(self, t: float):
-        """(p, v, λ) with the multipliers as the user sees them, by the rows that were kept in this step."""
-        p, v, lam = self(t)
-        return p, v, self.system.full_multipliers(p, lam)
 
 
 @dataclass(frozen=True)
@@ -79,10 +75,110 @@ class RadauSegment:
         v = self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
         return p, v, Index1(system).acceleration(t, p, v)[1]
 
-    def finished(self, t: float):
-        """(p, v, λ) with the multipliers as the user sees them, by the rows that were kept in this step."""
-        p, v, lam = self(t)
-        return p, v, self.system.full_multipliers(p, lam)
+
+class Curve:
+    """The polynomials of successive steps of one system, from `start` on up to their `ends`.
+
+    A segment has ``t_old``, ``end``, ``system`` and ``until(end)``; called with a time it gives (p, v, λ).
+    """
+
+    def __init__(self, segments):
+        self.segments, self.system = list(segments), segments[0].system
+        self.start, self.ends = segments[0].t_old, np.array([segment.end for segment in segments])
+
+    @property
+    def sign(self) -> float:
+        """1 forwards in time, -1 backwards."""
+        return 1.0 if self.ends[-1] >= self.start else -1.0
+
+    def holders(self, times):
+        """Index of the step at each of the times."""
+        return np.minimum(np.searchsorted(self.sign * self.ends, self.sign * times), len(self.ends) - 1)
+
+    def segment(self, i: int):
+        """The polynomial of one step."""
+        return self.segments[i]
+
+    def until(self, end: float) -> Curve:
+        """The same polynomials, used only up to `end`."""
+        last = int(self.holders(end))
+        return self._cut(last, end) if end != self.ends[-1] else self
+
+    def _cut(self, last, end):
+        return Curve([*self.segments[:last], self.segments[last].until(end)])
+
+    def __call__(self, times):
+        """(p, v, λ) at several times, as arrays."""
+        rows = [self.segments[i](t) for i, t in zip(self.holders(times), times, strict=True)]
+        return tuple(np.array(column) for column in zip(*rows, strict=True))
+
+    def with_others(self, curves) -> Curve:
+        """One curve of this and those that follow."""
+        return Curve([segment for curve in (self, *curves) for segment in curve.segments])
+
+
+@dataclass
+class Tables(Curve):
+    """The same as arrays with an entry for each step; the fields are those of :class:`Segment`.
+
+    ``chart_points(bases, ξ)`` gives the positions of a stack of rows, one by one where it is None.
+    """
+
+    t_old: np.ndarray
+    ends: np.ndarray
+    t: np.ndarray
+    h: np.ndarray
+    k: np.ndarray
+    base: np.ndarray
+    Z: np.ndarray
+    system: Index3System
+    chart_points: Callable | None
+
+    @property
+    def start(self) -> float:
+        """Where the first step begins."""
+        return self.t_old[0]
+
+    def segment(self, i):
+        return Segment(*(column[i] for column in self._columns()), self.system)
+
+    def _columns(self):
+        return self.t_old, self.ends, self.t, self.h, self.k, self.base, self.Z
+
+    def _cut(self, last, end):
+        t_old, ends, *others = (column[: last + 1] for column in self._columns())
+        return Tables(t_old, np.append(ends[:last], end), *others, self.system, self.chart_points)
+
+    def __call__(self, times):
+        i, nx, nv = self.holders(times), self.system.nx, self.system.nv
+        highest = int(self.k[i].max(initial=0))
+        basis = bdf.interpolate(highest, (times - self.t[i]) / self.h[i])
+        basis[np.arange(highest + 1) > self.k[i, None]] = 0.0
+        y = (basis[:, None] @ self.Z[i, : highest + 1])[:, 0]
+        return self._positions(self.base[i], y[:, :nx]), y[:, nx : nx + nv], y[:, nx + nv :]
+
+    def _positions(self, bases, xi):
+        if self.system.vector_like:
+            return xi
+        if self.chart_points is not None:
+            return self.chart_points(bases, xi)
+        return np.array([self.system.integrate(*row) for row in zip(bases, xi, strict=True)])
+
+    def with_others(self, curves):
+        columns = zip(*(curve._columns() for curve in (self, *curves)), strict=True)
+        return Tables(*map(np.concatenate, columns), self.system, self.chart_points)
+
+
+def joined(curves) -> list[Curve]:
+    """As few curves as there are systems and kinds of curves in a row."""
+    groups: list[list[Curve]] = []
+    for curve in curves:
+        first = groups[-1][0] if groups else None
+        if first is not None and first.system is curve.system and type(first) is type(curve):
+            groups[-1].append(curve)
+        else:
+            groups.append([curve])
+    return [first.with_others(others) for first, *others in groups]
 
 
 class DenseOutput:
@@ -92,21 +188,25 @@ class DenseOutput:
     single rows.
     """
 
-    def __init__(self, segments):
-        self.segments = tuple(segments)
-        first, last = self.segments[0].t_old, self.segments[-1].end
-        self.t_min, self.t_max, self._forward = min(first, last), max(first, last), last >= first
-        self._ends = np.array([segment.end for segment in self.segments])
+    def __init__(self, curves):
+        self._curves = joined(curves)
+        first, last = self._curves[0].start, self._curves[-1].ends[-1]
+        self.t_min, self.t_max, self._sign = min(first, last), max(first, last), 1.0 if last >= first else -1.0
+        self._ends = np.array([curve.ends[-1] for curve in self._curves])
 
     def __call__(self, t):
         times = np.asarray(t, float)
         if not (np.isfinite(times).all() and (times >= self.t_min).all() and (times <= self.t_max).all()):
             raise InputError(f"dense output covers t = {self.t_min:g} to {self.t_max:g} s, asked for {t}")
-        rows = [self._at(float(each)) for each in np.atleast_1d(times)]
-        columns = tuple(np.array(column) for column in zip(*rows, strict=True))
-        return columns if times.ndim else tuple(column[0] for column in columns)
+        asked = np.atleast_1d(times) if times.size else np.array([self.t_min])
+        holders = np.minimum(np.searchsorted(self._sign * self._ends, self._sign * asked), len(self._ends) - 1)
+        parts = [self._finished(self._curves[i], asked[holders == i]) for i in np.unique(holders)]
+        order = np.argsort(np.argsort(holders, kind="stable"), kind="stable")
+        columns = tuple(np.concatenate(column)[order] for column in zip(*parts, strict=True))
+        return tuple(column[: times.size] for column in columns) if times.ndim else tuple(row[0] for row in columns)
 
-    def _at(self, t):
-        sign = 1.0 if self._forward else -1.0
-        index = min(int(np.searchsorted(sign * self._ends, sign * t)), len(self.segments) - 1)
-        return self.segments[index].finished(t)
+    @staticmethod
+    def _finished(curve, times):
+        """The rows with the multipliers as the user sees them, by the rows that were kept in these steps."""
+        p, v, lam = curve(times)
+        return p, v, curve.system.full_multipliers(p, lam)

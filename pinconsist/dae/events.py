@@ -69,8 +69,8 @@ class EventWatch:
         Occurrences of each event.
     """
 
-    def __init__(self, events, finish):
-        self.events, self.finish = events, finish
+    def __init__(self, events, finish, interrupted):
+        self.events, self.finish, self.interrupted = events, finish, interrupted
         self.found = [[] for _ in events]
         self._values = [0.0] * len(events)
 
@@ -80,30 +80,46 @@ class EventWatch:
         for i in fired:
             self._values[i] = 0.0  # what rounding leaves of it has no meaning
 
-    def first(self, segment, times):
-        """Record the events of a step in order of time; stop at the first that changes the run.
+    def first(self, batch):
+        """Record the events of steps in order of time; stop at the first that changes the run.
 
-        `times` are where the signs are looked at, up to the end of the segment.
+        ``looked`` counts the steps that were seen to the end.
 
         Returns
         -------
-        (indices of the events at that time, t, whether to stop) or None
+        (indices of the events at that time, t, (p, v, λ), whether to stop) or None
         """
-        begin = segment.t_old
-        for end in times:
-            values, self._values = self._values, self._signs(end, *segment(end))
-            beside = begin + NUDGE * (end - begin)
-            leaving = self._signs(beside, *segment(beside)) if 0.0 in values else values
-            hits = []
-            for i, event in enumerate(self.events):
-                g0, g1 = values[i] or leaving[i], self._values[i]
-                rises, falls = g0 < 0 <= g1 and event.direction >= 0, g0 > 0 >= g1 and event.direction <= 0
-                if rises or falls:
-                    hits.append((self._locate(event, segment, begin if values[i] else beside, end, g1), i))
-            if hits and (change := self._happen(segment, sorted(hits, key=lambda hit: (abs(hit[0] - begin), hit[1])))):
-                return change
-            begin = end
+        begin, self.looked = batch.curve.start, 0
+        rows = batch.p, batch.v, self.finish(batch.p, batch.lam)
+        for end, p, v, lam in zip(batch.t.tolist(), *rows, strict=True):  # at every step: plain loops are fastest
+            values, self._values = self._values, [_value(event, end, p, v, lam) for event in self.events]
+            for before, after in zip(values, self._values, strict=True):
+                if not before * after > 0.0:
+                    segment = batch.curve.segment(int(batch.curve.holders(end)))
+                    if change := self._happen(segment, self._hits(segment, begin, end, values)):
+                        return change
+                    break
+            begin, self.looked = end, self.looked + 1
+            if self.interrupted():
+                raise KeyboardInterrupt
         return None
+
+    def until(self, t, forward) -> list:
+        """What was found up to a time: steps may have been looked at beyond the end of the run."""
+        late = (lambda time: time > t) if forward else (lambda time: time < t)
+        return [[row for row in rows if _at_once(row[0], t) or not late(row[0])] for rows in self.found]
+
+    def _hits(self, segment, begin, end, values):
+        """(t, index) of the events between two times, in their order."""
+        beside = begin + NUDGE * (end - begin)
+        leaving = self._signs(beside, *segment(beside)) if 0.0 in values else values
+        hits = []
+        for i, event in enumerate(self.events):
+            g0, g1 = values[i] or leaving[i], self._values[i]
+            rises, falls = g0 < 0 <= g1 and event.direction >= 0, g0 > 0 >= g1 and event.direction <= 0
+            if rises or falls:
+                hits.append((self._locate(event, segment, begin if values[i] else beside, end, g1), i))
+        return sorted(hits, key=lambda hit: (abs(hit[0] - begin), hit[1]))
 
     def _happen(self, segment, hits):
         """Record `hits`, (t, index) in the order of time, up to the first that changes the run."""
@@ -119,17 +135,19 @@ class EventWatch:
                 stop_at, final = t if stop_at is None else stop_at, final or enough
         if stop_at is None:
             return None
-        return [i for t, i in hits if _at_once(t, stop_at)], stop_at, final
+        return [i for t, i in hits if _at_once(t, stop_at)], stop_at, segment(stop_at), final
 
     def _signs(self, t, p, v, lam):
-        lam = self.finish(p, lam)
-        return [_value(event, t, p, v, lam) for event in self.events]
+        state = [read_only(each) for each in (p, v, self.finish(p, lam))]
+        return [_value(event, t, *state) for event in self.events]
 
     def _locate(self, event, segment, begin, end, g_end) -> float:
         if g_end == 0.0:
             return end
 
         def g(t):
+            if t == end:
+                return g_end
             p, v, lam = segment(t)
             return _value(event, t, p, v, self.finish(p, lam))
 
@@ -151,3 +169,10 @@ def _value(event, t, p, v, lam) -> float:
     except Exception as error:
         raise UserFunctionError(f"the event {event.name!r}", t, error) from error
     return value
+
+
+def read_only(array):
+    """The array as users' functions get it."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError, PinconsistError, UserFunctionError
 from .consistency import MODES, Exact
 from .control import ErrorControl, FixedStep
-from .dense import DenseOutput
+from .dense import Curve, DenseOutput
 from .events import EventWatch
 from .failure import failure_report
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
@@ -21,6 +21,7 @@ from .stepper import StepBatch, Stepper
 from .tuning import Switches
 
 ROWS_WATCHED = 5  # steps after which the choice of constraint rows is looked at
+FEWEST, SHARE = 2, 4  # steps made ahead of the search for events: so many, and one for each so many since the start
 
 
 @dataclass
@@ -108,15 +109,16 @@ def integrate(
         ``status`` is -1, with what was reached, where the method fails.
     """
     output, stepper = output or Output(), stepper or python_stepper(system, method)
+    interrupted = interrupted or (lambda: False)
     with closing(stepper):
-        record = Record(output, t_span, stepper.full_multipliers)
-        watch = EventWatch(output.events, stepper.full_multipliers)
+        record = Record(output, t_span, stepper.full_multipliers, interrupted)
+        watch = EventWatch(output.events, stepper.full_multipliers, interrupted)
         status, message = SUCCESS, "the end of the interval was reached"
         try:
             lam0 = stepper.index1.acceleration(t_span[0], p0, v0)[1]
             record.first(t_span[0], p0, v0, lam0)
             watch.restart(t_span[0], p0, v0, lam0)
-            _march(stepper, t_span, p0, v0, method, record, watch, interrupted or (lambda: False))
+            _march(stepper, t_span, p0, v0, method, record, watch, interrupted)
         except Stop as stop:
             status, message = stop.status, str(stop)
         except KeyboardInterrupt:
@@ -133,7 +135,8 @@ def integrate(
     return Trajectory(
         *rows, system=stepper.system, status=status, message=message, nsteps=record.nsteps,
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
-        backend=stepper.backend, dense=record.dense(), events=watch.found, h=h, order=order, opened=opened,
+        backend=stepper.backend, dense=record.dense(), events=watch.until(record.reached, t_span[1] >= t_span[0]),
+        h=h, order=order, opened=opened,
     )  # fmt: skip
 
 
@@ -152,25 +155,18 @@ def _ending(error, t):
 
 
 def _march(stepper, t_span, p, v, method, record, watch, interrupted):
-    (t, t_end), watched = t_span, bool(watch.events) or record.needs_segments
+    (t, t_end), with_curve = t_span, bool(watch.events) or record.needs_curve
     while t != t_end:  # once, and again after every event that changes the state
         _stop_if(interrupted)
-        states = stepper.begin(t, p, v, t_end)
-        rows = states[1:]
-        batch = StepBatch(pieces=[(rows, stepper.segment() if watched and rows else None, stepper.used[1])])
+        states, begun = stepper.begin(t, p, v, t_end)[1:], record.nsteps
+        curve = Curve([stepper.segment()]) if with_curve and states else None
+        batch = StepBatch.of(states, [stepper.used[1]] * len(states), curve)
         while True:
-            hit = None
-            for rows, segment, order in batch.pieces:
-                hit = watch.first(segment, [row[0] for row in rows]) if segment is not None and watch.events else None
-                if hit is not None:
-                    break
-                record.steps_of(rows, segment, order)
+            hit = _look(watch, batch, record)
             if hit is not None:
-                fired, t, final = hit
+                fired, t, (p, v, lam), final = hit
                 events = [watch.events[i] for i in fired]
-                p, v, lam = segment(t)
-                inside = [row for row in rows if (row[0] - t) * stepper.h < 0]
-                record.steps_of([*inside, (t, p, v, lam)], segment, order)
+                record.add(batch.cut(t, p, v, lam))
                 if final:
                     names = " and ".join(event.name or "without a name" for event in events if event.terminal)
                     raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
@@ -180,8 +176,7 @@ def _march(stepper, t_span, p, v, method, record, watch, interrupted):
                 record.jump(t, p, v, lam)
                 watch.restart(t, p, v, lam, fired)
                 break
-            if batch.block is not None:
-                record.block(*batch.block)
+            record.add(batch)
             if batch.error is not None:
                 raise batch.error
             t = stepper.t
@@ -196,7 +191,18 @@ def _march(stepper, t_span, p, v, method, record, watch, interrupted):
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
                 break
             _stop_if(interrupted)
-            batch = stepper.steps(t_end, _batch_size(stepper, method, record, watch, due), watched)
+            batch = stepper.steps(t_end, _batch_size(stepper, method, record, watch, begun, due), with_curve)
+
+
+def _look(watch, batch, record):
+    """The first event in these steps that changes the run; where a user's function fails, the steps before are kept."""
+    if not (watch.events and len(batch.t)):
+        return None
+    try:
+        return watch.first(batch)
+    except BaseException:
+        record.add(batch.first(watch.looked))
+        raise
 
 
 def _stop_if(interrupted):
@@ -204,11 +210,13 @@ def _stop_if(interrupted):
         raise KeyboardInterrupt
 
 
-def _batch_size(stepper, method, record, watch, due) -> int:
+def _batch_size(stepper, method, record, watch, begun, due) -> int:
     """How many steps may be made before somebody has to look at them."""
-    if watch.events or record.output.callback is not None:
+    if not stepper.ahead and (watch.events or record.output.each_step):
         return 1
     most = stepper.batch
+    if watch.events:  # what is made beyond an event that changes the state is made in vain
+        most = min(most, FEWEST + (record.nsteps - begun) // SHARE)
     if method.max_steps is not None:
         most = min(most, method.max_steps - record.nsteps)
     return most if stepper.system.dropped_are_zero else min(most, due)

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..errors import PinconsistError, UserFunctionError
 from .dense import DenseOutput
-from .events import Event
+from .events import Event, read_only
+from .stepper import StepBatch
 
 SUCCESS, STOPPED, FAILED = 0, 1, -1
 
@@ -27,13 +28,20 @@ class Output:
     events : tuple of Event
     callback : callable or None
         ``callback(t, p, v, lam)`` after every accepted step; a true value stops the run. Its attribute ``order``,
-        if it has one, is set to the order of the step first.
+        if it has one, is set to the order of the step first. With an attribute ``each_step`` that is false it only
+        follows how far the run has come: ``callback(t, step, order, count)`` says now and then that so many more
+        steps were made, the last one to t.
     """
 
     t_eval: np.ndarray | None = None
     dense: bool = False
     events: tuple[Event, ...] = ()
     callback: Callable | None = None
+
+    @property
+    def each_step(self) -> bool:
+        """Whether the callback wants to see each step."""
+        return self.callback is not None and getattr(self.callback, "each_step", True)
 
 
 class Stop(Exception):
@@ -47,72 +55,68 @@ class Stop(Exception):
 class Record:
     """Keeps what was asked for, in the order of the run.
 
-    ``finish(p, lam)`` gives the multipliers as the user sees them, of one row or a stack of rows.
+    ``finish(p, lam)`` gives the multipliers as the user sees them, of one row or a stack of rows; ``interrupted()``
+    says after each call of the callback whether to end the run.
     """
 
-    def __init__(self, output: Output, t_span, finish):
+    def __init__(self, output: Output, t_span, finish, interrupted):
         self.output, self.reached, self.nsteps, self._finish = output, t_span[0], 0, finish
-        self.needs_segments = output.dense or output.t_eval is not None
+        self._interrupted = interrupted
+        self.needs_curve = output.dense or output.t_eval is not None
         self._sign = 1.0 if t_span[1] >= t_span[0] else -1.0
-        self._rows, self._orders, self._segments = [], [], []
+        self._orders, self._curves = [], []
         self._blocks, self._finished = [], []
-        self._pending = None if output.t_eval is None else list(output.t_eval[::-1])
+        self._due = output.t_eval  # times of rows that were not reached yet
 
     def first(self, t, p, v, lam) -> None:
         """The initial row."""
-        if self._pending is None or (self._pending and self._pending[-1] == t):
-            self._rows.append((t, p, v, lam))
-            if self._pending:
-                self._pending.pop()
-        self._call_back(t, p, v, lam)
+        if self._due is None or (len(self._due) and self._due[0] == t):
+            self._row(t, p, v, lam)
+            self._due = self._due if self._due is None else self._due[1:]
+        if self.output.each_step:
+            ended = self._call_back(np.array([t]), [each[None] for each in (p, v, lam)], None)[1]
+            if ended is not None:
+                raise ended
 
-    def steps_of(self, rows, segment, order) -> None:
-        """States (t, p, v, λ) reached by steps of this order, and the interpolant over them."""
-        if not rows:
+    def add(self, batch: StepBatch) -> None:
+        """Steps that were accepted; after those at which the callback stops the run no more are kept."""
+        if not len(batch.t):
             return
-        end = rows[-1][0]
-        self.nsteps += len(rows)
+        seen, ended = self._report(batch)
+        self._keep(batch if ended is None else batch.first(seen))
+        if ended is not None:
+            raise ended
+
+    def _keep(self, batch) -> None:
+        end = batch.t[-1]
+        self.nsteps += len(batch.t)
+        self.reached = float(end)
         if self.output.dense:
-            self._segments.append(segment.until(end))
-        self.reached = end
-        if self._pending is None:
-            self._orders += [order] * len(rows)
-            self._rows += rows
-        while self._pending and self._sign * (self._pending[-1] - end) <= 0:
-            t = self._pending.pop()
-            self._rows.append((t, *segment(t)))
-        self._report(rows, order)
-
-    def block(self, t, p, v, lam, orders) -> None:
-        """Rows as arrays, where nothing but the steps was asked for."""
-        if not len(t):
+            self._curves.append(batch.curve)
+        if self._due is None:
+            self._orders.append(batch.order)
+            self._blocks.append((batch.t, *batch.states))
             return
-        self.nsteps += len(t)
-        self.reached = t[-1]
-        self._flush()
-        self._orders += orders.tolist()
-        self._blocks.append((t, p, v, lam))
-        self._report(zip(t, p, v, lam, strict=True), int(orders[-1]))
+        n = int(np.searchsorted(self._sign * self._due, self._sign * end, side="right"))
+        if n:
+            self._blocks.append((self._due[:n], *batch.curve(self._due[:n])))
+            self._due = self._due[n:]
 
     def jump(self, t, p, v, lam) -> None:
         """The state after an event: a second row at the same time."""
-        if self._pending is None:
-            self._rows.append((t, p, v, lam))
-            self._orders.append(0)
+        if self._due is None:
+            self._row(t, p, v, lam)
+            self._orders.append([0])
+
+    def _row(self, t, *state):
+        self._blocks.append((np.array([t]), *(each[None] for each in state)))
 
     def complete_multipliers(self) -> None:
         """Complete the multipliers recorded so far, by the constraint rows that were kept for them."""
-        self._flush()
-        self._finished += [(t, p, v, self._finish(p, lam)) for t, p, v, lam in self._blocks]
-        self._blocks = []
-
-    def _flush(self) -> None:
-        """The rows so far as a block of arrays."""
-        if self._rows:
-            t, *states = zip(*self._rows, strict=True)
-            p, v, lam = (np.concatenate(column).reshape(len(t), -1) for column in states)  # faster than np.array
-            self._blocks.append((np.array(t), p, v, lam))
-            self._rows = []
+        if self._blocks:
+            t, p, v, lam = map(np.concatenate, zip(*self._blocks, strict=True))
+            self._finished.append((t, p, v, self._finish(p, lam)))
+            self._blocks = []
 
     def arrays(self, system):
         """t, p, v, λ as arrays."""
@@ -123,37 +127,41 @@ class Record:
 
     def steps(self, t):
         """Step and order by which each of the rows at times `t` was reached; empty where rows are not steps."""
-        if self._pending is not None:
+        if self._due is not None:
             return np.zeros(0), np.zeros(0, int)
-        return np.diff(t), np.array(self._orders, dtype=int)
+        return np.diff(t), np.concatenate([np.zeros(0, int), *self._orders])
 
     def dense(self):
         """The continuous solution, if asked for."""
-        return DenseOutput(self._segments) if self._segments else None
+        return DenseOutput(self._curves) if self._curves else None
 
-    def _report(self, rows, order) -> None:
-        callback = self.output.callback
-        if callback is not None:
-            if hasattr(callback, "order"):
-                callback.order = order
-            for row in rows:
-                self._call_back(*row)
+    def _report(self, batch):
+        if self.output.each_step:
+            return self._call_back(batch.t, batch.states, batch.order)
+        if self.output.callback is not None:
+            start = batch.t[-2] if len(batch.t) > 1 else self.reached
+            self.output.callback(batch.t[-1], abs(batch.t[-1] - start), int(batch.order[-1]), len(batch.t))
+        return len(batch.t), None
 
-    def _call_back(self, t, p, v, lam):
-        callback = self.output.callback
-        if callback is None:
-            return
+    def _call_back(self, times, states, orders):
+        """Call the user's callback with each row; how many rows it has seen, and what ends the run there, or None."""
+        callback, seen, (p, v, lam) = self.output.callback, 0, states
+        rows = zip(times.tolist(), *map(read_only, (p, v, self._finish(p, lam))), strict=True)
+        ordered = orders is not None and hasattr(callback, "order")
         try:
-            stop = callback(t, *map(_read_only, (p, v, self._finish(p, lam))))
-        except PinconsistError:
-            raise
+            for seen, row in enumerate(rows, 1):
+                if ordered:
+                    callback.order = int(orders[seen - 1])
+                if callback(*row):
+                    return seen, Stop(STOPPED, f"stopped by the callback at t = {row[0]:.6g}")
+                if self._interrupted():
+                    return seen, KeyboardInterrupt()
         except Exception as error:
-            raise UserFunctionError("the callback", t, error) from error
-        if stop:
-            raise Stop(STOPPED, f"stopped by the callback at t = {t:.6g}")
-
-
-def _read_only(array):
-    view = array.view()
-    view.flags.writeable = False
-    return view
+            if isinstance(error, PinconsistError):
+                return seen, error
+            told = UserFunctionError("the callback", row[0], error)
+            told.__cause__ = error
+            return seen, told
+        except BaseException as error:
+            return seen, error
+        return seen, None

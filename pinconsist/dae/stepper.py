@@ -3,28 +3,58 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import PinconsistError
 from . import bdf, start
 from .charts import longest_step, turning_coordinates
-from .dense import Segment
+from .dense import Curve, Segment
 from .index1 import Index1
 from .newton import Newton
 from .rounding import Headway, RoundingTest, error_of_rounding, shortest_step
 from .tuning import FAILURES, PATIENCE
 
 
-@dataclass(slots=True)
+@dataclass
 class StepBatch:
-    """Accepted steps that were made in one call."""
+    """Accepted steps that were made in one call, as arrays with one row a step, and their polynomials if wanted."""
 
+    t: np.ndarray
+    p: np.ndarray
+    v: np.ndarray
+    lam: np.ndarray
+    order: np.ndarray
+    curve: Curve | None
     failure: str = ""  # why there are no more, or empty
     error: BaseException | None = None  # what a user's function raised after these steps
-    pieces: list = field(default_factory=list)  # for each step (rows, segment or None, order), rows (t, p, v, λ)
-    block: tuple | None = None  # instead of pieces (t, p, v, λ, order) as arrays over all steps
+
+    def __post_init__(self):
+        for array in self.states:  # users' functions look at them
+            array.flags.writeable = False
+
+    @classmethod
+    def of(cls, states, orders, curve, *why) -> StepBatch:
+        """The batch of a list of states (t, p, v, λ)."""
+        t, *columns = zip(*states, strict=True) if states else ((), (), (), ())
+        return cls(np.array(t), *(np.array(column) for column in columns), np.array(orders, int), curve, *why)
+
+    @property
+    def states(self):
+        """p, v and λ."""
+        return self.p, self.v, self.lam
+
+    def first(self, n: int) -> StepBatch:
+        """The first `n` of the steps."""
+        curve = self.curve and n and self.curve.until(self.t[n - 1])
+        return StepBatch(self.t[:n], *(each[:n] for each in self.states), self.order[:n], curve or None)
+
+    def cut(self, t, p, v, lam) -> StepBatch:
+        """The steps before an event, and the part up to it of the one in which it happens."""
+        n = int(np.searchsorted(self.curve.sign * self.t, self.curve.sign * t))
+        rows = (np.concatenate((each[:n], row[None])) for each, row in zip(self.states, (p, v, lam), strict=True))
+        return StepBatch(np.append(self.t[:n], t), *rows, self.order[: n + 1], self.curve.until(t))
 
 
 class Stepper:
@@ -44,11 +74,14 @@ class Stepper:
         The equations of index 1, for starts and events.
     batch : int
         Steps that one call of :meth:`steps` makes at most.
+    ahead : bool
+        Whether steps may be made before events and callbacks have seen those before them: they cost little, and no
+        function of the user's takes part in them, which an event or a callback might change.
     backend : str
         Name of the method, for the record.
     """
 
-    batch, backend = 50, "python"
+    batch, ahead, backend = 50, False, "python"
 
     def __init__(self, system, method):
         self.method, self.control = method, method.control
@@ -108,20 +141,22 @@ class Stepper:
         self._points, self._choice, self._begun = len(states), (self.h, self.k), True
         return states
 
-    def steps(self, t_end, most, with_segments) -> StepBatch:
-        """Accepted steps towards `t_end`, at most `most`, with interpolants where they are asked for."""
-        batch, due = StepBatch(), time.monotonic() + PATIENCE
+    def steps(self, t_end, most, with_curve) -> StepBatch:
+        """Accepted steps towards `t_end`, at most `most`, with their polynomials where they are asked for."""
+        states, orders, segments, due = [], [], [], time.monotonic() + PATIENCE
+        failure, error = "", None
         try:
-            while len(batch.pieces) < most and self.t != t_end and not (batch.pieces and time.monotonic() > due):
+            while len(states) < most and self.t != t_end and not (states and time.monotonic() > due):
                 self.prepare_next()
-                batch.failure = self.advance(t_end)
-                if batch.failure:
+                failure = self.advance(t_end)
+                if failure:
                     break
-                rows = [(self.t, self.p, *self.velocity_and_multipliers())]
-                batch.pieces.append((rows, self.segment() if with_segments else None, self.used[1]))
-        except BaseException as error:  # what was reached is kept; the caller raises it
-            batch.error = error
-        return batch
+                states.append((self.t, self.p, *self.velocity_and_multipliers()))
+                orders.append(self.used[1])
+                segments += [self.segment()] if with_curve else []
+        except BaseException as raised:  # what was reached is kept; the caller raises it
+            error = raised
+        return StepBatch.of(states, orders, Curve(segments) if segments else None, failure, error)
 
     def advance(self, t_end) -> str:
         """One accepted step towards `t_end`; returns why there is none, or an empty string."""
@@ -193,8 +228,8 @@ class Stepper:
 
     def segment(self) -> Segment:
         """The interpolant of the last accepted step (or of the starting history)."""
-        rows, t = self._points, self.t
-        return Segment(self.t_old, t, t, self.used[0], rows - 1, self.base, self.Z[:rows].copy(), self.system)
+        t = self.t
+        return Segment(self.t_old, t, t, self.used[0], self._points - 1, self.base, self.Z.copy(), self.system)
 
     def velocity_and_multipliers(self):
         """v and λ at the time reached."""

@@ -1,0 +1,151 @@
+"""Compiled steps are made ahead of events and callbacks: as few calls as possible, and nothing else is different."""
+
+import signal
+
+import numpy as np
+import pytest
+
+import pinconsist as pc
+from pinconsist._core import compiled, load
+
+pytestmark = pytest.mark.skipif(load()[0] is None, reason="no compiled part")
+
+START = {"v0": {"crank": 12.0}}
+RUN = ("crank_rocker", (0.0, 0.4))
+
+
+def run(options, ahead=True, monkeypatch=None):
+    """A run, with steps made one at a time unless `ahead`."""
+    if not ahead:
+        monkeypatch.setattr(compiled.CompiledStepper, "batch", 1)
+    return pc.simulate(pc.load(RUN[0]), RUN[1], **START, **options)
+
+
+def turned(limit, **about):
+    return pc.Event(lambda t, q, v, lam: np.sin(q[0]) - limit, name=f"turned{limit}", **about)
+
+
+class Progress:
+    """A callback that only follows how far the run has come."""
+
+    each_step = False
+
+    def __init__(self):
+        self.calls = []
+
+    def __call__(self, *about):
+        self.calls.append(about)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"callback": lambda *state: None},
+        {"callback": Progress()},
+        {"events": lambda t, q, v, lam: 1.0},
+        {"t_eval": np.linspace(0.0, 0.4, 50), "dense_output": True},
+    ],
+    ids=["callback", "progress", "event", "t_eval and dense"],
+)
+def test_the_compiled_loop_is_left_rarely(monkeypatch, options):
+    calls, steps = [], compiled.CompiledStepper.steps
+    monkeypatch.setattr(compiled.CompiledStepper, "steps", lambda *args: calls.append(1) or steps(*args))
+    sol = run(options)
+    assert sol.success and sol.nsteps > 150 and len(calls) < 25
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"events": [turned(0.5), turned(-0.3, apply=lambda t, q, v: 0.9 * v)]},
+        {"events": [turned(0.5), turned(-0.3, apply=lambda t, q, v: 0.9 * v)], "dense_output": True},
+        {"events": [turned(0.5), turned(-0.3, terminal=2)], "t_eval": np.linspace(0.0, 0.4, 70)},
+        {"events": turned(0.5), "callback": lambda t, *state: t > 0.2},
+        {"events": turned(0.5), "max_steps": 70},
+    ],
+)
+def test_it_is_the_run_whose_steps_are_looked_at_one_by_one(monkeypatch, options):
+    many, one = run(options), run(options, False, monkeypatch)
+    assert many.message == one.message and many.nsteps == one.nsteps
+    for name in ("t", "q", "v", "lam", "h", "order"):
+        np.testing.assert_array_equal(getattr(many, name), getattr(one, name))
+    for found, expected in zip(many.t_events, one.t_events, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    assert any(map(len, many.t_events))
+    if many.sol is not None:
+        times = np.linspace(0.0, many.t[-1], 101)
+        for found, expected in zip(many.sol(times), one.sol(times), strict=True):
+            np.testing.assert_array_equal(found, expected)
+
+
+def test_a_callback_that_stops_hides_what_lies_beyond():
+    """Neither rows, nor events, nor what an event's function raises beyond that step."""
+
+    def g(t, q, v, lam):
+        if t > 0.3:
+            raise KeyError("too far")
+        return np.sin(q[0]) - 0.5
+
+    seen = []
+    sol = run({"events": g, "callback": lambda t, *state: seen.append(t) or t > 0.1})
+    assert (sol.status, sol.t[-1]) == (1, seen[-1]) and "callback" in sol.message
+    assert sol.t_events[0].max() <= sol.t[-1] < 0.15
+
+
+def test_a_callback_may_change_what_a_force_reads():
+    """Then every step is made after the callback has seen the one before: a brake that is let go at a time."""
+    brake = {"on": True}
+
+    def callback(t, q, v, lam):
+        brake["on"] = t < 0.05
+
+    def force(t, q, v):
+        return -2.0 * v if brake["on"] else 0.0 * v
+
+    sol = run({"forces": [force], "callback": callback})
+    brake["on"] = True
+    held = run({"forces": [force]})
+    first = int(np.argmax(sol.t >= 0.05))
+    np.testing.assert_array_equal(sol.t[: first + 1], held.t[: first + 1])
+    assert np.abs(sol.v[-1]).max() > 1.2 * np.abs(held.v[-1]).max()
+
+
+def test_progress_says_how_far_the_run_has_come():
+    progress = Progress()
+    sol = run({"callback": progress})
+    times, steps, orders, counts = zip(*progress.calls, strict=True)
+    assert sum(counts) == sol.nsteps and times[-1] == sol.t[-1]
+    assert steps[-1] == pytest.approx(sol.h[-1]) and orders[-1] == sol.order[-1]
+
+
+def test_events_get_rows_that_cannot_be_written_to():
+    def g(t, q, v, lam):
+        with pytest.raises(ValueError, match="read-only"):
+            q[:] = 0.0
+        return 1.0
+
+    assert run({"events": g}).success
+
+
+def test_backwards_events_are_those_of_the_steps_looked_at_one_by_one(monkeypatch):
+    there = pc.simulate(pc.load("four_bar"), (0.0, 1.0), v0={"crank": 2.0})
+    mech, start = pc.load("four_bar"), (there.q[-1], there.v[-1])
+    options = {"events": [turned(0.4), turned(0.1, apply=lambda t, q, v: 0.9 * v)], "dense_output": True}
+    many = pc.integrate(mech, (1.0, 0.0), *start, **options)
+    monkeypatch.setattr(compiled.CompiledStepper, "batch", 1)
+    one = pc.integrate(mech, (1.0, 0.0), *start, **options)
+    np.testing.assert_array_equal(many.t, one.t)
+    np.testing.assert_array_equal(many.q, one.q)
+    times = np.linspace(0.0, 1.0, 77)
+    np.testing.assert_array_equal(many.sol(times)[0], one.sol(times)[0])
+
+
+@pytest.mark.parametrize("whose", ["callback", "events"])
+def test_a_signal_ends_the_run_at_the_step_that_is_looked_at(whose):
+    def function(t, *state):
+        if t > 0.2:
+            signal.raise_signal(signal.SIGINT)
+        return whose == "events"
+
+    sol = run({whose: function})
+    assert (sol.status, sol.nsteps) == (1, int(np.argmax(sol.t > 0.2))) and "interrupted" in sol.message
