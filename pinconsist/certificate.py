@@ -9,10 +9,12 @@ import numpy as np
 from .dae.index1 import solve_acceleration
 from .dae.norms import largest
 from .mechanism.energy import energy_of
+from .mechanism.limits import BeyondLimit, beyond_limits
 from .mechanism.reactions import not_determined, undetermined
 from .mechanism.system import MechanismSystem
 
 MOST = 2000  # rows at which the multipliers of the differential equation are solved for: two thirds of the work
+SHOWN = 4  # joints outside of their limits
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,9 @@ class Certificate:
         Kinetic, potential and elastic energy of each row, J.
     undetermined : dict of str to float
         Loops whose own forces mean nothing, see :attr:`Reaction.dependence`; empty for a general problem.
+    beyond_limits : tuple of BeyondLimit
+        Joints that leave the position limits of their file, which do not act: ``joint``, first time ``t``, the
+        ``value`` farthest out, ``lower`` and ``upper`` limit.
     fixed_step : bool
         The run had one, which is then what to make smaller.
     """
@@ -50,6 +55,7 @@ class Certificate:
     energy_error: float | None
     energy: np.ndarray | None = field(repr=False, compare=False)
     undetermined: dict[str, float] = field(default_factory=dict)
+    beyond_limits: tuple[BeyondLimit, ...] = ()
     fixed_step: bool = field(default=False, repr=False, compare=False)
 
     def __str__(self):
@@ -81,6 +87,10 @@ class Certificate:
                 f"{not_determined(self.undetermined)}; the motion and all loops' Jᵀλ together are right. "
                 "mechanism.reduced() drops what it finds superfluous"
             )
+        if self.beyond_limits:
+            names = [str(each) for each in self.beyond_limits[:SHOWN]]
+            names += [f"and {more} more"] if (more := len(self.beyond_limits) - SHOWN) > 0 else []
+            found.append(f"joints leave their limits, which do not act: {'; '.join(names)}")
         return found
 
 
@@ -121,6 +131,7 @@ def certify(solution, mechanism=None) -> Certificate:
         energy_error=None if energy is None else energy.balance_error,
         energy=None if energy is None else energy.total,
         undetermined={} if mechanism is None else undetermined(mechanism, solution.t, solution.q),
+        beyond_limits=() if mechanism is None else beyond_limits(mechanism, solution.t, solution.q),
         fixed_step=solution.method.get("step") is not None,
     )
 

@@ -16,7 +16,8 @@ HOW = "method step max_order rtol atol forces t_eval dense_output events callbac
 HOW += " max_steps backend"
 PARAMETERS = {  # those after the bar by name only
     "Assembly": "q v gaps rows rank mobility redundant moved iterations",
-    "Certificate": "position position_at velocity force force_first energy_error energy undetermined fixed_step",
+    "Certificate": "position position_at velocity force force_first energy_error energy undetermined beyond_limits "
+    "fixed_step",
     "Constraint": "name function size jacobian rate moving rows step",
     "Coupling": "name joint other ratio offset higher",
     "Drive": "name joint curve rate acceleration",

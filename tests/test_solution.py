@@ -418,3 +418,41 @@ def test_the_summary_tells_rejected_steps_once():
         ({"error": 0}, "steps\n"),
     ):
         assert told in dataclasses.replace(sol, rejected=rejected).summary()
+
+
+def rotor(lower, upper, joint=None):
+    """A body on a joint "j" with limits, without gravity."""
+    model = pin.Model()
+    model.gravity.linear = np.zeros(3)
+    index = model.addJoint(0, joint or pin.JointModelRZ(), pin.SE3.Identity(), "j")
+    model.appendBodyToJoint(index, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    model.lowerPositionLimit, model.upperPositionLimit = np.full(model.nq, lower), np.full(model.nq, upper)
+    return pc.Mechanism(model)
+
+
+@pytest.mark.parametrize(
+    ("limits", "start", "speed", "first", "told"),
+    [
+        ((-0.9, 0.9), 0.0, 2.0, 0.5, "j reaches 2 of 0.9, first at t = 0.5"),
+        ((-0.9, 0.9), 2 * np.pi, -2.0, 0.5, "j reaches -2 of -0.9, first at t = 0.5"),  # whole turns away at the start
+        ((-np.pi, np.pi), 0.0, 8.0, 0.4, "j reaches 8 of 3.142, first at t = 0.4"),  # but not on the way
+        ((-0.9, 0.9), 1.5, -2.0, 0.0, "j reaches 1.5 of 0.9, first at t = 0"),
+        ((-0.9, np.inf), 0.0, 2.0, None, None),
+        ((0.0, 0.0), 0.0, 2.0, None, None),
+        ((-2.1, 2.1), 0.0, 2.0, None, None),
+    ],
+)
+def test_joints_that_leave_their_limits_are_named(limits, start, speed, first, told):
+    """Uniform motion, start + speed t."""
+    sol = pc.simulate(rotor(*limits), (0.0, 1.0), {"j": start}, {"j": speed}, t_eval=np.linspace(0.0, 1.0, 11))
+    found = sol.check()
+    assert [(each.joint, each.t) for each in found.beyond_limits] == ([("j", pytest.approx(first))] if told else [])
+    lines = [line for line in str(found).splitlines() if "limits" in line]
+    assert lines == ([f"look here: joints leave their limits, which do not act: {told}"] if told else [])
+
+
+def test_limits_of_joints_of_several_coordinates_and_of_quaternions():
+    mech = rotor(-0.5, 0.5, pin.JointModelTranslation())
+    found = pc.simulate(mech, (0.0, 1.0), v0=[0.0, -1.0, 0.4]).check()
+    assert [each.joint for each in found.beyond_limits] == ["j[1]"] and found.beyond_limits[0].value < -0.99
+    assert pc.simulate(rotor(-0.1, 0.1, pin.JointModelSpherical()), (0.0, 0.1), v0=[1.0, 0, 0]).check().concerns == []

@@ -3,19 +3,20 @@
 import logging
 import re
 import warnings
-from math import isfinite, pi, remainder, tau
+from math import pi
 
 import pinconsist as pc
 
 from ..errors import InputError
 from ..mechanism.assembly import not_kept
 from ..mechanism.checks import coordinates
+from ..mechanism.limits import beyond_limits
 from ..run_file import SceneSource as SceneSource
 from ..run_file import loaded as loaded
 from .output import counted, first
 
 PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")
-ROUNDING, CLOSE_BY = 1e-9, 1e-2  # rad or m
+CLOSE_BY = 1e-2  # rad or m
 MOST_SHOWN = 3  # warnings of a kind
 TILTS = ("tilt1", "tilt2", "rx", "ry", "rz", "cross")
 _log = logging.getLogger(__name__)
@@ -112,20 +113,12 @@ def log_warnings(sentences):
 
 
 def _outside_limits(mech, q) -> list[str]:
-    """Joints with one coordinate that is outside the limits of their file; whole turns do not count."""
-    model, found = mech.model, []
-    for i, joint in enumerate(mech.joints, start=1):
-        k = model.idx_qs[i]
-        low, high, value = model.lowerPositionLimit[k], model.upperPositionLimit[k], q[k]
-        if model.nqs[i] != 1 or not low < high or low - ROUNDING <= value <= high + ROUNDING:
-            continue
-        middle, turns = (low + high) / 2, model.joints[i].shortname().startswith("JointModelR")
-        if turns and isfinite(middle) and abs(remainder(value - middle, tau)) <= high - middle:
-            continue
-        found.append(
-            f"{joint} = {value:.6g} is outside the limits of its file, {low:.6g} … {high:.6g}: a wrong anchor or guess?"
-        )
-    return found
+    """Joints that are outside of the limits of their file; whole turns do not count."""
+    return [
+        f"{each.joint} = {each.value:.6g} is outside the limits of its file, {each.lower:.6g} … {each.upper:.6g}: a "
+        "wrong anchor or guess?"
+        for each in beyond_limits(mech, [0.0], q[None, :])
+    ]
 
 
 def _immobile(mech, assembly) -> list[str]:

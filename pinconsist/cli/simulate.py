@@ -1,6 +1,7 @@
 """`pinconsist simulate`."""
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -135,7 +136,8 @@ def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
             "t": [sol.t[0], sol.t[-1]], "steps": sol.nsteps, "rejected": sol.rejected, "nfev": sol.nfev,
             "njev": sol.njev, "nlu": sol.nlu, "seconds": seconds, "method": sol.method,
         },
-        "certificate": certificate and {name: getattr(certificate, name) for name in names},
+        "certificate": certificate and {name: getattr(certificate, name) for name in names}
+        | {"beyond_limits": [asdict(each) for each in certificate.beyond_limits]},
         "end": {"q": scene.by_joint(mech, sol.q[-1]), "v": scene.by_joint(mech, sol.v[-1], velocity=True)},
         "files": files,
     }  # fmt: skip
