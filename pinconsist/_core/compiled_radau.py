@@ -27,11 +27,20 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
 
     def begin(self, t, p, v, t_end):
         states = super().begin(t, p, v, t_end)
-        self._core.turns = self._turns
-        self._core.begin(self.t, self.h, self.s, self.p, self.v, self.a, self.lam)
+        self._hand_state()
+        self._core.turns, self._core.h = self._turns, self.h
         if self.method.step is not None:
             self._core.fix_step(self._start, self._steps)
         return states
+
+    def _hand_state(self):
+        self._core.begin(self.t, self.s, self.p, self.v, self.a, self.lam)
+
+    def _first_step(self, t_end):
+        if self.method.first_step is not None:
+            return super()._first_step(t_end)
+        self._hand_state()
+        return self._core.first_step(t_end)
 
     def steps(self, t_end, most, with_curve) -> StepBatch:
         core, t_old, p_old, v_old = self._core, self.t, self.p, self.v

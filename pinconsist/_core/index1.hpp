@@ -22,17 +22,15 @@ public:
 
   // Acceleration and multipliers of the differential equation itself; false where it is singular.
   bool acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
-    const int nv = system_.nv, nc = system_.nc;
     system_.evaluate(t, p, v, zero_);
-    rhs_.col(0).head(nv) = -system_.f;
-    system_.acceleration_bias(t, p, v, bias_);
-    rhs_.col(0).tail(nc) = -bias_;
-    if (!solve(t, p, v)) return false;
-    a = rhs_.col(0).head(nv);
-    lam = rhs_.col(0).tail(nc);
-    return true;
+    return solve_acceleration(t, p, v, a, lam);
   }
 
+  // The same at a position whose constraint was evaluated last.
+  bool acceleration_after_constraint(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
+    system_.evaluate_after_constraint(t, p, v, zero_);
+    return solve_acceleration(t, p, v, a, lam);
+  }
   // p and v put on the constraints, as project_position and project_velocity do.
   State project(double t, const Vec &p, const Vec &v) {
     State state{p, v};
@@ -46,6 +44,17 @@ public:
   }
 
 private:
+  bool solve_acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
+    const int nv = system_.nv, nc = system_.nc;
+    rhs_.col(0).head(nv) = -system_.f;
+    system_.acceleration_bias(t, p, v, bias_);
+    rhs_.col(0).tail(nc) = -bias_;
+    if (!solve(t, p, v)) return false;
+    a = rhs_.col(0).head(nv);
+    lam = rhs_.col(0).tail(nc);
+    return true;
+  }
+
   bool solve(double t, const Vec &p, const Vec &v) {
     system_.mass_matrix(t, p, v, kkt_.A());
     return kkt_.solve_new(system_.W, system_.G_transposed(), 1.0, rhs_, 1);

@@ -130,6 +130,11 @@ public:
     hidden_residual(t, p, v);
   }
 
+  void evaluate_after_constraint(double t, const Vec &p, const Vec &v, const Vec &a) override {
+    f = pinocchio::rnea(model_, data_, p, v, a); // leaves joint Jacobians as they are
+    add_the_rest(t, p, v);
+  }
+
   void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) override {
     pinocchio::forwardKinematics(model_, data_, p, v, zero_);
     bias.setZero(nc);

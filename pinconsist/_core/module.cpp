@@ -246,13 +246,14 @@ NB_MODULE(twin, m) {
              new (self) RadauStepper(system, switches_of(switches));
            }, "system"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_ro("t", &RadauStepper::t)
-      .def_ro("h", &RadauStepper::h)
+      .def_rw("h", &RadauStepper::h)
       .def_ro("s", &RadauStepper::s)
       .def_prop_ro("p", [](const RadauStepper &s) { return s.p; })
       .def_prop_ro("v", [](const RadauStepper &s) { return s.v; })
       .def_prop_ro("a", [](const RadauStepper &s) { return s.a; })
       .def_prop_ro("lam", [](const RadauStepper &s) { return s.lam; })
       .def_rw("turns", &RadauStepper::turns)
+      .def("first_step", &RadauStepper::first_step)
       .def("add_table",
            [](RadauStepper &stepper, const Vec &c, const Mat &A, const Mat &inverse, const Mat &inverse2, const Mat &modes,
               double newton_factor) {
@@ -262,9 +263,8 @@ NB_MODULE(twin, m) {
              stepper.newton_factors[s] = newton_factor;
            })
       .def("begin",
-           [](RadauStepper &s, double t, double h, int stages, const Vec &p, const Vec &v, const Vec &a, const Vec &lam) {
+           [](RadauStepper &s, double t, int stages, const Vec &p, const Vec &v, const Vec &a, const Vec &lam) {
              s.t = t;
-             s.h = h;
              s.s = stages;
              s.p = p;
              s.v = v;

@@ -13,6 +13,22 @@ struct RadauTable {
   double leading = 0.0;            // how far rounding of stage positions reaches the highest coefficient, times h²
 };
 
+// out = x weightsᵀ: combinations of a few columns.
+inline void combine(const Mat &x, const Mat &weights, Mat &out) {
+  const Eigen::Index n = x.rows(), s = weights.rows();
+  out.resize(n, s);
+  for (Eigen::Index i = 0; i < s; ++i) {
+    double *sum = out.data() + i * n;
+    for (Eigen::Index j = 0; j < s; ++j) {
+      const double weight = weights(i, j), *column = x.data() + j * n;
+      if (j == 0)
+        for (Eigen::Index k = 0; k < n; ++k) sum[k] = weight * column[k];
+      else
+        for (Eigen::Index k = 0; k < n; ++k) sum[k] += weight * column[k];
+    }
+  }
+}
+
 constexpr int SMALL_PRODUCT = 10; // below which products need no temporaries
 
 // out = a b
@@ -28,18 +44,46 @@ public:
     nc_ = nc;
     nv_ = nv;
     E_.resize(nv + 1, nc);
-    order_.resize(nv);
   }
 
-  // With `choose` the dependent columns are chosen, else they are those chosen last. False where J loses its rank.
+  // With `choose` other dependent columns may be chosen than last time. False where J loses its rank.
   template <class Phi> bool reduce(const Mat &J, const Phi &phi, bool choose, Mat &Z, Eigen::Ref<Vec> closing) {
-    if (choose)
+    const bool kept = static_cast<int>(order_.size()) == nv_;
+    if (!(kept && echelon(J, phi, false) && (!choose || steep() <= STEEPEST)) && !(choose && echelon(J, phi, true)))
+      return false;
+    for (int k = 0; k < nc_; ++k) {
+      for (int j = nc_; j < nv_; ++j) Z(order_[k], j - nc_) = -E_(j, k);
+      closing[order_[k]] = -E_(nv_, k);
+    }
+    for (int j = nc_; j < nv_; ++j) {
+      Z.row(order_[j]).setZero();
+      Z(order_[j], j - nc_) = 1.0;
+      closing[order_[j]] = 0.0;
+    }
+    return true;
+  }
+
+private:
+  static constexpr double STEEPEST = 10.0; // of the dependent columns by the others, from which others are chosen
+
+  double steep() const {
+    double most = 0.0;
+    for (int k = 0; k < nc_; ++k)
+      for (int j = nc_; j < nv_; ++j) most = std::max(most, std::abs(E_(j, k)));
+    return most;
+  }
+
+  // The reduced row echelon form, with row pivots, or with complete pivots that choose the columns.
+  template <class Phi> bool echelon(const Mat &J, const Phi &phi, bool choose) {
+    if (choose) {
+      order_.resize(nv_);
       for (int j = 0; j < nv_; ++j) order_[j] = j;
+    }
     for (int i = 0; i < nc_; ++i) {
       for (int j = 0; j < nv_; ++j) E_(j, i) = J(i, order_[j]);
       E_(nv_, i) = phi[i];
     }
-    const double least = choose ? EPS * largest(J) : 0.0;
+    const double least = EPS * largest(J);
     for (int k = 0; k < nc_; ++k) {
       int row = k, column = k;
       double most = -1.0;
@@ -62,19 +106,9 @@ public:
         for (int j = k + 1; j <= nv_; ++j) other[j] -= factor * pivot[j];
       }
     }
-    for (int k = 0; k < nc_; ++k) {
-      for (int j = nc_; j < nv_; ++j) Z(order_[k], j - nc_) = -E_(j, k);
-      closing[order_[k]] = -E_(nv_, k);
-    }
-    for (int j = nc_; j < nv_; ++j) {
-      Z.row(order_[j]).setZero();
-      Z(order_[j], j - nc_) = 1.0;
-      closing[order_[j]] = 0.0;
-    }
     return true;
   }
 
-private:
   int nc_ = 0, nv_ = 0;
   Mat E_; // a row of J and its φ lie together
   std::vector<int> order_;
@@ -100,6 +134,9 @@ public:
 
   // Rates of ξ.
   const Mat &rates() const { return system_.rate_is_velocity && system_.curved.empty() ? V : U_; }
+
+  // M near the end of the step, where it is known.
+  const Mat *mass_at_end() const { return interpolate_ && symmetric() ? &M_.back() : nullptr; }
 
   double time(int i) const { return t + h * table->c[i]; }
 
@@ -149,7 +186,7 @@ public:
       if (iterations > 1) rate = size / last;
       const double to_come = iterations == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const double before = largest(V);
-      multiply(dV_, table->inverse.transpose(), along_);
+      combine(dV_, table->inverse, along_);
       W += along_ / h;
       if (!move()) return fail();
       const double reach = 1.0 + largest(P.col(s - 1)), step = largest(dV_);
@@ -179,10 +216,10 @@ private:
   // Velocities and positions of the accelerations W; rates that depend on positions by substitution.
   bool move() {
     const int s = table->s;
-    multiply(W, table->A.transpose(), V);
+    combine(W, table->A, V);
     V = (h * V).colwise() + v;
     if (system_.rate_is_velocity && system_.curved.empty()) {
-      multiply(V, table->A.transpose(), xi);
+      combine(V, table->A, xi);
       xi *= h;
       place();
       return xi.allFinite();
@@ -196,7 +233,7 @@ private:
         U_.col(i) = system_.chart_rate(p, p_, system_.rate(time(i), p_, v_));
       }
       before_ = xi;
-      multiply(U_, table->A.transpose(), xi);
+      combine(U_, table->A, xi);
       xi *= h;
       if (!(largest(xi - before_) > 4.0 * EPS * (1.0 + largest(xi)))) break;
     }
@@ -304,14 +341,14 @@ private:
   // out_i = T_i⁻¹ Σ_j b_ij T_j x_j: h dV of dP.
   void along(const Mat &x, Mat &out) {
     if (system_.curved.empty()) {
-      multiply(x, table->inverse.transpose(), out);
+      combine(x, table->inverse, out);
       return;
     }
     turned_ = x;
     for (int i = 0; i < table->s; ++i)
       for (auto [first, size] : system_.curved)
         turned_.col(i).segment(first, size) = T_[i].block(first, first, size, size) * x.col(i).segment(first, size);
-    multiply(turned_, table->inverse.transpose(), out);
+    combine(turned_, table->inverse, out);
     for (int i = 0; i < table->s; ++i)
       for (auto [first, size] : system_.curved)
         out.col(i).segment(first, size) =
@@ -324,7 +361,7 @@ private:
     dP_ = closing_;
     if (nd) {
       along(closing_, along_);
-      multiply(along_, table->inverse.transpose(), twice_);
+      combine(along_, table->inverse, twice_);
       for (int i = 0; i < s; ++i) {
         w_ = h * h * f_.col(i);
         w_ += M_[i].lazyProduct(twice_.col(i));

@@ -40,8 +40,9 @@ public:
     return h * std::min(factor, max_step / std::abs(h));
   }
 
-private:
   static int exponent(int s) { return s >= 3 ? s + 2 : s + 1; }
+
+private:
   double last_h_ = 0.0, last_error_ = 0.0; // of the last step, 0 where there is none
 };
 
@@ -68,6 +69,36 @@ public:
 
   RadauStepper(System &system, const Switches &switches)
       : newton(system, switches), system_(system), kkt_(system.nv, system.nc), index1_(system) {}
+
+  // A step with an error of FIRST_ERROR, from the time in which the acceleration changes by as much as it is.
+  double first_step(double t_end) {
+    const double limit = std::abs(t_end - t), tiny = 1e-300, near = FIRST_REACH * (1.0 + largest(p));
+    weights();
+    const auto size = [&](const Vec &x) {
+      return std::sqrt(x.cwiseProduct(weight_.tail(system_.nv)).squaredNorm() / system_.nv);
+    };
+    double trial = std::min({limit, near / std::max(largest(v), tiny), std::sqrt(near / std::max(largest(a), tiny))});
+    double change = INF, most = 1.0;
+    for (int i = 0;; ++i) {
+      const double step = std::copysign(trial, t_end - t);
+      v1_ = v + step * a;
+      shift_ = step * system_.rate(t, p, 0.5 * (v + v1_));
+      system_.integrate(p, shift_, p1_);
+      if (index1_.acceleration(t + step, p1_, v1_, moved_, lam_) && moved_.allFinite() && lam_.allFinite()) {
+        change = size(moved_ - a);
+        most = std::max(size(a), size(moved_));
+      } else {
+        change = INF;
+        most = 1.0;
+      }
+      if (i + 1 == static_cast<int>(FIRST_TRIALS) || change <= FIRST_CHANGE * most) break;
+      trial *= 0.25;
+    }
+    const double time = std::min(limit, trial * most / std::max(change, tiny));
+    const double part = std::pow(FIRST_ERROR / std::max(most * time, tiny), 1.0 / control.exponent(s));
+    const double least = std::max(shortest_step(t), shortest_step(t_end));
+    return std::copysign(std::max(std::min(time * std::min(1.0, part), control.max_step), least), t_end - t);
+  }
 
   void begin_anew() {
     control.restart();
@@ -176,19 +207,22 @@ private:
 
   // The end of a step: one factorisation at the last stage serves the projections and the error estimate.
   Failure land(double t_next, double &error) {
-    const int nv = system_.nv, nc = system_.nc, last = s - 1;
+    const int nv = system_.nv, nc = system_.nc, last = s - 1, modes = fixed() ? 0 : s < 3 ? 1 : 2;
     const double t1 = newton.time(last);
     p1_ = newton.P.col(last);
     v1_ = newton.V.col(last);
     ++newton.nlu;
-    system_.mass_matrix(t1, p1_, v1_, kkt_.A());
-    const int modes = fixed() ? 0 : s < 3 ? 1 : 2;
+    if (const Mat *M = newton.mass_at_end()) kkt_.A() = *M;
+    else system_.mass_matrix(t1, p1_, v1_, kkt_.A());
     estimate(modes);
     rhs_.setZero(nv + nc, 2 + modes);
-    for (int turn = 0;; ++turn) {
+    bool closed = false;
+    for (int turn = 0; turn < static_cast<int>(CLOSINGS) && !closed; ++turn) {
       system_.constraint(t1, p1_, v1_);
-      rhs_.col(0).tail(nc) = system_.phi;
-      rhs_.col(1).tail(nc) = system_.rho;
+      closed = largest(system_.phi) <= CLOSED * (1.0 + largest(p1_));
+      rhs_.leftCols(2).setZero();
+      rhs_.col(0).tail(nc) = system_.rho;
+      rhs_.col(1).tail(nc) = system_.phi;
       if (turn == 0) {
         for (int m = 0; m < modes; ++m) rhs_.col(2 + m).tail(nc) = system_.W.lazyProduct(modes_.col(m));
         if (!kkt_.solve_new(system_.W, system_.G_transposed(), 1.0, rhs_, 0)) return Failure::singular;
@@ -197,23 +231,19 @@ private:
       } else {
         kkt_.solve(rhs_, 1.0, 0);
       }
-      const double gap = largest(system_.phi);
-      shift_ = -system_.moved_by(t1, p1_, v1_, rhs_.col(0).head(nv));
+      v1_ -= rhs_.col(0).head(nv);
+      if (closed) break;
+      shift_ = -system_.moved_by(t1, p1_, v1_, rhs_.col(1).head(nv));
       system_.integrate(p1_, shift_, moved_);
       std::swap(p1_, moved_);
-      v1_ -= rhs_.col(1).head(nv);
-      if (gap <= CLOSED * (1.0 + largest(p1_))) break;
-      if (turn + 1 == static_cast<int>(CLOSINGS)) {
-        system_.constraint(t1, p1_, v1_);
-        if (largest(system_.phi) > rounding_gap(p1_, system_.G_transposed())) return Failure::not_converged;
-        break;
-      }
-      rhs_.topRows(nv).setZero();
+    }
+    if (!closed) {
+      system_.constraint(t1, p1_, v1_);
+      if (largest(system_.phi) > rounding_gap(p1_, system_.G_transposed())) return Failure::not_converged;
     }
     error = fixed() ? 0.0 : error_of(modes);
     if (error > 1.0) return Failure::none; // a and λ of a rejected step are of no use
-    if (!index1_.acceleration(t_next, p1_, v1_, a, lam)) return Failure::singular;
-    return Failure::none;
+    return index1_.acceleration_after_constraint(t_next, p1_, v1_, a, lam) ? Failure::none : Failure::singular;
   }
 
   // What the error is estimated from: the highest modes of the accelerations.
@@ -284,7 +314,7 @@ private:
   double shape_t_ = 0.0, shape_h_ = 0.0;
   const RadauTable *shape_table_ = nullptr;
   Mat shape_W_, legendre_, values_, modes_, rhs_;
-  Vec weight_, p1_, v1_, moved_, shift_;
+  Vec weight_, p1_, v1_, moved_, shift_, lam_;
 };
 
 } // namespace pinconsist

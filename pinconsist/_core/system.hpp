@@ -49,6 +49,8 @@ public:
   virtual void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const = 0;
   virtual void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) = 0;
   virtual void constraint(double t, const Vec &p, const Vec &v) = 0;
+  // `evaluate` at a position whose constraint was evaluated last, where its rows need no second look.
+  virtual void evaluate_after_constraint(double t, const Vec &p, const Vec &v, const Vec &a) { evaluate(t, p, v, a); }
   // γ with dρ/dt = W v' + γ.
   virtual void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) = 0;
   // W at the point evaluated last.

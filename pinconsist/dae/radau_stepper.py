@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import AssemblyError, SingularSystemError
+from ..errors import AssemblyError, PinconsistError
 from .charts import fastest_turn, turning_coordinates
 from .control import ErrorControl
 from .dense import RadauSegment
@@ -21,6 +21,10 @@ from .tuning import (
     CLOSINGS,
     FAILURES,
     FELT,
+    FIRST_CHANGE,
+    FIRST_ERROR,
+    FIRST_REACH,
+    FIRST_TRIALS,
     LAST_MODE,
     MAX_CHART_TURN,
     MAX_FACTOR,
@@ -30,6 +34,8 @@ from .tuning import (
     STAGE_NEWTON_FACTOR,
     STAGE_SAFETY,
 )
+
+TINY = 1e-300  # instead of zero in a denominator
 
 
 @dataclass
@@ -102,6 +108,10 @@ class RadauStepper(Stepper):
         super().__init__(system, method)
         self.newton = StageNewton()
 
+    def change_system(self, system) -> None:
+        super().change_system(system)
+        self._turns = None
+
     k = property(lambda self: 2 * self.s - 1)
     y = property(lambda self: np.concatenate((np.zeros(self.system.nx), self.v, self.lam)))
 
@@ -113,7 +123,8 @@ class RadauStepper(Stepper):
         self.a = self.index1.acceleration(t, self.p, self.v)[0]
         self.control.restart()
         self.headway.restart(t, t)
-        self._turns = turning_coordinates(system, p)
+        if self._turns is None:
+            self._turns = turning_coordinates(system, p)
         self.shape, self.stages = None, None
         self.s, self._taken = method.stages or 5, 0
         if method.step is not None:
@@ -125,26 +136,32 @@ class RadauStepper(Stepper):
         return [(t, self.p, self.v, self.lam)]
 
     def _first_step(self, t_end):
-        """A step over which the acceleration changes by what the tolerance allows (Hairer, Nørsett, Wanner II.4)."""
+        """A step with an error of FIRST_ERROR, from the time in which the acceleration changes by as much as it is."""
         system, control, limit = self.system, self.control, abs(t_end - self.t)
         if self.method.first_step is not None:
             return np.copysign(min(self.method.first_step, limit), t_end - self.t)
-        weight, _ = self._weights()
-        weight = weight[system.nx :]
+        weight = self._weights()[0][system.nx :]
 
         def size(x):
             return float(np.sqrt(np.mean((weight * x) ** 2)))
 
-        rate = size(self.a)
-        trial = np.copysign(min(1e-2 * (1.0 + size(self.v)) / rate if rate else limit, limit), t_end - self.t)
-        p = system.integrate(self.p, trial * system.rate(self.t, self.p, self.v))
-        try:
-            a = self.index1.acceleration(self.t + trial, p, self.v + trial * self.a)[0]
-            change = size(a - self.a) / abs(trial)
-        except (SingularSystemError, ValueError):
-            change = np.inf
-        h = (0.01 / max(change, 1e-30)) ** (1.0 / 2)
-        return np.copysign(max(min(100 * abs(trial), h, limit, control.max_step), shortest_step(self.t, t_end)), trial)
+        near = FIRST_REACH * (1.0 + largest(self.p))
+        trial = min(limit, near / max(largest(self.v), TINY), np.sqrt(near / max(largest(self.a), TINY)))
+        for _ in range(FIRST_TRIALS):
+            h = np.copysign(trial, t_end - self.t)
+            v = self.v + h * self.a
+            p = system.integrate(self.p, h * system.rate(self.t, self.p, 0.5 * (self.v + v)))
+            try:
+                a = self.index1.acceleration(self.t + h, p, v)[0]
+                change, largest_a = size(a - self.a), max(size(self.a), size(a))
+            except PinconsistError:
+                change, largest_a = np.inf, 1.0
+            if change <= FIRST_CHANGE * largest_a:
+                break
+            trial *= 0.25
+        time = min(limit, trial * largest_a / max(change, TINY))
+        h = time * min(1.0, (FIRST_ERROR / max(largest_a * time, TINY)) ** (1.0 / exponent(self.s)))
+        return np.copysign(max(min(h, control.max_step), shortest_step(self.t, t_end)), t_end - self.t)
 
     def prepare_next(self) -> None:
         """Nothing: the step is prepared when the last one is accepted."""
@@ -193,7 +210,8 @@ class RadauStepper(Stepper):
         return stages
 
     def _weights(self):
-        return self.control.weights(self.system, np.concatenate((np.zeros(self.system.nx), self.v)), self.p)
+        at = self.p if self.system.vector_like else np.zeros(self.system.nx)
+        return self.control.weights(self.system, np.concatenate((at, self.v)), self.p)
 
     def landed(self, stages) -> Landing:
         """The end of a step; one factorisation at the last stage serves the projections and the error estimate."""

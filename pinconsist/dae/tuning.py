@@ -43,6 +43,9 @@ STAGE_SAFETY = 0.75
 STAGE_GROWTH = 1.5  # by which a step grows at most; from the first one by MAX_FACTOR
 STAGE_AFTER_FAILURE = 0.5  # by which a step changes where Newton failed
 FELT = 3.0  # eps in stage positions, felt by the error estimate
+FIRST_ERROR = 1e-4  # of the tolerance, of the first step
+FIRST_REACH, FIRST_CHANGE = 1e-2, 0.1  # relative to positions, to accelerations: of the trial that measures both
+FIRST_TRIALS = 20  # each a quarter of the one before
 LAST_MODE = 0.01  # of the highest mode in the denominator of the error estimate
 
 PATIENCE = 0.05  # s after which no more steps are made in one call, so that an interrupt is noticed
