@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import pinconsist as pc
-from pinconsist.mechanism.planar import PlanarJoints
+from pinconsist.mechanism.lie import PlanarJoints
 
 
 def planar_model(bodies=1):

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "forces.hpp"
+#include "lie.hpp"
 #include "rows.hpp"
 #include "system.hpp"
 
@@ -14,7 +15,7 @@ constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
 
 inline double sinc(double x) { return x == 0.0 ? 1.0 : std::sin(x) / x; }
 
-// mechanism/planar.py
+// mechanism/lie.py
 struct Planar {
   int q, v;
 
@@ -37,7 +38,7 @@ class MechanismSystem : public System {
 public:
   MechanismSystem(nb::object model, nb::object data)
       : model_object_(std::move(model)), data_object_(std::move(data)), model_(borrowed<Model>(model_object_)),
-        data_(borrowed<Data>(data_object_)) {
+        data_(borrowed<Data>(data_object_)), group_(model_) {
     npos = model_.nq;
     nx = nv = model_.nv;
     vector_like = npos == nv;
@@ -100,17 +101,17 @@ public:
   }
 
   Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const override {
-    Vec turned = rate;
-    if (curved.empty()) return turned;
-    Mat T(nx, nx);
-    chart_matrix(base, p, T);
-    for (auto [first, size] : curved)
-      turned.segment(first, size) = T.block(first, first, size, size) * rate.segment(first, size);
-    return turned;
+    if (curved.empty()) return rate;
+    Vec xi(nx);
+    difference(base, p, xi);
+    return group_.chart_rate(xi, rate);
   }
   void chart_matrix(const Vec &base, const Vec &p, Mat &T) const override {
-    T.setZero();
-    pinocchio::dDifference(model_, base, p, T, pinocchio::ARG1);
+    Vec xi(nx);
+    difference(base, p, xi);
+    T.setIdentity();
+    for (auto [first, size] : curved)
+      for (int i = first; i < first + size; ++i) T.col(i) = group_.chart_rate(xi, Vec::Unit(nx, i));
   }
 
   void position(double, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
@@ -257,6 +258,7 @@ private:
   nb::object model_object_, data_object_;
   const Model &model_;
   Data &data_;
+  LieGroup group_;
   std::vector<Planar> planar_;
   bool calls_python_ = false;
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;

@@ -115,10 +115,14 @@ public:
     return vector(system_.attr("rate")(t, p, v), nx, "rate");
   }
   Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const override {
-    return vector_like ? rate : vector(system_.attr("chart_rate")(base, p, rate), nx, "chart_rate");
+    if (vector_like) return rate;
+    Mat T(nx, nx);
+    chart_matrix(base, p, T);
+    return T * rate;
   }
   void chart_matrix(const Vec &base, const Vec &p, Mat &T) const override {
-    T = matrix(system_.attr("chart_rate")(base, p, Mat(Mat::Identity(nx, nx))), nx, nx, "chart_rate");
+    const nb::object xi = system_.attr("difference")(base, p);
+    T = matrix(nb::module_::import_("pinconsist.dae.charts").attr("chart_matrix")(system_, xi), nx, nx, "bracket");
   }
   void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
     const nb::object both = system_.attr("position")(t, base, psi_x, c, v);

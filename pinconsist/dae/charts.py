@@ -2,14 +2,45 @@
 
 from __future__ import annotations
 
+from math import factorial
+
 import numpy as np
 
+from .norms import EPS, largest
 from .tuning import MAX_CHART_TURN
 
 
 def chart_point(system, base, xi):
     """base ⊕ ξ; ξ itself where positions are vectors."""
     return xi if system.vector_like else system.integrate(base, xi)
+
+
+def chart_matrix(system, xi):
+    """T, shape (nx, nx): ξ changes at the rate T v where base ⊕ ξ moves with the tangent velocity v.
+
+    T = ad/(1 - exp(-ad)) = 1 + ad/2 + Σ B₂ₙ/(2n)! ad²ⁿ, ad = ad ξ, whose terms fall like (turn/2π)²ⁿ.
+    """
+    ad, unit = system.bracket(xi), np.eye(system.nx)
+    T, power, square = unit + 0.5 * ad, unit, ad @ ad
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond a full turn it diverges, and T is not finite
+        for weight in BERNOULLI:
+            power = power @ square
+            T = T + weight * power
+            if largest(weight * power) <= EPS:
+                break
+    return T
+
+
+def _bernoulli(count) -> list[float]:
+    """B₂ₙ/(2n)! for n = 1 … count, the coefficients of x/2 coth(x/2), from those of cosh and sinh."""
+    cosh = [1.0 / (4.0**n * factorial(2 * n)) for n in range(count + 1)]
+    found = [1.0]
+    for n in range(1, count + 1):
+        found.append(cosh[n] - sum(found[k] * cosh[n - k] / (2 * (n - k) + 1) for k in range(n)))
+    return found[1:]
+
+
+BERNOULLI = _bernoulli(39)
 
 
 def table_row(system, base, p, v, lam):

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from ..errors import AssemblyError, PinconsistError, SingularSystemError
-from .charts import chart_point, table_row
+from .charts import chart_matrix, chart_point, table_row
 from .kkt import kkt_at
 from .newton import culprits
 from .norms import EPS, largest
@@ -176,7 +176,8 @@ class RightHandSide:
                 self.failure = error
             return np.full(len(y), np.nan)  # a step far too long for a stiff force: scipy takes a shorter one
         self.failure, self._started = None, True
-        return np.concatenate((system.chart_rate(base, p, system.rate(t, p, v)), a))
+        rate = system.rate(t, p, v)
+        return np.concatenate((rate if system.vector_like else chart_matrix(system, y[: system.nx]) @ rate, a))
 
 
 def chart_state(system, base, p, v):

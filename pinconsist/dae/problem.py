@@ -47,12 +47,9 @@ class Index3System:
     def rate(self, t, p, v):
         """U at (`t`, `p`, `v`), shape (nx,): the tangent velocity of the position."""
 
-    def chart_rate(self, base, p, rate):
-        """The rate dξ/dt, shape (nx,), of the coordinate ξ with `p` = `base` ⊕ ξ, where `p` moves at `rate`.
-
-        Several rates may be the columns of one `rate`.
-        """
-        return rate
+    def bracket(self, xi):
+        """ad ξ, shape (nx, nx): the Lie bracket [`xi`, ·] of the group that positions form; 0 for a vector space."""
+        return np.zeros((self.nx, self.nx))
 
     def position(self, t, base, psi, c, v):
         """(p, ξ) with p = `base` ⊕ ξ and ξ = `psi` + `c` U(t, p, v): the position that a BDF step gives to `v` at `t`.

@@ -17,8 +17,8 @@ are neither predicted nor iterated:
 
     Y_iᵀ Σ_j (b²_ij M_i + b_ij h D_i + δ_ij h² K_i) dP_j = -h² Y_iᵀ f_i,    D = ∂f/∂v, K = ∂f/∂p,
 
-where b = A⁻¹ and b² = A⁻², as dV = A⁻¹ dP/h and dW = A⁻² dP/h². In a chart, U = T V, they are T_i⁻¹ b_ij T_j and its
-product with b.
+where b = A⁻¹ and b² = A⁻², as dV = A⁻¹ dP/h and dW = A⁻¹ dV/h. In a chart, U = T V, dξ = T dP, and with the bracket of
+the group δv = (δp)' + [v, δp]: dV_i = T_i⁻¹ (Σ_j b_ij T_j dP_j/h - T'_i dP_i) + [V_i, dP_i].
 
 References
 ----------
@@ -35,6 +35,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.linalg.lapack import dgetrf, dgetrs
 
+from .charts import chart_matrix
 from .newton import culprits
 from .norms import EPS, largest
 from .problem import Index3System
@@ -132,8 +133,9 @@ class Stages:
         self.V = self.v + h * A @ self.W
         for _ in range(MAX_SWEEPS):
             self.P = [system.integrate(self.p, xi) for xi in self.xi]
-            points = zip(self.times, self.P, self.V, strict=True)
-            self.U = np.array([system.chart_rate(self.p, p, system.rate(t, p, v)) for t, p, v in points])
+            self.U = np.array([system.rate(*point) for point in zip(self.times, self.P, self.V, strict=True)])
+            if not system.vector_like:
+                self.U = np.array([chart_matrix(system, xi) @ rate for xi, rate in zip(self.xi, self.U, strict=True)])
             before, self.xi = self.xi, h * A @ self.U
             if not largest(self.xi - before) > 4.0 * EPS * (1.0 + largest(self.xi)):
                 break
@@ -176,13 +178,14 @@ class StageNewton:
             )
             before = stages.V
             if not stages.move(table.inverse @ dV / h):
-                failure = "not_finite"
+                failure = "diverged"
                 break
             reach = largest(stages.P[-1])
-            noise = STAGNATED if iteration > 1 and stages.rate > STAGNANT else LAST
+            stuck, final = iteration > 1 and stages.rate > STAGNANT, iteration == MAX_STAGE_ITERATIONS
+            noise = STAGNATED if stuck else LAST if final else 0.0
             if min(size, to_come) <= tol or largest(dV) <= floor * (1.0 + reach):
                 return stages
-            if iteration > 1 and is_noise(dV, dP, before, stages.v, stages.P[-1], noise):
+            if noise and is_noise(dV, dP, before, stages.v, stages.P[-1], noise):
                 return stages
             if stages.rate > 2.0 and iteration > 2:
                 failure = "diverged"
@@ -209,8 +212,10 @@ class StageMatrix:
     def __init__(self, stages, G, J):
         system, table, h = stages.system, stages.table, stages.h
         s, nv = table.s, system.nv
-        self._T = _chart_matrices(stages)
-        self._B, self._h = table.inverse, h
+        self._B, self._h, self._T = table.inverse, h, None
+        if not system.vector_like:
+            self._T = np.array([chart_matrix(system, xi) for xi in stages.xi])
+            self._turn = np.array([system.bracket(rate) for rate in map(system.rate, stages.times, stages.P, stages.V)])
         self._blocks = np.zeros((s, nv, s, nv))
         unit = np.eye(s * nv).reshape(s, nv, s * nv)
         dV = self._along(unit).reshape(s, nv, s, nv)  # h dV and h² dW by dP
@@ -247,10 +252,15 @@ class StageMatrix:
         return self._along(dP) / self._h
 
     def _along(self, dP):
-        """T_i⁻¹ Σ_j b_ij T_j dP_j."""
+        """h dV_i: Σ_j b_ij dP_j, in a chart with T and how it changes along the step, and with [v, dP]."""
+        rates = np.einsum("ij,j...->i...", self._B, dP)
         if self._T is None:
-            return np.einsum("ij,j...->i...", self._B, dP)
-        return np.linalg.solve(self._T, np.einsum("ij,jab,jb...->ia...", self._B, self._T, dP))
+            return rates
+        rates = np.einsum("ij,jab,jb...->ia...", self._B, self._T, dP)
+        T_rate = np.einsum("ij,jab->iab", self._B, self._T - np.eye(dP.shape[1]))
+        rates -= np.einsum("iab,ib...->ia...", T_rate, dP)
+        rates = np.einsum("iab,ib...->ia...", np.linalg.inv(self._T), rates)
+        return rates + self._h * np.einsum("iab,ib...->ia...", self._turn, dP)
 
     @staticmethod
     def _null_spaces(J, columns):
@@ -277,14 +287,6 @@ def dependent_columns(J):
         rest = rest - np.outer(rest[:, column] / rest[row, column], rest[row])
         rest[row], rest[:, column] = 0.0, 0.0
     return chosen
-
-
-def _chart_matrices(stages):
-    """T of every stage, with dξ/dt = T v, shape (s, nx, nx); None where positions are vectors."""
-    system = stages.system
-    if system.vector_like:
-        return None
-    return np.array([system.chart_rate(stages.p, p, np.eye(system.nx)) for p in stages.P])
 
 
 def _size(dP, dV, weight, system) -> float:

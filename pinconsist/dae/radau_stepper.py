@@ -25,10 +25,12 @@ from .tuning import (
     FIRST_ERROR,
     FIRST_REACH,
     FIRST_TRIALS,
+    FORESEEN,
     LAST_MODE,
     MAX_CHART_TURN,
     MAX_FACTOR,
     MIN_FACTOR,
+    SMOOTH,
     STAGE_AFTER_FAILURE,
     STAGE_GROWTH,
     STAGE_NEWTON_FACTOR,
@@ -67,7 +69,7 @@ class RadauControl(ErrorControl):
         if self._last is not None:
             h_old, error_old = self._last
             factor *= min(1.0, abs(h / h_old) * (error_old / error) ** (1.0 / exponent(s)))
-        growth = MAX_FACTOR if self._last is None else STAGE_GROWTH
+        growth = MAX_FACTOR if self._last is None or error < SMOOTH else STAGE_GROWTH
         self._last = h, max(error, 1e-2)
         factor = min(growth, max(MIN_FACTOR, STAGE_SAFETY * factor))
         return h * min(factor, self.max_step / abs(h))
@@ -199,7 +201,8 @@ class RadauStepper(Stepper):
         """The stages of a step to `t_next`."""
         h = t_next - self.t
         times = self.t + h * table(self.s).c
-        W = np.tile(self.a, (self.s, 1)) if self.shape is None else accelerations(self.shape, times)
+        known = self.shape is not None and abs(h) < FORESEEN * abs(self.shape.h)
+        W = accelerations(self.shape, times) if known else np.tile(self.a, (self.s, 1))
         stages = Stages(self.system, table(self.s), self.t, self.p, self.v, h, W)
         weight, tol = self._weights()
         if self.method.step is None:

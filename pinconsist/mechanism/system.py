@@ -12,8 +12,8 @@ import pinocchio as pin
 from ..dae.problem import Index3System
 from ..errors import PinconsistError
 from .forces import bound_forces
+from .lie import PlanarJoints, structure_constants
 from .mechanism import Mechanism
-from .planar import PlanarJoints
 from .rank import independent_rows, row_scales
 from .rows import KeptRows, LoopRows
 
@@ -45,6 +45,7 @@ class MechanismSystem(Index3System):
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
         self._planar = PlanarJoints(self.model)
         self._moving, self._J = self.rows.moving, None
+        self._structure = None if self.vector_like else structure_constants(self.model)
 
     def integrate(self, p, xi):
         if self.vector_like:
@@ -63,8 +64,8 @@ class MechanismSystem(Index3System):
     def rate(self, t, p, v):
         return v
 
-    def chart_rate(self, base, p, rate):
-        return rate if self.vector_like else pin.dDifference(self.model, base, p, pin.ArgumentPosition.ARG1) @ rate
+    def bracket(self, xi):
+        return np.tensordot(xi, self._structure, 1)
 
     def position(self, t, base, psi, c, v):
         xi = psi + c * v

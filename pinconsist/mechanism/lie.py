@@ -1,8 +1,4 @@
-"""Planar joints, SE(2): exponential and logarithm without cancellation, in place of Pinocchio's.
-
-Pinocchio's lose half the digits at turns of about 1e-8 and some at 1e-4, which is where charts centred at a prediction
-live. A configuration is (x, y, cos θ, sin θ), a tangent vector (x, y, w) in the axes of the first one.
-"""
+"""Lie groups of joints where Pinocchio's formulas lose digits: brackets, and planar joints without cancellation."""
 
 from __future__ import annotations
 
@@ -10,8 +6,27 @@ import numpy as np
 import pinocchio as pin
 
 
+def structure_constants(model: pin.Model):
+    """C, shape (nv, nv, nv), with [x, y] = Σ_i x_i C_i y for tangent vectors of a model's configurations: 0, 1 or -1.
+
+    Derivatives of charts come from them, as Pinocchio's own (``dDifference``) are wrong by up to 5e-7 at turns near
+    1e-3. C_i is the derivative of Ad exp(s e_i) in s, rounded.
+    """
+    q, nv, s = pin.neutral(model), model.nv, 1e-3
+    C = np.zeros((nv, nv, nv))
+    for i, unit in enumerate(s * np.eye(nv)):
+        turned = [pin.dIntegrate(model, q, sign * unit, pin.ArgumentPosition.ARG0) for sign in (-1.0, 1.0)]
+        C[i] = np.round((turned[0] - turned[1]) / (2.0 * s))
+    return C
+
+
 class PlanarJoints:
-    """The planar joints of a model, within its configurations and tangent vectors."""
+    """The planar joints, SE(2), of a model, within its configurations and tangent vectors.
+
+    Pinocchio's exponential and logarithm lose half the digits at turns of about 1e-8 and some at 1e-4, which is where
+    charts centred at a prediction live. A configuration is (x, y, cos θ, sin θ), a tangent vector (x, y, w) in the axes
+    of the first one.
+    """
 
     def __init__(self, model: pin.Model):
         planar = [joint for joint in model.joints if joint.shortname() == "JointModelPlanar"]
