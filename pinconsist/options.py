@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from ._core.compiled import BACKENDS
@@ -13,6 +15,8 @@ from .dae.rounding import shortest_step
 from .dae.tuning import MAX_ADAPTIVE_ORDER, MAX_ORDER, STAGES
 from .errors import InputError
 from .mechanism.checks import finite_array
+
+log = logging.getLogger(__name__)
 
 METHODS = ("BDF", "Radau", "ImplicitEuler")
 
@@ -54,6 +58,9 @@ def method_of(
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
     if max(part.max() for part in control.rtol) >= 1.0:
         raise InputError(f"rtol = {rtol!r} allows errors as large as the solution; take less than 1, such as 1e-3")
+    if (asked := min(part.min() for part in control.rtol)) < control.best:
+        better = "" if order >= MAX_ADAPTIVE_ORDER else f"; order 5 gives {ErrorControl((), (), 5, 1.0).best:.1g}"
+        log.warning("rtol = %g: order %d gives about %.1g in double precision%s", asked, order, control.best, better)
     return dae.Method(order, consistency, control, None, first_step, max_steps, stages=stages)
 
 

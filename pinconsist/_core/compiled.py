@@ -54,10 +54,11 @@ class CompiledStepper(CompiledRun):
 
     def change_system(self, system) -> None:
         super().change_system(system)
-        method, control = self.method, self.control
+        method, control, before = self.method, self.control, self._core
         self._core = load()[0].Stepper(self._compiled, method.consistency == "every-step", method.switches)
         if isinstance(control, ErrorControl):
-            self._core.control_error(*control.spread, control.max_order, control.max_step)
+            sizes = control.sizes if before is None else before.sizes
+            self._core.control_error(*control.spread, sizes, control.max_order, control.max_step)
 
     def begin(self, t, p, v, t_end):
         states = super().begin(t, p, v, t_end)

@@ -14,6 +14,7 @@ class Control {
 public:
   // Error control with the tolerances of [ξ | v]; with none, the same step and order throughout.
   Vec rtol, atol;
+  Vec sizes; // the largest that [ξ | v] have been
   int max_order = 1;
   double max_step = INF;
   int equal_steps = 0;
@@ -26,10 +27,16 @@ public:
   double weights(const System &system, const Vec &predicted, const Vec &base, Vec &weight) const {
     if (fixed()) return rounding_weights(system, predicted, weight);
     if (keep_weights && equal_steps % static_cast<int>(WEIGHED)) return NEWTON_FACTOR;
-    weight = predicted.head(system.nx + system.nv).cwiseAbs();
-    if (!system.vector_like) system.position_scale(base, weight.head(system.nx));
-    weight = (weight.cwiseProduct(rtol) + atol).cwiseInverse();
+    magnitudes(system, predicted, base, weight);
+    weight = (weight.cwiseMax(sizes).cwiseProduct(rtol) + atol).cwiseInverse();
     return NEWTON_FACTOR;
+  }
+
+  // Notes how large the columns are at the state reached.
+  void reached(const System &system, const Vec &y, const Vec &p) {
+    if (fixed()) return;
+    magnitudes(system, y, p, at_present_);
+    sizes = sizes.cwiseMax(at_present_);
   }
 
   double error(const Attempt &step, int k) const { return fixed() ? 0.0 : bdf::error_constant(k) * step.size; }
@@ -80,6 +87,14 @@ public:
   }
 
   void restart() { equal_steps = 0; }
+
+private:
+  static void magnitudes(const System &system, const Vec &y, const Vec &p, Vec &size) {
+    size = y.head(system.nx + system.nv).cwiseAbs();
+    if (!system.vector_like) system.position_scale(p, size.head(system.nx));
+  }
+
+  Vec at_present_;
 };
 
 } // namespace pinconsist

@@ -208,6 +208,7 @@ NB_MODULE(twin, m) {
       .def_prop_ro("p", [](const Stepper &s) { return s.p; })
       .def_prop_ro("y", [](const Stepper &s) { return s.y; })
       .def_rw("turns", &Stepper::turns)
+      .def_prop_ro("sizes", [](const Stepper &s) { return s.control.sizes; })
       .def("begin",
            [](Stepper &s, double start, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base,
               const Table &Z) {
@@ -226,9 +227,10 @@ NB_MODULE(twin, m) {
              s.steps = steps;
            })
       .def("control_error",
-           [](Stepper &s, const Vec &rtol, const Vec &atol, int max_order, double max_step) {
+           [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step) {
              s.control.rtol = rtol;
              s.control.atol = atol;
+             s.control.sizes = sizes;
              s.control.max_order = max_order;
              s.control.max_step = max_step;
            })

@@ -12,9 +12,9 @@ import numpy as np
 
 from ..errors import InputError
 from . import bdf
-from .norms import weighted_norm
+from .norms import EPS, weighted_norm
 from .rounding import rounding_weights
-from .tuning import AFTER_FAILURE, MAX_FACTOR, MIN_FACTOR, NEWTON_FACTOR, SAFETY
+from .tuning import ACCURACY, AFTER_FAILURE, MAX_FACTOR, MIN_FACTOR, NEWTON_FACTOR, SAFETY
 
 
 @dataclass
@@ -38,6 +38,9 @@ class FixedStep:
     def next_step(self, system, Z, k, h, error, weight):
         return h, k
 
+    def reached(self, system, y, p):
+        """Nothing to note."""
+
     def restart(self):
         """Nothing to forget."""
 
@@ -49,7 +52,8 @@ class ErrorControl:
     Parameters
     ----------
     rtol, atol : tuple
-        (position part, velocity part), each a scalar or an array.
+        The accuracy that the run is to have, relative to the largest value of each coordinate and absolute: (position
+        part, velocity part), each a scalar or an array. Single steps are held to :meth:`step_tolerance`.
     max_order : int
         1 to 5.
     max_step : float
@@ -62,36 +66,69 @@ class ErrorControl:
     max_step: float
     equal_steps: int = 0
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
-    _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of the columns, set by `fit`
+    _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns, set by `fit`
     _atol: np.ndarray = field(init=False, repr=False, compare=False)
+    sizes: np.ndarray = field(init=False, repr=False, compare=False)  # the largest that the columns have been
 
     def fit(self, system) -> None:
-        """Spread the tolerances over the columns [ξ | v] of a system."""
+        """Tolerances of a step for the columns [ξ | v] of a system."""
+        rtol, atol = (self._columns(system, name) for name in ("rtol", "atol"))
+        tol = np.maximum(rtol, atol)
+        share = self.step_tolerance(tol) / tol
+        self._rtol, self._atol, self.sizes = share * rtol, share * atol, np.zeros(len(tol))
+
+    def step_tolerance(self, tol):
+        """The tolerance τ of one step's error with which a run is as accurate as `tol`.
+
+        Steps of size h ~ τ^(1/(k+1)) with an error of τ each sum up to τ/h ~ τ^(k/(k+1)), k being the highest order.
+        """
+        k = self.max_order
+        return np.maximum((ACCURACY * np.asarray(tol)) ** ((k + 1) / k), self._rounding)
+
+    @property
+    def best(self) -> float:
+        """The smallest tolerance that can be kept in double precision."""
+        return self._rounding ** (self.max_order / (self.max_order + 1)) / ACCURACY
+
+    @property
+    def _rounding(self) -> float:
+        """What rounding leaves in one step: eps/h in the velocities, which is below τ where τ > eps^((k+1)/(k+2))."""
+        return 3.0 * EPS ** ((self.max_order + 1) / (self.max_order + 2))
+
+    def _columns(self, system, name) -> np.ndarray:
         sizes = (system.nx, system.nv)
-        for name in ("rtol", "atol"):
-            try:
-                parts = [np.broadcast_to(part, size) for part, size in zip(getattr(self, name), sizes, strict=True)]
-            except ValueError:
-                shapes = [np.shape(part) for part in getattr(self, name)]
-                raise InputError(f"{name} for q and v: needs scalars or {sizes} numbers, got shapes {shapes}") from None
-            setattr(self, "_" + name, np.concatenate(parts))
+        try:
+            parts = [np.broadcast_to(part, size) for part, size in zip(getattr(self, name), sizes, strict=True)]
+        except ValueError:
+            shapes = [np.shape(part) for part in getattr(self, name)]
+            raise InputError(f"{name} for q and v: needs scalars or {sizes} numbers, got shapes {shapes}") from None
+        return np.concatenate(parts)
 
     @property
     def spread(self) -> tuple[np.ndarray, np.ndarray]:
-        """rtol and atol of the columns [ξ | v]."""
+        """rtol and atol of a step, of the columns [ξ | v]."""
         return self._rtol, self._atol
 
     @property
     def tightest(self) -> tuple[float, float]:
-        """The smallest rtol and atol."""
+        """The smallest rtol and atol of a step."""
         return float(self._rtol.min()), float(self._atol.min())
 
     def weights(self, system, predicted, p):
         """Reciprocal tolerances of [ξ | v], and Newton's stopping size."""
-        weight = np.abs(predicted[: system.nx + system.nv])
+        size = np.maximum(self.sizes, self._magnitudes(system, predicted, p))
+        return 1.0 / (self._rtol * size + self._atol), NEWTON_FACTOR
+
+    def reached(self, system, y, p):
+        """Note how large the columns are at the state reached."""
+        self.sizes = np.maximum(self.sizes, self._magnitudes(system, y, p))
+
+    @staticmethod
+    def _magnitudes(system, y, p):
+        size = np.abs(y[: system.nx + system.nv])
         if not system.vector_like:
-            weight[: system.nx] = system.position_scale(p)
-        return 1.0 / (self._rtol * weight + self._atol), NEWTON_FACTOR
+            size[: system.nx] = system.position_scale(p)
+        return size
 
     def error(self, system, d, k, weight) -> float:
         """Local error of order k over its tolerance, from d = ∇ᵏ⁺¹y or what stands for it."""

@@ -47,6 +47,11 @@ class RadauControl(ErrorControl):
     stages: int | None = None
     _last: tuple | None = field(default=None, init=False, repr=False, compare=False)  # h and error of the last step
 
+    best = 1e-13
+
+    def step_tolerance(self, tol):
+        return tol
+
     def restart(self) -> None:
         """Forget the last step."""
         self._last = None

@@ -161,6 +161,7 @@ class Stepper:
     def advance(self, t_end) -> str:
         """One accepted step towards `t_end`; returns why there is none, or an empty string."""
         system, control = self.system, self.control
+        control.reached(system, self.y, self.p)
         if self._turns is not None and (too_fast := self._turns_too_far(self.velocity_and_multipliers()[0])):
             return too_fast
         tried = (0.0, 0.0)  # length of the step that failed the error test last, and its error

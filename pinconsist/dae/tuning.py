@@ -20,6 +20,7 @@ CLOSED = 1e-15  # relative to the positions: gap that may stay open
 GAP = 1e-13  # gap that rounding leaves in closed loops, relative to positions and W
 
 # Step size and order
+ACCURACY = 0.1  # of the tolerance: what the errors of all steps together may come to, before the motion amplifies them
 MAX_ORDER, MAX_ADAPTIVE_ORDER = 6, 5
 SAFETY = 0.8  # 0.9 rejects twice as often: as many residuals, larger errors
 MIN_FACTOR, MAX_FACTOR = 0.2, 10.0  # by which a step changes
