@@ -24,11 +24,15 @@ public:
   bool fixed() const { return !rtol.size(); }
 
   // Fills the weights; returns Newton's stopping size.
-  double weights(const System &system, const Vec &predicted, const Vec &base, Vec &weight) const {
+  double weights(const System &system, const Vec &predicted, const Vec &base, double h, Vec &weight) const {
     if (fixed()) return rounding_weights(system, predicted, weight);
     if (keep_weights && equal_steps % static_cast<int>(WEIGHED)) return NEWTON_FACTOR;
     magnitudes(system, predicted, base, weight);
-    weight = (weight.cwiseMax(sizes).cwiseProduct(rtol) + atol).cwiseInverse();
+    weight = weight.cwiseMax(sizes).cwiseProduct(rtol) + atol;
+    const double noise = NOISE * EPS * (1.0 + largest(base));
+    weight.head(system.nx).array() += noise;
+    weight.tail(system.nv).array() += noise / std::abs(h);
+    weight = weight.cwiseInverse();
     return NEWTON_FACTOR;
   }
 

@@ -67,7 +67,7 @@ private:
       t_next = next_time(t_end);
       order = k;
       bdf::predict(system_, k, base, Z, predicted_, psi_);
-      const double tol = control.weights(system_, predicted_, base, weight_);
+      const double tol = control.weights(system_, predicted_, base, h, weight_);
       newton.attempt(t_next, base, psi_, predicted_, h / bdf::alpha(k), weight_, tol, attempt_);
       double smaller;
       if (attempt_.failure != Failure::none) {

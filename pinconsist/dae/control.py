@@ -12,9 +12,9 @@ import numpy as np
 
 from ..errors import InputError
 from . import bdf
-from .norms import EPS, weighted_norm
+from .norms import EPS, largest, weighted_norm
 from .rounding import rounding_weights
-from .tuning import ACCURACY, AFTER_FAILURE, MAX_FACTOR, MIN_FACTOR, NEWTON_FACTOR, SAFETY
+from .tuning import ACCURACY, AFTER_FAILURE, MAX_FACTOR, MIN_FACTOR, NEWTON_FACTOR, NOISE, SAFETY
 
 
 @dataclass
@@ -26,7 +26,7 @@ class FixedStep:
     def fit(self, system):
         """Nothing to prepare."""
 
-    def weights(self, system, predicted, p):
+    def weights(self, system, predicted, p, h):
         return rounding_weights(system, predicted)
 
     def error(self, system, d, k, weight) -> float:
@@ -114,10 +114,15 @@ class ErrorControl:
         """The smallest rtol and atol of a step."""
         return float(self._rtol.min()), float(self._atol.min())
 
-    def weights(self, system, predicted, p):
-        """Reciprocal tolerances of [ξ | v], and Newton's stopping size."""
+    def weights(self, system, predicted, p, h):
+        """Reciprocal tolerances of [ξ | v], and Newton's stopping size. Rounding of the positions is tolerated.
+
+        It shows as eps/h in the velocities.
+        """
         size = np.maximum(self.sizes, self._magnitudes(system, predicted, p))
-        return 1.0 / (self._rtol * size + self._atol), NEWTON_FACTOR
+        noise = NOISE * EPS * (1.0 + largest(p))
+        rounding = np.repeat((noise, noise / abs(h)), (system.nx, system.nv))
+        return 1.0 / (self._rtol * size + self._atol + rounding), NEWTON_FACTOR
 
     def reached(self, system, y, p):
         """Note how large the columns are at the state reached."""

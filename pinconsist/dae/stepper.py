@@ -169,7 +169,7 @@ class Stepper:
             t_next = self._next_time(t_end)
             h, k, Z = self.h, self.k, self.Z
             self.base, predicted, psi = bdf.predict(system, k, self.base, Z)
-            weight, tol = control.weights(system, predicted, self.base)
+            weight, tol = control.weights(system, predicted, self.base, h)
             step = self.newton.attempt(system, t_next, self.base, psi, predicted, h / bdf.alpha(k), weight, tol)
             if step.failure:
                 smaller = control.after_failure(h)

@@ -29,6 +29,7 @@ SMALLEST_STEP = 16.0  # spacings of t: a step below this cannot be told from zer
 MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
 
 # Rounding, and no headway
+NOISE = 5.0  # eps of the positions: what rounding leaves in the error of a step
 NEAR_ROUNDING = 1e-9  # rtol above which no error is believed to be rounding
 HALF = 1e-8  # of the velocities, half their digits: nor is a larger error
 SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
