@@ -219,7 +219,7 @@ class RadauStepper(Stepper):
 
     def _weights(self):
         at = self.p if self.system.vector_like else np.zeros(self.system.nx)
-        return self.control.weights(self.system, np.concatenate((at, self.v)), self.p)
+        return self.control.weights(self.system, np.concatenate((at, self.v)), self.p, np.inf)
 
     def landed(self, stages) -> Landing:
         """The end of a step; one factorisation at the last stage serves the projections and the error estimate."""

@@ -9,7 +9,7 @@ from pinconsist.dae.index1 import Index1, solve_acceleration
 from pinconsist.mechanism.system import MechanismSystem
 
 needs_twin = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
-LOOSE = {"rtol": 1e-4, "atol": 1e-6}  # errors far above rounding, which the choice of steps enlarges
+LOOSE = {"rtol": 5e-3, "atol": 5e-5}  # errors far above rounding, which the choice of steps enlarges
 
 
 def twin_of(system):
