@@ -13,6 +13,7 @@ from .charts import chart_point
 from .index1 import Index1
 from .problem import Index3System
 from .radau import Table
+from .tuning import LOOKS
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,8 @@ class Segment:
     base: np.ndarray
     Z: np.ndarray
     system: Index3System
+
+    looks = 1
 
     def until(self, end: float) -> Segment:
         """The same polynomial, used only up to `end`."""
@@ -62,6 +65,8 @@ class RadauSegment:
     v: np.ndarray
     system: Index3System
 
+    looks = LOOKS  # steps are long
+
     def until(self, end: float):
         """The same polynomial, used only up to `end`."""
         return self if end == self.end else replace(self, end=end)
@@ -79,11 +84,12 @@ class RadauSegment:
 class Curve:
     """The polynomials of successive steps of one system, from `start` on up to their `ends`.
 
-    A segment has ``t_old``, ``end``, ``system`` and ``until(end)``; called with a time it gives (p, v, λ).
+    A segment has ``t_old``, ``end``, ``system`` and ``until(end)``; called with a time it gives (p, v, λ). Events are
+    looked for at ``looks`` times in each step.
     """
 
     def __init__(self, segments):
-        self.segments, self.system = list(segments), segments[0].system
+        self.segments, self.system, self.looks = list(segments), segments[0].system, segments[0].looks
         self.start, self.ends = segments[0].t_old, np.array([segment.end for segment in segments])
 
     @property
@@ -133,6 +139,8 @@ class Tables(Curve):
     Z: np.ndarray
     system: Index3System
     chart_points: Callable | None
+
+    looks = 1
 
     @property
     def start(self) -> float:

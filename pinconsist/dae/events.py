@@ -11,6 +11,7 @@ from ..errors import InputError, UserFunctionError
 
 SAME_TIME = 1e-13  # relative: events closer than that happen at once
 NUDGE = 1e-6  # of a step
+BESIDE = 1e-3  # of a step, for a slope
 MOST_TRIES = 3000  # Brent's method needs 135 for a triple zero, and never more than 52² for any
 
 
@@ -63,14 +64,16 @@ def as_events(events) -> tuple[Event, ...]:
 class EventWatch:
     """Finds the events of each step, in the order of time.
 
+    ``retake(segment, t)``, if not None, makes the step of a segment again up to a time: its (p, v, λ) there.
+
     Attributes
     ----------
     found : list of list of (t, p, v, λ)
         Occurrences of each event.
     """
 
-    def __init__(self, events, finish, interrupted):
-        self.events, self.finish, self.interrupted = events, finish, interrupted
+    def __init__(self, events, finish, interrupted, retake):
+        self.events, self.finish, self.interrupted, self.retake = events, finish, interrupted, retake
         self.found = [[] for _ in events]
         self._values = [0.0] * len(events)
 
@@ -89,9 +92,10 @@ class EventWatch:
         -------
         (indices of the events at that time, t, (p, v, λ), whether to stop) or None
         """
-        begin, self.looked = batch.curve.start, 0
-        rows = batch.p, batch.v, self.finish(batch.p, batch.lam)
-        for end, p, v, lam in zip(batch.t.tolist(), *rows, strict=True):  # at every step: plain loops are fastest
+        begin, seen, looks, self.looked = batch.curve.start, 0, batch.curve.looks, 0
+        t, p, v, lam = batch.looked_into(looks)
+        rows = p, v, self.finish(p, lam)
+        for end, p, v, lam in zip(t.tolist(), *rows, strict=True):  # at every step: plain loops are fastest
             values, self._values = self._values, [_value(event, end, p, v, lam) for event in self.events]
             for before, after in zip(values, self._values, strict=True):
                 if not before * after > 0.0:
@@ -99,7 +103,8 @@ class EventWatch:
                     if change := self._happen(segment, self._hits(segment, begin, end, values)):
                         return change
                     break
-            begin, self.looked = end, self.looked + 1
+            begin, seen = end, seen + 1
+            self.looked = seen // looks
             if self.interrupted():
                 raise KeyboardInterrupt
         return None
@@ -128,14 +133,17 @@ class EventWatch:
             if stop_at is not None and not _at_once(t, stop_at):
                 break
             event = self.events[i]
-            p, v, lam = segment(t)
+            p, v, lam = self._state(segment, t)
             self.found[i].append((t, p, v, self.finish(p, lam)))
             enough = bool(event.terminal) and len(self.found[i]) >= int(event.terminal)
             if enough or event.apply is not None:
                 stop_at, final = t if stop_at is None else stop_at, final or enough
         if stop_at is None:
             return None
-        return [i for t, i in hits if _at_once(t, stop_at)], stop_at, segment(stop_at), final
+        return [i for t, i in hits if _at_once(t, stop_at)], stop_at, self._state(segment, stop_at), final
+
+    def _state(self, segment, t):
+        return segment(t) if self.retake is None else self.retake(segment, t)
 
     def _signs(self, t, p, v, lam):
         state = [read_only(each) for each in (p, v, self.finish(p, lam))]
@@ -153,7 +161,14 @@ class EventWatch:
 
         if g(begin) == 0.0 or g(begin) * g_end > 0:
             return end  # the interpolant's sign at its old end is lost in rounding
-        return brentq(g, begin, end, xtol=4e-16 * max(1.0, abs(end)), rtol=1e-14, maxiter=MOST_TRIES)
+        root = brentq(g, begin, end, xtol=4e-16 * max(1.0, abs(end)), rtol=1e-14, maxiter=MOST_TRIES)
+        if self.retake is None:
+            return root
+        p, v, lam = self.retake(segment, root)
+        missing, beside = _value(event, root, p, v, self.finish(p, lam)) - g(root), root - BESIDE * (root - begin)
+        slope = (g(root) - g(beside)) / (root - beside) if root != beside else 0.0
+        moved = root - missing / slope if slope else root  # one secant takes out what the interpolant is wrong by
+        return moved if (moved - begin) * (moved - end) < 0 else root
 
 
 def _at_once(t1, t2) -> bool:

@@ -20,7 +20,6 @@ from .radau_stepper import RadauStepper
 from .stepper import StepBatch, Stepper
 from .tuning import Switches
 
-ROWS_WATCHED = 5  # steps after which the choice of constraint rows is looked at
 FEWEST, SHARE = 2, 4  # steps made ahead of the search for events: so many, and one for each so many since the start
 
 
@@ -112,7 +111,7 @@ def integrate(
     interrupted = interrupted or (lambda: False)
     with closing(stepper):
         record = Record(output, t_span, stepper.full_multipliers, interrupted)
-        watch = EventWatch(output.events, stepper.full_multipliers, interrupted)
+        watch = EventWatch(output.events, stepper.full_multipliers, interrupted, stepper.retake)
         status, message = SUCCESS, "the end of the interval was reached"
         try:
             lam0 = stepper.index1.acceleration(t_span[0], p0, v0)[1]
@@ -186,8 +185,8 @@ def _march(stepper, t_span, p, v, method, record, watch, interrupted):
                 return
             if method.max_steps is not None and record.nsteps >= method.max_steps:
                 raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {t:.6g} of {t_end:.6g}")
-            due = ROWS_WATCHED - record.nsteps % ROWS_WATCHED
-            if batch.failure or (due == ROWS_WATCHED and _choose_rows(stepper, record, watch)):
+            due = stepper.rows_watched - record.nsteps % stepper.rows_watched
+            if batch.failure or (due == stepper.rows_watched and _choose_rows(stepper, record, watch)):
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
                 break
             _stop_if(interrupted)

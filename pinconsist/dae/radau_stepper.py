@@ -119,6 +119,7 @@ class RadauStepper(Stepper):
         super().change_system(system)
         self._turns = None
 
+    rows_watched = 1  # steps are long
     k = property(lambda self: 2 * self.s - 1)
     y = property(lambda self: np.concatenate((np.zeros(self.system.nx), self.v, self.lam)))
 
@@ -208,14 +209,14 @@ class RadauStepper(Stepper):
         times = self.t + h * table(self.s).c
         known = self.shape is not None and abs(h) < FORESEEN * abs(self.shape.h)
         W = accelerations(self.shape, times) if known else np.tile(self.a, (self.s, 1))
-        stages = Stages(self.system, table(self.s), self.t, self.p, self.v, h, W)
-        weight, tol = self._weights()
-        if self.method.step is None:
-            tol = STAGE_NEWTON_FACTOR[self.s]
-        stages = self.newton.solve(stages, weight, tol)
+        stages = self._iterated(Stages(self.system, table(self.s), self.t, self.p, self.v, h, W))
         if not stages.failure and fastest_turn(self._turns, stages.xi) > MAX_CHART_TURN:
             stages.failure = "a joint turns half around within a step, where the charts of rotations end"
         return stages
+
+    def _iterated(self, stages) -> Stages:
+        weight, tol = self._weights()
+        return self.newton.solve(stages, weight, STAGE_NEWTON_FACTOR[self.s] if self.method.step is None else tol)
 
     def _weights(self):
         at = self.p if self.system.vector_like else np.zeros(self.system.nx)
@@ -248,7 +249,9 @@ class RadauStepper(Stepper):
         weight, _ = self._weights()
 
         def size(values):
-            free = values - kkt.solve(np.concatenate((np.zeros(system.nv), W @ values)))[: system.nv]
+            free = values
+            if system.nc < system.nv:  # where nothing is free, it is what lies between the steps that counts
+                free = values - kkt.solve(np.concatenate((np.zeros(system.nv), W @ values)))[: system.nv]
             moved = h * moved_by(system, stages.times[-1], p, v, free)
             return abs(h) * weighted_norm(np.concatenate((moved, free)), weight, system.nv)
 
@@ -267,6 +270,16 @@ class RadauStepper(Stepper):
             return None
         of, end = self.stages, self.landing
         return RadauSegment(of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, self.system)
+
+    def retake(self, segment, t):
+        """(p, v, λ) at a time inside the step of a segment: the step is made again up to there."""
+        of, nodes = segment, (t - segment.t_old) / segment.h * segment.table.c
+        W = of.table.values(nodes) @ of.W
+        stages = self._iterated(Stages(of.system, of.table, of.t_old, of.p0, of.v0, t - of.t_old, W))
+        if stages.failure:
+            return segment(t)
+        landing = self.landed(stages)
+        return landing.p, landing.v, landing.lam
 
     def velocity_and_multipliers(self):
         return self.v, self.lam

@@ -50,6 +50,19 @@ class StepBatch:
         curve = self.curve and n and self.curve.until(self.t[n - 1])
         return StepBatch(self.t[:n], *(each[:n] for each in self.states), self.order[:n], curve or None)
 
+    def looked_into(self, looks: int):
+        """t, p, v and λ at so many times in each step, its end the last."""
+        if looks == 1:
+            return self.t, *self.states
+        before = np.concatenate(([self.curve.start], self.t[:-1]))
+        inside = before[:, None] + (self.t - before)[:, None] * np.arange(1, looks) / looks
+        rows = [
+            np.concatenate((between.reshape(len(self.t), looks - 1, -1), ends.reshape(len(self.t), 1, -1)), axis=1)
+            for between, ends in zip((inside, *self.curve(inside.ravel())), (self.t, *self.states), strict=True)
+        ]
+        t, *states = (row.reshape(-1, row.shape[2]) for row in rows)
+        return t[:, 0], *states
+
     def cut(self, t, p, v, lam) -> StepBatch:
         """The steps before an event, and the part up to it of the one in which it happens."""
         n = int(np.searchsorted(self.curve.sign * self.t, self.curve.sign * t))
@@ -77,11 +90,16 @@ class Stepper:
     ahead : bool
         Whether steps may be made before events and callbacks have seen those before them: they cost little, and no
         function of the user's takes part in them, which an event or a callback might change.
+    rows_watched : int
+        Steps after which the choice of constraint rows is looked at.
+    retake : callable or None
+        ``retake(segment, t)`` gives (p, v, λ) at a time inside a step as exactly as at its end; None: interpolants do.
     backend : str
         Name of the method, for the record.
     """
 
-    batch, ahead, backend = 50, False, "python"
+    retake = None
+    batch, ahead, rows_watched, backend = 50, False, 5, "python"
 
     def __init__(self, system, method):
         self.method, self.control = method, method.control

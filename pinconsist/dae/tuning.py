@@ -51,6 +51,7 @@ FIRST_ERROR = 1e-4  # of the tolerance, of the first step
 FIRST_REACH, FIRST_CHANGE = 1e-2, 0.1  # relative to positions, to accelerations: of the trial that measures both
 FIRST_TRIALS = 20  # each a quarter of the one before
 LAST_MODE = 0.01  # of the highest mode in the denominator of the error estimate
+LOOKS = 5  # times in a step at which events are looked for
 
 PATIENCE = 0.05  # s after which no more steps are made in one call, so that an interrupt is noticed
 
