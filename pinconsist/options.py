@@ -10,7 +10,7 @@ from ._core.compiled import BACKENDS
 from .dae import consistency as paper
 from .dae import integrate as dae
 from .dae.control import ErrorControl, FixedStep
-from .dae.radau_stepper import RadauControl
+from .dae.radau_control import RadauControl
 from .dae.rounding import shortest_step
 from .dae.tuning import MAX_ADAPTIVE_ORDER, MAX_ORDER, STAGES
 from .errors import InputError
