@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from ._core.compiled_system import blank_system
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.energy import Energy, energy_of
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
+from .mechanism.rows import Workspace
 from .solution_file import read, write
 from .summary import skipped_work, summary_of
 
@@ -143,7 +145,7 @@ class Solution:
         mechanism = mechanism or getattr(self.system, "mechanism", None)
         if mechanism is None:
             raise InputError("a general problem has no energy of its own; a mechanism has")
-        return energy_of(self, mechanism)
+        return energy_of(self, mechanism, self._workspace(mechanism.model))
 
     def reaction(self, loop: str, mechanism=None, *, axes: str = "world") -> Reaction:
         """What a loop does to its bodies: force and moment on body 2, or a motor's torque; see :class:`Reaction`.
@@ -158,7 +160,12 @@ class Solution:
         if mechanism is None:
             where = "a solution read from a file needs its mechanism here: sol.reaction(loop, mechanism)"
             raise InputError(where if self.system is None else "a general problem has no loops with reactions")
-        return reaction(mechanism, loop, self.t, self.q, self.lam, axes)
+        return reaction(mechanism, loop, self.t, self.q, self.lam, axes, self._workspace(mechanism.model))
+
+    def _workspace(self, model) -> Workspace:
+        """One to measure in: that of the run, where it was of this model."""
+        system = self.system if getattr(self.system, "model", None) is model else None
+        return Workspace(model, blank_system, system and system.data)
 
     def _require_scene(self, mechanism, method):
         if mechanism is None and self.system is None:

@@ -376,19 +376,6 @@ def test_another_mechanism_than_the_one_of_the_run_is_refused(run, method):
         getattr(run, method)(*first, "four_bar")
 
 
-def test_of_long_runs_the_forces_of_some_rows_are_compared(monkeypatch):
-    sol = pc.simulate(pc.load("four_bar"), (0.0, 2.0), rtol=1e-6, atol=1e-6)
-    whole, solved = sol.check(), []
-    solve = certificate.solve_acceleration
-    monkeypatch.setattr(certificate, "solve_acceleration", lambda *state: solved.append(state[1]) or solve(*state))
-    monkeypatch.setattr(certificate, "MOST", 50)
-    part = sol.check()
-    assert len(solved) == 50 and solved[0] == sol.t[1:][sol.order > 0][0] and solved[-1] == sol.t[-1]
-    assert 0.2 * whole.force < part.force <= 1.01 * whole.force
-    assert part.force_first == pytest.approx(whole.force_first, rel=0.01)
-    assert (part.position, part.velocity, part.energy_error) == (whole.position, whole.velocity, whole.energy_error)
-
-
 def test_what_is_to_be_done_about_errors_fits_the_method():
     mech = pc.load("four_bar")
     for options, advice in ({"step": 0.05, "max_order": 1}, "a smaller step"), ({"rtol": 0.3, "atol": 0.3}, "rtol"):

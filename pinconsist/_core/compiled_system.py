@@ -30,6 +30,12 @@ def compiled_system(system):
     return compiled
 
 
+def blank_system(model, data):
+    """A compiled system of a model without rows and forces, on this workspace; None in Python alone."""
+    module = load()[0]
+    return None if module is None else module.MechanismSystem(model, data)
+
+
 class CompiledRun(Stepper):
     """A stepper in C++: its compiled equations, and the counting of its work.
 

@@ -13,6 +13,8 @@ struct Force {
   virtual void add_torque(const Data &data, double t, const Vec &q, const Vec &v, Vec &tau) const = 0;
   // D -= ∂τ/∂v, K -= ∂τ/∂q
   virtual void linearize(const Data &data, double t, const Vec &q, const Vec &v, Mat &D, Mat &K) const = 0;
+  // Elastic energy, of springs.
+  virtual double stored(const Data &, const Vec &) const { return 0.0; }
   virtual bool calls_python() const { return false; }
 };
 
@@ -49,6 +51,10 @@ public:
   void linearize(const Data &, double, const Vec &, const Vec &, Mat &D, Mat &K) const override {
     D(joint_.column, joint_.column) += damping_;
     K(joint_.column, joint_.column) += stiffness_;
+  }
+  double stored(const Data &, const Vec &q) const override {
+    const double beyond = nearest(target_(0.0) - joint_.value(q), period_);
+    return 0.5 * stiffness_ * beyond * beyond;
   }
 
 private:
@@ -106,6 +112,12 @@ public:
         K(columns_[i].index, columns_[j].index) += by_q;
       }
     }
+  }
+
+  double stored(const Data &data, const Vec &) const override {
+    const Vector3d r = placed(data, joint2_, place2_).translation() - placed(data, joint1_, place1_).translation();
+    const double longer = std::sqrt(r.squaredNorm() + shortest_ * shortest_) - length_;
+    return 0.5 * stiffness_ * longer * longer;
   }
 
 private:

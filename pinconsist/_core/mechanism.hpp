@@ -52,6 +52,7 @@ public:
   }
 
   const Model &model() const { return model_; }
+  Data &data() { return data_; }
   nb::object data_object() const { return data_object_; }
 
   // Several parts may add up in the same rows: `fresh` says whether a part begins new ones.
@@ -137,8 +138,10 @@ public:
   }
 
   void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) override {
-    pinocchio::forwardKinematics(model_, data_, p, v, zero_);
     bias.setZero(nc);
+    if (rows_.empty()) return;
+    for (int i = 1; i < model_.njoints; ++i) // rnea has left velocities, and accelerations less that of gravity
+      data_.a[i] = data_.a_gf[i] + data_.oMi[i].actInv(model_.gravity);
     for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
   }
 
@@ -201,6 +204,27 @@ public:
       multipliers.row(i)(steady) = factors.solve(G * lam).transpose();
     }
     return multipliers;
+  }
+
+  // Joint torques of all forces.
+  Vec torque(double t, const Vec &p, const Vec &v) {
+    evaluate_rows(t, p);
+    f.setZero();
+    add_the_rest(t, p, v);
+    return -f;
+  }
+
+  // Elastic energy of all springs.
+  double stored(const Vec &p) {
+    evaluate_rows(0.0, p);
+    double energy = 0.0;
+    for (const auto &force : forces_) energy += force->stored(data_, p);
+    return energy;
+  }
+
+  // Add force and moment about x that the rows with these multipliers exert on the second body, in world axes.
+  void add_wrench(const Vec &lam, const Vector3d &x, Vector3d &force, Vector3d &moment) const {
+    for (const auto &[rows, at] : rows_) rows->add_wrench(data_, lam.segment(at, rows->size()), x, force, moment);
   }
 
   // ∂(Jᵀλ)/∂q by forward differences: wanted only where Newton is slow.

@@ -1,4 +1,5 @@
 // What Python sees: a system to which rows and forces are added, and a stepper that makes batches of steps.
+#include "measured.hpp"
 #include "radau_stepper.hpp"
 
 #include <nanobind/ndarray.h>
@@ -151,6 +152,24 @@ NB_MODULE(twin, m) {
              return nb::make_tuple(s.f, s.phi, s.W, s.rho);
            })
       .def("chart_points", &MechanismSystem::chart_points)
+      .def("residuals",
+           [](MechanismSystem &s, const Vec &t, const Table &p, const Table &v, const Table &lam) {
+             auto all = residuals(s, t, p, v, lam);
+             return nb::make_tuple(std::move(all[0]), std::move(all[1]), std::move(all[2]));
+           })
+      .def("exact_forces",
+           [](MechanismSystem &s, const Vec &t, const Table &p, const Table &v) {
+             auto found = exact_forces(s, t, p, v);
+             return nb::make_tuple(std::move(found.joint_forces), found.acting, found.failed);
+           })
+      .def("energies", &energies)
+      .def("torques", &torques)
+      .def("stored", &stored)
+      .def("wrenches",
+           [](MechanismSystem &s, const Vec &t, const Table &p, const Table &lam, int joint1, const Pose &place1, int joint2,
+              const Pose &place2, bool in_world) {
+             return wrenches(s, t, p, lam, joint1, placement(place1), joint2, placement(place2), in_world);
+           })
       .def("gaps", &MechanismSystem::gaps)
       .def("complete", &MechanismSystem::complete)
       .def("linearize", [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a, double c) {

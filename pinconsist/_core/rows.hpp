@@ -13,6 +13,8 @@ struct Rows {
   virtual void add_rate(double, const Vec &, int, Vec &) const {}
   // Write J̇ v and the like from row `at` on (add, where parts add up); forward kinematics have been computed.
   virtual void add_bias(const Data &data, double t, const Vec &p, const Vec &v, int at, Vec &bias) const = 0;
+  // Add force and moment about x on the second body, of rows between two anchors, in world axes.
+  virtual void add_wrench(const Data &, const Vec &, const Vector3d &, Vector3d &, Vector3d &) const {}
   virtual int size() const = 0;
   virtual bool calls_python() const { return false; }
 };
@@ -54,6 +56,17 @@ public:
       bias.segment(at, size()) += matrix_.rightCols<3>() * (m1.R.transpose() * (m2.b - m1.b - m1.w.cross(m2.w)));
   }
 
+  void add_wrench(const Data &data, const Vec &lam, const Vector3d &x, Vector3d &force, Vector3d &moment) const override {
+    const SE3 anchor1 = placed(data, joint1_, place1_);
+    const Vec seen = matrix_.transpose() * lam;
+    const bool pose = matrix_.cols() == 6;
+    const Vector3d push = anchor1.rotation() * seen.head<3>();
+    const Vector3d at = pose ? anchor1.translation() : placed(data, joint2_, place2_).translation();
+    force += push;
+    moment += (at - x).cross(push);
+    if (pose) moment += anchor1.rotation() * seen.tail<3>();
+  }
+
   int size() const override { return static_cast<int>(matrix_.rows()); }
 
 private:
@@ -83,6 +96,10 @@ public:
     const Vector3d r = m2.x - m1.x, rate = m2.v - m1.v;
     bias[at] += (rate - m1.w.cross(r)).squaredNorm() / length_;
     bias[at] += (m1.R.transpose() * r).dot(seen_acceleration(m1, m2)) / length_;
+  }
+
+  void add_wrench(const Data &data, const Vec &lam, const Vector3d &, Vector3d &force, Vector3d &) const override {
+    force += lam[0] / length_ * (placed(data, joint2_, place2_).translation() - placed(data, joint1_, place1_).translation());
   }
 
   int size() const override { return 1; }

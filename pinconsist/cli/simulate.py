@@ -90,7 +90,8 @@ def simulate(
     if not as_json:
         print(f"{sol.summary()}\ntook {seconds:.3g} s\n")
     try:
-        with doing("checking"):
+        again = "again " if exit_code(sol) == output.INTERRUPTED else ""
+        with doing(f"checking (Ctrl-C {again}skips)"):
             certificate = sol.check()
     except KeyboardInterrupt:
         certificate = None

@@ -24,6 +24,7 @@ from math import isfinite, sqrt
 import numpy as np
 
 from .kkt import KKT, columns
+from .norms import largest
 from .rounding import is_noise
 from .tuning import FAILURES, FRESH_RATE, LAST, MAX_ITERATIONS, STAGNANT, STAGNATED
 
@@ -126,5 +127,7 @@ def _moved_weight(weight, nx, nv):
 
 def culprits(system, t, p, v) -> str:
     """The forces that are not finite at a state, for a message, where the system can tell."""
-    names = system.not_finite(t, p, v)
+    names, step = system.not_finite(t, p, v), 1e-9 * (1.0 + largest(p)) / (1.0 + largest(v))
+    for side in (step, -step):  # where the state is at the very edge, its neighbours tell
+        names = names or system.not_finite(t, system.integrate(p, side * system.rate(t, p, v)), v)
     return f" ({', '.join(map(repr, names))} at t = {t:.9g})" if names else ""

@@ -13,7 +13,7 @@ from .checks import near, read_only
 from .loops import Loop
 from .mechanism import Mechanism
 from .rank import independent_rows, row_scales
-from .rows import LoopRows
+from .rows import KeptRows, LoopRows, Workspace
 
 AXES = ("world", "anchor")
 NEARLY = 2e-5
@@ -92,7 +92,7 @@ class HasReactions:
         return reaction(self.mechanism, loop, *states, axes)
 
 
-def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") -> Reaction:
+def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world", workspace=None) -> Reaction:
     """The reaction of one loop at given states; `lam`, (n, nc), has the multipliers of all rows."""
     if axes not in AXES:
         raise InputError(f"reaction: axes={axes!r} is not one of {', '.join(map(repr, AXES))}")
@@ -101,14 +101,9 @@ def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") ->
         others = near(name, names) or (f"; the loops are {', '.join(names)}" if names else "; it has none")
         raise InputError(f"{mechanism.name}: no loop {name!r}{others}")
     model, loop = mechanism.model, mechanism.loops[names.index(name)]
-    data, rows, anchored = model.createData(), LoopRows(model, mechanism.loops), isinstance(loop, Loop)
+    rows, anchored, workspace = LoopRows(model, mechanism.loops), isinstance(loop, Loop), workspace or Workspace(model)
     closure, lam = rows.closures[names.index(name)], lam[:, rows.slices[name]]
-    wrenches, joint_forces = np.empty((len(t), 6)), np.empty((len(t), model.nv))
-    for i in range(len(t)):
-        pin.computeJointJacobians(model, data, q[i])
-        joint_forces[i] = closure.evaluate(data, q[i], t[i])[1].T @ lam[i]
-        if anchored:
-            wrenches[i] = _wrench(closure, data, lam[i], axes)
+    wrenches, joint_forces = _measured(rows, closure, t, q, lam, axes, workspace)
     return Reaction(
         loop=name,
         kind=loop.kind,
@@ -118,17 +113,17 @@ def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world") ->
         moment=read_only(wrenches[:, 3:]) if anchored else None,
         torque=read_only(lam[:, 0].copy()) if loop.kind in ("drive", "coupling") else None,
         joint_forces=read_only(joint_forces),
-        dependence=undetermined(mechanism, t, q).get(name),
+        dependence=undetermined(mechanism, t, q, workspace.data).get(name),
     )
 
 
-def undetermined(mechanism: Mechanism, t, q) -> dict[str, float]:
+def undetermined(mechanism: Mechanism, t, q, data=None) -> dict[str, float]:
     """Loops whose multipliers mean nothing, with the relative singular value by which their rows are independent.
 
     It is small in all of the run's rows that are looked at: at a singular position that is passed, forces are large but
     real. Rows that depend on others exactly share their load at least norm, and do not count.
     """
-    data, rows, looks = mechanism.model.createData(), LoopRows(mechanism.model, mechanism.loops), []
+    data, rows, looks = data or mechanism.model.createData(), LoopRows(mechanism.model, mechanism.loops), []
     if not rows.nc or not len(t):
         return {}
     for i in np.unique(np.linspace(0, len(t) - 1, LOOKS).astype(int)):
@@ -156,6 +151,26 @@ def not_determined(found: dict[str, float]) -> str:
     """What :func:`undetermined` found, as a sentence."""
     ends = dict.fromkeys(f"{end(found.values()):.0e}" for end in (min, max))
     return f"the forces of {', '.join(found)} are not determined: their rows depend on others to {' … '.join(ends)}"
+
+
+def _measured(rows, closure, t, q, lam, axes, workspace):
+    """[force, moment] on body 2, zero without anchors, and Jᵀλ of one loop at several states."""
+    anchored, model, twin = isinstance(closure.loop, Loop), rows.model, workspace.compiled()
+    if twin is not None:
+        own = rows.slices[closure.loop.name]
+        KeptRows(model, rows, range(own.start, own.stop)).hand_over(twin)
+        joint_forces = twin.residuals(t, q, np.zeros((len(t), model.nv)), lam)[2]
+        if not anchored:
+            return np.zeros((len(t), 6)), joint_forces
+        ends = closure.joint1, closure.place1.homogeneous, closure.joint2, closure.place2.homogeneous
+        return twin.wrenches(t, q, lam, *ends, axes == "world"), joint_forces
+    data, wrenches, joint_forces = workspace.data, np.zeros((len(t), 6)), np.empty((len(t), model.nv))
+    for i in range(len(t)):
+        pin.computeJointJacobians(model, data, q[i])
+        joint_forces[i] = closure.evaluate(data, q[i], t[i])[1].T @ lam[i]
+        if anchored:
+            wrenches[i] = _wrench(closure, data, lam[i], axes)
+    return wrenches, joint_forces
 
 
 def _wrench(closure, data, lam, axes):

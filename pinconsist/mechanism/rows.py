@@ -5,6 +5,8 @@ This is the only file that names Pinocchio's constraint classes. What each row m
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
@@ -17,6 +19,27 @@ from .loops import Loop
 
 TURNING = ("rx", "ry", "rz", "tilt1", "tilt2", "cross")  # rows in rad
 POSE = None  # instead of a shift: all six rows of a pose
+
+
+class Workspace:
+    """Pinocchio's data of a model, made when it is wanted, on which many states are evaluated.
+
+    ``compiled()`` gives an empty compiled system on it, which takes rows and forces and evaluates all states at once;
+    None where there is none. `blank(model, data)` makes them.
+    """
+
+    def __init__(self, model, blank=None, data=None):
+        self.model, self._blank, self._data = model, blank, data
+
+    @property
+    def data(self) -> pin.Data:
+        """The data: large models take seconds for it."""
+        if self._data is None:
+            self._data = self.model.createData()
+        return self._data
+
+    def compiled(self) -> Any:
+        return None if self._blank is None else self._blank(self.model, self.data)
 
 
 class LoopRows:

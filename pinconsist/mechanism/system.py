@@ -159,6 +159,10 @@ class MechanismSystem(Index3System):
             if not all(np.isfinite(value).all() for value in values if value is not None)
         )
 
+    def weights(self, q, v):
+        """Weights and the inertial forces of the velocities, shape (nv,)."""
+        return pin.rnea(self.model, self.data, q, v, np.zeros(self.nv))
+
     def mass_matrix(self, q):
         """M(q), shape (nv, nv)."""
         return np.array(pin.crba(self.model, self.data, q))

@@ -96,6 +96,11 @@ class _BoundSpring(BoundForce):
         twin.add_spring(*end1, *end2, spring.stiffness, spring.length, spring.damping, SHORTEST)
         return True
 
+    def hand_over_damper(self, twin) -> None:
+        """Add the damper alone to the compiled system: what the spring does not store."""
+        spring, (end1, end2) = self.spring, self._ends
+        twin.add_spring(*end1, *end2, 0.0, spring.length, spring.damping, SHORTEST)
+
     def stored(self, q, v) -> tuple[float, float]:
         """Elastic energy, J, and its rate, W."""
         l, u, J = self._line(q)[:3]

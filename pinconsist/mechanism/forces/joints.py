@@ -159,6 +159,9 @@ class _BoundSpring(_BoundServo):
         load = self._stiffness * deflection
         return 0.5 * load * deflection, load * v[self._coordinate.column]
 
+    def hand_over_damper(self, twin) -> None:
+        """There is none."""
+
 
 @dataclass(frozen=True)
 class JointSpring(ForceRecord):

@@ -1,0 +1,117 @@
+"""Certificates, energies and reactions: compiled at all rows at once, the same as row by row; and no false alarms."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from helpers.bodies import mixed_tree, random_state
+from helpers.forces import FORCES
+from helpers.loops import KINDS, PAIRS, loop_open_by
+from helpers.twin import needs_twin
+
+import pinconsist as pc
+from pinconsist import certificate, solution
+from pinconsist._core.compiled_system import blank_system
+from pinconsist.mechanism import rows
+from pinconsist.mechanism.energy import energy_of
+from pinconsist.mechanism.reactions import reaction
+from pinconsist.mechanism.rows import Workspace
+
+CLOSED = np.eye(3), np.zeros(3)
+
+
+def states_of(model, count=4):
+    rng = np.random.default_rng(5)
+    return [np.array(column) for column in zip(*(random_state(model, rng) for _ in range(count)), strict=True)]
+
+
+@needs_twin
+@pytest.mark.parametrize("axes", ["world", "anchor"])
+@pytest.mark.parametrize("pair", PAIRS, ids="-".join)
+@pytest.mark.parametrize("kind", KINDS)
+def test_reactions_of_every_loop_kind(kind, pair, axes):
+    model, rng = mixed_tree(), np.random.default_rng(2)
+    q, _ = random_state(model, rng)
+    mech = pc.Mechanism(model, [loop_open_by(model, q, kind, *pair, pin.SE3.Identity())])
+    name, t, lam = mech.loops[0].name, np.zeros(1), rng.standard_normal((1, mech.nc))
+    expected = reaction(mech, name, t, q[None], lam, axes)
+    found = reaction(mech, name, t, q[None], lam, axes, Workspace(model, blank_system))
+    for part in ("force", "moment", "joint_forces"):
+        np.testing.assert_allclose(getattr(found, part), getattr(expected, part), atol=1e-11)
+
+
+@needs_twin
+@pytest.mark.parametrize("name", FORCES)
+def test_powers_and_stored_energy_of_every_force(name):
+    mech = pc.Mechanism(mixed_tree(), forces=[FORCES[name]])
+    q, v = states_of(mech.model)
+    run = SimpleNamespace(t=np.linspace(0.0, 1.0, len(q)), q=q, v=v, lam=np.zeros((len(q), 0)))
+    expected, found = energy_of(run, mech), energy_of(run, mech, Workspace(mech.model, blank_system))
+    assert found.power.keys() == expected.power.keys() and found.stored.keys() == expected.stored.keys()
+    for label, values in expected.power.items():
+        np.testing.assert_allclose(found.power[label], values, rtol=1e-9, atol=1e-9 * (1 + np.abs(values).max()))
+    for part in ("kinetic", "potential", "elastic"):
+        np.testing.assert_allclose(getattr(found, part), getattr(expected, part), rtol=1e-12, atol=1e-11)
+
+
+@needs_twin
+@pytest.mark.parametrize("name", ["four_bar", "bricard", "flyball_governor", "stewart_platform", "andrews"])
+def test_certificates_of_scenes(monkeypatch, name):
+    mech = pc.load(name)
+    sol = pc.simulate(mech, (0.0, 0.02 * mech.duration))
+    fast = sol.check()
+    for module in (certificate, solution):
+        monkeypatch.setattr(module, "blank_system", lambda model, data: None)
+    slow = sol.check()
+    assert fast.position == pytest.approx(slow.position, rel=1e-3, abs=1e-14)
+    assert fast.velocity == pytest.approx(slow.velocity, rel=1e-6, abs=1e-12)
+    assert fast.force == pytest.approx(slow.force, rel=1e-4, abs=1e-10)
+    assert fast.force_first == pytest.approx(slow.force_first, rel=1e-4, abs=1e-10)
+    assert fast.energy_error == pytest.approx(slow.energy_error, rel=1e-4, abs=1e-10)
+    np.testing.assert_allclose(fast.energy, slow.energy, rtol=1e-11, atol=1e-12)
+
+
+@needs_twin
+def test_python_evaluates_a_few_rows_however_many_there_are(monkeypatch):
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 2.0))
+    calls, evaluate = [], rows.AnchoredRows.evaluate
+    monkeypatch.setattr(rows.AnchoredRows, "evaluate", lambda *args: calls.append(1) or evaluate(*args))
+    assert sol.check().position < 1e-12 and np.abs(sol.reaction("coupler_rocker").force).max() > 1.0
+    assert len(sol.t) > 200 and len(calls) < 20
+
+
+def test_drives_and_moving_constraints_are_in_the_balance():
+    mech = pc.load("four_bar").with_loops(pc.Drive("crank", pc.Motion(speed=2.0, amplitude=0.3, frequency=1.0)))
+    sol = pc.simulate(mech, (0.0, 0.5), v0={"crank": 2.0 + 0.6 * np.pi})
+    assert sol.check().energy_error < 1e-4 and np.abs(sol.energy().work["crank"]).max() > 0.1
+
+
+def test_a_chain_of_bodies_in_free_fall_has_forces_that_are_right():
+    """Nothing holds it, and its constraint forces are rounding: they count beside the weights."""
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    model.appendBodyToJoint(base, pin.Inertia.Random(), pin.SE3.Identity())
+    legs = [model.addJoint(base, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([x, 0, 0])), f"leg{x}") for x in (0, 1)]
+    for leg in legs:
+        model.appendBodyToJoint(leg, pin.Inertia(1.0, np.array([0, 0, -0.5]), np.eye(3) / 12), pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"foot{leg}", leg, 0, pin.SE3(np.eye(3), np.array([0, 0, -1.0])), pin.FrameType.OP_FRAME))
+    bar = pc.Loop("bar", "distance", f"foot{legs[0]}", f"foot{legs[1]}", length=1.0)
+    sol = pc.simulate(pc.Mechanism(model, [bar]), (0.0, 0.5))
+    certificate = sol.check()
+    assert np.abs(sol.lam).max() < 1e-8 and certificate.force < 1e-8 and not certificate.concerns
+
+
+@pytest.mark.parametrize("amplitude", [1e-4, 1e-6])
+def test_a_loaded_spring_that_hardly_moves_is_no_alarm(amplitude):
+    """0.3 J are stored, and the mass swings about its rest with next to no kinetic energy."""
+    model = pin.Model()
+    model.gravity.linear = np.array([0, 0, -9.81])
+    joint = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "slide")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    stiffness = 9.81**2 / 0.6
+    mech = pc.Mechanism(model, forces=[pc.JointSpring("slide", stiffness, rest=0.0)])
+    sol = pc.simulate(mech, (0.0, 1.0), q0=[-9.81 / stiffness + amplitude], rtol=1e-4, atol=1e-6)
+    energy = sol.energy()
+    assert energy.elastic.min() > 0.29 and energy.kinetic.max() < 1e-6
+    assert not sol.check().concerns
