@@ -104,9 +104,9 @@ def certify(solution, mechanism=None) -> Certificate:
         mechanism = system.mechanism
     workspace = None if mechanism is None else Workspace(system.model, blank_system, system.data)
     compared = _compared(solution)
-    states = solution.t, solution.q, solution.v
-    phi, rho, forces = _residuals(system, *states, solution.lam, workspace)
-    exact, acting = _exact_forces(system, *(each[compared] for each in states), workspace)
+    t, q, v = solution.t, solution.q, solution.v
+    phi, rho, forces = _residuals(system, t, q, v, solution.lam, workspace)
+    exact, acting = _exact_forces(system, t[compared], q[compared], v[compared], workspace)
     phi, error = np.abs(phi), np.abs(forces[compared] - exact)
     position, where, scale = 0.0, "", max(largest(exact), acting) or 1.0
     if phi.size:

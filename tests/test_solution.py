@@ -10,7 +10,6 @@ import pinocchio as pin
 import pytest
 
 import pinconsist as pc
-from pinconsist import certificate
 from pinconsist.solution import Solution
 
 ARRAYS = ("t", "q", "v", "lam", "h", "order")
