@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .norms import largest
+from .tuning import FAILURES
 
 NEARLY_DEPENDENT = 1e-2
 SHARED = 0.9  # of the largest part in a dependency: a row with as much is named too
@@ -28,6 +29,14 @@ def failure_report(stepper, failure: str) -> str:
         )
     if "not finite" in failure:
         hints.append("a force or a user's function returned NaN or infinity")
+    if failure == FAILURES["chatters"]:
+        v = stepper.velocity_and_multipliers()[0]
+        names = " and ".join(map(repr, system.jumps(stepper.t, stepper.p, v))) or "most likely a force"
+        hints.append(
+            f"{names} jumps where the velocity changes a little, as a relay or dry friction by its sign does, and "
+            "switches against the motion at every step; smooth it over a width, tanh(s/width) in place of sign(s), or "
+            "take JointFriction, which is smoothed"
+        )
     if not hints:
         speed = largest(stepper.y[system.nx : system.nx + system.nv])
         smaller = "a smaller step" if method.step is not None else "looser tolerances, or max_step"

@@ -17,8 +17,9 @@ from .failure import failure_report
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
 from .problem import Index3System
 from .radau_stepper import RadauStepper
+from .rounding import Pace
 from .stepper import StepBatch, Stepper
-from .tuning import Switches
+from .tuning import FAILURES, Switches
 
 FEWEST, SHARE = 2, 4  # steps made ahead of the search for events: so many, and one for each so many since the start
 
@@ -155,6 +156,7 @@ def _ending(error, t):
 
 def _march(stepper, t_span, p, v, method, record, watch, interrupted):
     (t, t_end), with_curve = t_span, bool(watch.events) or record.needs_curve
+    pace = Pace(method.control, t)
     while t != t_end:  # once, and again after every event that changes the state
         _stop_if(interrupted)
         states, begun = stepper.begin(t, p, v, t_end)[1:], record.nsteps
@@ -185,6 +187,8 @@ def _march(stepper, t_span, p, v, method, record, watch, interrupted):
                 return
             if method.max_steps is not None and record.nsteps >= method.max_steps:
                 raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {t:.6g} of {t_end:.6g}")
+            if lost := pace.lost(record.nsteps, t, t_end):
+                raise Stop(FAILED, failure_report(stepper, FAILURES[lost]))
             due = stepper.rows_watched - record.nsteps % stepper.rows_watched
             if batch.failure or (due == stepper.rows_watched and _choose_rows(stepper, record, watch)):
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]

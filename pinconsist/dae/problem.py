@@ -141,6 +141,10 @@ class Index3System:
         """
         return None
 
+    def jumps(self, t, p, v) -> tuple[str, ...]:
+        """The names of forces that jump at velocities near `v`, where the system knows them."""
+        return ()
+
     def not_finite(self, t, p, v) -> tuple[str, ...]:
         """The names of user-defined functions that are not finite at (`t`, `p`, `v`), where the system knows them."""
         return ()

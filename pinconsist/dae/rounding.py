@@ -7,7 +7,22 @@ import numpy as np
 from ..errors import SingularSystemError
 from .kkt import kkt_at
 from .norms import EPS, largest
-from .tuning import GAP, HALF, NEAR_ROUNDING, PROGRESS, REMEMBERED, SETBACKS, SLOW, SMALLEST_STEP
+from .tuning import (
+    CHATTER,
+    CRAWLED,
+    GAP,
+    HALF,
+    LONG,
+    LONGER,
+    NEAR_ROUNDING,
+    NOISY,
+    PROGRESS,
+    REMEMBERED,
+    SETBACKS,
+    SLOW,
+    SMALLEST_STEP,
+    WINDOW,
+)
 
 
 def shortest_step(*times) -> float:
@@ -120,3 +135,30 @@ class Headway:
         """A step was accepted that ends at `t`."""
         if abs(t - self._counted_from) > PROGRESS * abs(t - self._start):
             self._counted_from, self._setbacks = t, 0
+
+
+class Pace:
+    """Looks at the last steps now and then, and finds runs that would not end: at that pace too many steps are to come.
+
+    Long runs are not stopped for being long. But where Newton fails again and again, forces chatter: a relay that
+    switches against the motion leaves no solution to any step that is worth its name. And where the error test fails
+    again and again at a tolerance near rounding, noise fails it, as beside singular positions that cannot be passed.
+    """
+
+    def __init__(self, control, t):
+        self._control, self._t, self._steps, self._crawled = control, t, 0, 0
+        self._failed = dict(control.reasons)
+
+    def lost(self, steps, t, t_end) -> str:
+        """Why the run would not end after its `steps` until `t`, a key of FAILURES, or an empty string."""
+        made, gone = steps - self._steps, abs(t - self._t)
+        if made < WINDOW or not self._failed:  # with a fixed step nothing fails twice
+            return ""
+        error, newton = ((self._control.reasons[why] - self._failed[why]) / made for why in ("error", "newton"))
+        self._t, self._steps, self._failed = t, steps, dict(self._control.reasons)
+        to_come = made * abs(t_end - t) / gone
+        if newton > CHATTER and to_come > LONG:
+            return "chatters"
+        noisy = error > NOISY and to_come > LONGER and self._control.tightest[0] <= NEAR_ROUNDING
+        self._crawled = self._crawled + 1 if noisy else 0
+        return "crawls" if self._crawled == CRAWLED else ""

@@ -53,6 +53,10 @@ FIRST_TRIALS = 20  # each a quarter of the one before
 LAST_MODE = 0.01  # of the highest mode in the denominator of the error estimate
 LOOKS = 5  # times in a step at which events are looked for
 
+WINDOW = 1000  # steps after which the pace of a run is looked at
+CHATTER, LONG = 0.3, 1e6  # Newton failures a step, and steps to come at that pace, with which a run would not end
+NOISY, LONGER, CRAWLED = 0.05, 1e8, 3  # error test failures a step, steps to come, in so many windows, near rounding
+
 PATIENCE = 0.05  # s after which no more steps are made in one call, so that an interrupt is noticed
 
 # Of the compiled method alone: forecasts of what need not be computed, matrices that are kept
@@ -69,6 +73,8 @@ FAILURES = {
     "diverged": "Newton diverged",
     "not_converged": "Newton did not converge",
     "error_test": "the error test fails at any step size",
+    "chatters": "the run hardly advances, as Newton fails again and again",
+    "crawls": "the run hardly advances, as rounding fails the error test again and again",
 }
 
 

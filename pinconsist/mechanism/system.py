@@ -18,6 +18,8 @@ from .rank import independent_rows, row_scales
 from .rows import KeptRows, LoopRows
 
 OPEN = 1e-6  # gap, relative to the mechanism's size, at which a row that left the system has been needed
+NEAR = np.array([1e-8, 1e-6, 1e-4])  # changes of velocity, relative to the largest, over which forces may jump
+JUMP = 1e-3  # relative to the force
 WEAK = 0.2  # smallest singular value of the kept rows, relative to that of all rows, at which others are chosen
 
 
@@ -163,6 +165,10 @@ class MechanismSystem(Index3System):
         """Weights and the inertial forces of the velocities, shape (nv,)."""
         return pin.rnea(self.model, self.data, q, v, np.zeros(self.nv))
 
+    def jumps(self, t, q, v) -> tuple[str, ...]:
+        """Labels of the forces that jump at velocities near `v`, such as relays."""
+        return tuple(label for label, force in self._forces.items() if _jumps(lambda v, f=force: f.torque(t, q, v), v))
+
     def mass_matrix(self, q):
         """M(q), shape (nv, nv)."""
         return np.array(pin.crba(self.model, self.data, q))
@@ -234,3 +240,12 @@ class MechanismSystem(Index3System):
             return not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
         except PinconsistError:  # a user's own constraint need not be defined there
             return False
+
+
+def _jumps(function, v) -> bool:
+    """Whether a function of the velocity changes by as much over an eighth of a small way as over all of it."""
+    for way in np.multiply.outer(NEAR * (1.0 + np.abs(v).max()), np.eye(len(v))).reshape(-1, len(v)):
+        far, near = (function(v + part * way) - function(v - part * way) for part in (1.0, 0.125))
+        if 10.0 * np.abs(far - near).max() < np.abs(far).max() > JUMP * np.abs(function(v)).max():
+            return True
+    return False
