@@ -32,7 +32,7 @@ def command(
         "--backend", "NAME", "compiled or python; may be repeated. Default: compiled.")] = None,
     method: Annotated[str, option("--method", "NAME", "As of simulate.")] = "BDF",
     until: Annotated[float, option("--until", "SECONDS", "Span of a run.")] = 1.0,
-    limit: Annotated[float, option("--limit", "SECONDS", "After how long a run counts as hung.")] = 60.0,
+    limit: Annotated[float, option("--limit", "SECONDS", "How long a run and its reference may take.")] = 120.0,
     csv: report.Csv = None,
     as_json: output.Json = False,
 ) -> int:

@@ -3,10 +3,13 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from helpers.scenes import held_mass
 
+import pinconsist as pc
 from pinconsist.dae.failure import failure_report
+from pinconsist.dae.rounding import Pace
 
 FAILURE = "the error test fails at any step size"
 
@@ -62,3 +65,91 @@ def test_numbers_that_are_not_finite_are_traced_to_the_users_functions():
     assert "a force or a user's function returned NaN" in failure_report(
         stopped([[1, 0, 0]]), "the residual is not finite"
     )
+
+
+def sliding_mass(*forces):
+    """1 kg on a rail, pushed by 10 N."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "rail")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    return pc.Mechanism(model, forces=[pc.JointTorque({"rail": 10.0}), *forces])
+
+
+def surface(q, v):
+    return v[0] + 5.0 * (q[0] - 0.1)
+
+
+def relay(t, q, v):
+    return np.array([-200.0 * np.sign(surface(q, v))])
+
+
+def deadband(t, q, v):
+    return np.array([-200.0 * np.sign(surface(q, v)) * (abs(surface(q, v)) > 1e-7)])
+
+
+GENERATOR = np.random.default_rng(0)
+
+
+def noise(t, q, v):
+    return GENERATOR.normal(size=1)
+
+
+@pytest.mark.parametrize(("law", "backend", "named"), [
+    (relay, "compiled", "'torque relay' jumps"), (relay, "python", "'torque relay' jumps"),
+    (deadband, "compiled", "'torque deadband' jumps"), (deadband, "python", "'torque deadband' jumps"),
+    (noise, "compiled", "most likely a force jumps"),
+])  # fmt: skip
+def test_forces_that_chatter_end_a_run_soon(law, backend, named):
+    sol = pc.simulate(sliding_mass(law), (0.0, 1.0), max_steps=5000, backend=backend)
+    assert not sol.success and sol.nsteps < 2500, sol.message
+    assert named in sol.message and "tanh(s/width)" in sol.message and "JointFriction" in sol.message
+
+
+def smooth(t, q, v):
+    return np.array([-200.0 * np.tanh(surface(q, v) / 1e-3)])
+
+
+@pytest.mark.parametrize(("force", "until"), [
+    (smooth, 10.0), (pc.JointFriction({"rail": 200.0}, 1e-8), 1e5), (pc.JointDamping({"rail": 1e9}), 1e5),
+])  # fmt: skip
+def test_what_is_advised_and_what_is_only_stiff_runs(force, until):
+    sol = pc.simulate(sliding_mass(force), (0.0, until), max_steps=5000)
+    assert sol.success, sol.message
+
+
+def test_a_steep_force_that_is_smooth_is_not_stopped():
+    """Newton fails at every third step, and 700,000 steps are to come; but they come."""
+    sol = pc.simulate(sliding_mass(smooth), (0.0, 1e5), max_steps=2500)
+    assert "max_steps" in sol.message and sol.rejected["newton"] > 0.3 * sol.nsteps
+
+
+@pytest.mark.parametrize(("newton", "error", "tightest", "until", "jumps", "why"), [
+    (0, 900, 1e-6, 1e-9, True, ""),  # jumps of a force in time: a long run, but one that ends
+    (200, 0, 1e-12, 1e-9, True, ""),
+    (400, 0, 1e-6, 1e-3, True, "chatters"),
+    (400, 0, 1e-6, 1e-3, False, ""),  # a steep force that is smooth
+    (400, 0, 1e-6, 1e-6, False, "chatters"),
+    (400, 0, 1e-6, 0.5, True, ""),  # at that pace it ends
+    (0, 100, 1e-12, 1e-7, False, "crawls"),
+    (0, 100, 1e-6, 1e-7, False, ""),
+    (0, 20, 1e-12, 1e-7, False, ""),  # fast, and smooth
+    (0, 100, 1e-12, 1e-4, False, ""),
+])  # fmt: skip
+def test_only_a_pace_that_does_not_lead_to_the_end_is_lost(newton, error, tightest, until, jumps, why):
+    """A thousand steps a window, of a span of 10 s; rounding has to fail the error test in three of them."""
+    reasons = {"newton": 0, "error": 0}
+    pace = Pace(SimpleNamespace(reasons=reasons, tightest=(tightest, 1e-8)), 0.0)
+    assert pace.lost(999, 0.5 * until, 10.0, None) == ""
+    found = []
+    for window in range(1, 4):
+        reasons["newton"], reasons["error"] = newton * window, error * window
+        found.append(pace.lost(1000 * window, until * window, 10.0, lambda: jumps))
+    assert next(filter(None, found), "") == why and (why != "crawls" or found[:2] == ["", ""])
+
+
+def test_a_drive_out_of_reach_is_refused_soon_near_rounding():
+    mech = pc.load("four_bar")
+    start = pc.assemble(mech).q
+    driven = mech.with_loops(*mech.loops, pc.Drive("motor", "rocker", pc.Motion(start[2], 1.0)))
+    sol = pc.simulate(driven, (0.0, 10.0), start, rtol=1e-13, atol=1e-15, max_steps=60_000)
+    assert not sol.success and "hardly advances" in sol.message and sol.nsteps < 40_000, sol.message

@@ -61,11 +61,11 @@ def runs(seeds, tolerances, backends, method="BDF", *, until=1.0, limit=60.0) ->
     child = Child(_answer)
     try:
         for seed in seeds:
-            scene, why = child.ask((seed, until, limit), limit)
+            scene, why = child.ask((seed, until), limit)
             for backend in backends:
                 for tol in tolerances:
                     blank = Run(seed, scene or "", backend, method, tol, HUNG, why)
-                    found, why_not = child.ask((blank, until, limit), 2 * limit) if scene else (blank, "")
+                    found, why_not = child.ask((blank, until), limit) if scene else (blank, "")
                     yield found or replace(blank, message=why_not)
     finally:
         child.end()
@@ -73,19 +73,19 @@ def runs(seeds, tolerances, backends, method="BDF", *, until=1.0, limit=60.0) ->
 
 def _answer(question):
     """Of a seed: what the scene is, in words. Of a run that has not been made: the run."""
-    which, until, limit = question
+    which, until = question
     if isinstance(which, Run):
-        return judged(which, until, limit)
+        return judged(which, until)
     mech, _, _ = random_chain(which)
     joints = ", ".join(joint.rstrip("0123456789") for joint in mech.joints)
     forces = ", ".join(type(force).__name__ for force in mech.forces)
     return f"{joints} closed by {', '.join(loop.kind for loop in mech.loops)}" + (f" with {forces}" if forces else "")
 
 
-def judged(run: Run, until: float, limit: float = 60.0) -> Run:
+def judged(run: Run, until: float) -> Run:
     """A run, made and compared with the reference of its seed."""
     mech, q, v = random_chain(run.seed)
-    reference = _reference(run.seed, until, limit / 4)
+    reference = _reference(run.seed, until)
     options = {"rtol": run.tol, "atol": FLOOR * run.tol, "method": run.method, "backend": run.backend}
     start = time.perf_counter()
     try:
@@ -102,7 +102,8 @@ def judged(run: Run, until: float, limit: float = 60.0) -> Run:
     if not sol.success:
         outcome = _refused(reference, sol.t[-1], until)
     errors = {name: error / run.tol for name, error in errors.items()}
-    amplified = _amplification(run.seed, until, limit / 4) if max(errors.values(), default=0.0) > LARGE else None
+    large = not reference.why and max(errors.values()) > LARGE
+    amplified = _amplification(run.seed, until) if large else None
     return replace(
         run, outcome=outcome, message="" if sol.success else sol.message, steps=sol.nsteps,
         rejected=sum(sol.rejected.values()), seconds=seconds, gap=gap, amplification=amplified, reference=reference.why,
@@ -136,17 +137,17 @@ def _refused(reference, reached, until):
 
 
 @lru_cache(maxsize=1)
-def _reference(seed, until, seconds):
-    return Reference(*random_chain(seed), until, seconds=seconds)
+def _reference(seed, until):
+    return Reference(*random_chain(seed), until)
 
 
 @lru_cache(maxsize=1)
-def _amplification(seed, until, seconds):
+def _amplification(seed, until):
     """By how much a change of the first velocity grows, at most."""
     mech, q, v = random_chain(seed)
-    reference = _reference(seed, until, seconds)
+    reference = _reference(seed, until)
     tilt = TILT * np.random.default_rng(seed).normal(size=len(v))
-    other = Reference(mech, q, v + tilt, until, seconds=seconds)
+    other = Reference(mech, q, v + tilt, until)
     moved = [
         np.abs(reference.at(t)[1] - other.at(t)[1]).max()
         for t in np.linspace(0.0, min(reference.until, other.until), ROWS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import PinconsistError
 from .norms import largest
 from .tuning import FAILURES
 
@@ -29,19 +30,29 @@ def failure_report(stepper, failure: str) -> str:
         )
     if "not finite" in failure:
         hints.append("a force or a user's function returned NaN or infinity")
-    if failure == FAILURES["chatters"]:
-        v = stepper.velocity_and_multipliers()[0]
-        names = " and ".join(map(repr, system.jumps(stepper.t, stepper.p, v))) or "most likely a force"
+    names = jumping(stepper)
+    if names or failure == FAILURES["chatters"]:
         hints.append(
-            f"{names} jumps where the velocity changes a little, as a relay or dry friction by its sign does, and "
-            "switches against the motion at every step; smooth it over a width, tanh(s/width) in place of sign(s), or "
-            "take JointFriction, which is smoothed"
+            f"{names or 'most likely a force'} jumps where the velocity changes a little, as a relay or dry friction "
+            "by its sign does; smooth it over a width, tanh(s/width) in place of sign(s), or take JointFriction, which "
+            "is smoothed"
         )
     if not hints:
         speed = largest(stepper.y[system.nx : system.nx + system.nv])
         smaller = "a smaller step" if method.step is not None else "looser tolerances, or max_step"
         hints.append(f"the largest velocity there is {speed:.3g}; try {smaller}, and look at the motion just before")
     return f"{where}. " + "; ".join(hints)
+
+
+def jumping(stepper) -> str:
+    """The names of forces that jump where the run stands."""
+    system = stepper.system
+    v = stepper.y[system.nx : system.nx + system.nv]
+    try:
+        with np.errstate(all="ignore"):
+            return " and ".join(map(repr, system.jumps(stepper.t, stepper.p, v)))
+    except PinconsistError:  # a user's function that fails there has its own message
+        return ""
 
 
 def _weakest_rows(stepper):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from .consistency import MODES, Exact
 from .control import ErrorControl, FixedStep
 from .dense import Curve, DenseOutput
 from .events import EventWatch
-from .failure import failure_report
+from .failure import failure_report, jumping
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
 from .problem import Index3System
 from .radau_stepper import RadauStepper
@@ -187,7 +188,7 @@ def _march(stepper, t_span, p, v, method, record, watch, interrupted):
                 return
             if method.max_steps is not None and record.nsteps >= method.max_steps:
                 raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {t:.6g} of {t_end:.6g}")
-            if lost := pace.lost(record.nsteps, t, t_end):
+            if lost := pace.lost(record.nsteps, t, t_end, partial(jumping, stepper)):
                 raise Stop(FAILED, failure_report(stepper, FAILURES[lost]))
             due = stepper.rows_watched - record.nsteps % stepper.rows_watched
             if batch.failure or (due == stepper.rows_watched and _choose_rows(stepper, record, watch)):

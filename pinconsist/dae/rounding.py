@@ -10,6 +10,7 @@ from .norms import EPS, largest
 from .tuning import (
     CHATTER,
     CRAWLED,
+    ENDLESS,
     GAP,
     HALF,
     LONG,
@@ -149,15 +150,18 @@ class Pace:
         self._control, self._t, self._steps, self._crawled = control, t, 0, 0
         self._failed = dict(control.reasons)
 
-    def lost(self, steps, t, t_end) -> str:
-        """Why the run would not end after its `steps` until `t`, a key of FAILURES, or an empty string."""
+    def lost(self, steps, t, t_end, jumping) -> str:
+        """Why the run would not end after its `steps` until `t`, a key of FAILURES, or an empty string.
+
+        ``jumping()`` says whether a force jumps there.
+        """
         made, gone = steps - self._steps, abs(t - self._t)
         if made < WINDOW or not self._failed:  # with a fixed step nothing fails twice
             return ""
         error, newton = ((self._control.reasons[why] - self._failed[why]) / made for why in ("error", "newton"))
         self._t, self._steps, self._failed = t, steps, dict(self._control.reasons)
         to_come = made * abs(t_end - t) / gone
-        if newton > CHATTER and to_come > LONG:
+        if newton > CHATTER and (to_come > ENDLESS or (to_come > LONG and jumping())):
             return "chatters"
         noisy = error > NOISY and to_come > LONGER and self._control.tightest[0] <= NEAR_ROUNDING
         self._crawled = self._crawled + 1 if noisy else 0

@@ -54,7 +54,7 @@ LAST_MODE = 0.01  # of the highest mode in the denominator of the error estimate
 LOOKS = 5  # times in a step at which events are looked for
 
 WINDOW = 1000  # steps after which the pace of a run is looked at
-CHATTER, LONG = 0.3, 1e6  # Newton failures a step, and steps to come at that pace, with which a run would not end
+CHATTER, LONG, ENDLESS = 0.3, 1e5, 1e9  # Newton failures a step; steps to come at that pace where a force jumps; else
 NOISY, LONGER, CRAWLED = 0.05, 1e8, 3  # error test failures a step, steps to come, in so many windows, near rounding
 
 PATIENCE = 0.05  # s after which no more steps are made in one call, so that an interrupt is noticed
