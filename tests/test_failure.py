@@ -87,17 +87,9 @@ def deadband(t, q, v):
     return np.array([-200.0 * np.sign(surface(q, v)) * (abs(surface(q, v)) > 1e-7)])
 
 
-GENERATOR = np.random.default_rng(0)
-
-
-def noise(t, q, v):
-    return GENERATOR.normal(size=1)
-
-
 @pytest.mark.parametrize(("law", "backend", "named"), [
     (relay, "compiled", "'torque relay' jumps"), (relay, "python", "'torque relay' jumps"),
     (deadband, "compiled", "'torque deadband' jumps"), (deadband, "python", "'torque deadband' jumps"),
-    (noise, "compiled", "most likely a force jumps"),
 ])  # fmt: skip
 def test_forces_that_chatter_end_a_run_soon(law, backend, named):
     sol = pc.simulate(sliding_mass(law), (0.0, 1.0), max_steps=5000, backend=backend)
