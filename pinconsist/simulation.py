@@ -14,8 +14,9 @@ from .dae.output import Output
 from .dae.problem import Index3System
 from .errors import InputError
 from .interrupts import deferred
-from .mechanism.assembly import assemble
+from .mechanism.assembly import assembled
 from .mechanism.checks import finite_array
+from .mechanism.closing import LoopSolver
 from .mechanism.mechanism import Mechanism, with_forces
 from .mechanism.singularity import require_nonsingular
 from .mechanism.system import MechanismSystem
@@ -117,8 +118,9 @@ def simulate(
     mech = with_forces(mech, forces, "simulate")
     span = span_of(t_span)
     chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
-    assembly = assemble(mech, q0, v0, t=span[0])
-    system = MechanismSystem(mech, assembly.q, span[0])
+    solver = LoopSolver(mech, span[0])
+    assembly = assembled(solver, q0, v0)
+    system = MechanismSystem(mech, assembly.q, span[0], solver)
     require_nonsingular(system, assembly.q)
     output = _output(span, t_eval, dense_output, events, callback)
     return _integrated(system, span, assembly.q, assembly.v, chosen, output, backend)

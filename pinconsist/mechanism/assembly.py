@@ -11,7 +11,7 @@ import pinocchio as pin
 from ..errors import AssemblyError, InputError
 from .checks import coordinates, finite_array, require_mechanism, warn
 from .closing import CLOSED, LoopSolver
-from .rank import dependencies, independent_rows
+from .rank import dependencies
 
 NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little
 KEPT = 1e-9  # rad or m: a joint that is farther from its value has not kept it
@@ -91,6 +91,12 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
         Unknown joints, wrong sizes, NaN.
     """
     require_mechanism(mechanism, "assemble")
+    return assembled(LoopSolver(mechanism, t), q, v, fixed, tolerance)
+
+
+def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY) -> Assembly:
+    """What :func:`assemble` does, by a solver that goes on to be used."""
+    mechanism, t = solver.mechanism, solver.t
     if not (fixed is None or isinstance(fixed, Mapping)):
         raise InputError(f"fixed= needs a mapping joint name → value, got {fixed!r}")
     if not finite_array(tolerance, "tolerance") > 0:
@@ -99,7 +105,6 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
     held = {**named, **fixed}
     base = mechanism.configuration(mechanism.guess if q is None or isinstance(q, Mapping) else q)
     start = guess = mechanism.configuration(held, base=base)
-    solver = LoopSolver(mechanism, t)
     for joint in _driven(solver, held, guess):  # which have the drive's value, rounding apart
         held.pop(joint)
         fixed.pop(joint, None)
@@ -127,7 +132,7 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
         loops = "loops and drives" if solver.loop_rows.moving else "loops"
         warn(f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")
     J = solver.rows(best)[1]
-    kept, labels = independent_rows(J, solver.loop_rows.turns), mechanism.row_labels
+    kept, labels = solver.kept(best), mechanism.row_labels
     redundant = {
         labels[row]: {labels[i]: share for i, share in shares.items()} for row, shares in dependencies(J, kept).items()
     }
@@ -176,7 +181,7 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
     """A velocity with J v + Φ_t = 0 at a closed configuration, as :func:`assemble` takes it."""
     mechanism, model, t = solver.mechanism, solver.model, solver.t
     _, J = solver.rows(q)
-    kept = independent_rows(J, solver.loop_rows.turns)
+    kept = solver.kept(q)
     J = J[kept]
     start = mechanism.velocity({} if v is None else v)
     held = ~solver.free_columns(v if isinstance(v, Mapping) else {})

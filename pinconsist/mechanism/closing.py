@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from .rank import RANK_TOLERANCE, row_scales
+from .rank import RANK_TOLERANCE, independent_rows, row_scales
 from .rows import LoopRows
 
 CLOSED = 1e-10  # m or rad; rounding errors are far below
@@ -25,10 +25,17 @@ class LoopSolver:
         self.t = t
         self.model, self.data = mechanism.model, mechanism.model.createData()
         self.mechanism, self.loop_rows = mechanism, LoopRows(mechanism.model, mechanism.loops)
+        self._kept: tuple | None = None  # (q, independent rows there)
 
     def rows(self, q):
         """Φ and J at a configuration."""
         return self.loop_rows.at(self.data, q, self.t)
+
+    def kept(self, q) -> np.ndarray:
+        """Indices of independent rows at a configuration."""
+        if self._kept is None or not np.array_equal(self._kept[0], q):
+            self._kept = np.array(q), independent_rows(self.rows(q)[1], self.loop_rows.turns)
+        return self._kept[1]
 
     def size(self, q) -> float:
         """Largest |Φ|, m or rad."""

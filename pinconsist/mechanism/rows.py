@@ -61,6 +61,7 @@ class LoopRows:
         self.turns = np.array([turns for closure in self.closures for turns in closure.turns], dtype=bool)
         self.steady = np.array([closure.steady for closure in self.closures for _ in closure.turns], dtype=bool)
         self.moving = any(closure.moving for closure in self.closures)
+        self._last: tuple | None = None  # (t, q, Φ, J): the same place is asked for again and again where a run starts
 
     def evaluate(self, data: pin.Data, q=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Φ and J, (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`; anchors need no `q` and `t`."""
@@ -68,9 +69,11 @@ class LoopRows:
 
     def at(self, data: pin.Data, q, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Copies of Φ and J at `q`; `data` is a workspace."""
-        pin.computeJointJacobians(self.model, data, q)
-        phi, J = self.evaluate(data, q, t)
-        return np.array(phi), np.array(J)
+        if self._last is None or self._last[0] != t or not np.array_equal(self._last[1], q):
+            pin.computeJointJacobians(self.model, data, q)
+            self._last = t, np.array(q), *map(np.array, self.evaluate(data, q, t))
+        _, _, phi, J = self._last
+        return phi.copy(), J.copy()
 
     def time_rate(self, t: float, q=None) -> np.ndarray:
         """Φ_t, shape (nc,)."""

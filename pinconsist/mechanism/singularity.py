@@ -8,7 +8,7 @@ import pinocchio as pin
 from ..errors import SingularSystemError
 from .closing import LoopSolver
 from .mechanism import joints_in
-from .rank import free_motions, independent_rows
+from .rank import independent_rows, null_space
 
 NEARBY = 1e-3  # rad and m: how far around a position with dependent rows the rank of the loops is checked
 MASSLESS = 1e-14  # inertia of a free motion, relative to the largest, below which it counts as zero
@@ -29,7 +29,7 @@ def require_nonsingular(system, q) -> None:
             "cannot move it): their motions contradict each other. Drive fewer joints",
             names=tuple(drives),
         )
-    free = free_motions(J[system.kept], rows.turns[system.kept])
+    free = null_space(J[system.kept])
     inertia, motions = np.linalg.eigh(free.T @ system.mass_matrix(q) @ free)
     weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
     if weightless.any():

@@ -11,11 +11,12 @@ import pinocchio as pin
 
 from ..dae.problem import Index3System
 from ..errors import PinconsistError
+from .closing import LoopSolver
 from .forces import bound_forces
 from .lie import PlanarJoints, structure_constants
 from .mechanism import Mechanism
-from .rank import independent_rows, row_scales
-from .rows import KeptRows, LoopRows
+from .rank import row_scales
+from .rows import KeptRows
 
 OPEN = 1e-6  # gap, relative to the mechanism's size, at which a row that left the system has been needed
 NEAR = np.array([1e-8, 1e-6, 1e-4])  # changes of velocity, relative to the largest, over which forces may jump
@@ -28,20 +29,21 @@ class MechanismSystem(Index3System):
 
     ``kept`` has the indices of the rows in use among all rows; they are chosen at the closed configuration `q` and the
     time `t`, ``chosen_at``. ``dropped_are_zero`` says that the others vanish everywhere, as out-of-plane rows do.
+    A `solver` that has assembled the mechanism at that time gives its rows and workspace.
     """
 
-    def __init__(self, mechanism: Mechanism, q, t: float = 0.0):
+    def __init__(self, mechanism: Mechanism, q, t: float = 0.0, solver: LoopSolver | None = None):
         self.mechanism, self.model, self.chosen_at = mechanism, mechanism.model, t
-        self.data = self.model.createData()
-        self.rows = LoopRows(self.model, mechanism.loops)
+        solver = solver or LoopSolver(mechanism, t)
+        self.data, self.rows = solver.data, solver.loop_rows
         self.vector_like = self.model.nq == self.model.nv  # else some joint turns on SO(2), SO(3), SE(2) or SE(3)
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
         J = self.loop_rows(q)[1]
-        self.kept, self._sizes = independent_rows(J, self.rows.turns), row_scales(J, self.rows.turns)
+        self.kept, self._sizes = solver.kept(q), row_scales(J, self.rows.turns)
         self.nc = len(self.kept)
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self._kept_rows = self.kept_rows.evaluate
-        self.dropped_are_zero = self._zero_everywhere(np.setdiff1d(np.arange(self.rows.nc), self.kept), q)
+        self.dropped_are_zero = self._zero_everywhere(np.delete(np.arange(self.rows.nc), self.kept), q)
         self._forces = bound_forces(self.model, mechanism.forces)
         # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
