@@ -70,8 +70,9 @@ def simulate(
         BDF: highest order, 1 to 5 (default 5); with ``step`` the order throughout, 1 to 6. Radau: the order, 1, 3, 5, 9
         or 13; by default it begins with 9 and changes as it goes. On the command line it is ``--order``.
     rtol, atol : float or (float, float)
-        Tolerances of the local error, of positions and velocities; a pair gives the parts (q, v). The multipliers
-        are never in the error test. They converge with the velocities.
+        The accuracy of the run in positions and velocities, relative to the largest value of each coordinate and
+        absolute; a pair gives the parts (q, v). ``sol.error`` says what was reached: a motion that amplifies errors
+        loses as much. The multipliers are never in the error test. They converge with the velocities.
     forces : sequence
         Forces in addition to the mechanism's own; see :class:`Mechanism`.
     t_eval : array, optional
@@ -192,7 +193,7 @@ def _integrated(system, span, p0, v0, chosen, output, backend) -> Solution:
     with deferred(late=False) as interrupted:
         stepper = stepper_for(system, chosen, backend)
         trajectory = dae.integrate(system, span, p0, v0, chosen, output, stepper, interrupted)
-        return Solution._from_trajectory(trajectory, chosen)
+        return Solution._from_trajectory(trajectory, chosen, output.events)
 
 
 def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:

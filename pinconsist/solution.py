@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ._core.compiled_system import blank_system
+from .accuracy import PATIENCE, GlobalError, global_error
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.energy import Energy, energy_of
@@ -85,9 +86,11 @@ class Solution:
     q_events: list = field(default_factory=list, repr=False, compare=False)
     v_events: list = field(default_factory=list, repr=False, compare=False)
     system: Any = field(default=None, repr=False, compare=False)
+    _events: tuple = field(default=(), repr=False, compare=False)
+    _error: GlobalError | None = field(default=None, repr=False, compare=False)
 
     @classmethod
-    def _from_trajectory(cls, trajectory, method) -> Solution:
+    def _from_trajectory(cls, trajectory, method, events=()) -> Solution:
         """The solution of a trajectory made by a method; a failure if a row that left the system opened."""
         system = trajectory.system
         if trajectory.opened:
@@ -110,7 +113,7 @@ class Solution:
         return cls(
             **values, system=system, method=method.describe() | about, scene=scene.name if scene else "",
             success=trajectory.status >= 0, sol=trajectory.dense,
-            **{name: getattr(trajectory, name) for name in _OUTCOME},
+            _events=events, **{name: getattr(trajectory, name) for name in _OUTCOME},
         )  # fmt: skip
 
     def __repr__(self):
@@ -126,15 +129,29 @@ class Solution:
         """[q; v; λ] with times as columns, as in scipy: shape (nq+nv+nc, n)."""
         return np.hstack((self.q, self.v, self.lam)).T
 
-    def check(self, mechanism=None) -> Certificate:
+    def check(self, mechanism=None, error=None) -> Certificate:
         """The largest residuals over all rows, measured in a system of its own: see :class:`Certificate`.
 
-        A solution read from a file needs `mechanism`, with the forces of the run, those given to
+        Its ``error`` is the global error, estimated by a run at a tenth of the tolerance: where that takes less than 3
+        seconds, or, with `error` True or False, in any case or not at all. A solution read from a file needs `mechanism`, with the forces of the run, those given to
         ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`). Raises InputError for no mechanism, another
         one, or one with another number of forces than the run had; for no rows.
         """
         self._require_scene(mechanism, "check")
-        return certify(self, mechanism)
+        certificate = certify(self, mechanism)
+        if error is False:
+            return certificate
+        return replace(certificate, error=self._global_error(mechanism, PATIENCE if error is None else np.inf))
+
+    @property
+    def error(self) -> GlobalError | None:
+        """The global error, see :class:`~pinconsist.GlobalError`; None where it cannot be estimated."""
+        return self._global_error(None, np.inf)
+
+    def _global_error(self, mechanism, patience):
+        if self._error is None:
+            object.__setattr__(self, "_error", global_error(self, mechanism, patience))
+        return self._error
 
     def energy(self, mechanism=None) -> Energy:
         """The energies of the rows, power and work of each force, and their balance: see :class:`~pinconsist.Energy`.

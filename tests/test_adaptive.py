@@ -13,8 +13,8 @@ import pinconsist as pc
 from pinconsist.dae import control
 
 DATA = Path(__file__).parent / "data"
-TOLERANCES = [10.0**-k for k in range(3, 12)]
-FEWER = [1e-3, 1e-5, 1e-7, 1e-9, 1e-11]
+TOLERANCES = [10.0**-k for k in range(2, 10)]
+FEWER = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10]
 
 
 def crank_rocker():
@@ -54,8 +54,8 @@ def run_problem51(tol):
 
 @cache
 def tight(name):
-    """A run at 1e-12 with dense output; test_tight_runs_are_independent_answers says how good it is."""
-    return run(name, 1e-12, dense_output=True).sol
+    """A run at 1e-10 with dense output; test_tight_runs_are_independent_answers says how good it is."""
+    return run(name, 1e-10, dense_output=True).sol
 
 
 def joint_forces(sol, q, lam):
@@ -77,7 +77,7 @@ def point(sol, frame, q):
     return data.oMf[model.getFrameId(frame)].translation
 
 
-def falls_with_tolerance(tolerances, errors, *, bound=np.inf, slope=0.7, wobble=2.0):
+def falls_with_tolerance(tolerances, errors, *, bound=np.inf, slope=0.9, wobble=2.0):
     """Errors fall with the tolerance: never up by more than `wobble`, on the whole with at least this slope."""
     tolerances, errors = np.array(tolerances), np.array(errors)
     assert (errors[1:] <= wobble * np.minimum.accumulate(errors)[:-1]).all(), errors
@@ -94,8 +94,8 @@ def test_problem51_over_all_tolerances():
         ends.append(max(np.abs(sol.q[-1] - exact[-1][0]).max(), np.abs(sol.v[-1] - exact[-1][1]).max()))
         velocities.append(max(np.abs(v - row[1]).max() for v, row in zip(sol.v, exact, strict=True)))
         multipliers.append(max(np.abs(lam - row[2]).max() for lam, row in zip(sol.lam, exact, strict=True)))
-    falls_with_tolerance(TOLERANCES, ends, bound=1e4, slope=0.8)
-    falls_with_tolerance(TOLERANCES, multipliers, bound=1e4, slope=0.8)
+    falls_with_tolerance(TOLERANCES, ends, bound=3.0)
+    falls_with_tolerance(TOLERANCES, multipliers, bound=30.0)
     assert np.ptp(np.log10(np.divide(multipliers, velocities))) < 0.5  # λ converges exactly as the velocities do
 
 
@@ -110,8 +110,8 @@ def test_linkages_over_all_tolerances(name):
         positions.append(np.abs(sol.q - q).max())
         velocities.append(np.abs(sol.v - v).max())
         forces.append(np.abs(joint_forces(sol, sol.q, sol.lam) - f).max())
-    falls_with_tolerance(TOLERANCES, positions, bound=1e4, slope=0.72, wobble=3.0)
-    falls_with_tolerance(TOLERANCES, forces, slope=0.75)
+    falls_with_tolerance(TOLERANCES, positions, bound=10.0)
+    falls_with_tolerance(TOLERANCES, forces)
     assert np.ptp(np.log10(np.divide(forces, velocities))) < 0.7
 
 
@@ -120,15 +120,15 @@ def test_crank_rocker_over_ten_turns():
     start = run("crank_rocker", TOLERANCES[0]).q[0]
     q_end = zoo.reduced_solution(crank_rocker(), start, 12.0, np.array([0.0, 5.0]))[0][-1]
     ends = [np.abs(run("crank_rocker", tol).q[-1] - q_end).max() for tol in TOLERANCES]
-    falls_with_tolerance(TOLERANCES, ends, bound=1e5, slope=0.75, wobble=5.0)
+    falls_with_tolerance(TOLERANCES, ends, bound=100.0)
     affordable = [end for tol, end in zip(TOLERANCES, ends, strict=True) if run("crank_rocker", tol).nsteps <= 5500]
     assert min(affordable) <= 1e-4
 
 
 @pytest.mark.parametrize("name", ["heavy_top", "spherical_chain", "four_bar"])
 def test_tight_runs_are_independent_answers(name):
-    """The 1e-12 runs used as answers agree with scipy's DOP853 on the index-1 equations."""
-    sol = run(name, 1e-12, dense_output=True)
+    """The runs used as answers agree with scipy's DOP853 on the index-1 equations."""
+    sol = run(name, 1e-10, dense_output=True)
     answer = pc.reference_solution(sol.system, 0.0, sol.q[0], sol.v[0], [sol.t[-1]])
     assert np.abs(pin.difference(sol.system.model, sol.q[-1], answer.q[-1])).max() < 3e-8
     np.testing.assert_allclose(sol.v[-1], answer.v[-1], atol=1e-8 * np.abs(sol.v).max())
@@ -137,7 +137,7 @@ def test_tight_runs_are_independent_answers(name):
 
 @pytest.mark.parametrize("name", ["heavy_top", "spherical_chain"])
 def test_rotations_over_tolerances(name):
-    """Joints on SO(3) and SE(3): end error against scipy, Jᵀλ at all steps against the 1e-12 run."""
+    """Joints on SO(3) and SE(3): end error against scipy, Jᵀλ at all steps against the tightest run."""
     first, ends, velocities, forces = run(name, FEWER[0]), [], [], []
     q_end = pc.reference_solution(first.system, 0.0, first.q[0], first.v[0], [first.t[-1]]).q[-1]
     for tol in FEWER[:-1]:
@@ -146,7 +146,7 @@ def test_rotations_over_tolerances(name):
         ends.append(np.abs(pin.difference(sol.system.model, sol.q[-1], q_end)).max())
         velocities.append(np.abs(sol.v - v).max())
         forces.append(np.abs(joint_forces(sol, sol.q, sol.lam) - joint_forces(sol, q, lam)).max())
-    falls_with_tolerance(FEWER[:-1], ends, bound=1e4)  # charts hold the steps of the loosest run back
+    falls_with_tolerance(FEWER[:-1], ends, bound=30.0)  # charts hold the steps of the loosest run back
     falls_with_tolerance(FEWER[:-1], forces)
     assert np.ptp(np.log10(np.divide(forces, velocities))) < 0.7
     assert run(name, FEWER[-1]).success
@@ -176,7 +176,7 @@ def test_andrews_over_all_tolerances():
             )
         )
     q, v, lam = np.transpose(errors)
-    falls_with_tolerance(TOLERANCES, q, bound=1e4, slope=0.8, wobble=3.0)
+    falls_with_tolerance(TOLERANCES, q, bound=10.0)
     assert (v[:-1] < 1e3 * np.array(TOLERANCES[:-1])).all() and (lam[:-1] < 1e3 * np.array(TOLERANCES[:-1])).all()
     assert q[-1] < 1e-8 and v[-1] < 1e-5 and lam[-1] < 1e-5
 
@@ -199,20 +199,20 @@ def test_bricard_over_all_tolerances():
         assert sol.status == 0, sol.message
         points = [scenes.on_stage(sol.system.model, q, "P3").translation for q in sol.q]
         errors.append(max(np.abs(p - table[t]).max() for t, p in zip(sol.t, points, strict=True)))
-    falls_with_tolerance(TOLERANCES, errors, bound=1e3, slope=0.8, wobble=5.0)
+    falls_with_tolerance(TOLERANCES, errors, bound=10.0)
 
 
 def test_car_axis_over_all_tolerances():
     """A constraint that moves, in the general form."""
     problem, p0, v0 = scenes.car_axis()
     errors = []
-    for tol in FEWER:
+    for tol in FEWER[:-1]:
         sol = pc.integrate(problem, (0.0, 3.0), p0, v0, rtol=tol, atol=tol)
         assert sol.status == 0, sol.message
         rows = zip((sol.q, sol.v, sol.lam), scenes.CAR_AXIS_END, strict=True)
         errors.append([np.abs(found[-1] - exact).max() for found, exact in rows])
     for error in np.transpose(errors):
-        falls_with_tolerance(FEWER, error, bound=1e4)
+        falls_with_tolerance(FEWER[:-1], error, bound=100.0)
 
 
 def test_double_four_bar_through_its_singular_positions():
@@ -275,12 +275,12 @@ def test_multipliers_have_no_spikes(name, tol):
 
 
 def multiplier_record(name):
-    """(t, h, order, λ error) of each step at rtol = atol = 1e-6."""
+    """(t, h, order, λ error) of each step at rtol = atol = 1e-4, where single steps are held to 1e-6."""
     if name == "problem51":
-        sol, exact = run_problem51(1e-6), pc.reference_problem("problem51").exact
+        sol, exact = run_problem51(1e-4), pc.reference_problem("problem51").exact
         error = np.array([np.abs(lam - exact(t)[2]).max() for t, lam in zip(sol.t, sol.lam, strict=True)])
     else:
-        sol = run(name, 1e-6)
+        sol = run(name, 1e-4)
         error = np.abs(joint_forces(sol, sol.q, sol.lam) - reduced(name, sol)[2]).max(axis=1)
     return np.column_stack((sol.t[1:], sol.h, sol.order, error[1:]))
 
@@ -303,7 +303,7 @@ def test_multiplier_errors_step_by_step(name):
 # --- work
 
 
-PROTOTYPE = {
+PROTOTYPE = {  # by the tolerance of one step
     1e-4: (9.4e-3, 6.7, 1404),
     1e-6: (1.4e-4, 1e-1, 2840),
     1e-8: (7.8e-7, 6.4e-4, 6073),
@@ -314,7 +314,7 @@ PROTOTYPE = {
 @pytest.mark.parametrize("tol", PROTOTYPE)
 def test_four_bar_beats_the_prototype(tol):
     """End error in q, largest λ error and residual evaluations of the throw-away prototype, from rest at -1 rad."""
-    sol = run("four_bar", tol)
+    sol = run("four_bar", 10 * tol ** (5 / 6))
     q, _, forces = reduced("four_bar", sol)
     J = [sol.system.loop_rows(configuration)[1] for configuration in q]
     lam = np.array([np.linalg.lstsq(rows.T, force, rcond=1e-10)[0] for rows, force in zip(J, forces, strict=True)])
@@ -334,10 +334,11 @@ def test_work_on_the_four_bar():
 
 def test_the_safety_factor_saves_work(monkeypatch):
     """0.9 instead of 0.8: as many residuals, larger errors."""
-    q = reduced("four_bar", run("four_bar", 1e-6))[0][-1]
-    chosen = pc.simulate(pc.load("four_bar"), (0.0, 5.0), q0={"crank": -1.0}, rtol=1e-6, atol=1e-6, backend="python")
+    options = {"q0": {"crank": -1.0}, "rtol": 1e-4, "atol": 1e-4, "backend": "python"}
+    q = reduced("four_bar", run("four_bar", 1e-4))[0][-1]
+    chosen = pc.simulate(pc.load("four_bar"), (0.0, 5.0), **options)
     monkeypatch.setattr(control, "SAFETY", 0.9)
-    other = pc.simulate(pc.load("four_bar"), (0.0, 5.0), q0={"crank": -1.0}, rtol=1e-6, atol=1e-6, backend="python")
+    other = pc.simulate(pc.load("four_bar"), (0.0, 5.0), **options)
     assert chosen.nfev < 1.05 * other.nfev and sum(chosen.rejected.values()) < sum(other.rejected.values())
     assert np.abs(chosen.q[-1] - q).max() < np.abs(other.q[-1] - q).max()
 
@@ -361,20 +362,20 @@ def test_exact_consistency_fails_with_variable_steps_and_says_why(name):
 
 def test_implicit_euler_with_variable_steps():
     problem, errors, steps = pc.reference_problem("problem51"), [], []
-    for tol in (1e-3, 1e-4, 1e-5):
+    for tol in (1e-1, 1e-2, 1e-3):
         sol = pc.integrate(
             problem.system, (0.0, 0.5), problem.p0, problem.v0, method="ImplicitEuler", rtol=tol, atol=tol
         )
         assert sol.status == 0 and set(sol.order) == {0, 1}
         errors.append(max(np.abs(lam - problem.exact(t)[2]).max() for t, lam in zip(sol.t, sol.lam, strict=True)))
         steps.append(sol.nsteps)
-    assert errors[0] / errors[2] == pytest.approx(10.0, rel=0.3)  # order 1: error ~ √tol, steps ~ 1/√tol
-    assert steps[2] / steps[0] == pytest.approx(10.0, rel=0.4)
+    assert errors[0] / errors[2] == pytest.approx(100.0, rel=0.3)  # order 1: steps ~ 1/tol
+    assert steps[2] / steps[0] == pytest.approx(100.0, rel=0.4)
 
 
 @pytest.mark.parametrize("max_order", [1, 2, 3, 4, 5])
 def test_no_order_above_the_highest(max_order):
-    sol = four_bar((0.0, 0.3), max_order=max_order, rtol=1e-4, atol=1e-4)
+    sol = four_bar((0.0, 0.3), max_order=max_order, rtol=1e-2, atol=1e-2)
     assert sol.success and sol.order.max() == max_order
 
 
@@ -500,7 +501,7 @@ def test_the_tightest_tolerance():
         sol = pc.simulate(build(), (0.0, T), q0, v0, rtol=1e-13, atol=1e-13)
         assert sol.status == 0, sol.message
         answer = pc.reference_solution(sol.system, 0.0, sol.q[0], sol.v[0], [T])
-        assert np.abs(pin.difference(sol.system.model, sol.q[-1], answer.q[-1])).max() < 1e-10
+        assert np.abs(pin.difference(sol.system.model, sol.q[-1], answer.q[-1])).max() < 1e-9
 
 
 def test_hardly_any_absolute_tolerance():

@@ -1,0 +1,170 @@
+"""The global error of a run, from a finer one."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ._core.compiled import stepper_for
+from .certificate import loop_forces
+from .dae.control import ErrorControl
+from .dae.index1 import Index1
+from .dae.integrate import integrate
+from .dae.norms import largest
+from .dae.output import Output
+from .mechanism.system import MechanismSystem
+from .options import method_of
+
+FINER = 0.1  # of the tolerance
+ENDS = 100  # steps of Radau between rows that are compared
+PATIENCE = 3.0  # s that the finer run may take where it was not asked for
+
+
+@dataclass(frozen=True)
+class GlobalError:
+    """How far a run is from a finer one, the largest over its rows.
+
+    The finer run has a tenth of the tolerance, or half of the fixed step.
+
+    Attributes
+    ----------
+    q, v : float
+        Of the positions, rad or m, and of the velocities.
+    force : float
+        Of Jᵀλ (G λ), over the largest of the run.
+    q_at, v_at, force_at : str
+        Where it is so large: coordinate and time.
+    tolerances : float or None
+        The largest error of q and v over the tolerance, rtol times the largest value of the coordinate plus atol; None
+        for fixed steps.
+    """
+
+    q: float
+    v: float
+    force: float
+    q_at: str
+    v_at: str
+    force_at: str
+    tolerances: float | None
+
+    def __str__(self):
+        each = ("q", self.q, self.q_at), ("v", self.v, self.v_at), ("forces", self.force, self.force_at)
+        lines = [f"error of {name:<13} {error:9.2e}  ({where})" for name, error, where in each]
+        if self.tolerances is not None:
+            lines.append(f"  in tolerances        {self.tolerances:9.2g}")
+        return "\n".join(lines)
+
+
+def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError | None:
+    """The error of a solution; None where the finer run fails or takes longer than `patience` (s)."""
+    if len(solution.t) < 2:
+        return None
+    system, method = _case(solution, mechanism)
+    rows = _rows(solution, ENDS if method.name == "Radau" else len(solution.t))
+    t, q, v, lam = (part[rows] for part in (solution.t, solution.q, solution.v, solution.lam))
+    start = q[0], v[0]
+    if not len(solution.h):  # rows that were interpolated
+        start = Index1(system).state(t[0], *start)[1:3]
+    due = time.monotonic() + patience
+    finer = _finer(system, method, t, *start, solution._events, lambda: time.monotonic() > due)
+    if finer is None:
+        return None
+    *finer, times = finer
+    apart = _apart(solution.t_events, times, t)
+    if apart is None:
+        return None
+    error_q = np.abs([system.difference(a, b) for a, b in zip(q, finer[0], strict=True)])
+    error_v = np.abs(v - finer[1])
+    ours = loop_forces(system, t, q, v, lam)
+    error_force = np.abs(ours - loop_forces(system, t, *finer))
+    for error in (error_q, error_v, error_force):
+        error[apart] = 0.0
+    names = _coordinates(system)
+    return GlobalError(
+        largest(error_q), largest(error_v), largest(error_force) / (largest(ours) or 1.0),
+        _where(error_q, names, t), _where(error_v, names, t), _where(error_force, names, t),
+        _in_tolerances(solution.method, system, q, v, error_q, error_v),
+    )  # fmt: skip
+
+
+def _case(solution, mechanism):
+    """(system, method) of the finer run."""
+    about, system = solution.method, solution.system
+    mechanism = mechanism or getattr(system, "mechanism", None)
+    if mechanism is not None:
+        system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
+    name, order = about.get("method", "BDF"), about["max_order"]
+    rtol, atol, step = 1e-6, 1e-8, about["step"]
+    if step is not None:
+        step = 0.5 * step
+    else:
+        rtol, atol = (tuple(np.multiply(FINER, part) for part in about[key]) for key in ("rtol", "atol"))
+        if name == "BDF" and min(part.min() for part in rtol) < ErrorControl(rtol, atol, order, np.inf).best:
+            name, order, rtol = "Radau", None, tuple(np.maximum(part, 1e-12) for part in rtol)  # less rounding
+    span = float(solution.t[0]), float(solution.t[-1])
+    order = None if name == "Radau" and step is None else order
+    return system, method_of(span, name, step, order, rtol, atol, about["consistency"], None, np.inf, None, "auto")
+
+
+def _rows(solution, most):
+    """The rows that are compared: those before an event changed the state are not told from those after it."""
+    t = solution.t
+    jumps = np.flatnonzero(np.diff(t) == 0.0)
+    rows = np.setdiff1d(np.arange(len(t)), (jumps, jumps + 1))
+    return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))]
+
+
+def _finer(system, method, t, p, v, events, interrupted):
+    """(p, v, λ) at the times and the times of the events; None where the run does not reach the end."""
+    # between steps Radau has velocities of a lower order: its steps end at all times
+    pieces = pairwise(t) if method.name == "Radau" else [(t[0], t[-1])]
+    rows, found = [], [np.zeros(0)] * len(events)
+    for low, high in pieces:
+        output = Output(t_eval=t[(t >= min(low, high)) & (t <= max(low, high))], events=events)
+        run = integrate(system, (low, high), p, v, method, output, stepper_for(system, method), interrupted)
+        if run.status < 0 or len(run.t) < len(output.t_eval):
+            return None
+        rows += list(zip(run.p, run.v, run.lam, strict=True))[1 if rows else 0 :]
+        found = [np.append(old, [row[0] for row in new]) for old, new in zip(found, run.events, strict=True)]
+        system, p, v = run.system, run.p[-1], run.v[-1]
+    return *map(np.array, zip(*rows, strict=True)), found
+
+
+def _apart(ours, theirs, t):
+    """Mask of the rows between an event of one run and the same event of the other; None where events differ."""
+    if [len(times) for times in ours] != [len(times) for times in theirs]:
+        return None
+    apart = np.zeros(len(t), bool)
+    for low, high in zip(map(np.minimum, ours, theirs), map(np.maximum, ours, theirs), strict=True):
+        for i, j in zip(low, high, strict=True):
+            apart |= (t >= i) & (t <= j)
+    return apart
+
+
+def _coordinates(system):
+    """The names of the velocity columns."""
+    mechanism = getattr(system, "mechanism", None)
+    if mechanism is None:
+        return [f"coordinate {i}" for i in range(system.nv)]
+    names = [""] * system.nv
+    for joint in mechanism.joints:
+        columns = range(system.nv)[mechanism.columns(joint)]
+        for i in columns:
+            names[i] = joint if len(columns) == 1 else f"{joint}[{i - columns[0]}]"
+    return names
+
+
+def _where(error, names, t) -> str:
+    row, column = np.unravel_index(np.argmax(error), error.shape)
+    return f"{names[column]} at t = {t[row]:.6g}"
+
+
+def _in_tolerances(about, system, q, v, error_q, error_v):
+    if about["step"] is not None:
+        return None
+    sizes = np.abs([system.position_scale(p) for p in q]).max(axis=0), np.abs(v).max(axis=0)
+    allowed = (np.multiply(r, size) + a for r, a, size in zip(about["rtol"], about["atol"], sizes, strict=True))
+    return max(largest(error / limit) for error, limit in zip((error_q, error_v), allowed, strict=True))
