@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 
 from ._core.compiled import stepper_for
-from .certificate import loop_forces
 from .dae.control import ErrorControl
 from .dae.index1 import Index1
 from .dae.integrate import integrate
@@ -17,6 +16,7 @@ from .dae.norms import largest
 from .dae.output import Output
 from .mechanism.system import MechanismSystem
 from .options import method_of
+from .residuals import loop_forces
 
 FINER = 0.1  # of the tolerance
 ENDS = 100  # steps of Radau between rows that are compared
@@ -60,7 +60,7 @@ class GlobalError:
 
 def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError | None:
     """The error of a solution; None where the finer run fails or takes longer than `patience` (s)."""
-    if len(solution.t) < 2:
+    if not solution.success or len(solution.t) < 2:
         return None
     system, method = _case(solution, mechanism)
     rows = _rows(solution, ENDS if method.name == "Radau" else len(solution.t))
@@ -69,10 +69,10 @@ def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError | Non
     if not len(solution.h):  # rows that were interpolated
         start = Index1(system).state(t[0], *start)[1:3]
     due = time.monotonic() + patience
-    finer = _finer(system, method, t, *start, solution._events, lambda: time.monotonic() > due)
-    if finer is None:
+    found = _finer(system, method, t, start, solution._events, lambda: time.monotonic() > due)
+    if found is None:
         return None
-    *finer, times = finer
+    finer, times = found
     apart = _apart(solution.t_events, times, t)
     if apart is None:
         return None
@@ -117,8 +117,9 @@ def _rows(solution, most):
     return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))]
 
 
-def _finer(system, method, t, p, v, events, interrupted):
+def _finer(system, method, t, start, events, interrupted):
     """(p, v, λ) at the times and the times of the events; None where the run does not reach the end."""
+    p, v = start
     # between steps Radau has velocities of a lower order: its steps end at all times
     pieces = pairwise(t) if method.name == "Radau" else [(t[0], t[-1])]
     rows, found = [], [np.zeros(0)] * len(events)
@@ -130,7 +131,7 @@ def _finer(system, method, t, p, v, events, interrupted):
         rows += list(zip(run.p, run.v, run.lam, strict=True))[1 if rows else 0 :]
         found = [np.append(old, [row[0] for row in new]) for old, new in zip(found, run.events, strict=True)]
         system, p, v = run.system, run.p[-1], run.v[-1]
-    return *map(np.array, zip(*rows, strict=True)), found
+    return [np.array(column) for column in zip(*rows, strict=True)], found
 
 
 def _apart(ours, theirs, t):

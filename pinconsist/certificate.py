@@ -7,14 +7,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .dae.index1 import solve_acceleration
+from .accuracy import GlobalError
 from .dae.norms import largest
 from .mechanism.energy import energy_of
 from .mechanism.limits import BeyondLimit, beyond_limits
 from .mechanism.reactions import not_determined, undetermined
 from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
+from .residuals import exact_forces, residuals
 
+AMPLIFIED = 100.0  # tolerances: a larger error is worth a warning
 SHOWN = 4  # joints outside of their limits
 
 
@@ -46,6 +48,8 @@ class Certificate:
         ``value`` farthest out, ``lower`` and ``upper`` limit.
     fixed_step : bool
         The run had one, which is then what to make smaller.
+    error : GlobalError or None
+        How far the run is from a finer one, where that was made.
     """
 
     position: float
@@ -58,6 +62,7 @@ class Certificate:
     undetermined: dict[str, float] = field(default_factory=dict)
     beyond_limits: tuple[BeyondLimit, ...] = ()
     fixed_step: bool = field(default=False, repr=False, compare=False)
+    error: GlobalError | None = None
 
     def __str__(self):
         lines = [
@@ -68,6 +73,8 @@ class Certificate:
         ]
         if self.energy_error is not None:
             lines.append(f"energy balance         {self.energy_error:9.2e}  of the energies exchanged")
+        if self.error is not None:
+            lines.append(str(self.error))
         return "\n".join([*lines, *(f"look here: {concern}" for concern in self.concerns)])
 
     @property
@@ -82,6 +89,11 @@ class Certificate:
             found.append(
                 f"the energy balance is off by more than 1 %: {advice}, or a force or a drive jumps (restart there "
                 "by an event), or the rows are too few to see the work of the forces"
+            )
+        if self.error is not None and (self.error.tolerances or 0.0) > AMPLIFIED:
+            found.append(
+                f"the error is {self.error.tolerances:.0f} times the tolerance: the motion amplifies disturbances, as "
+                f"chaotic motions do; {advice} until the digits suffice, or believe a shorter time"
             )
         if self.undetermined:
             found.append(
@@ -105,8 +117,8 @@ def certify(solution, mechanism=None) -> Certificate:
     workspace = None if mechanism is None else Workspace(system.model, blank_system, system.data)
     compared = _compared(solution)
     t, q, v = solution.t, solution.q, solution.v
-    phi, rho, forces = _residuals(system, t, q, v, solution.lam, workspace)
-    exact, acting = _exact_forces(system, t[compared], q[compared], v[compared], workspace)
+    phi, rho, forces = residuals(system, t, q, v, solution.lam, workspace)
+    exact, acting = exact_forces(system, t[compared], q[compared], v[compared], workspace)
     phi, error = np.abs(phi), np.abs(forces[compared] - exact)
     position, where, scale = 0.0, "", max(largest(exact), acting) or 1.0
     if phi.size:
@@ -137,39 +149,3 @@ def _compared(solution):
     """The rows whose forces are compared: those that the method made itself."""
     made = 1 + np.flatnonzero(solution.order > 0)
     return made if len(made) else np.arange(len(solution.t))  # with t_eval all rows count
-
-
-def _residuals(system, t, q, v, lam, workspace):
-    """Φ, the hidden residual and Jᵀλ (G λ) of all rows."""
-    if workspace is not None and (twin := workspace.compiled()) is not None:
-        system.hand_over_all_rows(twin)
-        return twin.residuals(t, q, v, lam)
-    rows = []
-    for state in zip(t, q, v, lam, strict=True):
-        time, p, rate, multipliers = state
-        if workspace is None:
-            _, gap, G, _ = system.evaluate(time, p, rate, np.zeros(system.nv))
-            hidden = system.constraint(time, p, system.rate(time, p, rate))[1]
-        else:
-            gap, J = system.loop_rows(p, time)
-            G, hidden = J.T, J @ rate + system.rows.time_rate(time, p)
-        rows.append((gap, hidden, G @ multipliers))
-    return tuple(np.array(column) for column in zip(*rows, strict=True))
-
-
-def _exact_forces(system, t, q, v, workspace):
-    """Jᵀλ (G λ) of the differential equation, and the largest of the other forces that act with it."""
-    done, forces, acting = 0, [], 0.0
-    if workspace is not None and (twin := workspace.compiled()) is not None:
-        system.hand_over(twin)
-        exact, acting, failed = twin.exact_forces(t, q, v)
-        if failed < 0:
-            return exact, acting
-        done, forces = failed, list(exact[:failed])  # the equations say below why they have no solution there
-    for time, p, rate in zip(t[done:], q[done:], v[done:], strict=True):
-        lam = solve_acceleration(system, time, p, rate)[1]
-        f, _, G, _ = system.evaluate(time, p, rate, np.zeros(system.nv))
-        weights = f if workspace is None else system.weights(p, rate)
-        acting = max(acting, largest(f), largest(weights))
-        forces.append(G @ lam)
-    return np.array(forces).reshape(len(t), system.nv), acting

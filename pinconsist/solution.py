@@ -122,7 +122,7 @@ class Solution:
 
     def __getstate__(self):
         """Without system and dense output, which hold Pinocchio's workspaces; `check` then needs a mechanism."""
-        return self.__dict__ | {"system": None, "sol": None}
+        return self.__dict__ | {"system": None, "sol": None, "_events": ()}
 
     @property
     def y(self) -> np.ndarray:
@@ -133,7 +133,9 @@ class Solution:
         """The largest residuals over all rows, measured in a system of its own: see :class:`Certificate`.
 
         Its ``error`` is the global error, estimated by a run at a tenth of the tolerance: where that takes less than 3
-        seconds, or, with `error` True or False, in any case or not at all. A solution read from a file needs `mechanism`, with the forces of the run, those given to
+        seconds, or, with `error` True or False, in any case or not at all. Forces and events are called for it again.
+
+        A solution read from a file needs `mechanism`, with the forces of the run, those given to
         ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`). Raises InputError for no mechanism, another
         one, or one with another number of forces than the run had; for no rows.
         """

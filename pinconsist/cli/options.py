@@ -51,7 +51,7 @@ WithVelocity = Annotated[Texts, option(
     "Initial velocities of these joints, in rad/s or m/s; the others follow. Default: at rest.", START)]
 
 Step = Annotated[Number, option("--step", "SECONDS", "Fixed step. Default: step and order vary.", METHOD)]
-Rtol = Annotated[float, option("--rtol", "NUMBER", "Accuracy of the run, relative to the largest value of each coordinate.", METHOD)]
+Rtol = Annotated[float, option("--rtol", "NUMBER", "Accuracy of the run, relative to the largest values.", METHOD)]
 Atol = Annotated[float, option("--atol", "NUMBER", "Accuracy of the run, absolute: rad, m; rad/s, m/s.", METHOD)]
 MaxSteps = Annotated[Count, option("--max-steps", "N", "Stop a run with an error after this many steps.", METHOD)]
 

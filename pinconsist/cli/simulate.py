@@ -138,7 +138,8 @@ def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
             "njev": sol.njev, "nlu": sol.nlu, "seconds": seconds, "method": sol.method,
         },
         "certificate": certificate and {name: getattr(certificate, name) for name in names}
-        | {"beyond_limits": [asdict(each) for each in certificate.beyond_limits]},
+        | {"beyond_limits": [asdict(each) for each in certificate.beyond_limits]}
+        | {"error": certificate.error and asdict(certificate.error)},
         "end": {"q": scene.by_joint(mech, sol.q[-1]), "v": scene.by_joint(mech, sol.v[-1], velocity=True)},
         "files": files,
     }  # fmt: skip

@@ -1,0 +1,72 @@
+"""The global error that a solution estimates, against independent answers."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinconsist as pc
+
+
+def truth(sol, times):
+    """q and v of scipy's DOP853 on the index-1 equations."""
+    answer = pc.reference_solution(sol.system, sol.t[0], sol.q[0], sol.v[0], times, rtol=1e-12, atol=1e-12)
+    return answer.q, answer.v
+
+
+@pytest.mark.parametrize("tol", [1e-3, 1e-6])
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+@pytest.mark.parametrize(("name", "T"), [("crank_rocker", 1.0), ("delta_robot", 0.2), ("planar_pendulum", 2.0)])
+def test_the_estimate_is_the_error(name, T, method, tol):
+    sol = pc.simulate(pc.load(name), (0.0, T), rtol=tol, atol=1e-2 * tol, method=method)
+    rows = np.linspace(len(sol.t) // 2, len(sol.t) - 1, 8).astype(int)
+    q, v = truth(sol, sol.t[rows])
+    model = sol.system.model
+    error = max(np.abs(pin.difference(model, a, b)).max() for a, b in zip(sol.q[rows], q, strict=True))
+    assert 0.3 * error < sol.error.q < 10 * error  # the largest may be in the first half
+    assert sol.error.tolerances < 10
+
+
+def test_beside_rounding_the_finer_run_is_one_of_radau():
+    """A BDF of a tenth of the tolerance would make the same rounding errors."""
+    sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.5), rtol=1e-10, atol=1e-12)
+    q, _ = truth(sol, sol.t[-1:])
+    assert np.abs(sol.q[-1] - q[-1]).max() < 3 * sol.error.q < 1e-8
+
+
+def test_a_chaotic_motion_is_named():
+    mech = pc.load("double_pendulum")
+    sol = pc.simulate(mech, (0.0, 30.0), dict.fromkeys(mech.joints, 2.5), rtol=1e-6, atol=1e-8)
+    assert sol.error.tolerances > 1e3
+    assert "the motion amplifies disturbances" in str(sol.check())
+    assert sol.check(error=False).error is None
+
+
+def test_fixed_steps_are_halved():
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.5), step=1e-3, max_order=2)
+    q, _ = truth(sol, sol.t[-1:])
+    error = np.abs(sol.q[-1] - q[-1]).max()
+    assert 0.5 * error < sol.error.q < 2 * error and sol.error.tolerances is None
+
+
+def test_events_of_both_runs_are_matched():
+    """Rows between an impact of one run and that of the other would differ by the whole jump."""
+    mech = pc.load("planar_pendulum")
+    bounce = pc.Event(lambda t, q, v, lam: q[0], apply=lambda t, q, v: -0.9 * v, direction=-1)
+    sol = pc.simulate(mech, (0.0, 8.0), v0=[3.0], events=bounce, rtol=1e-5, atol=1e-7)
+    assert len(sol.t_events[0]) > 1 and sol.error.tolerances < 100
+
+
+def test_rows_of_t_eval_and_a_solution_from_a_file(tmp_path):
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 1.0), t_eval=[0.2, 0.5, 0.9])
+    assert 0.0 < sol.error.q < 1e-5
+    sol = pc.record("four_bar", (0.0, 0.5), tmp_path / "run.npz")
+    read = pc.Solution.load(tmp_path / "run.npz")
+    assert read.check(pc.load("four_bar")).error.q == pytest.approx(sol.error.q, rel=1e-6)
+
+
+def test_a_general_problem():
+    problem = pc.reference_problem("problem51")
+    sol = pc.integrate(problem.system, (0.0, 1.0), problem.p0, problem.v0, rtol=1e-6, atol=1e-6)
+    error = max(np.abs(q - problem.exact(t)[0]).max() for t, q in zip(sol.t, sol.q, strict=True))
+    assert error / 3 < sol.error.q < 3 * error
