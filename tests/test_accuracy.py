@@ -19,7 +19,7 @@ def truth(sol, times):
 def test_the_estimate_is_the_error(name, T, method, tol):
     sol = pc.simulate(pc.load(name), (0.0, T), rtol=tol, atol=1e-2 * tol, method=method)
     rows = np.linspace(len(sol.t) // 2, len(sol.t) - 1, 8).astype(int)
-    q, v = truth(sol, sol.t[rows])
+    q, _ = truth(sol, sol.t[rows])
     model = sol.system.model
     error = max(np.abs(pin.difference(model, a, b)).max() for a, b in zip(sol.q[rows], q, strict=True))
     assert 0.3 * error < sol.error.q < 10 * error  # the largest may be in the first half

@@ -17,13 +17,14 @@ HOW += " max_steps backend"
 PARAMETERS = {  # those after the bar by name only
     "Assembly": "q v gaps rows rank mobility redundant moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy undetermined beyond_limits "
-    "fixed_step",
+    "fixed_step error",
     "Constraint": "name function size jacobian rate moving rows step",
     "Coupling": "name joint other ratio offset higher",
     "Drive": "name joint curve rate acceleration",
     "Energy": "t kinetic potential elastic total stored power work error",
     "Equilibrium": "mechanism t q lam residual stiffness neutral iterations",
     "Event": "function terminal direction apply name",
+    "GlobalError": "q v force q_at v_at force_at tolerances",
     "HessenbergProblem": "U F G R | R_p R_t U_p U_v",
     "InverseDynamics": "mechanism t q v a lam torques",
     "JointDamping": "coefficients",
@@ -114,7 +115,8 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     "Servo": {"label": None, "bind": "model"},
     "Solution": {
         "y": None,
-        "check": "mechanism",
+        "check": "mechanism error",
+        "error": None,
         "energy": "mechanism",
         "reaction": "loop mechanism | axes",
         "summary": "",
