@@ -97,7 +97,8 @@ def simulate(
         Give up after so many steps.
     backend : {"auto", "compiled", "python"}
         What makes the steps. The compiled part is the same method in C++, about ten times faster; ``"auto"`` uses it
-        where it was built. Results agree to rounding.
+        where it was built. Their results agree within the accuracy of a run, not digit by digit: the compiled method
+        leaves out what the error test does not see, and one step that is decided otherwise changes all that follow.
 
     Returns
     -------

@@ -87,14 +87,15 @@ def deadband(t, q, v):
     return np.array([-200.0 * np.sign(surface(q, v)) * (abs(surface(q, v)) > 1e-7)])
 
 
-@pytest.mark.parametrize(("law", "backend", "named"), [
-    (relay, "compiled", "'torque relay' jumps"), (relay, "python", "'torque relay' jumps"),
-    (deadband, "compiled", "'torque deadband' jumps"), (deadband, "python", "'torque deadband' jumps"),
-])  # fmt: skip
-def test_forces_that_chatter_end_a_run_soon(law, backend, named):
+@pytest.mark.parametrize(("law", "backend"), [(relay, "compiled"), (deadband, "compiled"), (deadband, "python")])
+def test_forces_that_chatter_end_a_run_soon(law, backend):
     sol = pc.simulate(sliding_mass(law), (0.0, 1.0), max_steps=5000, backend=backend)
     assert not sol.success and sol.nsteps < 2500, sol.message
-    assert named in sol.message and "tanh(s/width)" in sol.message and "JointFriction" in sol.message
+    assert (
+        f"'torque {law.__name__}' jumps" in sol.message
+        and "tanh(s/width)" in sol.message
+        and "JointFriction" in sol.message
+    )
 
 
 def smooth(t, q, v):
@@ -115,33 +116,26 @@ def test_a_steep_force_that_is_smooth_is_not_stopped():
     assert "max_steps" in sol.message and sol.rejected["newton"] > 0.3 * sol.nsteps
 
 
-@pytest.mark.parametrize(("newton", "error", "tightest", "until", "jumps", "why"), [
-    (0, 900, 1e-6, 1e-9, True, ""),  # jumps of a force in time: a long run, but one that ends
-    (200, 0, 1e-12, 1e-9, True, ""),
-    (400, 0, 1e-6, 1e-3, True, "chatters"),
-    (400, 0, 1e-6, 1e-3, False, ""),  # a steep force that is smooth
-    (400, 0, 1e-6, 1e-6, False, "chatters"),
-    (400, 0, 1e-6, 0.5, True, ""),  # at that pace it ends
-    (0, 100, 1e-12, 1e-7, False, "crawls"),
-    (0, 100, 1e-6, 1e-7, False, ""),
-    (0, 20, 1e-12, 1e-7, False, ""),  # fast, and smooth
-    (0, 100, 1e-12, 1e-4, False, ""),
+@pytest.mark.parametrize(("newton", "until", "jumps", "lost"), [
+    (200, 1e-9, True, False),  # too many steps to come, but Newton seldom fails
+    (400, 1e-3, True, True),
+    (400, 1e-3, False, False),  # a steep force that is smooth
+    (400, 1e-6, False, True),
+    (400, 0.5, True, False),  # at that pace it ends
 ])  # fmt: skip
-def test_only_a_pace_that_does_not_lead_to_the_end_is_lost(newton, error, tightest, until, jumps, why):
-    """A thousand steps a window, of a span of 10 s; rounding has to fail the error test in three of them."""
-    reasons = {"newton": 0, "error": 0}
-    pace = Pace(SimpleNamespace(reasons=reasons, tightest=(tightest, 1e-8)), 0.0)
-    assert pace.lost(999, 0.5 * until, 10.0, None) == ""
-    found = []
-    for window in range(1, 4):
-        reasons["newton"], reasons["error"] = newton * window, error * window
-        found.append(pace.lost(1000 * window, until * window, 10.0, lambda: jumps))
-    assert next(filter(None, found), "") == why and (why != "crawls" or found[:2] == ["", ""])
+def test_only_a_pace_that_does_not_lead_to_the_end_is_lost(newton, until, jumps, lost):
+    """A thousand steps a window, of a span of 10 s."""
+    reasons = {"newton": 0, "error": 900}
+    pace = Pace(SimpleNamespace(reasons=reasons), 0.0)
+    reasons["newton"] = newton
+    assert not pace.lost(999, 0.5 * until, 10.0, None)
+    assert pace.lost(1000, until, 10.0, lambda: jumps) == lost
+    assert not pace.lost(2000, 2 * until, 10.0, lambda: jumps)  # it failed no more
 
 
 def test_a_drive_out_of_reach_is_refused_soon_near_rounding():
     mech = pc.load("four_bar")
     start = pc.assemble(mech).q
     driven = mech.with_loops(*mech.loops, pc.Drive("motor", "rocker", pc.Motion(start[2], 1.0)))
-    sol = pc.simulate(driven, (0.0, 10.0), start, rtol=1e-13, atol=1e-15, max_steps=60_000)
-    assert not sol.success and "hardly advances" in sol.message and sol.nsteps < 40_000, sol.message
+    sol = pc.simulate(driven, (0.0, 10.0), start, rtol=1e-13, atol=1e-15, max_steps=10_000)
+    assert not sol.success and "loop 'motor' row motor" in sol.message and sol.nsteps < 8_000, sol.message

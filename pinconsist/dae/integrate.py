@@ -188,8 +188,8 @@ def _march(stepper, t_span, p, v, method, record, watch, interrupted):
                 return
             if method.max_steps is not None and record.nsteps >= method.max_steps:
                 raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {t:.6g} of {t_end:.6g}")
-            if lost := pace.lost(record.nsteps, t, t_end, partial(jumping, stepper)):
-                raise Stop(FAILED, failure_report(stepper, FAILURES[lost]))
+            if pace.lost(record.nsteps, t, t_end, partial(jumping, stepper)):
+                raise Stop(FAILED, failure_report(stepper, FAILURES["chatters"]))
             due = stepper.rows_watched - record.nsteps % stepper.rows_watched
             if batch.failure or (due == stepper.rows_watched and _choose_rows(stepper, record, watch)):
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]

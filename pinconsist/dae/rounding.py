@@ -9,14 +9,11 @@ from .kkt import kkt_at
 from .norms import EPS, largest
 from .tuning import (
     CHATTER,
-    CRAWLED,
     ENDLESS,
     GAP,
     HALF,
     LONG,
-    LONGER,
     NEAR_ROUNDING,
-    NOISY,
     PROGRESS,
     REMEMBERED,
     SETBACKS,
@@ -139,30 +136,22 @@ class Headway:
 
 
 class Pace:
-    """Looks at the last steps now and then, and finds runs that would not end: at that pace too many steps are to come.
+    """Looks at the last steps now and then, and finds runs that would not end, as forces chatter in them.
 
-    Long runs are not stopped for being long. But where Newton fails again and again, forces chatter: a relay that
-    switches against the motion leaves no solution to any step that is worth its name. And where the error test fails
-    again and again at a tolerance near rounding, noise fails it, as beside singular positions that cannot be passed.
+    A relay that switches against the motion leaves no solution to any step that is worth its name: Newton fails again
+    and again. Long runs are not stopped for being long, nor steep forces for being steep.
     """
 
     def __init__(self, control, t):
-        self._control, self._t, self._steps, self._crawled = control, t, 0, 0
-        self._failed = dict(control.reasons)
+        self._control, self._t, self._steps = control, t, 0
+        self._failed = control.reasons.get("newton")
 
-    def lost(self, steps, t, t_end, jumping) -> str:
-        """Why the run would not end after its `steps` until `t`, a key of FAILURES, or an empty string.
-
-        ``jumping()`` says whether a force jumps there.
-        """
+    def lost(self, steps, t, t_end, jumping) -> bool:
+        """Whether the run would not end after its `steps` until `t`; ``jumping()`` says whether a force jumps there."""
         made, gone = steps - self._steps, abs(t - self._t)
-        if made < WINDOW or not self._failed:  # with a fixed step nothing fails twice
-            return ""
-        error, newton = ((self._control.reasons[why] - self._failed[why]) / made for why in ("error", "newton"))
-        self._t, self._steps, self._failed = t, steps, dict(self._control.reasons)
+        if made < WINDOW or self._failed is None:  # with a fixed step nothing fails twice
+            return False
+        failed = self._control.reasons["newton"] - self._failed
+        self._t, self._steps, self._failed = t, steps, self._control.reasons["newton"]
         to_come = made * abs(t_end - t) / gone
-        if newton > CHATTER and (to_come > ENDLESS or (to_come > LONG and jumping())):
-            return "chatters"
-        noisy = error > NOISY and to_come > LONGER and self._control.tightest[0] <= NEAR_ROUNDING
-        self._crawled = self._crawled + 1 if noisy else 0
-        return "crawls" if self._crawled == CRAWLED else ""
+        return failed > CHATTER * made and (to_come > ENDLESS or (to_come > LONG and bool(jumping())))

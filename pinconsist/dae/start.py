@@ -18,6 +18,7 @@ from .rounding import shortest_step
 log = logging.getLogger(__name__)
 
 MAX_TURN = 1.0  # rad: how far one chart is used
+JUMPED, BEFORE_JUMP = 10.0, 4.0  # accuracies by which constraints may move the start; by which it is shortened
 START_BUDGET = 400  # evaluations for each step of the history
 
 
@@ -129,12 +130,20 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
             h *= max(0.05, 0.8 * (0.25 / error) ** (1.0 / (k + 1)))
     shortest = shortest_step(t0, t_end)
     h = np.copysign(max(min(abs(h), control.max_step), shortest), h)
-    if abs(reach) >= shortest:
-        times, rows = sample(h)
-    else:
-        h, times = t_end - t0, np.array([t0, t_end])
-        rows = run.sample(times)
-    states = [(t0, p0, v0, index1.acceleration(t0, p0, v0)[1])]
-    for t, y in zip(times[1:], rows[1:], strict=True):
-        states.append(index1.state(t, chart_point(system, p0, y[: system.nx]), y[system.nx :]))
-    return h, states
+    first = (t0, p0, v0, index1.acceleration(t0, p0, v0)[1])
+    while True:
+        if abs(reach) >= shortest:
+            times, rows = sample(h)
+        else:
+            h, times = t_end - t0, np.array([t0, t_end])
+            rows = run.sample(times)
+        points = [chart_point(system, p0, y[: system.nx]) for y in rows]
+        states = [first, *map(index1.state, times[1:], points[1:], rows[1:, system.nx :])]
+        closed = np.array([table_row(system, p0, p, v, np.zeros(0)) for _, p, v, _ in states])
+        if control.apart(system, rows, closed) <= JUMPED:
+            return h, states
+        if abs(h) < BEFORE_JUMP * shortest:
+            phi, rho = system.constraint(times[-1], p := points[-1], system.rate(times[-1], p, rows[-1, system.nx :]))
+            row = system.describe_row(int(np.argmax(np.abs(phi) + abs(h) * np.abs(rho))))
+            raise PinconsistError(f"no start at t = {t0:.6g}: {row} jumps there, or its rate does")
+        h /= BEFORE_JUMP  # a constraint jumps: the method itself has to meet that, with its error test

@@ -55,7 +55,6 @@ LOOKS = 5  # times in a step at which events are looked for
 
 WINDOW = 1000  # steps after which the pace of a run is looked at
 CHATTER, LONG, ENDLESS = 0.3, 1e5, 1e9  # Newton failures a step; steps to come at that pace where a force jumps; else
-NOISY, LONGER, CRAWLED = 0.05, 1e8, 3  # error test failures a step, steps to come, in so many windows, near rounding
 
 PATIENCE = 0.05  # s after which no more steps are made in one call, so that an interrupt is noticed
 
@@ -74,7 +73,6 @@ FAILURES = {
     "not_converged": "Newton did not converge",
     "error_test": "the error test fails at any step size",
     "chatters": "the run hardly advances, as Newton fails again and again",
-    "crawls": "the run hardly advances, as rounding fails the error test again and again",
 }
 
 
