@@ -46,6 +46,8 @@ class Certificate:
     beyond_limits : tuple of BeyondLimit
         Joints that leave the position limits of their file, which do not act: ``joint``, first time ``t``, the
         ``value`` farthest out, ``lower`` and ``upper`` limit.
+    corrected_by : float
+        By how much rounded numbers of the file were changed, m or rad, see :meth:`Mechanism.corrected`.
     fixed_step : bool
         The run had one, which is then what to make smaller.
     error : GlobalError or None
@@ -61,6 +63,7 @@ class Certificate:
     energy: np.ndarray | None = field(repr=False, compare=False)
     undetermined: dict[str, float] = field(default_factory=dict)
     beyond_limits: tuple[BeyondLimit, ...] = ()
+    corrected_by: float = 0.0
     fixed_step: bool = field(default=False, repr=False, compare=False)
     error: GlobalError | None = None
 
@@ -75,6 +78,8 @@ class Certificate:
             lines.append(f"energy balance         {self.energy_error:9.2e}  of the energies exchanged")
         if self.error is not None:
             lines.append(str(self.error))
+        if self.corrected_by:
+            lines.append(f"file's numbers         {self.corrected_by:9.2e}  m or rad: their largest correction")
         return "\n".join([*lines, *(f"look here: {concern}" for concern in self.concerns)])
 
     @property
@@ -141,6 +146,7 @@ def certify(solution, mechanism=None) -> Certificate:
         energy=None if energy is None else energy.total,
         undetermined={} if mechanism is None else undetermined(mechanism, solution.t, solution.q, system.data),
         beyond_limits=() if mechanism is None else beyond_limits(mechanism, solution.t, solution.q),
+        corrected_by=0.0 if mechanism is None else mechanism.corrected_by,
         fixed_step=solution.method.get("step") is not None,
     )
 

@@ -32,8 +32,10 @@ class SceneSource:
         """The mechanism."""
         from .formats.load import load  # brings Pinocchio, which a command's --help does without
 
-        mechanism = load(self.source, **{name: getattr(self, name) for name in LOAD_OPTIONS})
-        return mechanism.reanchored(self.at or None) if self.reanchor else mechanism
+        options = {name: getattr(self, name) for name in LOAD_OPTIONS}
+        if not self.reanchor:
+            return load(self.source, **options)
+        return load(self.source, **options | {"precision": 0.0}).reanchored(self.at or None).corrected(self.precision)
 
     def load_with_hashes(self):
         """The mechanism, and the SHA-256 of every file it was read from, by its path as seen from the first."""

@@ -99,7 +99,8 @@ class Solution:
             trajectory.message = (
                 f"loop {loop!r} row {row} depends on other rows at the start and left the system, but the loops "
                 f"are open by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
-                "Start elsewhere, or from a state just before"
+                "Start elsewhere, or from a state just before; if numbers of the file are rounded, "
+                "load(…, precision=1e-6)"
             )
         values: dict[str, Any] = {name: np.array(getattr(trajectory, name)) for name in ("t", "v", "lam", "h", "order")}
         values["q"] = np.array(trajectory.p)

@@ -17,7 +17,7 @@ HOW += " max_steps backend"
 PARAMETERS = {  # those after the bar by name only
     "Assembly": "q v gaps rows rank mobility redundant moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy undetermined beyond_limits "
-    "fixed_step error",
+    "corrected_by fixed_step error",
     "Constraint": "name function size jacobian rate moving rows step",
     "Coupling": "name joint other ratio offset higher",
     "Drive": "name joint curve rate acceleration",
@@ -33,7 +33,7 @@ PARAMETERS = {  # those after the bar by name only
     "JointTorque": "torques",
     "Linearization": "t q v a lam coordinates Z mass damping stiffness",
     "Loop": "name kind frame1 frame2 xyz1 rpy1 xyz2 rpy2 axis length axis2",
-    "Mechanism": "model loops forces name guess actuated geometry duration precision",
+    "Mechanism": "model loops forces name guess actuated geometry duration corrected_by",
     "Modes": "eigenvalues shapes massless",
     "Motion": "start speed amplitude frequency phase",
     "Outcome": "index case value error message traceback finished",
@@ -108,6 +108,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "lock": "joints q",
         "reduced": "q",
         "reanchored": "q",
+        "corrected": "precision",
     },
     "Modes": {"frequencies": None, "hertz": None, "damping_ratios": None},
     "Motion": {"numbers": None, "rate": "t", "acceleration": "t"},

@@ -32,7 +32,8 @@ def check(
     Example: pinconsist check four_bar --at crank=pi/2
     """
     from ..mechanism.closing import LoopSolver
-    from ..mechanism.singularity import require_nonsingular
+    from ..mechanism.correction import rounding_of, weak_rows
+    from ..mechanism.singularity import held_motors, require_nonsingular
     from ..mechanism.system import MechanismSystem
 
     q0 = scene.joint_values(at, "--at")
@@ -47,6 +48,10 @@ def check(
     except AssemblyError as error:
         return _report_open(mech, before, gaps(error.q), error, as_json)
     singular, warnings = "", scene.scene_warnings(mech, assembly)
+    held, solver = held_motors(mech, assembly.q), LoopSolver(mech)
+    weak = weak_rows(solver.loop_rows, solver.rows(assembly.q)[1])
+    better = rounding_of(mech) if weak or not assembly.mobility else None
+    without = better.mobility if better else assembly.mobility + len(weak)
     try:
         require_nonsingular(MechanismSystem(mech, assembly.q), assembly.q)
     except SingularSystemError as error:
@@ -62,11 +67,14 @@ def check(
                 for (loop, row), combination in assembly.redundant.items()
             ],
             "gaps_before": before, "gaps": assembly.gaps, "iterations": assembly.iterations, "moved": assembly.moved,
-            "regular": not singular, "guess": scene.by_joint(mech, guess), "q": scene.by_joint(mech, assembly.q),
+            "regular": not singular, "held_motors": held, "corrected_by": mech.corrected_by,
+            "weak": [{"loop": loop, "row": row, "by": by} for (loop, row), by in weak.items()],
+            "mobility_without_weak": without,
+            "guess": scene.by_joint(mech, guess), "q": scene.by_joint(mech, assembly.q),
             **({"error": singular} if singular else {}), "warnings": warnings,
         })  # fmt: skip
     else:
-        _print(mech, guess, before, assembly, singular)
+        _print(mech, guess, before, assembly, singular, held, weak, without)
     scene.log_warnings(warnings)
     if singular:
         output.print_error(singular)
@@ -89,11 +97,23 @@ def _report_open(mech, before, after, error, as_json) -> int:
     return output.WRONG_INPUT
 
 
-def _print(mech, guess, before, assembly, singular):
+def _print(mech, guess, before, assembly, singular, held, weak, without):
     _print_inventory(mech)
+    if mech.corrected_by:
+        print(f"lengths and angles corrected by up to {mech.corrected_by:.1e} m or rad")
     if mech.loops:
         print(f"rows: {assembly.rows}, of which {assembly.rank} independent and {len(assembly.redundant)} redundant")
     print(f"mobility: {assembly.mobility}")
+    if weak or without != assembly.mobility:
+        rows = ", ".join(
+            output.first([f"({loop} {row}) {by:.1e}" for (loop, row), by in weak.items()], TERMS, "and {} more")
+        )
+        hangs = (
+            f"hangs on rows that are independent by less than 1e-6 m or rad: {rows}" if weak else "hangs on rounding"
+        )
+        output.paragraph(f"{hangs}; without them it would be {without}", indent="  ", hanging="    ")
+    if held:
+        output.paragraph(f"motors that cannot move by themselves: {', '.join(held)}", indent="  ", hanging="    ")
     for line in _redundant_lines(assembly.redundant):
         output.paragraph(line, indent="  ", hanging="    ")
     if mech.loops:

@@ -66,7 +66,8 @@ def describe(mech, assembly) -> str:
     text = f"{mech.name}: {counted(len(mech.joints), 'joint')}, {counted(len(mech.loops), 'loop')}"
     if mech.loops:
         text += f" of {counted(assembly.rows, 'row')} ({assembly.rank} independent)"
-    return f"{text}, mobility {assembly.mobility}"
+    text += f", mobility {assembly.mobility}"
+    return text + f", numbers corrected by up to {mech.corrected_by:.1e} m or rad" * (mech.corrected_by > 0.0)
 
 
 def assembled(mech, q0, v0=None, t=0.0):
@@ -126,12 +127,13 @@ def _immobile(mech, assembly) -> list[str]:
     import numpy as np
 
     from ..mechanism.closing import LoopSolver
+    from ..mechanism.correction import hint
     from ..mechanism.rank import independent_rows
 
     if assembly.mobility or not mech.loops:
         return []
     solver = LoopSolver(mech)
-    if solver.loop_rows.moving:
+    if solver.loop_rows.moving or hint(mech):  # of which assembly has warned
         return []
     _, J = solver.rows(assembly.q)
     helping = []

@@ -46,8 +46,9 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(),
         Elements of a URDF or SDF file that close loops in another program, are not read here and would be refused,
         by tag or name: ``"drake:ball_constraint"``, ``"gazebo/joint"``. The file is loaded without them.
     precision : float
-        How far off the numbers of the source may be, m and rad; see :class:`Mechanism`. 1e-6 for a file that was
-        written with six digits. Default: its numbers are taken as they stand.
+        How far off the numbers of the source may be, m and rad: 1e-6 for a file that was written with six digits.
+        Loops that lock, or contradict, each other by less agree then: see :meth:`Mechanism.corrected`. Default: the
+        numbers are taken as they stand.
 
     Returns
     -------
@@ -75,12 +76,11 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(),
             raise InputError("free_flyer= is for files; a model in memory has its root joint already")
         if ignore:
             raise InputError("ignore= is for files; a model in memory has no elements")
-        return replace(_of_model(source, () if loops is None else loops, closure), precision=precision)
+        return _of_model(source, () if loops is None else loops, closure).corrected(precision)
     if not (loops is None or isinstance(loops, (str, os.PathLike))):
         reason = f"loops= needs the path of a loop file, got {type(loops).__name__}"
         raise InputError(f"{reason}; add records by load(…).with_loops(…)")
-    scene = read_scene(catalogue.find(source), loops, closure, free_flyer, package_dirs, ignore)
-    return replace(scene, precision=precision)
+    return read_scene(catalogue.find(source), loops, closure, free_flyer, package_dirs, ignore).corrected(precision)
 
 
 def read_scene(

@@ -10,13 +10,14 @@ import pinocchio as pin
 
 from ..errors import AssemblyError, InputError
 from .checks import coordinates, finite_array, require_mechanism, warn
-from .closing import CLOSED, LoopSolver
+from .closing import CLOSED, NEARLY, LoopSolver
+from .correction import hint, weak_rows, weak_text
 from .rank import dependencies
 
-NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little
 KEPT = 1e-9  # rad or m: a joint that is farther from its value has not kept it
 MOST_SHOWN = 6  # joints in one warning
 DRIVEN = 1e-6  # rad or m: a drive that has a joint farther from its value contradicts it
+ROUNDED_GAP = 1e-3  # m or rad: gaps from here on are no rounding
 NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relative to the largest
 
 
@@ -123,7 +124,8 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY) 
     if gaps and gaps[worst] > CLOSED and tolerance <= NEARLY:
         warn(
             f"{mechanism.name}: the loops contradict each other slightly: {worst!r} closes only to "
-            f"{gaps[worst]:.1e} m or rad. Most likely the numbers of the file are rounded"
+            f"{gaps[worst]:.1e} m or rad. Most likely the numbers of the file are rounded: load(…, precision=1e-6), or "
+            "mechanism.corrected(1e-6), lets loops agree"
         )
     if moved := not_kept(mechanism, named, best):
         shown = moved[:MOST_SHOWN] if len(named) > MOST_SHOWN else named
@@ -133,6 +135,11 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY) 
         warn(f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")
     J = solver.rows(best)[1]
     kept, labels = solver.kept(best), mechanism.row_labels
+    weak, mobility = weak_rows(solver.loop_rows, J), mechanism.nv - len(kept)
+    immobile = not (mobility or solver.loop_rows.moving) and bool(mechanism.anchored_loops)
+    if (weak or immobile) and (advice := hint(mechanism)):
+        why = f"rank {len(kept)} and mobility {mobility} hang on less than 1e-6: {weak_text(weak)}" if weak else ""
+        warn(f"{mechanism.name}: {why or 'nothing can move'}. Most likely {advice}")
     redundant = {
         labels[row]: {labels[i]: share for i, share in shares.items()} for row, shares in dependencies(J, kept).items()
     }
@@ -142,7 +149,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY) 
         gaps=gaps,
         rows=len(J),
         rank=len(kept),
-        mobility=mechanism.nv - len(kept),
+        mobility=mobility,
         redundant=redundant,
         moved=float(np.max(np.abs(pin.difference(mechanism.model, guess, best)), initial=0.0)),
         iterations=iterations,
@@ -243,6 +250,8 @@ def _not_closed(solver, guess, best, open_loops, fixed):
             each, order = ("each ", ", the worst first") if len(alone) > 1 else ("", "")
             what = f"loops cannot close{held}, {each}even with all others cut{order}: {listed}"
             what = f"{len(alone)} of {len(mechanism.loops)} {what}"
+    if max(open_loops.values()) < ROUNDED_GAP and not fixed and (advice := hint(mechanism)):
+        what += f". Most likely {advice}"
     let_go = ", let the held joints go" if fixed else ""
     return AssemblyError(
         f"{mechanism.name}: {what}. Check lengths, units and anchors; try "

@@ -9,6 +9,7 @@ from .rank import RANK_TOLERANCE, independent_rows, row_scales
 from .rows import LoopRows
 
 CLOSED = 1e-10  # m or rad; rounding errors are far below
+NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little
 MAX_ITERATIONS = 200
 RESTARTS = 8
 MAX_CORRECTIONS = 30
@@ -59,7 +60,7 @@ class LoopSolver:
         best, total = self._descend(guess, free)
         rng = np.random.default_rng(0)
         for _ in range(RESTARTS):
-            if self.size(best) <= CLOSED:
+            if self.size(best) <= NEARLY:
                 break
             nudge = np.where(free, rng.uniform(-0.5, 0.5, self.model.nv), 0.0)
             other, iterations = self._descend(pin.integrate(self.model, guess, nudge), free)
@@ -68,7 +69,11 @@ class LoopSolver:
                 best = other
         return best, total
 
-    def _descend(self, q, free):
+    def approached(self, q, enough: float):
+        """A configuration with gaps of at most `enough`, if it can be reached downhill."""
+        return self._descend(q, self.free_columns(), enough)[0]
+
+    def _descend(self, q, free, enough=0.0):
         """Levenberg-Marquardt, dx = -Jᵀ (J Jᵀ + μ 1)⁻¹ Φ with |dx| ≤ 1 and μ ~ |Φ|² near the end.
 
         It needs no mass matrix and converges with redundant rows, too.
@@ -76,7 +81,7 @@ class LoopSolver:
         phi, J = self.rows(q)
         value, damping = phi @ phi, 1.0
         for iteration in range(MAX_ITERATIONS):
-            if value == 0.0 or not free.any():
+            if np.max(np.abs(phi), initial=0.0) <= enough or not free.any():
                 return q, iteration
             J = np.where(free, J, 0.0)
             mu = damping * min(value, 1e-2)
@@ -127,19 +132,20 @@ class LoopSolver:
         return None if leaps else reached
 
 
-def newton(rows, model, turns, q, longest, free=True):
+def newton(rows, model, turns, q, longest, free=True, tolerance=RANK_TOLERANCE):
     """The closed configuration that Gauss-Newton steps reach from a nearby `q`; None where they do not converge.
 
-    `rows` is a function q → (Φ, J), `turns` marks its rows in rad, `longest` bounds the entries of one step.
+    `rows` is a function q → (Φ, J), `turns` marks its rows in rad, `longest` bounds the entries of one step, singular
+    values of J below the `tolerance`, relative to the largest, count as zero.
     """
     last = np.inf
     for _ in range(MAX_CORRECTIONS):
         phi, J = rows(q)
         scales = row_scales(J, turns)
         size = np.max(np.abs(phi) / scales, initial=0.0)
-        if size <= 1e-15 or (size <= RANK_TOLERANCE and size > 0.5 * last):  # dependent rows may be open by that much
+        if size <= 1e-15 or (size <= tolerance and size > 0.5 * last):  # dependent rows may be open by that much
             return q
-        dq = np.linalg.lstsq(np.where(free, J, 0.0) / scales[:, None], -phi / scales, rcond=RANK_TOLERANCE)[0]
+        dq = np.linalg.lstsq(np.where(free, J, 0.0) / scales[:, None], -phi / scales, rcond=tolerance)[0]
         if not (np.isfinite(dq).all() and np.max(np.abs(dq) / longest) < 1.0):
             return None
         q, last = pin.integrate(model, q, dq), size

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from ..errors import InputError
 from .checks import checked_model, finite_array, near, normalized, number, put, require_mechanism, triple
+from .correction import corrected
 from .custom import Constraint
 from .forces import as_force, bound_forces
 from .joint_constraints import Coupling, Drive
@@ -52,10 +53,8 @@ class Mechanism:
         Shapes for replays.
     duration : float
         How long its motion is interesting, s: the default duration of a run for commands.
-    precision : float
-        How far off lengths and angles may be, m and rad. Rows that are independent of the others by less leave the
-        system, and the gap that they keep is tolerated up to this size, see :attr:`Certificate.tolerated`. 0: rows
-        are dependent, and loops closed, to rounding (1e-8).
+    corrected_by : float
+        By how much :meth:`corrected` changed lengths and angles, m or rad; for information.
 
     Raises
     ------
@@ -71,7 +70,7 @@ class Mechanism:
     actuated: tuple[str, ...] = ()
     geometry: Geometry | None = field(default=None, repr=False)
     duration: float = 5.0
-    precision: float = 0.0
+    corrected_by: float = 0.0
 
     def __post_init__(self):
         if not isinstance(self.model, pin.Model):
@@ -91,7 +90,6 @@ class Mechanism:
         for joint in self.actuated:
             self.joint_index(joint)
         put(self, duration=number(self.duration, "duration", above=0.0))
-        put(self, precision=number(self.precision, "precision", least=0.0))
 
     @property
     def nq(self) -> int:
@@ -255,6 +253,15 @@ class Mechanism:
         from .editing import reduced
 
         return reduced(self, q)
+
+    def corrected(self, precision: float) -> Mechanism:
+        """The same mechanism with rounded numbers corrected, so that loops that belong together agree again.
+
+        Rows that depend on others but for errors of at most `precision` (m and rad) in the placements of joints and
+        anchors, do so wherever the mechanism moves after the smallest change of these placements, ``corrected_by``. The
+        guess is then closed. Where none within the precision is found, the mechanism stays as it is.
+        """
+        return corrected(self, number(precision, "precision", least=0.0))
 
     def reanchored(self, q=None) -> Mechanism:
         """The same mechanism with every loop's anchor 2 moved to where anchor 1 fits best.

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import qr
 
 from ..errors import SingularSystemError
 from .closing import LoopSolver
 from .mechanism import joints_in
-from .rank import independent_rows, null_space
+from .rank import free_motions, independent_rows, null_space
 
 NEARBY = 1e-3  # rad and m: how far around a position with dependent rows the rank of the loops is checked
+HELD = 1e-6  # share of a motor in the free motions below which it cannot move
 MASSLESS = 1e-14  # inertia of a free motion, relative to the largest, below which it counts as zero
 
 
@@ -49,6 +51,18 @@ def require_nonsingular(system, q) -> None:
             "running through one is no problem",
             names=loops,
         )
+
+
+def held_motors(mechanism, q) -> list[str]:
+    """The motorised joints that the loops, drives apart, do not let move by themselves at a closed configuration."""
+    solver = LoopSolver(mechanism.with_loops(*(loop for loop in mechanism.loops if loop.kind != "drive")))
+    every = range(mechanism.nv)
+    columns = [(column, joint) for joint in mechanism.actuated for column in every[mechanism.columns(joint)]]
+    free, able = free_motions(solver.rows(q)[1], solver.loop_rows.turns)[[column for column, _ in columns]], []
+    if free.size:
+        R, pivots = qr(free.T, mode="r", pivoting=True)
+        able = pivots[: np.count_nonzero(np.abs(np.diagonal(R)) > HELD)]
+    return list(dict.fromkeys(joint for i, (_, joint) in enumerate(columns) if i not in able))
 
 
 def rank_nearby(system, q, free) -> int:

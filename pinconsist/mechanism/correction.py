@@ -1,0 +1,287 @@
+"""Numbers of a file that are rounded: the smallest change of them by which loops that belong together agree again.
+
+A parallelogram with three cranks moves because one loop follows from the other. A length that is off by 1e-9 m makes
+them contradict each other, and the rows that were dependent lock the mechanism. Here these rows are found by the
+singular values of J, at closed configurations along a random walk, where the loops may stay open by the error of the
+numbers. With N the combinations of rows that move nothing (left singular vectors of the small values) and P = ∂Φ/∂p for
+the placements p of all joints and anchors, N Φ + N P δp = 0 at all these configurations makes the rows dependent to
+second order; the δp of smallest norm is taken, and the step repeated until the loops close to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import qr
+
+from .closing import LoopSolver, newton
+from .digest import digests
+from .rank import RANK_TOLERANCE, independent_rows, row_scales
+
+ROUNDED = 1e-6  # m or rad: the error of numbers with six digits
+_WEAK = (30.0, 3.0)  # how many errors may add up in a row of J, tried one after the other
+_REACH = 0.4  # rad and m, from one configuration of the walk to the next
+_ONWARD = 5.0
+_LEAST, _MOST = 6, 40  # configurations
+_SEARCHES, _FREEDOM = 8, 2  # for positions where mechanisms branch, and the mobility up to which they are looked for
+_STEP = 1e-6  # of differences of J
+_VANISHES, _NEAR = 1e-9, 1e-2  # singular values, relative to the largest: zero; close to a singular position
+_ITERATIONS = 8
+_AGREE = 1e-12  # m or rad: loops that agree are open by less
+_LEAP = 0.5  # rad or m
+_found: dict[tuple, Any] = {}
+
+
+class Correction(NamedTuple):
+    """A mechanism with corrected numbers, and its mobility."""
+
+    mechanism: Any
+    mobility: int
+
+
+def corrected(mechanism, precision: float):
+    """See :meth:`Mechanism.corrected`."""
+    found = correction(mechanism, precision) if precision else None
+    return mechanism if found is None else found.mechanism
+
+
+def correction(mechanism, precision: float) -> Correction | None:
+    """The smallest correction with which rows leave that errors of this size can make independent; None without any."""
+    if not mechanism.anchored_loops:
+        return None
+    moving = [loop for loop in mechanism.loops if loop.kind == "drive" or getattr(loop, "moving", False)]
+    steady = mechanism.with_loops(*(loop for loop in mechanism.loops if loop not in moving))
+    for weak, branching in product(_WEAK, (True, False)):
+        found = _corrected(steady, weak * precision, branching)
+        if found is not None and found.mechanism.corrected_by <= precision:
+            loops = {loop.name: loop for loop in (*found.mechanism.loops, *moving)}
+            whole = found.mechanism.with_loops(*(loops[loop.name] for loop in mechanism.loops))
+            return Correction(whole, max(found.mobility - len(moving), 0))
+    return None
+
+
+def rounding_of(mechanism) -> Correction | None:
+    """The correction within 1e-6, or if need be 1e-5, that a mechanism needs to close, or to move; None without any."""
+    parts = digests(mechanism)
+    key = parts["model"], parts["loops"], parts["guess"]
+    if key not in _found:  # of the last mechanism: the search takes up to seconds, and every assembly may ask
+        _found.clear()
+        _found[key] = correction(mechanism, ROUNDED) or correction(mechanism, 10 * ROUNDED)
+    return _found[key]
+
+
+def weak_rows(rows, J) -> dict[tuple[str, str], float]:
+    """The rows of J that are independent of the others by less than 1e-6, and by how much, m or rad."""
+    scales = row_scales(J, rows.turns)
+    R, pivots = qr((J / scales[:, None]).T, mode="r", pivoting=True) if J.size else (np.zeros((0, 0)), ())
+    diagonal = np.abs(np.diagonal(R))
+    apart = [(row, pivot * scales[row], pivot) for row, pivot in zip(pivots, diagonal, strict=False)]
+    least = RANK_TOLERANCE * diagonal[0] if len(diagonal) else 0.0
+    return {rows.labels[row]: float(by) for row, by, pivot in apart if pivot > least and by < ROUNDED}
+
+
+def weak_text(weak) -> str:
+    """Rows of :func:`weak_rows` in words."""
+    rows = [f"{loop} {row}" for loop, row in list(weak)[:4]] + ["…"] * (len(weak) > 4)
+    return f"{', '.join(rows)} are independent of the other rows by {max(weak.values()):.1e} m or rad at most"
+
+
+def hint(mechanism) -> str:
+    """What to do about rounded numbers, where that was found to help: the end of a message, or an empty text."""
+    found = rounding_of(mechanism)
+    if found is None:
+        return ""
+    change = found.mechanism.corrected_by
+    precision = f"{ROUNDED if change <= ROUNDED else 10 * ROUNDED:.0e}"
+    return (
+        f"the numbers of the file are rounded: load(…, precision={precision}), on the command line --precision "
+        f"{precision}, changes them by up to {change:.1e} m or rad, the loops then agree and the mobility is "
+        f"{found.mobility}"
+    )
+
+
+def _corrected(mechanism, weak, branching) -> Correction | None:
+    """The correction for rows that are independent by less than `weak`; None where there are none, or none is found.
+
+    With `branching` the positions where the mechanism branches stay such positions.
+    """
+    walk = _Walk(mechanism, weak)
+    places = walk.places(_LEAST)
+    if not places:
+        return None
+    walk.full = rank = int(np.argmax(np.bincount([walk.rank(place) for place in places])))  # on the branch it is on
+    dependent, parameters = walk.solver.loop_rows.nc - rank, 6 * (len(mechanism.joints) + 2 * len(mechanism.loops))
+    if not dependent or (not walk.hangs(places) and max(map(walk.solver.size, places)) < _AGREE):
+        return None
+    if branching and not 0 < rank + _FREEDOM >= mechanism.nv:
+        return None
+    places += walk.places(min(parameters // dependent, _MOST), places[-1])
+    places = [place for place in places if walk.rank(place) == rank]
+    starts = walk.places(_MOST, places[0], onward=_ONWARD)[:: _MOST // _SEARCHES] if branching else []
+    singular = [walk.singular(place) for place in starts]
+    singular = [place for place in singular if place is not None]
+    if branching and not singular:
+        return None
+    result = mechanism
+    for _ in range(_ITERATIONS):
+        equations = [walk.equations(place, rank) for place in places]
+        equations += [walk.equations(place, rank - 1) for place in singular]
+        left = np.concatenate([gaps for gaps, _ in equations])
+        if np.max(np.abs(left), initial=0.0) < 0.1 * _AGREE:
+            break
+        change = np.linalg.lstsq(np.vstack([P for _, P in equations]), -left, rcond=1e-6)[0]
+        result = _changed(result, np.where(np.abs(change) > 0.1 * _AGREE, change, 0.0).reshape(-1, 6))
+        walk = _Walk(result, weak, rank)
+        places = [new for place in places if (new := walk.settled(place)) is not None]
+        singular = [new for place in singular if (new := walk.singular(place)) is not None]
+        if not places:
+            return None
+    fresh = walk.places(_LEAST, places[0], seed=1)
+    if not fresh or max(map(walk.solver.size, fresh)) > _AGREE or walk.hangs(fresh):
+        return None
+    result = replace(result, guess=places[0], corrected_by=_change(mechanism, result))
+    return Correction(result, mechanism.nv - rank)
+
+
+class _Walk:
+    """Configurations in which the loops are closed apart from rows that are independent by less than `weak`.
+
+    `full` is the rank of the others where the mechanism does not branch.
+    """
+
+    def __init__(self, mechanism, weak, full=0):
+        self.solver, self.weak, self.mechanism, self.full = LoopSolver(mechanism), weak, mechanism, full
+        self.turns = self.solver.loop_rows.turns
+
+    def split(self, q):
+        """Φ, the scales of the rows, U, s, Vᵀ of J with rows of one scale, and the rank."""
+        phi, J = self.solver.rows(q)
+        scales = row_scales(J, self.turns)
+        U, s, Vt = np.linalg.svd(J / scales[:, None])
+        return phi, scales, U, s, Vt, int(np.count_nonzero(s > self._least(scales) * s[0]))
+
+    def _least(self, scales):
+        return self.weak / min(scales.min(), 1.0)
+
+    def rank(self, q) -> int:
+        return self.split(q)[-1]
+
+    def hangs(self, places) -> bool:
+        """Whether more rows are independent as the numbers stand."""
+        return any(len(independent_rows(self.solver.rows(place)[1], self.turns)) > self.full for place in places)
+
+    def settled(self, q, least=0.0):
+        """The configuration near `q` in which what is not weak is closed; None where there is none.
+
+        Singular values below `least`, relative to the largest, count as weak too.
+        """
+        J = self.solver.rows(q)[1]
+        least = max(least, self._least(row_scales(J, self.turns)))
+        return newton(self.solver.rows, self.solver.model, self.turns, q, _LEAP, tolerance=least)
+
+    def places(self, count, start=None, seed=0, onward=0.0) -> list:
+        """Up to so many configurations along a random walk, the first one near `start`, by default the guess.
+
+        With `onward`, how much its last direction counts, it gets around.
+        """
+        rng, found, model = np.random.default_rng(seed), [], self.solver.model
+        at = self.settled(self.solver.approached(self.mechanism.guess if start is None else start, self.weak))
+        ahead = np.zeros(model.nv)
+        for _ in range(3 * count):
+            if at is not None:
+                found.append(at)
+            if len(found) == count or not found:
+                break
+            *_, Vt, rank = self.split(found[-1])
+            free = Vt[rank:].T
+            if not free.size:
+                break
+            chosen, reach = rng.standard_normal(free.shape[1]), _REACH * rng.uniform(0.5, 1.0)
+            motion = free @ (chosen + onward * free.T @ ahead / max(np.linalg.norm(ahead), 1e-300))
+            near = pin.integrate(model, found[-1], reach * motion / np.linalg.norm(motion))
+            at = self.settled(self.solver.approached(near, self.weak))
+            if at is not None and (self.solver.size(at) > self.weak or self.rank(at) < rank):  # open, or it branches
+                at = None
+            ahead = rng.standard_normal(model.nv) if at is None else pin.difference(model, found[-1], at)
+        return found
+
+    def singular(self, q):
+        """A position near `q` where the mechanism branches: one singular value more of J vanishes; None without one."""
+        k, best = self.full - 1, None
+        for _ in range(2 * _ITERATIONS):
+            _, scales, U, s, Vt, rank = self.split(q)
+            if rank < k:
+                return None
+            if rank == k and (best is None or s[k] < best[0]):
+                best = s[k], q
+            free, u, v = Vt[rank:], U[:, k] / scales, Vt[k]
+            slope = np.array([u @ self._jacobian(q, _STEP * z) @ v - s[k] for z in free]) / _STEP
+            steep = slope @ slope
+            if s[k] < _VANISHES * s[0] or not steep:
+                break
+            way = -s[k] * slope / steep
+            way *= min(1.0, _REACH / np.linalg.norm(way))
+            near = 3.0 * s[k] / s[0]  # there what branches need not be closed
+            q = self.settled(pin.integrate(self.solver.model, q, way @ free), near if near < _NEAR else 0.0)
+            if q is None:
+                break
+        return best and best[1]
+
+    def _jacobian(self, q, motion):
+        return self.solver.rows(pin.integrate(self.solver.model, q, motion))[1]
+
+    def equations(self, q, rank):
+        """N Φ and N P at a configuration of this rank; P has six columns for each joint, then for each anchor."""
+        phi, scales, U, *_ = self.split(q)
+        N = U[:, rank:].T
+        return N @ (phi / scales), N @ (self._by_placement(q) / scales[:, None])
+
+    def _by_placement(self, q):
+        """∂Φ/∂p, (nc, 6(joints + 2 loops)), by twists of the placements of joints and anchors in their own axes."""
+        model, data, rows = self.solver.model, self.solver.data, self.solver.loop_rows
+        pin.forwardKinematics(model, data, q)
+        n = model.njoints - 1
+        P = np.zeros((rows.nc, n + 2 * len(rows.loops), 6))
+        joints = [data.oMi[model.parents[j]] * model.jointPlacements[j] for j in range(1, n + 1)]
+        for number, closure in enumerate(rows.closures):
+            if not hasattr(closure, "place1"):
+                continue
+            pose1, pose2 = data.oMi[closure.joint1] * closure.place1, data.oMi[closure.joint2] * closure.place2
+            gap, unit, R = pose1.actInv(pose2), np.eye(6), pose1.rotation.T
+            twist = np.block([[R, -R @ pin.skew(pose2.translation)], [np.zeros((3, 3)), R]])
+            A = closure.rows(gap.translation, gap.rotation, unit[:3], unit[3:])[1] @ twist
+            part = P[rows.slices[closure.loop.name]]
+            for sign, joint in ((1.0, closure.joint2), (-1.0, closure.joint1)):
+                for j in (j for j in model.supports[joint] if j):
+                    part[:, j - 1] += sign * A @ joints[j - 1].action
+            part[:, n + 2 * number], part[:, n + 2 * number + 1] = -A @ pose1.action, A @ pose2.action
+        return P.reshape(rows.nc, -1)
+
+
+def _changed(mechanism, twists):
+    """The mechanism with joints and anchors displaced by these twists, in their own axes."""
+    model, n = mechanism.model.copy(), len(mechanism.joints)
+    for j in range(1, n + 1):
+        model.jointPlacements[j] = model.jointPlacements[j] * pin.exp6(twists[j - 1])
+    loops = []
+    for loop, pair in zip(mechanism.loops, twists[n:].reshape(-1, 2, 6), strict=True):
+        for end, twist in zip("12", pair, strict=True):
+            if twist.any():  # not of couplings and drives
+                place = getattr(loop, f"placement{end}") * pin.exp6(twist)
+                rpy = tuple(pin.rpy.matrixToRpy(place.rotation))
+                loop = replace(loop, **{f"xyz{end}": tuple(place.translation), f"rpy{end}": rpy})
+        loops.append(loop)
+    return replace(mechanism, model=model, loops=tuple(loops))
+
+
+def _change(mechanism, other) -> float:
+    """The largest difference of the placements of joints and anchors, m or rad."""
+    pairs = list(zip(mechanism.model.jointPlacements, other.model.jointPlacements, strict=True))
+    loops = zip(mechanism.anchored_loops, other.anchored_loops, strict=True)
+    for loop, new in loops:
+        pairs += [(loop.placement1, new.placement1), (loop.placement2, new.placement2)]
+    return max(float(np.abs(pin.log6(one.actInv(two)).vector).max()) for one, two in pairs)
