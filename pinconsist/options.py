@@ -52,8 +52,10 @@ def method_of(
         return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps, stages=stages)
     first_step = None if first_step is None else positive_time(first_step, "first_step")
     max_step = np.inf if max_step == np.inf else positive_time(max_step, "max_step")
-    kind = ErrorControl if stages is None else RadauControl
-    control = kind(_pair(rtol, "rtol"), _pair(atol, "atol"), order, max_step)
+    tolerances = _pair(rtol, "rtol"), _pair(atol, "atol")
+    control = ErrorControl(*tolerances, order, max_step)
+    if stages is not None:
+        control = RadauControl(*tolerances, order, max_step, stages=stages)
     if min(part.min() for part in control.rtol) < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
     if max(part.max() for part in control.rtol) >= 1.0:

@@ -8,7 +8,7 @@ from ..dae.newton import culprits
 from ..dae.radau import table
 from ..dae.radau_stepper import RadauStepper
 from ..dae.stepper import StepBatch
-from ..dae.tuning import FAILURES, STAGE_NEWTON_FACTOR, STAGES
+from ..dae.tuning import FAILURES, STAGES
 from . import load
 from .compiled_system import CompiledRun
 
@@ -21,7 +21,8 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         self._core, control = load()[0].RadauStepper(self._compiled, self.method.switches), self.control
         for s in STAGES:
             of = table(s)
-            self._core.add_table(of.c, of.A, of.inverse, of.inverse2, of.modes, STAGE_NEWTON_FACTOR[s])
+            factor = 1.0 if self.method.step is not None else control.for_stages(s, system)[2]
+            self._core.add_table(of.c, of.A, of.inverse, of.inverse2, of.modes, factor)
         if isinstance(control, ErrorControl):
             self._core.control_error(*control.spread, control.max_step)
 

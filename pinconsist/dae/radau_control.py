@@ -2,23 +2,96 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from .control import ErrorControl
-from .tuning import MAX_FACTOR, MIN_FACTOR, SMOOTH, STAGE_AFTER_FAILURE, STAGE_GROWTH, STAGE_SAFETY
+from .tuning import (
+    CALM,
+    FEWEST_STAGES,
+    FIRST_STAGES,
+    MAX_FACTOR,
+    MIN_FACTOR,
+    MOST_STAGES,
+    MOST_STAGES_BELOW,
+    QUICK,
+    SMOOTH,
+    STAGE_ACCURACY,
+    STAGE_AFTER_FAILURE,
+    STAGE_GROWTH,
+    STAGE_LEFT,
+    STAGE_NEWTON_FACTOR,
+    STAGE_SAFETY,
+)
 
 
 @dataclass
 class RadauControl(ErrorControl):
-    """The step from the error estimate, and Gustafsson's prediction of the next one; ``stages`` None: chosen."""
+    """The step from the error estimate, by Gustafsson's prediction; the stages from how Newton's iteration goes.
 
-    stages: int | None = None
+    Parameters
+    ----------
+    stages : int
+        Their number throughout; 0: chosen as the run goes, as in Hairer and Wanner's RADAU.
+
+    Attributes
+    ----------
+    s : int
+        Stages of the next step.
+    """
+
+    stages: int = 0
+    s: int = field(default=0, init=False)
     _last: tuple | None = field(default=None, init=False, repr=False, compare=False)  # h and error of the last step
+    _calm: int = field(default=0, init=False, repr=False, compare=False)  # steps since the stages or Newton changed
+    _failures: int = field(default=0, init=False, repr=False, compare=False)  # of Newton, since they were calm
 
-    best = 1e-13
+    best = 1e-12
+
+    def __post_init__(self):
+        self.s = self.stages or FIRST_STAGES
+
+    def use(self, s, system) -> None:
+        """Go on with `s` stages, with the tolerance of a step that belongs to them."""
+        self.s, self._calm, self._failures, self._last, sizes = s, 0, 0, None, self.sizes
+        self.fit(system)
+        self.sizes = sizes
+
+    def for_stages(self, s, system):
+        """rtol and atol of the columns, and Newton's factor, with `s` stages."""
+        other = replace(self, stages=s)
+        other.fit(system)
+        return *other.spread, other.newton_factor
 
     def step_tolerance(self, tol):
-        return tol
+        """The tolerance τ of the estimate with which a run is as accurate as `tol`.
+
+        The estimate falls like hᵉ, e = :func:`exponent`, the error of the run like h²ˢ⁻¹.
+        """
+        return (STAGE_ACCURACY * np.asarray(tol)) ** (exponent(self.s) / (2 * self.s - 1))
+
+    @property
+    def newton_factor(self) -> float:
+        """Newton's stopping size, as part of τ: what it leaves adds up, and does not fall with the order."""
+        tol = max(min(part.min() for part in self.rtol), min(part.min() for part in self.atol))
+        return min(STAGE_NEWTON_FACTOR[self.s], STAGE_LEFT * tol / float(self.step_tolerance(tol)))
+
+    def chosen_after_step(self, rate) -> int:
+        """Stages after an accepted step in which Newton contracted by `rate`: more where that was quick for a while."""
+        self._calm += 1
+        if self._calm < CALM:
+            return self.s
+        self._failures = 0
+        more = FIRST_STAGES if self.s < FIRST_STAGES else MOST_STAGES
+        worth = self.s < FIRST_STAGES or min(part.min() for part in self.rtol) <= MOST_STAGES_BELOW
+        return more if self.stages == 0 and worth and rate <= QUICK else self.s
+
+    def chosen_after_failure(self) -> int:
+        """Stages after Newton failed: fewer where it did so before."""
+        self._calm, self._failures = 0, self._failures + 1
+        fewer = FIRST_STAGES if self.s > FIRST_STAGES else FEWEST_STAGES
+        return fewer if self.stages == 0 and self._failures >= 2 else self.s
 
     def restart(self) -> None:
         """Forget the last step."""

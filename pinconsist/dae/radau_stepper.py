@@ -24,11 +24,11 @@ from .tuning import (
     FIRST_CHANGE,
     FIRST_ERROR,
     FIRST_REACH,
+    FIRST_STAGES,
     FIRST_TRIALS,
     FORESEEN,
     LAST_MODE,
     MAX_CHART_TURN,
-    STAGE_NEWTON_FACTOR,
 )
 
 TINY = 1e-300  # instead of zero in a denominator
@@ -62,7 +62,7 @@ class RadauStepper(Stepper):
 
     def __init__(self, system, method):
         super().__init__(system, method)
-        self.newton = StageNewton()
+        self.newton, self.s = StageNewton(), method.stages or FIRST_STAGES
 
     def change_system(self, system) -> None:
         super().change_system(system)
@@ -83,7 +83,8 @@ class RadauStepper(Stepper):
         if self._turns is None:
             self._turns = turning_coordinates(system, p)
         self.shape, self.stages = None, None
-        self.s, self._taken = method.stages or 5, 0
+        self._taken = 0
+        self._note_sizes()
         if method.step is not None:
             self._steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
             self._start, self.h = t, (t_end - t) / self._steps
@@ -139,6 +140,7 @@ class RadauStepper(Stepper):
                 smaller, self.shape = control.after_failure(self.h), None
                 if smaller is None:
                     return stages.failure
+                self._use(control.chosen_after_failure())
             if self.headway.setback() or abs(smaller) < shortest_step(self.t):
                 return stages.failure or FAILURES["error_test"]
             self.h = smaller
@@ -147,10 +149,22 @@ class RadauStepper(Stepper):
         self.p, self.v, self.a, self.lam = landing.p, landing.v, landing.a, landing.lam
         self.landing = landing
         self._taken += 1
+        self._note_sizes()
         if self.method.step is None:
             self.h = control.next_step(self.s, stages.h, landing.error)
+            self._use(control.chosen_after_step(stages.rate))
         self.headway.reached(self.t)
         return ""
+
+    def _use(self, s):
+        """Go on with `s` stages."""
+        if s != self.s:
+            self.s = s
+            self.control.use(s, self.system)
+
+    def _note_sizes(self):
+        xi = self.p if self.system.vector_like else np.zeros(self.system.nx)
+        self.control.reached(self.system, np.concatenate((xi, self.v)), self.p)
 
     def _solved(self, t_next) -> Stages:
         """The stages of a step to `t_next`."""
@@ -165,7 +179,7 @@ class RadauStepper(Stepper):
 
     def _iterated(self, stages) -> Stages:
         weight, tol = self._weights()
-        return self.newton.solve(stages, weight, STAGE_NEWTON_FACTOR[self.s] if self.method.step is None else tol)
+        return self.newton.solve(stages, weight, self.control.newton_factor if self.method.step is None else tol)
 
     def _weights(self):
         at = self.p if self.system.vector_like else np.zeros(self.system.nx)
@@ -207,7 +221,8 @@ class RadauStepper(Stepper):
         if table.s < 3:  # the degree is raised by the acceleration at the start
             return size(table.values([0.0])[0] @ stages.W - self.a)
         modes = table.modes @ stages.W
-        highest, before = size(modes[-1]), size(modes[-3])
+        highest, middle, before = (size(mode) for mode in modes[:-4:-1])
+        highest = max(highest, middle**2 / max(middle, before, TINY))  # the highest may just pass through zero
         noise = FELT * EPS * (1.0 + largest(p)) / abs(h) * largest(weight[system.nx :])
         felt = noise * np.linalg.norm(table.modes[-1] @ table.inverse2)
         highest = np.sqrt(max(highest**2 - felt**2, 0.0))

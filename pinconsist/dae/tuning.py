@@ -38,6 +38,11 @@ SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it advanced by
 
 # Radau IIA
 STAGES = (1, 2, 3, 5, 7)  # for orders 1, 3, 5, 9, 13
+FEWEST_STAGES, FIRST_STAGES, MOST_STAGES = 3, 5, 7  # where the method chooses them
+MOST_STAGES_BELOW = 1e-6  # rtol
+CALM, QUICK = 10, 1e-2  # steps after which there may be more stages, and the contraction of Newton that asks for them
+STAGE_ACCURACY = 0.5  # of the tolerance of a run, from which that of the error estimate follows
+STAGE_LEFT = 1e-3  # of the tolerance of a run: what Newton may leave in a step, as it adds up
 MAX_STAGE_ITERATIONS = 12
 MAX_SWEEPS = 30  # substitutions of the positions where rates depend on them
 STAGE_NEWTON_FACTOR = {1: 2e-2, 2: 2e-2, 3: 2e-2, 5: 2e-2, 7: 2e-3}  # of the error test; 7 stages show what it leaves
