@@ -207,7 +207,7 @@ private:
 
   // The end of a step: one factorisation at the last stage serves the projections and the error estimate.
   Failure land(double t_next, double &error) {
-    const int nv = system_.nv, nc = system_.nc, last = s - 1, modes = fixed() ? 0 : s < 3 ? 1 : 2;
+    const int nv = system_.nv, nc = system_.nc, last = s - 1, modes = fixed() ? 0 : s < 3 ? 1 : 3;
     const double t1 = newton.time(last);
     p1_ = newton.P.col(last);
     v1_ = newton.V.col(last);
@@ -226,7 +226,7 @@ private:
       if (turn == 0) {
         for (int m = 0; m < modes; ++m) rhs_.col(2 + m).tail(nc) = system_.W.lazyProduct(modes_.col(m));
         if (!kkt_.solve_new(system_.W, system_.G_transposed(), 1.0, rhs_, 0)) return Failure::singular;
-        for (int m = 0; m < modes; ++m) modes_.col(m) -= rhs_.col(2 + m).head(nv);
+        for (int m = 0; m < modes && nc < nv; ++m) modes_.col(m) -= rhs_.col(2 + m).head(nv); // else none is free
         rhs_.conservativeResize(nv + nc, 2);
       } else {
         kkt_.solve(rhs_, 1.0, 0);
@@ -250,9 +250,8 @@ private:
   void estimate(int modes) {
     const Mat &W = newton.W, &of = newton.table->modes;
     modes_.resize(system_.nv, modes);
-    if (modes == 2) {
-      modes_.col(0) = W.lazyProduct(of.row(s - 1).transpose());
-      modes_.col(1) = W.lazyProduct(of.row(s - 3).transpose());
+    if (modes == 3) {
+      for (int m = 0; m < modes; ++m) modes_.col(m) = W.lazyProduct(of.row(s - 1 - m).transpose());
     } else if (modes == 1) { // the degree is raised by the acceleration at the start
       modes_.col(0) = -a;
       for (int k = 0; k < s; ++k) modes_.col(0) += (k % 2 ? -1.0 : 1.0) * W.lazyProduct(of.row(k).transpose());
@@ -260,12 +259,13 @@ private:
   }
 
   double error_of(int modes) {
-    const double highest = size_of(0);
-    if (modes == 1) return highest;
+    if (modes == 1) return size_of(0);
+    const double middle = size_of(1), before = size_of(2), most = std::max(middle, before);
+    const double highest = std::max(size_of(0), most > 0.0 ? middle * middle / most : 0.0); // it may pass through zero
     const double noise = FELT * EPS * (1.0 + largest(p1_)) / std::abs(newton.h) * weight_.tail(system_.nv).maxCoeff();
     const double felt = noise * newton.table->leading;
     const double left = std::sqrt(std::max(highest * highest - felt * felt, 0.0));
-    return left == 0.0 ? 0.0 : left * left / (size_of(1) + LAST_MODE * left);
+    return left == 0.0 ? 0.0 : left * left / (before + LAST_MODE * left);
   }
 
   double size_of(int mode) {

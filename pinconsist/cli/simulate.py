@@ -31,8 +31,9 @@ def simulate(
     with_velocity: given.WithVelocity = None,
     step: given.Step = None,
     order: Annotated[Count, option(
-        "--order", "K", "Highest order, 1 to 5 (default 5); with --step the order throughout, 1 to 6.", METHOD)] = None,
-    method: Annotated[str, option("--method", "NAME", "BDF or ImplicitEuler.", METHOD)] = "BDF",
+        "--order", "K", "BDF: highest order, 1 to 5 (default 5); with --step the order throughout, 1 to 6. Radau: "
+        "the order, 1, 3, 5, 9 or 13 (default: it chooses).", METHOD)] = None,
+    method: Annotated[str, option("--method", "NAME", "BDF, Radau or ImplicitEuler.", METHOD)] = "BDF",
     rtol: given.Rtol = 1e-6,
     atol: given.Atol = 1e-8,
     max_step: Annotated[Number, option("--max-step", "SECONDS", "Largest variable step.", METHOD)] = None,

@@ -48,7 +48,7 @@ class Index3System:
         """U at (`t`, `p`, `v`), shape (nx,): the tangent velocity of the position."""
 
     def bracket(self, xi):
-        """ad ξ, shape (nx, nx): the Lie bracket [`xi`, ·] of the group that positions form; 0 for a vector space."""
+        """The matrix ad ξ of the Lie bracket [`xi`, ·] of positions, shape (nx, nx); 0 for a vector space."""
         return np.zeros((self.nx, self.nx))
 
     def position(self, t, base, psi, c, v):
@@ -94,7 +94,7 @@ class Index3System:
         return M, 0.5 * (plus - minus), 0.5 * (plus + minus) - M
 
     def velocity_jacobian(self, t, p, v, G):
-        """W at (`t`, `p`, `v`), shape (nc, nv), where force directions `G` are known; Gᵀ, as of rigid bodies."""
+        """The matrix W at (`t`, `p`, `v`), shape (nc, nv), where `G` is known; Gᵀ, as of rigid bodies."""
         return G.T
 
     def force_gradient(self, t, p, v, lam):
