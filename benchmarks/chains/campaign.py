@@ -21,7 +21,7 @@ FINE, REFUSED, OPEN, FALSE, FOREIGN, HUNG = "fine", "refused", "loop open", "FAL
 FAILURES = (OPEN, FALSE, FOREIGN, HUNG)
 CLOSED = 1e-10
 """Gap of a loop, relative to the largest coordinate, above which a success is none."""
-ROWS = 300
+ROWS = 100
 """Rows that are compared, evenly spread, the first and the last among them."""
 FLOOR = 1e-2
 """atol over rtol: a coordinate that stays below it is judged as if it reached it."""

@@ -164,7 +164,7 @@ class Reference:
     much CPU time it may take.
     """
 
-    def __init__(self, mech, q, v, end, *, tol=TOLERANCE, seconds=15.0):
+    def __init__(self, mech, q, v, end, *, tol=TOLERANCE, seconds=8.0):
         self.equations, self.nq, self.end, self.tol = Equations(mech), mech.nq, end, tol
         self.until, self.why, self._pieces = 0.0, "", []
         self._due, self._count = time.process_time() + seconds, 0
