@@ -19,7 +19,7 @@ from .rank import row_scales
 from .rows import KeptRows
 
 OPEN = 1e-6  # gap, relative to the mechanism's size, at which a row that left the system has been needed
-NEAR = np.array([1e-8, 1e-6, 1e-4])  # changes of velocity, relative to the largest, over which forces may jump
+NEAR = np.array([1e-8, 1e-6, 1e-4, 1e-3])  # changes of velocity, relative to the largest, over which forces may jump
 JUMP = 1e-3  # relative to the force
 WEAK = 0.2  # smallest singular value of the kept rows, relative to that of all rows, at which others are chosen
 
