@@ -18,10 +18,12 @@ from .peers import OWN, peers
 from .peers.problem import Problem, SolverFailed
 
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
-TARGETS = (1e-4, 1e-6)
-"""Errors in q at which run times are compared."""
+TARGETS = (1e-3, 1e-4, 1e-6, 1e-8)
+"""Errors in q and λ at which run times are compared."""
+FINEST = 1e-6
+"""Error in q to which methods of fixed step are run."""
 FEWEST, MOST = 125, 1_000_000
-"""Steps of a method of fixed step: it takes up to four times as many from run to run, until the last target is met."""
+"""Steps of a method of fixed step: it takes up to four times as many from run to run, until they reach FINEST."""
 LEAST = 0.05
 """s that a timed run takes, by repetition."""
 LOOKED_AT = 400
@@ -51,7 +53,7 @@ class Point:
 
 
 class Equal(NamedTuple):
-    """One method where its largest error in q is the target: medians over the repeats, errors of the multipliers."""
+    """One method where its largest error is the target: medians over the repeats, errors of the first multipliers."""
 
     time: float  # CPU time, s
     ratio: float  # to that of the package
@@ -70,7 +72,8 @@ class Diagram:
     versions: dict  # of the packages whose methods ran
     reference: float  # how far two references differ in q
     points: tuple[Point, ...]
-    equal_error: tuple  # (target, method → Equal, or None where no run reached it)
+    equal_error: tuple  # in q: (target, method → Equal, or None where no run reached it)
+    equal_lam: tuple  # in λ
 
     def series(self) -> dict:
         """Method → (median times, errors in q), as a figure needs them."""
@@ -115,20 +118,20 @@ def work_precision(
     ordered = tuple(points.values())
     return Diagram(
         problem.name, problem.description, problem.span[1], budget, versions, reference.uncertainty, ordered,
-        tuple((target, at_equal_error(ordered, target, OWN)) for target in TARGETS),
+        *(tuple((target, at_equal_error(ordered, target, OWN, of)) for target in TARGETS) for of in ("q", "lam")),
     )  # fmt: skip
 
 
-def at_equal_error(points, target, own) -> dict:
-    """Method → :class:`Equal` or None at one error in q, by straight lines between its points in log-log diagrams.
+def at_equal_error(points, target, own, of="q") -> dict:
+    """Method → :class:`Equal` or None at one error of q (or "lam"), by straight lines in log-log diagrams.
 
     Where the coarsest run is already better it stands as it is. `own` is the method whose time is 1.
     """
     runs = {}
     for point in points:
-        if point.times and np.isfinite(point.q):
+        if point.times and np.isfinite(getattr(point, of)):
             runs.setdefault(point.method, []).append(point)
-    reached = {method: _at(rows, target) for method, rows in runs.items()}
+    reached = {method: _at(rows, target, of) for method, rows in runs.items()}
     reference = reached.get(own) or (np.nan,)
     return {
         method: found and Equal(float(np.median(found[0])), float(np.median(found[0] / reference[0])), *found[1])
@@ -136,17 +139,20 @@ def at_equal_error(points, target, own) -> dict:
     }
 
 
-def _at(rows, target):
-    """(times of the repeats, first multipliers' errors) where the error reaches `target`, or None."""
+def _at(rows, target, of):
+    """(times of the repeats, first multipliers' errors) where the error of q or λ reaches `target`, or None."""
+
+    def error(point):
+        return getattr(point, of)
 
     def values(point):
         return np.array(point.times), np.array((point.lam_row, point.lam_first))
 
     for before, after in pairwise(rows):
-        if after.q <= target <= before.q:
-            part = np.log(before.q / target) / np.log(before.q / after.q)
+        if error(after) <= target <= error(before):
+            part = np.log(error(before) / target) / np.log(error(before) / error(after))
             return tuple(a ** (1.0 - part) * b**part for a, b in zip(values(before), values(after), strict=True))
-    return values(rows[0]) if rows and rows[0].q <= target else None
+    return values(rows[0]) if rows and error(rows[0]) <= target else None
 
 
 def _timed(solve) -> float:
@@ -182,17 +188,17 @@ def _tolerances(problem, peer, tolerances, reference, budget):
 
 
 def _fixed_steps(problem, peer, tolerances, reference, budget):
-    """(solve or None, Point) of more and more steps, until the last target is met or a run would be cut."""
+    """(solve or None, Point) of more and more steps, until FINEST is met or a run would be cut."""
     steps, before = FEWEST, None
     while steps <= MOST:
         solve, point, spent = _first_run(problem, peer, steps, reference, budget)
         yield solve, replace(point, steps=steps)
-        if spent >= budget or point.q <= min(TARGETS):
+        if spent >= budget or point.q <= FINEST:
             return
         more = 4 * steps
-        if before is not None and point.q < before[1] / 2:  # or what the last target needs by the order seen
+        if before is not None and point.q < before[1] / 2:  # or what FINEST needs by the order seen
             order = np.log(before[1] / point.q) / np.log(steps / before[0])
-            more = min(more, int(1.2 * steps * (point.q / min(TARGETS)) ** (1 / order)) + 1)
+            more = min(more, int(1.2 * steps * (point.q / FINEST) ** (1 / order)) + 1)
         if spent * more / steps > budget:
             yield None, Point(peer.name, np.nan, f"more steps ({more}) would take longer than {budget:g} s", more)
             return

@@ -67,10 +67,11 @@ def _write(file, diagrams, repeats):
     for diagram in diagrams:
         run = {"scene": diagram.scene, "until": diagram.until, "repeats": repeats, "budget": diagram.budget}
         points += [run | _row(point) for point in diagram.points]
-        for target, found in diagram.equal_error:
-            for method, one in found.items():
-                values = one._asdict() if one else dict.fromkeys(Equal._fields)
-                equal.append(run | {"target": target, "method": method} | values)
+        for of, targets in (("q", diagram.equal_error), ("lam", diagram.equal_lam)):
+            for target, found in targets:
+                for method, one in found.items():
+                    values = one._asdict() if one else dict.fromkeys(Equal._fields)
+                    equal.append(run | {"of": of, "target": target, "method": method} | values)
     report.write_csv(file, points)
     report.write_csv(report.beside(file, "equal_error"), equal)
 
@@ -108,19 +109,17 @@ def _print(diagram, repeats):
     ]
     title = "largest errors over the run: q in rad and m, v and λ in parts of their largest value"
     report.table(map(_row, diagram.points), columns, title)
-    columns = ("time [ms]>", "ratio>", "λ, 1st row>", "1st step>")
-    methods = dict.fromkeys(name for _, found in diagram.equal_error for name in found)
-    targets = " and ".join(f"{target:.0e}" for target, _ in diagram.equal_error)
-    output.table(
-        ("method", *columns * len(diagram.equal_error)),
-        [(name, *(cell for _, found in diagram.equal_error for cell in _equal(found.get(name)))) for name in methods],
-        title=f"time at equal error in q (largest over the run), {targets}; its ratio to {OWN}: median of ratios; "
-        "errors of the first multipliers",
-    )
+    for what, equal in (("q", diagram.equal_error), ("λ", diagram.equal_lam)):
+        methods = dict.fromkeys(name for _, found in equal for name in found)
+        output.table(
+            ("method", *(column for target, _ in equal for column in (f"{target:.0e} [ms]>", "ratio>"))),
+            [(name, *(cell for _, found in equal for cell in _equal(found.get(name)))) for name in methods],
+            title=f"time at equal error in {what} (largest over the run); its ratio to {OWN}: median of ratios",
+        )
 
 
 def _equal(one):
     if one is None:
-        return "not reached", "", "", ""
+        return "", ""
     ratio = f"{one.ratio:.2f}" if one.ratio == one.ratio else ""
-    return f"{1e3 * one.time:.1f}", ratio, f"{one.lam_row:.1e}", f"{one.lam_first:.1e}"
+    return f"{1e3 * one.time:.1f}", ratio

@@ -190,6 +190,45 @@ def test_same_for_every_method(options):
 
 
 @needs_twin
+@pytest.mark.parametrize("name", ["crank_rocker", "andrews", "bricard", "jansen_leg", "stewart_platform"])
+def test_radau_makes_the_same_steps(name):
+    ours, theirs = both(pc.load(name), 0.0, SCENES[name], method="Radau", **LOOSE)
+    assert ours.success
+    assert_equal_runs(ours, theirs)
+
+
+@needs_twin
+def test_radau_chooses_the_same_stages_and_runs_the_same_backwards():
+    mech = pc.load("four_bar")
+    for span, rtol in ((0.0, 1.0), 1e-8), ((0.3, 0.0), 1e-4):
+        ours, theirs = both(mech, *span, method="Radau", rtol=rtol, atol=1e-8)
+        assert_equal_runs(ours, theirs)
+        assert (np.unique(ours.order[1:]).tolist() == [9, 13]) == (rtol == 1e-8)
+
+
+@needs_twin
+def test_radau_is_the_same_on_manifolds_and_called_back(monkeypatch):
+    model = mixed_tree()
+    mech = pc.Mechanism(model, [pc.Loop("rope", "distance", "arm", "raft", length=1.0)], [FORCES["spring-damper"]])
+    ours, theirs = both(mech, 0.0, 0.1, method="Radau", **LOOSE)
+    assert_equal_runs(ours, theirs)
+    monkeypatch.setattr(compiled_system, "compiled_system", lambda system: _core.load()[0].CallbackSystem(system))
+    assert_equal_runs(*both(mech, 0.0, 0.05, method="Radau", **LOOSE))
+
+
+@needs_twin
+def test_radau_without_switches_is_as_accurate():
+    """Derivatives at two stages, and iterations that are left out where the last steps promise it, cost no accuracy."""
+    mech, run = pc.load("crank_rocker"), {"v0": {"crank": 12.0}, "method": "Radau", "max_order": 9}
+    tight = pc.simulate(mech, (0.0, 1.0), rtol=1e-12, atol=1e-12, **run).q[-1]
+    fast = pc.simulate(mech, (0.0, 1.0), **run)
+    with switched_off():
+        plain = pc.simulate(mech, (0.0, 1.0), **run)
+    assert fast.njev < 0.6 * plain.njev and fast.nfev < plain.nfev
+    assert np.abs(fast.q[-1] - tight).max() < 1e-5 > np.abs(plain.q[-1] - tight).max()
+
+
+@needs_twin
 def test_same_backwards():
     mech = pc.load("four_bar")
     assert_equal_runs(*both(mech, 1.0, 0.0, **LOOSE))

@@ -15,6 +15,8 @@ SETTINGS = {
     "BDF": {},
     "BDF, in Python": {"backend": "python"},
     **{f"BDF ≤ {k}": {"max_order": k} for k in range(HIGHEST - 1, 1, -1)},
+    "Radau": {"method": "Radau"},
+    **{f"Radau, order {k}": {"method": "Radau", "max_order": k} for k in (9, 13)},
     "ImplicitEuler": {"method": "ImplicitEuler"},
 }
 """Name → keywords of :func:`pinconsist.integrate`: variable step, every step corrected."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from ..dae.control import ErrorControl
 from ..dae.dense import Curve, RadauSegment
 from ..dae.newton import culprits
 from ..dae.radau import table
+from ..dae.radau_control import RadauControl
 from ..dae.radau_stepper import RadauStepper
 from ..dae.stepper import StepBatch
-from ..dae.tuning import FAILURES, STAGES
+from ..dae.tuning import FAILURES, FEWEST_STAGES, FIRST_STAGES, MOST_STAGES
 from . import load
-from .compiled_system import CompiledRun
+from .compiled_system import CompiledRun, compiled_system
 
 
 class CompiledRadauStepper(CompiledRun, RadauStepper):
@@ -18,13 +18,20 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
 
     def change_system(self, system) -> None:
         super().change_system(system)
-        self._core, control = load()[0].RadauStepper(self._compiled, self.method.switches), self.control
-        for s in STAGES:
+        control, before = self.control, self._core
+        self._core = load()[0].RadauStepper(self._compiled, self.method.switches)
+        self._sampler = None  # it outlives the run where it holds no function of the user's
+        if self.ahead:
+            self._sampler = load()[0].Sampler(compiled_system(system))
+        chooses = self.method.stages == 0
+        for s in (FEWEST_STAGES, FIRST_STAGES, MOST_STAGES) if chooses else (self.method.stages,):
             of = table(s)
-            factor = 1.0 if self.method.step is not None else control.for_stages(s, system)[2]
-            self._core.add_table(of.c, of.A, of.inverse, of.inverse2, of.modes, factor)
-        if isinstance(control, ErrorControl):
-            self._core.control_error(*control.spread, control.max_step)
+            self._core.add_table(of.c, of.A, of.inverse, of.inverse2, of.modes)
+            if isinstance(control, RadauControl):
+                self._core.add_tolerances(s, *control.for_stages(s, system))
+        if isinstance(control, RadauControl):
+            sizes = control.sizes if before is None else before.sizes
+            self._core.control_error(sizes, control.max_step, chooses, control.worth_most)
 
     def begin(self, t, p, v, t_end):
         states = super().begin(t, p, v, t_end)
@@ -33,6 +40,18 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         if self.method.step is not None:
             self._core.fix_step(self._start, self._steps)
         return states
+
+    def retake(self, segment, t):
+        of = segment
+        state = self._core.retake(len(of.W), of.t_old, of.h, of.W, of.p0, of.v0, t)
+        return segment(t) if state is None else state
+
+    def _sample(self, segment, times):
+        of, system = segment, segment.system
+        if self._sampler is None or system is not self.system:
+            return None
+        A, modes = of.table.A, of.table.modes
+        return self._sampler.sample(A, modes, of.t_old, of.h, of.W, of.U, of.p0, of.v0, of.p, of.v, system.nc, times)
 
     def _hand_state(self):
         self._core.begin(self.t, self.s, self.p, self.v, self.a, self.lam)
@@ -59,8 +78,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
             s = (int(k[i]) + 1) // 2
             here, W = W[: s * nv].reshape(s, nv), W[s * nv :]
             rates, U = U[: s * nx].reshape(s, nx), U[s * nx :]
-            segments.append(
-                RadauSegment(t_old, t[i], h[i], table(s), p_old, v_old, here, rates, p[i], v[i], self.system)
-            )
+            step = t_old, t[i], h[i], table(s), p_old, v_old, here, rates, p[i], v[i]
+            segments.append(RadauSegment(*step, self.system, self._sample))
             t_old, p_old, v_old = t[i], p[i], v[i]
         return StepBatch(t, p, v, lam, k, Curve(segments) if segments else None, why, error)

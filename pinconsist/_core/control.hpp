@@ -1,7 +1,9 @@
-// dae/control.py: step and order.
+// dae/control.py, and RadauControl of dae/radau_stepper.py: step and order.
 #pragma once
 
 #include "newton.hpp"
+
+#include <map>
 
 namespace pinconsist {
 
@@ -10,37 +12,54 @@ struct Choice {
   int k;
 };
 
-class Control {
+// Error control with the tolerances of [ξ | v] in a step; with none, the same step throughout.
+class Tolerances {
 public:
-  // Error control with the tolerances of [ξ | v]; with none, the same step and order throughout.
   Vec rtol, atol;
   Vec sizes; // the largest that [ξ | v] have been
-  int max_order = 1;
   double max_step = INF;
-  int equal_steps = 0;
-  bool keep_weights = true;
   long rejected_by_error = 0, rejected_by_newton = 0;
 
   bool fixed() const { return !rtol.size(); }
 
-  // Fills the weights; returns Newton's stopping size.
-  double weights(const System &system, const Vec &predicted, const Vec &base, double h, Vec &weight) const {
-    if (fixed()) return rounding_weights(system, predicted, weight);
-    if (keep_weights && equal_steps % static_cast<int>(WEIGHED)) return NEWTON_FACTOR;
-    magnitudes(system, predicted, base, weight);
+  // Notes how large the columns are at the state reached.
+  void reached(const System &system, const Vec &p, const Vec &v) {
+    if (fixed()) return;
+    magnitudes(system, p, v, at_present_);
+    sizes = sizes.cwiseMax(at_present_);
+  }
+
+protected:
+  void fill(const System &system, const Vec &p, const Vec &v, double h, Vec &weight) const {
+    magnitudes(system, p, v, weight);
     weight = weight.cwiseMax(sizes).cwiseProduct(rtol) + atol;
-    const double noise = NOISE * EPS * (1.0 + largest(base));
+    const double noise = NOISE * EPS * (1.0 + largest(p));
     weight.head(system.nx).array() += noise;
     weight.tail(system.nv).array() += noise / std::abs(h);
     weight = weight.cwiseInverse();
-    return NEWTON_FACTOR;
   }
 
-  // Notes how large the columns are at the state reached.
-  void reached(const System &system, const Vec &y, const Vec &p) {
-    if (fixed()) return;
-    magnitudes(system, y, p, at_present_);
-    sizes = sizes.cwiseMax(at_present_);
+private:
+  static void magnitudes(const System &system, const Vec &p, const Vec &v, Vec &size) {
+    size.resize(system.nx + system.nv);
+    system.position_scale(p, size.head(system.nx));
+    size.tail(system.nv) = v.cwiseAbs();
+  }
+
+  Vec at_present_;
+};
+
+class Control : public Tolerances {
+public:
+  int max_order = 1, equal_steps = 0;
+  bool keep_weights = true;
+
+  // Fills the weights; returns Newton's stopping size.
+  double weights(const System &system, const Vec &predicted, const Vec &base, double h, Vec &weight) const {
+    if (fixed()) return rounding_weights(system, predicted, weight);
+    if (!keep_weights || equal_steps % static_cast<int>(WEIGHED) == 0)
+      fill(system, base, predicted.segment(system.nx, system.nv), h, weight);
+    return NEWTON_FACTOR;
   }
 
   double error(const Attempt &step, int k) const { return fixed() ? 0.0 : bdf::error_constant(k) * step.size; }
@@ -91,14 +110,83 @@ public:
   }
 
   void restart() { equal_steps = 0; }
+};
 
-private:
-  static void magnitudes(const System &system, const Vec &y, const Vec &p, Vec &size) {
-    size = y.head(system.nx + system.nv).cwiseAbs();
-    if (!system.vector_like) system.position_scale(p, size.head(system.nx));
+// The step from the error estimate, by Gustafsson's prediction; the stages from how Newton's iteration goes.
+class RadauControl : public Tolerances {
+public:
+  struct OfStages {
+    Vec rtol, atol;
+    double newton_factor;
+  };
+  std::map<int, OfStages> of_stages;
+  bool chooses = false, worth_most = false; // the number of stages; and the highest where Newton allows
+  int s = 0;                                // of the next step
+
+  void use(int stages) {
+    s = stages;
+    calm_ = failures_ = 0;
+    restart();
+    if (!of_stages.count(s)) return; // a fixed step
+    rtol = of_stages[s].rtol;
+    atol = of_stages[s].atol;
+  }
+  void restart() { last_h_ = 0.0; }
+
+  // Fills the weights; returns Newton's stopping size.
+  double weights(const System &system, const Vec &p, const Vec &v, Vec &weight) const {
+    if (fixed()) {
+      Vec y = Vec::Zero(system.nx + system.nv);
+      if (system.vector_like) y.head(system.nx) = p;
+      y.tail(system.nv) = v;
+      return rounding_weights(system, y, weight);
+    }
+    fill(system, p, v, INF, weight);
+    return of_stages.at(s).newton_factor;
   }
 
-  Vec at_present_;
+  // After an accepted step in which Newton contracted by `rate`: more stages where that was quick for a while.
+  void choose_after_step(double rate) {
+    if (++calm_ < CALM) return;
+    failures_ = 0;
+    const bool few = s < FIRST_STAGES;
+    const int more = static_cast<int>(few ? FIRST_STAGES : MOST_STAGES);
+    if (chooses && (few || worth_most) && rate <= QUICK && more != s) use(more);
+  }
+  // After Newton failed: fewer stages where it did so before.
+  void choose_after_failure() {
+    calm_ = 0;
+    const int fewer = static_cast<int>(s > FIRST_STAGES ? FIRST_STAGES : FEWEST_STAGES);
+    if (++failures_ >= 2 && chooses && fewer != s) use(fewer);
+  }
+
+  double after_failure(double h) {
+    ++rejected_by_newton;
+    restart();
+    return STAGE_AFTER_FAILURE * h;
+  }
+  double after_rejection(double h, double error) {
+    ++rejected_by_error;
+    return h * std::max(MIN_FACTOR, STAGE_SAFETY * std::pow(error, -1.0 / exponent()));
+  }
+  double next_step(double h, double error) {
+    error = std::max(error, 1e-10);
+    double factor = std::pow(error, -1.0 / exponent());
+    if (last_h_ != 0.0)
+      factor *= std::min(1.0, std::abs(h / last_h_) * std::pow(last_error_ / error, 1.0 / exponent()));
+    const double growth = last_h_ == 0.0 || error < SMOOTH ? MAX_FACTOR : STAGE_GROWTH;
+    last_h_ = h;
+    last_error_ = std::max(error, 1e-2);
+    factor = std::min(growth, std::max(MIN_FACTOR, STAGE_SAFETY * factor));
+    return h * std::min(factor, max_step / std::abs(h));
+  }
+
+  // The power of h by which the error estimate falls.
+  int exponent() const { return s >= 3 ? s + 2 : s + 1; }
+
+private:
+  double last_h_ = 0.0, last_error_ = 0.0; // of the last step, 0 where there is none
+  int calm_ = 0, failures_ = 0;            // steps since the stages or Newton changed; failures since they were calm
 };
 
 } // namespace pinconsist

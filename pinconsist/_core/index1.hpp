@@ -208,7 +208,8 @@ private:
     singular_ = false;
     started_ = true;
     f.resize(state.size());
-    f.head(nx) = system_.chart_rate(base_, p_, v_);
+    system_.chart_rate(state.head(nx), v_, rate_);
+    f.head(nx) = rate_;
     f.tail(nv) = a_;
   }
 
@@ -259,7 +260,7 @@ private:
   bool singular_ = false, started_ = false;
   double size_;
   Table K_;
-  Vec f_, k_, p_, v_, a_, lam_;
+  Vec f_, k_, p_, v_, a_, lam_, rate_;
   std::vector<Piece> pieces_;
 };
 

@@ -9,7 +9,7 @@ namespace pinconsist {
 
 class LieGroup {
 public:
-  explicit LieGroup(const pinocchio::Model &model) : nv_(model.nv) {
+  explicit LieGroup(const pinocchio::Model &model) : nv_(model.nv), power_(nv_), next_(nv_) {
     const double s = 1e-3;
     const Vec q = pinocchio::neutral(model);
     Mat ahead = Mat::Zero(nv_, nv_), back = ahead;
@@ -32,15 +32,18 @@ public:
   }
 
   // T rate, with T = ad/(1 - exp(-ad)), ad = ad ξ.
-  Vec chart_rate(const Vec &xi, const Vec &rate) const {
-    Vec power = rate, sum = rate + 0.5 * bracket_of(xi, rate);
+  void chart_rate(const Vec &xi, const Vec &rate, Vec &out) const {
+    out = rate;
+    if (constants_.empty()) return;
+    power_ = rate;
+    bracket(xi, power_, next_);
+    out += 0.5 * next_;
     for (double weight : bernoulli()) {
-      power = bracket_of(xi, bracket_of(xi, power));
-      const Vec term = weight * power;
-      sum += term;
-      if (!(largest(term) > EPS * largest(sum))) break;
+      bracket(xi, power_, next_);
+      bracket(xi, next_, power_);
+      out += weight * power_;
+      if (!(std::abs(weight) * largest(power_) > EPS * largest(out))) break;
     }
-    return sum;
   }
 
 private:
@@ -67,14 +70,14 @@ private:
     double size;
   };
 
-  Vec bracket_of(const Vec &x, const Vec &y) const {
-    Vec z = Vec::Zero(nv_);
+  void bracket(const Vec &x, const Vec &y, Vec &z) const {
+    z.setZero();
     for (const auto &[i, j, k, size] : constants_) z[k] += size * x[i] * y[j];
-    return z;
   }
 
   int nv_;
   std::vector<Constant> constants_;
+  mutable Vec power_, next_;
 };
 
 } // namespace pinconsist

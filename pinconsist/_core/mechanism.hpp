@@ -101,18 +101,16 @@ public:
     return points;
   }
 
-  Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const override {
-    if (curved.empty()) return rate;
-    Vec xi(nx);
-    difference(base, p, xi);
-    return group_.chart_rate(xi, rate);
-  }
-  void chart_matrix(const Vec &base, const Vec &p, Mat &T) const override {
-    Vec xi(nx);
-    difference(base, p, xi);
-    T.setIdentity();
+  void chart_rate(const Vec &xi, const Vec &rate, Vec &out) const override { group_.chart_rate(xi, rate, out); }
+  void bracket(const Vec &x, Mat &ad) const override { group_.bracket(x, ad); }
+  void chart_matrix(const Vec &xi, Mat &T) const override {
+    T.setIdentity(nx, nx);
+    Vec column(nx);
     for (auto [first, size] : curved)
-      for (int i = first; i < first + size; ++i) T.col(i) = group_.chart_rate(xi, Vec::Unit(nx, i));
+      for (int i = first; i < first + size; ++i) {
+        group_.chart_rate(xi, Vec::Unit(nx, i), column);
+        T.col(i) = column;
+      }
   }
 
   void position(double, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
@@ -123,7 +121,12 @@ public:
 
   void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) override {
     f = pinocchio::rnea(model_, data_, p, v, a);
-    evaluate_rows(t, p);
+    if (!rows_.empty() || !forces_.empty()) {
+      for (size_t i = 1; i < model_.joints.size(); ++i) // rnea leaves the poses of joints in their parents
+        data_.oMi[i] = model_.parents[i] ? data_.oMi[model_.parents[i]] * data_.liMi[i] : data_.liMi[i];
+      pinocchio::computeJointJacobians(model_, data_);
+      fill_rows(t, p);
+    }
     add_the_rest(t, p, v);
   }
 

@@ -1,8 +1,7 @@
 // What Python sees: a system to which rows and forces are added, and a stepper that makes batches of steps.
 #include "measured.hpp"
-#include "radau_stepper.hpp"
+#include "radau_bindings.hpp"
 
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/unique_ptr.h>
@@ -20,38 +19,6 @@ SE3 placement(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()
 Motion motion(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
 Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] != 0}; }
 
-// A numpy array that owns the numbers.
-template <class T> nb::object array(std::vector<T> &&numbers, std::initializer_list<size_t> shape) {
-  auto *kept = new std::vector<T>(std::move(numbers));
-  nb::capsule owner(kept, [](void *p) noexcept { delete static_cast<std::vector<T> *>(p); });
-  return nb::cast(nb::ndarray<nb::numpy, T>(kept->data(), shape.size(), shape.begin(), owner));
-}
-
-Switches switches_of(nb::object switches) {
-  const auto on = [&](const char *name) { return nb::cast<bool>(switches.attr(name)); };
-  return {on("iteration_forecast"), on("loop_forecast"), on("jacobian_reuse"), on("few_constraints"), on("kept_weights"),
-          on("few_derivatives")};
-}
-
-// Make steps until something ends them; returns its name and an exception of Python's. Others run meanwhile if they can.
-template <class Run> std::pair<const char *, nb::object> attempted(const System &system, const Run &run) {
-  Failure failure = Failure::none;
-  nb::object error = nb::none();
-  try {
-    if (system.calls_python()) {
-      failure = run();
-    } else {
-      nb::gil_scoped_release release;
-      failure = run();
-    }
-  } catch (nb::python_error &raised) {
-    error = nb::borrow(raised.value());
-  } catch (const std::exception &raised) {
-    error = nb::module_::import_("builtins").attr("RuntimeError")(raised.what());
-  }
-  return {name_of(failure), error};
-}
-
 // A batch as a tuple: why it ended, an exception of Python's, and its rows.
 nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, bool keep_tables) {
   StepBatch out;
@@ -65,15 +32,6 @@ nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, b
   return nb::make_tuple(failure, error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
                         array(std::move(out.v), {n, nv}), array(std::move(out.lam), {n, nc}), array(std::move(out.h), {n}),
                         array(std::move(out.k), {n}), base, Z);
-}
-
-nb::tuple run_radau(RadauStepper &stepper, const System &system, double t_end, long most, bool keep_stages) {
-  RadauBatch out;
-  const auto [failure, error] = attempted(system, [&] { return stepper.run(t_end, most, keep_stages, out); });
-  const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc, W = out.W.size(), U = out.U.size();
-  return nb::make_tuple(failure, error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
-                        array(std::move(out.v), {n, nv}), array(std::move(out.lam), {n, nc}), array(std::move(out.h), {n}),
-                        array(std::move(out.k), {n}), array(std::move(out.W), {W}), array(std::move(out.U), {U}));
 }
 
 } // namespace
@@ -262,55 +220,5 @@ NB_MODULE(twin, m) {
       .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, s.newton.culprit_p, s.newton.culprit_v); })
       .def("run", &run, "system"_a, "t_end"_a, "most"_a, "keep_tables"_a);
 
-  nb::class_<RadauStepper>(m, "RadauStepper")
-      .def("__init__", [](RadauStepper *self, System &system, nb::object switches) {
-             new (self) RadauStepper(system, switches_of(switches));
-           }, "system"_a, "switches"_a, nb::keep_alive<1, 2>())
-      .def_ro("t", &RadauStepper::t)
-      .def_rw("h", &RadauStepper::h)
-      .def_ro("s", &RadauStepper::s)
-      .def_prop_ro("p", [](const RadauStepper &s) { return s.p; })
-      .def_prop_ro("v", [](const RadauStepper &s) { return s.v; })
-      .def_prop_ro("a", [](const RadauStepper &s) { return s.a; })
-      .def_prop_ro("lam", [](const RadauStepper &s) { return s.lam; })
-      .def_rw("turns", &RadauStepper::turns)
-      .def("first_step", &RadauStepper::first_step)
-      .def("add_table",
-           [](RadauStepper &stepper, const Vec &c, const Mat &A, const Mat &inverse, const Mat &inverse2, const Mat &modes,
-              double newton_factor) {
-             const int s = static_cast<int>(c.size());
-             const double leading = (modes.row(s - 1) * inverse2).norm();
-             stepper.tables[s] = {s, c, A, inverse, inverse2, modes, leading};
-             stepper.newton_factors[s] = newton_factor;
-           })
-      .def("begin",
-           [](RadauStepper &s, double t, int stages, const Vec &p, const Vec &v, const Vec &a, const Vec &lam) {
-             s.t = t;
-             s.s = stages;
-             s.p = p;
-             s.v = v;
-             s.a = a;
-             s.lam = lam;
-             s.begin_anew();
-           })
-      .def("fix_step",
-           [](RadauStepper &s, double start, long steps) {
-             s.start = start;
-             s.taken = 0;
-             s.steps = steps;
-           })
-      .def("control_error",
-           [](RadauStepper &s, const Vec &rtol, const Vec &atol, double max_step) {
-             s.control.rtol = rtol;
-             s.control.atol = atol;
-             s.control.max_step = max_step;
-           })
-      .def("work", // since it was asked last
-           [](RadauStepper &s) {
-             const auto taken = [](long &count) { return std::exchange(count, 0); };
-             return nb::make_tuple(taken(s.newton.nfev), taken(s.newton.njev), taken(s.newton.nlu),
-                                   taken(s.control.rejected_by_error), taken(s.control.rejected_by_newton));
-           })
-      .def_prop_ro("culprit", [](const RadauStepper &s) { return nb::make_tuple(s.newton.culprit_t, s.newton.culprit_p, s.newton.culprit_v); })
-      .def("run", &run_radau, "system"_a, "t_end"_a, "most"_a, "keep_stages"_a);
+  bind_radau(m);
 }

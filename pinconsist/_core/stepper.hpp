@@ -58,7 +58,7 @@ public:
 
 private:
   Failure advance(double t_end) {
-    control.reached(system_, y, p);
+    control.reached(system_, p, velocity());
     const bool charted = turns.rows() > 0;
     if (charted && fixed() && std::abs(h) > longest_step(velocity(), k)) return Failure::turns_too_far;
     double error, t_next, tried_h = 0.0, tried_error = 0.0;

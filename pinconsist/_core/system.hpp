@@ -43,15 +43,16 @@ public:
   virtual void integrate(const Vec &p, const Vec &xi, Vec &out) const = 0;
   virtual void difference(const Vec &p0, const Vec &p1, Vec &xi) const = 0;
   virtual Vec rate(double, const Vec &, const Vec &v) const { return v; }
-  virtual Vec chart_rate(const Vec &, const Vec &, const Vec &rate) const { return rate; }
-  // T with dξ/dt = T rate.
-  virtual void chart_matrix(const Vec &, const Vec &, Mat &) const {}
+  // dξ/dt = T rate; T itself, and the bracket [x, ·], see dae/charts.py.
+  virtual void chart_rate(const Vec &, const Vec &rate, Vec &out) const { out = rate; }
+  virtual void chart_matrix(const Vec &, Mat &T) const { T.setIdentity(nx, nx); }
+  virtual void bracket(const Vec &, Mat &ad) const { ad.setZero(nx, nx); }
   virtual void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const = 0;
   virtual void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) = 0;
   virtual void constraint(double t, const Vec &p, const Vec &v) = 0;
   // `evaluate` at a position whose constraint was evaluated last, where its rows need no second look.
   virtual void evaluate_after_constraint(double t, const Vec &p, const Vec &v, const Vec &a) { evaluate(t, p, v, a); }
-  // γ with dρ/dt = W v' + γ.
+  // γ with dρ/dt = W v' + γ, at the point evaluated last, with a = 0.
   virtual void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) = 0;
   // W at the point evaluated last.
   virtual const Mat &velocity_jacobian(double, const Vec &, const Vec &) { return W; }
@@ -114,16 +115,17 @@ public:
   Vec rate(double t, const Vec &p, const Vec &v) const override {
     return vector(system_.attr("rate")(t, p, v), nx, "rate");
   }
-  Vec chart_rate(const Vec &base, const Vec &p, const Vec &rate) const override {
-    if (vector_like) return rate;
-    Mat T(nx, nx);
-    chart_matrix(base, p, T);
-    return T * rate;
+  void chart_rate(const Vec &xi, const Vec &rate, Vec &out) const override {
+    out = rate;
+    if (vector_like) return;
+    Mat T;
+    chart_matrix(xi, T);
+    out = T * rate;
   }
-  void chart_matrix(const Vec &base, const Vec &p, Mat &T) const override {
-    const nb::object xi = system_.attr("difference")(base, p);
+  void chart_matrix(const Vec &xi, Mat &T) const override {
     T = matrix(nb::module_::import_("pinconsist.dae.charts").attr("chart_matrix")(system_, xi), nx, nx, "bracket");
   }
+  void bracket(const Vec &x, Mat &ad) const override { ad = matrix(system_.attr("bracket")(x), nx, nx, "bracket"); }
   void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
     const nb::object both = system_.attr("position")(t, base, psi_x, c, v);
     p = vector(both[0], npos, "position");

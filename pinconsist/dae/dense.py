@@ -39,6 +39,10 @@ class Segment:
         """The same polynomial, used only up to `end`."""
         return self if end == self.end else replace(self, end=end)
 
+    def rows(self, times):
+        """(p, v, λ) at several times inside the step, as arrays."""
+        return tuple(map(np.array, zip(*map(self, times), strict=True)))
+
     def __call__(self, t: float):
         """(p, v, λ) at a time inside the step."""
         y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z[: self.k + 1])
@@ -51,6 +55,7 @@ class RadauSegment:
     """The collocation polynomial of a step from (p0, v0), led to its projected end (p, v); λ by the index-1 equations.
 
     `W` and `U` have the accelerations and the rates of ξ at the stages of the formula `table`, a row for each.
+    ``sample(segment, times)`` is the compiled way to :meth:`rows`, if there is one.
     """
 
     t_old: float
@@ -64,6 +69,7 @@ class RadauSegment:
     p: np.ndarray
     v: np.ndarray
     system: Index3System
+    sample: Callable | None = None
 
     looks = LOOKS  # steps are long
 
@@ -71,8 +77,16 @@ class RadauSegment:
         """The same polynomial, used only up to `end`."""
         return self if end == self.end else replace(self, end=end)
 
+    def rows(self, times):
+        """(p, v, λ) at several times inside the step, as arrays."""
+        found = self.sample(self, np.array(times)) if self.sample is not None else None
+        return tuple(map(np.array, zip(*map(self._row, times), strict=True))) if found is None else found
+
     def __call__(self, t: float):
         """(p, v, λ) at a time inside the step."""
+        return tuple(column[0] for column in self.rows([t]))
+
+    def _row(self, t):
         system, theta = self.system, (t - self.t_old) / self.h
         here, last = self.h * self.table.integrals([theta])[0], self.h * self.table.A[-1]
         missing = system.difference(self.p0, self.p) - last @ self.U
@@ -115,8 +129,11 @@ class Curve:
 
     def __call__(self, times):
         """(p, v, λ) at several times, as arrays."""
-        rows = [self.segments[i](t) for i, t in zip(self.holders(times), times, strict=True)]
-        return tuple(np.array(column) for column in zip(*rows, strict=True))
+        holders = self.holders(times)
+        turns = np.flatnonzero(np.diff(holders)) + 1
+        runs = zip(np.split(holders, turns), np.split(np.asarray(times), turns), strict=True)
+        parts = [self.segments[of[0]].rows(at) for of, at in runs]
+        return tuple(map(np.concatenate, zip(*parts, strict=True)))
 
     def with_others(self, curves) -> Curve:
         """One curve of this and those that follow."""

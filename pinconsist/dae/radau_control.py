@@ -77,6 +77,11 @@ class RadauControl(ErrorControl):
         tol = max(min(part.min() for part in self.rtol), min(part.min() for part in self.atol))
         return min(STAGE_NEWTON_FACTOR[self.s], STAGE_LEFT * tol / float(self.step_tolerance(tol)))
 
+    @property
+    def worth_most(self) -> bool:
+        """Whether the tolerance is one for most stages."""
+        return bool(min(part.min() for part in self.rtol) <= MOST_STAGES_BELOW)
+
     def chosen_after_step(self, rate) -> int:
         """Stages after an accepted step in which Newton contracted by `rate`: more where that was quick for a while."""
         self._calm += 1
@@ -84,7 +89,7 @@ class RadauControl(ErrorControl):
             return self.s
         self._failures = 0
         more = FIRST_STAGES if self.s < FIRST_STAGES else MOST_STAGES
-        worth = self.s < FIRST_STAGES or min(part.min() for part in self.rtol) <= MOST_STAGES_BELOW
+        worth = self.s < FIRST_STAGES or self.worth_most
         return more if self.stages == 0 and worth and rate <= QUICK else self.s
 
     def chosen_after_failure(self) -> int:

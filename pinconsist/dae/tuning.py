@@ -98,7 +98,7 @@ class Switches:
     kept_weights : bool
         Keep the weights of the error norm for some steps.
     few_derivatives : bool
-        With five stages or more evaluate the derivatives at three of them, and interpolate those of the others.
+        In steps of five stages or more evaluate derivatives at two of them, and interpolate those of the others.
     """
 
     iteration_forecast: bool = True

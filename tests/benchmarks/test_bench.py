@@ -73,7 +73,8 @@ def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
     rows = list(csv.DictReader(table.read_text().splitlines()))
     assert [float(row["q"]) for row in rows] == pytest.approx([point["q"] for point in diagram["points"]], rel=1e-3)
     equal = list(csv.DictReader((tmp_path / "bench_equal_error.csv").read_text().splitlines()))
-    assert {row["target"] for row in equal} == {"0.0001", "1e-06"} and equal[0]["ratio"] == "1"
+    assert {row["target"] for row in equal} == {"0.001", "0.0001", "1e-06", "1e-08"} and equal[0]["ratio"] == "1"
+    assert {row["of"] for row in equal} == {"q", "lam"}
 
 
 def test_the_command_prints_tables(capsys):

@@ -215,8 +215,8 @@ def test_a_study_names_what_it_cannot_do_and_cuts_what_takes_too_long():
 
 def test_equal_error_is_read_off_a_straight_line_in_the_logarithms():
     points = [
-        Point(OWN, 1e-3, "done", 1, (1.0, 2.0), q=1e-3, lam_row=0.0, lam_first=1e-4),
-        Point(OWN, 1e-5, "done", 1, (4.0, 8.0), q=1e-5, lam_row=0.0, lam_first=1e-8),
+        Point(OWN, 1e-3, "done", 1, (1.0, 2.0), q=1e-3, lam=1e-4, lam_row=0.0, lam_first=1e-4),
+        Point(OWN, 1e-5, "done", 1, (4.0, 8.0), q=1e-5, lam=1e-8, lam_row=0.0, lam_first=1e-8),
         Point("other", 1e-3, "done", 1, (10.0, 20.0), q=1e-3),
         Point("other", 1e-5, "done", 1, (40.0, 80.0), q=1e-5),
         Point("coarse", 1e-3, "done", 1, (1.0, 1.0), q=1e-2),
@@ -224,6 +224,7 @@ def test_equal_error_is_read_off_a_straight_line_in_the_logarithms():
     found = at_equal_error(points, 1e-4, OWN)
     assert found["coarse"] is None
     assert found[OWN] == pytest.approx((3.0, 1.0, 0.0, 1e-6)) and found["other"][:2] == pytest.approx((30.0, 10.0))
+    assert at_equal_error(points, 1e-6, OWN, "lam")[OWN][:2] == pytest.approx((3.0, 1.0))
 
 
 def test_bad_input():

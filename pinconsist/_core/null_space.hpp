@@ -1,0 +1,109 @@
+// Null spaces of constraints, and products of small matrices.
+#pragma once
+
+#include "system.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace pinconsist {
+
+// out = x weightsᵀ: combinations of a few columns.
+inline void combine(const Mat &x, const Mat &weights, Mat &out) {
+  const Eigen::Index n = x.rows(), s = weights.rows();
+  out.resize(n, s);
+  for (Eigen::Index i = 0; i < s; ++i) {
+    double *sum = out.data() + i * n;
+    for (Eigen::Index j = 0; j < s; ++j) {
+      const double weight = weights(i, j), *column = x.data() + j * n;
+      if (j == 0)
+        for (Eigen::Index k = 0; k < n; ++k) sum[k] = weight * column[k];
+      else
+        for (Eigen::Index k = 0; k < n; ++k) sum[k] += weight * column[k];
+    }
+  }
+}
+
+constexpr int SMALL_PRODUCT = 10; // below which products need no temporaries
+
+// out = a b
+template <class A, class B, class Out> void multiply(const A &a, const B &b, Out &&out) {
+  if (a.cols() < SMALL_PRODUCT) out = a.lazyProduct(b);
+  else out.noalias() = a * b;
+}
+
+// J x = -φ by complete pivoting: all solutions are x = Z y + closing.
+class Elimination {
+public:
+  Elimination(int nc, int nv) : nc_(nc), nv_(nv), E_(nv + 1, nc) {}
+
+  // With `choose` other dependent columns may be chosen than last time. False where J loses its rank.
+  template <class Phi> bool reduce(const Mat &J, const Phi &phi, bool choose, Mat &Z, Eigen::Ref<Vec> closing) {
+    const bool kept = static_cast<int>(order_.size()) == nv_;
+    if (!(kept && echelon(J, phi, false) && (!choose || steep() <= STEEPEST)) && !(choose && echelon(J, phi, true)))
+      return false;
+    for (int k = 0; k < nc_; ++k) {
+      for (int j = nc_; j < nv_; ++j) Z(order_[k], j - nc_) = -E_(j, k);
+      closing[order_[k]] = -E_(nv_, k);
+    }
+    for (int j = nc_; j < nv_; ++j) {
+      Z.row(order_[j]).setZero();
+      Z(order_[j], j - nc_) = 1.0;
+      closing[order_[j]] = 0.0;
+    }
+    return true;
+  }
+
+private:
+  static constexpr double STEEPEST = 10.0; // of the dependent columns by the others, from which others are chosen
+
+  double steep() const {
+    double most = 0.0;
+    for (int k = 0; k < nc_; ++k)
+      for (int j = nc_; j < nv_; ++j) most = std::max(most, std::abs(E_(j, k)));
+    return most;
+  }
+
+  // The reduced row echelon form, with row pivots, or with complete pivots that choose the columns.
+  template <class Phi> bool echelon(const Mat &J, const Phi &phi, bool choose) {
+    if (choose) {
+      order_.resize(nv_);
+      for (int j = 0; j < nv_; ++j) order_[j] = j;
+    }
+    for (int i = 0; i < nc_; ++i) {
+      for (int j = 0; j < nv_; ++j) E_(j, i) = J(i, order_[j]);
+      E_(nv_, i) = phi[i];
+    }
+    const double least = EPS * largest(J);
+    for (int k = 0; k < nc_; ++k) {
+      int row = k, column = k;
+      double most = -1.0;
+      for (int i = k; i < nc_; ++i)
+        for (int j = k; j < (choose ? nv_ : k + 1); ++j)
+          if (std::abs(E_(j, i)) > most) most = std::abs(E_(j, i)), row = i, column = j;
+      if (!(most > least)) return false;
+      if (column != k) {
+        std::swap(order_[k], order_[column]);
+        for (int i = 0; i < nc_; ++i) std::swap(E_(k, i), E_(column, i));
+      }
+      double *pivot = &E_(0, k);
+      if (row != k) std::swap_ranges(pivot + k, pivot + nv_ + 1, &E_(k, row));
+      const double inverse = 1.0 / pivot[k];
+      for (int j = k + 1; j <= nv_; ++j) pivot[j] *= inverse;
+      for (int i = 0; i < nc_; ++i) {
+        double *other = &E_(0, i);
+        const double factor = other[k];
+        if (i == k || factor == 0.0) continue;
+        for (int j = k + 1; j <= nv_; ++j) other[j] -= factor * pivot[j];
+      }
+    }
+    return true;
+  }
+
+  int nc_, nv_;
+  Mat E_; // a row of J and its φ lie together
+  std::vector<int> order_;
+};
+
+} // namespace pinconsist

@@ -1,0 +1,205 @@
+// StageMatrix of dae/radau.py: Newton's matrix in the null space of the constraints, stage by stage.
+#pragma once
+
+#include "kkt.hpp"
+#include "stages.hpp"
+
+namespace pinconsist {
+
+class StageMatrix {
+  // What dP does to dV and dW of a joint in a chart, stage by stage.
+  struct Chart {
+    int first, size;
+    Mat h_dV, h2_dW;
+    auto dV(int i, int j) const { return h_dV.block(i * size, j * size, size, size); }
+    auto dW(int i, int j) const { return h2_dW.block(i * size, j * size, size, size); }
+  };
+
+public:
+  StageMatrix(System &system, const Stages &stages, bool few_derivatives)
+      : system_(system), stages_(stages), few_(few_derivatives), lu_(0) {}
+
+  void use(int s) {
+    const int nv = system_.nv, nc = system_.nc, nd = nv - nc;
+    f_.resize(nv, s);
+    closing_.resize(nv, s);
+    for (auto *all : {&Z_, &Y_}) all->assign(s, Mat::Zero(nv, nd));
+    for (auto *all : {&M_, &D_, &K_}) all->assign(s, Mat::Zero(nv, nv));
+    T_.resize(s);
+    ad_.resize(s);
+    charts_.clear();
+    for (auto [first, size] : system_.curved) charts_.push_back({first, size, {}, {}});
+    for (auto *all : {&right_, &left_}) all->assign(s, Elimination(nc, nv));
+    lu_ = LU(s * nd);
+    matrix_.resize(s * nd, s * nd);
+    y_.resize(s * nd);
+  }
+
+  // Nothing is known of what comes.
+  void forget() { begun_ = false; }
+
+  // The next step begins where this one ends.
+  void accepted() {
+    M_before_ = M_.back();
+    D_before_ = D_.back();
+    K_before_ = K_.back();
+    begun_ = true;
+  }
+
+  // Residuals and null spaces, `fresh` with derivatives; false where constraints lose their rank.
+  bool evaluate(bool fresh, long &derivatives) {
+    const int s = stages_.size();
+    for (int i = 0; i < s; ++i) {
+      const double t = stages_.time(i);
+      p_ = stages_.P.col(i);
+      v_ = stages_.V.col(i);
+      w_ = stages_.W.col(i);
+      const bool with_derivatives = fresh && has_derivatives(i);
+      derivatives += with_derivatives;
+      if (with_derivatives) system_.evaluate_parts(t, p_, v_, w_, M_[i], D_[i], K_[i]);
+      else system_.evaluate(t, p_, v_, w_);
+      f_.col(i) = system_.f;
+      const Mat &W = system_.velocity_jacobian(t, p_, v_);
+      if (!right_[i].reduce(W, system_.phi, fresh, Z_[i], closing_.col(i))) return false;
+      if (symmetric()) continue;
+      spare_.resize(system_.nv);
+      if (!left_[i].reduce(system_.G_transposed(), system_.phi, fresh, Y_[i], spare_)) return false;
+    }
+    return true;
+  }
+
+  // With the last derivatives; false where it is singular.
+  bool factorise() {
+    interpolate();
+    turn_charts();
+    const int s = stages_.table->s, nd = system_.nv - system_.nc;
+    const Mat &b = stages_.table->inverse, &b2 = stages_.table->inverse2;
+    if (!nd) return true;
+    for (int i = 0; i < s; ++i) {
+      multiply(left(i).transpose(), M_[i], YM_);
+      multiply(left(i).transpose(), D_[i], YD_);
+      YD_ *= stages_.h;
+      for (int j = 0; j < s; ++j) {
+        row_ = b2(i, j) * YM_ + b(i, j) * YD_;
+        for (const auto &chart : charts_)
+          row_.middleCols(chart.first, chart.size) = YM_.middleCols(chart.first, chart.size) * chart.dW(i, j) +
+                                                     YD_.middleCols(chart.first, chart.size) * chart.dV(i, j);
+        if (i == j) add_stiffness(i);
+        multiply(row_, Z_[j], matrix_.block(i * nd, j * nd, nd, nd));
+      }
+    }
+    return lu_.factorise(matrix_);
+  }
+
+  // dP and dV with the residuals and null spaces evaluated last.
+  void solve(Mat &dP, Mat &dV) {
+    const int s = stages_.size(), nd = system_.nv - system_.nc;
+    const double h = stages_.h;
+    dP = closing_;
+    if (nd) {
+      along(closing_, along_);
+      combine(along_, stages_.table->inverse, twice_);
+      for (int i = 0; i < s; ++i) {
+        w_ = h * h * f_.col(i);
+        w_ += M_[i].lazyProduct(twice_.col(i));
+        w_ += h * D_[i].lazyProduct(along_.col(i));
+        w_ += h * h * K_[i].lazyProduct(closing_.col(i));
+        y_.segment(i * nd, nd) = -left(i).transpose().lazyProduct(w_);
+      }
+      lu_.substitute(y_.data(), 1);
+      for (int i = 0; i < s; ++i) dP.col(i) += Z_[i].lazyProduct(y_.segment(i * nd, nd));
+    }
+    along(dP, dV);
+    dV /= h;
+  }
+
+private:
+  void add_stiffness(int i) {
+    multiply(left(i).transpose(), K_[i], YK_);
+    row_ += stages_.h * stages_.h * YK_;
+  }
+
+  // Where derivatives are evaluated: in the middle, at the end and, if nothing is known there, near the start.
+  bool has_derivatives(int i) const {
+    const int last = stages_.size() - 1;
+    return !few_ || last < 3 || i == last / 2 || i == last || (i == 0 && !begun_);
+  }
+
+  // M, D and K of the other stages by the parabola through three of them, or through the end of the last step and two.
+  void interpolate() {
+    const Vec &c = stages_.table->c;
+    const int s = stages_.table->s, middle = (s - 1) / 2;
+    const double x[] = {begun_ ? 0.0 : c[0], c[middle], 1.0};
+    for (int i = 0; i < s; ++i) {
+      if (has_derivatives(i)) continue;
+      double l[] = {1.0, 1.0, 1.0};
+      for (int m = 0; m < 3; ++m)
+        for (int n = 0; n < 3; ++n)
+          if (n != m) l[m] *= (c[i] - x[n]) / (x[m] - x[n]);
+      const auto blend = [&](std::vector<Mat> &all, const Mat &before) {
+        all[i] = l[0] * (begun_ ? before : all[0]) + l[1] * all[middle] + l[2] * all[s - 1];
+      };
+      blend(M_, M_before_);
+      blend(D_, D_before_);
+      blend(K_, K_before_);
+    }
+  }
+
+  bool symmetric() const { return &system_.G_transposed() == &system_.W; }
+  const Mat &left(int i) const { return symmetric() ? Z_[i] : Y_[i]; }
+
+  // h dV_i = T_i⁻¹ (Σ_j b_ij T_j dP_j - T'_i dP_i) + h [v_i, dP_i] of the joints that need it, with T' = b (T - 1).
+  void turn_charts() {
+    if (charts_.empty()) return;
+    const int s = stages_.table->s;
+    const Mat &b = stages_.table->inverse;
+    for (int i = 0; i < s; ++i) {
+      p_ = stages_.P.col(i);
+      v_ = stages_.V.col(i);
+      xi_ = stages_.xi.col(i);
+      system_.chart_matrix(xi_, T_[i]);
+      system_.bracket(system_.rate(stages_.time(i), p_, v_), ad_[i]);
+    }
+    for (auto &chart : charts_) {
+      const int n = chart.size;
+      const auto part = [&](const Mat &matrix) { return matrix.block(chart.first, chart.first, n, n); };
+      chart.h_dV.resize(s * n, s * n);
+      chart.h2_dW.setZero(s * n, s * n);
+      for (int i = 0; i < s; ++i) {
+        const Mat back = part(T_[i]).inverse();
+        Mat change = Mat::Zero(n, n);
+        for (int j = 0; j < s; ++j) {
+          chart.h_dV.block(i * n, j * n, n, n) = b(i, j) * (back * part(T_[j]));
+          change += b(i, j) * (part(T_[j]) - Mat::Identity(n, n));
+        }
+        chart.h_dV.block(i * n, i * n, n, n) += stages_.h * part(ad_[i]) - back * change;
+      }
+      for (int i = 0; i < s; ++i)
+        for (int k = 0; k < s; ++k)
+          chart.h2_dW.middleRows(i * n, n) += b(i, k) * chart.h_dV.middleRows(k * n, n);
+    }
+  }
+
+  // h dV of dP.
+  void along(const Mat &dP, Mat &out) {
+    combine(dP, stages_.table->inverse, out);
+    for (const auto &chart : charts_)
+      for (int i = 0; i < stages_.table->s; ++i) {
+        auto rates = out.col(i).segment(chart.first, chart.size);
+        rates.setZero();
+        for (int j = 0; j < stages_.table->s; ++j) rates += chart.dV(i, j) * dP.col(j).segment(chart.first, chart.size);
+      }
+  }
+
+  System &system_;
+  const Stages &stages_;
+  bool few_, begun_ = false; // begun_: M, D and K are known where the step begins
+  LU lu_;
+  Mat f_, closing_, along_, twice_, YM_, YD_, YK_, row_, matrix_, M_before_, D_before_, K_before_;
+  std::vector<Mat> Z_, Y_, M_, D_, K_, T_, ad_;
+  std::vector<Chart> charts_;
+  std::vector<Elimination> right_, left_;
+  Vec p_, v_, w_, xi_, y_, spare_;
+};
+
+} // namespace pinconsist

@@ -1,0 +1,87 @@
+// dae/radau.py: the stages of one step of Radau IIA, a column for each.
+#pragma once
+
+#include "null_space.hpp"
+
+namespace pinconsist {
+
+// What dae/radau.py computes of the formula with s stages.
+struct RadauTable {
+  int s = 0;
+  Vec c;
+  Mat A, inverse, inverse2, modes; // modes: to the coefficients of Legendre polynomials
+  double leading = 0.0;            // how far rounding of stage positions reaches the highest coefficient, times h²
+};
+
+class Stages {
+public:
+  // Start and size of the step; accelerations, velocities, positions P = p ⊕ ξ.
+  const RadauTable *table = nullptr;
+  double t = 0.0, h = 0.0;
+  Vec p, v;
+  Mat W, V, xi, P;
+
+  explicit Stages(const System &system) : system_(system) {}
+
+  void use(const RadauTable &formula) {
+    table = &formula;
+    W.setZero(system_.nv, formula.s);
+    xi.setZero(system_.nx, formula.s);
+    P.resize(system_.npos, formula.s);
+    U_.resize(system_.nx, formula.s);
+  }
+
+  int size() const { return table->s; }
+  double time(int i) const { return t + h * table->c[i]; }
+  // Rates of ξ.
+  const Mat &U() const { return plain() ? V : U_; }
+
+  // Velocities and positions of the accelerations W; rates that depend on positions by substitution.
+  bool move() {
+    combine(W, table->A, V);
+    V = (h * V).colwise() + v;
+    if (plain()) {
+      combine(V, table->A, xi);
+      xi *= h;
+      place();
+      return xi.allFinite();
+    }
+    for (int sweep = 0; sweep < MAX_SWEEPS; ++sweep) {
+      if (!system_.rate_is_velocity) place(); // else rates do not look at positions
+      for (int i = 0; i < size(); ++i) {
+        p_ = P.col(i);
+        v_ = V.col(i);
+        xi_ = xi.col(i);
+        system_.chart_rate(xi_, system_.rate(time(i), p_, v_), rate_);
+        U_.col(i) = rate_;
+      }
+      before_ = xi;
+      combine(U_, table->A, xi);
+      xi *= h;
+      if (!(largest(xi - before_) > 4.0 * EPS * (1.0 + largest(xi)))) break;
+    }
+    place();
+    return xi.allFinite();
+  }
+
+private:
+  bool plain() const { return system_.rate_is_velocity && system_.curved.empty(); }
+
+  void place() {
+    if (system_.vector_like) {
+      P = xi.colwise() + p;
+      return;
+    }
+    for (int i = 0; i < table->s; ++i) {
+      xi_ = xi.col(i);
+      system_.integrate(p, xi_, p_);
+      P.col(i) = p_;
+    }
+  }
+
+  const System &system_;
+  Mat U_, before_;
+  Vec p_, v_, xi_, rate_;
+};
+
+} // namespace pinconsist
