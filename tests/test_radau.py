@@ -74,7 +74,7 @@ def test_a_constraint_that_moves():
     problem, p0, v0 = scenes.car_axis()
     sol = pc.integrate(problem, (0.0, 3.0), p0, v0, method="Radau", rtol=1e-5, atol=1e-6)
     for found, expected in zip((sol.q, sol.v, sol.lam), scenes.CAR_AXIS_END, strict=True):
-        np.testing.assert_allclose(found[-1], expected, atol=1e-6)
+        np.testing.assert_allclose(found[-1], expected, atol=5e-6)
 
 
 @needs_both
