@@ -32,7 +32,8 @@ def check(
     Example: pinconsist check four_bar --at crank=pi/2
     """
     from ..mechanism.closing import LoopSolver
-    from ..mechanism.correction import rounding_of, weak_rows
+    from ..mechanism.correction import rounding_of
+    from ..mechanism.rank import weak_rows
     from ..mechanism.singularity import held_motors, require_nonsingular
     from ..mechanism.system import MechanismSystem
 

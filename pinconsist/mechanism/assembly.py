@@ -11,8 +11,8 @@ import pinocchio as pin
 from ..errors import AssemblyError, InputError
 from .checks import coordinates, finite_array, require_mechanism, warn
 from .closing import CLOSED, NEARLY, LoopSolver
-from .correction import hint, weak_rows, weak_text
-from .rank import dependencies
+from .correction import hint
+from .rank import dependencies, weak_rows, weak_text
 
 KEPT = 1e-9  # rad or m: a joint that is farther from its value has not kept it
 MOST_SHOWN = 6  # joints in one warning

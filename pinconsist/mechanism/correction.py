@@ -11,18 +11,15 @@ second order; the δp of smallest norm is taken, and the step repeated until the
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import qr
 
 from .closing import LoopSolver, newton
 from .digest import digests
-from .rank import RANK_TOLERANCE, independent_rows, row_scales
+from .rank import ROUNDED, independent_rows, row_scales
 
-ROUNDED = 1e-6  # m or rad: the error of numbers with six digits
 _WEAK = (30.0, 3.0)  # how many errors may add up in a row of J, tried one after the other
 _REACH = 0.4  # rad and m, from one configuration of the walk to the next
 _ONWARD = 5.0
@@ -31,6 +28,7 @@ _SEARCHES, _FREEDOM = 8, 2  # for positions where mechanisms branch, and the mob
 _STEP = 1e-6  # of differences of J
 _VANISHES, _NEAR = 1e-9, 1e-2  # singular values, relative to the largest: zero; close to a singular position
 _ITERATIONS = 8
+_BEYOND = 3.0  # of the precision: no further iteration makes a step that large good
 _AGREE = 1e-12  # m or rad: loops that agree are open by less
 _LEAP = 0.5  # rad or m
 _found: dict[tuple, Any] = {}
@@ -55,12 +53,15 @@ def correction(mechanism, precision: float) -> Correction | None:
         return None
     moving = [loop for loop in mechanism.loops if loop.kind == "drive" or getattr(loop, "moving", False)]
     steady = mechanism.with_loops(*(loop for loop in mechanism.loops if loop not in moving))
-    for weak, branching in product(_WEAK, (True, False)):
-        found = _corrected(steady, weak * precision, branching)
-        if found is not None and found.mechanism.corrected_by <= precision:
-            loops = {loop.name: loop for loop in (*found.mechanism.loops, *moving)}
-            whole = found.mechanism.with_loops(*(loops[loop.name] for loop in mechanism.loops))
-            return Correction(whole, max(found.mobility - len(moving), 0))
+    for weak in _WEAK:
+        walk = _Walk(steady, weak * precision)
+        places = walk.contradictions()
+        for branching in (True, False) if places else ():
+            found = _corrected(walk, places, precision, branching)
+            if found is not None and found.mechanism.corrected_by <= precision:
+                loops = {loop.name: loop for loop in (*found.mechanism.loops, *moving)}
+                whole = found.mechanism.with_loops(*(loops[loop.name] for loop in mechanism.loops))
+                return Correction(whole, max(found.mobility - len(moving), 0))
     return None
 
 
@@ -72,22 +73,6 @@ def rounding_of(mechanism) -> Correction | None:
         _found.clear()
         _found[key] = correction(mechanism, ROUNDED) or correction(mechanism, 10 * ROUNDED)
     return _found[key]
-
-
-def weak_rows(rows, J) -> dict[tuple[str, str], float]:
-    """The rows of J that are independent of the others by less than 1e-6, and by how much, m or rad."""
-    scales = row_scales(J, rows.turns)
-    R, pivots = qr((J / scales[:, None]).T, mode="r", pivoting=True) if J.size else (np.zeros((0, 0)), ())
-    diagonal = np.abs(np.diagonal(R))
-    apart = [(row, pivot * scales[row], pivot) for row, pivot in zip(pivots, diagonal, strict=False)]
-    least = RANK_TOLERANCE * diagonal[0] if len(diagonal) else 0.0
-    return {rows.labels[row]: float(by) for row, by, pivot in apart if pivot > least and by < ROUNDED}
-
-
-def weak_text(weak) -> str:
-    """Rows of :func:`weak_rows` in words."""
-    rows = [f"{loop} {row}" for loop, row in list(weak)[:4]] + ["…"] * (len(weak) > 4)
-    return f"{', '.join(rows)} are independent of the other rows by {max(weak.values()):.1e} m or rad at most"
 
 
 def hint(mechanism) -> str:
@@ -104,22 +89,18 @@ def hint(mechanism) -> str:
     )
 
 
-def _corrected(mechanism, weak, branching) -> Correction | None:
-    """The correction for rows that are independent by less than `weak`; None where there are none, or none is found.
+def _corrected(walk, places, precision, branching) -> Correction | None:
+    """The correction that begins with the first `places` of a walk; None where none is found.
 
     With `branching` the positions where the mechanism branches stay such positions.
     """
-    walk = _Walk(mechanism, weak)
-    places = walk.places(_LEAST)
-    if not places:
-        return None
-    walk.full = rank = int(np.argmax(np.bincount([walk.rank(place) for place in places])))  # on the branch it is on
-    dependent, parameters = walk.solver.loop_rows.nc - rank, 6 * (len(mechanism.joints) + 2 * len(mechanism.loops))
-    if not dependent or (not walk.hangs(places) and max(map(walk.solver.size, places)) < _AGREE):
-        return None
+    mechanism, rank = walk.mechanism, walk.full
+    parameters, dependent = 6 * (len(mechanism.joints) + 2 * len(mechanism.loops)), walk.solver.loop_rows.nc - rank
+    if np.max(np.abs(_step([walk.equations(place, rank) for place in places]))) > _BEYOND * precision:
+        return None  # more places need a larger change
     if branching and not 0 < rank + _FREEDOM >= mechanism.nv:
         return None
-    places += walk.places(min(parameters // dependent, _MOST), places[-1])
+    places = places + walk.places(min(parameters // dependent, _MOST), places[-1])
     places = [place for place in places if walk.rank(place) == rank]
     starts = walk.places(_MOST, places[0], onward=_ONWARD)[:: _MOST // _SEARCHES] if branching else []
     singular = [walk.singular(place) for place in starts]
@@ -130,12 +111,13 @@ def _corrected(mechanism, weak, branching) -> Correction | None:
     for _ in range(_ITERATIONS):
         equations = [walk.equations(place, rank) for place in places]
         equations += [walk.equations(place, rank - 1) for place in singular]
-        left = np.concatenate([gaps for gaps, _ in equations])
-        if np.max(np.abs(left), initial=0.0) < 0.1 * _AGREE:
+        if max(np.max(np.abs(gaps), initial=0.0) for gaps, _ in equations) < 0.1 * _AGREE:
             break
-        change = np.linalg.lstsq(np.vstack([P for _, P in equations]), -left, rcond=1e-6)[0]
+        change = _step(equations)
+        if np.max(np.abs(change)) > _BEYOND * precision:
+            return None
         result = _changed(result, np.where(np.abs(change) > 0.1 * _AGREE, change, 0.0).reshape(-1, 6))
-        walk = _Walk(result, weak, rank)
+        walk = _Walk(result, walk.weak, rank)
         places = [new for place in places if (new := walk.settled(place)) is not None]
         singular = [new for place in singular if (new := walk.singular(place)) is not None]
         if not places:
@@ -145,6 +127,12 @@ def _corrected(mechanism, weak, branching) -> Correction | None:
         return None
     result = replace(result, guess=places[0], corrected_by=_change(mechanism, result))
     return Correction(result, mechanism.nv - rank)
+
+
+def _step(equations):
+    """The smallest change with which these equations hold to second order."""
+    left, P = (np.concatenate(parts) for parts in zip(*equations, strict=True))
+    return np.linalg.lstsq(P, -left, rcond=1e-6)[0]
 
 
 class _Walk:
@@ -173,6 +161,16 @@ class _Walk:
     def hangs(self, places) -> bool:
         """Whether more rows are independent as the numbers stand."""
         return any(len(independent_rows(self.solver.rows(place)[1], self.turns)) > self.full for place in places)
+
+    def contradictions(self) -> list:
+        """The first places, and ``full`` for them; none where the loops agree, or all rows are independent."""
+        places = self.places(_LEAST)
+        if places:
+            self.full = int(np.argmax(np.bincount([self.rank(place) for place in places])))  # on the branch it is on
+        agree = not self.hangs(places) and max(map(self.solver.size, places), default=0.0) < _AGREE
+        if agree or self.full == self.solver.loop_rows.nc:
+            return []
+        return [place for place in places if self.rank(place) == self.full]
 
     def settled(self, q, least=0.0):
         """The configuration near `q` in which what is not weak is closed; None where there is none.

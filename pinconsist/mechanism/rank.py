@@ -7,6 +7,7 @@ from scipy.linalg import qr
 
 RANK_TOLERANCE = 1e-8
 """Relative to the largest pivot. Ratios of real robots go down to 1e-5, redundant rows stay below 1e-12."""
+ROUNDED = 1e-6  # m or rad: the error of numbers with six digits
 NO_LENGTH = 1e-13  # m; rows that are all shorter are rounding
 
 
@@ -54,3 +55,19 @@ def dependencies(J, kept) -> dict[int, dict[int, float]]:
         row: {int(kept[i]): float(share[i]) for i in np.flatnonzero(np.abs(share) > 1e-9)}
         for row, share in zip(dropped, shares, strict=True)
     }
+
+
+def weak_rows(rows, J) -> dict[tuple[str, str], float]:
+    """The rows of J that are independent of the others by less than 1e-6, and by how much, m or rad."""
+    scales = row_scales(J, rows.turns)
+    R, pivots = qr((J / scales[:, None]).T, mode="r", pivoting=True) if J.size else (np.zeros((0, 0)), ())
+    diagonal = np.abs(np.diagonal(R))
+    apart = [(row, pivot * scales[row], pivot) for row, pivot in zip(pivots, diagonal, strict=False)]
+    least = RANK_TOLERANCE * diagonal[0] if len(diagonal) else 0.0
+    return {rows.labels[row]: float(by) for row, by, pivot in apart if pivot > least and by < ROUNDED}
+
+
+def weak_text(weak) -> str:
+    """Rows of :func:`weak_rows` in words."""
+    rows = [f"{loop} {row}" for loop, row in list(weak)[:4]] + ["…"] * (len(weak) > 4)
+    return f"{', '.join(rows)} are independent of the other rows by {max(weak.values()):.1e} m or rad at most"
