@@ -1,13 +1,17 @@
 """Radau IIA on the index-3 equations."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from helpers import scenes
 from helpers.twin import needs_twin
 from helpers.zoo import scaled_bead
 
 import pinconsist as pc
+from pinconsist.dae import radau_stepper
+from pinconsist.dae.kkt import KKT, kkt_at
 from pinconsist.dae.radau import table
+from pinconsist.dae.radau_control import RadauControl
 
 STEPS = {1: 1 / 80, 3: 1 / 40, 5: 1 / 10, 9: 1 / 4}  # order → step; half of it is still above rounding
 needs_both = pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
@@ -116,3 +120,106 @@ def test_dense_output_t_eval_and_callbacks(backend):
         np.testing.assert_allclose(rows[0], exact.q, atol=1e-6)
         np.testing.assert_allclose(rows[1], exact.v, atol=1e-3)
         np.testing.assert_allclose(rows[2], exact.lam, atol=1e-3 * np.abs(exact.lam).max())
+
+
+def floating_four_bar():
+    """A four-bar whose ground link is free."""
+    model, links = pin.Model(), {}
+    inertia = np.diag([0.2, 1.0, 1.1])
+    ground = scenes.add_body(
+        model, 0, pin.JointModelFreeFlyer(), scenes.at(0, 0), "ground", 3.0, (1.1, 0, 0.1), inertia
+    )
+    for name, on, x, length in (("crank", "", 0.0, 1.0), ("coupler", "crank", 1.0, 2.0), ("rocker", "", 2.2, 1.5)):
+        inertia = np.diag([1e-3 * length, length**3 / 12, length**3 / 12])
+        place, com = scenes.at(x, 0), (length / 2, 0, 0)
+        links[name] = scenes.add_body(
+            model, links.get(on, ground), pin.JointModelRY(), place, name, length, com, inertia
+        )
+        scenes.add_point(model, links[name], f"{name}_tip", length, 0)
+    loop = pc.Loop("pin", "hinge", "coupler_tip", "rocker_tip", axis=(0, 1, 0))
+    guess = {"crank": -1.0, "coupler": 0.6742791460587038, "rocker": -1.4133851241635729}
+    return pc.Mechanism(model, [loop], name="four_bar", guess=guess)
+
+
+def moving_scenes():
+    """Name → (mechanism, q0, v0, span, steps of order 5): a planar loop, a quaternion, a loop on a free body."""
+    spun = np.array([0.3, -0.2, 0.4, 0.5, -0.7, 0.6, 0.0, 0.0, 0.0])
+    return {
+        "crank_rocker": (pc.load("crank_rocker"), None, {"crank": 6.0}, 0.2, (0.02, 0.01)),
+        "heavy_top": (scenes.heavy_top(), None, np.array([0, 0, 0, 0, 150, -4.61538]), 0.02, (2e-3, 1e-3)),
+        "floating_four_bar": (floating_four_bar(), None, spun, 0.4, (0.1, 0.05)),
+    }
+
+
+@needs_both
+@pytest.mark.parametrize("name", ["crank_rocker", "heavy_top", "floating_four_bar"])
+def test_orders_on_mechanisms(name, backend):
+    mech, q0, v0, until, steps = moving_scenes()[name]
+    start = pc.assemble(mech, q0, v0)
+    exact, *runs = (
+        pc.integrate(mech, (0.0, until), start.q, start.v, method="Radau", max_order=order, step=h, backend=backend)
+        for order, h in ((9, steps[1] / 2), (5, steps[0]), (5, steps[1]))
+    )
+    errors = [
+        [
+            np.abs(pin.difference(mech.model, run.q[-1], exact.q[-1])).max(),
+            np.abs(run.v[-1] - exact.v[-1]).max(),
+            np.abs(run.lam[-1] - exact.lam[-1]).max(),
+        ]
+        for run in runs
+    ]
+    assert np.log2(np.divide(*errors)) == pytest.approx(5, abs=0.7)
+
+
+def test_another_metric_of_the_projection_loses_the_order(monkeypatch):
+    """In the metric of M the end has order 5; in the Euclidean one what the stages' order leaves comes through."""
+    mech = pc.load("crank_rocker")
+    start = pc.assemble(mech, None, {"crank": 6.0})
+
+    def error(h):
+        options = {"method": "Radau", "step": h, "backend": "python"}
+        exact = pc.integrate(mech, (0.0, 0.2), start.q, start.v, method="Radau", max_order=9, step=0.005)
+        run = pc.integrate(mech, (0.0, 0.2), start.q, start.v, max_order=5, **options)
+        return np.abs(run.v[-1] - exact.v[-1]).max()
+
+    right = error(0.02) / error(0.01)
+
+    def euclidean(system, t, p, v):
+        _, f0, G, W = kkt_at(system, t, p, v)
+        return KKT(np.eye(system.nv), G, W), f0, G, W
+
+    monkeypatch.setattr(radau_stepper, "kkt_at", euclidean)
+    wrong = error(0.02) / error(0.01)
+    assert np.log2(right) > 4.3 and np.log2(wrong) < 4.0
+
+
+@needs_both
+@pytest.mark.parametrize("order", [5, 9, 13])
+def test_the_tolerance_is_the_accuracy(order, backend):
+    mech, v0 = pc.load("four_bar"), None
+    exact = pc.simulate(mech, (0.0, 0.5), None, v0, rtol=1e-11, atol=1e-13)
+    for tol in (1e-4, 1e-7):
+        if backend == "python" and (order == 5 or tol < 1e-4):
+            continue
+        sol = pc.simulate(mech, (0.0, 0.5), method="Radau", max_order=order, rtol=tol, atol=tol, backend=backend)
+        assert np.abs(sol.q[-1] - exact.q[-1]).max() < 10.0 * tol
+
+
+def test_stages_follow_newton():
+    """More where it is quick and the tolerance tight, fewer where it fails again and again."""
+    control = RadauControl((np.array(1e-8),) * 2, (np.array(1e-8),) * 2, 9, np.inf)
+    problem = pc.reference_problem("problem52")
+    system = problem.system.at(problem.t0, problem.p0, problem.v0)
+    control.fit(system)
+    assert [control.chosen_after_step(1e-3) for _ in range(10)] == [5] * 9 + [7]
+    control.use(7, system)
+    assert [control.chosen_after_failure() for _ in range(2)] == [7, 5]
+    control.use(5, system)
+    assert [control.chosen_after_failure() for _ in range(2)] == [5, 3]
+
+
+def test_the_default_changes_its_order():
+    sol = pc.simulate(
+        pc.load("crank_rocker"), (0.0, 0.3), v0={"crank": 12.0}, method="Radau", rtol=1e-8, backend="python"
+    )
+    assert sol.success and set(sol.order) == {9, 13}
