@@ -223,3 +223,14 @@ def test_the_default_changes_its_order():
         pc.load("crank_rocker"), (0.0, 0.3), v0={"crank": 12.0}, method="Radau", rtol=1e-8, backend="python"
     )
     assert sol.success and set(sol.order) == {9, 13}
+
+
+@needs_twin
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6])
+def test_none_of_182_impacts_is_missed(rtol):
+    """At looser tolerances steps are longest: three impacts could lie in one."""
+    impact = pc.Event(lambda t, q, v, lam: np.sin(52.0 * q[0]), apply=lambda t, q, v: 0.998 * v)
+    sol = pc.simulate(
+        pc.load("crank_rocker"), (0.0, 1.0), v0={"crank": 12.0}, method="Radau", events=impact, rtol=rtol, atol=rtol
+    )
+    assert sol.success and len(sol.t_events[0]) == 182

@@ -56,7 +56,7 @@ FIRST_ERROR = 1e-4  # of the tolerance, of the first step
 FIRST_REACH, FIRST_CHANGE = 1e-2, 0.1  # relative to positions, to accelerations: of the trial that measures both
 FIRST_TRIALS = 20  # each a quarter of the one before
 LAST_MODE = 0.01  # of the highest mode in the denominator of the error estimate
-LOOKS = 5  # times in a step at which events are looked for
+LOOKS = 12  # times in a step at which events are looked for
 
 WINDOW = 1000  # steps after which the pace of a run is looked at
 CHATTER, LONG, ENDLESS = 0.3, 1e5, 1e9  # Newton failures a step; steps to come at that pace where a force jumps; else
