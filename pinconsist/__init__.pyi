@@ -28,10 +28,12 @@ from .mechanism.assembly import Assembly as Assembly
 from .mechanism.assembly import assemble as assemble
 from .mechanism.custom import Constraint as Constraint
 from .mechanism.energy import Energy as Energy
+from .mechanism.forces import HeldTorque as HeldTorque
 from .mechanism.forces import JointDamping as JointDamping
 from .mechanism.forces import JointFriction as JointFriction
 from .mechanism.forces import JointSpring as JointSpring
 from .mechanism.forces import JointTorque as JointTorque
+from .mechanism.forces import Sampled as Sampled
 from .mechanism.forces import Servo as Servo
 from .mechanism.forces import SpringDamper as SpringDamper
 from .mechanism.forces import Torque as Torque
@@ -52,6 +54,7 @@ from .simulation import consistent_initial_velocity as consistent_initial_veloci
 from .simulation import integrate as integrate
 from .simulation import simulate as simulate
 from .solution import Solution as Solution
+from .stepping import Simulation as Simulation
 from .sweeps import Outcome as Outcome
 from .sweeps import sweep as sweep
 from .view.page import export_html as export_html

@@ -110,10 +110,16 @@ def _case(solution, mechanism):
 
 
 def _rows(solution, most):
-    """The rows that are compared: those before an event changed the state are not told from those after it."""
+    """The rows that are compared: those before an event changed the state are not told from those after it.
+
+    Where only forces jumped, it is the row after it.
+    """
     t = solution.t
     jumps = np.flatnonzero(np.diff(t) == 0.0)
-    rows = np.setdiff1d(np.arange(len(t)), (jumps, jumps + 1))
+    moved = (np.diff(solution.v, axis=0)[jumps] != 0.0).any(axis=1) | (np.diff(solution.q, axis=0)[jumps] != 0.0).any(
+        axis=1
+    )
+    rows = np.setdiff1d(np.arange(len(t)), (*jumps, *jumps[moved] + 1))
     return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))]
 
 
@@ -128,7 +134,7 @@ def _finer(system, method, t, start, events, interrupted):
         run = integrate(system, (low, high), p, v, method, output, stepper_for(system, method), interrupted)
         if run.status < 0 or len(run.t) < len(output.t_eval):
             return None
-        rows += list(zip(run.p, run.v, run.lam, strict=True))[1 if rows else 0 :]
+        rows[-1:] = zip(run.p, run.v, run.lam, strict=True)
         found = [np.append(old, [row[0] for row in new]) for old, new in zip(found, run.events, strict=True)]
         system, p, v = run.system, run.p[-1], run.v[-1]
     return [np.array(column) for column in zip(*rows, strict=True)], found

@@ -10,6 +10,7 @@ from ._core.compiled_system import blank_system
 from .accuracy import GlobalError
 from .dae.norms import largest
 from .mechanism.energy import energy_of
+from .mechanism.forces.held import sided
 from .mechanism.limits import BeyondLimit, beyond_limits
 from .mechanism.reactions import not_determined, undetermined
 from .mechanism.rows import Workspace
@@ -123,7 +124,7 @@ def certify(solution, mechanism=None) -> Certificate:
     compared = _compared(solution)
     t, q, v = solution.t, solution.q, solution.v
     phi, rho, forces = residuals(system, t, q, v, solution.lam, workspace)
-    exact, acting = exact_forces(system, t[compared], q[compared], v[compared], workspace)
+    exact, acting = exact_forces(system, sided(t)[compared], q[compared], v[compared], workspace)
     phi, error = np.abs(phi), np.abs(forces[compared] - exact)
     position, where, scale = 0.0, "", max(largest(exact), acting) or 1.0
     if phi.size:

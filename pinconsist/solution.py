@@ -14,6 +14,7 @@ from .accuracy import PATIENCE, GlobalError, global_error
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.energy import Energy, energy_of
+from .mechanism.forces.held import replayed
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
 from .mechanism.rows import Workspace
@@ -57,6 +58,9 @@ class Solution:
         Name of the mechanism; empty for a general problem.
     recipe : dict or None
         How to make it again, as plain data, where :func:`pinconsist.record` or a command made it.
+    held : dict of str to ndarray, shape (n, 1 + nv)
+        Torques that were held, by the label of their force, see :class:`~pinconsist.Sampled`: since when, and τ. Where
+        they jump there are two rows at one time (of ``t_eval``, the one after).
     versions : dict
         Of the packages that made it, where it was read from a file.
     system
@@ -81,6 +85,7 @@ class Solution:
     scene: str = ""
     recipe: dict | None = field(default=None, repr=False, compare=False)
     versions: dict = field(default_factory=dict, repr=False, compare=False)
+    held: dict = field(default_factory=dict, repr=False, compare=False)
     sol: Callable | None = field(default=None, repr=False, compare=False)
     t_events: list = field(default_factory=list, repr=False, compare=False)
     q_events: list = field(default_factory=list, repr=False, compare=False)
@@ -108,7 +113,7 @@ class Solution:
             array.setflags(write=False)
         for k, name in enumerate("tqv"):
             values[f"{name}_events"] = [np.array([row[k] for row in rows]) for rows in trajectory.events]
-        scene = getattr(system, "mechanism", None)
+        scene, values["held"] = getattr(system, "mechanism", None), getattr(system, "held", {})
         about = {"backend": trajectory.backend, "skipped": skipped_work(trajectory)}
         about |= {"forces": len(scene.forces)} if scene else {}
         return cls(
@@ -141,7 +146,7 @@ class Solution:
         one, or one with another number of forces than the run had; for no rows.
         """
         self._require_scene(mechanism, "check")
-        certificate = certify(self, mechanism)
+        certificate = certify(self, self._replayed(mechanism))
         if error is False:
             return certificate
         return replace(certificate, error=self._global_error(mechanism, PATIENCE if error is None else np.inf))
@@ -153,7 +158,7 @@ class Solution:
 
     def _global_error(self, mechanism, patience):
         if self._error is None:
-            object.__setattr__(self, "_error", global_error(self, mechanism, patience))
+            object.__setattr__(self, "_error", global_error(self, self._replayed(mechanism), patience))
         return self._error
 
     def energy(self, mechanism=None) -> Energy:
@@ -162,7 +167,7 @@ class Solution:
         `mechanism` is as in :meth:`check`. Raises InputError as there, and for a general problem.
         """
         self._require_scene(mechanism, "energy")
-        mechanism = mechanism or getattr(self.system, "mechanism", None)
+        mechanism = self._replayed(mechanism) or getattr(self.system, "mechanism", None)
         if mechanism is None:
             raise InputError("a general problem has no energy of its own; a mechanism has")
         return energy_of(self, mechanism, self._workspace(mechanism.model))
@@ -181,6 +186,11 @@ class Solution:
             where = "a solution read from a file needs its mechanism here: sol.reaction(loop, mechanism)"
             raise InputError(where if self.system is None else "a general problem has no loops with reactions")
         return reaction(mechanism, loop, self.t, self.q, self.lam, axes, self._workspace(mechanism.model))
+
+    def _replayed(self, mechanism):
+        """`mechanism`, or that of the run where torques were held, with these torques."""
+        own = getattr(self.system, "mechanism", None) if self.held else None
+        return replayed(mechanism or own, self)
 
     def _workspace(self, model) -> Workspace:
         """One to measure in: that of the run, where it was of this model."""

@@ -17,6 +17,8 @@ from .files import written_whole
 FORMAT = 2
 ARRAYS = {"t": 1, "q": 2, "v": 2, "lam": 2, "h": 1, "order": 1}
 """Name → number of dimensions."""
+HELD = "held "
+"""Before the label of a force, the name of the table that it has held."""
 _ABOUT = {
     "status": int, "message": str, "nsteps": int, "nfev": int, "njev": int, "nlu": int, "rejected": dict,
     "success": bool, "method": dict, "scene": str, "recipe": dict | None, "versions": dict,
@@ -29,7 +31,9 @@ def write(solution, file) -> Path:
     about = {name: getattr(solution, name) for name in _ABOUT} | {"format": FORMAT}
     about["versions"] = about["versions"] or versions()
     with written_whole(path) as stream:
-        np.savez(stream, about=np.array(json.dumps(about)), **{name: getattr(solution, name) for name in ARRAYS})
+        arrays = {name: getattr(solution, name) for name in ARRAYS}
+        held = {f"{HELD}{label}": table for label, table in solution.held.items()}
+        np.savez(stream, about=np.array(json.dumps(about)), **arrays, **held)
     return path
 
 
@@ -51,7 +55,10 @@ def read(file) -> dict:
                 here = f"pinconsist {__version__}, which is installed here, reads format {FORMAT}"
                 raise FormatError(f"written by {by} in format {written!r}; {here}", path=file)
             arrays = {name: stored[name] for name in ARRAYS}
+            held = {name[len(HELD) :]: stored[name] for name in stored.files if name.startswith(HELD)}
         _check(arrays, about)
+        if any(table.shape[1:] != (1 + arrays["v"].shape[1],) or table.dtype.kind != "f" for table in held.values()):
+            raise ValueError("a table of held torques does not fit")
     except FormatError:
         raise
     except FileNotFoundError:
@@ -61,9 +68,9 @@ def read(file) -> dict:
     except Exception as error:  # zipfile, numpy and json raise many kinds for a damaged file
         reason = str(error) or type(error).__name__
         raise FormatError(f"damaged, or not a solution written by pinconsist ({reason})", path=file) from None
-    for array in arrays.values():
+    for array in (*arrays.values(), *held.values()):
         array.setflags(write=False)
-    return arrays | about
+    return arrays | about | {"held": held}
 
 
 def versions() -> dict[str, str]:

@@ -26,6 +26,7 @@ MAY_IMPORT = {
     "solution": {"accuracy", "certificate", "_core", "summary", "mechanism", "solution_file", "errors"},
     "options": {"_core", "dae", "mechanism", "errors"},
     "simulation": {"options", "_core", "dae", "mechanism", "solution", "interrupts", "errors"},
+    "stepping": {"options", "_core", "dae", "mechanism", "solution", "errors"},
     "files": {"errors"},
     "interrupts": set(),
     "solution_file": {"files", "errors"},

@@ -53,6 +53,18 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         A, modes = of.table.A, of.table.modes
         return self._sampler.sample(A, modes, of.t_old, of.h, of.W, of.U, of.p0, of.v0, of.p, of.v, system.nc, times)
 
+    def resume(self, t_end):
+        states = super().resume(t_end)
+        self._core.h = self.h
+        if self.method.step is not None:
+            self._core.fix_step(self._start, self._steps)
+        return states
+
+    def _jump(self):
+        if not self._core.jump():
+            self.index1.acceleration(self.t, self.p, self.v)  # says why
+        self.a, self.lam = self._core.a, self._core.lam
+
     def _hand_state(self):
         self._core.begin(self.t, self.s, self.p, self.v, self.a, self.lam)
 
@@ -63,8 +75,16 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         return self._core.first_step(t_end)
 
     def steps(self, t_end, most, with_curve) -> StepBatch:
+        return self.batch_of(self.made(t_end, most, with_curve), with_curve)
+
+    def made(self, t_end, most, with_curve):
+        """Steps as the compiled method returns them: its failure, an exception, t, p, v, λ, …"""
+        return self._core.run(self._compiled, t_end, most, with_curve)
+
+    def batch_of(self, made, with_curve) -> StepBatch:
+        """What :meth:`steps` returns."""
         core, t_old, p_old, v_old = self._core, self.t, self.p, self.v
-        failure, error, t, p, v, lam, h, k, W, U = core.run(self._compiled, t_end, most, with_curve)
+        failure, error, t, p, v, lam, h, k, W, U = made
         self.t, self.h, self.s = core.t, core.h, core.s
         self.p, self.v, self.a, self.lam = core.p, core.v, core.a, core.lam
         if len(t):

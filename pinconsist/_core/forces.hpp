@@ -3,7 +3,10 @@
 
 #include "rigid_bodies.hpp"
 
+#include <algorithm>
+#include <memory>
 #include <nanobind/stl/pair.h>
+#include <vector>
 
 namespace pinconsist {
 
@@ -76,6 +79,44 @@ public:
 private:
   int column_;
   Motion curve_;
+};
+
+// Torques that are held from one of some times to the next, in the direction of the run; see mechanism/forces/held.py.
+struct HeldTable {
+  double sign = 1.0;
+  std::vector<double> since; // times sign
+  std::vector<Vec> torques;
+  size_t entered = 0; // so many of them count
+
+  void clear(double new_sign) {
+    sign = new_sign;
+    since.clear();
+    torques.clear();
+    entered = 0;
+  }
+  void hold(double t, const Vec &torque) {
+    since.push_back(sign * t);
+    torques.push_back(torque);
+    entered = since.size();
+  }
+};
+
+class HeldTorque : public Force {
+public:
+  explicit HeldTorque(std::shared_ptr<HeldTable> table) : table_(std::move(table)) {}
+
+  void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override {
+    size_t i = table_->entered;
+    if (i && table_->sign * t < table_->since[i - 1]) {
+      const auto begin = table_->since.begin();
+      i = std::upper_bound(begin, begin + i, table_->sign * t) - begin;
+    }
+    if (i) tau += table_->torques[i - 1];
+  }
+  void linearize(const Data &, double, const Vec &, const Vec &, Mat &, Mat &) const override {}
+
+private:
+  std::shared_ptr<HeldTable> table_;
 };
 
 // Tension k (l - l0) + d dl/dt along the line between two points. Joints that carry both points change nothing.

@@ -4,6 +4,7 @@
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/unique_ptr.h>
 #include <nanobind/stl/vector.h>
 #include <pinocchio/config.hpp>
@@ -40,7 +41,7 @@ nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, b
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 5; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 6; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -103,6 +104,10 @@ NB_MODULE(twin, m) {
            [](MechanismSystem &s, int joint, const Vector3d &offset, const Vector3d &force, const Vector3d &moment, bool local) {
              s.add_force(std::make_unique<Wrench>(s.model(), joint, offset, force, moment, local));
            })
+      .def("add_held",
+           [](MechanismSystem &s, std::shared_ptr<HeldTable> table) { s.add_force(std::make_unique<HeldTorque>(std::move(table))); })
+      .def("held_table",
+           [](MechanismSystem &) { return std::make_shared<HeldTable>(); })
       .def("add_python_force", [](MechanismSystem &s, nb::object law) { s.add_force(std::make_unique<PythonForce>(law)); })
       .def("evaluate",
            [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a) {
@@ -136,6 +141,8 @@ NB_MODULE(twin, m) {
         s.linearize(t, p, v, a, Vec(), c, A);
         return A;
       });
+
+  nb::class_<HeldTable>(m, "HeldTable").def("clear", &HeldTable::clear).def("hold", &HeldTable::hold).def_rw("entered", &HeldTable::entered);
 
   nb::class_<Projection>(m, "Projection")
       .def(nb::init<MechanismSystem &>(), "system"_a, nb::keep_alive<1, 2>())

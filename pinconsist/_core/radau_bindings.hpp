@@ -73,6 +73,7 @@ void bind_radau(nb::module_ &m) {
              return nb::make_tuple(p, v, lam);
            })
       .def("first_step", &RadauStepper::first_step)
+      .def("jump", &RadauStepper::jump)
       .def("add_table",
            [](RadauStepper &stepper, const Vec &c, const Mat &A, const Mat &inverse, const Mat &inverse2, const Mat &modes) {
              const int s = static_cast<int>(c.size());

@@ -70,6 +70,14 @@ public:
     shaped_ = false;
   }
 
+  // Forces have jumped: the accelerations that start Newton's iteration are moved by as much. False where singular.
+  bool jump() {
+    moved_ = a;
+    if (!index1_.acceleration(t, p, v, a, lam) || !a.allFinite() || !lam.allFinite()) return false;
+    if (shaped_) shape_.W.colwise() += a - moved_;
+    return true;
+  }
+
   Failure run(double t_end, long most, bool keep_stages, RadauBatch &out) {
     const auto begun = std::chrono::steady_clock::now();
     while (out.steps < most && t != t_end) {

@@ -116,10 +116,11 @@ def integrate(
         watch = EventWatch(output.events, stepper.full_multipliers, interrupted, stepper.retake)
         status, message = SUCCESS, "the end of the interval was reached"
         try:
+            stepper.system.start(t_span[0], p0, v0, t_span[1] < t_span[0])
             lam0 = stepper.index1.acceleration(t_span[0], p0, v0)[1]
             record.first(t_span[0], p0, v0, lam0)
             watch.restart(t_span[0], p0, v0, lam0)
-            _march(stepper, t_span, p0, v0, method, record, watch, interrupted)
+            march(stepper, t_span, p0, v0, method, record, watch, interrupted)
         except Stop as stop:
             status, message = stop.status, str(stop)
         except KeyboardInterrupt:
@@ -129,15 +130,18 @@ def integrate(
             if record.nsteps == 0:  # nothing was reached that could be lost
                 raise error from error.__cause__
             status, message = FAILED, f"{str(error) or 'out of memory'} (reached t = {record.reached:.6g})"
-        rows = record.arrays(stepper.system)
-        opened = stepper.opened(rows[0], rows[1])
-    newton = stepper.newton
+        return trajectory_of(stepper, method, record, watch, t_span, status, message)
+
+
+def trajectory_of(stepper, method, record, watch, t_span, status, message) -> Trajectory:
+    """What was recorded of the steps of a stepper so far."""
+    rows, newton = record.arrays(stepper.system), stepper.newton
     h, order = record.steps(rows[0])
     return Trajectory(
         *rows, system=stepper.system, status=status, message=message, nsteps=record.nsteps,
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
         backend=stepper.backend, dense=record.dense(), events=watch.until(record.reached, t_span[1] >= t_span[0]),
-        h=h, order=order, opened=opened,
+        h=h, order=order, opened=stepper.opened(rows[0], rows[1]),
     )  # fmt: skip
 
 
@@ -155,12 +159,18 @@ def _ending(error, t):
     return told
 
 
-def _march(stepper, t_span, p, v, method, record, watch, interrupted):
+def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=False, jumped=False):
+    """Integrate from (p, v); or the run `resumes` where the stepper stands, and forces have `jumped` there."""
     (t, t_end), with_curve = t_span, bool(watch.events) or record.needs_curve
-    pace = Pace(method.control, t)
-    while t != t_end:  # once, and again after every event that changes the state
+    pace = Pace(method.control, t, record.nsteps)
+    while t != t_end:  # once, and again after every event that changes the state and where forces jump
         _stop_if(interrupted)
-        states, begun = stepper.begin(t, p, v, t_end)[1:], record.nsteps
+        until, begun = stepper.system.next_change(t, t_end), record.nsteps
+        first, *states = stepper.resume(until) if resumes else stepper.begin(t, p, v, until)
+        if jumped:
+            record.jump(*first)
+            watch.restart(*first)
+        resumes = jumped = False
         curve = Curve([stepper.segment()]) if with_curve and states else None
         batch = StepBatch.of(states, [stepper.used[1]] * len(states), curve)
         while True:
@@ -174,6 +184,7 @@ def _march(stepper, t_span, p, v, method, record, watch, interrupted):
                     raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
                 for event in (event for event in events if event.apply is not None):
                     p, v = _after_event(stepper, event, t, p, v)
+                stepper.system.change(t, p, v)
                 lam = stepper.index1.acceleration(t, p, v)[1]
                 record.jump(t, p, v, lam)
                 watch.restart(t, p, v, lam, fired)
@@ -191,11 +202,14 @@ def _march(stepper, t_span, p, v, method, record, watch, interrupted):
             if pace.lost(record.nsteps, t, t_end, partial(jumping, stepper)):
                 raise Stop(FAILED, failure_report(stepper, FAILURES["chatters"]))
             due = stepper.rows_watched - record.nsteps % stepper.rows_watched
-            if batch.failure or (due == stepper.rows_watched and _choose_rows(stepper, record, watch)):
+            other_rows = batch.failure or (due == stepper.rows_watched and _choose_rows(stepper, record, watch))
+            if other_rows or t == until:
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
+                jumped = t == until and stepper.system.change(t, p, v)
+                resumes = not other_rows
                 break
             _stop_if(interrupted)
-            batch = stepper.steps(t_end, _batch_size(stepper, method, record, watch, begun, due), with_curve)
+            batch = stepper.steps(until, _batch_size(stepper, method, record, watch, begun, due), with_curve)
 
 
 def _look(watch, batch, record):

@@ -60,7 +60,7 @@ class Record:
     """
 
     def __init__(self, output: Output, t_span, finish, interrupted):
-        self.output, self.reached, self.nsteps, self._finish = output, t_span[0], 0, finish
+        self.output, self.reached, self.nsteps, self._finish, self.span = output, t_span[0], 0, finish, t_span
         self._interrupted = interrupted
         self.needs_curve = output.dense or output.t_eval is not None
         self._sign = 1.0 if t_span[1] >= t_span[0] else -1.0
@@ -77,6 +77,17 @@ class Record:
             ended = self._call_back(np.array([t]), [each[None] for each in (p, v, lam)], None)[1]
             if ended is not None:
                 raise ended
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a row."""
+        return bool(self._blocks or self._finished)
+
+    def last(self):
+        """t, p, v and λ of the last row."""
+        rows = [each[-1] for each in (self._blocks or self._finished)[-1]]
+        lam = self._finish(rows[1], rows[3]) if self._blocks else rows[3]
+        return float(rows[0]), rows[1], rows[2], lam
 
     def add(self, batch: StepBatch) -> None:
         """Steps that were accepted; after those at which the callback stops the run no more are kept."""
@@ -103,10 +114,13 @@ class Record:
             self._due = self._due[n:]
 
     def jump(self, t, p, v, lam) -> None:
-        """The state after an event: a second row at the same time."""
+        """The state after an event or a jump of forces: a second row at the same time; of `t_eval` the only one."""
         if self._due is None:
             self._row(t, p, v, lam)
             self._orders.append([0])
+        elif self._blocks and self._blocks[-1][0][-1] == t:
+            self._blocks[-1] = tuple(each[:-1] for each in self._blocks[-1])
+            self._row(t, p, v, lam)
 
     def _row(self, t, *state):
         self._blocks.append((np.array([t]), *(each[None] for each in state)))

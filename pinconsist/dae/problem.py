@@ -141,6 +141,20 @@ class Index3System:
         """
         return None
 
+    def start(self, t, p, v, backwards) -> None:
+        """Ask the forces that jump at times of their own what they are at the start (`t`, `p`, `v`) of a run.
+
+        `backwards` says that the run goes back in time.
+        """
+
+    def next_change(self, t, t_end):
+        """The first time after `t` at which forces jump, or `t_end`: steps end there."""
+        return t_end
+
+    def change(self, t, p, v) -> bool:
+        """Whether forces jumped: those that do so at `t` are asked at (`t`, `p`, `v`) what they are from then on."""
+        return False
+
     def jumps(self, t, p, v) -> tuple[str, ...]:
         """The names of forces that jump at velocities near `v`, where the system knows them."""
         return ()

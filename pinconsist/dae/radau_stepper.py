@@ -29,6 +29,8 @@ from .tuning import (
     FORESEEN,
     LAST_MODE,
     MAX_CHART_TURN,
+    MAX_FACTOR,
+    STAGE_GROWTH,
 )
 
 TINY = 1e-300  # instead of zero in a denominator
@@ -86,12 +88,31 @@ class RadauStepper(Stepper):
         self._taken = 0
         self._note_sizes()
         if method.step is not None:
-            self._steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
-            self._start, self.h = t, (t_end - t) / self._steps
+            self._divide(t_end)
         else:
             self.h = self._first_step(t_end)
         self.used, self._begun = (self.h, 0), True
         return [(t, self.p, self.v, self.lam)]
+
+    def _divide(self, t_end):
+        """The fixed step from here to an end."""
+        self._steps = max(1, int(np.ceil(abs(t_end - self.t) / self.method.step - 1e-9)))
+        self._start, self.h, self._taken = self.t, (t_end - self.t) / self._steps, 0
+
+    def resume(self, t_end):
+        self._jump()
+        if self.method.step is not None:
+            self._divide(t_end)
+        elif abs(self.h) > abs(self.used[0]):  # a step that was cut short says little of how long the next may be
+            self.h *= min(MAX_FACTOR / STAGE_GROWTH, self.control.max_step / abs(self.h))
+        return [(self.t, self.p, self.v, self.lam)]
+
+    def _jump(self):
+        """Forces have jumped: the accelerations that start Newton's iteration jump alike."""
+        before = self.a
+        self.a, self.lam = self.index1.acceleration(self.t, self.p, self.v)
+        if self.shape is not None:
+            self.shape.W = self.shape.W + (self.a - before)
 
     def _first_step(self, t_end):
         """A step with an error of FIRST_ERROR, from the time in which the acceleration changes by as much as it is."""

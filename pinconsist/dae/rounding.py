@@ -142,8 +142,8 @@ class Pace:
     and again. Long runs are not stopped for being long, nor steep forces for being steep.
     """
 
-    def __init__(self, control, t):
-        self._control, self._t, self._steps = control, t, 0
+    def __init__(self, control, t, steps=0):
+        self._control, self._t, self._steps = control, t, steps
         self._failed = control.reasons.get("newton")
 
     def lost(self, steps, t, t_end, jumping) -> bool:

@@ -159,6 +159,10 @@ class Stepper:
         self._points, self._choice, self._begun = len(states), (self.h, self.k), True
         return states
 
+    def resume(self, t_end):
+        """Go on from where the run stands, after a jump of forces; returns what :meth:`begin` does."""
+        return self.begin(self.t, self.p, self.velocity_and_multipliers()[0], t_end)
+
     def steps(self, t_end, most, with_curve) -> StepBatch:
         """Accepted steps towards `t_end`, at most `most`, with their polynomials where they are asked for."""
         states, orders, segments, due = [], [], [], time.monotonic() + PATIENCE

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from .forces import bound_forces, unused
 from .forces.force import BoundForce
+from .forces.held import sided
 from .rows import KeptRows, LoopRows, Workspace
 
 EVENTS = "events"  # where ``work`` has what the jumps at events change
@@ -80,7 +81,7 @@ def energy_of(solution, mechanism, workspace=None) -> Energy:
     t, q, v, n = solution.t, solution.q, solution.v, len(solution.t)
     power, stored = {}, {}
     for label, force in forces.items():
-        power[label], elastic = _brought(force, t, q, v, workspace)
+        power[label], elastic = _brought(force, sided(t), q, v, workspace)
         if elastic is not None:
             stored[label] = elastic
     if rows.moving:

@@ -13,6 +13,7 @@ from ..dae.problem import Index3System
 from ..errors import PinconsistError
 from .closing import LoopSolver
 from .forces import bound_forces
+from .forces.held import BoundHeld
 from .lie import PlanarJoints, structure_constants
 from .mechanism import Mechanism
 from .rank import row_scales
@@ -21,6 +22,7 @@ from .rows import KeptRows
 OPEN = 1e-6  # gap, relative to the mechanism's size, at which a row that left the system has been needed
 NEAR = np.array([1e-8, 1e-6, 1e-4, 1e-3])  # changes of velocity, relative to the largest, over which forces may jump
 JUMP = 1e-3  # relative to the force
+AT_ONCE = 1e-9  # of the way there: changes that are so near to each other are one
 WEAK = 0.2  # smallest singular value of the kept rows, relative to that of all rows, at which others are chosen
 
 
@@ -44,12 +46,35 @@ class MechanismSystem(Index3System):
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self._kept_rows = self.kept_rows.evaluate
         self.dropped_are_zero = self._zero_everywhere(np.delete(np.arange(self.rows.nc), self.kept), q)
-        self._forces = bound_forces(self.model, mechanism.forces)
+        self._take(bound_forces(self.model, mechanism.forces))
         # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
         self._planar = PlanarJoints(self.model)
         self._moving, self._J = self.rows.moving, None
         self._structure = None if self.vector_like else structure_constants(self.model)
+
+    def _take(self, forces):
+        self._forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
+
+    @property
+    def held(self) -> dict[str, np.ndarray]:
+        """The tables of the forces that are held, by their labels; see :attr:`Solution.held`."""
+        return {label: force.held for label, force in self._forces.items() if isinstance(force, BoundHeld)}
+
+    def start(self, t, p, v, backwards):
+        for force in self.held_forces:
+            force.start(t, backwards)
+        self.change(t, p, v)
+
+    def next_change(self, t, t_end):
+        times = [time for force in self.held_forces if abs((time := force.next_change(t)) - t) < abs(t_end - t)]
+        if not times:
+            return t_end
+        near = (1.0 + AT_ONCE) * min(abs(time - t) for time in times)
+        return max([*times, t_end], key=lambda time: abs(time - t) * (abs(time - t) <= near))
+
+    def change(self, t, p, v):
+        return any([force.change(t, p, v) for force in self.held_forces])
 
     def integrate(self, p, xi):
         if self.vector_like:
@@ -214,6 +239,7 @@ class MechanismSystem(Index3System):
         if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > WEAK * strongest:
             return None
         fresh = MechanismSystem(self.mechanism, q, self.chosen_at)
+        fresh._take(self._forces)  # those that are held go on
         return fresh if fresh.nc == self.nc and (fresh.kept != self.kept).any() else None
 
     def opened(self, times, configurations, gaps=None):

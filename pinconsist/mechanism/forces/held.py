@@ -1,0 +1,281 @@
+"""Torques that are held: tables of them, and digital controllers, which make such a table while they run."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import InputError
+from ..checks import finite_array, joint_index, number, put, read_only, require_functions, returned
+from .force import BoundForce, ForceRecord
+
+SAME_TIME = 1e-9  # periods within which two times are one
+
+
+class BoundHeld(BoundForce):
+    """A table of torques (nv,), each held from its time to the next, in the direction of the run.
+
+    The first `entered` entries count: a step that ends at a time of the table still has the torques before.
+    """
+
+    def __init__(self, nv, times=(), torques=(), sign=1.0):
+        self._nv, self._sign, self._table = nv, sign, None
+        self._keys, self._torques = [sign * t for t in times], list(torques)
+        self.entered = len(self._keys)
+
+    @property
+    def held(self) -> np.ndarray:
+        """The entries that count, a row each: time and torques, shape (n, 1 + nv)."""
+        n = self.entered
+        times, torques = self._sign * np.array(self._keys[:n]), np.array(self._torques[:n])
+        return np.hstack((times.reshape(n, 1), torques.reshape(n, self._nv)))
+
+    def torque(self, t, q, v):
+        i = bisect_right(self._keys, self._sign * t, 0, self.entered)
+        return self._torques[i - 1].copy() if i else np.zeros(self._nv)
+
+    def hold(self, t, torque) -> None:
+        """Hold a torque (nv,) from now on; one at the same time takes the place of the last."""
+        self._keys.append(self._sign * t)
+        self._torques.append(torque)
+        self.entered = len(self._keys)
+        if self._table is not None:
+            self._table.hold(t, torque)
+
+    def start(self, t, backwards) -> None:
+        """A run starts at `t`: of the entries those count that are reached."""
+        if backwards != (self._sign < 0.0):  # torques then change to those before
+            now = self.torque(t, None, None)
+            first = bisect_right(self._keys, self._sign * t)
+            self._keys = [-self._sign * t, *(-key for key in reversed(self._keys[:first]))]
+            self._torques = [now, *([*reversed(self._torques[: first - 1]), np.zeros(self._nv)] if first else [])]
+            self._sign = -self._sign
+        self.entered = bisect_right(self._keys, self._sign * t)
+        self._fill()
+
+    def next_change(self, t) -> float:
+        """The time of the next entry, or infinity, in the direction of the run."""
+        later = self._keys[self.entered :]
+        return self._sign * (later[0] if later else np.inf)
+
+    def change(self, t, q, v) -> bool:
+        """Enter what is due at a time; whether that is anything."""
+        before = self.entered
+        self._enter(bisect_right(self._keys, self._sign * t))
+        return self.entered != before
+
+    def _enter(self, n):
+        self.entered = n
+        if self._table is not None:
+            self._table.entered = n
+
+    def hand_over(self, twin) -> bool:
+        if self._table is None:
+            self._table = twin.held_table()
+            self._fill()
+        twin.add_held(self._table)
+        return True
+
+    def _fill(self):
+        """Make the compiled table the same."""
+        if self._table is None:
+            return
+        self._table.clear(self._sign)
+        for key, torque in zip(self._keys, self._torques, strict=True):
+            self._table.hold(self._sign * key, torque)
+        self._table.entered = self.entered
+
+
+def columns_of(model, joints, who) -> np.ndarray:
+    """The velocity columns of some joints, all without."""
+    if joints is None:
+        return np.arange(model.nv)
+    places = [joint_index(model, joint, who) for joint in joints]
+    return np.concatenate([model.idx_vs[i] + np.arange(model.nvs[i]) for i in places])
+
+
+class HeldRecord(ForceRecord):
+    """A record whose torques are held: a run keeps their table, and is judged by it."""
+
+    joints: str | Sequence[str] | None = None
+    _acts_on = "joints"
+
+    @property
+    def label(self) -> str:
+        joints = self.joints or ()
+        return f"{self._kind} {', '.join(joints)}" if 0 < len(joints) <= 3 else self._kind
+
+
+@dataclass(frozen=True)
+class Held(HeldRecord):
+    """Torques that a program gives while the run is made."""
+
+    name: str
+
+    label = property(lambda self: self.name)
+
+    def bind(self, model):
+        return BoundHeld(model.nv)
+
+
+def _bound_table(record, model):
+    columns, n = columns_of(model, record.joints, "HeldTorque"), len(record.times)
+    if record.torques.shape[1] != len(columns):
+        raise InputError(f"HeldTorque: torques need {len(columns)} columns, got shape {record.torques.shape}")
+    torques = np.zeros((n, model.nv))
+    torques[:, columns] = record.torques
+    return BoundHeld(model.nv, record.times, torques, -1.0 if n > 1 and record.times[-1] < record.times[0] else 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldTorque(HeldRecord):
+    """A table of torques, each held until the next: a zero-order hold. Steps end at its times.
+
+    Parameters
+    ----------
+    times : array, shape (n,)
+        Since when each holds, s; in the direction of the run. Before the first one there is no torque.
+    torques : array, shape (n, m) or (n,)
+        Of the joints' velocities, N·m (or N).
+    joints : sequence of str, optional
+        Default: all of the mechanism.
+
+    Raises
+    ------
+    InputError
+        Impossible numbers, times that do not follow each other; on a model, unknown joints and wrong sizes.
+    """
+
+    times: Sequence[float]
+    torques: Sequence
+    joints: str | Sequence[str] | None = None
+
+    _kind, _law = "held torque", staticmethod(_bound_table)
+
+    def __post_init__(self):
+        times, torques = (
+            finite_array(self.times, "HeldTorque: times"),
+            finite_array(self.torques, "HeldTorque: torques"),
+        )
+        torques = torques[:, None] if torques.ndim == 1 else torques
+        ways = set(np.sign(np.diff(times)).tolist()) if times.ndim == 1 else {0.0}
+        if len(ways) > 1 or ways == {0.0} or torques.ndim != 2 or len(torques) != len(times):
+            raise InputError(
+                f"HeldTorque needs times that rise (or fall) and a row of torques for each, got shapes {times.shape} "
+                f"and {torques.shape}"
+            )
+        put(self, times=read_only(times), torques=read_only(torques), joints=_names(self.joints))
+
+
+def _names(joints):
+    return None if joints is None else (joints,) if isinstance(joints, str) else tuple(joints)
+
+
+class _BoundSampled(BoundHeld):
+    def __init__(self, record, model):
+        super().__init__(model.nv)
+        self._record, self._columns = record, columns_of(model, record.joints, "Sampled")
+        self._what = f"the law of {record.label!r}"
+
+    def start(self, t, backwards):
+        record = self._record
+        self._sign, self._start, self._taken, self._waiting = -1.0 if backwards else 1.0, t, 0, []
+        self._keys, self._torques, self.entered = [], [], 0
+        self._fill()
+        late = record.delay / record.period
+        self._late = round(late) if abs(late - round(late)) < SAME_TIME else late  # else two times would nearly be one
+
+    def _time(self, count):
+        return self._start + self._sign * count * self._record.period
+
+    def next_change(self, t):
+        due = min(self._taken, self._waiting[0][0]) if self._waiting else self._taken
+        return self._time(due)
+
+    def change(self, t, q, v):
+        now = self._sign * (t - self._start) / self._record.period + SAME_TIME
+        if self._taken <= now:
+            torque = np.zeros(self._nv)
+            shape = (len(self._columns),)
+            torque[self._columns] = returned(self._law, self._what, shape, t, read_only(q), read_only(v))
+            self._waiting.append((self._taken + self._late, torque))
+            self._taken += 1
+        before = self.entered
+        while self._waiting and self._waiting[0][0] <= now:
+            self.hold(t, self._waiting.pop(0)[1])
+        return self.entered != before
+
+    def _law(self, t, q, v):
+        return np.atleast_1d(self._record.law(t, q, v))
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled(HeldRecord):
+    """A digital controller: a law that is asked once a period, and whose torques are held until the next time.
+
+    Steps end at the samples. The first one is at the start of the run. What was held is kept, as ``solution.held``;
+    ``check``, ``energy`` and the estimate of the error use that, and do not ask the law again.
+
+    Parameters
+    ----------
+    period : float
+        Time between samples, s.
+    law : callable
+        ``law(t, q, v) -> torques``, one for each velocity of the joints, N·m (or N); called with read-only arrays, once
+        a sample, in the order of time. It may have a memory, which then begins anew where a new run is given a new law.
+    joints : str or sequence of str, optional
+        On which joints. Default: all.
+    delay : float
+        Time from a sample until its torques act, s; until the first ones there are none.
+
+    Raises
+    ------
+    InputError
+        Impossible numbers; on a model, unknown joints; while it runs, a law that returns something else.
+    UserFunctionError
+        The law raised an exception.
+    """
+
+    period: float
+    law: Callable
+    joints: str | Sequence[str] | None = None
+    delay: float = 0.0
+
+    _kind, _law = "sampled", _BoundSampled
+
+    def __post_init__(self):
+        require_functions(self, "Sampled", "(t, q, v)", "law")
+        put(self, period=number(self.period, "Sampled: period", above=0.0), joints=_names(self.joints))
+        put(self, delay=number(self.delay, "Sampled: delay", least=0.0))
+
+
+def replayed(mechanism, solution):
+    """The mechanism with what a run of it has held in the place of the forces that made it."""
+    if mechanism is None or not solution.held:
+        return mechanism
+    tables, sign = iter(solution.held.values()), 1.0 if solution.t[-1] >= solution.t[0] else -1.0
+    forces = (
+        _Replayed(force.label, next(tables), sign) if isinstance(force, HeldRecord) else force
+        for force in mechanism.forces
+    )
+    return replace(mechanism, forces=tuple(forces))
+
+
+@dataclass(frozen=True, eq=False)
+class _Replayed:
+    """What a run has held, under the label of what made it."""
+
+    label: str
+    table: np.ndarray
+    sign: float
+
+    def bind(self, model):
+        return BoundHeld(model.nv, self.table[:, 0], np.ascontiguousarray(self.table[:, 1:]), self.sign)
+
+
+def sided(t):
+    """The times of rows; those of rows before a jump a little earlier, when torques still are those before it."""
+    return np.where(np.append(np.diff(t) == 0.0, False), np.nextafter(t, t[0]), t)

@@ -1,0 +1,238 @@
+"""A run as an object: it goes on by one piece of time after another, under torques that are given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from typing import NamedTuple
+
+import numpy as np
+
+from ._core.compiled import stepper_for
+from ._core.compiled_radau import CompiledRadauStepper
+from .dae.events import EventWatch, as_events
+from .dae.integrate import march, trajectory_of
+from .dae.output import STOPPED, SUCCESS, Output, Record, Stop
+from .dae.tuning import MAX_FACTOR, STAGE_GROWTH
+from .errors import InputError, PinconsistError
+from .mechanism.assembly import assembled
+from .mechanism.checks import number
+from .mechanism.closing import LoopSolver
+from .mechanism.forces.held import Held
+from .mechanism.mechanism import with_forces
+from .mechanism.singularity import require_nonsingular
+from .mechanism.system import MechanismSystem
+from .options import method_of
+from .solution import Solution
+
+
+class State(NamedTuple):
+    """Time (s), configuration (nq,) and velocity (nv,); arrays are read-only."""
+
+    t: float
+    q: np.ndarray
+    v: np.ndarray
+
+
+class Simulation:
+    """A run as an object: each :meth:`step` goes on by a time that is given, under torques that are given.
+
+    For control loops, co-simulation and learning. It keeps what it has done, see :meth:`solution`, until
+    :meth:`reset`. Where only a law of (t, q, v) is asked at a fixed rate, :class:`Sampled` in :func:`simulate` does the
+    same.
+
+    Parameters
+    ----------
+    mech, q0, v0
+        As in :func:`simulate`.
+    t0 : float
+        The time at the start, s.
+    method : {"Radau", "BDF", "ImplicitEuler"}
+        A step of Radau starts from (q, v) alone. BDF has to begin anew with each :meth:`step`, which is costly.
+    step, max_order, rtol, atol, forces, events, max_step, backend
+        As in :func:`simulate`; ``events`` that are terminal end the run.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        With a force ``"control"``, what steps are given.
+
+    Raises
+    ------
+    InputError, AssemblyError, SingularSystemError
+        As of :func:`simulate`.
+    """
+
+    def __init__(
+        self, mech, q0=None, v0=None, *, t0=0.0, method="Radau", step=None, max_order=None, rtol=1e-6, atol=1e-8,
+        forces=(), events=None, max_step=np.inf, backend="auto",
+    ):  # fmt: skip
+        mech = with_forces(mech, forces, "Simulation")
+        self.mechanism, self._events, self._backend = mech.with_forces(Held("control")), as_events(events), backend
+        self._step, self._columns = step, {}
+        self._options = (method, step, max_order, rtol, atol, "every-step", None, max_step, None, backend)
+        self.reset(q0, v0, number(t0, "t0"))
+
+    def reset(self, q=None, v=None, t=0.0) -> State:
+        """The state at which a new run begins.
+
+        It is given by `q` and `v`, as to :func:`simulate`, and the time `t`, s.
+        """
+        solver = LoopSolver(self.mechanism, t)
+        assembly = assembled(solver, q, v)
+        system = MechanismSystem(self.mechanism, assembly.q, t, solver)
+        require_nonsingular(system, assembly.q)
+        self._stand(system, t, assembly.q, assembly.v)
+        return self.state
+
+    def copy(self) -> Simulation:
+        """A run that goes on from the state and torques of this one, with nothing done so far; laws are shared."""
+        other, (t, q, v) = copy(self), self.state
+        other._stand(MechanismSystem(self.mechanism, q, t), t, q, v)
+        other._hold(t, self._torque)
+        return other
+
+    def _stand(self, system, t, q, v):
+        """Where a run will begin."""
+        self._method = method_of((t, t + 1.0), *self._options)
+        self._stepper = stepper_for(system, self._method, self._backend)
+        self._record = Record(Output(events=self._events), (t, t + 1.0), self._stepper.full_multipliers, bool)
+        self._watch = EventWatch(self._events, self._stepper.full_multipliers, bool, self._stepper.retake)
+        self._control, self._torque = system.held_forces[-1], np.zeros(system.nv)
+        self._place, self._resumes, self._message = (t, q, v), False, ""
+        system.start(t, q, v, False)
+        plain = not self._events and len(system.held_forces) == 1 and system.dropped_are_zero
+        self._used = 0.0
+        self._quick, self._made = plain and isinstance(self._stepper, CompiledRadauStepper) and self._step is None, []
+
+    def step(self, dt, control=None) -> State:
+        """Go on by a time.
+
+        Parameters
+        ----------
+        dt : float
+            How long, s.
+        control : mapping or array (nv,), optional
+            Torques, joint name → N·m (or N), others zero, or of all velocities; held over this time.
+            Default: as before.
+
+        Returns
+        -------
+        State
+            The state reached; it is short of `dt` where a terminal event ended the run.
+
+        Raises
+        ------
+        InputError
+            Unknown joints, wrong sizes, numbers that are not finite; the run has ended.
+        PinconsistError
+            The method fails; :attr:`state` is then the last one that was reached.
+        """
+        if self._message:
+            raise InputError(f"the run has ended: {self._message}. Begin a new one by reset()")
+        if not 0.0 < dt < np.inf:
+            raise InputError(f"dt must be a positive number of seconds, got {dt!r}")
+        t, q, v = self._place
+        t_end = t + dt
+        jumped = control is not None and self._hold(t, control)
+        if not self._record.begun:
+            self._begin()
+            jumped = False
+        if self._resumes and self._quick:
+            if self._quickly(t_end, jumped):
+                return self.state
+            self._keep()
+            (t, q, v), jumped = self._place, False
+        span, resumes, self._resumes = (t, t_end), self._resumes, False
+        try:
+            march(self._stepper, span, q, v, self._method, self._record, self._watch, bool, resumes, jumped)
+            self._resumes = True
+        except Stop as stop:
+            self._message = str(stop)
+            if stop.status != STOPPED:
+                raise PinconsistError(f"{stop}; what was reached is at t = {self._record.last()[0]:.6g}") from None
+        finally:
+            self._place = self._record.last()[:3]
+        return self.state
+
+    def _quickly(self, t_end, jumped) -> bool:
+        """What `march` does, where there is nothing to look at between steps; False if it did not reach the end."""
+        stepper = self._stepper
+        if jumped:
+            stepper._jump()
+            self._made.append((*self._place, stepper.lam))
+        if 0.0 < self._used < stepper._core.h:  # a step that was cut short says little of how long the next may be
+            stepper._core.h *= MAX_FACTOR / STAGE_GROWTH
+        made = stepper.made(t_end, stepper.batch, False)
+        self._made.append(made)
+        t, q, v = made[2:5]
+        if len(t):
+            q.flags.writeable = v.flags.writeable = False
+            self._place, self._used = (float(t[-1]), q[-1], v[-1]), made[6][-1]
+        return self._place[0] == t_end
+
+    def _up_to_date(self):
+        """Everything is recorded."""
+        if not self._record.begun:
+            self._begin()
+        self._keep()
+
+    def _keep(self):
+        """Record what was made quickly."""
+        for made in self._made:
+            if len(made) == 4:
+                self._record.jump(*made)
+            else:
+                self._record.add(self._stepper.batch_of(made, False))
+        self._made = []
+
+    def _begin(self):
+        t, q, v = self._place
+        lam = self._stepper.index1.acceleration(t, q, v)[1]
+        self._record.first(t, q, v, lam)
+        self._watch.restart(t, q, v, lam)
+
+    def _hold(self, t, control) -> bool:
+        """Hold torques from now on; whether they are others than before."""
+        if isinstance(control, Mapping):
+            torque = np.zeros(len(self._torque))
+            for joint, value in control.items():
+                if joint not in self._columns:
+                    self._columns[joint] = self.mechanism.columns(joint)
+                torque[self._columns[joint]] = value
+        else:
+            torque = np.array(control, float)
+        if torque.shape != self._torque.shape or not np.isfinite(torque).all():
+            raise InputError(
+                f"control must map joints to torques or have {len(self._torque)} of them, all finite, got {control!r}"
+            )
+        if (torque == self._torque).all():
+            return False
+        self._torque = torque
+        self._control.hold(t, torque)
+        return True
+
+    @property
+    def state(self) -> State:
+        """The state reached."""
+        return State(*self._place)
+
+    @property
+    def lam(self) -> np.ndarray:
+        """The multipliers at the state, shape (nc,), with the torques that were held until there."""
+        self._up_to_date()
+        return self._record.last()[3]
+
+    @property
+    def events(self) -> list:
+        """The times at which each event has occurred, a list for each."""
+        return [[row[0] for row in rows] for rows in self._watch.found]
+
+    def solution(self) -> Solution:
+        """A :class:`Solution` of all steps since the start: for checks, pages and files. The run can go on."""
+        self._up_to_date()
+        t, message = self._place[0], self._message or f"{self._record.nsteps} steps"
+        span = self._record.span[0], t
+        status = STOPPED if self._message else SUCCESS
+        found = trajectory_of(self._stepper, self._method, self._record, self._watch, span, status, message)
+        return Solution._from_trajectory(found, self._method, self._events)

@@ -1,0 +1,135 @@
+"""Digital controllers and tables of torques against DOP853, one window a sample; runs as objects."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import pinconsist as pc
+from pinconsist.dae.index1 import solve_acceleration
+from pinconsist.mechanism.system import MechanismSystem
+
+PERIOD = 5e-3
+
+
+def law(t, q, v):
+    return 5.0 * (1.0 + np.sin(40.0 * t) - v[0])
+
+
+@cache
+def crank_rocker():
+    return pc.load("crank_rocker")
+
+
+@cache
+def windows(count, sign=1.0, late=0):
+    """(q, v, λ) at the end of so many samples, by scipy on the equations of index 1 with constant torques."""
+    mech = crank_rocker()
+    at = pc.assemble(mech)
+    q, v, waiting, n = at.q, at.v, [0.0] * late, len(at.q)
+    for k in range(count):
+        t = sign * k * PERIOD
+        waiting.append(law(t, q, v))
+        system = MechanismSystem(mech.with_forces({"crank": waiting.pop(0)}), q)
+        run = solve_ivp(
+            lambda t, y, of=system: np.append(y[n:], solve_acceleration(of, t, y[:n], y[n:])[0]),
+            (t, sign * (k + 1) * PERIOD), np.append(q, v), "DOP853", rtol=1e-12, atol=1e-13,
+        )  # fmt: skip
+        q, v = run.y[:n, -1], run.y[n:, -1]
+    lam = solve_acceleration(system, t, q, v)[1]
+    return q, v, system.full_multipliers(q, lam)
+
+
+def sampled(span, method="Radau", **options):
+    delay = options.pop("delay", 0.0)
+    return pc.simulate(crank_rocker(), span, method=method, forces=[pc.Sampled(PERIOD, law, "crank", delay)], **options)
+
+
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+@pytest.mark.parametrize(("count", "backend"), [(12, "auto"), (3, "python")])
+@pytest.mark.parametrize(("sign", "late"), [(1.0, 0), (1.0, 2), (-1.0, 1)])
+def test_each_sample_is_a_window_of_constant_torque(method, count, backend, sign, late):
+    if backend == "python" and late:
+        count = 4
+    sol = sampled((0.0, sign * count * PERIOD), method, backend=backend, delay=late * PERIOD)
+    assert sol.success
+    q, v, lam = windows(count, sign, late)
+    for mine, theirs, within in ((sol.q[-1], q, 1e-8), (sol.v[-1], v, 1e-7), (sol.lam[-1], lam, 1e-6)):
+        np.testing.assert_allclose(mine, theirs, atol=within * (1.0 + np.abs(theirs).max()))
+
+
+def test_samples_are_asked_once_and_steps_end_on_them():
+    asked = []
+    controller = pc.Sampled(PERIOD, lambda t, q, v: asked.append(t) or 1.0, ["crank"])
+    sol = pc.simulate(crank_rocker(), (0.0, 8 * PERIOD), forces=[controller], method="Radau")
+    np.testing.assert_array_equal(asked, PERIOD * np.arange(8))
+    assert set(asked) <= set(sol.t)
+    sol.check(error=True), sol.energy(), sol.error
+    assert len(asked) == 8
+    table = sol.held["sampled crank"]
+    np.testing.assert_array_equal(table[:, 0], asked)
+    np.testing.assert_array_equal(table[:, 1:], np.tile([1.0, 0.0, 0.0], (8, 1)))
+
+
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_run_is_judged_by_what_was_held(method, sign, tmp_path):
+    sol = sampled((0.0, 10 * sign * PERIOD), method)
+    saved = pc.Solution.load(sol.save(tmp_path / "run.npz"))
+    mech = crank_rocker().with_forces(pc.Sampled(PERIOD, law, "crank"))
+    for certificate in (sol.check(error=True), saved.check(mech, error=True)):
+        assert certificate.force < 1e-8
+        assert certificate.energy_error < 1e-3  # powers are straight between two rows
+        assert certificate.error.q < 1e-7
+        assert certificate.error.force < 1e-6
+    np.testing.assert_array_equal(saved.held["sampled crank"], sol.held["sampled crank"])
+
+
+def test_rows_of_t_eval_have_the_torques_after_a_sample():
+    times = PERIOD * np.arange(6)
+    sol, steps = sampled((0.0, 5 * PERIOD), t_eval=times), sampled((0.0, 5 * PERIOD))
+    last = [np.flatnonzero(steps.t == t)[-1] for t in times]
+    np.testing.assert_allclose(sol.lam, steps.lam[last], rtol=1e-9, atol=1e-9)
+    assert sol.check(error=False).force < 1e-8
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_table_makes_the_run_again(sign):
+    sol = sampled((0.0, 8 * sign * PERIOD), delay=0.5 * PERIOD)
+    table = sol.held["sampled crank"]
+    again = pc.simulate(
+        crank_rocker(), (0.0, 8 * sign * PERIOD), method="Radau", forces=[pc.HeldTorque(table[:, 0], table[:, 1:])]
+    )
+    np.testing.assert_allclose(again.q[-1], sol.q[-1], atol=1e-9)
+    back = pc.simulate(
+        crank_rocker(), (again.t[-1], 0.0), again.q[-1], again.v[-1], method="Radau",
+        forces=[pc.HeldTorque(table[:, 0], table[:, 1:])],
+    )  # fmt: skip
+    np.testing.assert_allclose(back.q[-1], sol.q[0], atol=1e-7)
+    np.testing.assert_allclose(back.v[-1], sol.v[0], atol=1e-6)
+
+
+def test_two_controllers_whose_samples_nearly_agree():
+    fast, slow = pc.Sampled(1e-3, law, "crank"), pc.Sampled(7e-3, lambda t, q, v: 0.1, "rocker", 1e-3)
+    sol = pc.simulate(crank_rocker(), (0.0, 0.03), method="Radau", forces=[fast, slow])
+    assert sol.success
+    assert len(sol.held["sampled rocker"]) == 5
+    assert np.diff(sol.t)[np.diff(sol.t) > 0].min() > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: pc.Sampled(0.0, law), "period"),
+        (lambda: pc.Sampled(1e-3, 3.0), "law"),
+        (lambda: pc.Sampled(1e-3, law, delay=-1.0), "delay"),
+        (lambda: pc.HeldTorque([0.0, 1.0, 0.5], np.zeros((3, 3))), "rise"),
+        (lambda: pc.simulate(crank_rocker(), (0, 0.1), forces=[pc.Sampled(1e-3, law, "crnk")]), "crank"),
+        (lambda: pc.simulate(crank_rocker(), (0, 0.1), forces=[pc.Sampled(1e-3, law)]), "shape"),
+        (lambda: pc.simulate(crank_rocker(), (0, 0.1), forces=[pc.HeldTorque([0.0], [[1.0]])]), "columns"),
+    ],
+)
+def test_what_cannot_be_is_refused(make, words):
+    with pytest.raises(pc.InputError, match=words):
+        make()
