@@ -167,6 +167,12 @@ def linearisation(axes, mech, sol):
     return "crank beside its equilibrium  [rad]"
 
 
+def held(axes, mech, sol):
+    (table,) = sol.held.values()
+    axes.step(table[:, 0], table[:, 1], where="post", color=BLUE)
+    return "torque that is held  [N·m]"
+
+
 FIGURES = {  # curve, time of the still or None, traces in it
     "02_four_bar": (four_bar, 1.0, ("coupler_tip",)),
     "03_driven_slider_crank": (slider_crank, 0.05, ()),
@@ -182,6 +188,8 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "13_own_dae": (car_axis, None, ()),
     "14_ensemble": (ensemble, None, ()),
     "15_linearisation": (linearisation, 0.5, ()),
+    "16_sampled_pd": (held, None, ()),
+    "17_cosimulation": (held, None, ()),
 }
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from helpers import command_line
 
+from benchmarks import sampled
 from benchmarks.against import against
 from benchmarks.app import main
 from benchmarks.overhead import backends, chain_steps, overhead
@@ -17,6 +18,12 @@ from pinconsist.errors import InputError
 
 called = partial(command_line.called, main=main)
 ROBOTS = Path(__file__).parents[3] / "shared" / "robots"
+
+
+def test_each_way_of_sampling_is_timed_and_right():
+    rows = sampled.measured(periods=(0.1,), repeats=1)
+    assert {row.way for row in rows} == set(sampled.WAYS)
+    assert all(row.time > 0.0 and row.q < 1e-3 and row.lam < 1.0 for row in rows)
 
 
 def test_overhead_counts_steps_residuals_and_times():
