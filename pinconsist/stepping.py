@@ -13,7 +13,6 @@ from ._core.compiled_radau import CompiledRadauStepper
 from .dae.events import EventWatch, as_events
 from .dae.integrate import march, trajectory_of
 from .dae.output import STOPPED, SUCCESS, Output, Record, Stop
-from .dae.tuning import MAX_FACTOR, STAGE_GROWTH
 from .errors import InputError, PinconsistError
 from .mechanism.assembly import assembled
 from .mechanism.checks import number
@@ -102,7 +101,6 @@ class Simulation:
         self._place, self._resumes, self._message = (t, q, v), False, ""
         system.start(t, q, v, False)
         plain = not self._events and len(system.held_forces) == 1 and system.dropped_are_zero
-        self._used = 0.0
         self._quick, self._made = plain and isinstance(self._stepper, CompiledRadauStepper) and self._step is None, []
 
     def step(self, dt, control=None) -> State:
@@ -161,14 +159,12 @@ class Simulation:
         if jumped:
             stepper._jump()
             self._made.append((*self._place, stepper.lam))
-        if 0.0 < self._used < stepper._core.h:  # a step that was cut short says little of how long the next may be
-            stepper._core.h *= MAX_FACTOR / STAGE_GROWTH
         made = stepper.made(t_end, stepper.batch, False)
         self._made.append(made)
         t, q, v = made[2:5]
         if len(t):
             q.flags.writeable = v.flags.writeable = False
-            self._place, self._used = (float(t[-1]), q[-1], v[-1]), made[6][-1]
+            self._place = float(t[-1]), q[-1], v[-1]
         return self._place[0] == t_end
 
     def _up_to_date(self):

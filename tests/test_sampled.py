@@ -1,5 +1,6 @@
 """Digital controllers and tables of torques against DOP853, one window a sample; runs as objects."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -133,3 +134,30 @@ def test_two_controllers_whose_samples_nearly_agree():
 def test_what_cannot_be_is_refused(make, words):
     with pytest.raises(pc.InputError, match=words):
         make()
+
+
+def test_a_run_is_recorded_with_what_was_held_and_made_again(tmp_path):
+    controller = pc.Sampled(PERIOD, law, "crank")
+    sol = pc.record("crank_rocker", (0.0, 4 * PERIOD), tmp_path / "run", forces=[controller], method="Radau")
+    assert len(sol.held["sampled crank"]) == 4
+    assert pc.rerun(tmp_path / "run.npz", forces=[controller]).same
+    with pytest.raises(pc.InputError, match="checkpoint"):
+        pc.record("crank_rocker", (0.0, 1.0), tmp_path / "run", forces=[controller], save_every=0.1)
+
+
+def test_cases_of_a_sweep_have_controllers_of_their_own():
+    def last(gain):
+        controller = pc.Sampled(PERIOD, lambda t, q, v: gain * (1.0 - v[0]), "crank")
+        return pc.simulate(crank_rocker(), (0.0, 4 * PERIOD), method="Radau", forces=[controller]).q[-1, 0]
+
+    one, two, again = (outcome.value for outcome in pc.sweep(last, [5.0, 6.0, 5.0]))
+    assert one == again != two
+
+
+def test_pages_show_the_torques_that_were_held(tmp_path):
+    controller = pc.Sampled(PERIOD, lambda t, q, v: 3.0, "crank")
+    sol = pc.simulate(crank_rocker(), (0.0, 4 * PERIOD), method="Radau", forces=[controller])
+    page = pc.export_html(crank_rocker().with_forces(controller), sol, tmp_path / "page.html", forces=True)
+    plain = pc.export_html(crank_rocker(), replace(sol, held={}), tmp_path / "plain.html", forces=True)
+    assert "motor crank" in page.read_text(encoding="utf-8")
+    assert "motor crank" not in plain.read_text(encoding="utf-8")

@@ -55,8 +55,8 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
 
     def resume(self, t_end):
         states = super().resume(t_end)
-        self._core.h = self.h
         if self.method.step is not None:
+            self._core.h = self.h
             self._core.fix_step(self._start, self._steps)
         return states
 

@@ -29,8 +29,6 @@ from .tuning import (
     FORESEEN,
     LAST_MODE,
     MAX_CHART_TURN,
-    MAX_FACTOR,
-    STAGE_GROWTH,
 )
 
 TINY = 1e-300  # instead of zero in a denominator
@@ -103,8 +101,6 @@ class RadauStepper(Stepper):
         self._jump()
         if self.method.step is not None:
             self._divide(t_end)
-        elif abs(self.h) > abs(self.used[0]):  # a step that was cut short says little of how long the next may be
-            self.h *= min(MAX_FACTOR / STAGE_GROWTH, self.control.max_step / abs(self.h))
         return [(self.t, self.p, self.v, self.lam)]
 
     def _jump(self):

@@ -13,6 +13,7 @@ import pinocchio as pin
 from ..errors import InputError
 from ..mechanism.checks import finite_array, number
 from ..mechanism.forces import JointTorque, Servo
+from ..mechanism.forces.held import Replayed, replayed
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 
@@ -38,6 +39,8 @@ class Run:
         """The run of a solution; InputError for one that does not fit its mechanism."""
         if not isinstance(mech, Mechanism):
             raise InputError(f"a replay needs a Mechanism, got {type(mech).__name__}")
+        if getattr(sol, "held", None):
+            mech = replayed(mech, sol)
         needs, widths = f"a replay of {mech.name!r} needs", {"q": mech.nq}
         if forces:
             widths |= {"lam": mech.nc} | ({"v": mech.nv} if motors(mech) else {})
@@ -71,7 +74,7 @@ class Run:
 
 def motors(mech: Mechanism) -> list:
     """The servos and joint torques of a mechanism, whose torques depend on the velocity."""
-    return [force for force in mech.forces if isinstance(force, JointTorque | Servo)]
+    return [force for force in mech.forces if isinstance(force, JointTorque | Servo | Replayed)]
 
 
 def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:

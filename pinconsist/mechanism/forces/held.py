@@ -258,14 +258,14 @@ def replayed(mechanism, solution):
         return mechanism
     tables, sign = iter(solution.held.values()), 1.0 if solution.t[-1] >= solution.t[0] else -1.0
     forces = (
-        _Replayed(force.label, next(tables), sign) if isinstance(force, HeldRecord) else force
+        Replayed(force.label, next(tables), sign) if isinstance(force, HeldRecord) else force
         for force in mechanism.forces
     )
     return replace(mechanism, forces=tuple(forces))
 
 
 @dataclass(frozen=True, eq=False)
-class _Replayed:
+class Replayed:
     """What a run has held, under the label of what made it."""
 
     label: str
