@@ -156,7 +156,7 @@ class Index3System:
         return False
 
     def jumps(self, t, p, v) -> tuple[str, ...]:
-        """The names of forces that jump at velocities near `v`, where the system knows them."""
+        """The names of forces that jump at (`t`, `p`) at velocities near `v`, where the system knows them."""
         return ()
 
     def not_finite(self, t, p, v) -> tuple[str, ...]:
