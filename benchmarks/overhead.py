@@ -20,6 +20,7 @@ from pinconsist.options import method_of
 
 from . import report
 from .against import against
+from .around import around
 
 TIMED = "crank_rocker"
 SPEED = {"crank": 12.0}  # rad/s, the timing scene
@@ -144,7 +145,9 @@ def command(
     as_json: output.Json = False,
 ) -> int:
     # fmt: on
-    """Time a step against the bare Pinocchio calls of one residual. Steps of chains go to FILE_chains.csv.
+    """Time a step against the bare Pinocchio calls of one residual, and what is done around the steps of a run.
+
+    Steps of chains go to FILE_chains.csv, what stands around a run to FILE_around.csv.
 
     Example: python -m benchmarks overhead crank_rocker andrews
     """
@@ -153,11 +156,14 @@ def command(
         return _against(other, scene, csv, as_json)
     results = {name: [asdict(row) for row in overhead(name)] for name in scene or [TIMED]}
     chains = [] if scene else [asdict(row) for row in chain_steps()]
+    besides = [] if scene else [asdict(row) for row in around()]
     if csv:
         report.write_csv(csv, [{"scene": name} | row for name, rows in results.items() for row in rows])
         report.write_csv(report.beside(csv, "chains"), chains)
+        report.write_csv(report.beside(csv, "around"), besides)
     if as_json:
-        output.print_json({"machine": report.machine(), "overhead": results} | ({"chains": chains} if chains else {}))
+        more = {"chains": chains, "around": besides} if chains else {}
+        output.print_json({"machine": report.machine(), "overhead": results} | more)
         return output.FINE
     print(report.machine() + "\n")
     for name, rows in results.items():
@@ -169,6 +175,7 @@ def command(
     print()
     if chains:
         _print_chains(chains)
+        _print_around(besides)
     return output.FINE
 
 
@@ -229,3 +236,8 @@ def _print_chains(rows):
         ],
         title="hanging chains from rest, 1 s at 1e-6: a step, the start not counted",
     )
+
+
+def _print_around(rows):
+    columns = [("", "{what}"), ("[ms]>", report.scaled("seconds", 1e3, 2)), ("over the plain run>", "{ratio:.2f}")]
+    report.table(rows, columns, title=f"{TIMED}, 5 s from 12 rad/s, compiled: the run, and what is asked for besides")

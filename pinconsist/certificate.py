@@ -15,7 +15,7 @@ from .mechanism.limits import BeyondLimit, beyond_limits
 from .mechanism.reactions import not_determined, undetermined
 from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
-from .residuals import exact_forces, residuals
+from .residuals import measured
 
 AMPLIFIED = 100.0  # tolerances: a larger error is worth a warning
 SHOWN = 4  # joints outside of their limits
@@ -123,9 +123,9 @@ def certify(solution, mechanism=None) -> Certificate:
     workspace = None if mechanism is None else Workspace(system.model, blank_system, system.data)
     compared = _compared(solution)
     t, q, v = solution.t, solution.q, solution.v
-    phi, rho, forces = residuals(system, t, q, v, solution.lam, workspace)
-    exact, acting = exact_forces(system, sided(t)[compared], q[compared], v[compared], workspace)
-    phi, error = np.abs(phi), np.abs(forces[compared] - exact)
+    phi, rho, forces, exact, energies, acting = measured(system, (sided(t), q, v, solution.lam), workspace)
+    phi, exact = np.abs(phi), exact[compared]
+    error = np.abs(forces[compared] - exact)
     position, where, scale = 0.0, "", max(largest(exact), acting) or 1.0
     if phi.size:
         i, row = np.unravel_index(np.argmax(phi), phi.shape)
@@ -136,7 +136,7 @@ def certify(solution, mechanism=None) -> Certificate:
             row = np.argmax(gaps := np.abs(system.loop_rows(solution.q[i], solution.t[i])[0]))
             label, position = "loop {!r} row {}".format(*mechanism.row_labels[row]), float(gaps[row])
         where = f"{label} at t = {solution.t[i]:.6g}"
-    energy = None if mechanism is None else energy_of(solution, mechanism, workspace)
+    energy = None if mechanism is None else energy_of(solution, mechanism, workspace, energies)
     return Certificate(
         position=position,
         position_at=where,

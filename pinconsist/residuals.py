@@ -7,47 +7,39 @@ import numpy as np
 from ._core.compiled_system import blank_system
 from .dae.index1 import solve_acceleration
 from .dae.norms import largest
-from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
 
 
-def residuals(system, t, q, v, lam, workspace):
-    """Φ, the hidden residual and Jᵀλ (G λ) of all rows."""
-    if workspace is not None and (twin := workspace.compiled()) is not None:
-        system.hand_over_all_rows(twin)
-        return twin.residuals(t, q, v, lam)
-    rows = []
-    for state in zip(t, q, v, lam, strict=True):
-        time, p, rate, multipliers = state
-        if workspace is None:
-            _, gap, G, _ = system.evaluate(time, p, rate, np.zeros(system.nv))
-            hidden = system.constraint(time, p, system.rate(time, p, rate))[1]
-        else:
-            gap, J = system.loop_rows(p, time)
-            G, hidden = J.T, J @ rate + system.rows.time_rate(time, p)
-        rows.append((gap, hidden, G @ multipliers))
-    return tuple(np.array(column) for column in zip(*rows, strict=True))
+def measured(system, states, workspace):
+    """Φ, the hidden residual, Jᵀλ (G λ) and that of the differential equation at rows `states`, (t, q, v, λ).
+
+    And kinetic and potential energies, or None, and the largest of the other forces that act.
+    """
+    if workspace is not None and (kept := workspace.compiled()) is not None:
+        system.hand_over(kept)
+        system.hand_over_all_rows(every := workspace.compiled())
+        *found, failed = kept.certified(every, *states)
+        if failed < 0:
+            return found
+    rows, acting = [], 0.0  # also where the equations have no solution, and say why
+    for t, p, v, lam in zip(*states, strict=True):
+        exact = solve_acceleration(system, t, p, v)[1]
+        f, gap, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
+        hidden, weights, exact = system.constraint(t, p, system.rate(t, p, v))[1], f, G @ exact
+        if workspace is not None:
+            gap, J = system.loop_rows(p, t)
+            hidden, weights, G = J @ v + system.rows.time_rate(t, p), system.weights(p, v), J.T
+        rows.append((gap, hidden, G @ lam, exact))
+        acting = max(acting, largest(f), largest(weights))
+    return *(np.array(column) for column in zip(*rows, strict=True)), None, acting
 
 
 def loop_forces(system, t, q, v, lam):
     """Jᵀλ (G λ) of rows."""
-    workspace = Workspace(system.model, blank_system, system.data) if isinstance(system, MechanismSystem) else None
-    return residuals(system, t, q, v, lam, workspace)[2]
-
-
-def exact_forces(system, t, q, v, workspace):
-    """Jᵀλ (G λ) of the differential equation, and the largest of the other forces that act with it."""
-    done, forces, acting = 0, [], 0.0
-    if workspace is not None and (twin := workspace.compiled()) is not None:
-        system.hand_over(twin)
-        exact, acting, failed = twin.exact_forces(t, q, v)
-        if failed < 0:
-            return exact, acting
-        done, forces = failed, list(exact[:failed])  # the equations say below why they have no solution there
-    for time, p, rate in zip(t[done:], q[done:], v[done:], strict=True):
-        lam = solve_acceleration(system, time, p, rate)[1]
-        f, _, G, _ = system.evaluate(time, p, rate, np.zeros(system.nv))
-        weights = f if workspace is None else system.weights(p, rate)
-        acting = max(acting, largest(f), largest(weights))
-        forces.append(G @ lam)
-    return np.array(forces).reshape(len(t), system.nv), acting
+    states = t, q, v, lam
+    if not isinstance(system, MechanismSystem):
+        return np.array([system.evaluate(t, p, v, 0.0 * v)[2] @ lam for t, p, v, lam in zip(*states, strict=True)])
+    if (twin := blank_system(system.model, system.data)) is not None:
+        system.hand_over_all_rows(twin)
+        return twin.residuals(*states)[2]
+    return np.array([system.loop_rows(p, t)[1].T @ lam for t, p, _, lam in zip(*states, strict=True)])

@@ -21,29 +21,64 @@ inline std::array<Table, 3> residuals(MechanismSystem &system, const Vec &t, con
   return all;
 }
 
-struct ExactForces {
-  Table joint_forces; // Jᵀλ of the differential equation
-  double acting = 0.0; // largest weight or inertial force of velocities, or it with all other forces
-  Eigen::Index failed = -1; // first row at which the equations are singular or not finite
+// Weight and kinetic energy, rotors included, of bodies that stand and move as forward kinematics have left them.
+inline double potential_energy(const Model &model, const Data &data) {
+  double energy = 0.0;
+  for (int joint = 1; joint < model.njoints; ++joint) {
+    const auto &inertia = model.inertias[joint];
+    energy -= inertia.mass() * model.gravity.linear().dot(data.oMi[joint].act(inertia.lever()));
+  }
+  return energy;
+}
+
+inline double kinetic_energy(const Model &model, const Data &data, const Vec &v) {
+  double twice = model.armature.cwiseProduct(v).dot(v);
+  for (int joint = 1; joint < model.njoints; ++joint) twice += model.inertias[joint].vtiv(data.v[joint]);
+  return 0.5 * twice;
+}
+
+struct Certified {
+  Table phi, rho, forces, exact; // Φ, the hidden residual, Jᵀλ, and that of the differential equation
+  Table energies;                // kinetic, potential
+  double acting = 0.0;           // largest weight or inertial force of velocities, or these with all other forces
+  Eigen::Index failed = -1;      // first row at which the equations are singular or not finite
 };
 
-inline ExactForces exact_forces(MechanismSystem &system, const Vec &t, const Table &p, const Table &v) {
-  Projection projection(system);
-  ExactForces result{Table(t.size(), system.nv)};
-  Vec a, lam;
-  for (Eigen::Index i = 0; i < t.size(); ++i) {
-    const bool regular = projection.acceleration(t[i], p.row(i).transpose(), v.row(i).transpose(), a, lam);
-    if (!regular || !a.allFinite() || !lam.allFinite()) {
+// `all` has the rows that `kept` has and those that it has not, on the same workspace.
+inline Certified certified(MechanismSystem &kept, MechanismSystem &all, const Vec &t, const Table &p, const Table &v,
+                           const Table &lam) {
+  const Eigen::Index n = t.size();
+  Certified result{Table(n, all.nc), Table(n, all.nc), Table(n, all.nv), Table(n, all.nv), Table(n, 2)};
+  Projection projection(kept);
+  const Model &model = kept.model();
+  Data &data = kept.data();
+  const Vec zero = Vec::Zero(model.nv);
+  Vec q, rate, a, exact;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    q = p.row(i).transpose();
+    rate = v.row(i).transpose();
+    const bool regular = projection.acceleration(t[i], q, rate, a, exact);
+    if (!regular || !a.allFinite() || !exact.allFinite()) {
       result.failed = i;
-      return result;
+      break;
     }
-    result.joint_forces.row(i).noalias() = lam.transpose() * system.W;
-    result.acting = std::max({result.acting, largest(system.data().tau), largest(system.f)});
+    result.exact.row(i).noalias() = exact.transpose() * kept.W;
+    result.acting = std::max({result.acting, largest(data.tau), largest(kept.f)});
+    if (kept.nc) {
+      all.constraint_there(t[i], q, rate);
+    } else {
+      pinocchio::forwardKinematics(model, data, q, rate, zero);
+      all.constraint(t[i], q, rate);
+    }
+    result.phi.row(i) = all.phi.transpose();
+    result.rho.row(i) = all.rho.transpose();
+    result.forces.row(i).noalias() = lam.row(i) * all.W;
+    result.energies.row(i) << kinetic_energy(model, data, rate), potential_energy(model, data);
   }
   return result;
 }
 
-// Kinetic energy, rotors included, and potential energy.
+// Kinetic and potential energy.
 inline Table energies(MechanismSystem &system, const Table &p, const Table &v) {
   const Model &model = system.model();
   Data &data = system.data();
@@ -54,14 +89,7 @@ inline Table energies(MechanismSystem &system, const Table &p, const Table &v) {
     q = p.row(i).transpose();
     rate = v.row(i).transpose();
     pinocchio::forwardKinematics(model, data, q, rate, still);
-    double kinetic = model.armature.cwiseProduct(rate).dot(rate), potential = 0.0;
-    for (int joint = 1; joint < model.njoints; ++joint) {
-      const auto &inertia = model.inertias[joint];
-      kinetic += inertia.vtiv(data.v[joint]);
-      potential -= inertia.mass() * model.gravity.linear().dot(data.oMi[joint].act(inertia.lever()));
-    }
-    energies(i, 0) = 0.5 * kinetic;
-    energies(i, 1) = potential;
+    energies.row(i) << kinetic_energy(model, data, rate), potential_energy(model, data);
   }
   return energies;
 }

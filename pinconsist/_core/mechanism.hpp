@@ -134,6 +134,11 @@ public:
     evaluate_rows(t, p);
     hidden_residual(t, p, v);
   }
+  // The same where another system on this workspace has evaluated its rows at p.
+  void constraint_there(double t, const Vec &p, const Vec &v) {
+    fill_rows(t, p);
+    hidden_residual(t, p, v);
+  }
 
   void evaluate_after_constraint(double t, const Vec &p, const Vec &v, const Vec &a) override {
     f = pinocchio::rnea(model_, data_, p, v, a); // leaves joint Jacobians as they are
@@ -166,6 +171,21 @@ public:
     by_q_.setZero(nv, nv);
     for (const auto &force : forces_) force->linearize(data_, t, p, v, by_v_, by_q_);
     A += c * (by_v_ + c * by_q_);
+  }
+
+  bool keeps_derivatives() const override { return true; }
+  void linearize_keeping(bool fresh, double t, const Vec &p, const Vec &v, const Vec &a, double c, Eigen::Ref<Mat> A) override {
+    if (fresh) {
+      pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
+      kept_by_v_ = data_.dtau_dv;
+      kept_by_q_ = data_.dtau_dq;
+      kept_by_v_.diagonal() += damping_;
+      for (const auto &force : forces_) force->linearize(data_, t, p, v, kept_by_v_, kept_by_q_);
+      A = data_.M.selfadjointView<Eigen::Upper>();
+    } else {
+      mass_matrix(t, p, v, A);
+    }
+    A += c * (kept_by_v_ + c * kept_by_q_);
   }
 
   void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) override {
@@ -291,7 +311,7 @@ private:
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
   std::vector<std::unique_ptr<Force>> forces_;
   Vec constant_, damping_, tau_, zero_;
-  Mat by_v_, by_q_;
+  Mat by_v_, by_q_, kept_by_v_, kept_by_q_;
 };
 
 } // namespace pinconsist

@@ -120,10 +120,11 @@ NB_MODULE(twin, m) {
              auto all = residuals(s, t, p, v, lam);
              return nb::make_tuple(std::move(all[0]), std::move(all[1]), std::move(all[2]));
            })
-      .def("exact_forces",
-           [](MechanismSystem &s, const Vec &t, const Table &p, const Table &v) {
-             auto found = exact_forces(s, t, p, v);
-             return nb::make_tuple(std::move(found.joint_forces), found.acting, found.failed);
+      .def("certified",
+           [](MechanismSystem &kept, MechanismSystem &all, const Vec &t, const Table &p, const Table &v, const Table &lam) {
+             auto found = certified(kept, all, t, p, v, lam);
+             return nb::make_tuple(std::move(found.phi), std::move(found.rho), std::move(found.forces), std::move(found.exact),
+                                   std::move(found.energies), found.acting, found.failed);
            })
       .def("energies", &energies)
       .def("torques", &torques)

@@ -66,6 +66,7 @@ public:
       ++nfev;
       const bool was_stale = stale;
       if (slow || !(stale || iteration > 1)) {
+        system_.fresh_wanted = slow; // EXPERIMENT
         system_.linearize(t, step.p, v_, a_, x_.tail(nc), c, kkt_.A());
         if (slow && !stale) // the turning of the constraint forces, left out at first, slows Newton down
           system_.subtract_force_gradient(t, step.p, v_, x_.tail(nc), c, kkt_.A());

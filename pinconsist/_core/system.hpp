@@ -61,6 +61,9 @@ public:
                          Eigen::Ref<Mat> A) = 0;
   // As `evaluate`, with M, D = ∂f/∂v and K = ∂f/∂p; for Radau IIA.
   virtual void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) = 0;
+  // The same, where it is known how, with the derivatives by v and p that were found when they were `fresh` last.
+  virtual bool keeps_derivatives() const { return false; }
+  virtual void linearize_keeping(bool, double, const Vec &, const Vec &, const Vec &, double, Eigen::Ref<Mat>) {}
   // M at a point whose constraint was evaluated last; W and G belong to it afterwards.
   virtual void mass_matrix(double t, const Vec &p, const Vec &v, Eigen::Ref<Mat> M) = 0;
   // A -= c² ∂(G λ)/∂ξ

@@ -74,8 +74,11 @@ class Energy:
     __repr__ = __str__
 
 
-def energy_of(solution, mechanism, workspace=None) -> Energy:
-    """Measure the energies and powers of a solution of a mechanism."""
+def energy_of(solution, mechanism, workspace=None, of_bodies=None) -> Energy:
+    """Measure the energies and powers of a solution of a mechanism.
+
+    `of_bodies`, (n, 2), has kinetic and potential energies where they are known.
+    """
     model, workspace = mechanism.model, workspace or Workspace(mechanism.model)
     forces, rows = bound_forces(model, mechanism.forces), LoopRows(model, mechanism.loops)
     t, q, v, n = solution.t, solution.q, solution.v, len(solution.t)
@@ -90,7 +93,7 @@ def energy_of(solution, mechanism, workspace=None) -> Energy:
             if closure.moving:
                 name = closure.loop.name
                 power[unused(name, power)] = brought[:, rows.slices[name]].sum(axis=1)
-    kinetic, potential = _of_bodies(q, v, workspace)
+    kinetic, potential = np.ascontiguousarray((_of_bodies(q, v, workspace) if of_bodies is None else of_bodies).T)
     elastic = sum(stored.values(), np.zeros(n))
     total = kinetic + potential + elastic
     work = {name: _integral(t, values) for name, values in power.items()}
@@ -106,12 +109,12 @@ def energy_of(solution, mechanism, workspace=None) -> Energy:
 
 
 def _of_bodies(q, v, workspace):
-    """Kinetic energy, rotors included, and potential energy."""
+    """Kinetic energy, rotors included, and potential energy, as columns."""
     if (twin := workspace.compiled()) is not None:
-        return np.ascontiguousarray(twin.energies(q, v).T)
+        return twin.energies(q, v)
     model, data = workspace.model, workspace.data
     kinetic = [pin.computeKineticEnergy(model, data, *state) for state in zip(q, v, strict=True)]
-    return np.array(kinetic), np.array([pin.computePotentialEnergy(model, data, each) for each in q])
+    return np.column_stack((kinetic, [pin.computePotentialEnergy(model, data, each) for each in q]))
 
 
 def _brought(force, t, q, v, workspace):

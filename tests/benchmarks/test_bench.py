@@ -12,6 +12,7 @@ from helpers import command_line
 from benchmarks import sampled
 from benchmarks.against import against
 from benchmarks.app import main
+from benchmarks.around import around
 from benchmarks.overhead import backends, chain_steps, overhead
 from benchmarks.robots import robots
 from pinconsist.errors import InputError
@@ -32,6 +33,12 @@ def test_overhead_counts_steps_residuals_and_times():
     for row in rows:
         assert row.steps > 500 and 1.0 < row.residuals < 2.7 and min(row.run_time, row.step_time) > 0.0
         assert row.ratio == pytest.approx(row.step_time / row.bare_time) and row.least_time > row.bare_time
+
+
+def test_what_stands_around_a_run_is_timed():
+    rows = around(repeats=1)
+    assert len({row.what for row in rows}) == len(rows) == 12 and all(row.seconds > 0.0 for row in rows)
+    assert all(row.ratio == pytest.approx(row.seconds / rows[0].seconds) for row in rows)
 
 
 def test_steps_of_chains_are_counted_and_timed():
