@@ -97,6 +97,7 @@ def _switched_off(switch):
     concerns = {
         "loop_forecast": _has_loops,
         "jacobian_reuse": lambda system: system.nv >= WORTH,
+        "kept_derivatives": lambda system: system.nv < WORTH,
         "few_constraints": lambda system: 0 < FEW * system.nc <= system.nv,
     }
     name = f"{switch.replace('_', ' ')} off"

@@ -54,6 +54,31 @@ private:
   int trusted_ = 0, looks_ = 0;
 };
 
+// In systems whose matrix is made anew for every step, keeps the derivatives of the forces for some of them, as long as
+// one iteration is enough; mass matrix and constraint directions, which the multipliers feel, are those of the step.
+class KeptDerivatives {
+public:
+  explicit KeptDerivatives(bool possible) : possible_(possible) {}
+
+  bool possible() const { return possible_; }
+  void forget() { left_ = 0; }
+  // Whether the matrix that is made now has derivatives of its own.
+  bool fresh(bool wanted) {
+    if (wanted) left_ = 0;
+    const bool fresh = --left_ < 0;
+    if (fresh) left_ = static_cast<int>(KEPT);
+    return fresh;
+  }
+  // One iteration was not enough with derivatives of an earlier step.
+  void not_enough() {
+    if (left_ < static_cast<int>(KEPT)) left_ = 0;
+  }
+
+private:
+  bool possible_;
+  int left_ = 0;
+};
+
 // Keeps a Newton matrix as long as the step it serves costs less than a step has cost on average since it was made.
 // That minimises the cost of a step: it falls as long as another step adds less than the average. Everything is counted
 // in iterations, not in seconds, so that runs can be repeated.

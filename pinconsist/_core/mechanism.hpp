@@ -174,7 +174,8 @@ public:
   }
 
   bool keeps_derivatives() const override { return true; }
-  void linearize_keeping(bool fresh, double t, const Vec &p, const Vec &v, const Vec &a, double c, Eigen::Ref<Mat> A) override {
+  void linearize_keeping(bool fresh, double t, const Vec &p, const Vec &v, const Vec &a, double c,
+                         Eigen::Ref<Mat> A) override {
     if (fresh) {
       pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
       kept_by_v_ = data_.dtau_dv;

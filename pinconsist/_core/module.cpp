@@ -41,7 +41,7 @@ nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, b
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 6; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 7; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)

@@ -37,12 +37,14 @@ public:
       : system_(system), correct_(correct), correct_at_once_(correct && switches.loop_forecast),
         kkt_(system.nv, system.nc, switches.few_constraints), forecast_(switches),
         reuse_(system.nv, switches.jacobian_reuse),
+        derivatives_(switches.kept_derivatives && system.keeps_derivatives() && system.nv < WORTH),
         rhs_(Mat::Zero(system.nv + system.nc, 3)), closing_(Mat::Zero(system.nv + system.nc, 2)),
         moves_(system.nv + system.nc, 2) {}
 
   void forget() {
     forecast_.forget();
     reuse_.forget();
+    derivatives_.forget();
   }
 
   void attempt(double t, const Vec &base, const Vec &psi, const Vec &predicted, double c, const Vec &weight, double tol,
@@ -66,8 +68,10 @@ public:
       ++nfev;
       const bool was_stale = stale;
       if (slow || !(stale || iteration > 1)) {
-        system_.fresh_wanted = slow; // EXPERIMENT
-        system_.linearize(t, step.p, v_, a_, x_.tail(nc), c, kkt_.A());
+        if (derivatives_.possible())
+          system_.linearize_keeping(derivatives_.fresh(slow), t, step.p, v_, a_, c, kkt_.A());
+        else
+          system_.linearize(t, step.p, v_, a_, x_.tail(nc), c, kkt_.A());
         if (slow && !stale) // the turning of the constraint forces, left out at first, slows Newton down
           system_.subtract_force_gradient(t, step.p, v_, x_.tail(nc), c, kkt_.A());
         stale = false;
@@ -105,6 +109,7 @@ public:
         return fail(step, predicted, Failure::not_finite);
       }
       if (iteration == 2 && !stale) forecast_.measured(rate, c);
+      if (iteration == 2) derivatives_.not_enough();
       const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const bool settled = std::min(size, to_come) <= (stale ? STALE_FACTOR * tol : tol);
       const double noise = rate > STAGNANT ? STAGNATED : iteration == MAX_ITERATIONS ? LAST : 0.0;
@@ -190,6 +195,7 @@ private:
   KKT kkt_;
   Forecast forecast_;
   JacobianReuse reuse_;
+  KeptDerivatives derivatives_;
   Mat rhs_, closing_, moves_;
   Vec psi_x_, x_, v_, a_, xi_, raw_;
 };

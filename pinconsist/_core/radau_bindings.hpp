@@ -20,7 +20,7 @@ template <class T> nb::object array(std::vector<T> &&numbers, std::initializer_l
 Switches switches_of(nb::object switches) {
   const auto on = [&](const char *name) { return nb::cast<bool>(switches.attr(name)); };
   return {on("iteration_forecast"), on("loop_forecast"), on("jacobian_reuse"), on("few_constraints"), on("kept_weights"),
-          on("few_derivatives")};
+          on("few_derivatives"), on("kept_derivatives")};
 }
 
 // Make steps until something ends them; returns its name and an exception of Python's. Others run meanwhile if they can.

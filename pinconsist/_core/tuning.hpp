@@ -10,7 +10,7 @@ namespace pinconsist {
   X(MAX_ITERATIONS) X(FRESH_RATE) X(NEWTON_FACTOR) X(STAGNANT) X(STAGNATED) X(LAST) X(CLOSINGS) X(CLOSED) X(GAP)       \
   X(SAFETY) X(MIN_FACTOR) X(MAX_FACTOR) X(AFTER_FAILURE) X(SMALLEST_STEP) X(MAX_CHART_TURN) X(NEAR_ROUNDING) X(HALF)   \
   X(SLOW) X(REMEMBERED) X(SETBACKS) X(PROGRESS) X(HIDDEN) X(FORECAST_ROUNDING) X(STALE_FACTOR) X(WORTH) X(WIDEST)      \
-  X(WEIGHED) X(PATIENCE) X(NOISE)                                                                                      \
+  X(WEIGHED) X(KEPT) X(PATIENCE) X(NOISE)                                                                              \
   X(MAX_STAGE_ITERATIONS) X(MAX_SWEEPS) X(STAGE_SAFETY) X(STAGE_GROWTH) X(STAGE_AFTER_FAILURE) X(SMOOTH) X(FORESEEN)   \
   X(FELT) X(LAST_MODE) X(FIRST_ERROR) X(FIRST_REACH) X(FIRST_CHANGE) X(FIRST_TRIALS)                                    \
   X(FEWEST_STAGES) X(FIRST_STAGES) X(MOST_STAGES) X(CALM) X(QUICK)
@@ -27,7 +27,7 @@ constexpr double EPS = std::numeric_limits<double>::epsilon(), INF = std::numeri
 // What is done for speed alone; see dae/tuning.py.
 struct Switches {
   bool iteration_forecast = true, loop_forecast = true, jacobian_reuse = true, few_constraints = true,
-       kept_weights = true, few_derivatives = true;
+       kept_weights = true, few_derivatives = true, kept_derivatives = true;
 };
 
 } // namespace pinconsist

@@ -70,6 +70,7 @@ STALE_FACTOR = 0.3  # of Newton's tolerance for a kept matrix: the multipliers s
 WORTH = 32.0  # a new matrix, derivatives and factors, costs as much as nv/WORTH iterations (measured on long chains)
 WIDEST = 2.0  # change of c up to which a matrix is kept
 WEIGHED = 4  # steps for which the weights of the error norm are kept
+KEPT = 8  # steps for which the derivatives of forces are kept
 
 FAILURES = {
     "singular": "the KKT matrix is singular",
@@ -99,6 +100,8 @@ class Switches:
         Keep the weights of the error norm for some steps.
     few_derivatives : bool
         In steps of five stages or more evaluate derivatives at two of them, and interpolate those of the others.
+    kept_derivatives : bool
+        Of BDF in small systems: keep the derivatives of the forces for some steps, as long as one iteration is enough.
     """
 
     iteration_forecast: bool = True
@@ -107,3 +110,4 @@ class Switches:
     few_constraints: bool = True
     kept_weights: bool = True
     few_derivatives: bool = True
+    kept_derivatives: bool = True
