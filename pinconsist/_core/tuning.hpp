@@ -10,11 +10,7 @@ namespace pinconsist {
   X(MAX_ITERATIONS) X(FRESH_RATE) X(NEWTON_FACTOR) X(STAGNANT) X(STAGNATED) X(LAST) X(CLOSINGS) X(CLOSED) X(GAP)       \
   X(SAFETY) X(MIN_FACTOR) X(MAX_FACTOR) X(AFTER_FAILURE) X(SMALLEST_STEP) X(MAX_CHART_TURN) X(NEAR_ROUNDING) X(HALF)   \
   X(SLOW) X(REMEMBERED) X(SETBACKS) X(PROGRESS) X(HIDDEN) X(FORECAST_ROUNDING) X(STALE_FACTOR) X(WORTH) X(WIDEST)      \
-<<<<<<< HEAD
   X(WEIGHED) X(KEPT) X(PATIENCE) X(NOISE)                                                                              \
-=======
-  X(WEIGHED) X(PATIENCE) X(NOISE) X(FORCES) X(SURE)                                                                    \
->>>>>>> 0df7abc (Runs through singular positions: kept matrices judged by the constraints, rounding by the gap; constraint forces bound what forecasts leave)
   X(MAX_STAGE_ITERATIONS) X(MAX_SWEEPS) X(STAGE_SAFETY) X(STAGE_GROWTH) X(STAGE_AFTER_FAILURE) X(SMOOTH) X(FORESEEN)   \
   X(FELT) X(LAST_MODE) X(FIRST_ERROR) X(FIRST_REACH) X(FIRST_CHANGE) X(FIRST_TRIALS)                                    \
   X(FEWEST_STAGES) X(FIRST_STAGES) X(MOST_STAGES) X(CALM) X(QUICK)
