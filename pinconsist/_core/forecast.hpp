@@ -27,30 +27,34 @@ public:
     contraction_ = std::max(rate / (c * c), 0.3 * contraction_);
     trusted_ = static_cast<int>(REMEMBERED);
   }
-  // Whether loops and hidden constraint need no second evaluation.
-  bool stays_closed(double size, double c, double tol) {
+  // Whether loops and hidden constraint need no second evaluation; `force` may the constraint forces be wrong by, which
+  // feel the hidden residual over c.
+  bool stays_closed(double size, double c, double tol, double force) {
     --looks_;
     const double moved = std::abs(c) * size, allowed = HIDDEN * tol;
     const bool foreseen = looks_ >= 0 && allowed >= least_;
-    return of_loops_ && foreseen && gap_ * moved * moved <= CLOSED && hidden_ * moved <= allowed;
+    return of_loops_ && foreseen && gap_ * moved * moved <= CLOSED && hidden_ * moved <= allowed &&
+           force_ * size <= force;
   }
   // Part of the gap of the last evaluation that a correction leaves whose Jacobian is that of the prediction: a gap is
   // half of what the Jacobian changes by on the way, times the way `moved`.
   double closing_rate(double size, double c, double moved) const {
     return moved != 0.0 ? std::min(1.0, 2.0 * gap_ * c * c * size * size / moved) : 0.0;
   }
-  // `shift` and `speed`: root mean squares of the weighted shift of the velocities, and of themselves.
-  void looked(double gap, double shift, double speed, double size, double c) {
+  // `shift` and `speed`: root mean squares of the weighted shift of the velocities, and of themselves; `force`: the
+  // largest change of the constraint forces.
+  void looked(double gap, double shift, double speed, double force, double size, double c) {
     const double moved = std::abs(c) * size == 0.0 ? 1.0 : std::abs(c) * size;
     gap_ = gap / (moved * moved);
     hidden_ = shift / moved;
+    force_ = force / (size == 0.0 ? 1.0 : size);
     looks_ = static_cast<int>(REMEMBERED);
     least_ = FORECAST_ROUNDING * speed;
   }
 
 private:
   bool of_iterations_, of_loops_;
-  double contraction_ = 1.0, gap_ = 0.0, hidden_ = 0.0, least_ = 0.0;
+  double contraction_ = 1.0, gap_ = 0.0, hidden_ = 0.0, force_ = 0.0, least_ = 0.0;
   int trusted_ = 0, looks_ = 0;
 };
 
@@ -87,6 +91,7 @@ public:
   JacobianReuse(int nv, bool on) : possible_(on && nv >= WORTH), price_(nv / WORTH) {}
 
   void forget() { known_ = false; }
+  bool possible() const { return possible_; }
 
   bool pays(double c) {
     const int last = iterations_;

@@ -218,6 +218,7 @@ NB_MODULE(twin, m) {
              s.control.sizes = sizes;
              s.control.max_order = max_order;
              s.control.max_step = max_step;
+             s.newton.rtol_force = FORCES * std::pow(rtol.minCoeff(), max_order / (max_order + 1.0));
            })
       .def("work", // since it was asked last
            [](Stepper &s) {

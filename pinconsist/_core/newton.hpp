@@ -18,7 +18,7 @@ inline const char *name_of(Failure failure) {
 
 struct Attempt {
   Vec y, p, change;
-  double size = 0.0;
+  double size = 0.0, force = 0.0; // of the change, weighted, and the largest component of G λ
   Failure failure = Failure::none;
 };
 
@@ -29,6 +29,7 @@ inline double weighted_norm(const Vec &change, const Vec &weight, int nv) {
 class Newton {
 public:
   long nfev = 0, njev = 0, nlu = 0;
+  double rtol_force = 0.0, largest_force = 0.0; // what G λ may be wrong by, relative to its largest component of the run
   // Where an attempt found something that is not finite.
   double culprit_t = 0.0;
   Vec culprit_p, culprit_v;
@@ -61,11 +62,14 @@ public:
     for (int iteration = 1; iteration <= MAX_ITERATIONS; ++iteration) {
       system_.evaluate(t, step.p, v_, a_);
       rhs_.setZero();
-      system_.f.noalias() -= system_.G_transposed().transpose() * x_.tail(nc);
+      force_.noalias() = system_.G_transposed().transpose() * x_.tail(nc);
+      system_.f -= force_;
+      step.force = largest(force_);
       rhs_.col(0).head(nv) = c * system_.f;
       rhs_.col(1).tail(nc) = system_.phi;
       rhs_.col(2).tail(nc) = system_.rho;
       ++nfev;
+      stale = stale && !constraints_changed();
       const bool was_stale = stale;
       if (slow || !(stale || iteration > 1)) {
         if (derivatives_.possible())
@@ -79,6 +83,7 @@ public:
         ++njev;
         ++nlu;
         if (!kkt_.solve_new(system_.W, system_.G_transposed(), c, rhs_, 1)) return fail(step, predicted, Failure::singular);
+        if (reuse_.possible() && nc) measure_constraints(c);
       } else {
         kkt_.solve(rhs_, c, 1);
       }
@@ -94,7 +99,7 @@ public:
         step.change = step.y - predicted;
         step.size = weighted_norm(step.change, weight, nv);
         if (correct_ && !stale && forecast_.one_is_enough(step.size, c, tol)) {
-          if (!forecast_.stays_closed(step.size, c, tol)) close(t, base, c, weight, predicted, step, MEASURED);
+          if (!forecast_.stays_closed(step.size, c, tol, rtol_force * largest_force)) close(t, base, c, weight, predicted, step, MEASURED);
           step.failure = Failure::none;
           return;
         }
@@ -117,8 +122,10 @@ public:
         step.change = step.y - predicted;
         step.size = weighted_norm(step.change, weight, nv);
         const bool always = !correct_at_once_; // nothing has been taken out yet
-        const bool hidden = stale && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol;
         const double closing = iteration > 1 ? rate : 1.0;
+        const bool hidden =
+            (stale && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol) ||
+            closing * force_of(rhs_.col(2)) > rtol_force * largest_force;
         if (correct_ && (always || hidden || closing * largest(system_.phi) > CLOSED * (1.0 + largest(step.p))))
           close(t, base, c, weight, predicted, step, closing);
         step.failure = Failure::none;
@@ -161,7 +168,8 @@ private:
       const double gap = largest(system_.phi) / (1.0 + largest(step.p));
       if (rate == MEASURED) {
         const double shift = rms(closing_.col(1).head(nv).cwiseProduct(weight.tail(nv)));
-        forecast_.looked(gap, shift, rms(v_.cwiseProduct(weight.tail(nv))), step.size, c);
+        const double speed = rms(v_.cwiseProduct(weight.tail(nv)));
+        forecast_.looked(gap, shift, speed, force_of(closing_.col(1)), step.size, c);
         rate = forecast_.closing_rate(step.size, c, largest(step.change.head(nx)));
       }
       raw_ -= closing_.col(0).head(nv) / c;
@@ -171,7 +179,34 @@ private:
       if (gap * rate <= CLOSED) break;
     }
     step.change = step.y - predicted;
-    if (!correct_at_once_) step.size = weighted_norm(step.change, weight, nv);
+    step.size = weighted_norm(step.change, weight, nv);
+  }
+
+  // The largest change of the constraint forces that an increment makes.
+  template <class Derived> double force_of(const Eigen::MatrixBase<Derived> &increment) {
+    force_.noalias() = system_.G_transposed().transpose() * increment.tail(system_.nc);
+    return largest(force_);
+  }
+
+  // What the kept matrix knows of the constraints: Gᵀ, with rows of unit length, and its smallest singular value, by one
+  // step of inverse iteration.
+  void measure_constraints(double c) {
+    const int nv = system_.nv, nc = system_.nc;
+    kept_ = system_.G_transposed();
+    lengths_ = kept_.rowwise().norm().cwiseMax(EPS);
+    if (!weakest_.size()) weakest_ = Vec::LinSpaced(nv + nc, 1.0, nv + nc).array().sin().matrix();
+    weakest_.topRows(nv).setZero();
+    kkt_.solve(weakest_, c, 0);
+    weakest_ /= weakest_.bottomRows(nc).cwiseProduct(lengths_).norm();
+    force_.noalias() = kept_.transpose() * weakest_.bottomRows(nc);
+    least_ = force_.norm();
+  }
+
+  // Whether they have changed so much since that Newton would be slow, or go astray, in some direction: beside singular
+  // positions that is a direction which its increments do not show.
+  bool constraints_changed() {
+    if (!system_.nc) return false;
+    return ((system_.G_transposed() - kept_).rowwise().norm().cwiseQuotient(lengths_)).norm() > FRESH_RATE * least_;
   }
 
   // Σ (weight · increment)² of the positions that the constraint moves.
@@ -187,7 +222,9 @@ private:
   template <class Velocity> bool is_noise(const Velocity &psi_v, const Vec &p, double noise) const {
     const int nv = system_.nv;
     const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv));
-    return step <= noise * (largest(v_) + largest(psi_v) + step) && moved <= 1e4 * EPS * (1.0 + largest(p));
+    const bool closed = largest(system_.phi) <= rounding_gap(p, system_.G_transposed());
+    return step <= noise * (largest(v_) + largest(psi_v) + step) &&
+           moved <= (closed ? HALF : 1e4 * EPS) * (1.0 + largest(p));
   }
 
   System &system_;
@@ -196,8 +233,9 @@ private:
   Forecast forecast_;
   JacobianReuse reuse_;
   KeptDerivatives derivatives_;
-  Mat rhs_, closing_, moves_;
-  Vec psi_x_, x_, v_, a_, xi_, raw_;
+  double least_ = 0.0;
+  Mat rhs_, closing_, moves_, kept_, weakest_;
+  Vec psi_x_, x_, v_, a_, xi_, raw_, force_, lengths_;
 };
 
 } // namespace pinconsist

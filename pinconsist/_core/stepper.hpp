@@ -95,6 +95,7 @@ private:
     used_h = h;
     used_k = k;
     ++taken;
+    newton.largest_force = std::max(newton.largest_force, attempt_.force);
     if (error > 1.0) { // rounding: a longer step that was tried is as good
       choice = {std::copysign(std::max(std::abs(h), tried_h), h), k};
       control.restart();

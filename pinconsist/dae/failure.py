@@ -24,9 +24,11 @@ def failure_report(stepper, failure: str) -> str:
         )
     condition, rows = _weakest_rows(stepper)
     if condition < NEARLY_DEPENDENT:
+        other = "step, such as one that is 10 % longer" if method.step is not None else "rtol, such as twice this one"
         hints.append(
             f"the constraints are nearly dependent there ({rows}; smallest singular value {condition:.1e} of the "
-            "largest): a singular position, where the motion branches"
+            "largest): a singular position, where the motion branches, or the end of what a drive can reach. Whether a "
+            f"run gets through a singular position depends on where its steps fall: try another {other}"
         )
     if "not finite" in failure:
         hints.append("a force or a user's function returned NaN or infinity")

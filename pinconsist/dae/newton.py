@@ -25,7 +25,7 @@ import numpy as np
 
 from .kkt import KKT, columns
 from .norms import largest
-from .rounding import is_noise
+from .rounding import is_noise, rounding_gap
 from .tuning import FAILURES, FRESH_RATE, LAST, MAX_ITERATIONS, STAGNANT, STAGNATED
 
 
@@ -104,7 +104,8 @@ class Newton:
             before, v, lam = v, v - dv - moved / c, lam - dynamics[nv:] - constraint[nv:] / c
             p, xi = system.position(t, base, psi_x, c, v)
             noise = STAGNATED if iteration > 1 and rate > STAGNANT else LAST if iteration == MAX_ITERATIONS else 0.0
-            if min(size, to_come) <= tol or (noise and is_noise(dv, moved, before, psi_v, p, noise)):
+            closed = noise and largest(phi) <= rounding_gap(p, G)
+            if min(size, to_come) <= tol or (noise and is_noise(dv, moved, before, psi_v, p, noise, closed)):
                 return Attempt(t, c, base, psi_x, p, xi, v, lam, kkt, rate)
             if rate > 2.0 and iteration > 2:
                 failure = "diverged"

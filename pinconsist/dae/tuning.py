@@ -33,6 +33,7 @@ NOISE = 5.0  # eps of the positions: what rounding leaves in the error of a step
 NEAR_ROUNDING = 1e-9  # rtol above which no error is believed to be rounding
 HALF = 1e-8  # of the velocities, half their digits: nor is a larger error
 SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
+SURE = 100.0  # errors this much smaller than what rounding explains are rounding
 REMEMBERED = 20  # steps for which a measurement is believed
 SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it advanced by less than this part meanwhile
 
@@ -65,6 +66,7 @@ PATIENCE = 0.05  # s after which no more steps are made in one call, so that an 
 
 # Of the compiled method alone: forecasts of what need not be computed, matrices that are kept
 HIDDEN = 7.0  # of Newton's tolerance: hidden residual that may stay; multipliers begin to show it at 20
+FORCES = 3.0  # of a step's rtol^(k/(k+1)), relative to the largest G λ: what a hidden residual may change in G λ
 FORECAST_ROUNDING = 2e-12  # relative to the velocities: a hidden residual below this is always taken out
 STALE_FACTOR = 0.3  # of Newton's tolerance for a kept matrix: the multipliers show what linear convergence leaves
 WORTH = 32.0  # a new matrix, derivatives and factors, costs as much as nv/WORTH iterations (measured on long chains)
