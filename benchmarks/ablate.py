@@ -44,6 +44,9 @@ class WithCharts(MechanismSystem):
     def position_scale(self, p):
         return np.abs(p)  # the same steps as before
 
+    def bracket(self, xi):
+        return np.zeros((self.nx, self.nx))
+
 
 class AllRows(MechanismSystem):
     """All rows of the loops are evaluated as they stand in the convention; the kept ones are picked from them."""

@@ -60,7 +60,7 @@ class GlobalError:
 
 def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError | None:
     """The error of a solution; None where the finer run fails or takes longer than `patience` (s)."""
-    if not solution.success or len(solution.t) < 2:
+    if not solution.success or len(solution.t) < 2 or "max_order" not in solution.method:
         return None
     system, method = _case(solution, mechanism)
     rows = _rows(solution, ENDS if method.name == "Radau" else len(solution.t))

@@ -58,7 +58,7 @@ class CompiledStepper(CompiledRun):
         self._core = load()[0].Stepper(self._compiled, method.consistency == "every-step", method.switches)
         if isinstance(control, ErrorControl):
             sizes = control.sizes if before is None else before.sizes
-            self._core.control_error(*control.spread, sizes, control.max_order, control.max_step)
+            self._core.control_error(*control.spread, sizes, control.max_order, control.max_step, control.noise)
 
     def begin(self, t, p, v, t_end):
         states = super().begin(t, p, v, t_end)

@@ -17,7 +17,7 @@ class Tolerances {
 public:
   Vec rtol, atol;
   Vec sizes; // the largest that [ξ | v] have been
-  double max_step = INF;
+  double max_step = INF, noise = NOISE;
   long rejected_by_error = 0, rejected_by_newton = 0;
 
   bool fixed() const { return !rtol.size(); }
@@ -33,9 +33,9 @@ protected:
   void fill(const System &system, const Vec &p, const Vec &v, double h, Vec &weight) const {
     magnitudes(system, p, v, weight);
     weight = weight.cwiseMax(sizes).cwiseProduct(rtol) + atol;
-    const double noise = NOISE * EPS * (1.0 + largest(p));
-    weight.head(system.nx).array() += noise;
-    weight.tail(system.nv).array() += noise / std::abs(h);
+    const double rounding = noise * EPS * (1.0 + largest(p));
+    weight.head(system.nx).array() += rounding;
+    weight.tail(system.nv).array() += rounding / std::abs(h);
     weight = weight.cwiseInverse();
   }
 

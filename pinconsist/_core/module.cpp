@@ -41,7 +41,7 @@ nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, b
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 7; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 8; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -212,12 +212,14 @@ NB_MODULE(twin, m) {
              s.steps = steps;
            })
       .def("control_error",
-           [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step) {
+           [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step,
+              double noise) {
              s.control.rtol = rtol;
              s.control.atol = atol;
              s.control.sizes = sizes;
              s.control.max_order = max_order;
              s.control.max_step = max_step;
+             s.control.noise = noise;
              s.newton.rtol_force = FORCES * std::pow(rtol.minCoeff(), max_order / (max_order + 1.0));
            })
       .def("work", // since it was asked last

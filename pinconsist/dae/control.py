@@ -64,6 +64,7 @@ class ErrorControl:
     atol: tuple
     max_order: int
     max_step: float
+    noise: float = NOISE  # 0 where errors that raw BDF makes at a change of step are not to pass for rounding
     equal_steps: int = 0
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
     _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns, set by `fit`
@@ -125,7 +126,7 @@ class ErrorControl:
         It shows as eps/h in the velocities.
         """
         size = np.maximum(self.sizes, self._magnitudes(system, predicted, p))
-        noise = NOISE * EPS * (1.0 + largest(p))
+        noise = self.noise * EPS * (1.0 + largest(p))
         rounding = np.repeat((noise, noise / abs(h)), (system.nx, system.nv))
         return 1.0 / (self._rtol * size + self._atol + rounding), NEWTON_FACTOR
 

@@ -172,6 +172,8 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
             watch.restart(*first)
         resumes = jumped = False
         curve = Curve([stepper.segment()]) if with_curve and states else None
+        if method.max_steps is not None:  # a start is several steps
+            states = states[: method.max_steps - record.nsteps]
         batch = StepBatch.of(states, [stepper.used[1]] * len(states), curve)
         while True:
             hit = _look(watch, batch, record)
@@ -195,10 +197,10 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
             t = stepper.t
             if batch.failure and not _choose_rows(stepper, record, watch):
                 raise Stop(FAILED, failure_report(stepper, batch.failure))
-            if t == t_end:
+            if t == t_end == record.reached:
                 return
             if method.max_steps is not None and record.nsteps >= method.max_steps:
-                raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {t:.6g} of {t_end:.6g}")
+                raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {record.reached:.6g} of {t_end:.6g}")
             if pace.lost(record.nsteps, t, t_end, partial(jumping, stepper)):
                 raise Stop(FAILED, failure_report(stepper, FAILURES["chatters"]))
             due = stepper.rows_watched - record.nsteps % stepper.rows_watched
