@@ -226,7 +226,7 @@ def test_double_four_bar_through_its_singular_positions():
         np.testing.assert_allclose(sol.q[:, [3, 4]], sol.q[:, [0, 0]], atol=1e-6)  # all cranks parallel
         np.testing.assert_allclose(sol.q[:, 1], -sol.q[:, 0], atol=1e-6)
         energies.append(sol.check().energy_error)
-    assert (np.divide(errors, [*TOLERANCES[1:], 1e-12]) < 1e4).all() or errors[-1] < 1e-6, errors
+    assert (np.divide(errors, [*TOLERANCES[2:], 1e-12]) < 1e4).all() or errors[-1] < 1e-6, errors
     assert (np.array(energies[:-1]) < 2e3 * np.array(TOLERANCES)).all(), energies
     at_two = pc.simulate(pc.load("n_four_bar_2"), (0.0, 2.0), v0={"crank0": 1.0}, rtol=1e-9, atol=1e-9)
     angle, rate = at_two.q[-1, 0], at_two.v[-1, 0]
@@ -314,7 +314,7 @@ PROTOTYPE = {  # by the tolerance of one step
 @pytest.mark.parametrize("tol", PROTOTYPE)
 def test_four_bar_beats_the_prototype(tol):
     """End error in q, largest λ error and residual evaluations of the throw-away prototype, from rest at -1 rad."""
-    sol = run("four_bar", 10 * tol ** (5 / 6))
+    sol = run("four_bar", 8 * tol ** (5 / 6))
     q, _, forces = reduced("four_bar", sol)
     J = [sol.system.loop_rows(configuration)[1] for configuration in q]
     lam = np.array([np.linalg.lstsq(rows.T, force, rcond=1e-10)[0] for rows, force in zip(J, forces, strict=True)])

@@ -85,7 +85,7 @@ CASES = {
     "asked times": ("four_bar", (0.0, 2.0), 0.5, {"t_eval": np.linspace(0.0, 2.0, 9)}),
     "few times": ("four_bar", (0.0, 2.0), 0.5, {"t_eval": [0.1, 1.9]}),
     "python": ("four_bar", (0.0, 2.0), 0.5, {"backend": "python"}),
-    "steps": ("four_bar", (0.0, 2.0), 0.5, {"max_steps": 250, "first_step": 1e-4}),
+    "steps": ("four_bar", (0.0, 2.0), 0.5, {"max_steps": 700, "first_step": 1e-4}),
 }
 
 

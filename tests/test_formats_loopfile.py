@@ -135,7 +135,8 @@ def test_replaced_joint_has_the_right_dynamics(robot, kind, joints, nq):
     model, hand = mech.model, by_hand(joints)
     assert model.nq == nq
     assert mech.actuated == (("k",) if kind == "SPHERICAL" else tuple(f"k_{joint.shortname()[-1]}" for joint in joints))
-    assert [frame.name for frame in model.frames] == [frame.name for frame in plain.model.frames]
+    before = [frame.name for frame in plain.model.frames]
+    assert [frame.name for frame in model.frames][: len(before)] == before  # those of the new joints follow
     own = slice(1, model.nv - 2)  # velocities of k: j comes before, l and m after
     np.testing.assert_array_equal(model.damping[own], 0.5)
     np.testing.assert_array_equal(model.upperDryFrictionLimit[own], 0.25)

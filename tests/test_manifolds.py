@@ -212,7 +212,7 @@ def test_a_body_at_200_rad_s(joint, spin0, tol):
     assert turn[sol.order > 0].max() < 2.9 < np.pi
 
 
-@pytest.mark.parametrize("tol", [1e-2, 1e-3])
+@pytest.mark.parametrize("tol", [0.2, 0.03])
 def test_without_the_cap_the_same_body_is_garbage(monkeypatch, tol):
     monkeypatch.setattr(charts, "MAX_CHART_TURN", 1e9)
     try:

@@ -71,7 +71,7 @@ def interrupting(function, number=signal.SIGINT):
 
 
 LATE = {  # between the last step and the file
-    "march": ("pinconsist.dae.integrate", "_march"),
+    "march": ("pinconsist.dae.integrate", "march"),
     "rows": ("pinconsist.dae.output.Record", "arrays"),
     "steps": ("pinconsist.dae.output.Record", "steps"),
     "solution": ("pinconsist.simulation", "Solution._from_trajectory"),
