@@ -51,6 +51,8 @@ class Certificate:
         By how much rounded numbers of the file were changed, m or rad, see :meth:`Mechanism.corrected`.
     fixed_step : bool
         The run had one, which is then what to make smaller.
+    ended_early : bool
+        The run could not go on; its message has the advice then.
     error : GlobalError or None
         How far the run is from a finer one, where that was made.
     """
@@ -66,6 +68,7 @@ class Certificate:
     beyond_limits: tuple[BeyondLimit, ...] = ()
     corrected_by: float = 0.0
     fixed_step: bool = field(default=False, repr=False, compare=False)
+    ended_early: bool = field(default=False, repr=False, compare=False)
     error: GlobalError | None = None
 
     def __str__(self):
@@ -87,6 +90,8 @@ class Certificate:
     def concerns(self) -> list[str]:
         """What a person should look at before trusting the solution; empty where nothing stands out."""
         found, advice = [], "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
+        if self.ended_early:
+            advice = "the run could not go on, see its message"
         if self.position > 1e-8:
             found.append(f"a loop is open by {self.position:.1e}")
         if self.force > 0.01:
@@ -149,6 +154,7 @@ def certify(solution, mechanism=None) -> Certificate:
         beyond_limits=() if mechanism is None else beyond_limits(mechanism, solution.t, solution.q),
         corrected_by=0.0 if mechanism is None else mechanism.corrected_by,
         fixed_step=solution.method.get("step") is not None,
+        ended_early=solution.status < 0,
     )
 
 

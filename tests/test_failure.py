@@ -1,5 +1,6 @@
 """What a run that could not go on says: the row that fails, and advice that fits the method."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -139,3 +140,9 @@ def test_a_drive_out_of_reach_is_refused_soon_near_rounding():
     driven = mech.with_loops(*mech.loops, pc.Drive("motor", "rocker", pc.Motion(start[2], 1.0)))
     sol = pc.simulate(driven, (0.0, 10.0), start, rtol=1e-13, atol=1e-15, max_steps=10_000)
     assert not sol.success and "loop 'motor' row motor" in sol.message and sol.nsteps < 8_000, sol.message
+
+
+def test_the_advice_for_a_run_that_ended_early_is_in_its_message():
+    good = pc.simulate(pc.load("four_bar"), (0.0, 0.05)).check(error=False)
+    assert "tighten rtol" in str(replace(good, force=0.5))
+    assert "tighten rtol" not in str(replace(good, force=0.5, ended_early=True))

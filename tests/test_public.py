@@ -17,7 +17,7 @@ HOW += " max_steps backend"
 PARAMETERS = {  # those after the bar by name only
     "Assembly": "q v gaps rows rank mobility redundant moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy undetermined beyond_limits "
-    "corrected_by fixed_step error",
+    "corrected_by fixed_step ended_early error",
     "Constraint": "name function size jacobian rate moving rows step",
     "Coupling": "name joint other ratio offset higher",
     "Drive": "name joint curve rate acceleration",

@@ -93,7 +93,7 @@ def simulate(
     try:
         again = "again " if exit_code(sol) == output.INTERRUPTED else ""
         with doing(f"checking (Ctrl-C {again}skips)"):
-            certificate = sol.check()
+            certificate = sol.check(error=False if again else None)  # who interrupts does not want another run
     except KeyboardInterrupt:
         certificate = None
     if not as_json:

@@ -158,5 +158,5 @@ class Pace:
             return False
         failed = self._control.reasons["newton"] - self._failed
         self._t, self._steps, self._failed = t, steps, self._control.reasons["newton"]
-        to_come = made * abs(t_end - t) / gone
+        to_come = made * abs(t_end - t) / gone if gone else np.inf
         return failed > CHATTER * made and (to_come > ENDLESS or (to_come > LONG and bool(jumping())))
