@@ -25,6 +25,8 @@ class Index3System:
         Sizes, as above.
     vector_like : bool
         True where ``integrate`` is addition; the method then skips all charts.
+    moving : bool
+        The constraint may depend on time.
     dropped_are_zero : bool
         False where constraint rows were left out that may become independent of the others during a run.
     """
@@ -35,6 +37,7 @@ class Index3System:
     nc: int
     vector_like: bool = True
     dropped_are_zero: bool = True
+    moving: bool = True
 
     def integrate(self, p, xi):
         """p ⊕ ξ, shape (npos,): the position reached from `p` by the tangent vector `xi`."""

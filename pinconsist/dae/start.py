@@ -140,7 +140,7 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
         points = [chart_point(system, p0, y[: system.nx]) for y in rows]
         states = [first, *map(index1.state, times[1:], points[1:], rows[1:, system.nx :])]
         closed = np.array([table_row(system, p0, p, v, np.zeros(0)) for _, p, v, _ in states])
-        if control.apart(system, rows, closed) <= JUMPED:
+        if not system.moving or control.apart(system, rows, closed) <= JUMPED:
             return h, states
         if abs(h) < BEFORE_JUMP * shortest:
             phi, rho = system.constraint(times[-1], p := points[-1], system.rate(times[-1], p, rows[-1, system.nx :]))

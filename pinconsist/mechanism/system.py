@@ -50,7 +50,7 @@ class MechanismSystem(Index3System):
         # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
         self._planar = PlanarJoints(self.model)
-        self._moving, self._J = self.rows.moving, None
+        self.moving, self._J = self.rows.moving, None
         self._structure = None if self.vector_like else structure_constants(self.model)
 
     def _take(self, forces):
@@ -106,7 +106,7 @@ class MechanismSystem(Index3System):
         phi, J = self._kept_rows(self.data, p, t)
         self._J = J
         rho = J.dot(v)
-        if self._moving:
+        if self.moving:
             rho += self.rows.time_rate(t, p)[self.kept]
         return f, phi, J.T, rho
 
@@ -146,7 +146,7 @@ class MechanismSystem(Index3System):
         pin.computeJointJacobians(self.model, self.data, p)
         phi, J = self._kept_rows(self.data, p, t)
         rho = J.dot(rate)
-        return phi, rho + self.rows.time_rate(t, p)[self.kept] if self._moving else rho
+        return phi, rho + self.rows.time_rate(t, p)[self.kept] if self.moving else rho
 
     def acceleration_bias(self, t, p, v):
         pin.forwardKinematics(self.model, self.data, p, v, np.zeros(self.nv))
