@@ -14,6 +14,7 @@ from .dae.index1 import Index1
 from .dae.integrate import integrate
 from .dae.norms import largest
 from .dae.output import Output
+from .mechanism.names import velocity_names
 from .mechanism.system import MechanismSystem
 from .options import method_of
 from .residuals import loop_forces
@@ -156,12 +157,7 @@ def _coordinates(system):
     mechanism = getattr(system, "mechanism", None)
     if mechanism is None:
         return [f"coordinate {i}" for i in range(system.nv)]
-    names = [""] * system.nv
-    for joint in mechanism.joints:
-        columns = range(system.nv)[mechanism.columns(joint)]
-        for i in columns:
-            names[i] = joint if len(columns) == 1 else f"{joint}[{i - columns[0]}]"
-    return names
+    return velocity_names(mechanism.model)
 
 
 def _where(error, names, t) -> str:

@@ -22,6 +22,7 @@ from .errors import FormatError, InputError, PinconsistError
 from .files import written_whole
 from .mechanism.digest import digests
 from .mechanism.mechanism import Mechanism
+from .mechanism.names import position_names, velocity_names
 from .simulation import simulate
 from .solution_file import versions
 from .sweep_cases import Run, target
@@ -107,10 +108,8 @@ class SceneSweep:
 
     def columns(self) -> list[str]:
         """The names of the table's columns; q and v as ``q.crank``, or ``q.ball[0]`` of a joint of several."""
-        mechanism, ends = loaded(self.scene), []
-        for letter, sizes in (("q", mechanism.model.nqs), ("v", mechanism.model.nvs)):
-            for joint, size in zip(mechanism.joints, list(sizes)[1:], strict=True):
-                ends += [f"{letter}.{joint}" + (f"[{k}]" if size > 1 else "") for k in range(size)]
+        model = loaded(self.scene).model
+        ends = [f"q.{name}" for name in position_names(model)] + [f"v.{name}" for name in velocity_names(model)]
         return ["case", *self.names, *MEASURED, *ends, "message"]
 
     def rows(self, cases, measured: dict[int, dict]) -> list[list]:

@@ -11,6 +11,7 @@ from ..errors import SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
 from ..mechanism.mechanism import joints_in, with_forces
+from ..mechanism.names import velocity_names
 from ..mechanism.singularity import MASSLESS
 from ..mechanism.system import MechanismSystem
 from .equilibrium import equilibrium
@@ -141,8 +142,7 @@ def linearize(mechanism, q=None, v=None, *, forces=(), t: float = 0.0) -> Linear
     K = by_position(system, t, q, v, a, lam, Z)
     C = by_velocity(system, t, q, v, a)
     velocity, from_velocity, from_position = _follow(system, space, t, q, v, a, sizes)
-    joints = zip(mechanism.joints, list(mechanism.model.nvs)[1:], strict=True)
-    names = [joint if size == 1 else f"{joint}[{i}]" for joint, size in joints for i in range(size)]
+    names = velocity_names(mechanism.model)
     return Linearization(
         t, q, v, a, lam,
         tuple(names[i] for i in space.coordinates), Z,

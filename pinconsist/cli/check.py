@@ -124,9 +124,9 @@ def _print(mech, guess, before, assembly, singular, held, weak, without):
         iterations = output.counted(assembly.iterations, "iteration")
         print(f"closing took {iterations} and moved no joint by more than {assembly.moved:.3g} rad or m")
     print(f"equations of motion: {'singular, see below' if singular else 'regular there'}\n")
-    from ..view.panels import joint_labels
+    from ..mechanism.names import position_names
 
-    columns = zip(joint_labels(mech, mech.model.nqs), guess, assembly.q, strict=True)
+    columns = zip(position_names(mech.model), guess, assembly.q, strict=True)
     rows = [(name, *(f"{value if abs(value) > NOTHING else 0.0:.9g}" for value in values)) for name, *values in columns]
     output.table(("joint [rad, m]", "guess>", "closed>"), rows)
 

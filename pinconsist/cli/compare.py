@@ -99,7 +99,7 @@ def _show(what, file, run, order, q0, v0):
 
 
 def _print(result, mech):
-    from ..view.panels import joint_labels
+    from ..mechanism.names import velocity_names
 
     order = result.order
     start = f"; rows 0 to {order - 1} are its exact start" if order > 1 else ""
@@ -110,7 +110,7 @@ def _print(result, mech):
         heads = ("row>", "t [s]>", "from exact>", "from consistent>", "every step>")
         output.table(heads, rows[order:], title=f"step size h = {run.h:g} s")
         names = [f"v{k + 1}" for k in range(len(run.v_given))]
-        names = names if mech is None else joint_labels(mech, mech.model.nvs)
+        names = names if mech is None else velocity_names(mech.model)
         columns = zip(names, run.v_given, run.v_consistent, strict=True)
         rows = [(name, f"{given:.9g}", f"{new:.9g}", f"{new - given:.4e}") for name, given, new in columns]
         output.table(("initial velocity", "given>", "consistent>", "change>"), rows)

@@ -7,6 +7,8 @@ from math import inf, tau
 
 import numpy as np
 
+from .names import position_names
+
 ROUNDING = 1e-9  # rad or m
 
 
@@ -32,7 +34,8 @@ def beyond_limits(mechanism, t, q) -> tuple[BeyondLimit, ...]:
     joint of several is called ``joint[k]``; joints that store quaternions, or cosine and sine, have no such limits.
     """
     model, found = mechanism.model, []
-    for i, joint in enumerate(mechanism.joints, start=1):
+    names = position_names(model)
+    for i in range(1, model.njoints):
         for k in range(model.nqs[i] if model.nqs[i] == model.nvs[i] else 0):
             at = model.idx_qs[i] + k
             low, high, values = float(model.lowerPositionLimit[at]), float(model.upperPositionLimit[at]), q[:, at]
@@ -43,6 +46,5 @@ def beyond_limits(mechanism, t, q) -> tuple[BeyondLimit, ...]:
             beyond = np.maximum(values - high, low - values)
             if (out := np.flatnonzero(beyond > ROUNDING)).size:
                 value = float(values[np.argmax(beyond)])
-                name = joint if model.nqs[i] == 1 else f"{joint}[{k}]"
-                found.append(BeyondLimit(name, float(t[out[0]]), value, low, high))
+                found.append(BeyondLimit(names[at], float(t[out[0]]), value, low, high))
     return tuple(found)

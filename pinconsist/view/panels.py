@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from ..errors import InputError, MissingExtraError
 from ..files import written_whole
+from ..mechanism.names import position_names, velocity_names
 from ..mechanism.rows import LoopRows
 
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9")
@@ -63,12 +64,6 @@ def require_figure(file=None) -> str:
     if file is not None and ending not in known:
         raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
     return ending
-
-
-def joint_labels(mech, sizes) -> list[str]:
-    """A name for each number of the joints, nqs or nvs of them: ``crank``, or ``ball[0]`` of a joint with several."""
-    pairs = zip(mech.joints, list(sizes)[1:], strict=True)
-    return [f"{name}[{k}]" if size > 1 else name for name, size in pairs for k in range(size)]
 
 
 def style(k: int) -> dict:
@@ -142,7 +137,7 @@ class DrawnSolution:
             elif name == "lam":
                 names = [f"{loop} {row}" for loop, row in self.mech.row_labels]
             else:
-                names = joint_labels(self.mech, self.mech.model.nqs if name == "q" else self.mech.model.nvs)
+                names = (position_names if name == "q" else velocity_names)(self.mech.model)
             if len(names) != len(labels) and name != "lam":  # redundant rows may have been left out
                 raise InputError(f"{self.mech.name!r} has {len(names)} columns of {name}, the solution {len(labels)}")
             self.labels[name] = names if len(names) == len(labels) else labels
