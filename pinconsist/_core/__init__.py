@@ -14,7 +14,7 @@ import pinocchio  # loads the libraries that the compiled module is linked with
 
 from ..dae import tuning
 
-INTERFACE = 8  # as in module.cpp: an editable install may hold an older build
+INTERFACE = 9  # as in module.cpp: an editable install may hold an older build
 
 
 @cache

@@ -7,12 +7,11 @@ from functools import cache
 
 import numpy as np
 
+from ..dae import bdf
 from ..dae.control import ErrorControl
 from ..dae.dense import Tables
 from ..dae.integrate import python_stepper
-from ..dae.newton import culprits
 from ..dae.stepper import StepBatch, Stepper
-from ..dae.tuning import FAILURES
 from ..errors import InputError
 from . import load
 from .compiled_radau import CompiledRadauStepper
@@ -68,16 +67,14 @@ class CompiledStepper(CompiledRun):
             self._core.fix_step(self._start, self._taken, self._steps)
         return states
 
-    def steps(self, t_end, most, with_curve) -> StepBatch:
+    def batch_of(self, made, with_curve) -> StepBatch:
         core, system, t_old = self._core, self.system, self.t
-        failure, error, t, p, v, lam, h, k, base, Z = core.run(self._compiled, t_end, most, with_curve)
+        failure, error, t, p, v, lam, h, k, tables, bases = made
         self.t, self.h, self.k, self.p, self.y = core.t, core.h, core.k, core.p, core.y
-        self._count()
-        why, curve = FAILURES.get(failure, ""), None
-        if failure == "not_finite":
-            why += culprits(system, *core.culprit)
-        elif failure == "turns_too_far":
+        why, curve = self._counted(failure), None
+        if failure == "turns_too_far":
             why = self._turns_too_far(self.velocity_and_multipliers()[0])
         if with_curve and len(t):
+            base, Z = bases.reshape(len(t), -1), tables.reshape(len(t), bdf.ROWS, -1)
             curve = Tables(np.append(t_old, t[:-1]), t, t, h, k, base, Z, system, self._chart_points)
         return StepBatch(t, p, v, lam, k, curve, why, error)

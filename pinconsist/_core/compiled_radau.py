@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from ..dae.dense import Curve, RadauSegment
-from ..dae.newton import culprits
 from ..dae.radau import table
 from ..dae.radau_control import RadauControl
 from ..dae.radau_stepper import RadauStepper
 from ..dae.stepper import StepBatch
-from ..dae.tuning import FAILURES, FEWEST_STAGES, FIRST_STAGES, MOST_STAGES
+from ..dae.tuning import FEWEST_STAGES, FIRST_STAGES, MOST_STAGES
 from . import load
 from .compiled_system import CompiledRun, compiled_system
 
@@ -38,7 +37,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         self._hand_state()
         self._core.turns, self._core.h = self._turns, self.h
         if self.method.step is not None:
-            self._core.fix_step(self._start, self._steps)
+            self._core.fix_step(self._start, self._taken, self._steps)
         return states
 
     def retake(self, segment, t):
@@ -57,7 +56,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         states = super().resume(t_end)
         if self.method.step is not None:
             self._core.h = self.h
-            self._core.fix_step(self._start, self._steps)
+            self._core.fix_step(self._start, self._taken, self._steps)
         return states
 
     def _jump(self):
@@ -74,25 +73,14 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         self._hand_state()
         return self._core.first_step(t_end)
 
-    def steps(self, t_end, most, with_curve) -> StepBatch:
-        return self.batch_of(self.made(t_end, most, with_curve), with_curve)
-
-    def made(self, t_end, most, with_curve):
-        """Steps as the compiled method returns them: its failure, an exception, t, p, v, λ, …"""
-        return self._core.run(self._compiled, t_end, most, with_curve)
-
     def batch_of(self, made, with_curve) -> StepBatch:
-        """What :meth:`steps` returns."""
         core, t_old, p_old, v_old = self._core, self.t, self.p, self.v
         failure, error, t, p, v, lam, h, k, W, U = made
         self.t, self.h, self.s = core.t, core.h, core.s
         self.p, self.v, self.a, self.lam = core.p, core.v, core.a, core.lam
         if len(t):
             self.used = float(h[-1]), int(k[-1])
-        self._count()
-        why = FAILURES.get(failure, "")
-        if failure == "not_finite":
-            why += culprits(self.system, *core.culprit)
+        why = self._counted(failure)
         segments, nv, nx = [], self.system.nv, self.system.nx
         for i in range(len(t) if with_curve else 0):
             s = (int(k[i]) + 1) // 2

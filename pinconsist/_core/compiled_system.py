@@ -15,7 +15,9 @@ from ..dae.index1 import (
     not_finite_message,
 )
 from ..dae.kkt import singular_message
-from ..dae.stepper import Stepper
+from ..dae.newton import culprits
+from ..dae.stepper import StepBatch, Stepper
+from ..dae.tuning import FAILURES
 from ..errors import AssemblyError, PinconsistError, SingularSystemError
 from . import load
 
@@ -70,8 +72,19 @@ class CompiledRun(Stepper):
     def opened(self, times, positions):
         return self.system.opened(times, positions, self._all_rows and self._all_rows.gaps)
 
-    def _count(self) -> None:
-        """Add the compiled method's work to the counters."""
+    def steps(self, t_end, most, with_curve) -> StepBatch:
+        return self.batch_of(self.made(t_end, most, with_curve), with_curve)
+
+    def made(self, t_end, most, with_curve):
+        """Steps as the compiled method returns them: its failure, an exception, t, p, v, λ, …"""
+        return self._core.run(self._compiled, t_end, most, with_curve)
+
+    def batch_of(self, made, with_curve) -> StepBatch:
+        """The batch of what was made last; the run stands where it ends."""
+        raise NotImplementedError
+
+    def _counted(self, failure) -> str:
+        """Add the compiled method's work to the counters; why there are no more steps, or empty."""
         newton, reasons = self.newton, self.control.reasons
         nfev, njev, nlu, *rejected = self._core.work()
         newton.nfev += nfev
@@ -79,6 +92,8 @@ class CompiledRun(Stepper):
         newton.nlu += nlu
         for reason, count in zip(reasons, rejected, strict=False):  # a fixed step rejects nothing
             reasons[reason] += count
+        why = FAILURES.get(failure, "")
+        return why + culprits(self.system, *self._core.culprit) if failure == "not_finite" else why
 
 
 class CompiledIndex1(Index1):

@@ -1,6 +1,7 @@
 // What Python sees: a system to which rows and forces are added, and a stepper that makes batches of steps.
 #include "measured.hpp"
 #include "radau_bindings.hpp"
+#include "stepper.hpp"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
@@ -20,28 +21,13 @@ SE3 placement(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()
 Motion motion(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
 Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] != 0}; }
 
-// A batch as a tuple: why it ended, an exception of Python's, and its rows.
-nb::tuple run(Stepper &stepper, const System &system, double t_end, long most, bool keep_tables) {
-  StepBatch out;
-  const auto [failure, error] = attempted(system, [&] { return stepper.run(t_end, most, keep_tables, out); });
-  const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc;
-  nb::object base = nb::none(), Z = nb::none();
-  if (keep_tables) {
-    base = array(std::move(out.base), {n, static_cast<size_t>(stepper.base.size())});
-    Z = array(std::move(out.Z), {n, bdf::ROWS, system.nx + nv + nc});
-  }
-  return nb::make_tuple(failure, error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
-                        array(std::move(out.v), {n, nv}), array(std::move(out.lam), {n, nc}), array(std::move(out.h), {n}),
-                        array(std::move(out.k), {n}), base, Z);
-}
-
 } // namespace
 } // namespace pinconsist
 
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 8; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 9; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -179,21 +165,17 @@ NB_MODULE(twin, m) {
       .def("step", &OneStep::step)
       .def("sample", &OneStep::sample);
 
-  nb::class_<Stepper>(m, "Stepper")
+  nb::class_<Stepper> stepper(m, "Stepper");
+  bind_run(stepper);
+  stepper
       .def(
           "__init__",
           [](Stepper *self, System &system, bool correct, nb::object switches) {
-            new (self) Stepper(system, correct,
-                               switches_of(switches));
+            new (self) Stepper(system, correct, switches_of(switches));
           },
           "system"_a, "correct"_a, "switches"_a, nb::keep_alive<1, 2>())
-      .def_ro("t", &Stepper::t)
-      .def_ro("h", &Stepper::h)
       .def_ro("k", &Stepper::k)
-      .def_prop_ro("p", [](const Stepper &s) { return s.p; })
       .def_prop_ro("y", [](const Stepper &s) { return s.y; })
-      .def_rw("turns", &Stepper::turns)
-      .def_prop_ro("sizes", [](const Stepper &s) { return s.control.sizes; })
       .def("begin",
            [](Stepper &s, double start, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base,
               const Table &Z) {
@@ -205,12 +187,6 @@ NB_MODULE(twin, m) {
              s.Z = Z;
              s.begin_anew(start);
            })
-      .def("fix_step",
-           [](Stepper &s, double start, long taken, long steps) {
-             s.start = start;
-             s.taken = taken;
-             s.steps = steps;
-           })
       .def("control_error",
            [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step,
               double noise) {
@@ -221,15 +197,7 @@ NB_MODULE(twin, m) {
              s.control.max_step = max_step;
              s.control.noise = noise;
              s.newton.rtol_force = FORCES * std::pow(rtol.minCoeff(), max_order / (max_order + 1.0));
-           })
-      .def("work", // since it was asked last
-           [](Stepper &s) {
-             const auto taken = [](long &count) { return std::exchange(count, 0); };
-             return nb::make_tuple(taken(s.newton.nfev), taken(s.newton.njev), taken(s.newton.nlu),
-                                   taken(s.control.rejected_by_error), taken(s.control.rejected_by_newton));
-           })
-      .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, s.newton.culprit_p, s.newton.culprit_v); })
-      .def("run", &run, "system"_a, "t_end"_a, "most"_a, "keep_tables"_a);
+           });
 
   bind_radau(m);
 }

@@ -42,29 +42,49 @@ template <class Run> std::pair<const char *, nb::object> attempted(const System 
   return {name_of(failure), error};
 }
 
-nb::tuple run_radau(RadauStepper &stepper, const System &system, double t_end, long most, bool keep_stages) {
-  RadauBatch out;
-  const auto [failure, error] = attempted(system, [&] { return stepper.run(t_end, most, keep_stages, out); });
-  const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc, W = out.W.size(), U = out.U.size();
-  return nb::make_tuple(failure, error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
-                        array(std::move(out.v), {n, nv}), array(std::move(out.lam), {n, nc}), array(std::move(out.h), {n}),
-                        array(std::move(out.k), {n}), array(std::move(out.W), {W}), array(std::move(out.U), {U}));
+// What both steppers have.
+template <class Stepper> void bind_run(nb::class_<Stepper> &bound) {
+  bound.def_ro("t", &Stepper::t)
+      .def_rw("h", &Stepper::h)
+      .def_prop_ro("p", [](const Stepper &s) { return s.p; })
+      .def_rw("turns", &Stepper::turns)
+      .def_prop_ro("sizes", [](const Stepper &s) { return s.control.sizes; })
+      .def("fix_step",
+           [](Stepper &s, double start, long taken, long steps) {
+             s.start = start;
+             s.taken = taken;
+             s.steps = steps;
+           })
+      .def("work", // since it was asked last
+           [](Stepper &s) {
+             const auto taken = [](long &count) { return std::exchange(count, 0); };
+             return nb::make_tuple(taken(s.newton.nfev), taken(s.newton.njev), taken(s.newton.nlu),
+                                   taken(s.control.rejected_by_error), taken(s.control.rejected_by_newton));
+           })
+      .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, s.newton.culprit_p, s.newton.culprit_v); })
+      .def("run", // a batch: why it ended, an exception of Python's, its rows, and the numbers of its polynomials
+           [](Stepper &s, const System &system, double t_end, long most, bool with_curve) {
+             StepBatch out;
+             const auto [failure, error] = attempted(system, [&] { return s.run(t_end, most, with_curve, out); });
+             const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc;
+             const size_t curve = out.curve.size(), rates = out.rates.size();
+             return nb::make_tuple(failure, error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
+                                   array(std::move(out.v), {n, nv}), array(std::move(out.lam), {n, nc}),
+                                   array(std::move(out.h), {n}), array(std::move(out.order), {n}),
+                                   array(std::move(out.curve), {curve}), array(std::move(out.rates), {rates}));
+           });
 }
 
 void bind_radau(nb::module_ &m) {
-  nb::class_<RadauStepper>(m, "RadauStepper")
-      .def("__init__", [](RadauStepper *self, System &system, nb::object switches) {
+  nb::class_<RadauStepper> stepper(m, "RadauStepper");
+  bind_run(stepper);
+  stepper.def("__init__", [](RadauStepper *self, System &system, nb::object switches) {
              new (self) RadauStepper(system, switches_of(switches));
            }, "system"_a, "switches"_a, nb::keep_alive<1, 2>())
-      .def_ro("t", &RadauStepper::t)
-      .def_rw("h", &RadauStepper::h)
       .def_prop_ro("s", [](const RadauStepper &s) { return s.control.s; })
-      .def_prop_ro("p", [](const RadauStepper &s) { return s.p; })
       .def_prop_ro("v", [](const RadauStepper &s) { return s.v; })
       .def_prop_ro("a", [](const RadauStepper &s) { return s.a; })
       .def_prop_ro("lam", [](const RadauStepper &s) { return s.lam; })
-      .def_rw("turns", &RadauStepper::turns)
-      .def_prop_ro("sizes", [](const RadauStepper &s) { return s.control.sizes; })
       .def("retake", // None where it fails
            [](RadauStepper &s, int stages, double t, double h, const Mat &W, const Vec &p0, const Vec &v0, double t_end) -> nb::object {
              Vec p, v, lam;
@@ -93,27 +113,13 @@ void bind_radau(nb::module_ &m) {
              s.lam = lam;
              s.begin_anew();
            })
-      .def("fix_step",
-           [](RadauStepper &s, double start, long steps) {
-             s.start = start;
-             s.taken = 0;
-             s.steps = steps;
-           })
       .def("control_error",
            [](RadauStepper &s, const Vec &sizes, double max_step, bool chooses, bool worth_most) {
              s.control.sizes = sizes;
              s.control.max_step = max_step;
              s.control.chooses = chooses;
              s.control.worth_most = worth_most;
-           })
-      .def("work", // since it was asked last
-           [](RadauStepper &s) {
-             const auto taken = [](long &count) { return std::exchange(count, 0); };
-             return nb::make_tuple(taken(s.newton.nfev), taken(s.newton.njev), taken(s.newton.nlu),
-                                   taken(s.control.rejected_by_error), taken(s.control.rejected_by_newton));
-           })
-      .def_prop_ro("culprit", [](const RadauStepper &s) { return nb::make_tuple(s.newton.culprit_t, s.newton.culprit_p, s.newton.culprit_v); })
-      .def("run", &run_radau, "system"_a, "t_end"_a, "most"_a, "keep_stages"_a);
+           });
 
   nb::class_<Sampler>(m, "Sampler")
       .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())

@@ -1,36 +1,24 @@
-// dae/radau_stepper.py: a run of Radau IIA, and the loop around it.
+// dae/radau_stepper.py: a run of Radau IIA.
 #pragma once
 
 #include "collocation.hpp"
 #include "radau.hpp"
-#include "stepper.hpp"
+#include "run.hpp"
 
 #include <map>
 
 namespace pinconsist {
 
-// What accepted steps leave, one entry a step.
-struct RadauBatch {
-  int steps = 0;
-  std::vector<double> t, h, p, v, lam, W, U;
-  std::vector<int> k;
-};
-
-class RadauStepper {
+class RadauStepper : public Run<RadauStepper> {
 public:
-  // The state of the run; names as in dae/radau_stepper.py.
-  double t = 0.0, h = 0.0, used_h = 0.0;
   int used_s = 0;
-  Vec p, v, a, lam;
-  double start = 0.0;
-  long taken = 0, steps = 0; // of fixed steps
-  Mat turns;
+  Vec v, a, lam;
   RadauControl control;
   StageNewton newton;
   std::map<int, RadauTable> tables;
 
   RadauStepper(System &system, const Switches &switches)
-      : newton(system, switches), system_(system), kkt_(system.nv, system.nc), index1_(system) {}
+      : Run(system), newton(system, switches), kkt_(system.nv, system.nc), index1_(system) {}
 
   // A step with an error of FIRST_ERROR, from the time in which the acceleration changes by as much as it is.
   double first_step(double t_end) {
@@ -78,17 +66,6 @@ public:
     return true;
   }
 
-  Failure run(double t_end, long most, bool keep_stages, RadauBatch &out) {
-    const auto begun = std::chrono::steady_clock::now();
-    while (out.steps < most && t != t_end) {
-      const Failure failure = advance(t_end);
-      if (failure != Failure::none) return failure;
-      record(keep_stages, out);
-      if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;
-    }
-    return Failure::none;
-  }
-
   // The state at t_end of a step that is made again from (p0, v0), with the shape that it had; false where it fails.
   bool retake(const Shape &shape, const Vec &p0, const Vec &v0, double t_end, Vec &p1, Vec &v1, Vec &lam1) {
     place(shape.table->s, shape.t, t_end - shape.t, p0, v0);
@@ -106,6 +83,8 @@ public:
   }
 
 private:
+  friend class Run<RadauStepper>;
+
   Failure advance(double t_end) {
     double t_next, error, smaller;
     while (true) {
@@ -248,39 +227,23 @@ private:
     return std::abs(step) * std::sqrt(sum / nv);
   }
 
-  double next_time(double t_end) {
-    if (fixed()) return taken + 1 < steps ? start + (taken + 1) * h : t_end;
-    if (turns.rows()) {
-      const double speed = bdf::fastest_turn(turns, system_.rate(t, p, v));
-      if (speed != 0.0) h = std::copysign(std::min(std::abs(h), MAX_CHART_TURN / speed), h);
-    }
-    const double left = (t_end - t) / h;
-    if (left >= 2.0) return t + h;
-    const bool last = left < 1.0 + 1e-9;
-    h = (t_end - t) / (last ? 1 : 2);
-    return last ? t_end : t + h;
+  void prepare_next() {
+    if (fixed() || !turns.rows()) return;
+    const double speed = bdf::fastest_turn(turns, system_.rate(t, p, v));
+    if (speed != 0.0) shorten(std::copysign(std::min(std::abs(h), MAX_CHART_TURN / speed), h));
+  }
+  void shorten(double wanted) { h = wanted; }
+
+  const Vec &velocity() const { return v; }
+  const Vec &multipliers() const { return lam; }
+  int order() const { return 2 * used_s - 1; }
+  void keep_curve(StepBatch &out) const {
+    out.put(out.curve, newton.stages.W);
+    out.put(out.rates, newton.stages.U());
   }
 
-  void record(bool keep_stages, RadauBatch &out) const {
-    const auto put = [](std::vector<double> &to, const auto &x) { to.insert(to.end(), x.data(), x.data() + x.size()); };
-    ++out.steps;
-    out.t.push_back(t);
-    out.h.push_back(used_h);
-    out.k.push_back(2 * used_s - 1);
-    put(out.p, p);
-    put(out.v, v);
-    put(out.lam, lam);
-    if (!keep_stages) return;
-    put(out.W, newton.stages.W);
-    put(out.U, newton.stages.U());
-  }
-
-  bool fixed() const { return control.fixed(); }
-
-  System &system_;
   KKT kkt_;
   Projection index1_;
-  Headway headway_;
   bool shaped_ = false;
   Shape shape_;
   Mat modes_, rhs_;

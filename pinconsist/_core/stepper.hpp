@@ -1,51 +1,22 @@
-// dae/stepper.py, and the loop around it: a batch of accepted steps in one call.
+// dae/stepper.py: a multistep run.
 #pragma once
 
-#include "control.hpp"
-
-#include <chrono>
+#include "run.hpp"
 
 namespace pinconsist {
 
-// What accepted steps leave, one entry a step.
-struct StepBatch {
-  int steps = 0;
-  std::vector<double> t, h, p, v, lam, base, Z;
-  std::vector<int> k;
-};
-
-class Stepper {
+class Stepper : public Run<Stepper> {
 public:
-  // The state of the run; names as in dae/stepper.py.
-  double t = 0.0, h = 0.0, t_old = 0.0, used_h = 0.0;
   int k = 1, used_k = 0;
-  Vec p, y, base;
+  Vec y, base;
   Table Z;
   Choice choice{0.0, 1};
-  long taken = 0;
-  // Of fixed steps.
-  double start = 0.0, step = 0.0;
-  long steps = 0;
-  Mat turns;
   Control control;
   Newton newton;
 
   Stepper(System &system, bool correct, const Switches &switches)
-      : newton(system, correct, switches), system_(system), kkt_(system.nv, system.nc) {
+      : Run(system), newton(system, correct, switches), kkt_(system.nv, system.nc) {
     control.keep_weights = switches.kept_weights;
-  }
-
-  // Accepted steps towards t_end, at most `most`; `prepared` where the first needs no change of step any more.
-  Failure run(double t_end, long most, bool keep_tables, StepBatch &out) {
-    const auto begun = std::chrono::steady_clock::now();
-    while (out.steps < most && t != t_end) {
-      prepare_next();
-      const Failure failure = advance(t_end);
-      if (failure != Failure::none) return failure;
-      record(keep_tables, out);
-      if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;
-    }
-    return Failure::none;
   }
 
   // Nothing is known of what comes: the run starts, or starts again.
@@ -57,6 +28,8 @@ public:
   }
 
 private:
+  friend class Run<Stepper>;
+
   Failure advance(double t_end) {
     control.reached(system_, p, velocity());
     const bool charted = turns.rows() > 0;
@@ -88,7 +61,6 @@ private:
       rescale(smaller, order);
     }
     bdf::advance(k, attempt_.change, Z);
-    t_old = t;
     t = t_next;
     std::swap(p, attempt_.p);
     std::swap(y, attempt_.y);
@@ -148,37 +120,21 @@ private:
     return speed != 0.0 ? MAX_CHART_TURN / ((order + 2) * speed) : INF;
   }
 
-  double next_time(double t_end) {
-    if (fixed()) return taken + 1 < steps ? start + (taken + 1) * h : t_end;
-    const double left = (t_end - t) / h;
-    if (left >= 2.0) return t + h;
-    const bool last = left < 1.0 + 1e-9;
-    rescale((t_end - t) / (last ? 1 : 2), k);
+  void shorten(double wanted) {
+    rescale(wanted, k);
     control.restart();
-    return last ? t_end : t + h;
-  }
-
-  void record(bool keep_tables, StepBatch &out) const {
-    const auto put = [](std::vector<double> &to, const auto &x) { to.insert(to.end(), x.data(), x.data() + x.size()); };
-    ++out.steps;
-    out.t.push_back(t);
-    out.h.push_back(used_h);
-    out.k.push_back(used_k);
-    put(out.p, p);
-    put(out.v, y.segment(system_.nx, system_.nv));
-    put(out.lam, y.tail(system_.nc));
-    if (!keep_tables) return;
-    put(out.base, base);
-    put(out.Z, Z);
   }
 
   Vec velocity() const { return y.segment(system_.nx, system_.nv); }
-  bool fixed() const { return control.fixed(); }
+  Vec multipliers() const { return y.tail(system_.nc); }
+  int order() const { return used_k; }
+  void keep_curve(StepBatch &out) const {
+    out.put(out.rates, base);
+    out.put(out.curve, Z);
+  }
 
-  System &system_;
   KKT kkt_; // of the rounding test
   RoundingTest rounding_;
-  Headway headway_;
   Attempt attempt_;
   Vec predicted_, psi_, weight_;
 };

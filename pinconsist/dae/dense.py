@@ -35,10 +35,6 @@ class Segment:
 
     looks = 1
 
-    def until(self, end: float) -> Segment:
-        """The same polynomial, used only up to `end`."""
-        return self if end == self.end else replace(self, end=end)
-
     def rows(self, times):
         """(p, v, λ) at several times inside the step, as arrays."""
         return tuple(map(np.array, zip(*map(self, times), strict=True)))
@@ -73,10 +69,6 @@ class RadauSegment:
 
     looks = LOOKS  # steps are long
 
-    def until(self, end: float):
-        """The same polynomial, used only up to `end`."""
-        return self if end == self.end else replace(self, end=end)
-
     def rows(self, times):
         """(p, v, λ) at several times inside the step, as arrays."""
         found = self.sample(self, np.array(times)) if self.sample is not None else None
@@ -98,7 +90,7 @@ class RadauSegment:
 class Curve:
     """The polynomials of successive steps of one system, from `start` on up to their `ends`.
 
-    A segment has ``t_old``, ``end``, ``system`` and ``until(end)``; called with a time it gives (p, v, λ). Events are
+    A segment is a dataclass with ``t_old``, ``end`` and ``system``; called with a time it gives (p, v, λ). Events are
     looked for at ``looks`` times in each step.
     """
 
@@ -125,7 +117,7 @@ class Curve:
         return self._cut(last, end) if end != self.ends[-1] else self
 
     def _cut(self, last, end):
-        return Curve([*self.segments[:last], self.segments[last].until(end)])
+        return Curve([*self.segments[:last], replace(self.segments[last], end=end)])
 
     def __call__(self, times):
         """(p, v, λ) at several times, as arrays."""

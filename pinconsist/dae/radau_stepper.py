@@ -139,7 +139,9 @@ class RadauStepper(Stepper):
         return np.copysign(max(min(h, control.max_step), shortest_step(self.t, t_end)), t_end - self.t)
 
     def prepare_next(self) -> None:
-        """Nothing: the step is prepared when the last one is accepted."""
+        """Shorten the step where it would turn a joint beyond its chart."""
+        if self.method.step is None and (speed := fastest_turn(self._turns, self.system.rate(self.t, self.p, self.v))):
+            self.h = np.copysign(min(abs(self.h), MAX_CHART_TURN / speed), self.h)
 
     def advance(self, t_end) -> str:
         """One accepted step towards `t_end`; returns why there is none, or an empty string."""
@@ -265,17 +267,8 @@ class RadauStepper(Stepper):
     def velocity_and_multipliers(self):
         return self.v, self.lam
 
-    def _next_time(self, t_end):
-        if self.method.step is not None:
-            return self._start + (self._taken + 1) * self.h if self._taken + 1 < self._steps else t_end
-        if speed := fastest_turn(self._turns, self.system.rate(self.t, self.p, self.v)):
-            self.h = np.copysign(min(abs(self.h), MAX_CHART_TURN / speed), self.h)
-        left = (t_end - self.t) / self.h
-        if left >= 2.0:
-            return self.t + self.h
-        last = left < 1.0 + 1e-9
-        self.h = (t_end - self.t) / (1 if last else 2)
-        return t_end if last else self.t + self.h
+    def _shorten(self, h):
+        self.h = h
 
 
 def accelerations(stages, times):

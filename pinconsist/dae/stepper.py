@@ -284,6 +284,9 @@ class Stepper:
         if left >= 2.0:
             return self.t + self.h
         last = left < 1.0 + 1e-9
-        self.rescale((t_end - self.t) / (1 if last else 2), self.k)  # two equal steps: no tiny last one
-        self.control.restart()
+        self._shorten((t_end - self.t) / (1 if last else 2))  # two equal steps: no tiny last one
         return t_end if last else self.t + self.h
+
+    def _shorten(self, h) -> None:
+        self.rescale(h, self.k)
+        self.control.restart()

@@ -1,0 +1,78 @@
+// What the runs of both methods share: the loop around the steps, the end of the interval, what steps leave.
+#pragma once
+
+#include "control.hpp"
+
+#include <chrono>
+
+namespace pinconsist {
+
+// What accepted steps leave, one entry a step; `curve` and `rates` make their polynomials.
+struct StepBatch {
+  int steps = 0;
+  std::vector<double> t, h, p, v, lam, curve, rates;
+  std::vector<int> order;
+
+  template <class Numbers> static void put(std::vector<double> &to, const Numbers &x) {
+    to.insert(to.end(), x.data(), x.data() + x.size());
+  }
+};
+
+// Method has `advance`, `prepare_next`, `shorten`, `order`, `velocity`, `multipliers`, `keep_curve`, `control`.
+template <class Method> class Run {
+public:
+  // The state of the run; names as in dae/stepper.py.
+  double t = 0.0, h = 0.0, used_h = 0.0;
+  Vec p;
+  Mat turns;
+  // Of fixed steps.
+  double start = 0.0;
+  long taken = 0, steps = 0;
+
+  // Accepted steps towards t_end, at most `most`.
+  Failure run(double t_end, long most, bool with_curve, StepBatch &out) {
+    const auto begun = std::chrono::steady_clock::now();
+    while (out.steps < most && t != t_end) {
+      self().prepare_next();
+      const Failure failure = self().advance(t_end);
+      if (failure != Failure::none) return failure;
+      record(with_curve, out);
+      if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;
+    }
+    return Failure::none;
+  }
+
+protected:
+  explicit Run(System &system) : system_(system) {}
+
+  bool fixed() const { return static_cast<const Method &>(*this).control.fixed(); }
+
+  // The time of the next step; the last steps of a variable run are fitted to the end.
+  double next_time(double t_end) {
+    if (fixed()) return taken + 1 < steps ? start + (taken + 1) * h : t_end;
+    const double left = (t_end - t) / h;
+    if (left >= 2.0) return t + h;
+    const bool last = left < 1.0 + 1e-9;
+    self().shorten((t_end - t) / (last ? 1 : 2)); // two equal steps: no tiny last one
+    return last ? t_end : t + h;
+  }
+
+  System &system_;
+  Headway headway_;
+
+private:
+  Method &self() { return static_cast<Method &>(*this); }
+
+  void record(bool with_curve, StepBatch &out) {
+    ++out.steps;
+    out.t.push_back(t);
+    out.h.push_back(used_h);
+    out.order.push_back(self().order());
+    out.put(out.p, p);
+    out.put(out.v, self().velocity());
+    out.put(out.lam, self().multipliers());
+    if (with_curve) self().keep_curve(out);
+  }
+};
+
+} // namespace pinconsist
