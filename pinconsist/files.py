@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import secrets
 from contextlib import contextmanager, suppress
@@ -53,3 +55,15 @@ def require_writable(file) -> None:
         raise InputError(f"{file} cannot be written: there is no folder {folder}")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise InputError(f"{file} cannot be written: no permission to write in {folder}")
+
+
+def write_csv(file, names, units, values) -> Path:
+    """The CSV file of a table, units in its headings, numbers with all their digits; whole or not at all."""
+    import numpy as np
+
+    heads = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
+    csv.writer(line := io.StringIO(), lineterminator="\n").writerow(heads)
+    with written_whole(file) as stream:
+        stream.write(line.getvalue().encode())
+        np.savetxt(stream, values, fmt="%.17g", delimiter=",")
+    return Path(file)

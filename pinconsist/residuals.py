@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ._core.compiled_system import blank_system
-from .dae.index1 import solve_acceleration
+from ._core import load
+from ._core.compiled_system import CompiledIndex1, blank_system, compiled_system
+from .dae.index1 import Index1, solve_acceleration
 from .dae.norms import largest
 from .mechanism.system import MechanismSystem
 
@@ -32,6 +33,18 @@ def measured(system, states, workspace):
         rows.append((gap, hidden, G @ lam, exact))
         acting = max(acting, largest(f), largest(weights))
     return *(np.array(column) for column in zip(*rows, strict=True)), None, acting
+
+
+def accelerations(mechanism, t, q, v):
+    """Accelerations of the equations of motion at several states, shape (n, nv)."""
+    found, index1 = np.empty(v.shape), None
+    for row, *state in zip(found, t, q, v, strict=True):
+        other = MechanismSystem(mechanism, state[1], state[0]) if index1 is None else index1.system.reselected(state[1])
+        if other is not None:
+            compiled = load()[0] is not None
+            index1 = CompiledIndex1(other, compiled_system(other)) if compiled else Index1(other)
+        row[:] = index1.acceleration(*state)[0]
+    return found
 
 
 def loop_forces(system, t, q, v, lam):

@@ -18,12 +18,13 @@ from .mechanism.forces.held import replayed
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
 from .mechanism.rows import Workspace
+from .results import ByName
 from .solution_file import read, write
 from .summary import skipped_work, summary_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution:
+class Solution(ByName):
     """What a simulation reached. Rows are times; arrays are read-only.
 
     Attributes
@@ -124,7 +125,22 @@ class Solution:
 
     def __repr__(self):
         first = self.message.split(". ")[0]
-        return f"Solution of {self.scene or 'a problem'}: {len(self.t)} rows, {self.nsteps} steps, {first!r}"
+        lines = [f"Solution of {self.scene or 'a problem'}: {len(self.t)} rows, {self.nsteps} steps, {first!r}"]
+        if len(self.t):
+            made = ", ".join(str(self.method[key]) for key in ("method", "backend") if key in self.method)
+            sizes = ", ".join(f"{name} {getattr(self, name).shape}" for name in ("q", "v", "lam"))
+            lines += [f"  t     {self.t[0]:g} … {self.t[-1]:g} s, {made}", f"  rows  {sizes}"]
+        mechanism = getattr(self.system, "mechanism", None)
+        return "\n".join([*lines, *str(mechanism).splitlines()[1:]])
+
+    def _repr_mimebundle_(self, include=None, exclude=None):
+        """For notebooks: the text; of a mechanism's run also a picture and the page that plays it."""
+        bundle, mechanism = {"text/plain": repr(self)}, getattr(self.system, "mechanism", None)
+        if mechanism is not None and len(self.t) > 1:
+            from .view.notebook import html_of
+
+            bundle["text/html"] = html_of(self, mechanism)
+        return bundle
 
     def __getstate__(self):
         """Without system and dense output, which hold Pinocchio's workspaces; `check` then needs a mechanism."""
@@ -180,12 +196,16 @@ class Solution:
         "world", or "anchor": those of the loop's anchor 1. Raises InputError where there is no such loop, for no
         mechanism, another one, or a general problem, and for other axes.
         """
-        require_mechanism(self, mechanism)
-        mechanism = mechanism or getattr(self.system, "mechanism", None)
-        if mechanism is None:
-            where = "a solution read from a file needs its mechanism here: sol.reaction(loop, mechanism)"
-            raise InputError(where if self.system is None else "a general problem has no loops with reactions")
+        mechanism = self._mechanism(mechanism, "reaction")
         return reaction(mechanism, loop, self.t, self.q, self.lam, axes, self._workspace(mechanism.model))
+
+    def _mechanism(self, mechanism, method) -> Mechanism:
+        require_mechanism(self, mechanism)
+        found = self._replayed(mechanism) or getattr(self.system, "mechanism", None)
+        if found is None:
+            where = f"a solution read from a file needs its mechanism here: sol.{method}(…, mechanism)"
+            raise InputError(where if self.system is None else f"{method}: a general problem has no loops and joints")
+        return found
 
     def _replayed(self, mechanism):
         """`mechanism`, or that of the run where torques were held, with these torques."""

@@ -23,7 +23,18 @@ MAY_IMPORT = {
     "accuracy": {"options", "residuals", "_core", "dae", "mechanism", "errors"},
     "certificate": {"accuracy", "residuals", "_core", "dae", "mechanism", "errors"},
     "summary": set(),
-    "solution": {"accuracy", "certificate", "_core", "summary", "mechanism", "solution_file", "errors"},
+    "results": {"residuals", "mechanism", "files", "errors"},
+    "solution": {
+        "accuracy",
+        "certificate",
+        "_core",
+        "results",
+        "summary",
+        "mechanism",
+        "solution_file",
+        "errors",
+        "view",
+    },
     "options": {"_core", "dae", "mechanism", "errors"},
     "simulation": {"options", "_core", "dae", "mechanism", "solution", "interrupts", "errors"},
     "stepping": {"options", "_core", "dae", "mechanism", "solution", "errors"},
@@ -45,7 +56,7 @@ MAY_IMPORT = {
     | {"__init__", "files", "interrupts", "comparison", "reference"},
 }
 DAE_SEEN_BY = {"certificate": {"norms"}, "residuals": {"index1", "norms"}, "mechanism": {"problem"}, "cli": set()}
-OPTIONAL = {"meshcat", "matplotlib", "rich", "typer", "yaml", "defusedxml", "coal"}
+OPTIONAL = {"meshcat", "matplotlib", "pandas", "rich", "typer", "yaml", "defusedxml", "coal"}
 TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files only where they are used
     "formats/loopfile.py": {"yaml"},
     "formats/write.py": {"yaml"},

@@ -281,7 +281,7 @@ def test_reading_a_solution_back(tmp_path):
     sol = pc.simulate(mech, (0.0, 0.01), q)
     expected = sol.reaction("held")
     for read in (pc.Solution.load(sol.save(tmp_path / "run")), pickle.loads(pickle.dumps(sol))):
-        with pytest.raises(pc.InputError, match=r"needs its mechanism here: sol.reaction\(loop, mechanism\)"):
+        with pytest.raises(pc.InputError, match=r"needs its mechanism here: sol.reaction\(…, mechanism\)"):
             read.reaction("held")
         np.testing.assert_array_equal(read.reaction("held", mech).force, expected.force)
     copy = pickle.loads(pickle.dumps(expected))

@@ -11,7 +11,8 @@ import pinocchio as pin
 from ..errors import EquilibriumError, SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
-from ..mechanism.mechanism import Mechanism, joints_in, with_forces
+from ..mechanism.mechanism import Mechanism, with_forces
+from ..mechanism.names import joints_in
 from ..mechanism.reactions import HasReactions
 from ..mechanism.singularity import rank_nearby
 from ..mechanism.system import MechanismSystem

@@ -11,7 +11,8 @@ from ..errors import AssemblyError, InputError, SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
 from ..mechanism.joint_constraints import Drive
-from ..mechanism.mechanism import Mechanism, joints_in, with_forces
+from ..mechanism.mechanism import Mechanism, with_forces
+from ..mechanism.names import joints_in
 from ..mechanism.rank import dependencies
 from ..mechanism.reactions import HasReactions
 from ..mechanism.system import MechanismSystem

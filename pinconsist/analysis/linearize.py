@@ -10,8 +10,8 @@ import pinocchio as pin
 from ..errors import SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
-from ..mechanism.mechanism import joints_in, with_forces
-from ..mechanism.names import velocity_names
+from ..mechanism.mechanism import with_forces
+from ..mechanism.names import joints_in, velocity_names
 from ..mechanism.singularity import MASSLESS
 from ..mechanism.system import MechanismSystem
 from .equilibrium import equilibrium

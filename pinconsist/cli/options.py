@@ -44,7 +44,7 @@ Until = Annotated[Number, option(
     "--until", "SECONDS", "End time. Default: the scene's own duration, or 5 s if it has none.", START)]
 At = Annotated[Texts, option(
     "--at", "JOINT=VALUE ...",
-    "Initial positions of these joints, in rad or m, such as 0.3 or pi/2; the others follow. Several numbers: "
+    "Initial positions of these joints, in rad or m, such as 0.3, pi/2 or 30deg; the others follow. Several numbers: "
     "joint=0,0,0,1.", START)]
 WithVelocity = Annotated[Texts, option(
     "--with-velocity", "JOINT=VALUE ...",

@@ -41,8 +41,11 @@ def joint_values(texts, option: str) -> dict[str, list[float]]:
 
 
 def _number(text) -> float:
-    """A number, which may be a multiple of pi: only exact values give a singular position."""
-    match = PARTS_OF_PI.fullmatch(text.replace(" ", ""))
+    """A number, which may be a multiple of pi (only exact values give a singular position), or in degrees, 30deg."""
+    text = text.replace(" ", "")
+    if text.endswith("deg"):
+        return _number(text.removesuffix("deg")) * pi / 180.0
+    match = PARTS_OF_PI.fullmatch(text)
     if not match:
         return float(text)
     sign, times, over = match.groups()

@@ -50,6 +50,9 @@ def simulate(
     traces: given.Traces = None,
     speed: given.Speed = None,
     plot: Annotated[Text, option("--plot", "FILE.png", "Draw it over time (or .pdf, .svg).", RESULTS)] = None,
+    table: Annotated[Text, option(
+        "--csv", "FILE.csv", "Write positions, velocities, accelerations and multipliers, by name, with units.",
+        RESULTS)] = None,
     as_json: Annotated[bool, option("--json", None, "Print one JSON object instead.", RESULTS)] = False,
 ) -> int:  # fmt: skip
     """Simulate a scene: close its loops, integrate, and certify the result.
@@ -61,7 +64,7 @@ def simulate(
         raise InputError(f"--out {out}: a run is saved as .npz")
     if save_every is not None and not out:
         raise InputError("--save-every sets when the run is saved; give --out FILE.npz too")
-    output.require_writable(out=out, html=html, figure=plot)
+    output.require_writable(out=out, html=html, csv=table, figure=plot)
     replay.require_page(html, forces, traces, speed)
     from ..checkpoints import carry_out
     from ..run_file import recipe_of
@@ -104,11 +107,13 @@ def simulate(
             _written(html, sol, out, lambda: pc.export_html(mech, sol, html, **look))
         if plot:
             _written(plot, sol, out, lambda: pc.plot_solution(sol, plot, mech))
+        if table:
+            _written(table, sol, out, lambda: sol.to_csv(table, mech))
         if as_json:
-            files = {"out": out, "html": html, "plot": plot}
+            files = {"out": out, "html": html, "plot": plot, "csv": table}
             output.print_json(_report(mech, assembly, sol, certificate, seconds, files))
         else:
-            output.print_written(out, html, plot, before="\n")
+            output.print_written(out, html, plot, table, before="\n")
             if out and exit_code(sol) == output.INTERRUPTED:
                 print(resume_hint(sol, out))
     return exit_code(sol) if certificate else output.INTERRUPTED

@@ -129,7 +129,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY) 
         )
     if moved := not_kept(mechanism, named, best):
         shown = moved[:MOST_SHOWN] if len(named) > MOST_SHOWN else named
-        asked = ", ".join(f"{joint} = {_text(np.atleast_1d(named[joint]))}" for joint in shown)
+        asked = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, guess))}" for joint in shown)
         at = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, best))}" for joint in shown)
         loops = "loops and drives" if solver.loop_rows.moving else "loops"
         warn(f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")

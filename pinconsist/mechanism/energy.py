@@ -120,17 +120,23 @@ def _of_bodies(q, v, workspace):
 def _brought(force, t, q, v, workspace):
     """Power of a force, without what it stores, and its elastic energy, or None."""
     is_spring, twin = hasattr(force, "stored"), workspace.compiled()
-    if twin is not None and isinstance(force, BoundForce) and force.hand_over(twin):
-        elastic = None
-        if is_spring:
-            elastic, twin = twin.stored(q), workspace.compiled()
-            force.hand_over_damper(twin)
+    if is_spring and twin is not None and isinstance(force, BoundForce) and force.hand_over(twin):
+        elastic, twin = twin.stored(q), workspace.compiled()
+        force.hand_over_damper(twin)
         return (twin.torques(t, q, v) * v).sum(axis=1), elastic
-    power = np.array([force.torque(*state) @ state[2] for state in zip(t, q, v, strict=True)])
+    power = (torques_of(force, t, q, v, workspace) * v).sum(axis=1)
     if not is_spring:
         return power, None
     elastic, rate = np.array([force.stored(*state) for state in zip(q, v, strict=True)]).T
     return power + rate, elastic
+
+
+def torques_of(force, t, q, v, workspace):
+    """τ of a force of :func:`bound_forces` at several states, shape (n, nv)."""
+    twin = workspace.compiled()
+    if twin is not None and isinstance(force, BoundForce) and force.hand_over(twin):
+        return twin.torques(t, q, v)
+    return np.array([force.torque(*state) for state in zip(t, q, v, strict=True)]).reshape(v.shape)
 
 
 def _time_rates(rows, t, q, workspace):

@@ -11,12 +11,14 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import checked_model, finite_array, near, normalized, number, put, require_mechanism, triple
+from .checks import checked_model, near, normalized, number, put, require_mechanism, triple
 from .correction import corrected
 from .custom import Constraint
+from .description import html_of, text_of
 from .forces import as_force, bound_forces
 from .joint_constraints import Coupling, Drive
 from .loops import Loop
+from .names import filled
 from .rows import RECORDS, LoopRows
 
 
@@ -28,7 +30,7 @@ class Geometry:
     package_dirs: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mechanism:
     """A tree of bodies, the loops that close it and the forces that act.
 
@@ -91,6 +93,12 @@ class Mechanism:
             self.joint_index(joint)
         put(self, duration=number(self.duration, "duration", above=0.0))
 
+    def __repr__(self):
+        return text_of(self)
+
+    def _repr_html_(self):
+        return html_of(self)
+
     @property
     def nq(self) -> int:
         """Numbers in a configuration."""
@@ -140,13 +148,14 @@ class Mechanism:
     def configuration(self, values, base=None) -> np.ndarray:
         """A full configuration (nq,), quaternions and (cos, sin) pairs at unit length. The loops are not closed.
 
-        `values` maps joint names to as many numbers as the joint has in q (one angle, rad, where it stores (cos, sin));
-        the other joints come from `base`, a configuration (nq,), by default ``pin.neutral``. Or it is a configuration
-        (nq,) itself, which is copied. Raises InputError for an unknown joint, a wrong size, NaN, a quaternion or pair
-        of length zero.
+        `values` maps joint names to as many numbers as the joint has in q, or fewer: one angle, rad, where it stores
+        (cos, sin); roll, pitch, yaw or a rotation matrix for a ball; x, y, angle for a planar joint; for a free-flyer
+        x, y, z, roll, pitch, yaw, or [x, y, z, R], or a matrix (4, 4), or a pin.SE3. The other joints come from `base`,
+        a configuration (nq,), by default ``pin.neutral``. Or it is a configuration (nq,) itself, which is copied.
+        Raises InputError for an unknown joint, a wrong size, NaN, a quaternion or pair of length zero.
         """
         start = pin.neutral(self.model) if base is None else np.array(base, float)
-        return normalized(self.model, self._fill(values, start, "idx_qs", "nqs", "configuration"), self.name)
+        return normalized(self.model, filled(self.model, self._numbered(values), start, self.name), self.name)
 
     def velocity(self, values) -> np.ndarray:
         """A full velocity (nv,). It is not put on the constraints.
@@ -155,24 +164,21 @@ class Mechanism:
         other joints at rest; or it is a velocity (nv,), which is copied. Raises InputError for an unknown joint, a
         wrong size, NaN.
         """
-        return self._fill(values, np.zeros(self.model.nv), "idx_vs", "nvs", "velocity")
+        return filled(self.model, self._numbered(values), np.zeros(self.model.nv), self.name, velocity=True)
 
-    def _fill(self, values, full, starts, sizes, what):
-        if isinstance(values, Mapping):
-            for joint, value in values.items():
-                i = self.joint_index(joint)
-                start, size = getattr(self.model, starts)[i], getattr(self.model, sizes)[i]
-                value = finite_array(value, f"{what} of joint {joint!r}").ravel()
-                if value.size == self.model.nvs[i] == 1 and size == 2:  # Pinocchio's unbounded revolute: cos, sin
-                    value = np.array([np.cos(value[0]), np.sin(value[0])])
-                if value.size != size:
-                    raise InputError(f"{what} of joint {joint!r} needs {size} number(s), got {value.size}")
-                full[start : start + size] = value
-            return full
-        values = finite_array(values, what)
-        if values.shape != full.shape:
-            raise InputError(f"{what} needs shape {full.shape} for {self.name!r}, got {values.shape}")
-        return values
+    def q(self, values=None, /, **joints) -> np.ndarray:
+        """A configuration (nq,) by names: ``mech.q(crank=0.3, base=[x, y, z, R])``; the other joints as in ``guess``.
+
+        `values` is a mapping for names that are no Python words, ``mech.q({"left-knee": 0.3})``; `joints` are the
+        others. See :meth:`configuration` for
+        what a joint may be given. The loops are not closed; :func:`assemble` closes them.
+        """
+        return self.configuration({**(values or {}), **joints}, self.guess)
+
+    def _numbered(self, values):
+        """A mapping from joint names as one from their indices."""
+        named = isinstance(values, Mapping)
+        return {self.joint_index(joint): value for joint, value in values.items()} if named else values
 
     def with_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:
         """The same mechanism with these `loops` instead of its own; none makes a tree.
@@ -282,13 +288,6 @@ def _sequence(value, what: str) -> tuple:
     if isinstance(value, str) or not hasattr(value, "__iter__"):
         raise InputError(f"{what}= needs a sequence, got {value!r}")
     return tuple(value)
-
-
-def joints_in(mechanism, variations) -> tuple[str, ...]:
-    """The joints that have a considerable share in any of the columns of `variations`, (nv,) or (nv, n)."""
-    share = np.abs(variations).reshape(mechanism.nv, -1)
-    share = (share / np.maximum(share.max(axis=0), 1e-300)).max(axis=1)
-    return tuple(joint for joint in mechanism.joints if share[mechanism.columns(joint)].max(initial=0.0) > 0.3)
 
 
 def with_forces(mechanism, forces, caller: str) -> Mechanism:

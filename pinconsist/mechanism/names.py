@@ -1,6 +1,15 @@
-"""The names and the units of the numbers of a configuration and of a velocity."""
+"""The numbers of a configuration and of a velocity: their names, their units, and what a user may give for them."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from math import cos, sin
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError
+from .checks import ROTATION, finite_array
 
 
 def position_names(model) -> list[str]:
@@ -16,3 +25,85 @@ def velocity_names(model) -> list[str]:
 def _names(model, sizes):
     pairs = zip(list(model.names)[1:], list(sizes)[1:], strict=True)
     return [f"{joint}[{k}]" if size > 1 else joint for joint, size in pairs for k in range(size)]
+
+
+def velocity_units(model) -> list[str]:
+    """``rad`` or ``m`` for each number of a velocity; a second is left out."""
+    data, units = model.createData(), []
+    for joint in list(data.joints)[1:]:
+        motions = np.reshape(joint.S, (6, -1))
+        units += ["rad" if turns else "m" for turns in np.abs(motions[3:]).max(axis=0) > 0.0]
+    return units
+
+
+def position_units(model) -> list[str]:
+    """``rad``, ``m``, or nothing (of quaternions, and of cosine and sine) for each number of a configuration."""
+    of_velocities, units = velocity_units(model), []
+    for i in range(1, model.njoints):
+        own = of_velocities[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]]
+        shifts = [unit for unit in own if unit == "m"]
+        units += own if model.nqs[i] == model.nvs[i] else shifts + [""] * (model.nqs[i] - len(shifts))
+    return units
+
+
+def filled(model, values, full, who, velocity=False):
+    """`full`, a configuration or a velocity, with the `values` of some joints in it; or these, if they are an array."""
+    starts, sizes, what = (
+        (model.idx_vs, model.nvs, "velocity") if velocity else (model.idx_qs, model.nqs, "configuration")
+    )
+    if not isinstance(values, Mapping):
+        values = finite_array(values, what)
+        if values.shape != full.shape:
+            raise InputError(f"{what} needs shape {full.shape} for {who!r}, got {values.shape}")
+        return values
+    for i, value in values.items():
+        of_joint = f"{what} of joint {model.names[i]!r}"
+        value = finite_array(value, of_joint).ravel() if velocity else _position(model, i, value, of_joint)
+        if value.size != sizes[i]:
+            also = _ALSO.get((model.nqs[i], model.nvs[i]), "") if not velocity else ""
+            raise InputError(f"{of_joint} needs {sizes[i]} number(s){also}, got {value.size}")
+        full[starts[i] : starts[i] + sizes[i]] = value
+    return full
+
+
+_ALSO = {
+    (7, 6): ", or x, y, z and a rotation matrix, or x, y, z, roll, pitch, yaw, or a pin.SE3",
+    (4, 3): ", or fewer: roll, pitch, yaw (of a planar joint x, y and an angle)",
+}
+
+
+def _position(model, i, value, what):
+    """The numbers of a joint as a configuration stores them."""
+    kind = model.nqs[i], model.nvs[i]
+    if kind in ((7, 6), (4, 3)):
+        if isinstance(value, pin.SE3):
+            value = value.homogeneous
+        elif hasattr(value, "__len__") and len(value) == 4 and np.shape(value[3]) == (3, 3):  # x, y, z, R
+            value = np.block([[np.array(value[3]), np.reshape(value[:3], (3, 1))], [np.zeros((1, 3)), 1.0]])
+    value = finite_array(value, what)
+    if kind == (2, 1) and value.size == 1:  # Pinocchio's unbounded revolute: cosine, sine
+        return np.array([cos(value.item()), sin(value.item())])
+    if kind == (7, 6) and (value.shape == (4, 4) or value.size == 6):
+        place, turn = (value[:3, 3], value[:3, :3]) if value.size == 16 else (value.ravel()[:3], value.ravel()[3:])
+        return np.concatenate((place, _quaternion(turn, what)))
+    if kind == (4, 3) and value.size in (3, 9):
+        if model.joints[i].shortname() == "JointModelPlanar" and value.size == 3:
+            x, y, angle = value.ravel()
+            return np.array([x, y, cos(angle), sin(angle)])
+        return _quaternion(value, what)
+    return value.ravel()
+
+
+def _quaternion(turn, what):
+    """Pinocchio's quaternion of a rotation matrix, or of roll, pitch and yaw."""
+    R = np.array(pin.rpy.rpyToMatrix(*turn.ravel())) if turn.size == 3 else turn.reshape(3, 3)
+    if np.abs(R.T @ R - np.eye(3)).max() > ROTATION or np.linalg.det(R) < 0.0:
+        raise InputError(f"{what}: its matrix is not a rotation")
+    return pin.Quaternion(R).coeffs()
+
+
+def joints_in(mechanism, variations) -> tuple[str, ...]:
+    """The joints that have a considerable share in any of the columns of `variations`, (nv,) or (nv, n)."""
+    share = np.abs(variations).reshape(mechanism.nv, -1)
+    share = (share / np.maximum(share.max(axis=0), 1e-300)).max(axis=1)
+    return tuple(joint for joint in mechanism.joints if share[mechanism.columns(joint)].max(initial=0.0) > 0.3)

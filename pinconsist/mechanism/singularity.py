@@ -8,7 +8,7 @@ from scipy.linalg import qr
 
 from ..errors import SingularSystemError
 from .closing import LoopSolver
-from .mechanism import joints_in
+from .names import joints_in
 from .rank import free_motions, independent_rows, null_space
 
 NEARBY = 1e-3  # rad and m: how far around a position with dependent rows the rank of the loops is checked

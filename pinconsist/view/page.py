@@ -60,7 +60,7 @@ def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces
     MissingExtraError, OSError
         meshcat is not installed; the file cannot be written.
     """
-    page = _page(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, repetitions=FOREVER)
+    page = page_of(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces)
     with written_whole(file) as stream:
         stream.write(page)
     return Path(file)
@@ -97,21 +97,22 @@ def replay(
     import webbrowser
 
     options = {"speed": speed, "fps": FPS, "traces": traces, "forces": forces}
-    address, fetched = _serve(_page(mech, sol, **options, repetitions=FOREVER if loop else 1))
+    address, fetched = _serve(page_of(mech, sol, **options, repetitions=FOREVER if loop else 1))
     log.info("replay at %s", address)
     if open_browser and webbrowser.open(address):
         fetched.wait(timeout=10)
     return address
 
 
-def _page(mech, sol, **options) -> bytes:
+def page_of(mech, sol, *, speed=1.0, fps=FPS, traces=(), forces=False, repetitions=FOREVER) -> bytes:
     """page.html with page.css, page.js, meshcat's viewer and the commands."""
     import html
     import json
     from importlib.resources import files
     from string import Template
 
-    text = json.dumps(picture(mech, sol, **options), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    commands = picture(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, repetitions=repetitions)
+    text = json.dumps(commands, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     title = ", ".join(dict.fromkeys(each.name for each in (mech if isinstance(mech, list | tuple) else [mech])))
     frame, style, script = ((files(__package__) / f"page.{end}").read_text("utf-8") for end in ("html", "css", "js"))
     parts = {"title": html.escape(title), "style": style, "viewer": _viewer(), "replay": text, "script": script}

@@ -1,0 +1,292 @@
+"""What a run did to each joint, frame and force, by its name, and the table of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+
+from .errors import InputError, MissingExtraError
+from .files import write_csv
+from .mechanism.checks import frame_of, near, read_only
+from .mechanism.energy import torques_of
+from .mechanism.forces import bound_forces
+from .mechanism.forces.held import sided
+from .mechanism.joint_constraints import Drive
+from .mechanism.loops import Loop
+from .mechanism.names import position_names, position_units, velocity_names, velocity_units
+from .mechanism.reactions import Reaction
+from .mechanism.rows import LoopRows, Workspace
+from .residuals import accelerations
+
+if TYPE_CHECKING:
+    from .mechanism.mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class JointMotion:
+    """What one joint did over a run. Rows are those of the solution.
+
+    Attributes
+    ----------
+    joint : str
+        Its name, or that of one of its coordinates, ``ball[0]``.
+    t : ndarray, shape (n,)
+        Times, s.
+    position, velocity, acceleration, torque : ndarray, shape (n,), or (n, k) of a joint of several
+        As of :meth:`Solution.position`, :meth:`Solution.velocity`, :meth:`Solution.acceleration` and
+        :meth:`Solution.torque`: rad, m and N·m, N.
+    """
+
+    joint: str
+    t: np.ndarray = field(repr=False)
+    position: np.ndarray = field(repr=False)
+    velocity: np.ndarray = field(repr=False)
+    acceleration: np.ndarray = field(repr=False)
+    torque: np.ndarray = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMotion:
+    """What one frame did over a run, in world axes. Rows are those of the solution.
+
+    Attributes
+    ----------
+    frame : str
+        Its name.
+    t : ndarray, shape (n,)
+        Times, s.
+    position : ndarray, shape (n, 3)
+        Of its origin, m.
+    rotation : ndarray, shape (n, 3, 3)
+        From its axes to those of the world.
+    velocity, acceleration : ndarray, shape (n, 3)
+        Of its origin, m/s and m/s².
+    angular_velocity, angular_acceleration : ndarray, shape (n, 3)
+        rad/s and rad/s².
+    """
+
+    frame: str
+    t: np.ndarray = field(repr=False)
+    position: np.ndarray = field(repr=False)
+    rotation: np.ndarray = field(repr=False)
+    velocity: np.ndarray = field(repr=False)
+    angular_velocity: np.ndarray = field(repr=False)
+    acceleration: np.ndarray = field(repr=False)
+    angular_acceleration: np.ndarray = field(repr=False)
+
+
+class ByName:
+    """The part of a solution that is asked by names: of joints, frames, loops and forces.
+
+    A solution read from a file needs the `mechanism` that was simulated, with the forces of the run.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    lam: np.ndarray
+    system: Any
+
+    def _mechanism(self, mechanism, method) -> Mechanism:
+        raise NotImplementedError
+
+    def _workspace(self, model) -> Workspace:
+        raise NotImplementedError
+
+    def position(self, joint: str, mechanism=None) -> np.ndarray:
+        """The position of a joint, rad or m, shape (n,); of a joint of several numbers (n, k), as `q` stores them.
+
+        `joint` is a joint, or one of its numbers, ``"ball[0]"``. The angle of a joint that stores (cos, sin) goes on
+        from row to row, without jumps of 2π. `mechanism` is as in :meth:`check`. Raises InputError for other names.
+        """
+        mechanism = self._mechanism(mechanism, "position")
+        model, part = mechanism.model, _part(mechanism, joint, positions=True)
+        found = self.q[:, part]
+        if found.shape[1] == 2 and model.nvs[mechanism.joint_index(joint)] == 1:
+            return np.unwrap(np.arctan2(found[:, 1], found[:, 0]))
+        return found[:, 0] if found.shape[1] == 1 else found
+
+    def velocity(self, joint: str, mechanism=None) -> np.ndarray:
+        """The velocity of a joint, rad/s or m/s, shape (n,); of a joint of several (n, k).
+
+        `joint` and `mechanism` are as in :meth:`position`.
+        """
+        return _of(self._mechanism(mechanism, "velocity"), joint, self.v)
+
+    def acceleration(self, joint: str | None = None, mechanism=None) -> np.ndarray:
+        """The acceleration of a joint, rad/s² or m/s², shape (n,); of a joint of several (n, k); of all, (n, nv).
+
+        It is that of the equations of motion at each row; `joint` and `mechanism` are as in :meth:`position`. Raises
+        SingularSystemError where it is not determined.
+        """
+        mechanism = self._mechanism(mechanism, "acceleration")
+        found = accelerations(mechanism, sided(self.t), self.q, self.v)
+        return found if joint is None else _of(mechanism, joint, found)
+
+    def frame(self, frame: str, mechanism=None) -> FrameMotion:
+        """The pose, velocity and acceleration of a `frame` of the model, see :class:`FrameMotion`.
+
+        `mechanism` is as in :meth:`check`. Raises InputError for other names.
+        """
+        mechanism = self._mechanism(mechanism, "frame")
+        model, data = mechanism.model, self._workspace(mechanism.model).data
+        i, axes = model.getFrameId(frame_of(model, frame, mechanism.name).name), pin.LOCAL_WORLD_ALIGNED
+        rows = np.empty((len(self.t), 24))
+        for row, *state in zip(rows, self.q, self.v, self.acceleration(None, mechanism), strict=True):
+            pin.forwardKinematics(model, data, *state)
+            pose = pin.updateFramePlacement(model, data, i)
+            velocity = pin.getFrameVelocity(model, data, i, axes)
+            row[:3], row[3:12], row[12:18] = pose.translation, pose.rotation.ravel(), velocity.vector
+            row[18:] = pin.getFrameClassicalAcceleration(model, data, i, axes).vector
+        place, turn, *motion = np.split(rows, (3, 12, 15, 18, 21), axis=1)
+        found = (self.t, place, turn.reshape(-1, 3, 3), *motion)
+        return FrameMotion(frame, *(read_only(each) for each in found))
+
+    def torque(self, name: str, mechanism=None) -> np.ndarray:
+        """What a force, motor or drive gave, N·m (or N), positive along the joint's velocity.
+
+        `name` is that of a drive or coupling (what its joint received); a force by its label, ``"servo crank"``, or by
+        its first word where one begins so; or a joint: all forces and drives on it together. Shape (n,) for one that
+        acts on a joint of one degree of freedom, else (n, nv), or (n, k) of a joint of several. `mechanism` is as in
+        :meth:`check`. Raises InputError for other names.
+        """
+        mechanism = self._mechanism(mechanism, "torque")
+        loops = {loop.name: loop for loop in mechanism.loops if loop.kind in ("drive", "coupling")}
+        if name in loops:
+            row: int = LoopRows(mechanism.model, mechanism.loops).slices[name].start
+            return self.lam[:, row]
+        label, found = self._forces_of(mechanism, name)
+        if label is None:
+            for drive in loops.values():
+                if isinstance(drive, Drive):
+                    found[:, mechanism.columns(drive.joint)] += self.torque(drive.name, mechanism)[:, None]
+            return _of(mechanism, name, found)
+        joint = _joint_of(mechanism, label)
+        return found if joint is None else _of(mechanism, joint, found)
+
+    def power(self, name: str, mechanism=None) -> np.ndarray:
+        """What a force, motor or drive brought into the mechanism, τ·v, W, shape (n,); what a spring gives back, too.
+
+        `name` and `mechanism` are as in :meth:`torque`. Raises InputError for other names.
+        """
+        mechanism = self._mechanism(mechanism, "power")
+        loops = {loop.name: loop for loop in mechanism.loops if not isinstance(loop, Loop)}
+        if name in loops:
+            return (self.reaction(name, mechanism).joint_forces * self.v).sum(axis=1)  # type: ignore[attr-defined]
+        label, found = self._forces_of(mechanism, name)
+        if label is not None:
+            return (found * self.v).sum(axis=1)
+        torque, velocity = self.torque(name, mechanism), self.velocity(name, mechanism)
+        return (torque * velocity).reshape(len(self.t), -1).sum(axis=1)
+
+    def _forces_of(self, mechanism, name) -> tuple[str | None, np.ndarray]:
+        """The label that a name stands for, or None for a joint, and τ of that force, or of all, (n, nv)."""
+        model, forces = mechanism.model, bound_forces(mechanism.model, mechanism.forces)
+        begin = [label for label in forces if label.split()[0] == name]
+        label = name if name in forces else begin[0] if len(begin) == 1 else None
+        if label is None and name.partition("[")[0] not in mechanism.joints:
+            loops = (loop.name for loop in mechanism.loops if loop.kind in ("drive", "coupling"))
+            known = [*forces, *loops, *mechanism.joints]
+            raise InputError(f"{mechanism.name}: no force, drive or joint {name!r}{near(name, known)}; "
+                             f"the forces are {', '.join(forces) or 'none'}")  # fmt: skip
+        total, workspace = np.zeros(self.v.shape), self._workspace(model)
+        for force in forces.values() if label is None else [forces[label]]:
+            total += torques_of(force, sided(self.t), self.q, self.v, workspace)
+        return label, total
+
+    def __getitem__(self, name: str) -> JointMotion | FrameMotion | Reaction:
+        """What has this name: the motion of a joint, of a frame, or the reaction of a loop, in this order."""
+        mechanism = self._mechanism(None, "__getitem__")
+        if name.partition("[")[0] in mechanism.joints:
+            parts = (self.position, self.velocity, self.acceleration, self.torque)
+            return JointMotion(name, self.t, *(read_only(part(name)) for part in parts))
+        if name in (loops := [loop.name for loop in mechanism.loops]):
+            return self.reaction(name)  # type: ignore[attr-defined, no-any-return]
+        frames = [frame.name for frame in mechanism.model.frames]
+        if name not in frames:
+            known = near(name, (*mechanism.joints, *frames, *loops))
+            raise InputError(f"{mechanism.name}: no joint, frame or loop {name!r}{known}; forces: sol.torque(label)")
+        return self.frame(name)
+
+    def to_dataframe(self, mechanism=None) -> Any:
+        """A pandas DataFrame of the columns ``t``, ``q.crank``, ``v.crank``, ``a.crank`` and ``lam.loop.row``.
+
+        Its ``attrs["units"]`` maps them to units. `mechanism` is as in :meth:`check`. Raises MissingExtraError without
+        pandas.
+        """
+        return _dataframe(*self._table(mechanism))
+
+    def to_csv(self, file, mechanism=None) -> Path:
+        """The `file` with the table of :meth:`to_dataframe` as CSV, units in the headings: ``v.crank [rad/s]``.
+
+        It is written whole or not at all; `mechanism` is as in :meth:`check`. Raises OSError where that fails.
+        """
+        return write_csv(file, *self._table(mechanism))
+
+    def _table(self, mechanism):
+        """(names, units, values) of the columns."""
+        general = mechanism is None and self.system is not None and not hasattr(self.system, "mechanism")
+        values = [self.t[:, None], self.q, self.v, *([] if general else [None]), self.lam]
+        if general:
+            names = [f"{part}[{i}]" for part in ("q", "v", "lam") for i in range(getattr(self, part).shape[1])]
+            return ["t", *names], ["s", *[""] * len(names)], np.hstack(values)
+        mechanism = self._mechanism(mechanism, "to_csv")
+        model, rows, values[3] = mechanism.model, mechanism.row_labels, self.acceleration(None, mechanism)
+        names = ["t", *(f"q.{name}" for name in position_names(model))]
+        names += [f"{part}.{name}" for part in "va" for name in velocity_names(model)]
+        units = velocity_units(model)
+        units = ["s", *position_units(model), *(f"{u}/s" for u in units), *(f"{u}/s²" for u in units)]
+        return names + [f"lam.{loop}.{row}" for loop, row in rows], units + _row_units(mechanism), np.hstack(values)
+
+
+def _dataframe(names, units, values):
+    try:
+        import pandas as pd
+    except ImportError:
+        raise MissingExtraError("a DataFrame needs pandas; install it by: pip install 'pinconsist[pandas]'") from None
+    frame = pd.DataFrame(values, columns=names)
+    frame.attrs["units"] = dict(zip(names, units, strict=True))
+    return frame
+
+
+def _row_units(mechanism) -> list[str]:
+    """Units of λ: N, N·m; nothing for constraints of the user's own."""
+    rows, of_joints = LoopRows(mechanism.model, mechanism.loops), velocity_units(mechanism.model)
+    units = ["N·m" if turns else "N" for turns in rows.turns]
+    for loop in mechanism.loops:
+        part = rows.slices[loop.name]
+        if loop.kind in ("drive", "coupling"):
+            units[part.start] = "N·m" if of_joints[mechanism.columns(loop.joint).start] == "rad" else "N"
+        elif not isinstance(loop, Loop):
+            units[part] = [""] * (part.stop - part.start)
+    return units
+
+
+def _part(mechanism, name, positions=False) -> list[int]:
+    """The columns of a joint, or of one of its numbers, in v, or in q."""
+    joint, bracket, number = name.partition("[") if name not in mechanism.joints else (name, "", "")
+    model, i = mechanism.model, mechanism.joint_index(joint)
+    start, size = (model.idx_qs[i], model.nqs[i]) if positions else (model.idx_vs[i], model.nvs[i])
+    if not bracket:
+        return list(range(start, start + size))
+    if not (number[:-1].isdigit() and number.endswith("]") and int(number[:-1]) < size):
+        raise InputError(f"{mechanism.name}: joint {joint!r} has the numbers {joint}[0] … [{size - 1}], not {name!r}")
+    return [start + int(number[:-1])]
+
+
+def _of(mechanism, joint, rows):
+    """The columns of a joint in rows (n, nv), or its only one."""
+    found = rows[:, _part(mechanism, joint)]
+    return found[:, 0] if found.shape[1] == 1 else found
+
+
+def _joint_of(mechanism, label) -> str | None:
+    """The joint that the force of a label acts on alone, if it has one degree of freedom."""
+    own = len(bound_forces(mechanism.model, ()))
+    labels = list(bound_forces(mechanism.model, mechanism.forces))
+    joint = getattr(mechanism.forces[at - own], "joint", None) if (at := labels.index(label)) >= own else None
+    return joint
