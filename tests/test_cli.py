@@ -478,7 +478,7 @@ def test_an_interrupted_run_says_what_resume_will_do(run, cut_short):
 
 
 def test_a_check_that_is_interrupted_leaves_all_files(run, monkeypatch):
-    def interrupted(sol):
+    def interrupted(sol, **options):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("pinconsist.Solution.check", interrupted)
