@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -126,19 +125,12 @@ def _rows(solution, most):
 
 def _finer(system, method, t, start, events, interrupted):
     """(p, v, λ) at the times and the times of the events; None where the run does not reach the end."""
-    p, v = start
-    # between steps Radau has velocities of a lower order: its steps end at all times
-    pieces = pairwise(t) if method.name == "Radau" else [(t[0], t[-1])]
-    rows, found = [], [np.zeros(0)] * len(events)
-    for low, high in pieces:
-        output = Output(t_eval=t[(t >= min(low, high)) & (t <= max(low, high))], events=events)
-        run = integrate(system, (low, high), p, v, method, output, stepper_for(system, method), interrupted)
-        if run.status < 0 or len(run.t) < len(output.t_eval):
-            return None
-        rows[-1:] = zip(run.p, run.v, run.lam, strict=True)
-        found = [np.append(old, [row[0] for row in new]) for old, new in zip(found, run.events, strict=True)]
-        system, p, v = run.system, run.p[-1], run.v[-1]
-    return [np.array(column) for column in zip(*rows, strict=True)], found
+    # between steps Radau has velocities of a lower order
+    output = Output(t_eval=t, exact=method.name == "Radau", events=events)
+    run = integrate(system, (t[0], t[-1]), *start, method, output, stepper_for(system, method), interrupted)
+    if run.status < 0 or len(run.t) < len(t):
+        return None
+    return (run.p, run.v, run.lam), [np.array([row[0] for row in found]) for found in run.events]
 
 
 def _apart(ours, theirs, t):

@@ -12,7 +12,7 @@ from .dae import integrate as dae
 from .dae.control import ErrorControl, FixedStep
 from .dae.radau_control import RadauControl
 from .dae.rounding import shortest_step
-from .dae.tuning import MAX_ADAPTIVE_ORDER, MAX_ORDER, NOISE, STAGES
+from .dae.tuning import FIRST_STAGES, MAX_ADAPTIVE_ORDER, MAX_ORDER, MOST_STAGES, NOISE, STAGES
 from .errors import InputError
 from .mechanism.checks import finite_array
 
@@ -39,9 +39,9 @@ def method_of(
         raise InputError(f"unknown consistency {consistency!r}; known are {', '.join(map(repr, paper.MODES))}")
     if backend not in BACKENDS:
         raise InputError(f"unknown backend {backend!r}; known are {', '.join(map(repr, BACKENDS))}")
-    stages = _stages(max_order, consistency) if method == "Radau" else None
+    stages = _stages(max_order, step, consistency) if method == "Radau" else None
     paper.MODES[consistency].check(step is not None)
-    order = 1 if method == "ImplicitEuler" else _order(max_order, step) if stages is None else 2 * stages - 1
+    order = 1 if method == "ImplicitEuler" else _order(max_order, step) if stages is None else _highest(stages)
     if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 1):
         raise InputError(f"max_steps must be a positive whole number, got {max_steps!r}")
     max_steps = None if max_steps is None else int(max_steps)
@@ -76,8 +76,13 @@ def _order(max_order, step) -> int:
     return int(max_order)
 
 
-def _stages(max_order, consistency) -> int:
-    """The stages of Radau IIA, 0 where it chooses them."""
+def _highest(stages) -> int:
+    """The highest order of Radau IIA with so many stages, or with those that it chooses."""
+    return 2 * (stages or MOST_STAGES) - 1
+
+
+def _stages(max_order, step, consistency) -> int:
+    """The stages of Radau IIA, 0 where it chooses them: it does so together with the step."""
     if consistency != "every-step":
         raise InputError(
             f"consistency={consistency!r} is a mode of BDF, whose steps depend on those before them. A step of Radau "
@@ -86,7 +91,7 @@ def _stages(max_order, consistency) -> int:
         )
     orders = {2 * s - 1: s for s in STAGES}
     if max_order is None:
-        return 0
+        return 0 if step is None else FIRST_STAGES
     if isinstance(max_order, bool) or max_order not in orders:
         raise InputError(f"max_order of Radau must be one of {', '.join(map(str, orders))}, got {max_order!r}")
     return orders[max_order]

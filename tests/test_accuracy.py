@@ -41,8 +41,9 @@ def test_a_chaotic_motion_is_named():
     assert sol.check(error=False).error is None
 
 
-def test_fixed_steps_are_halved():
-    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.5), step=1e-3, max_order=2)
+@pytest.mark.parametrize("method", [{"step": 1e-3, "max_order": 2}, {"step": 0.05, "method": "Radau"}])
+def test_fixed_steps_are_halved(method):
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.5), **method)
     q, _ = truth(sol, sol.t[-1:])
     error = np.abs(sol.q[-1] - q[-1]).max()
     assert 0.5 * error < sol.error.q < 2 * error and sol.error.tolerances is None

@@ -492,7 +492,7 @@ def test_discontinuous_forces(tol):
         torque = np.array([20.0 * (-1) ** i, 0.0, 0.0])
         piece = pc.simulate(mech, (t0, t1), q, v, forces=[torque], rtol=1e-11, atol=1e-11)
         q, v = piece.q[-1], piece.v[-1]
-    assert np.abs(sol.q[-1] - q).max() < max(100 * tol, 1e-6)  # a jump in the smallest step that rounding lets show
+    assert np.abs(sol.q[-1] - q).max() < 100 * tol
 
 
 def test_the_tightest_tolerance():
@@ -548,5 +548,5 @@ def test_a_velocity_that_grows_beyond_bounds_ends_the_run():
     model = pin.Model()
     scenes.add_body(model, 0, pin.JointModelPX(), scenes.at(0, 0, 0), "slider", 1.0, (0, 0, 0), 1.0)
     sol = pc.simulate(pc.Mechanism(model, forces=[lambda t, q, v: v**2]), (0.0, 2.0), v0=[1.0])
-    assert not sol.success and 0.999 < sol.t[-1] < 1.0 and "at t = 0.99999" in sol.message
+    assert not sol.success and 0.999 < sol.t[-1] < 1.0 and "at any step size at t = 0.99999" in sol.message
     np.testing.assert_allclose(sol.v[sol.t < 0.9, 0], 1.0 / (1.0 - sol.t[sol.t < 0.9]), rtol=1e-4)

@@ -32,10 +32,11 @@ public:
 protected:
   void fill(const System &system, const Vec &p, const Vec &v, double h, Vec &weight) const {
     magnitudes(system, p, v, weight);
-    weight = weight.cwiseMax(sizes).cwiseProduct(rtol) + atol;
-    const double rounding = noise * EPS * (1.0 + largest(p));
+    weight = weight.cwiseMax(sizes);
+    const double rounding = noise * EPS * (1.0 + largest(p)), speed = largest(weight.tail(system.nv));
+    weight = weight.cwiseProduct(rtol) + atol;
     weight.head(system.nx).array() += rounding;
-    weight.tail(system.nv).array() += rounding / std::abs(h);
+    weight.tail(system.nv).array() += std::min(rounding / std::abs(h), HALF * speed);
     weight = weight.cwiseInverse();
   }
 
@@ -93,15 +94,20 @@ public:
     if (fixed()) return {h, k};
     ++equal_steps;
     if (equal_steps <= k) return {h, k};
-    double best_factor = -1.0;
+    double best_factor = -1.0, lower_factor = -1.0;
     int best = k;
     for (int order = std::max(1, k - 1); order <= std::min(max_order, k + 1); ++order) {
       const double value = order == k ? error : error_in(system, Z.row(order + 1).transpose(), order, weight);
       const double factor = std::pow(std::max(value, 1e-10), -1.0 / (order + 1));
+      if (order == k - 1) lower_factor = factor;
       if (factor > best_factor) {
         best_factor = factor;
         best = order;
       }
+    }
+    if (k > 2 && lower_factor > NEARLY * best_factor) {
+      best_factor = lower_factor;
+      best = k - 1;
     }
     const double factor = std::min(MAX_FACTOR, SAFETY * best_factor);
     if (best == k && 1.0 <= factor && factor < 1.1) return {h, k};

@@ -89,6 +89,7 @@ private:
     double t_next, error, smaller;
     while (true) {
       t_next = next_time(t_end);
+      if (t_next == t) return Failure::error_test;
       Failure failure = solve(t_next);
       if (failure == Failure::none) failure = land(t_next, error);
       if (failure == Failure::none) {

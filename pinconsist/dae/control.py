@@ -14,7 +14,7 @@ from ..errors import InputError
 from . import bdf
 from .norms import EPS, largest, weighted_norm
 from .rounding import rounding_weights
-from .tuning import ACCURACY, AFTER_FAILURE, MAX_FACTOR, MIN_FACTOR, NEWTON_FACTOR, NOISE, SAFETY
+from .tuning import ACCURACY, AFTER_FAILURE, HALF, MAX_FACTOR, MIN_FACTOR, NEARLY, NEWTON_FACTOR, NOISE, SAFETY
 
 
 @dataclass
@@ -127,7 +127,7 @@ class ErrorControl:
         """
         size = np.maximum(self.sizes, self._magnitudes(system, predicted, p))
         noise = self.noise * EPS * (1.0 + largest(p))
-        rounding = np.repeat((noise, noise / abs(h)), (system.nx, system.nv))
+        rounding = np.repeat((noise, min(noise / abs(h), HALF * largest(size[system.nx :]))), (system.nx, system.nv))
         return 1.0 / (self._rtol * size + self._atol + rounding), NEWTON_FACTOR
 
     def reached(self, system, y, p):
@@ -182,6 +182,8 @@ class ErrorControl:
             errors[k + 1] = self.error(system, Z[k + 2], k + 1, weight)
         factors = {order: max(value, 1e-10) ** (-1.0 / (order + 1)) for order, value in errors.items()}
         best = max(factors, key=lambda order: (factors[order], -order))
+        if k > 2 and factors[k - 1] > NEARLY * factors[best]:
+            best = k - 1
         factor = min(MAX_FACTOR, SAFETY * factors[best])
         if best == k and 1.0 <= factor < 1.1:
             return h, k

@@ -165,7 +165,7 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
     pace = Pace(method.control, t, record.nsteps)
     while t != t_end:  # once, and again after every event that changes the state and where forces jump
         _stop_if(interrupted)
-        until, begun = stepper.system.next_change(t, t_end), record.nsteps
+        until, begun = stepper.system.next_change(t, record.next_stop(t, t_end)), record.nsteps
         first, *states = stepper.resume(until) if resumes else stepper.begin(t, p, v, until)
         if jumped:
             record.jump(*first)

@@ -31,12 +31,15 @@ class Output:
         if it has one, is set to the order of the step first. With an attribute ``each_step`` that is false it only
         follows how far the run has come: ``callback(t, step, order, count)`` says now and then that so many more
         steps were made, the last one to t.
+    exact : bool
+        Steps end at the times of `t_eval`, so that no row is interpolated.
     """
 
     t_eval: np.ndarray | None = None
     dense: bool = False
     events: tuple[Event, ...] = ()
     callback: Callable | None = None
+    exact: bool = False
 
     @property
     def each_step(self) -> bool:
@@ -77,6 +80,12 @@ class Record:
             ended = self._call_back(np.array([t]), [each[None] for each in (p, v, lam)], None)[1]
             if ended is not None:
                 raise ended
+
+    def next_stop(self, t, t_end) -> float:
+        """The first time after `t` at which a step has to end, or `t_end`."""
+        if not self.output.exact or not len(self._due):
+            return t_end
+        return min(float(self._due[0]), t_end, key=lambda time: abs(time - t))
 
     @property
     def begun(self) -> bool:

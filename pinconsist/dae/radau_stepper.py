@@ -148,6 +148,8 @@ class RadauStepper(Stepper):
         control = self.control
         while True:
             t_next = self._next_time(t_end)
+            if t_next == self.t:
+                return FAILURES["error_test"]
             stages = self._solved(t_next)
             if not stages.failure:
                 landing = self.landed(stages)

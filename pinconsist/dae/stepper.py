@@ -189,6 +189,8 @@ class Stepper:
         tried = (0.0, 0.0)  # length of the step that failed the error test last, and its error
         while True:
             t_next = self._next_time(t_end)
+            if t_next == self.t:  # steps that pass have become so short, as towards a pole
+                return FAILURES["error_test"]
             h, k, Z = self.h, self.k, self.Z
             self.base, predicted, psi = bdf.predict(system, k, self.base, Z)
             weight, tol = control.weights(system, predicted, self.base, h)
