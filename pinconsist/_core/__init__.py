@@ -13,8 +13,9 @@ import numpy as np
 import pinocchio  # loads the libraries that the compiled module is linked with
 
 from ..dae import tuning
+from ..dae.radau import table
 
-INTERFACE = 9  # as in module.cpp: an editable install may hold an older build
+INTERFACE = 10  # as in module.cpp: an editable install may hold an older build
 
 
 @cache
@@ -40,4 +41,7 @@ def load():
     coefficients = ("A", "B", "C", "E3", "E5", "D", "A_EXTRA", "C_EXTRA")
     twin.use_tuning(tuning)
     twin.use_dop853(*(np.ascontiguousarray(getattr(DOP853, name)) for name in coefficients))
+    for s in tuning.STAGES:
+        of = table(s)
+        twin.use_radau(of.c, of.A, of.inverse, of.inverse2, of.modes)
     return twin, ""

@@ -4,6 +4,8 @@
 #include "index1.hpp"
 #include "stages.hpp"
 
+#include <memory>
+
 namespace pinconsist {
 
 // Shifted Legendre polynomials of degree below n at a part of the step.
@@ -39,36 +41,47 @@ inline Vec integrals(const RadauTable &table, double theta) {
   return table.modes.transpose() * of_modes;
 }
 
-// States inside steps; of a system of its own, which may outlive the run.
+// The collocation polynomial of a step, led to its projected end.
+struct Collocation {
+  Shape shape;
+  Mat U; // rates of ξ at the stages
+  Vec p0, v0, p1, v1;
+};
+using Collocations = std::vector<std::shared_ptr<const Collocation>>; // of successive steps
+
+// States inside steps, while the equations are there.
 class Sampler {
 public:
   explicit Sampler(System &system) : system_(system), index1_(system) {}
 
-  // p, v and λ at `times` of the step from (p0, v0) to (p1, v1), a row each; false where the equations are singular.
-  bool sample(const RadauTable &table, const Shape &step, const Mat &U, const Vec &p0, const Vec &v0, const Vec &p1,
-              const Vec &v1, const Vec &times, Table &p, Table &v, Table &lam) {
-    const double h = step.h;
-    const Vec last = h * table.A.row(table.s - 1).transpose();
-    Vec missing(system_.nx), at_p, at_v, a, at_lam;
-    system_.difference(p0, p1, missing);
-    missing -= U * last;
-    const Vec missing_v = v1 - v0 - step.W * last;
-    for (Eigen::Index i = 0; i < times.size(); ++i) {
-      const double theta = (times[i] - step.t) / h;
-      const Vec here = h * integrals(table, theta), xi = U * here + theta * theta * (3.0 - 2.0 * theta) * missing;
-      system_.integrate(p0, xi, at_p);
-      at_v = v0 + step.W * here + theta * theta * missing_v;
-      if (!index1_.acceleration(times[i], at_p, at_v, a, at_lam)) return false;
-      p.row(i) = at_p.transpose();
-      v.row(i) = at_v.transpose();
-      lam.row(i) = at_lam.transpose();
+  // p, v and λ at a time of a step; false where the equations are singular.
+  bool sample(const Collocations::value_type &of, double t) {
+    const Collocation &step = *of;
+    const Shape &shape = step.shape;
+    const RadauTable &table = *shape.table;
+    if (of != last_) {
+      last_ = of;
+      const Vec whole = shape.h * table.A.row(table.s - 1).transpose();
+      missing_.resize(system_.nx);
+      system_.difference(step.p0, step.p1, missing_);
+      missing_ -= step.U * whole;
+      missing_v_ = step.v1 - step.v0 - shape.W * whole;
     }
-    return true;
+    const double theta = (t - shape.t) / shape.h;
+    const Vec here = shape.h * integrals(table, theta);
+    xi_ = step.U * here + theta * theta * (3.0 - 2.0 * theta) * missing_;
+    system_.integrate(step.p0, xi_, p);
+    v = step.v0 + shape.W * here + theta * theta * missing_v_;
+    return index1_.acceleration(t, p, v, a_, lam);
   }
+
+  Vec p, v, lam;
 
 private:
   System &system_;
   Projection index1_;
+  Collocations::value_type last_; // whose `missing` are at hand
+  Vec missing_, missing_v_, xi_, a_;
 };
 
 } // namespace pinconsist

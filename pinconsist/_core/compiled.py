@@ -69,12 +69,12 @@ class CompiledStepper(CompiledRun):
 
     def batch_of(self, made, with_curve) -> StepBatch:
         core, system, t_old = self._core, self.system, self.t
-        failure, error, t, p, v, lam, h, k, tables, bases = made
+        failure, error, t, p, v, lam, h, k, tables = made
         self.t, self.h, self.k, self.p, self.y = core.t, core.h, core.k, core.p, core.y
         why, curve = self._counted(failure), None
         if failure == "turns_too_far":
             why = self._turns_too_far(self.velocity_and_multipliers()[0])
         if with_curve and len(t):
-            base, Z = bases.reshape(len(t), -1), tables.reshape(len(t), bdf.ROWS, -1)
+            base, Z = tables[0].reshape(len(t), -1), tables[1].reshape(len(t), bdf.ROWS, -1)
             curve = Tables(np.append(t_old, t[:-1]), t, t, h, k, base, Z, system, self._chart_points)
         return StepBatch(t, p, v, lam, k, curve, why, error)

@@ -2,33 +2,89 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+
 from ..dae.dense import Curve, RadauSegment
 from ..dae.radau import table
 from ..dae.radau_control import RadauControl
 from ..dae.radau_stepper import RadauStepper
 from ..dae.stepper import StepBatch
-from ..dae.tuning import FEWEST_STAGES, FIRST_STAGES, MOST_STAGES
+from ..dae.tuning import FEWEST_STAGES, FIRST_STAGES, LOOKS, MOST_STAGES
 from . import load
-from .compiled_system import CompiledRun, compiled_system
+from .compiled_system import CompiledRun
+
+
+class StageCurve(Curve):
+    """The polynomials of compiled steps: those of :class:`RadauSegment`, evaluated in C++.
+
+    `sampler` has what evaluates them, as long as that may be kept.
+    """
+
+    looks = LOOKS
+
+    def __init__(self, core, start, ends, system, sampler: list):
+        self._core, self.start, self.ends, self.system, self._sampler = core, start, ends, system, sampler
+
+    def segment(self, i):
+        return StageSegment(self, i, self._core.step(i)[0], self.ends[i])
+
+    def _plain(self, i) -> RadauSegment:
+        t, h, s, *arrays = self._core.step(i)
+        return RadauSegment(t, self.ends[i], h, table(s), *arrays, self.system)
+
+    def _cut(self, last, end):
+        ends = np.append(self.ends[:last], end)
+        return StageCurve(self._core.first(last + 1), self.start, ends, self.system, self._sampler)
+
+    def __call__(self, times):
+        found = None
+        if self._sampler:
+            sizes = self.system.npos, self.system.nv, self.system.nc
+            found = self._sampler[0].rows(self._core, self.holders(times), times, *sizes)
+        return super().__call__(times) if found is None else found
+
+    def row(self, i, t):
+        """(p, v, λ) at a time of a step."""
+        found = self._sampler[0].row(self._core, i, t) if self._sampler else None
+        return found or self._plain(i)(t)
+
+    def with_others(self, curves):
+        core, ends = self._core.joined([each._core for each in curves]), [each.ends for each in (self, *curves)]
+        return StageCurve(core, self.start, np.concatenate(ends), self.system, self._sampler)
+
+
+@dataclass(frozen=True)
+class StageSegment:
+    """One step of a curve."""
+
+    curve: StageCurve
+    i: int
+    t_old: float
+    end: float
+
+    def __call__(self, t):
+        return self.curve.row(self.i, t)
 
 
 class CompiledRadauStepper(CompiledRun, RadauStepper):
     """A :class:`~pinconsist.dae.radau_stepper.RadauStepper` that makes many steps in one call."""
 
+    def __init__(self, system, method):
+        self._sampler = []
+        super().__init__(system, method)
+
     def change_system(self, system) -> None:
         super().change_system(system)
         control, before = self.control, self._core
         self._core = load()[0].RadauStepper(self._compiled, self.method.switches)
-        self._sampler = None  # it outlives the run where it holds no function of the user's
-        if self.ahead:
-            self._sampler = load()[0].Sampler(compiled_system(system))
+        self._forget_functions()
+        self._sampler = [load()[0].Sampler(self._compiled)]
         chooses = self.method.stages == 0
-        for s in (FEWEST_STAGES, FIRST_STAGES, MOST_STAGES) if chooses else (self.method.stages,):
-            of = table(s)
-            self._core.add_table(of.c, of.A, of.inverse, of.inverse2, of.modes)
-            if isinstance(control, RadauControl):
-                self._core.add_tolerances(s, *control.for_stages(s, system))
         if isinstance(control, RadauControl):
+            for s in (FEWEST_STAGES, FIRST_STAGES, MOST_STAGES) if chooses else (self.method.stages,):
+                self._core.add_tolerances(s, *control.for_stages(s, system))
             sizes = control.sizes if before is None else before.sizes
             self._core.control_error(sizes, control.max_step, chooses, control.worth_most)
 
@@ -40,17 +96,17 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
             self._core.fix_step(self._start, self._taken, self._steps)
         return states
 
-    def retake(self, segment, t):
-        of = segment
-        state = self._core.retake(len(of.W), of.t_old, of.h, of.W, of.p0, of.v0, t)
-        return segment(t) if state is None else state
+    def close(self) -> None:
+        super().close()
+        self._forget_functions()
 
-    def _sample(self, segment, times):
-        of, system = segment, segment.system
-        if self._sampler is None or system is not self.system:
-            return None
-        A, modes = of.table.A, of.table.modes
-        return self._sampler.sample(A, modes, of.t_old, of.h, of.W, of.U, of.p0, of.v0, of.p, of.v, system.nc, times)
+    def _forget_functions(self):
+        """Curves outlive the run where they hold no function of the user's."""
+        if not self.ahead:
+            self._sampler.clear()
+
+    def retake(self, segment, t):
+        return self._core.retake(segment.curve._core, segment.i, t) or segment(t)
 
     def resume(self, t_end):
         states = super().resume(t_end)
@@ -74,19 +130,11 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         return self._core.first_step(t_end)
 
     def batch_of(self, made, with_curve) -> StepBatch:
-        core, t_old, p_old, v_old = self._core, self.t, self.p, self.v
-        failure, error, t, p, v, lam, h, k, W, U = made
+        core, t_old = self._core, self.t
+        failure, error, t, p, v, lam, h, k, steps = made
         self.t, self.h, self.s = core.t, core.h, core.s
         self.p, self.v, self.a, self.lam = core.p, core.v, core.a, core.lam
         if len(t):
             self.used = float(h[-1]), int(k[-1])
-        why = self._counted(failure)
-        segments, nv, nx = [], self.system.nv, self.system.nx
-        for i in range(len(t) if with_curve else 0):
-            s = (int(k[i]) + 1) // 2
-            here, W = W[: s * nv].reshape(s, nv), W[s * nv :]
-            rates, U = U[: s * nx].reshape(s, nx), U[s * nx :]
-            step = t_old, t[i], h[i], table(s), p_old, v_old, here, rates, p[i], v[i]
-            segments.append(RadauSegment(*step, self.system, self._sample))
-            t_old, p_old, v_old = t[i], p[i], v[i]
-        return StepBatch(t, p, v, lam, k, Curve(segments) if segments else None, why, error)
+        curve = StageCurve(steps, t_old, t, self.system, self._sampler) if steps is not None else None
+        return StepBatch(t, p, v, lam, k, curve, self._counted(failure), error)

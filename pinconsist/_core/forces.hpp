@@ -242,12 +242,12 @@ public:
   explicit PythonForce(nb::object law) : law_(std::move(law)) {}
 
   void add_torque(const Data &, double t, const Vec &q, const Vec &v, Vec &tau) const override {
-    const auto torque = nb::cast<Vec>(law_.attr("torque")(t, q, v));
+    const auto torque = nb::cast<Vec>(ask(law_, "torque", t, q, v));
     if (torque.size() != tau.size()) throw nb::value_error("a torque of another size");
     tau += torque;
   }
   void linearize(const Data &, double t, const Vec &q, const Vec &v, Mat &D, Mat &K) const override {
-    const auto parts = nb::cast<std::pair<nb::object, nb::object>>(law_.attr("derivatives")(t, q, v));
+    const auto parts = nb::cast<std::pair<nb::object, nb::object>>(ask(law_, "derivatives", t, q, v));
     subtract(parts.second, D);
     subtract(parts.first, K);
   }

@@ -1,7 +1,6 @@
 // What Python sees: a system to which rows and forces are added, and a stepper that makes batches of steps.
 #include "measured.hpp"
 #include "radau_bindings.hpp"
-#include "stepper.hpp"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
@@ -27,7 +26,7 @@ Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] !=
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 9; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 10; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -39,6 +38,10 @@ NB_MODULE(twin, m) {
     Lapack::solve = reinterpret_cast<Lapack::Solve>(solve.data());
   });
 
+  m.def("use_radau", [](const Vec &c, const Mat &A, const Mat &inverse, const Mat &inverse2, const Mat &modes) {
+    const int s = static_cast<int>(c.size());
+    RadauTable::of[s] = {s, c, A, inverse, inverse2, modes, (modes.row(s - 1) * inverse2).norm()};
+  });
   m.def("use_dop853", [](const Table &A, const Vec &B, const Vec &C, const Vec &E3, const Vec &E5, const Table &D,
                          const Table &A_extra, const Vec &C_extra) {
     OneStep::method = {A, A_extra, D, B, C, E3, E5, C_extra};
@@ -137,11 +140,12 @@ NB_MODULE(twin, m) {
            [](Projection &projection, double t, const Vec &p, const Vec &v) -> nb::object {
              Vec a, lam;
              if (!projection.acceleration(t, p, v, a, lam)) return nb::none();
-             return nb::make_tuple(a, lam, a.allFinite() && lam.allFinite());
+             const bool finite = a.allFinite() && lam.allFinite();
+             return nb::make_tuple(array(a), array(lam), finite);
            })
       .def("project", [](Projection &projection, double t, const Vec &p, const Vec &v) {
         const State state = projection.project(t, p, v);
-        return nb::make_tuple(state.p, state.v, state.failure, state.gap);
+        return nb::make_tuple(array(state.p), array(state.v), state.failure, state.gap);
       })
       .def(
           "one_step",
@@ -153,7 +157,7 @@ NB_MODULE(twin, m) {
 
   nb::class_<OneStep>(m, "OneStep")
       .def_ro("t", &OneStep::t)
-      .def_prop_ro("y", [](const OneStep &s) { return s.y; }) // a copy: a view would not outlive the next step
+      .def_prop_ro("y", [](const OneStep &s) { return array(s.y); })
       .def_ro("step_size", &OneStep::step_size)
       .def_ro("finished", &OneStep::finished)
       .def_ro("evaluations", &OneStep::evaluations)
@@ -163,10 +167,10 @@ NB_MODULE(twin, m) {
                      return nb::make_tuple(s.culprit_t, s.culprit_p, s.culprit_v);
                    })
       .def("step", &OneStep::step)
-      .def("sample", &OneStep::sample);
+      .def("sample", [](const OneStep &s, const Vec &times) { return array(s.sample(times)); });
 
   nb::class_<Stepper> stepper(m, "Stepper");
-  bind_run(stepper);
+  bind_run<TableCurve>(stepper);
   stepper
       .def(
           "__init__",
@@ -175,7 +179,7 @@ NB_MODULE(twin, m) {
           },
           "system"_a, "correct"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_ro("k", &Stepper::k)
-      .def_prop_ro("y", [](const Stepper &s) { return s.y; })
+      .def_prop_ro("y", [](const Stepper &s) { return array(s.y); })
       .def("begin",
            [](Stepper &s, double start, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base,
               const Table &Z) {

@@ -2,20 +2,18 @@
 #pragma once
 
 #include "radau_stepper.hpp"
+#include "stepper.hpp"
 
-#include <nanobind/ndarray.h>
+#include <nanobind/stl/vector.h>
 
 namespace pinconsist {
 namespace {
 
 using namespace nb::literals;
 
-// A numpy array that owns the numbers.
-template <class T> nb::object array(std::vector<T> &&numbers, std::initializer_list<size_t> shape) {
-  auto *kept = new std::vector<T>(std::move(numbers));
-  nb::capsule owner(kept, [](void *p) noexcept { delete static_cast<std::vector<T> *>(p); });
-  return nb::cast(nb::ndarray<nb::numpy, T>(kept->data(), shape.size(), shape.begin(), owner));
-}
+struct StageCurve {
+  Collocations steps;
+};
 
 Switches switches_of(nb::object switches) {
   const auto on = [&](const char *name) { return nb::cast<bool>(switches.attr(name)); };
@@ -42,13 +40,21 @@ template <class Run> std::pair<const char *, nb::object> attempted(const System 
   return {name_of(failure), error};
 }
 
+// The polynomials of a batch, for Python; None where there are none.
+nb::object in_python(TableCurve &curve) {
+  const size_t bases = curve.bases.size(), tables = curve.tables.size();
+  if (!tables) return nb::none();
+  return nb::make_tuple(array(curve.bases, {bases}), array(curve.tables, {tables}));
+}
+nb::object in_python(Collocations &curve) { return curve.empty() ? nb::none() : nb::cast(StageCurve{std::move(curve)}); }
+
 // What both steppers have.
-template <class Stepper> void bind_run(nb::class_<Stepper> &bound) {
+template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) {
   bound.def_ro("t", &Stepper::t)
       .def_rw("h", &Stepper::h)
-      .def_prop_ro("p", [](const Stepper &s) { return s.p; })
+      .def_prop_ro("p", [](const Stepper &s) { return array(s.p); })
       .def_rw("turns", &Stepper::turns)
-      .def_prop_ro("sizes", [](const Stepper &s) { return s.control.sizes; })
+      .def_prop_ro("sizes", [](const Stepper &s) { return array(s.control.sizes); })
       .def("fix_step",
            [](Stepper &s, double start, long taken, long steps) {
              s.start = start;
@@ -61,44 +67,36 @@ template <class Stepper> void bind_run(nb::class_<Stepper> &bound) {
              return nb::make_tuple(taken(s.newton.nfev), taken(s.newton.njev), taken(s.newton.nlu),
                                    taken(s.control.rejected_by_error), taken(s.control.rejected_by_newton));
            })
-      .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, s.newton.culprit_p, s.newton.culprit_v); })
-      .def("run", // a batch: why it ended, an exception of Python's, its rows, and the numbers of its polynomials
+      .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, array(s.newton.culprit_p), array(s.newton.culprit_v)); })
+      .def("run", // a batch: why it ended, an exception of Python's, its rows, and its polynomials
            [](Stepper &s, const System &system, double t_end, long most, bool with_curve) {
-             StepBatch out;
+             StepBatch<Curve> out;
              const auto [failure, error] = attempted(system, [&] { return s.run(t_end, most, with_curve, out); });
              const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc;
-             const size_t curve = out.curve.size(), rates = out.rates.size();
-             return nb::make_tuple(failure, error, array(std::move(out.t), {n}), array(std::move(out.p), {n, npos}),
-                                   array(std::move(out.v), {n, nv}), array(std::move(out.lam), {n, nc}),
-                                   array(std::move(out.h), {n}), array(std::move(out.order), {n}),
-                                   array(std::move(out.curve), {curve}), array(std::move(out.rates), {rates}));
+             return nb::make_tuple(failure, error, array(out.t, {n}), array(out.p, {n, npos}),
+                                   array(out.v, {n, nv}), array(out.lam, {n, nc}),
+                                   array(out.h, {n}), array(out.order, {n}), in_python(out.curve));
            });
 }
 
 void bind_radau(nb::module_ &m) {
   nb::class_<RadauStepper> stepper(m, "RadauStepper");
-  bind_run(stepper);
+  bind_run<Collocations>(stepper);
   stepper.def("__init__", [](RadauStepper *self, System &system, nb::object switches) {
              new (self) RadauStepper(system, switches_of(switches));
            }, "system"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_prop_ro("s", [](const RadauStepper &s) { return s.control.s; })
-      .def_prop_ro("v", [](const RadauStepper &s) { return s.v; })
-      .def_prop_ro("a", [](const RadauStepper &s) { return s.a; })
-      .def_prop_ro("lam", [](const RadauStepper &s) { return s.lam; })
+      .def_prop_ro("v", [](const RadauStepper &s) { return array(s.v); })
+      .def_prop_ro("a", [](const RadauStepper &s) { return array(s.a); })
+      .def_prop_ro("lam", [](const RadauStepper &s) { return array(s.lam); })
       .def("retake", // None where it fails
-           [](RadauStepper &s, int stages, double t, double h, const Mat &W, const Vec &p0, const Vec &v0, double t_end) -> nb::object {
+           [](RadauStepper &s, const StageCurve &curve, size_t i, double t) -> nb::object {
              Vec p, v, lam;
-             const Shape shape{&s.tables.at(stages), t, h, W.transpose()};
-             if (!s.retake(shape, p0, v0, t_end, p, v, lam)) return nb::none();
-             return nb::make_tuple(p, v, lam);
+             if (!s.retake(*curve.steps.at(i), t, p, v, lam)) return nb::none();
+             return nb::make_tuple(array(p), array(v), array(lam));
            })
       .def("first_step", &RadauStepper::first_step)
       .def("jump", &RadauStepper::jump)
-      .def("add_table",
-           [](RadauStepper &stepper, const Vec &c, const Mat &A, const Mat &inverse, const Mat &inverse2, const Mat &modes) {
-             const int s = static_cast<int>(c.size());
-             stepper.tables[s] = {s, c, A, inverse, inverse2, modes, (modes.row(s - 1) * inverse2).norm()};
-           })
       .def("add_tolerances",
            [](RadauStepper &stepper, int s, const Vec &rtol, const Vec &atol, double newton_factor) {
              stepper.control.of_stages[s] = {rtol, atol, newton_factor};
@@ -121,19 +119,37 @@ void bind_radau(nb::module_ &m) {
              s.control.worth_most = worth_most;
            });
 
+  nb::class_<StageCurve>(m, "StageCurve")
+      .def("first", [](const StageCurve &curve, size_t n) { return StageCurve{{curve.steps.begin(), curve.steps.begin() + n}}; })
+      .def("joined",
+           [](const StageCurve &curve, const std::vector<const StageCurve *> &others) {
+             StageCurve all = curve;
+             for (const StageCurve *other : others) all.steps.insert(all.steps.end(), other->steps.begin(), other->steps.end());
+             return all;
+           })
+      .def("step", [](const StageCurve &curve, size_t i) { // its start, size and stages, and what RadauSegment takes after them
+        const auto &[shape, U, p0, v0, p1, v1] = *curve.steps.at(i);
+        return nb::make_tuple(shape.t, shape.h, shape.table->s, array(p0), array(v0), array(Table(shape.W.transpose())),
+                              array(Table(U.transpose())), array(p1), array(v1));
+      });
+
   nb::class_<Sampler>(m, "Sampler")
       .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
-      .def("sample", // None where the equations are singular
-           [](Sampler &sampler, const Mat &A, const Mat &modes, double t, double h, const Mat &W, const Mat &U, const Vec &p0,
-              const Vec &v0, const Vec &p1, const Vec &v1, int nc, const Vec &times) -> nb::object {
-             RadauTable table;
-             table.s = static_cast<int>(A.rows());
-             table.A = A;
-             table.modes = modes;
-             const Shape step{nullptr, t, h, W.transpose()};
-             Table p(times.size(), p0.size()), v(times.size(), v0.size()), lam(times.size(), nc);
-             if (!sampler.sample(table, step, U.transpose(), p0, v0, p1, v1, times, p, v, lam)) return nb::none();
-             return nb::make_tuple(p, v, lam);
+      .def("row", // None where the equations are singular
+           [](Sampler &sampler, const StageCurve &curve, size_t i, double t) -> nb::object {
+             if (!sampler.sample(curve.steps.at(i), t)) return nb::none();
+             return nb::make_tuple(array(sampler.p), array(sampler.v), array(sampler.lam));
+           })
+      .def("rows", // at times of the steps with these indices
+           [](Sampler &sampler, const StageCurve &curve, const std::vector<size_t> &steps, const Vec &times, int npos, int nv, int nc) -> nb::object {
+             Table p(times.size(), npos), v(times.size(), nv), lam(times.size(), nc);
+             for (Eigen::Index i = 0; i < times.size(); ++i) {
+               if (!sampler.sample(curve.steps.at(steps[i]), times[i])) return nb::none();
+               p.row(i) = sampler.p.transpose();
+               v.row(i) = sampler.v.transpose();
+               lam.row(i) = sampler.lam.transpose();
+             }
+             return nb::make_tuple(array(p), array(v), array(lam));
            });
 }
 

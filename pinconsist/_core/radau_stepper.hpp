@@ -9,13 +9,12 @@
 
 namespace pinconsist {
 
-class RadauStepper : public Run<RadauStepper> {
+class RadauStepper : public Run<RadauStepper, Collocations> {
 public:
   int used_s = 0;
   Vec v, a, lam;
   RadauControl control;
   StageNewton newton;
-  std::map<int, RadauTable> tables;
 
   RadauStepper(System &system, const Switches &switches)
       : Run(system), newton(system, switches), kkt_(system.nv, system.nc), index1_(system) {}
@@ -66,10 +65,10 @@ public:
     return true;
   }
 
-  // The state at t_end of a step that is made again from (p0, v0), with the shape that it had; false where it fails.
-  bool retake(const Shape &shape, const Vec &p0, const Vec &v0, double t_end, Vec &p1, Vec &v1, Vec &lam1) {
-    place(shape.table->s, shape.t, t_end - shape.t, p0, v0);
-    shape.predict(newton.stages);
+  // The state at t_end of a step that is made again up to there; false where it fails.
+  bool retake(const Collocation &step, double t_end, Vec &p1, Vec &v1, Vec &lam1) {
+    place(step.shape.table->s, step.shape.t, t_end - step.shape.t, step.p0, step.v0);
+    step.shape.predict(newton.stages);
     newton.forget(); // derivatives at the end of the last step are not those at the start of this one
     const double tol = weights();
     double error;
@@ -83,7 +82,7 @@ public:
   }
 
 private:
-  friend class Run<RadauStepper>;
+  friend class Run<RadauStepper, Collocations>;
 
   Failure advance(double t_end) {
     double t_next, error, smaller;
@@ -140,7 +139,7 @@ private:
   }
 
   void place(int number, double t0, double step, const Vec &p0, const Vec &v0) {
-    const RadauTable &table = tables.at(number);
+    const RadauTable &table = RadauTable::of.at(number);
     if (newton.stages.table != &table) newton.use(table);
     newton.stages.t = t0;
     newton.stages.h = step;
@@ -238,9 +237,9 @@ private:
   const Vec &velocity() const { return v; }
   const Vec &multipliers() const { return lam; }
   int order() const { return 2 * used_s - 1; }
-  void keep_curve(StepBatch &out) const {
-    out.put(out.curve, newton.stages.W);
-    out.put(out.rates, newton.stages.U());
+  void keep(Collocations &curve) const {
+    const Stages &of = newton.stages;
+    curve.push_back(std::make_shared<Collocation>(Collocation{shape_, of.U(), of.p, of.v, p, v}));
   }
 
   KKT kkt_;

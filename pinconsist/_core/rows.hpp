@@ -170,7 +170,7 @@ public:
       : closure_(std::move(closure)), data_(std::move(data)), local_(std::move(local)), moving_(moving) {}
 
   void evaluate(const Data &, double t, const Vec &p, int at, Vec &phi, Mat &J) const override {
-    const auto both = nb::cast<std::pair<Vec, Mat>>(closure_.attr("evaluate")(data_, p, t));
+    const auto both = nb::cast<std::pair<Vec, Mat>>(ask(closure_, "evaluate", data_, p, t));
     if (both.first.size() <= local_.back() || both.second.rows() <= local_.back() || both.second.cols() != J.cols())
       throw nb::value_error("rows of another size");
     for (size_t i = 0; i < local_.size(); ++i) {
@@ -180,12 +180,12 @@ public:
   }
   void add_rate(double t, const Vec &p, int at, Vec &rate) const override {
     if (!moving_) return;
-    const auto all = nb::cast<Vec>(closure_.attr("rate")(t, p));
+    const auto all = nb::cast<Vec>(ask(closure_, "rate", t, p));
     if (all.size() <= local_.back()) throw nb::value_error("rates of another size");
     for (size_t i = 0; i < local_.size(); ++i) rate[at + i] += all[local_[i]];
   }
   void add_bias(const Data &, double t, const Vec &p, const Vec &v, int at, Vec &bias) const override {
-    const auto all = nb::cast<Vec>(closure_.attr("acceleration_bias")(data_, t, p, v));
+    const auto all = nb::cast<Vec>(ask(closure_, "acceleration_bias", data_, t, p, v));
     if (all.size() <= local_.back()) throw nb::value_error("a bias of another size");
     for (size_t i = 0; i < local_.size(); ++i) bias[at + i] += all[local_[i]];
   }

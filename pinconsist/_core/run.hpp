@@ -7,19 +7,20 @@
 
 namespace pinconsist {
 
-// What accepted steps leave, one entry a step; `curve` and `rates` make their polynomials.
-struct StepBatch {
-  int steps = 0;
-  std::vector<double> t, h, p, v, lam, curve, rates;
-  std::vector<int> order;
+template <class Numbers> void put(std::vector<double> &to, const Numbers &x) {
+  to.insert(to.end(), x.data(), x.data() + x.size());
+}
 
-  template <class Numbers> static void put(std::vector<double> &to, const Numbers &x) {
-    to.insert(to.end(), x.data(), x.data() + x.size());
-  }
+// What accepted steps leave, one entry a step, and their polynomials.
+template <class Curve> struct StepBatch {
+  int steps = 0;
+  std::vector<double> t, h, p, v, lam;
+  std::vector<int> order;
+  Curve curve;
 };
 
-// Method has `advance`, `prepare_next`, `shorten`, `order`, `velocity`, `multipliers`, `keep_curve`, `control`.
-template <class Method> class Run {
+// Method has `advance`, `prepare_next`, `shorten`, `order`, `velocity`, `multipliers`, `keep`, `control`.
+template <class Method, class Curve> class Run {
 public:
   // The state of the run; names as in dae/stepper.py.
   double t = 0.0, h = 0.0, used_h = 0.0;
@@ -30,7 +31,7 @@ public:
   long taken = 0, steps = 0;
 
   // Accepted steps towards t_end, at most `most`.
-  Failure run(double t_end, long most, bool with_curve, StepBatch &out) {
+  Failure run(double t_end, long most, bool with_curve, StepBatch<Curve> &out) {
     const auto begun = std::chrono::steady_clock::now();
     while (out.steps < most && t != t_end) {
       self().prepare_next();
@@ -63,15 +64,15 @@ protected:
 private:
   Method &self() { return static_cast<Method &>(*this); }
 
-  void record(bool with_curve, StepBatch &out) {
+  void record(bool with_curve, StepBatch<Curve> &out) {
     ++out.steps;
     out.t.push_back(t);
     out.h.push_back(used_h);
     out.order.push_back(self().order());
-    out.put(out.p, p);
-    out.put(out.v, self().velocity());
-    out.put(out.lam, self().multipliers());
-    if (with_curve) self().keep_curve(out);
+    put(out.p, p);
+    put(out.v, self().velocity());
+    put(out.lam, self().multipliers());
+    if (with_curve) self().keep(out.curve);
   }
 };
 

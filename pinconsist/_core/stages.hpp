@@ -3,6 +3,8 @@
 
 #include "null_space.hpp"
 
+#include <map>
+
 namespace pinconsist {
 
 // What dae/radau.py computes of the formula with s stages.
@@ -11,6 +13,8 @@ struct RadauTable {
   Vec c;
   Mat A, inverse, inverse2, modes; // modes: to the coefficients of Legendre polynomials
   double leading = 0.0;            // how far rounding of stage positions reaches the highest coefficient, times h²
+
+  static inline std::map<int, RadauTable> of; // by s
 };
 
 class Stages {

@@ -5,7 +5,12 @@
 
 namespace pinconsist {
 
-class Stepper : public Run<Stepper> {
+// Chart centres and tables of steps.
+struct TableCurve {
+  std::vector<double> bases, tables;
+};
+
+class Stepper : public Run<Stepper, TableCurve> {
 public:
   int k = 1, used_k = 0;
   Vec y, base;
@@ -28,7 +33,7 @@ public:
   }
 
 private:
-  friend class Run<Stepper>;
+  friend class Run<Stepper, TableCurve>;
 
   Failure advance(double t_end) {
     control.reached(system_, p, velocity());
@@ -129,9 +134,9 @@ private:
   Vec velocity() const { return y.segment(system_.nx, system_.nv); }
   Vec multipliers() const { return y.tail(system_.nc); }
   int order() const { return used_k; }
-  void keep_curve(StepBatch &out) const {
-    out.put(out.rates, base);
-    out.put(out.curve, Z);
+  void keep(TableCurve &curve) const {
+    put(curve.bases, base);
+    put(curve.tables, Z);
   }
 
   KKT kkt_; // of the rounding test

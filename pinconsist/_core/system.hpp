@@ -7,6 +7,8 @@
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 
+#include <cstring>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -19,6 +21,33 @@ using Table = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMa
 
 template <class Derived> double largest(const Eigen::MatrixBase<Derived> &x) {
   return x.size() ? x.cwiseAbs().maxCoeff() : 0.0;
+}
+
+// A numpy array with these numbers, row by row; nanobind's own conversions take several times as long.
+template <class Number> nb::object array(const Number *numbers, std::initializer_list<size_t> shape) {
+  static const nb::handle empty = nb::object(nb::module_::import_("numpy").attr("empty")).release();
+  const char *type = std::is_same_v<Number, double> ? "d" : "i";
+  nb::object made = shape.size() == 1 ? empty(*shape.begin(), type) : empty(nb::make_tuple(*shape.begin(), shape.begin()[1]), type);
+  Py_buffer view;
+  if (PyObject_GetBuffer(made.ptr(), &view, PyBUF_WRITABLE)) throw nb::python_error();
+  std::memcpy(view.buf, numbers, view.len);
+  PyBuffer_Release(&view);
+  return made;
+}
+template <class Number> nb::object array(const std::vector<Number> &x, std::initializer_list<size_t> shape) {
+  return array(x.data(), shape);
+}
+inline nb::object array(const Vec &x) { return array(x.data(), {static_cast<size_t>(x.size())}); }
+inline nb::object array(const Table &x) {
+  return array(x.data(), {static_cast<size_t>(x.rows()), static_cast<size_t>(x.cols())});
+}
+
+inline nb::object argument(const Vec &x) { return array(x); }
+template <class Other> const Other &argument(const Other &x) { return x; }
+
+// Call a method in Python.
+template <class... Arguments> nb::object ask(const nb::object &object, const char *method, const Arguments &...arguments) {
+  return object.attr(method)(argument(arguments)...);
 }
 
 class System {
@@ -109,14 +138,14 @@ public:
 
   void integrate(const Vec &p, const Vec &xi, Vec &out) const override {
     if (vector_like) out = p + xi;
-    else out = vector(system_.attr("integrate")(p, xi), npos, "integrate");
+    else out = vector(ask(system_, "integrate", p, xi), npos, "integrate");
   }
   void difference(const Vec &p0, const Vec &p1, Vec &xi) const override {
     if (vector_like) xi = p1 - p0;
-    else xi = vector(system_.attr("difference")(p0, p1), nx, "difference");
+    else xi = vector(ask(system_, "difference", p0, p1), nx, "difference");
   }
   Vec rate(double t, const Vec &p, const Vec &v) const override {
-    return vector(system_.attr("rate")(t, p, v), nx, "rate");
+    return vector(ask(system_, "rate", t, p, v), nx, "rate");
   }
   void chart_rate(const Vec &xi, const Vec &rate, Vec &out) const override {
     out = rate;
@@ -128,40 +157,40 @@ public:
   void chart_matrix(const Vec &xi, Mat &T) const override {
     T = matrix(nb::module_::import_("pinconsist.dae.charts").attr("chart_matrix")(system_, xi), nx, nx, "bracket");
   }
-  void bracket(const Vec &x, Mat &ad) const override { ad = matrix(system_.attr("bracket")(x), nx, nx, "bracket"); }
+  void bracket(const Vec &x, Mat &ad) const override { ad = matrix(ask(system_, "bracket", x), nx, nx, "bracket"); }
   void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
-    const nb::object both = system_.attr("position")(t, base, psi_x, c, v);
+    const nb::object both = ask(system_, "position", t, base, psi_x, c, v);
     p = vector(both[0], npos, "position");
     xi = vector(both[1], nx, "position");
   }
   void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) override {
-    const nb::object all = system_.attr("evaluate")(t, p, v, a);
+    const nb::object all = ask(system_, "evaluate", t, p, v, a);
     f = vector(all[0], nv, "evaluate");
     phi = vector(all[1], nc, "evaluate");
     Gt_ = matrix(all[2], nv, nc, "evaluate").transpose();
     rho = vector(all[3], nc, "evaluate");
   }
   void constraint(double t, const Vec &p, const Vec &v) override {
-    const nb::object both = system_.attr("constraint")(t, p, rate(t, p, v));
+    const nb::object both = ask(system_, "constraint", t, p, rate(t, p, v));
     phi = vector(both[0], nc, "constraint");
     rho = vector(both[1], nc, "constraint");
   }
   void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) override {
-    bias = vector(system_.attr("acceleration_bias")(t, p, v), nc, "acceleration_bias");
+    bias = vector(ask(system_, "acceleration_bias", t, p, v), nc, "acceleration_bias");
   }
   const Mat &velocity_jacobian(double t, const Vec &p, const Vec &v) override {
-    W = matrix(system_.attr("velocity_jacobian")(t, p, v, Mat(Gt_.transpose())), nc, nv, "velocity_jacobian");
+    W = matrix(ask(system_, "velocity_jacobian", t, p, v, Mat(Gt_.transpose())), nc, nv, "velocity_jacobian");
     return W;
   }
   void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double c,
                  Eigen::Ref<Mat> A) override {
     nb::object filled = nb::module_::import_("numpy").attr("empty")(nb::make_tuple(nv, nv));
-    W = matrix(system_.attr("linearize")(t, p, v, a, lam, c, filled), nc, nv, "linearize");
+    W = matrix(ask(system_, "linearize", t, p, v, a, lam, c, filled), nc, nv, "linearize");
     A = matrix(filled, nv, nv, "linearize");
   }
   void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) override {
     evaluate(t, p, v, a);
-    const nb::object all = system_.attr("matrices")(t, p, v, a);
+    const nb::object all = ask(system_, "matrices", t, p, v, a);
     M = matrix(all[0], nv, nv, "matrices");
     D = matrix(all[1], nv, nv, "matrices");
     K = matrix(all[2], nv, nv, "matrices");
@@ -175,12 +204,12 @@ public:
   }
   void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c,
                                Eigen::Ref<Mat> A) override {
-    const nb::object gradient = system_.attr("force_gradient")(t, p, v, lam);
+    const nb::object gradient = ask(system_, "force_gradient", t, p, v, lam);
     if (nb::hasattr(gradient, "shape") && nb::cast<int>(gradient.attr("ndim")) == 2)
       A -= c * c * matrix(gradient, nv, nv, "force_gradient");
   }
   void position_scale(const Vec &p, Eigen::Ref<Vec> scale) const override {
-    scale = vector(system_.attr("position_scale")(p), nx, "position_scale");
+    scale = vector(ask(system_, "position_scale", p), nx, "position_scale");
   }
 
 private:

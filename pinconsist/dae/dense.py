@@ -35,10 +35,6 @@ class Segment:
 
     looks = 1
 
-    def rows(self, times):
-        """(p, v, λ) at several times inside the step, as arrays."""
-        return tuple(map(np.array, zip(*map(self, times), strict=True)))
-
     def __call__(self, t: float):
         """(p, v, λ) at a time inside the step."""
         y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z[: self.k + 1])
@@ -51,7 +47,6 @@ class RadauSegment:
     """The collocation polynomial of a step from (p0, v0), led to its projected end (p, v); λ by the index-1 equations.
 
     `W` and `U` have the accelerations and the rates of ξ at the stages of the formula `table`, a row for each.
-    ``sample(segment, times)`` is the compiled way to :meth:`rows`, if there is one.
     """
 
     t_old: float
@@ -65,20 +60,11 @@ class RadauSegment:
     p: np.ndarray
     v: np.ndarray
     system: Index3System
-    sample: Callable | None = None
 
     looks = LOOKS  # steps are long
 
-    def rows(self, times):
-        """(p, v, λ) at several times inside the step, as arrays."""
-        found = self.sample(self, np.array(times)) if self.sample is not None else None
-        return tuple(map(np.array, zip(*map(self._row, times), strict=True))) if found is None else found
-
     def __call__(self, t: float):
         """(p, v, λ) at a time inside the step."""
-        return tuple(column[0] for column in self.rows([t]))
-
-    def _row(self, t):
         system, theta = self.system, (t - self.t_old) / self.h
         here, last = self.h * self.table.integrals([theta])[0], self.h * self.table.A[-1]
         missing = system.difference(self.p0, self.p) - last @ self.U
@@ -121,11 +107,8 @@ class Curve:
 
     def __call__(self, times):
         """(p, v, λ) at several times, as arrays."""
-        holders = self.holders(times)
-        turns = np.flatnonzero(np.diff(holders)) + 1
-        runs = zip(np.split(holders, turns), np.split(np.asarray(times), turns), strict=True)
-        parts = [self.segments[of[0]].rows(at) for of, at in runs]
-        return tuple(map(np.concatenate, zip(*parts, strict=True)))
+        rows = [self.segment(i)(t) for i, t in zip(self.holders(times), times, strict=True)]
+        return tuple(map(np.array, zip(*rows, strict=True)))
 
     def with_others(self, curves) -> Curve:
         """One curve of this and those that follow."""

@@ -12,6 +12,7 @@ from ..errors import InputError, UserFunctionError
 SAME_TIME = 1e-13  # relative: events closer than that happen at once
 NUDGE = 1e-6  # of a step
 BESIDE = 1e-3  # of a step, for a slope
+ROUGHLY = 1e-7  # of a step, where a secant follows
 MOST_TRIES = 3000  # Brent's method needs 135 for a triple zero, and never more than 52² for any
 
 
@@ -76,6 +77,7 @@ class EventWatch:
         self.events, self.finish, self.interrupted, self.retake = events, finish, interrupted, retake
         self.found = [[] for _ in events]
         self._values = [0.0] * len(events)
+        self._there = None, 0.0, ()  # the state made last: of a segment, at a time
 
     def restart(self, t, p, v, lam, fired=()) -> None:
         """Take the signs at a new start; an event that is zero there, as those that just fired, is not found again."""
@@ -99,7 +101,7 @@ class EventWatch:
             values, self._values = self._values, [_value(event, end, p, v, lam) for event in self.events]
             for before, after in zip(values, self._values, strict=True):
                 if not before * after > 0.0:
-                    segment = batch.curve.segment(int(batch.curve.holders(end)))
+                    segment = batch.curve.segment(min(self.looked, len(batch.curve.ends) - 1))  # a start is one
                     if change := self._happen(segment, self._hits(segment, begin, end, values)):
                         return change
                     break
@@ -143,7 +145,10 @@ class EventWatch:
         return [i for t, i in hits if _at_once(t, stop_at)], stop_at, self._state(segment, stop_at), final
 
     def _state(self, segment, t):
-        return segment(t) if self.retake is None else self.retake(segment, t)
+        """(p, v, λ) at a time inside a step; it is asked for again and again."""
+        if self._there[0] is not segment or self._there[1] != t:
+            self._there = segment, t, segment(t) if self.retake is None else self.retake(segment, t)
+        return self._there[2]
 
     def _signs(self, t, p, v, lam):
         state = [read_only(each) for each in (p, v, self.finish(p, lam))]
@@ -153,18 +158,22 @@ class EventWatch:
         if g_end == 0.0:
             return end
 
+        known = {end: g_end}
+
         def g(t):
-            if t == end:
-                return g_end
-            p, v, lam = segment(t)
-            return _value(event, t, p, v, self.finish(p, lam))
+            if t not in known:
+                p, v, lam = segment(t)
+                known[t] = _value(event, t, p, v, self.finish(p, lam))
+            return known[t]
 
         if g(begin) == 0.0 or g(begin) * g_end > 0:
             return end  # the interpolant's sign at its old end is lost in rounding
-        root = brentq(g, begin, end, xtol=4e-16 * max(1.0, abs(end)), rtol=1e-14, maxiter=MOST_TRIES)
+        exact = 4e-16 * max(1.0, abs(end))
+        near = exact if self.retake is None else max(exact, ROUGHLY * abs(end - begin))
+        root = brentq(g, begin, end, xtol=near, rtol=1e-14, maxiter=MOST_TRIES)
         if self.retake is None:
             return root
-        p, v, lam = self.retake(segment, root)
+        p, v, lam = self._state(segment, root)
         missing, beside = _value(event, root, p, v, self.finish(p, lam)) - g(root), root - BESIDE * (root - begin)
         slope = (g(root) - g(beside)) / (root - beside) if root != beside else 0.0
         moved = root - missing / slope if slope else root  # one secant takes out what the interpolant is wrong by

@@ -22,7 +22,7 @@ from .rounding import Pace
 from .stepper import StepBatch, Stepper
 from .tuning import FAILURES, Switches
 
-FEWEST, SHARE = 2, 4  # steps made ahead of the search for events: so many, and one for each so many since the start
+FEWEST, SHARE = 1, 4  # steps made ahead of the search for events: so many, and one for each so many since the start
 
 
 @dataclass
@@ -180,7 +180,7 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
             if hit is not None:
                 fired, t, (p, v, lam), final = hit
                 events = [watch.events[i] for i in fired]
-                record.add(batch.cut(t, p, v, lam))
+                record.add(batch.cut(watch.looked, record.needs_curve, t, p, v, lam))
                 if final:
                     names = " and ".join(event.name or "without a name" for event in events if event.terminal)
                     raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")

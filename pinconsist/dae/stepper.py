@@ -54,20 +54,19 @@ class StepBatch:
         """t, p, v and λ at so many times in each step, its end the last."""
         if looks == 1:
             return self.t, *self.states
-        before = np.concatenate(([self.curve.start], self.t[:-1]))
-        inside = before[:, None] + (self.t - before)[:, None] * np.arange(1, looks) / looks
-        rows = [
-            np.concatenate((between.reshape(len(self.t), looks - 1, -1), ends.reshape(len(self.t), 1, -1)), axis=1)
-            for between, ends in zip((inside, *self.curve(inside.ravel())), (self.t, *self.states), strict=True)
-        ]
-        t, *states = (row.reshape(-1, row.shape[2]) for row in rows)
-        return t[:, 0], *states
+        before = np.concatenate(([self.curve.start], self.t[:-1]))[:, None]
+        t = (before + (self.t[:, None] - before) * (np.arange(1, looks + 1) / looks)).reshape(-1)
+        t[looks - 1 :: looks] = self.t
+        states = self.curve(t)
+        for inside, ends in zip(states, self.states, strict=True):
+            inside[looks - 1 :: looks] = ends
+        return t, *states
 
-    def cut(self, t, p, v, lam) -> StepBatch:
-        """The steps before an event, and the part up to it of the one in which it happens."""
-        n = int(np.searchsorted(self.curve.sign * self.t, self.curve.sign * t))
+    def cut(self, n, with_curve, t, p, v, lam) -> StepBatch:
+        """The first `n` steps, and the part up to a time, where an event happens, of the one after them."""
         rows = (np.concatenate((each[:n], row[None])) for each, row in zip(self.states, (p, v, lam), strict=True))
-        return StepBatch(np.append(self.t[:n], t), *rows, self.order[: n + 1], self.curve.until(t))
+        curve = self.curve.until(t) if with_curve else None
+        return StepBatch(np.append(self.t[:n], t), *rows, self.order[: n + 1], curve)
 
 
 class Stepper:

@@ -218,10 +218,11 @@ class MechanismSystem(Index3System):
         """
         if self.nc == self.rows.nc:
             return lam
-        full, steady = np.zeros((*lam.shape[:-1], self.rows.nc)), np.flatnonzero(self.rows.steady)
+        full = np.zeros((*lam.shape[:-1], self.rows.nc))
         full[..., self.kept] = lam
         if self.dropped_are_zero:
             return full
+        steady = np.flatnonzero(self.rows.steady)
         if lam.ndim > 1:
             if complete is not None:
                 return complete(self.chosen_at, q, full, steady)
