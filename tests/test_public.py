@@ -15,7 +15,7 @@ import pinconsist as pc
 HOW = "method step max_order rtol atol forces t_eval dense_output events callback consistency first_step max_step"
 HOW += " max_steps backend"
 PARAMETERS = {  # those after the bar by name only
-    "Assembly": "q v gaps rows rank mobility redundant moved iterations",
+    "Assembly": "q v gaps rows rank mobility moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy undetermined beyond_limits "
     "corrected_by fixed_step ended_early error",
     "Constraint": "name function size jacobian rate moving rows step",
@@ -82,7 +82,7 @@ AssemblyError EquilibriumError FormatError InputError MissingExtraError Pinconsi
 UserFunctionError
 """.split()
 METHODS = {  # of classes, with their parameters; None: an attribute that is computed
-    "Assembly": {"largest_gap": None},
+    "Assembly": {"largest_gap": None, "redundant": None},
     "Certificate": {"concerns": None},
     "Energy": {"balance_error": None},
     "Equilibrium": {"stable": None, "reaction": "loop | axes"},

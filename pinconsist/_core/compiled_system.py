@@ -79,6 +79,9 @@ class CompiledRun(Stepper):
         """Steps as the compiled method returns them: its failure, an exception, t, p, v, λ, …"""
         return self._core.run(self._compiled, t_end, most, with_curve)
 
+    def forget_from(self, step) -> None:
+        self._core.forget_from(step)
+
     def batch_of(self, made, with_curve) -> StepBatch:
         """The batch of what was made last; the run stands where it ends."""
         raise NotImplementedError

@@ -61,6 +61,7 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
              s.taken = taken;
              s.steps = steps;
            })
+      .def("forget_from", &Stepper::forget_from)
       .def("work", // since it was asked last
            [](Stepper &s) {
              const auto taken = [](long &count) { return std::exchange(count, 0); };

@@ -53,7 +53,6 @@ public:
     control.restart();
     newton.forget();
     headway_.restart(t, t);
-    control.reached(system_, p, v);
     shaped_ = false;
   }
 
@@ -70,7 +69,7 @@ public:
     place(step.shape.table->s, step.shape.t, t_end - step.shape.t, step.p0, step.v0);
     step.shape.predict(newton.stages);
     newton.forget(); // derivatives at the end of the last step are not those at the start of this one
-    const double tol = weights();
+    const double tol = control.weights(system_, step.p0, step.v0, weight_);
     double error;
     if (newton.solve(weight_, tol) != Failure::none) return false;
     if (land(t_end, error, false) != Failure::none) return false;
@@ -85,6 +84,7 @@ private:
   friend class Run<RadauStepper, Collocations>;
 
   Failure advance(double t_end) {
+    control.reached(system_, p, v);
     double t_next, error, smaller;
     while (true) {
       t_next = next_time(t_end);
@@ -115,7 +115,6 @@ private:
     std::swap(a, a1_);
     std::swap(lam, lam1_);
     ++taken;
-    control.reached(system_, p, v);
     if (!fixed()) {
       h = control.next_step(newton.stages.h, error);
       control.choose_after_step(newton.rate);

@@ -32,15 +32,22 @@ public:
 
   // Accepted steps towards t_end, at most `most`.
   Failure run(double t_end, long most, bool with_curve, StepBatch<Curve> &out) {
+    sizes_.clear();
     const auto begun = std::chrono::steady_clock::now();
     while (out.steps < most && t != t_end) {
       self().prepare_next();
       const Failure failure = self().advance(t_end);
       if (failure != Failure::none) return failure;
+      if (with_curve) sizes_.push_back(self().control.sizes);
       record(with_curve, out);
       if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;
     }
     return Failure::none;
+  }
+
+  // The steps from one of the last batch on have been made in vain: an event has happened in it.
+  void forget_from(size_t step) {
+    if (step < sizes_.size()) self().control.sizes = sizes_[step];
   }
 
 protected:
@@ -62,6 +69,8 @@ protected:
   Headway headway_;
 
 private:
+  std::vector<Vec> sizes_; // that columns had reached where the steps of the last batch began
+
   Method &self() { return static_cast<Method &>(*this); }
 
   void record(bool with_curve, StepBatch<Curve> &out) {

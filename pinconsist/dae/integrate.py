@@ -180,6 +180,7 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
             if hit is not None:
                 fired, t, (p, v, lam), final = hit
                 events = [watch.events[i] for i in fired]
+                stepper.forget_from(watch.looked)
                 record.add(batch.cut(watch.looked, record.needs_curve, t, p, v, lam))
                 if final:
                     names = " and ".join(event.name or "without a name" for event in events if event.terminal)

@@ -84,7 +84,6 @@ class RadauStepper(Stepper):
             self._turns = turning_coordinates(system, p)
         self.shape, self.stages = None, None
         self._taken = 0
-        self._note_sizes()
         if method.step is not None:
             self._divide(t_end)
         else:
@@ -146,6 +145,7 @@ class RadauStepper(Stepper):
     def advance(self, t_end) -> str:
         """One accepted step towards `t_end`; returns why there is none, or an empty string."""
         control = self.control
+        control.reached(self.system, self._columns(), self.p)
         while True:
             t_next = self._next_time(t_end)
             if t_next == self.t:
@@ -170,7 +170,6 @@ class RadauStepper(Stepper):
         self.p, self.v, self.a, self.lam = landing.p, landing.v, landing.a, landing.lam
         self.landing = landing
         self._taken += 1
-        self._note_sizes()
         if self.method.step is None:
             self.h = control.next_step(self.s, stages.h, landing.error)
             self._use(control.chosen_after_step(stages.rate))
@@ -182,10 +181,6 @@ class RadauStepper(Stepper):
         if s != self.s:
             self.s = s
             self.control.use(s, self.system)
-
-    def _note_sizes(self):
-        xi = self.p if self.system.vector_like else np.zeros(self.system.nx)
-        self.control.reached(self.system, np.concatenate((xi, self.v)), self.p)
 
     def _solved(self, t_next) -> Stages:
         """The stages of a step to `t_next`."""
@@ -203,8 +198,11 @@ class RadauStepper(Stepper):
         return self.newton.solve(stages, weight, self.control.newton_factor if self.method.step is None else tol)
 
     def _weights(self):
-        at = self.p if self.system.vector_like else np.zeros(self.system.nx)
-        return self.control.weights(self.system, np.concatenate((at, self.v)), self.p, np.inf)
+        return self.control.weights(self.system, self._columns(), self.p, np.inf)
+
+    def _columns(self):
+        """[ξ | v] whose size counts."""
+        return np.concatenate((self.p if self.system.vector_like else np.zeros(self.system.nx), self.v))
 
     def landed(self, stages) -> Landing:
         """The end of a step; one factorisation at the last stage serves the projections and the error estimate."""

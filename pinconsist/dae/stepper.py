@@ -158,6 +158,9 @@ class Stepper:
         self._points, self._choice, self._begun = len(states), (self.h, self.k), True
         return states
 
+    def forget_from(self, step) -> None:
+        """The steps of the last batch, from one on, have been made in vain."""
+
     def resume(self, t_end):
         """Go on from where the run stands, after a jump of forces; returns what :meth:`begin` does."""
         return self.begin(self.t, self.p, self.velocity_and_multipliers()[0], t_end)

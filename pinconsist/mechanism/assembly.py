@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -33,8 +34,6 @@ class Assembly:
         Largest |Φ| of each loop, m or rad.
     rows, rank, mobility : int
         Constraint rows; how many of them are independent here; degrees of freedom left, nv - rank.
-    redundant : dict[(str, str), dict[(str, str), float]]
-        Each row that left the system → the rows it is a combination of (empty: it is identically zero).
     moved : float
         Largest change of a tangent coordinate from the guess, rad or m.
     iterations : int
@@ -47,9 +46,16 @@ class Assembly:
     rows: int
     rank: int
     mobility: int
-    redundant: dict
     moved: float
     iterations: int
+    _rows: tuple  # J, the rows kept of it, and the labels of all
+
+    @cached_property
+    def redundant(self) -> dict[tuple[str, str], dict[tuple[str, str], float]]:
+        """Each row that left the system → the rows it is a combination of (empty: it is identically zero)."""
+        J, kept, labels = self._rows
+        combinations = dependencies(J, kept).items()
+        return {labels[row]: {labels[i]: share for i, share in shares.items()} for row, shares in combinations}
 
     @property
     def largest_gap(self) -> tuple[str, float]:
@@ -134,15 +140,12 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY) 
         loops = "loops and drives" if solver.loop_rows.moving else "loops"
         warn(f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")
     J = solver.rows(best)[1]
-    kept, labels = solver.kept(best), mechanism.row_labels
+    kept = solver.kept(best)
     weak, mobility = weak_rows(solver.loop_rows, J), mechanism.nv - len(kept)
     immobile = not (mobility or solver.loop_rows.moving) and bool(mechanism.anchored_loops)
     if (weak or immobile) and (advice := hint(mechanism)):
         why = f"rank {len(kept)} and mobility {mobility} hang on less than 1e-6: {weak_text(weak)}" if weak else ""
         warn(f"{mechanism.name}: {why or 'nothing can move'}. Most likely {advice}")
-    redundant = {
-        labels[row]: {labels[i]: share for i, share in shares.items()} for row, shares in dependencies(J, kept).items()
-    }
     return Assembly(
         q=best,
         v=velocity_on_constraints(solver, best, v),
@@ -150,9 +153,9 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY) 
         rows=len(J),
         rank=len(kept),
         mobility=mobility,
-        redundant=redundant,
         moved=float(np.max(np.abs(pin.difference(mechanism.model, guess, best)), initial=0.0)),
         iterations=iterations,
+        _rows=(J, kept, mechanism.row_labels),
     )
 
 

@@ -25,7 +25,7 @@ class LoopSolver:
     def __init__(self, mechanism, t: float = 0.0):
         self.t = t
         self.model, self.data = mechanism.model, mechanism.model.createData()
-        self.mechanism, self.loop_rows = mechanism, LoopRows(mechanism.model, mechanism.loops)
+        self.mechanism, self.loop_rows = mechanism, LoopRows.of(mechanism)
         self._kept: tuple | None = None  # (q, independent rows there)
 
     def rows(self, q):

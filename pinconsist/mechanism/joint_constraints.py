@@ -65,6 +65,10 @@ class Rows:
     def check_derivatives(self, t, q) -> None:
         """Raise InputError where derivatives that a user gave contradict the functions they belong to."""
 
+    def apart(self):
+        """The same rows with a workspace of their own."""
+        return self
+
     def hand_over(self, twin) -> bool:
         """Add the rows to the compiled system; False where that has to call Python."""
         return False

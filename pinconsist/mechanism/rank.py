@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import qr
+from scipy.linalg.lapack import dgeqp3
 
 RANK_TOLERANCE = 1e-8
 """Relative to the largest pivot. Ratios of real robots go down to 1e-5, redundant rows stay below 1e-12."""
@@ -28,10 +28,14 @@ def independent_rows(J, turns) -> np.ndarray:
     """
     if not J.size:
         return np.zeros(0, dtype=int)
-    J = J / row_scales(J, turns)[:, None]
-    R, pivots = qr(J.T, mode="r", pivoting=True)
-    diagonal = np.abs(np.diagonal(R))
+    pivots, diagonal = _pivoted(J / row_scales(J, turns)[:, None])
     return np.sort(pivots[: np.count_nonzero(diagonal > RANK_TOLERANCE * diagonal[0])])
+
+
+def _pivoted(J):
+    """The rows of J in the order in which pivoted QR of Jᵀ takes them, and by how much each one is independent."""
+    R, pivots, *_ = dgeqp3(J.T)  # qr(J.T, mode="r", pivoting=True) checks and copies for longer than it works
+    return pivots - 1, np.abs(np.diagonal(R))
 
 
 def free_motions(J, turns) -> np.ndarray:
@@ -60,8 +64,7 @@ def dependencies(J, kept) -> dict[int, dict[int, float]]:
 def weak_rows(rows, J) -> dict[tuple[str, str], float]:
     """The rows of J that are independent of the others by less than 1e-6, and by how much, m or rad."""
     scales = row_scales(J, rows.turns)
-    R, pivots = qr((J / scales[:, None]).T, mode="r", pivoting=True) if J.size else (np.zeros((0, 0)), ())
-    diagonal = np.abs(np.diagonal(R))
+    pivots, diagonal = _pivoted(J / scales[:, None]) if J.size else ((), ())
     apart = [(row, pivot * scales[row], pivot) for row, pivot in zip(pivots, diagonal, strict=False)]
     least = RANK_TOLERANCE * diagonal[0] if len(diagonal) else 0.0
     return {rows.labels[row]: float(by) for row, by, pivot in apart if pivot > least and by < ROUNDED}

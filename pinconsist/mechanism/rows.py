@@ -5,7 +5,9 @@ This is the only file that names Pinocchio's constraint classes. What each row m
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -62,6 +64,16 @@ class LoopRows:
         self.steady = np.array([closure.steady for closure in self.closures for _ in closure.turns], dtype=bool)
         self.moving = any(closure.moving for closure in self.closures)
         self._last: tuple | None = None  # (t, q, Φ, J): the same place is asked for again and again where a run starts
+        self.vanishing: dict[bytes, bool] = {}  # indices of rows → whether they vanish everywhere
+
+    @staticmethod
+    def of(mechanism) -> LoopRows:
+        """The rows of a mechanism, which are built once, with a workspace of their own."""
+        if (built := _BUILT.get(mechanism)) is None:
+            built = _BUILT[mechanism] = LoopRows(mechanism.model, mechanism.loops)
+        rows = copy(built)
+        rows.closures = [closure.apart() for closure in built.closures]
+        return rows
 
     def evaluate(self, data: pin.Data, q=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Φ and J, (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`; anchors need no `q` and `t`."""
@@ -157,6 +169,11 @@ class AnchoredRows(Rows):
         shift = np.zeros(3) if self.turn is None else POSE
         self.constraint, self.constraint_data = _constraint(model, self, shift)
 
+    def apart(self):
+        other = copy(self)
+        other.constraint_data = self.constraint.createData()
+        return other
+
     def evaluate(self, data, q=None, t=0.0):
         """Φ and J of this loop."""
         self.constraint.calc(self.model, data, self.constraint_data)
@@ -249,6 +266,7 @@ def _anchor_motion(data, joint, placement):
     return pose.translation, R, R @ velocity.linear, R @ velocity.angular, R @ classical, R @ acceleration.angular
 
 
+_BUILT: WeakKeyDictionary[Any, LoopRows] = WeakKeyDictionary()  # by mechanism; never evaluated themselves
 RECORDS = {Loop: AnchoredRows, Drive: DriveRow, Coupling: CouplingRow, Constraint: ConstraintRows}
 """What the loops of a mechanism may be, with the class of their rows."""
 

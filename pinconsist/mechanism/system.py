@@ -263,12 +263,17 @@ class MechanismSystem(Index3System):
         """Whether these rows of J vanish in three random places."""
         if not len(rows):
             return True
+        if (known := self.rows.vanishing.get(rows.tobytes())) is not None:
+            return known
         rng = np.random.default_rng(0)
         places = [pin.integrate(self.model, q, rng.uniform(-1, 1, self.nv)) for _ in range(3)]
         try:
-            return not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
+            found = not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
         except PinconsistError:  # a user's own constraint need not be defined there
             return False
+        if self.rows.steady.all():
+            self.rows.vanishing[rows.tobytes()] = found
+        return found
 
 
 def _jumps(function, v) -> bool:
