@@ -24,6 +24,8 @@ from .errors import UserFunctionError as UserFunctionError
 from .formats.catalogue import models as models
 from .formats.load import load as load
 from .formats.write import write as write
+from .gradients.sensitivities import Sensitivities as Sensitivities
+from .gradients.sensitivities import sensitivities as sensitivities
 from .mechanism.assembly import Assembly as Assembly
 from .mechanism.assembly import assemble as assemble
 from .mechanism.custom import Constraint as Constraint

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
-from functools import partial
 
 import numpy as np
 
 from .errors import InputError
 from .mechanism.checks import near
-from .mechanism.forces import bound_forces, model_forces
 from .mechanism.mechanism import Mechanism
+from .mechanism.parameters import AXES, numbers_of, parameter, records_of
 
 MOST = 1_000_000
 DISTRIBUTIONS = {"normal": "normal:MEAN:DEVIATION", "uniform": "uniform:LOW:HIGH"}
 FORMS = "FROM:TO:STEP, VALUE,VALUE,..., normal:MEAN:DEVIATION or uniform:LOW:HIGH"
 SETTINGS = ("rtol", "atol", "step", "until")
-AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}
 
 
 def cases_of(
@@ -137,76 +134,24 @@ def target(mechanism: Mechanism, name: str) -> Callable[[Run, float], None]:
         return lambda run, value: setattr(run, name, value)
     if name in SETTINGS:
         return lambda run, value: run.options.__setitem__(name, value)
-    if name in AXES:
-        return lambda run, value: _set_gravity(run, AXES[name], value)
-    for label, (place, i) in _records(mechanism).items():
-        if name.startswith(f"{label}."):
-            path = _path(getattr(mechanism, place)[i], label, name[len(label) + 1 :])
-            return lambda run, value: _set_number(run, place, i, path, value)
-    raise InputError(_unknown(mechanism, name))
+    try:
+        put = parameter(mechanism, name).put
+    except InputError as error:
+        if not str(error).startswith(f"{mechanism.name} has no parameter"):
+            raise
+        raise InputError(_unknown(mechanism, name)) from None
 
+    def change(run, value):
+        run.mechanism = put(run.mechanism, value)
 
-def _set_gravity(run, axis, value):
-    gravity = run.mechanism.model.gravity.linear.copy()
-    gravity[axis] = value
-    run.mechanism = run.mechanism.with_gravity(gravity)
-
-
-def _set_number(run, place, i, path, value):
-    records = list(getattr(run.mechanism, place))
-    records[i] = _numbers(records[i])[path](value)
-    run.mechanism = replace(run.mechanism, **{place: records})
-
-
-def _records(mechanism) -> dict:
-    """Name → where the record stands, of all loops and forces, the longest names first."""
-    own = len(model_forces(mechanism.model))
-    labels = list(bound_forces(mechanism.model, mechanism.forces))[own:]
-    found = {label: ("forces", i) for i, label in enumerate(labels)}
-    found |= {loop.name: ("loops", i) for i, loop in enumerate(mechanism.loops)}
-    return dict(sorted(found.items(), key=lambda item: -len(item[0])))
-
-
-def _path(record, label, name) -> tuple:
-    """The path to the number of this name in a record; its last word is enough where there is one such number."""
-    numbers = list(_numbers(record))
-    found = [path for path in numbers if ".".join(path) == name] or [path for path in numbers if path[-1] == name]
-    if len(found) == 1:
-        return found[0]
-    there = ", ".join(".".join(path) for path in found or numbers) or "none"
-    raise InputError(f"{label!r} has {'several numbers' if found else 'no number'} {name!r}; it has {there}")
-
-
-def _numbers(record) -> dict[tuple, Callable]:
-    """Path → function that returns the record with another number there, of all numbers in a record and its parts."""
-    if isinstance(record, float | int) and not isinstance(record, bool):
-        return {(): lambda value: value}
-    parts = dict(record) if isinstance(record, Mapping) else {}
-    if isinstance(record, tuple):
-        parts = {str(i): part for i, part in enumerate(record)}
-    elif dataclasses.is_dataclass(record):
-        kinds = {each.name: each.type for each in dataclasses.fields(record)}
-        parts = {name: getattr(record, name) for name in kinds}
-        parts |= {name: 0.0 for name, part in parts.items() if part is None and kinds[name] == "float | None"}
-
-    def put(name, change, value):
-        changed = {name: change(value)}
-        if dataclasses.is_dataclass(record):
-            return replace(record, **changed)
-        return tuple((parts | changed).values()) if isinstance(record, tuple) else parts | changed
-
-    return {
-        (name, *path): partial(put, name, change)
-        for name, part in parts.items()
-        for path, change in _numbers(part).items()
-    }
+    return change
 
 
 def _unknown(mechanism, name) -> str:
-    records = _records(mechanism)
+    records = records_of(mechanism)
     known = [*mechanism.joints, *(f"{joint}_speed" for joint in mechanism.joints), *AXES, *SETTINGS]
     for label, (place, i) in records.items():
-        known += [f"{label}.{path[-1]}" for path in _numbers(getattr(mechanism, place)[i])]
+        known += [f"{label}.{path[-1]}" for path in numbers_of(getattr(mechanism, place)[i])]
     joints, named = (", ".join([*names][:12]) + ", …" * (len(names) > 12) for names in (mechanism.joints, records))
     return (
         f"{mechanism.name} has nothing named {name!r} that could be varied{near(name, known)}. There "

@@ -37,6 +37,7 @@ MAY_IMPORT = {
     },
     "options": {"_core", "dae", "mechanism", "errors"},
     "simulation": {"options", "_core", "dae", "mechanism", "solution", "interrupts", "errors"},
+    "gradients": {"simulation", "_core", "dae", "mechanism", "solution", "errors"},
     "stepping": {"options", "_core", "dae", "mechanism", "solution", "errors"},
     "files": {"errors"},
     "interrupts": set(),

@@ -10,31 +10,6 @@ import pinconsist as pc
 from pinconsist.dae import charts
 from pinconsist.mechanism.system import MechanismSystem
 
-LINKS = {"crank": -1.0, "coupler": 0.6742791460587038, "rocker": -1.4133851241635729}
-
-
-def rod(model, parent, joint, place, name, length):
-    """A rod of 1 kg/m along x, thick enough to have inertia about its axis."""
-    inertia = np.diag([1e-3 * length, length**3 / 12, length**3 / 12])
-    index = scenes.add_body(model, parent, joint, place, name, length, (length / 2, 0, 0), inertia)
-    scenes.add_point(model, index, f"{name}_tip", length, 0)
-    return index
-
-
-def four_bar(turn=pin.JointModelRY, floating=False):
-    """Crank 1 m, coupler 2 m, rocker 1.5 m on 2.2 m; the ground link may itself float."""
-    model, ground = pin.Model(), 0
-    if floating:
-        inertia = np.diag([0.2, 1.0, 1.1])
-        ground = scenes.add_body(
-            model, 0, pin.JointModelFreeFlyer(), scenes.at(0, 0), "ground", 3.0, (1.1, 0, 0.1), inertia
-        )
-    crank = rod(model, ground, turn(), scenes.at(0, 0), "crank", 1.0)
-    rod(model, crank, turn(), scenes.at(1, 0), "coupler", 2.0)
-    rod(model, ground, turn(), scenes.at(2.2, 0), "rocker", 1.5)
-    loop = pc.Loop("pin", "hinge", "coupler_tip", "rocker_tip", axis=(0, 1, 0))
-    return pc.Mechanism(model, [loop], name="four_bar", guess=LINKS)
-
 
 def puck():
     """A planar joint with an arm, held by two rods to the ground."""
@@ -61,13 +36,13 @@ def free_body(joint=pin.JointModelSpherical, inertia=(1.0, 2.0, 3.0)):
 SCENES = {  # mechanism, v0, T
     "spherical_chain": (scenes.spherical_chain, np.array([0.5, -1.0, 0.3, 1.0, 0.4, -0.6]), 0.4),
     "floating_four_bar": (
-        lambda: four_bar(floating=True),
+        lambda: scenes.four_bar(floating=True),
         {"ground": (0.3, 0, 0.2, 1.0, 2.0, -1.0), "crank": 3.0},
         0.3,
     ),
     "heavy_top": (scenes.heavy_top, np.array([0, 0, 0, 0, 150, -4.61538]), 0.02),
     "puck": (puck, np.array([0.5, 0.3, 2.0, -1.0]), 0.4),
-    "unbounded_four_bar": (lambda: four_bar(pin.JointModelRUBY), {"crank": -2.0}, 0.4),
+    "unbounded_four_bar": (lambda: scenes.four_bar(pin.JointModelRUBY), {"crank": -2.0}, 0.4),
 }
 # steps over T at which order k is asymptotic and still above the rounding floor of the multipliers
 STEPS = {1: 800, 2: 400, 3: 400, 4: 200, 5: 100}
@@ -104,7 +79,7 @@ def test_order_in_positions_velocities_and_multipliers(name, k):
 def test_unbounded_revolutes_move_as_plain_ones(options):
     """(cos, sin) pairs and angles: the same mechanism in two kinds of coordinates."""
     plain, unbounded = (
-        pc.simulate(four_bar(turn), (0.0, 1.0), v0={"crank": -2.0}, **options)
+        pc.simulate(scenes.four_bar(turn), (0.0, 1.0), v0={"crank": -2.0}, **options)
         for turn in (pin.JointModelRY, pin.JointModelRUBY)
     )
     assert unbounded.q.shape[1] == 2 * plain.q.shape[1]
@@ -120,7 +95,7 @@ def test_an_unbounded_pendulum_repeats_the_plain_one_step_by_step():
     runs = []
     for turn in (pin.JointModelRY, pin.JointModelRUBY):
         model = pin.Model()
-        rod(model, 0, turn(), scenes.at(0, 0), "arm", 1.0)
+        scenes.rod(model, 0, turn(), scenes.at(0, 0), "arm", 1.0)
         runs.append(pc.simulate(pc.Mechanism(model), (0.0, 2.0), v0={"arm": 7.0}, step=0.005))
     plain, unbounded = runs
     assert np.ptp(plain.q) > 4 * np.pi  # it goes round
@@ -146,7 +121,7 @@ def test_vector_like_scenes_never_use_charts(monkeypatch):
             name,
             lambda self, *args, method=method, name=name: calls.append(name) or method(self, *args),
         )
-        mech = four_bar()
+        mech = scenes.four_bar()
     start = pc.assemble(mech, None, {"crank": -2.0})
     calls.clear()
     event = pc.Event(lambda t, q, v, lam: q[0] + 2.0)

@@ -41,6 +41,7 @@ PARAMETERS = {  # those after the bar by name only
     "Reaction": "loop kind axes t force moment torque joint_forces dependence",
     "Rerun": "same differences solution",
     "Sampled": "period law joints delay",
+    "Sensitivities": "solution names steps dq dv dlam event_times work",
     "Servo": "joint target stiffness damping rate",
     "Simulation": "mech q0 v0 | t0 method step max_order rtol atol forces events max_step backend",
     "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
@@ -73,6 +74,7 @@ PARAMETERS = {  # those after the bar by name only
     "replay": "mech sol | speed loop traces forces open_browser",
     "rerun": "file | scene forces callback",
     "resume": "file | scene forces callback",
+    "sensitivities": "build theta t_span q0 v0 | names steps forces events rtol atol backend **options",
     "simulate": f"mech t_span q0 v0 | {HOW}",
     "sweep": "function cases | executor callback",
     "write": "mechanism path",
@@ -110,6 +112,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "with_forces": "*forces",
         "with_gravity": "gravity",
         "with_armature": "armature",
+        "with_parameters": "values",
         "lock": "joints q",
         "reduced": "q",
         "reanchored": "q",
@@ -119,6 +122,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     "Motion": {"numbers": None, "rate": "t", "acceleration": "t"},
     "Outcome": {"success": None},
     "Sampled": {"label": None, "bind": "model"},
+    "Sensitivities": {"at": "t"},
     "Servo": {"label": None, "bind": "model"},
     "Simulation": {
         "reset": "q v t",

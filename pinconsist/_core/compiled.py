@@ -76,5 +76,10 @@ class CompiledStepper(CompiledRun):
             why = self._turns_too_far(self.velocity_and_multipliers()[0])
         if with_curve and len(t):
             base, Z = tables[0].reshape(len(t), -1), tables[1].reshape(len(t), bdf.ROWS, -1)
-            curve = Tables(np.append(t_old, t[:-1]), t, t, h, k, base, Z, system, self._chart_points)
+            changes = np.full(len(t), None)
+            changes[:] = [bdf.UNCHANGED] * len(t)
+            changes[0], self._changed = self._changed, bdf.UNCHANGED
+            for i, matrix in zip(tables[2], tables[3].reshape(-1, bdf.ROWS, bdf.ROWS), strict=True):
+                changes[i] = matrix
+            curve = Tables(np.append(t_old, t[:-1]), t, t, h, k, base, Z, changes, system, self._chart_points)
         return StepBatch(t, p, v, lam, k, curve, why, error)

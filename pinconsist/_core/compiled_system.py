@@ -104,6 +104,7 @@ class CompiledIndex1(Index1):
 
     def __init__(self, system, compiled):
         super().__init__(system)
+        self.compiled = compiled
         self._projection = load()[0].Projection(compiled)
 
     def acceleration(self, t, p, v):

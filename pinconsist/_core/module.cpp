@@ -1,6 +1,6 @@
 // What Python sees: a system to which rows and forces are added, and a stepper that makes batches of steps.
 #include "measured.hpp"
-#include "radau_bindings.hpp"
+#include "gradient_bindings.hpp"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
@@ -26,7 +26,7 @@ Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] !=
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 10; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 11; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -204,4 +204,5 @@ NB_MODULE(twin, m) {
            });
 
   bind_radau(m);
+  bind_gradients(m);
 }

@@ -44,7 +44,9 @@ template <class Run> std::pair<const char *, nb::object> attempted(const System 
 nb::object in_python(TableCurve &curve) {
   const size_t bases = curve.bases.size(), tables = curve.tables.size();
   if (!tables) return nb::none();
-  return nb::make_tuple(array(curve.bases, {bases}), array(curve.tables, {tables}));
+  const size_t changed = curve.changed.size(), changes = curve.changes.size();
+  return nb::make_tuple(array(curve.bases, {bases}), array(curve.tables, {tables}), array(curve.changed, {changed}),
+                        array(curve.changes, {changes}));
 }
 nb::object in_python(Collocations &curve) { return curve.empty() ? nb::none() : nb::cast(StageCurve{std::move(curve)}); }
 

@@ -8,6 +8,8 @@ namespace pinconsist {
 // Chart centres and tables of steps.
 struct TableCurve {
   std::vector<double> bases, tables;
+  std::vector<int> changed; // the steps with `changes` of the table before them, see Segment in dae/dense.py
+  std::vector<double> changes;
 };
 
 class Stepper : public Run<Stepper, TableCurve> {
@@ -99,6 +101,7 @@ private:
 
   // Change to the step and order that the control chose.
   void prepare_next() {
+    changed_.resize(0, 0);
     double wanted = choice.h;
     const bool charted = turns.rows() > 0 && !fixed();
     if (charted) wanted = std::copysign(std::min(std::abs(wanted), longest_step(velocity(), choice.k)), wanted);
@@ -118,6 +121,8 @@ private:
 
   void rescale(double wanted, int order) {
     bdf::rescale(order, wanted / h, Z);
+    if (!changed_.size()) changed_.setIdentity(bdf::ROWS, bdf::ROWS);
+    bdf::rescale(order, wanted / h, changed_);
     h = wanted;
   }
 
@@ -134,7 +139,11 @@ private:
   Vec velocity() const { return y.segment(system_.nx, system_.nv); }
   Vec multipliers() const { return y.tail(system_.nc); }
   int order() const { return used_k; }
-  void keep(TableCurve &curve) const {
+  void keep(TableCurve &curve) {
+    if (changed_.size()) {
+      curve.changed.push_back(static_cast<int>(curve.bases.size() / base.size()));
+      put(curve.changes, changed_);
+    }
     put(curve.bases, base);
     put(curve.tables, Z);
   }
@@ -143,6 +152,7 @@ private:
   RoundingTest rounding_;
   Attempt attempt_;
   Vec predicted_, psi_, weight_;
+  Table changed_; // by rescaling since the last step; empty where nothing did
 };
 
 } // namespace pinconsist

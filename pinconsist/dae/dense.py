@@ -21,7 +21,8 @@ class Segment:
     """The polynomial of degree k over one step from `t_old` to `end`, in [ξ | v | λ], exact at both of its ends.
 
     Positions on a manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between
-    to the order of the method.
+    to the order of the method. `changes` led the table of the step before to this step's size, tries that were rejected
+    included; None where a run starts, with k+1 points.
     """
 
     t_old: float
@@ -31,6 +32,7 @@ class Segment:
     k: int
     base: np.ndarray
     Z: np.ndarray
+    changes: np.ndarray | None
     system: Index3System
 
     looks = 1
@@ -129,6 +131,7 @@ class Tables(Curve):
     k: np.ndarray
     base: np.ndarray
     Z: np.ndarray
+    changes: np.ndarray  # of objects
     system: Index3System
     chart_points: Callable | None
 
@@ -143,7 +146,7 @@ class Tables(Curve):
         return Segment(*(column[i] for column in self._columns()), self.system)
 
     def _columns(self):
-        return self.t_old, self.ends, self.t, self.h, self.k, self.base, self.Z
+        return self.t_old, self.ends, self.t, self.h, self.k, self.base, self.Z, self.changes
 
     def _cut(self, last, end):
         t_old, ends, *others = (column[: last + 1] for column in self._columns())
@@ -204,6 +207,11 @@ class DenseOutput:
         order = np.argsort(np.argsort(holders, kind="stable"), kind="stable")
         columns = tuple(np.concatenate(column)[order] for column in zip(*parts, strict=True))
         return tuple(column[: times.size] for column in columns) if times.ndim else tuple(row[0] for row in columns)
+
+    @property
+    def curves(self) -> tuple[Curve, ...]:
+        """The polynomials of all steps, in the order of the run."""
+        return tuple(self._curves)
 
     @staticmethod
     def _finished(curve, times):

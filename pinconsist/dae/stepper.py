@@ -156,6 +156,7 @@ class Stepper:
         method.mode.start(system, self.h, self.k, self.base, self.Z, states)
         self.t_old, self.y, self.used = states[0][0], self.Z[0].copy(), (self.h, 0)
         self._points, self._choice, self._begun = len(states), (self.h, self.k), True
+        self._changed, self._changes = bdf.UNCHANGED if len(states) > 1 else None, None
         return states
 
     def forget_from(self, step) -> None:
@@ -216,6 +217,7 @@ class Stepper:
         Z[k + 2] = d
         self.Z = Z = bdf.advance(k) @ Z
         self.t_old, self.t, self.p, self.y, self.used, self._points = self.t, t_next, step.p, y, (h, k), k + 1
+        self._changed, self._changes = bdf.UNCHANGED, self._changed
         self._taken += 1
         if error > 1.0:  # rounding: a longer step that was tried is as good
             self._choice = float(np.copysign(max(abs(h), tried[0]), h)), k
@@ -255,8 +257,8 @@ class Stepper:
 
     def segment(self) -> Segment:
         """The interpolant of the last accepted step (or of the starting history)."""
-        t = self.t
-        return Segment(self.t_old, t, t, self.used[0], self._points - 1, self.base, self.Z.copy(), self.system)
+        t, Z = self.t, self.Z.copy()
+        return Segment(self.t_old, t, t, self.used[0], self._points - 1, self.base, Z, self._changes, self.system)
 
     def velocity_and_multipliers(self):
         """v and λ at the time reached."""
@@ -265,7 +267,9 @@ class Stepper:
 
     def rescale(self, h, k) -> None:
         """Change the step to `h`, keeping the interpolating polynomial of degree k."""
-        self.Z[: k + 1] = bdf.rescale(k, h / self.h) @ self.Z[: k + 1]
+        change = bdf.rescale(k, h / self.h)
+        self.Z[: k + 1], self._changed = change @ self.Z[: k + 1], self._changed.copy()
+        self._changed[: k + 1] = change @ self._changed[: k + 1]
         self.h = float(h)
 
     def _longest_step(self, v, k) -> float:

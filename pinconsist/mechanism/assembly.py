@@ -101,8 +101,8 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
     return assembled(LoopSolver(mechanism, t), q, v, fixed, tolerance)
 
 
-def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY) -> Assembly:
-    """What :func:`assemble` does, by a solver that goes on to be used."""
+def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, advises=True) -> Assembly:
+    """What :func:`assemble` does, by a solver that goes on to be used; advice takes long to find."""
     mechanism, t = solver.mechanism, solver.t
     if not (fixed is None or isinstance(fixed, Mapping)):
         raise InputError(f"fixed= needs a mapping joint name → value, got {fixed!r}")
@@ -143,7 +143,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY) 
     kept = solver.kept(best)
     weak, mobility = weak_rows(solver.loop_rows, J), mechanism.nv - len(kept)
     immobile = not (mobility or solver.loop_rows.moving) and bool(mechanism.anchored_loops)
-    if (weak or immobile) and (advice := hint(mechanism)):
+    if advises and (weak or immobile) and (advice := hint(mechanism)):
         why = f"rank {len(kept)} and mobility {mobility} hang on less than 1e-6: {weak_text(weak)}" if weak else ""
         warn(f"{mechanism.name}: {why or 'nothing can move'}. Most likely {advice}")
     return Assembly(

@@ -170,8 +170,7 @@ class Mechanism:
         """A configuration (nq,) by names: ``mech.q(crank=0.3, base=[x, y, z, R])``; the other joints as in ``guess``.
 
         `values` is a mapping for names that are no Python words, ``mech.q({"left-knee": 0.3})``; `joints` are the
-        others. See :meth:`configuration` for
-        what a joint may be given. The loops are not closed; :func:`assemble` closes them.
+        others. See :meth:`configuration` for what a joint may be given. :func:`assemble` closes the loops.
         """
         return self.configuration({**(values or {}), **joints}, self.guess)
 
@@ -208,15 +207,17 @@ class Mechanism:
         """The same mechanism with rotor inertia added to its own.
 
         `armature` maps joint names to rotor inertia as seen from the joint, kg·m² (or kg), not negative; it counts for
-        each velocity of the joint. Raises InputError for anything but a mapping, an unknown joint, or a value that is
-        not one number of at least zero.
+        each velocity of the joint. Raises InputError for unknown joints, and values that are no such number.
         """
-        model = self.model.copy()
-        if not isinstance(armature, Mapping):
-            raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
-        for joint, value in armature.items():
-            model.armature[self.columns(joint)] += number(value, f"armature of joint {joint!r}", least=0.0)
-        return replace(self, model=model)
+        from .parameters import with_armature
+
+        return with_armature(self, armature)
+
+    def with_parameters(self, values: Mapping[str, float]) -> Mechanism:
+        """The same mechanism with other `values`, name → number: see :mod:`pinconsist.mechanism.parameters`."""
+        from .parameters import with_parameters
+
+        return with_parameters(self, values)
 
     def lock(self, joints, q=None) -> Mechanism:
         """The same mechanism without these joints, fixed where they stand; their bodies join those of their parents.

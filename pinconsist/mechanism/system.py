@@ -31,17 +31,18 @@ class MechanismSystem(Index3System):
 
     ``kept`` has the indices of the rows in use among all rows; they are chosen at the closed configuration `q` and the
     time `t`, ``chosen_at``. ``dropped_are_zero`` says that the others vanish everywhere, as out-of-plane rows do.
-    A `solver` that has assembled the mechanism at that time gives its rows and workspace.
+    A `solver` that has assembled the mechanism at that time gives its rows and workspace. With `kept` these rows are
+    kept.
     """
 
-    def __init__(self, mechanism: Mechanism, q, t: float = 0.0, solver: LoopSolver | None = None):
+    def __init__(self, mechanism: Mechanism, q, t: float = 0.0, solver: LoopSolver | None = None, kept=None):
         self.mechanism, self.model, self.chosen_at = mechanism, mechanism.model, t
         solver = solver or LoopSolver(mechanism, t)
         self.data, self.rows = solver.data, solver.loop_rows
         self.vector_like = self.model.nq == self.model.nv  # else some joint turns on SO(2), SO(3), SE(2) or SE(3)
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
         J = self.loop_rows(q)[1]
-        self.kept, self._sizes = solver.kept(q), row_scales(J, self.rows.turns)
+        self.kept, self._sizes = solver.kept(q) if kept is None else kept, row_scales(J, self.rows.turns)
         self.nc = len(self.kept)
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self._kept_rows = self.kept_rows.evaluate

@@ -139,3 +139,27 @@ CAR_AXIS_END = (
     (-0.07705836840321485, 0.007446866596327776, 0.01755681574942899, 0.7703410437794031),
     (-0.00473688659085, -0.00110468033126),
 )
+
+
+LINKS = {"crank": -1.0, "coupler": 0.6742791460587038, "rocker": -1.4133851241635729}
+
+
+def rod(model, parent, joint, place, name, length):
+    """A rod of 1 kg/m along x, thick enough to have inertia about its axis."""
+    inertia = np.diag([1e-3 * length, length**3 / 12, length**3 / 12])
+    index = add_body(model, parent, joint, place, name, length, (length / 2, 0, 0), inertia)
+    add_point(model, index, f"{name}_tip", length, 0)
+    return index
+
+
+def four_bar(turn=pin.JointModelRY, floating=False):
+    """Crank 1 m, coupler 2 m, rocker 1.5 m on 2.2 m; the ground link may itself float."""
+    model, ground = pin.Model(), 0
+    if floating:
+        inertia = np.diag([0.2, 1.0, 1.1])
+        ground = add_body(model, 0, pin.JointModelFreeFlyer(), at(0, 0), "ground", 3.0, (1.1, 0, 0.1), inertia)
+    crank = rod(model, ground, turn(), at(0, 0), "crank", 1.0)
+    rod(model, crank, turn(), at(1, 0), "coupler", 2.0)
+    rod(model, ground, turn(), at(2.2, 0), "rocker", 1.5)
+    loop = pc.Loop("pin", "hinge", "coupler_tip", "rocker_tip", axis=(0, 1, 0))
+    return pc.Mechanism(model, [loop], name="four_bar", guess=LINKS)

@@ -1,0 +1,64 @@
+"""What gradients ask of the compiled part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..dae import bdf
+from ..dae.index1 import Index1
+from ..dae.kkt import singular_message
+from ..errors import SingularSystemError
+from . import load
+from .compiled_system import CompiledIndex1, compiled_system
+
+
+def index1_of(system, compiled: bool) -> Index1:
+    """The equations of index 1 of a mechanism's system, compiled where that can be had."""
+    if not compiled or load()[0] is None:
+        return Index1(system)
+    return CompiledIndex1(system, compiled_system(system))
+
+
+def completer(index1):
+    """The compiled way to the multipliers of all rows, see :meth:`MechanismSystem.full_multipliers`, or None."""
+    if not isinstance(index1, CompiledIndex1) or index1.system.dropped_are_zero:
+        return None
+    system = index1.system
+    all_rows = load()[0].MechanismSystem(system.model, system.data)
+    system.hand_over_all_rows(all_rows)
+    return all_rows.complete
+
+
+def follower(index1, residuals):
+    """The compiled way along the legs of the system of `index1`, or None; `residuals` as in ``linear.Step``."""
+    if not isinstance(index1, CompiledIndex1):
+        return None
+    core = load()[0].Follower(index1.compiled)
+    for terms in residuals:
+        core.add_parameter()
+        for weight, other in terms:
+            core.add_term(weight, other.compiled)
+    return CompiledFollower(index1, core)
+
+
+class CompiledFollower:
+    """Leads derivatives along legs in C++."""
+
+    def __init__(self, index1, core):
+        self._index1, self._core = index1, core
+
+    def forward(self, leg, S) -> None:
+        """See :func:`pinconsist.gradients.forward.follow`."""
+        leg.tables = np.empty((1 + len(leg.t), *S.shape))
+        leg.tables[0] = S
+        singular = self._core.forward(self._index1.compiled, *_columns(leg), leg.tables)
+        if singular >= 0:
+            raise SingularSystemError(singular_message(leg.t[singular]))
+
+
+def _columns(leg):
+    """What the compiled follower reads of a leg."""
+    t, h, k, base, Z = leg.curve()
+    changed = [i for i, changes in enumerate(leg.changes) if changes is not bdf.UNCHANGED]
+    changes = np.array([leg.changes[i] for i in changed]).reshape(-1, bdf.ROWS, bdf.ROWS)
+    return t, h, k.astype(np.int64), base, Z, changed, changes

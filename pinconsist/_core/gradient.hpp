@@ -1,0 +1,184 @@
+// gradients/linear.py and gradients/forward.py: derivatives led along the accepted steps of a run.
+#pragma once
+
+#include "bdf.hpp"
+#include "kkt.hpp"
+
+namespace pinconsist {
+
+// Recorded steps from one start to the next; arrays of Python's, an entry for each step, the history first.
+struct Leg {
+  int steps;
+  const double *t, *h, *base, *Z; // (1+n), (1+n), (1+n, npos), (1+n, ROWS, nx+nv+nc)
+  const int64_t *k;
+  std::vector<int> changed; // the steps with `changes`, (ROWS, ROWS) each, ascending
+  const double *changes;
+};
+
+// The linear equations of one accepted step.
+class LinearStep {
+public:
+  using Terms = std::vector<std::pair<double, System *>>;
+  // Of each parameter: weighted residuals give r_θ, Φ_θ, ρ_θ.
+  std::vector<Terms> parameters;
+  double c = 1.0;
+  // E only where joints are curved; W of the constraints; columns of r_θ, Φ_θ, ρ_θ.
+  Mat M, B, H, E, W, WE, r, phi, rho;
+
+  explicit LinearStep(System &system) : system_(system), kkt_(system.nv, system.nc, false) {}
+
+  // At step `i` of a leg; false where the matrix is singular.
+  bool set(const Leg &leg, int i) {
+    const int nx = system_.nx, nv = system_.nv, nc = system_.nc, k = static_cast<int>(leg.k[i]);
+    const Eigen::Map<const Table> Z(leg.Z + static_cast<long>(i) * bdf::ROWS * (nx + nv + nc), bdf::ROWS, nx + nv + nc);
+    const double t = leg.t[i], h = leg.h[i];
+    c = h / bdf::alpha(k);
+    const Vec y = Z.row(0).transpose();
+    p_ = y.head(nx);
+    if (!system_.vector_like) system_.integrate(Eigen::Map<const Vec>(leg.base + static_cast<long>(i) * system_.npos, system_.npos), y.head(nx), p_);
+    v_ = y.segment(nx, nv);
+    lam_ = y.tail(nc);
+    a_.setZero(nv);
+    for (int j = 1; j <= k; ++j) a_ += Z.row(j).segment(nx, nv).transpose() / (j * h);
+    differentiate_rows(t);
+    system_.evaluate_parts(t, p_, v_, a_, M, f_v_, B);
+    W = WE = system_.W;
+    B = c * (B - F_);
+    if (!system_.curved.empty()) {
+      system_.bracket(v_, E);
+      E = Mat::Identity(nx, nx) + 0.5 * c * E;
+      E = E.inverse().eval();
+      B = (B * E).eval();
+      WE = W * E;
+    }
+    kkt_.A() = M + c * f_v_ + c * B;
+    rhs_.setZero(nv + nc, 0);
+    if (!kkt_.solve_new(WE, system_.G_transposed(), c, rhs_, 0)) return false;
+    residual_rates(t);
+    return true;
+  }
+
+  // s from the derivatives of ψ, a column (ξ, v, λ) for each parameter; the part of λ is not read.
+  void forward(const Mat &psi, Mat &s) {
+    const int nx = system_.nx, nv = system_.nv, nc = system_.nc, P = static_cast<int>(psi.cols());
+    const auto x = psi.topRows(nx);
+    rhs_.resize(nv + nc, P);
+    rhs_.topRows(nv) = -c * r - B * x + M * psi.middleRows(nx, nv);
+    rhs_.bottomRows(nc) = -(phi + WE * x) / c;
+    kkt_.solve(rhs_, c, P);
+    s.resize(nx + nv + nc, P);
+    s.bottomRows(nv + nc) = rhs_;
+    moved_ = x + c * rhs_.topRows(nv);
+    if (E.size()) moved_ = (E * moved_).eval();
+    s.topRows(nx) = moved_;
+    rhs_.bottomRows(nc) = rho + H * moved_ + W * rhs_.topRows(nv);
+    rhs_.topRows(nv).setZero();
+    kkt_.solve(rhs_, c, P);
+    s.bottomRows(nv + nc) -= rhs_;
+  }
+
+private:
+  // F and H by central differences.
+  void differentiate_rows(double t) {
+    constexpr double NUDGE = 3e-5; // as in gradients/linear.py
+    const int nx = system_.nx, nc = system_.nc;
+    F_.setZero(system_.nv, nx);
+    H.setZero(nc, nx);
+    if (!nc) return;
+    Vec unit = Vec::Zero(nx), there(system_.npos);
+    for (int j = 0; j < nx; ++j)
+      for (double side : {1.0, -1.0}) {
+        unit[j] = side * NUDGE;
+        system_.integrate(p_, unit, there);
+        system_.constraint(t, there, v_);
+        H.col(j) += (0.5 * side / NUDGE) * system_.rho;
+        F_.col(j).noalias() += (0.5 * side / NUDGE) * (system_.G_transposed().transpose() * lam_);
+        unit[j] = 0.0;
+      }
+  }
+
+  void residual_rates(double t) {
+    const int P = static_cast<int>(parameters.size());
+    r.setZero(system_.nv, P);
+    phi.setZero(system_.nc, P);
+    rho.setZero(system_.nc, P);
+    for (int i = 0; i < P; ++i)
+      for (auto [weight, other] : parameters[i]) {
+        other->evaluate(t, p_, v_, a_);
+        r.col(i) += weight * other->f;
+        r.col(i).noalias() -= weight * (other->G_transposed().transpose() * lam_);
+        phi.col(i) += weight * other->phi;
+        rho.col(i) += weight * other->rho;
+      }
+  }
+
+  System &system_;
+  KKT kkt_;
+  Vec p_, v_, a_, lam_;
+  Mat F_, f_v_, rhs_, moved_;
+};
+
+// The recursion over a leg: tables S, (ROWS, P (nx+nv+nc)) each, row by row.
+class Follower {
+public:
+  explicit Follower(System &system) : step(system), system_(system) {}
+
+  LinearStep step;
+
+  // Fill the tables (1+n) from the first; the number of the step that is singular, or -1.
+  int forward(const Leg &leg, double *tables) {
+    const int P = static_cast<int>(step.parameters.size()), ny = system_.nx + system_.nv + system_.nc;
+    const long size = static_cast<long>(bdf::ROWS) * P * ny;
+    Table S = Eigen::Map<const Table>(tables, bdf::ROWS, P * ny);
+    Vec predicted, psi;
+    Mat s;
+    for (int i = 1, change = 0; i <= leg.steps; ++i) {
+      const bool changed = change < static_cast<int>(leg.changed.size()) && leg.changed[change] == i - 1;
+      const double *changes = changed ? leg.changes + static_cast<long>(change++) * bdf::ROWS * bdf::ROWS : nullptr;
+      if (changes) S = (Eigen::Map<const Table>(changes, bdf::ROWS, bdf::ROWS) * S).eval();
+      const int k = static_cast<int>(leg.k[i]);
+      if (!system_.curved.empty()) recenter(leg, i, changes, S, k + 2, P);
+      bdf::extrapolate(k, S, predicted, psi);
+      if (!step.set(leg, i)) return i - 1;
+      step.forward(Eigen::Map<const Mat>(psi.data(), ny, P), s);
+      bdf::advance(k, Eigen::Map<const Vec>(s.data(), s.size()) - predicted, S);
+      Eigen::Map<Table>(tables + i * size, bdf::ROWS, P * ny) = S;
+    }
+    return -1;
+  }
+
+private:
+  // Carry S from the chart of the step before to that of step `i`.
+  void recenter(const Leg &leg, int i, const double *changes, Table &S, int rows, int P) {
+    const int nx = system_.nx, ny = nx + system_.nv + system_.nc;
+    Table Z = Eigen::Map<const Table>(leg.Z + static_cast<long>(i - 1) * bdf::ROWS * ny, bdf::ROWS, ny).leftCols(nx);
+    if (changes) Z = (Eigen::Map<const Table>(changes, bdf::ROWS, bdf::ROWS) * Z).eval();
+    const Vec base = Eigen::Map<const Vec>(leg.base + static_cast<long>(i - 1) * system_.npos, system_.npos);
+    const Vec centre = Eigen::Map<const Vec>(leg.base + static_cast<long>(i) * system_.npos, system_.npos);
+    const Mat &D = bdf::differences(rows - 1);
+    const Table past = D * Z.topRows(rows);
+    Table carried = D * S.topRows(rows);
+    Vec there(system_.npos), xi(nx);
+    Mat T, T_new;
+    for (int j = 0; j < rows; ++j) {
+      system_.integrate(base, past.row(j).transpose(), there);
+      system_.difference(centre, there, xi);
+      system_.chart_matrix(past.row(j).transpose(), T);
+      system_.chart_matrix(xi, T_new);
+      for (auto [first, size] : system_.curved) {
+        const Mat block = T_new.block(first, first, size, size) * T.block(first, first, size, size).inverse();
+        for (int q = 0; q < P; ++q) {
+          auto part = carried.row(j).segment(q * ny + first, size);
+          part = (block * part.transpose()).transpose().eval();
+        }
+      }
+    }
+    for (auto [first, size] : system_.curved)
+      for (int q = 0; q < P; ++q)
+        S.block(0, q * ny + first, rows, size) = D * carried.middleCols(q * ny + first, size);
+  }
+
+  System &system_;
+};
+
+} // namespace pinconsist

@@ -1,0 +1,207 @@
+"""The mechanisms beside the one that was run: one parameter a little larger or smaller.
+
+Differences of fourth order serve where they are taken once (of assembled states and of starts), differences of second
+order in each step. At a bound, where `build` refuses one side, they are one-sided.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .._core.compiled_gradient import completer, index1_of
+from ..errors import AssemblyError, InputError, PinconsistError
+from ..mechanism.assembly import assembled
+from ..mechanism.closing import LoopSolver
+from ..mechanism.mechanism import Mechanism
+from ..mechanism.system import MechanismSystem
+
+RELATIVE_STEP, SMALLEST = 1e-4, 0.1  # the step is 1e-4 max(|θ|, 0.1)
+CENTRAL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
+OF_STEPS = {-1: -1 / 2, 1: 1 / 2}
+OF_STEPS_AHEAD = {0: -3 / 2, 1: 2.0, 2: -1 / 2}
+SMOOTH, ROUGH = 3e-8, 1e-5  # by which residual differences over two steps are to differ, and may differ, relative
+MOST_TRIES, SHORTER = 4, 5.0
+GAP = 1e-10  # m or rad
+
+
+@dataclass
+class Side:
+    """A mechanism at one offset of a parameter, with the start of its run and the events that are looked for."""
+
+    mechanism: Mechanism
+    q0: Any
+    v0: Any
+    events: tuple
+    compiled: bool
+    _systems: dict = field(default_factory=dict)
+    _assembled: tuple | None = None
+    _complete: Callable | None = None
+
+    def assembled(self, t):
+        """(q, v, rows kept, largest gap) at the start of the run."""
+        if self._assembled is None:
+            self._assembled = self._assemble(t)
+        return self._assembled
+
+    def _assemble(self, t):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the run itself they were given
+            assembly = assembled(solver := LoopSolver(self.mechanism, t), self.q0, self.v0, advises=False)
+        return assembly.q, assembly.v, solver.kept(assembly.q), assembly.largest_gap[1]
+
+    def multipliers(self, like, p, lam):
+        """The multipliers of all rows, of stacks of rows, from those that the system `like` keeps."""
+        index1 = self.index1(like)
+        if self._complete is None:
+            self._complete = completer(index1)
+        return index1.system.full_multipliers(p, lam, self._complete)
+
+    def index1(self, like):
+        """The equations of index 1 with the rows that the system `like` keeps."""
+        key = like.kept.tobytes()
+        if key not in self._systems:
+            q = self.mechanism.guess
+            system = MechanismSystem(self.mechanism, q, like.chosen_at, kept=like.kept)
+            system.dropped_are_zero = like.dropped_are_zero
+            self._systems[key] = index1_of(system, self.compiled)
+        return self._systems[key]
+
+
+@dataclass
+class Variant:
+    """One parameter: its step, and the sides by their offsets in steps.
+
+    `weights` are those of differences of fourth order, `near` of second.
+    A parameter of the start alone is ``inert``: the equations are those of the run; ``idle`` if the events are, too.
+    """
+
+    name: str
+    step: float
+    sides: dict[int, Side]
+    weights: dict[int, float]
+    near: dict[int, float]
+    inert: bool
+    idle: bool
+
+    def derivative(self, function: Callable):
+        """That of ``function(side)``, an array."""
+        return sum(weight * function(self.sides[m]) for m, weight in self.weights.items()) / self.step
+
+    def residuals(self, like):
+        """(weight, equations of index 1) whose residuals give r_θ, Φ_θ and ρ_θ in the steps of the system `like`."""
+        if self.inert:
+            return []
+        return [(weight / self.step, self.sides[m].index1(like)) for m, weight in self.near.items()]
+
+
+def variants_of(make, theta, names, steps, base: Side, system, t, p, v) -> list[Variant]:
+    """The variants of all parameters; ``make(theta)`` gives a Side. Checked at the state (`t`, `p`, `v`)."""
+    found = []
+    for i, name in enumerate(names):
+        given = steps is not None and steps[i] is not None
+        step = float(steps[i]) if given else RELATIVE_STEP * max(abs(theta[i]), SMALLEST)
+        tried, sizes = [], []
+        for _ in range(MOST_TRIES):
+            variant = _variant(make, theta, i, name, step, base)
+            rough, size = (0.0, 0.0) if variant.inert else _roughness(variant, system, t, p, v)
+            tried.append((rough, -len(tried), variant))
+            sizes.append(size)
+            if rough <= SMOOTH or given:
+                break
+            step /= SHORTER
+        rough, _, variant = min(tried)
+        if max(sizes) > 2.0 * min(sizes):  # flat pieces of stairs
+            rough = 1.0
+        if rough > ROUGH:
+            raise InputError(
+                f"the equations are not smooth in the parameter {name!r}: differences over {variant.step:.1e} and "
+                f"{2 * variant.step:.1e} differ by {rough:.1e} of their size. A table, a rounded number or a kink "
+                "depends on it; give steps= for it, or leave it out"
+            )
+        _check_closing(variant, system, t, base)
+        found.append(variant)
+    return found
+
+
+def _variant(make, theta, i, name, step, base) -> Variant:
+    errors = []
+    for weights, near, sign in ((CENTRAL, OF_STEPS, 1), (AHEAD, OF_STEPS_AHEAD, 1), (AHEAD, OF_STEPS_AHEAD, -1)):
+        try:
+            sides = {sign * m: _side(make, theta, i, sign * m * step, name, base) for m in weights}
+        except (PinconsistError, ValueError) as error:
+            if isinstance(error, _Changed):
+                raise
+            errors.append(error)
+            continue
+        inert = all(side.mechanism is base.mechanism for side in sides.values())
+        idle = inert and all(side.events == base.events for side in sides.values())
+        weights, near = ({sign * m: sign * weight for m, weight in each.items()} for each in (weights, near))
+        return Variant(name, step, sides, weights, near, inert, idle)
+    raise InputError(f"the parameter {name!r} cannot vary by {step:.1e} to either side: {errors[0]}") from errors[0]
+
+
+class _Changed(InputError):
+    """The mechanism beside is another one."""
+
+
+def _side(make, theta, i, change, name, base) -> Side:
+    if change == 0:
+        return base
+    beside = np.array(theta)
+    beside[i] += change
+    side = make(beside)
+    one, other = side.mechanism, base.mechanism
+    if one is other:
+        return side
+    for what in ("nq", "nv", "joints", "row_labels"):
+        if getattr(one, what) != getattr(other, what):
+            raise _Changed(
+                f"build() gives another kind of mechanism where {name!r} is {beside[i]:.6g}: its {what} differs. "
+                "Joints and loops must stay the same while parameters vary"
+            )
+    return side
+
+
+def _roughness(variant, system, t, p, v) -> tuple[float, float]:
+    """How much residual differences over one step and over two differ, relative to their largest, and that."""
+    v = v + 0.3 * np.cos(np.arange(system.nv))
+    a = 1.0 + np.abs(v)
+    sizes, values = 1e-300, {}
+    for m in {*variant.near, *(2 * m for m in variant.near)}:
+        side = variant.sides[m] if m in variant.sides else None
+        if side is None:
+            continue
+        f, phi, G, rho = side.index1(system).system.evaluate(t, p, v, a)
+        values[m] = np.concatenate((f, phi, rho, (G @ np.ones(system.nc)) if system.nc else np.zeros(0)))
+        sizes = max(sizes, np.abs(values[m]).max())
+    one = sum(weight * values[m] for m, weight in variant.near.items())
+    two = sum(weight * values[2 * m] for m, weight in variant.near.items()) / 2.0
+    noise = 1e-14 * sizes
+    size = float(np.abs(one).max())
+    return float(np.abs(one - two).max() / (size + noise / ROUGH)), size / variant.step
+
+
+def _check_closing(variant, system, t, base) -> None:
+    """Refuse parameters that would part a redundant loop."""
+    if variant.inert or not system.rows.nc:
+        return
+    allowed = max(GAP, 3.0 * base.assembled(t)[3])
+    for side in variant.sides.values():
+        try:
+            _, _, kept, gap = side.assembled(t)
+        except AssemblyError as error:
+            raise InputError(
+                f"the parameter {variant.name!r} cannot vary alone: the loops do not close any more ({error}). Lengths "
+                "of an overconstrained loop depend on each other; vary them together, by one parameter of build()"
+            ) from error
+        if len(kept) != system.nc or gap > allowed:
+            raise InputError(
+                f"the parameter {variant.name!r} parts redundant loops: {system.nc} rows are independent in the run, "
+                f"{len(kept)} where it varies, and loops stay open by {gap:.1e} there. Vary what keeps them consistent"
+            )

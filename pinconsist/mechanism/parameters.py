@@ -1,0 +1,283 @@
+"""Parameters of a mechanism by name: numbers of its bodies, joints, loops, forces and gravity.
+
+=======================  ===========================================================================================
+``mass:NAME``            mass of a body, kg; its centre of mass and its inertia about it stay. NAME is a body, or the
+                         joint that carries it: what is fixed to it is one body with it
+``com:NAME[i]``          its centre of mass in the axes of the joint, m; i is 0, 1, 2
+``inertia:NAME[ij]``     its inertia about the centre of mass in these axes, kg·m²; ij is xx, xy, yy, xz, yz, zz
+``length:NAME``          of a loop or spring that has a length; else distance of a joint from the one before it, or of
+                         a frame from its joint, m, in the direction that it has
+``stiffness:NAME``       of a spring or servo, by its label or joint
+``damping:NAME``         of a spring, servo or joint
+``friction:NAME``        of a joint
+``anchor:LOOP.xyz2[0]``  a number of a loop; ``xyz1``, ``xyz2``, ``rpy1``, …
+``gravity[2]``           m/s², of the axes 0, 1, 2; also ``gravity.z``
+``NAME.NUMBER``          any number of a loop or force, by the names of the scene file: ``gear.ratio``, ``motor.speed``
+=======================  ===========================================================================================
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError
+from .checks import near, number
+from .forces import JointDamping, JointFriction, bound_forces, model_forces
+
+AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}
+OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
+OF_BODIES, OF_RECORDS = ("mass", "com", "inertia"), ("length", "stiffness", "damping", "friction", "anchor")
+OF_JOINTS = {"damping": JointDamping, "friction": JointFriction}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of a mechanism: what it is, and ``put(mechanism, value)``, the same mechanism with another one."""
+
+    name: str
+    value: float
+    put: Callable
+
+
+def with_parameters(mechanism, values: Mapping[str, float]):
+    """See :meth:`Mechanism.with_parameters`."""
+    if not isinstance(values, Mapping):
+        raise InputError(f"with_parameters needs a mapping name → number, got {values!r}")
+    for name, value in values.items():
+        mechanism = parameter(mechanism, name).put(mechanism, number(value, name))
+    return mechanism
+
+
+def with_armature(mechanism, armature):
+    """See :meth:`Mechanism.with_armature`."""
+    model = mechanism.model.copy()
+    if not isinstance(armature, Mapping):
+        raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
+    for joint, value in armature.items():
+        model.armature[mechanism.columns(joint)] += number(value, f"armature of joint {joint!r}", least=0.0)
+    return replace(mechanism, model=model)
+
+
+def parameter(mechanism, name: str) -> Parameter:
+    """The parameter of this name, or InputError where nothing has it."""
+    axis = re.fullmatch(r"gravity\[([012])\]", name)
+    if axis or name in AXES:
+        i = int(axis[1]) if axis else AXES[name]
+        return Parameter(name, float(mechanism.model.gravity.linear[i]), partial(_put_gravity, i))
+    kind, sign, whose = name.partition(":")
+    if sign and kind in OF_BODIES:
+        return _of_body(mechanism, name, kind, whose)
+    if sign and kind in OF_RECORDS:
+        found = _of_record(mechanism, name, kind, whose)
+        return found or _of_tree(mechanism, name, kind, whose)
+    for label, (place, i) in records_of(mechanism).items():
+        if name.startswith(f"{label}."):
+            return _number_of(mechanism, name, label, place, i, _dotted(name[len(label) + 1 :]))
+    raise InputError(_unknown(mechanism, name))
+
+
+def names_of(mechanism, kind: str) -> list[str]:
+    """The names of all parameters of a kind: masses of bodies, lengths of joints, numbers of records, …"""
+    bodies = [joint for i, joint in enumerate(mechanism.joints, 1) if mechanism.model.inertias[i].mass > 0.0]
+    if kind == "mass":
+        return [f"mass:{body}" for body in bodies]
+    if kind == "length":
+        placements = enumerate(mechanism.model.jointPlacements.tolist()[1:])
+        far = [mechanism.joints[i] for i, pose in placements if np.linalg.norm(pose.translation) > 1e-9]
+        return [f"length:{joint}" for joint in far]
+    if kind in ("damping", "friction"):
+        values = getattr(mechanism.model, kind)
+        return [f"{kind}:{joint}" for joint in mechanism.joints if values[mechanism.columns(joint)].any()]
+    if kind == "gravity":
+        return [f"gravity[{i}]" for i in range(3) if mechanism.model.gravity.linear[i]]
+    labels = [(label, *place) for label, place in records_of(mechanism).items()]
+    return [
+        f"{label}.{'.'.join(path)}"
+        for label, place, i in labels
+        for path in numbers_of(getattr(mechanism, place)[i])
+        if path[-1] == kind
+    ]
+
+
+def _put_gravity(axis, mechanism, value):
+    gravity = mechanism.model.gravity.linear.copy()
+    gravity[axis] = value
+    return mechanism.with_gravity(gravity)
+
+
+def _of_body(mechanism, name, kind, whose) -> Parameter:
+    body, index = re.findall(r"^(.*?)(?:\[(\w+)\])?$", whose, re.DOTALL)[0]
+    model = mechanism.model
+    if body in mechanism.joints:
+        joint = model.getJointId(body)
+    elif model.existFrame(body) and model.frames[model.getFrameId(body)].parentJoint:
+        joint = model.frames[model.getFrameId(body)].parentJoint
+    else:
+        raise InputError(_unknown(mechanism, name, [f"{kind}:{joint}" for joint in mechanism.joints]))
+    indices = {"mass": (None,), "com": ("0", "1", "2"), "inertia": tuple(OF_INERTIA)}[kind]
+    if (index or None) not in indices:
+        raise InputError(f"{name!r}: needs {' or '.join(f'{kind}:{body}' + (f'[{i}]' if i else '') for i in indices)}")
+
+    def parts(model):
+        one = model.inertias[joint]
+        return one.mass, one.lever.copy(), one.inertia.copy()
+
+    def put(mechanism, value):
+        model = mechanism.model.copy()
+        mass, lever, inertia = parts(model)
+        if kind == "mass":
+            mass = value
+        elif kind == "com":
+            lever[int(index)] = value
+        else:
+            i, j = OF_INERTIA[index]
+            inertia[i, j] = inertia[j, i] = value
+        model.inertias[joint] = pin.Inertia(mass, lever, inertia)
+        return replace(mechanism, model=model)
+
+    mass, lever, inertia = parts(model)
+    if kind == "mass":
+        return Parameter(name, float(mass), put)
+    return Parameter(name, float(lever[int(index)] if kind == "com" else inertia[OF_INERTIA[index]]), put)
+
+
+def _of_record(mechanism, name, kind, whose) -> Parameter | None:
+    """The number `kind` of a loop or force, by its label, or by the joint that it is of; None if there is none."""
+    records = records_of(mechanism)
+    if kind == "anchor":
+        for label, (place, i) in records.items():
+            if whose.startswith(f"{label}."):
+                return _number_of(mechanism, name, label, place, i, _dotted(whose[len(label) + 1 :]))
+        raise InputError(_unknown(mechanism, name))
+    for label, (place, i) in records.items():
+        record = getattr(mechanism, place)[i]
+        numbers = numbers_of(record)
+        if kind in OF_JOINTS and isinstance(record, OF_JOINTS[kind]) and ("coefficients", whose) in numbers:
+            return _number_of(mechanism, name, label, place, i, ("coefficients", whose))
+        if (kind,) in numbers and whose in (label, label.partition(" ")[2], getattr(record, "joint", label)):
+            return _number_of(mechanism, name, label, place, i, (kind,))
+    return None
+
+
+def _of_tree(mechanism, name, kind, whose) -> Parameter:
+    """Damping and friction of the model's joints, and distances of joints and frames."""
+    model = mechanism.model
+    if kind in ("damping", "friction") and whose in mechanism.joints:
+        columns = mechanism.columns(whose)
+
+        def put_coefficient(mechanism, value):
+            model = mechanism.model.copy()
+            getattr(model, kind)[columns] = number(value, name, least=0.0)
+            return replace(mechanism, model=model)
+
+        return Parameter(name, float(getattr(model, kind)[columns][0]), put_coefficient)
+    if kind != "length" or not (whose in mechanism.joints or model.existFrame(whose)):
+        raise InputError(_unknown(mechanism, name))
+    place, i = ("joints", model.getJointId(whose)) if whose in mechanism.joints else ("frames", model.getFrameId(whose))
+
+    def arm(model):
+        return (model.jointPlacements if place == "joints" else model.frames)[i]
+
+    def translation(model):
+        found = arm(model)
+        return (found if place == "joints" else found.placement).translation
+
+    size = float(np.linalg.norm(translation(model)))
+    if size == 0.0:
+        raise InputError(f"{name!r}: {whose!r} has no distance from the joint before it, and hence no direction")
+    direction = translation(model).copy() / size
+
+    def put_length(mechanism, value):
+        model = mechanism.model.copy()
+        pose = arm(model)
+        if place == "joints":
+            pose.translation = value * direction
+            model.jointPlacements[i] = pose
+        else:
+            pose.placement.translation = value * direction
+        return replace(mechanism, model=model)
+
+    return Parameter(name, size, put_length)
+
+
+def _dotted(path) -> str:
+    """xyz2[0] as xyz2.0."""
+    return re.sub(r"\[(\w+)\]", r".\1", path)
+
+
+def _number_of(mechanism, name, label, place, i, path) -> Parameter:
+    record = getattr(mechanism, place)[i]
+    path = path if isinstance(path, tuple) else _path(record, label, path)
+
+    def put(mechanism, value):
+        records = list(getattr(mechanism, place))
+        records[i] = numbers_of(records[i])[path][1](value)
+        return replace(mechanism, **{place: records})
+
+    return Parameter(name, float(numbers_of(record)[path][0]), put)
+
+
+def records_of(mechanism) -> dict:
+    """Name → where the record stands, of all loops and forces, the longest names first."""
+    own = len(model_forces(mechanism.model))
+    labels = list(bound_forces(mechanism.model, mechanism.forces))[own:]
+    found = {label: ("forces", i) for i, label in enumerate(labels)}
+    found |= {loop.name: ("loops", i) for i, loop in enumerate(mechanism.loops)}
+    return dict(sorted(found.items(), key=lambda item: -len(item[0])))
+
+
+def _path(record, label, name) -> tuple:
+    """The path to the number of this name in a record; its last word is enough where there is one such number."""
+    numbers = list(numbers_of(record))
+    found = [path for path in numbers if ".".join(path) == name] or [path for path in numbers if path[-1] == name]
+    if len(found) == 1:
+        return found[0]
+    there = ", ".join(".".join(path) for path in found or numbers) or "none"
+    raise InputError(f"{label!r} has {'several numbers' if found else 'no number'} {name!r}; it has {there}")
+
+
+def numbers_of(record) -> dict[tuple, tuple[float, Callable]]:
+    """Path → (value, function that returns the record with another one), of all numbers in a record and its parts."""
+    if isinstance(record, float | int) and not isinstance(record, bool):
+        return {(): (record, lambda value: value)}
+    parts = dict(record) if isinstance(record, Mapping) else {}
+    if isinstance(record, tuple):
+        parts = {str(i): part for i, part in enumerate(record)}
+    elif dataclasses.is_dataclass(record):
+        kinds = {each.name: each.type for each in dataclasses.fields(record)}
+        parts = {name: getattr(record, name) for name in kinds}
+        parts |= {name: 0.0 for name, part in parts.items() if part is None and kinds[name] == "float | None"}
+
+    def put(name, change, value):
+        changed = {name: change(value)}
+        if dataclasses.is_dataclass(record):
+            return replace(record, **changed)
+        return tuple((parts | changed).values()) if isinstance(record, tuple) else parts | changed
+
+    return {
+        (name, *path): (found, partial(put, name, change))
+        for name, part in parts.items()
+        for path, (found, change) in numbers_of(part).items()
+    }
+
+
+def _unknown(mechanism, name, known=()) -> str:
+    records = records_of(mechanism)
+    known = [*known, *AXES]
+    for kind in (*OF_BODIES[:1], *OF_RECORDS[:4], "gravity"):
+        known += names_of(mechanism, kind)
+    for label, (place, i) in records.items():
+        known += [f"{label}.{path[-1]}" for path in numbers_of(getattr(mechanism, place)[i])]
+    joints, named = (", ".join([*names][:12]) + ", …" * (len(names) > 12) for names in (mechanism.joints, records))
+    return (
+        f"{mechanism.name} has no parameter {name!r}{near(name, known)}. There are mass:, com:, inertia:, length:, "
+        f"damping: and friction: of the joints {joints} and what they carry, the numbers of "
+        f"{named or 'no loop or force'} (NAME.NUMBER), gravity[0], gravity[1], gravity[2]"
+    )

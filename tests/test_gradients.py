@@ -1,0 +1,296 @@
+"""Derivatives of runs by parameters, against differences of reference runs that know nothing of them."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers import scenes
+from helpers.gradients import differences, reference, worst
+from helpers.twin import needs_twin
+
+import pinconsist as pc
+from pinconsist.dae.consistency import EveryStep
+from pinconsist.gradients import forward, linear
+from pinconsist.gradients.forward import legs_of
+
+TIGHT = {"rtol": 1e-8, "atol": 1e-8}
+
+
+def crank_rocker():
+    names = ["mass:coupler", "anchor:rocker_ground.xyz2[0]", "damping:rocker", "crank_speed"]
+    return pc.load("crank_rocker").with_parameters({"damping:rocker": 0.1}), names, 0.3, {"crank": 12.0}
+
+
+def andrews():
+    return pc.load("andrews"), ["stiffness:D-stage", "torque beta.beta", "mass:beta", "E3.xyz2[0]"], 5e-3, None
+
+
+def delta_robot():
+    names = ["stiffness:leg1_arm", "servo leg1_arm.amplitude", "mass:platform_roll", "leg1_left.xyz2[1]"]
+    return pc.load("delta_robot"), names, 0.05, None
+
+
+def bricard():
+    mech = pc.load("bricard").with_parameters({"damping:hinge0": 0.05})
+    return mech, ["mass:hinge2", "damping:hinge0", "gravity[2]"], 1.5, None
+
+
+def slider_crank():
+    mech = pc.load("slider_crank")
+    driven = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", pc.Motion(-1.0, 3.0, 0.4, 1.3, 0.2)))
+    return driven, ["motor.amplitude", "motor.frequency", "length:rod"], 0.3, None
+
+
+def two_balls():
+    return scenes.spherical_chain(), ["mass:second", "end.length", "gravity[1]"], 0.3, None
+
+
+def floating_four_bar():
+    mech, v0 = scenes.four_bar(floating=True), np.array([0, 0, 0, 0.5, -0.3, 0.8, 2.0, 0, 0])
+    return mech, ["mass:coupler", "length:coupler", "pin.xyz1[0]"], 0.2, v0
+
+
+SCENES = [crank_rocker, andrews, delta_robot, bricard, slider_crank, two_balls, floating_four_bar]
+
+
+@needs_twin
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
+def test_motion_and_multipliers_against_differences_of_reference_runs(scene):
+    mech, names, until, v0 = scene()
+    times = np.linspace(0.0, until, 6)
+    exact = differences(mech, names, times, None, v0)
+    coarse, fine = (
+        pc.sensitivities(mech, names, (0.0, until), None, v0, t_eval=times, rtol=tol, atol=tol) for tol in (1e-6, 1e-8)
+    )
+    assert len(fine._legs) == (2 if scene is bricard else 1)  # a change of rows
+    dq, dv, dlam = worst((fine.dq, fine.dv, fine.dlam), exact)
+    assert dq < 5e-7 and dv < 5e-7 and dlam < 1e-5
+    before = worst((coarse.dq, coarse.dv, coarse.dlam), exact)
+    assert all(rough < 1e-4 for rough in before) and sum((dq, dv, dlam)) < 0.3 * sum(before)
+
+
+@pytest.mark.parametrize("scene", [crank_rocker, bricard, two_balls, slider_crank], ids=lambda scene: scene.__name__)
+@needs_twin
+def test_the_compiled_way_is_the_python_one(scene):
+    """Both along the same steps."""
+    mech, names, until, v0 = scene()
+    until = {bricard: 1.2, crank_rocker: 0.05}.get(scene, until)
+    loose = {"rtol": 1e-4, "atol": 1e-4}
+    found = pc.sensitivities(mech, names, (0.0, until), None, v0, **loose, backend="compiled")
+    first = found._legs[0]
+    plain = replace(first, tables=None)
+    assert len(plain.t) > 5 and any(changes is not None for changes in plain.changes)
+    ours = pc.sensitivities(mech, names, (0.0, until), None, v0, **loose, backend="python")
+    variants = _variants(mech, names, v0, first, found.steps)
+    forward.follow(plain, variants, first.tables[0])
+    size = np.abs(first.tables).max(axis=(0, 1, 2))
+    assert (np.abs(plain.tables - first.tables) / size).max() < 3e-5  # rounding over the step
+    for one, other in ((found.at(until), ours.at(until)),):
+        for a, b in zip(one, other, strict=True):  # of two runs with steps of their own
+            assert np.abs(a - b).max() < 0.02 * np.abs(a).max()
+
+
+def _variants(mech, names, v0, leg, steps):
+    """The residuals of the parameters of a leg, in Python."""
+    from pinconsist.gradients.named import named_start
+    from pinconsist.gradients.sensitivities import _maker
+    from pinconsist.gradients.variants import variants_of
+
+    build, _, theta, q0, v0 = named_start(mech, names, None, v0)
+    make, state = _maker(build, theta, q0, v0, (), None, "python"), leg.start(leg.start.t_old)[:2]
+    variants = variants_of(make, theta, names, steps, make(theta), leg.system, 0.0, *state)
+    return [variant.residuals(leg.system) for variant in variants]
+
+
+STEPS = {1: (400, 800), 2: (100, 200), 3: (100, 200), 4: (100, 200), 5: (100, 200)}
+
+
+@needs_twin
+@pytest.mark.parametrize("k", STEPS)
+def test_order_of_the_multipliers_derivatives_at_fixed_steps(k):
+    mech, names, _, v0 = crank_rocker()
+    until, names = 0.2, names[:2]
+    times = np.linspace(0.0, until, 6)[1:]
+    exact = differences(mech, names, np.concatenate(([0.0], times)), None, v0)[2][1:]
+    errors = []
+    for n in STEPS[k]:
+        found = pc.sensitivities(
+            mech, names, (0.0, until), None, v0, t_eval=times, step=until / n, max_order=k, backend="compiled"
+        )
+        errors.append(np.abs(found.dlam - exact).max() / np.abs(exact).max())
+    order = np.log2(errors[0] / errors[1])
+    assert k - 0.4 < order < k + 2, (order, errors)
+
+
+MODERATE = {"rtol": 1e-6, "atol": 1e-6}
+
+
+class WithoutHidden(linear.Step):
+    """What is left of the hidden constraint stays in the derivatives."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.H, self.rho, self.W = 0.0 * self.H, 0.0 * self.rho, 0.0 * self.W
+
+
+class Flat(linear.Step):
+    """The charts are taken for vector spaces."""
+
+    def __init__(self, system, *arguments):
+        straight = SimpleNamespace(**{name: getattr(system, name) for name in dir(system) if name[0] != "_"})
+        straight.bracket = lambda v: np.zeros((system.nx, system.nx))
+        super().__init__(straight, *arguments)
+
+
+def error_of_python(monkeypatch, scene, Step, **options):
+    """Of dλ and dq, with other equations of a step."""
+    mech, names, until, v0 = scene()
+    until, names = 0.1 if scene is crank_rocker else 0.2, names[:1]
+    times = np.linspace(0.0, until, 4)
+    exact = differences(mech, names, times, None, v0)
+    monkeypatch.setattr(forward, "Step", Step)
+    found = pc.sensitivities(mech, names, (0.0, until), None, v0, t_eval=times, backend="python", **options)
+    dq, _, dlam = worst((found.dq, found.dv, found.dlam), exact)
+    return dq, dlam
+
+
+def test_without_the_hidden_residual_multipliers_lose_an_order(monkeypatch):
+    right, wrong = (
+        error_of_python(monkeypatch, crank_rocker, Step, **MODERATE) for Step in (linear.Step, WithoutHidden)
+    )
+    assert right[1] < 1e-4 and wrong[1] > 30 * right[1]
+
+
+def test_at_the_uncorrected_state_multipliers_lose_an_order(monkeypatch):
+    raw = {}
+
+    def correct(self, system, step):
+        v, lam = step.v.copy(), step.lam.copy()
+        original(self, system, step)
+        raw[step.t] = np.concatenate((v - step.v, lam - step.lam))
+
+    class Raw(linear.Step):
+        def __init__(self, system, t, h, k, base, Z, residuals):
+            Z = Z.copy()
+            Z[: k + 1, system.nx :] += raw[t]  # the newest value is in all differences
+            super().__init__(system, t, h, k, base, Z, residuals)
+
+    original = EveryStep.correct
+    right = error_of_python(monkeypatch, crank_rocker, linear.Step, **MODERATE)
+    monkeypatch.setattr(EveryStep, "correct", correct)
+    wrong = error_of_python(monkeypatch, crank_rocker, Raw, **MODERATE)
+    assert wrong[1] > 3 * right[1]
+
+
+def test_without_the_turning_of_charts_rotations_are_wrong(monkeypatch):
+    options = {"rtol": 1e-4, "atol": 1e-4}
+    right, wrong = (error_of_python(monkeypatch, two_balls, Step, **options) for Step in (linear.Step, Flat))
+    assert right[0] < 1e-4 and wrong[0] > 1e-2
+
+
+def hits(theta):
+    return [
+        pc.Event(lambda t, q, v, lam: q[0] - 2.0 - 0.1 * theta[1], apply=lambda t, q, v: 0.8 * v, name="hit"),
+        pc.Event(lambda t, q, v, lam: lam[0] - 5.0, name="load"),
+    ]
+
+
+@needs_twin
+def test_event_times_and_what_comes_after_a_jump():
+    mech, _, _, v0 = crank_rocker()
+    span, times, theta = (0.0, 0.2), np.linspace(0.0, 0.2, 5), np.array([1.4, 1.0])
+
+    def build(theta):
+        return mech.with_parameters({"mass:coupler": theta[0]})
+
+    found = pc.sensitivities(build, theta, span, None, v0, events=hits, t_eval=times, **TIGHT)
+    assert len(found._legs) == 2 and [len(t) for t in found.solution.t_events] == [1, 3]
+    step, runs = 1e-2, []
+    for i in (0, 1):
+        change = 0.0
+        for m, weight in {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}.items():
+            beside = theta.copy()
+            beside[i] += m * step
+            sol = pc.simulate(build(beside), span, None, v0, events=hits(beside), t_eval=times, rtol=1e-12, atol=1e-12)
+            row = (sol.q.ravel(), sol.v.ravel(), sol.lam.ravel(), *sol.t_events)
+            change = change + weight / step * np.concatenate(row)
+        runs.append(change)
+    parts = found.dq, found.dv, found.dlam, *found.event_times
+    for i, change in enumerate(runs):
+        at = 0
+        for part in parts:
+            ours = part[..., i].ravel()
+            exact = change[at : at + len(ours)]
+            assert np.abs(ours - exact).max() < 2e-5 * np.abs(exact).max()
+            at += len(ours)
+
+
+@needs_twin
+def test_rows_at_a_jump_and_between_steps():
+    mech, names, _, v0 = crank_rocker()
+    found = pc.sensitivities(mech, names, (0.0, 0.2), None, v0, events=hits([0, 0]))
+    t, sol = found.solution.t, found.solution
+    (jump,) = np.flatnonzero(np.diff(t) == 0.0)
+    assert found.dv.shape == (len(t), 3, 4) and found.dlam.shape == (len(t), sol.lam.shape[1], 4)
+    assert not np.allclose(found.dv[jump], found.dv[jump + 1], rtol=1e-3)
+    np.testing.assert_array_equal(found.at(t[jump])[1], found.dv[jump])  # before it
+    for part, rows in zip(found.at(t[:jump:7]), (found.dq, found.dv, found.dlam), strict=True):
+        np.testing.assert_allclose(part, rows[:jump:7], atol=1e-9 * np.abs(rows).max())
+    with pytest.raises(pc.InputError, match="the run goes from"):
+        found.at(0.3)
+
+
+@needs_twin
+def test_backwards_in_time():
+    mech, names, _, v0 = crank_rocker()
+    times = np.linspace(0.0, -0.1, 4)
+    exact = differences(mech, names, times, None, v0)
+    found = pc.sensitivities(mech, names, (0.0, -0.1), None, v0, t_eval=times, **TIGHT)
+    assert max(worst((found.dq, found.dv, found.dlam), exact)) < 1e-5
+
+
+@needs_twin
+def test_a_parameter_at_its_bound_is_moved_to_one_side():
+    mech, v0 = pc.load("crank_rocker"), {"crank": 12.0}
+    times = np.linspace(0.0, 0.1, 3)
+    found = pc.sensitivities(mech, ["damping:rocker"], (0.0, 0.1), None, v0, t_eval=times, **TIGHT)
+    small = [reference(mech.with_parameters({"damping:rocker": d}), None, v0, times)[1][0] for d in (0.0, 5e-4, 1e-3)]
+    exact = (-3 * small[0] + 4 * small[1] - small[2]) / 1e-3
+    np.testing.assert_allclose(found.dq[..., 0], exact, atol=2e-6 * np.abs(exact).max())
+
+
+def test_refusals():
+    mech, span = pc.load("crank_rocker"), (0.0, 0.01)
+
+    def refused(match, *arguments, **options):
+        with pytest.raises(pc.InputError, match=match):
+            pc.sensitivities(*arguments, span, **options)
+
+    refused("another kind of mechanism", lambda th: mech if th[0] == 1 else pc.load("four_bar"), [1.0])
+    refused("must return a Mechanism", lambda th: None, [1.0])
+    refused("no parameter 'mass:coupla'; near it: mass:coupler", mech, ["mass:coupla"])
+    refused("consistency='every-step'", mech, ["mass:coupler"], consistency="exact", step=1e-3)
+    refused("follow the steps of BDF", mech, ["mass:coupler"], method="Radau")
+    refused("held or sampled", mech, ["mass:coupler"], forces=[pc.Sampled(1e-2, lambda t, q, v: 0 * v)])
+    stairs = lambda th: mech.with_parameters({"mass:coupler": np.round(th[0], 3)})  # noqa: E731
+    refused("not smooth in the parameter 'm'", stairs, [1.0006], names=["m"])
+    refused("needs one for each of the 1 parameters", lambda th: mech, [1.0], names=["a", "b"])
+
+
+def test_lengths_of_an_overconstrained_loop_are_refused():
+    with pytest.raises(pc.InputError, match=r"hinge5.*cannot vary alone|parts redundant loops|cannot vary alone"):
+        pc.sensitivities(pc.load("bricard"), ["anchor:hinge5.xyz2[0]"], (0.0, 0.1))
+
+
+def test_an_event_that_only_grazes_zero_is_refused():
+    mech, v0 = pc.load("crank_rocker"), {"crank": 12.0}
+    event = pc.Event(lambda t, q, v, lam: (q[0] - 1.0) ** 3, name="cubic")
+    with pytest.raises(pc.InputError, match=r"'cubic' at t = .* only grazes zero"):
+        pc.sensitivities(mech, ["mass:coupler"], (0.0, 0.15), v0=v0, events=[event])
+
+
+def test_legs_begin_where_runs_begin():
+    sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.05), v0={"crank": 12.0}, dense_output=True)
+    (leg,) = legs_of(sol.sol)
+    assert leg.span == (0.0, 0.05) and len(leg.t) == sol.nsteps - leg.start.k
