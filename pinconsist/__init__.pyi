@@ -1,6 +1,7 @@
 # The public names, each in one line "from .module import Name as Name": __init__.py reads them, as type checkers do.
 
 from .accuracy import GlobalError as GlobalError
+from .analysis.actuation import Actuation as Actuation
 from .analysis.equilibrium import Equilibrium as Equilibrium
 from .analysis.equilibrium import equilibrium as equilibrium
 from .analysis.inverse_dynamics import InverseDynamics as InverseDynamics

@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "dae": {"errors"},
     "_core": {"dae", "errors"},
     "mechanism": {"dae", "errors"},
-    "analysis": {"mechanism", "errors"},
+    "analysis": {"mechanism", "_core", "files", "errors"},
     "residuals": {"_core", "dae", "mechanism", "errors"},
     "accuracy": {"options", "residuals", "_core", "dae", "mechanism", "errors"},
     "certificate": {"accuracy", "residuals", "_core", "dae", "mechanism", "errors"},

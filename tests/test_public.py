@@ -15,6 +15,7 @@ import pinconsist as pc
 HOW = "method step max_order rtol atol forces t_eval dense_output events callback consistency first_step max_step"
 HOW += " max_steps backend"
 PARAMETERS = {  # those after the bar by name only
+    "Actuation": "mech motors q",
     "Assembly": "q v gaps rows rank mobility moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy undetermined beyond_limits "
     "corrected_by fixed_step ended_early error",
@@ -84,6 +85,24 @@ AssemblyError EquilibriumError FormatError InputError MissingExtraError Pinconsi
 UserFunctionError
 """.split()
 METHODS = {  # of classes, with their parameters; None: an attribute that is computed
+    "Actuation": {
+        "positions": "q",
+        "closure": "positions q",
+        "message": None,
+        "condition": "q",
+        "jacobian": "q",
+        "jacobian_rate": "q v",
+        "velocity": "q v",
+        "acceleration": "q v a",
+        "limits": "q",
+        "mass_matrix": "q",
+        "bias": "q v | t",
+        "gravity": "q",
+        "forward": "q v torques | t",
+        "torques": "q v a | forces t",
+        "frame": "frame",
+        "table": "positions file",
+    },
     "Assembly": {"largest_gap": None, "redundant": None},
     "Certificate": {"concerns": None},
     "Energy": {"balance_error": None},

@@ -54,6 +54,17 @@ public:
     return true;
   }
 
+  // The logarithm of the determinant's size, and whether it is negative.
+  std::pair<double, bool> determinant() const {
+    double size = 0.0;
+    bool odd = false;
+    for (int k = 0; k < n_; ++k) {
+      size += std::log(std::abs(lu_(k, k)));
+      odd ^= (lu_(k, k) < 0.0) ^ (pivots_[k] != k + (n_ >= Lapack::LARGE));
+    }
+    return {size, odd};
+  }
+
   void substitute(double *x, int columns) const {
     if (n_ < Lapack::LARGE) {
       for (int column = 0; column < columns; ++column) substitute(x + static_cast<long>(column) * n_);

@@ -1,4 +1,5 @@
 // What Python sees: a system to which rows and forces are added, and a stepper that makes batches of steps.
+#include "closure.hpp"
 #include "measured.hpp"
 #include "gradient_bindings.hpp"
 
@@ -26,7 +27,7 @@ Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] !=
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 11; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 12; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -103,6 +104,20 @@ NB_MODULE(twin, m) {
              s.evaluate(t, p, v, a);
              return nb::make_tuple(s.f, s.phi, s.W, s.rho);
            })
+      .def("rows", // Φ and J
+           [](MechanismSystem &s, const Vec &p) {
+             s.constraint(0.0, p, Vec::Zero(s.nv));
+             return nb::make_tuple(s.phi, s.W);
+           })
+      .def("dynamics", // M, inertial forces less τ, J and its rate times v
+           [](MechanismSystem &s, double t, const Vec &p, const Vec &v) {
+             Vec bias;
+             Mat M(s.nv, s.nv);
+             s.evaluate(t, p, v, Vec::Zero(s.nv));
+             s.acceleration_bias(t, p, v, bias);
+             s.mass_matrix(t, p, v, M);
+             return nb::make_tuple(M, s.f, s.W, bias);
+           })
       .def("chart_points", &MechanismSystem::chart_points)
       .def("residuals",
            [](MechanismSystem &s, const Vec &t, const Table &p, const Table &v, const Table &lam) {
@@ -133,6 +148,11 @@ NB_MODULE(twin, m) {
       });
 
   nb::class_<HeldTable>(m, "HeldTable").def("clear", &HeldTable::clear).def("hold", &HeldTable::hold).def_rw("entered", &HeldTable::entered);
+
+  nb::class_<Follower>(m, "Follower")
+      .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, const std::array<double, 9> &>(), "system"_a,
+           "coordinates"_a, "sizes"_a, "numbers"_a, nb::keep_alive<1, 2>())
+      .def("follow", &Follower::follow);
 
   nb::class_<Projection>(m, "Projection")
       .def(nb::init<MechanismSystem &>(), "system"_a, nb::keep_alive<1, 2>())

@@ -1,0 +1,211 @@
+"""Motors → all joints of a closed chain: positions, velocities, forces, and the dynamics that the motors feel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import SingularSystemError
+from ..mechanism.singularity import MASSLESS
+from .actuation_limits import MotorRange, ranges
+from .motor_forces import MotorFrame, MotorTorques, torques_for
+from .motor_table import table
+from .motors import Motors
+from .reduced import Reduced
+
+
+class Actuation(Motors):
+    """The map from the motors of a mechanism to all of its joints, and back.
+
+    Where the motors leave motions free, such as the spin of a rod between two balls, a warning says so and ``free``
+    names a joint for each: :meth:`closure` and :meth:`jacobian` hold these still, in the dynamics they are without
+    torque. Where motors are more than the motions, they share them at the least norm of the torques.
+
+    Parameters
+    ----------
+    mech : Mechanism
+        Drives of motors are left out, as are actuators of the file; all other forces act.
+    motors : sequence of str, optional
+        Joints. Default: ``mech.actuated``. A joint of several degrees of freedom has a motor for each; name the
+        free-flyer of a floating robot here, too.
+    q : mapping or array, optional
+        The configuration to begin with, closed as by :func:`assemble`. Default: the mechanism's guess.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        Without the drives of motors.
+    motors, free : tuple of str
+        The names of the m motors, and of the free motions: ``joint``, or ``joint[i]`` of a joint of several.
+    mobility : int
+        Degrees of freedom that the loops leave.
+    q : ndarray, shape (nq,)
+        The last configuration that :meth:`closure` has reached.
+
+    Raises
+    ------
+    InputError
+        No motors, unknown joints, something that moves with time.
+    AssemblyError
+        The loops cannot be closed.
+    SingularSystemError
+        Motors that cannot move there; names them.
+    """
+
+    def jacobian(self, q=None) -> np.ndarray:
+        """A = dq/dq_motors, shape (nv, m), in a closed configuration `q`, by default the last one.
+
+        Motors that are more than the motions have to agree: v = A v_motors holds where they do. Raises
+        SingularSystemError in a singular position; names what can move there.
+        """
+        q = self._q(q)
+        Z, _ = self._basis(q, self._chosen.rows(q)[1])
+        A = Z[:, : self._chosen.n_motors]
+        return A @ np.linalg.pinv(self._seen(Z)) if self._shared else A
+
+    def jacobian_rate(self, q, v) -> np.ndarray:
+        """The accelerations Ȧ v_motors, shape (nv,), with those of the motors at zero.
+
+        `q` and `v` are as in :meth:`velocity`. Raises SingularSystemError as :meth:`jacobian`.
+        """
+        return self.acceleration(q, v, np.zeros(len(self.motors)))
+
+    def velocity(self, q, v) -> np.ndarray:
+        """The velocities of all joints, shape (nv,), for those of the motors.
+
+        `q` is a closed configuration (None: the last one), `v` maps motor joints to velocities, rad/s or m/s, others at
+        rest, or is an array (m,), or one (nv,), which is returned. Raises InputError for other sizes and names,
+        SingularSystemError as :meth:`jacobian`.
+        """
+        full, v = self._of_motors(v, "v")
+        return v if full else self.jacobian(q) @ v
+
+    def acceleration(self, q, v, a) -> np.ndarray:
+        """The accelerations of all joints, shape (nv,), for those of the motors, `a`, given like `v`.
+
+        `q` and `v` are as in :meth:`velocity`. Raises InputError and SingularSystemError as that.
+        """
+        q, v = self._q(q), self.velocity(q, v)
+        full, a = self._of_motors(a, "a")
+        if full:
+            return a
+        reduced = self._reduced(q, v, 0.0)
+        y = reduced.share @ (a - reduced.drift[self._columns])
+        return reduced.Z[:, : len(y)] @ y + reduced.drift
+
+    def limits(self, q=None) -> list[MotorRange]:
+        """How far each motor can go with the others held, from a closed configuration `q`, by default the last one.
+
+        See :class:`MotorRange`. Joints have the limits of their file; a joint that is outside already stops at once.
+        """
+        return ranges(self, self._q(q))
+
+    def mass_matrix(self, q=None) -> np.ndarray:
+        """The inertia M_a that the motors feel, shape (m, m), in a closed configuration `q`, by default the last one.
+
+        It has all bodies, rods and rotors (armature); M_a a_a + h_a = τ_a with the h_a of :meth:`bias` are the exact
+        equations of motion. Raises SingularSystemError as :meth:`jacobian`.
+        """
+        reduced = self._reduced(q, None, 0.0)
+        return reduced.share.T @ reduced.M @ reduced.share
+
+    def bias(self, q=None, v=None, *, t: float = 0.0) -> np.ndarray:
+        """The torques h_a, shape (m,), N·m or N, that hold the motors' velocities constant; by default at rest.
+
+        `q` and `v` are as in :meth:`velocity`; weights, springs, dampers and all other forces act, those of time at
+        `t`, s.
+        """
+        reduced = self._reduced(q, v, t)
+        drift = reduced.M @ (reduced.share @ reduced.drift[self._columns])
+        return reduced.share.T @ (reduced.h - drift)
+
+    def gravity(self, q=None) -> np.ndarray:
+        """The part of :meth:`bias` of the weights alone, shape (m,), N·m or N, at `q`, by default the last one."""
+        q = self._q(q)
+        Z, _ = self._basis(q, self._chosen.rows(q)[1])
+        weights = pin.computeGeneralizedGravity(self.mechanism.model, self._chosen.system.data, q)
+        return np.linalg.pinv(self._seen(Z)).T @ (Z[:, : self._chosen.n_motors].T @ weights)
+
+    def forward(self, q, v, torques, *, t: float = 0.0) -> np.ndarray:
+        """The accelerations of the motors, shape (m,), under their `torques`, an array (m,) or a mapping.
+
+        `q`, `v` and `t` are as in :meth:`bias`. Raises SingularSystemError where a motion has no inertia.
+        """
+        q = self._q(q)
+        tau, reduced = self._of_motors(torques, "torques", full=False)[1], self._reduced(q, v, t)
+        inertia = np.linalg.eigvalsh(reduced.M)
+        if inertia[0] <= MASSLESS * inertia[-1]:
+            raise SingularSystemError(f"{self.mechanism.name}: motors can move without any inertia", names=self.motors)
+        y = np.linalg.solve(reduced.M, reduced.seen.T @ tau - reduced.h)
+        return reduced.seen @ y + reduced.drift[self._columns]
+
+    def torques(self, q=None, v=None, a=None, *, forces=None, t: float = 0.0) -> MotorTorques:
+        """The motor torques of a motion, those of least norm where motors share the load, and the loops' reactions.
+
+        Parameters
+        ----------
+        q : array (nq,), optional
+            A closed configuration; default: the last one.
+        v, a : mapping or array, optional
+            Velocities and accelerations of the motors, as of :meth:`velocity`, by default zero: free motions then
+            accelerate as they must. Where `a` is an array (nv,), of all joints, these too are asked for.
+        forces : mapping, optional
+            Frame → force on its body at its origin, N, or force and moment, N·m, in world axes: three or six numbers.
+        t : float
+            Time of forces that depend on it, s.
+
+        Returns
+        -------
+        MotorTorques
+
+        Raises
+        ------
+        SingularSystemError
+            A singular position; or `a` has all joints' accelerations, and free motions would need torques.
+        InputError
+            Unknown names, wrong sizes.
+        """
+        return torques_for(self, self._q(q), v, a, forces or {}, t)
+
+    def frame(self, frame: str) -> MotorFrame:
+        """The map from the motors to a `frame` of the model, for positions, velocities and forces: a MotorFrame.
+
+        Raises InputError where there is no such frame.
+        """
+        return MotorFrame(self, frame)
+
+    def table(self, positions, file=None) -> dict[str, np.ndarray]:
+        """The closure on a grid of motor positions: a mapping of arrays, which is also written to `file`.
+
+        Parameters
+        ----------
+        positions : mapping
+            Motor joint → positions, rad or m; the others stay. The grid is gone through row by row, to and fro.
+        file : path, optional
+            ``.npz``, with these arrays, or ``.csv``, without the Jacobian, with units in its headings.
+
+        Returns
+        -------
+        dict
+            ``positions`` (n, m), ``q`` (n, nq), ``ok`` (n,), ``condition`` (n,), ``jacobian`` (n, nv, m), zero where
+            not ok.
+
+        Raises
+        ------
+        InputError
+            Unknown motors; another ending.
+        OSError
+            The file cannot be written.
+        """
+        return table(self, positions, file)
+
+    def _reduced(self, q, v, t, loads=0.0) -> Reduced:
+        q = self._q(q)
+        Z, inverse = self._basis(q, self._chosen.rows(q)[1])
+        full, v = self._of_motors(v, "v")
+        if not full:
+            v = Z[:, : self._chosen.n_motors] @ (np.linalg.pinv(self._seen(Z)) @ v if self._shared else v)
+        M, f, _, bias = self._chosen.dynamics(t, q, v)
+        drift = np.zeros(len(v))
+        drift[self._chosen.p] = -inverse @ bias
+        return Reduced(self, Z, M, f - loads, v, drift)

@@ -1,0 +1,107 @@
+"""How far each motor can go: to a joint's limit, or to a singular position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, tau
+
+import numpy as np
+
+from ..mechanism.limits import ROUNDING
+from ..mechanism.names import joints_in, position_names, velocity_units
+from .coordinates import weakest
+
+STRIDE = 0.05  # rad, or lengths of the mechanism, in which a motor is led
+MOST_STRIDES = 400  # for a sliding motor
+HALVINGS = 40
+
+
+@dataclass(frozen=True)
+class MotorRange:
+    """How far a motor can go, the others held.
+
+    Attributes
+    ----------
+    motor : str
+        Its name.
+    lower, upper : float
+        The positions at its ends, rad or m; infinite where it goes round, or as far as was looked.
+    lower_by, upper_by : str
+        What ends it: the joint that is at its limit, ``"singular"``, or ``"nothing"``.
+    lower_condition, upper_condition : float
+        :meth:`Actuation.condition` at the ends.
+    lower_moves, upper_moves : tuple of str
+        Joints that can move with all motors held in the singular position at the end.
+    """
+
+    motor: str
+    lower: float
+    upper: float
+    lower_by: str
+    upper_by: str
+    lower_condition: float
+    upper_condition: float
+    lower_moves: tuple[str, ...]
+    upper_moves: tuple[str, ...]
+
+    def __str__(self):
+        return (
+            f"{self.motor}: {self.lower:.6g} ({self.lower_by}, condition {self.lower_condition:.2g}) … "
+            f"{self.upper:.6g} ({self.upper_by}, condition {self.upper_condition:.2g})"
+        )
+
+
+def ranges(act, q) -> list[MotorRange]:
+    """What :meth:`Actuation.limits` returns."""
+    chosen, found, units = act._chosen, [], velocity_units(act.mechanism.model)
+    for k in range(chosen.n_motors):
+        column = chosen.columns[k]
+        stride, most = STRIDE * chosen.sizes[column], tau if units[column] == "rad" else inf
+        name, start = act.motors[chosen.own[k]], act.positions(q)[chosen.own[k]]
+        ends = [_end(act, q, k, start, sign * stride, most) for sign in (-1.0, 1.0)]
+        found.append(MotorRange(name, *(each for pair in zip(*ends, strict=True) for each in pair)))
+    return found
+
+
+def _end(act, q, k, start, stride, most):
+    """(position, what ends it, condition, joints that can move there) of one motor in one direction."""
+    chosen, beyond, gone = act._chosen, _Limits(act.mechanism), 0.0
+    unit = np.zeros(len(chosen.columns))
+    unit[k] = stride
+    by = beyond.joint(q)
+    while not by and abs(gone) < most and abs(gone) < MOST_STRIDES * abs(stride):
+        there, share = chosen.follower.follow(q, unit)
+        if by := beyond.joint(there):
+            low, high = 0.0, share
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                inside = not (joint := beyond.joint(chosen.follower.follow(q, middle * unit)[0]))
+                by, low, high = joint or by, middle if inside else low, high if inside else middle
+            there, share = chosen.follower.follow(q, low * unit)[0], low
+        q, gone = there, gone + share * stride
+        if share < 1.0:
+            by = by or "singular"
+    sizes, motions = weakest(act._solver.rows, q, act._columns, act._solver.loop_rows.turns)
+    n = chosen.n_motors
+    moves = joints_in(act.mechanism, motions[:, n - 1]) if by == "singular" else ()
+    end = start + gone if by else np.sign(stride) * inf
+    return float(end), by or "nothing", float(sizes[n - 1]), moves
+
+
+class _Limits:
+    """The position limits of the joints of a mechanism."""
+
+    def __init__(self, mechanism):
+        model = mechanism.model
+        low, high = model.lowerPositionLimit, model.upperPositionLimit
+        plain = np.zeros(model.nq, bool)
+        for i in range(1, model.njoints):
+            plain[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = model.nqs[i] == model.nvs[i]
+        self._at = np.flatnonzero(plain & (low < high))
+        self._low, self._high, self._names = low[self._at], high[self._at], position_names(model)
+
+    def joint(self, q) -> str:
+        """The joint that is farthest outside of its limits, or an empty string."""
+        beyond = np.maximum(q[self._at] - self._high, self._low - q[self._at])
+        worst = int(np.argmax(beyond)) if len(beyond) else 0
+        return self._names[self._at[worst]] if len(beyond) and beyond[worst] > ROUNDING else ""

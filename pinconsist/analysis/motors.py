@@ -1,0 +1,262 @@
+"""The motors of a mechanism: which velocities they are, and the closed configurations that they lead to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError, SingularSystemError
+from ..mechanism.assembly import assemble
+from ..mechanism.checks import finite_array, number, require_mechanism, warn
+from ..mechanism.closing import NEARLY, LoopSolver
+from ..mechanism.joint_constraints import Drive
+from ..mechanism.mechanism import Mechanism
+from ..mechanism.motion import Motion
+from ..mechanism.names import joints_in, velocity_names
+from ..mechanism.singularity import HELD
+from .coordinates import Coordinates, weakest
+
+NOT_CLOSED = 1e-6  # m or rad: a configuration that is open by more is none of this mechanism
+
+
+class Motors:
+    """The part of :class:`Actuation` that knows the motors and closes the loops; its parameters are those of that."""
+
+    def __init__(self, mech, motors=None, q=None):
+        require_mechanism(mech, "Actuation")
+        joints = tuple(mech.actuated if motors is None else ([motors] if isinstance(motors, str) else motors))
+        if not joints:
+            raise InputError(f"{mech.name} has no motors: name joints, Actuation(mech, motors=[…]), or give them to it")
+        self.mechanism: Mechanism = _without_motors(mech, joints)
+        names, model = velocity_names(mech.model), mech.model
+        self._columns = np.concatenate([np.arange(mech.nv)[mech.columns(joint)] for joint in joints])
+        self._joints, self.motors = joints, tuple(names[i] for i in self._columns)
+        if len(set(self.motors)) < len(self.motors):
+            raise InputError(f"Actuation: a motor is named twice in {', '.join(joints)}")
+        self._plain = all(model.nqs[i] == 1 for i in map(model.getJointId, joints))
+        self._places = np.array([model.idx_qs[model.getJointId(joint)] for joint in joints])
+        self.q, self._reason = assemble(self.mechanism, q).q, ""
+        self._solver = LoopSolver(self.mechanism)
+        self._chosen = Coordinates(self._solver, self._columns, self.q)
+        n = self._chosen.n_motors
+        self.mobility, self._shared = len(self._chosen.columns), n < len(self._columns)
+        self.free = tuple(names[i] for i in self._chosen.columns[n:])
+        if self._shared:
+            self._require_mobile()
+        if self.free:
+            warn(
+                f"{mech.name}: {len(self.motors)} motors leave {len(self.free)} of {self.mobility} motions free, those "
+                f"of {', '.join(self.free)}: held still here, and without torque. Name more motors, or lock joints"
+            )
+
+    def __repr__(self):
+        share = f"; {len(self.motors) - self._chosen.n_motors} more than needed" if self._shared else ""
+        lines = [f"Actuation of {self.mechanism.name}: mobility {self.mobility}, {len(self.motors)} motors{share}"]
+        at = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.motors, self.positions(), strict=True))
+        lines += [f"  motors  {at}"] + [f"  free    {', '.join(self.free)}"] * bool(self.free)
+        return "\n".join(lines)
+
+    def positions(self, q=None) -> np.ndarray:
+        """The positions of the motors in a configuration `q`, rad or m, shape (m,); default: the last one.
+
+        Those of a joint of several degrees of freedom are a rotation vector, or a pose as Pinocchio's ``difference``
+        from the neutral configuration has it.
+        """
+        model = self.mechanism.model
+        return np.array(pin.difference(model, pin.neutral(model), self._q(q))[self._columns])
+
+    def closure(self, positions, q=None) -> tuple[np.ndarray, np.ndarray | bool]:
+        """The configuration in which the motors stand at `positions`: (q, ok).
+
+        The motors are led there from the last configuration, or from `q`, all at once and in steps that stay in the
+        mode of assembly. Where that is not possible, `ok` is False, the configuration is the last one on the way, and
+        ``message`` says what blocks it: a singular position, the end of the reach.
+
+        Parameters
+        ----------
+        positions : mapping or array
+            Motor joint → position, as of :meth:`Mechanism.configuration`, the others stay; or an array (m,), rad or m.
+            A batch has an array (n, m), or arrays (n,) in the mapping: from each configuration to the next.
+        q : array (nq,), optional
+            A closed configuration to start from.
+
+        Returns
+        -------
+        q : ndarray, shape (nq,) or (n, nq)
+        ok : bool or ndarray, shape (n,)
+
+        Raises
+        ------
+        InputError
+            Names that are no motors, wrong sizes, a `q` that is not closed.
+        """
+        if q is not None:
+            self.q = self._q(q)
+            if not (gap := self._chosen.gap(self.q)) <= NOT_CLOSED:
+                raise InputError(
+                    f"{self.mechanism.name}: q is open by {gap:.2g} m or rad; assemble(mech, q).q is closed"
+                )
+        if not isinstance(positions, Mapping):
+            rows = finite_array(positions, "positions")
+            if not self._plain or rows.ndim not in (1, 2) or rows.shape[-1] != len(self._columns):
+                raise InputError(f"positions must map motors to numbers or have {len(self._columns)} columns, "
+                                 f"got shape {rows.shape}")  # fmt: skip
+            several = rows.ndim == 2
+            found = [self._lead(goal - self.q[self._places]) for goal in (rows if several else rows[None])]
+        else:
+            if wrong := [joint for joint in positions if joint not in self._joints]:
+                raise InputError(f"{wrong[0]!r} is no motor; the motors are {', '.join(self._joints)}")
+            several = self._plain and any(np.ndim(value) == 1 and np.size(value) > 1 for value in positions.values())
+            goals = _goals(positions) if several else [positions]
+            found = [self._lead(self._way(goal)) for goal in goals]
+        if not several:
+            return self.q, found[0][1]
+        return np.array([q for q, _ in found]), np.array([ok for _, ok in found])
+
+    @property
+    def message(self) -> str:
+        """Why the last closure did not reach its goal; empty where it did."""
+        if self._reason is None:
+            self._reason = f"the way is blocked {self._singular(self.q)}"
+        return self._reason
+
+    def _way(self, goal):
+        """Increments of the motors to named positions."""
+        if self._plain:
+            way = np.zeros(len(self._columns))
+            for joint, value in goal.items():
+                i = self._joints.index(joint)
+                way[i] = number(np.asarray(value).item(), joint) - self.q[self._places[i]]
+            return way
+        target = self.mechanism.configuration(goal, base=self.q)
+        return pin.difference(self.mechanism.model, self.q, target)[self._columns]
+
+    def _lead(self, way):
+        """(q, ok) after increments of the motors."""
+        start, left, self._reason, fresh = self.q, 1.0, "", False
+        while True:
+            chosen = self._chosen
+            move = np.zeros(len(chosen.columns))
+            move[: chosen.n_motors] = left * way[chosen.own]
+            q, share = chosen.follower.follow(self.q, move)
+            self.q = q
+            if share == 1.0:
+                break
+            left *= 1.0 - share
+            if fresh or not self._choose(q):  # other rows and columns may have become the better ones
+                self._reason = None  # said where somebody asks
+                return q, False
+            fresh = share == 0.0
+        return q, self._reached(start, way)
+
+    def _reached(self, start, way) -> bool:
+        """Whether rows that were left out are closed, and motors that were not led are where they should be."""
+        if self._shared:
+            missed = np.abs(pin.difference(self.mechanism.model, start, self.q)[self._columns] - way)
+            if missed.max() > NEARLY:
+                worst = self.motors[int(np.argmax(missed))]
+                self._reason = f"the positions contradict each other: {worst} ends {missed.max():.3g} away from its own"
+                return False
+        if not self._chosen.system.dropped_are_zero and (gap := self._chosen.gap(self.q)) > NEARLY:
+            self._reason = f"rows that depended on others are open by {gap:.2g} m or rad"
+            return False
+        return True
+
+    def _choose(self, q) -> bool:
+        """Choose coordinates anew at `q`; False where that changes nothing, or they would be others in kind."""
+        fresh, old = Coordinates(self._solver, self._columns, q), self._chosen
+        same = np.array_equal(fresh.columns, old.columns) and np.array_equal(fresh.system.kept, old.system.kept)
+        if same or (fresh.n_motors, len(fresh.columns)) != (old.n_motors, len(old.columns)):
+            return False
+        self._chosen = fresh
+        return True
+
+    def _singular(self, q) -> str:
+        sizes, motions = weakest(self._solver.rows, q, self._columns, self._solver.loop_rows.turns)
+        n = self._chosen.n_motors
+        names = ", ".join(joints_in(self.mechanism, motions[:, n - 1 : len(sizes) - len(self.free)]))
+        at = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.motors, self.positions(q), strict=True))
+        return (
+            f"at {at}: a singular position, condition {sizes[n - 1]:.1e}, where {names} can move with the motors held"
+        )
+
+    def condition(self, q=None) -> float:
+        """How well the motors determine the motion in a configuration `q` (default: the last one): from 0 to 1.
+
+        The smallest singular value of what the motors see of the motions that the loops allow: 0 in a singular
+        position, where the mechanism can move with its motors held.
+        """
+        turns = self._solver.loop_rows.turns
+        return float(weakest(self._solver.rows, self._q(q), self._columns, turns)[0][self._chosen.n_motors - 1])
+
+    def _q(self, q) -> np.ndarray:
+        if q is None:
+            return self.q
+        model = self.mechanism.model
+        if isinstance(q, np.ndarray) and q.shape == (model.nq,):
+            return q
+        return self.mechanism.configuration(q, base=self.q)
+
+    def _of_motors(self, values, what, full=True) -> tuple[bool, np.ndarray]:
+        """Whether `values` are of all joints, and they, or those of the motors."""
+        count, nv = len(self._columns), self.mechanism.nv
+        if values is None:
+            return False, np.zeros(count)
+        if isinstance(values, Mapping):
+            if wrong := [joint for joint in values if joint not in self._joints]:
+                raise InputError(f"{what}: {wrong[0]!r} is no motor; the motors are {', '.join(self._joints)}")
+            return False, self.mechanism.velocity(values)[self._columns]
+        values = finite_array(values, what)
+        if values.shape not in ((count,), (nv,) if full else (count,)):
+            also = f", or ({nv},) of all joints" if full else ""
+            raise InputError(f"{what} needs shape ({count},), for {', '.join(self.motors)}{also}; got {values.shape}")
+        return values.shape != (count,), values
+
+    def _basis(self, q, J):
+        """Z and B⁻¹ of the coordinates at `q`, where other ones are chosen if these are not good."""
+        found = self._chosen.basis(J)
+        if found is None and self._choose(q):
+            found = self._chosen.basis(self._chosen.rows(q)[1])
+        if found is None:
+            raise SingularSystemError(f"{self.mechanism.name}, {self._singular(q)}")
+        return found
+
+    def _seen(self, Z):
+        """The motors' velocities for unit ones of those that are coordinates: (m, n_motors)."""
+        return Z[self._columns, : self._chosen.n_motors]
+
+    def _require_mobile(self):
+        """Raise SingularSystemError where motors do not move because the loops hold them."""
+        chosen = self._chosen
+        Z, _ = chosen.basis(chosen.rows(self.q)[1]) or (np.zeros((self.mechanism.nv, 1)), None)
+        still = [name for name, row in zip(self.motors, Z[self._columns], strict=True) if np.abs(row).max() < HELD]
+        if still:
+            raise SingularSystemError(
+                f"{self.mechanism.name}: these motors cannot move: {', '.join(still)}; the loops hold them. This is a "
+                "dead centre, or they are locked: begin elsewhere, Actuation(mech, motors, q), or leave them out",
+                names=tuple(still),
+            )
+
+
+def _without_motors(mech, joints) -> Mechanism:
+    """The mechanism without the drives of these joints; InputError where something else moves with time."""
+    for joint in joints:
+        mech.joint_index(joint)
+    loops = [loop for loop in mech.loops if not (isinstance(loop, Drive) and loop.joint in joints)]
+    for loop in loops:
+        still = isinstance(loop, Drive) and isinstance(loop.curve, Motion) and not any(loop.curve.numbers[1:3])
+        if (isinstance(loop, Drive) and not still) or getattr(loop, "moving", False):
+            raise InputError(
+                f"{mech.name}: {loop.name!r} moves with time; name its joint among the motors, or leave it out"
+            )
+    return replace(mech, loops=tuple(loops))
+
+
+def _goals(positions):
+    """One mapping for each row of a batch."""
+    n = max(np.size(value) for value in positions.values())
+    columns = {joint: np.broadcast_to(finite_array(value, joint), (n,)) for joint, value in positions.items()}
+    return [{joint: column[i] for joint, column in columns.items()} for i in range(n)]

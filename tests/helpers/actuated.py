@@ -1,0 +1,107 @@
+"""Mechanisms with motors whose positions are known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+import pinconsist as pc
+from helpers.bodies import circles_meet
+from helpers.scenes import add_body, add_point, at
+
+CRANK, DISTAL, APART = 0.25, 0.3, 0.2  # of five_bar: its distal links are too short for some crank angles
+
+
+def five_bar() -> pc.Mechanism:
+    """Two cranks about y on the ground and two distal links that share their tips, in the plane x-z."""
+    model, ends = pin.Model(), []
+    for side, x in (("left", -APART / 2), ("right", APART / 2)):
+        crank = add_body(model, 0, pin.JointModelRY(), at(x, 0), f"{side}_crank", 0.4, (CRANK / 2, 0, 0), 2e-3)
+        distal = add_body(
+            model, crank, pin.JointModelRY(), at(CRANK, 0), f"{side}_distal", 0.5, (DISTAL / 2, 0, 0), 4e-3
+        )
+        add_point(model, distal, f"{side}_tip", DISTAL, 0)
+        ends.append(f"{side}_tip")
+    guess = five_bar_configuration(-2.0, -1.2)
+    closed = pc.Loop("tip", "hinge", *ends, axis=(0, 1, 0))
+    return pc.Mechanism(model, [closed], name="five_bar", guess=guess, actuated=("left_crank", "right_crank"))
+
+
+def elbows(left, right):
+    """The ends of the cranks in the plane of x and height, two arrays (2,)."""
+    return tuple(
+        np.array([x + CRANK * np.cos(angle), -CRANK * np.sin(angle)])
+        for x, angle in ((-APART / 2, left), (APART / 2, right))
+    )
+
+
+def five_bar_configuration(left, right):
+    """(left crank, left distal, right crank, right distal) with the tip on the left of the line from elbow to elbow."""
+    ends = elbows(left, right)
+    tip = circles_meet(ends[0], DISTAL, ends[1], DISTAL, left=True)
+    turns = [
+        np.arctan2(-(tip - end)[1], (tip - end)[0]) - angle for end, angle in zip(ends, (left, right), strict=True)
+    ]
+    return np.array([left, turns[0], right, turns[1]])
+
+
+def five_bar_side(q) -> float:
+    """On which side of the line from elbow to elbow the tip is: its distance, m, positive on the left."""
+    (p, r), angle = elbows(q[0], q[2]), q[0] + q[1]
+    along, arm = r - p, DISTAL * np.array([np.cos(angle), -np.sin(angle)])
+    return float(along[0] * arm[1] - along[1] * arm[0]) / max(float(np.linalg.norm(along)), 1e-12)
+
+
+HORN, ROD, HEIGHT, BACK, WIDE = 0.04, 0.26, 0.25, 0.05, 0.03
+"""Of ankle: the motors' horns, the rods, the motors' height over the ankle, and where the rods meet the foot."""
+
+
+def ankle() -> pc.Mechanism:
+    """A foot on two hinges, pitch about y and roll about x, moved by two motors over two rods behind it."""
+    model = pin.Model()
+    pitch = add_body(model, 0, pin.JointModelRY(), pin.SE3.Identity(), "pitch", 0.05, (0, 0, 0), 1e-5)
+    roll = add_body(model, pitch, pin.JointModelRX(), pin.SE3.Identity(), "roll", 0.8, (0.04, 0, -0.03), 2e-3)
+    loops = []
+    for name, y in (("left", WIDE), ("right", -WIDE)):
+        motor = add_body(model, 0, pin.JointModelRY(), at(0, y, HEIGHT), name, 0.05, (-HORN / 2, 0, 0), 1e-5)
+        model.armature[model.idx_vs[motor]] = 0.01
+        add_point(model, motor, f"{name}_horn", -HORN, 0)
+        add_point(model, roll, f"{name}_heel", -BACK, y)
+        loops.append(pc.Loop(f"{name}_rod", "distance", f"{name}_horn", f"{name}_heel", length=ROD))
+    add_point(model, roll, "sole", 0, 0, -0.06)
+    angles = ankle_motors(0.0, 0.0)
+    guess = {"left": angles[0], "right": angles[1]}
+    return pc.Mechanism(model, loops, name="ankle", guess=guess, actuated=("left", "right"))
+
+
+def ankle_motors(pitch, roll):
+    """The motor angles of a foot, in closed form: the rod's length gives A sin α + B cos α = C."""
+    R = pin.rpy.rpyToMatrix(0.0, pitch, 0.0) @ pin.rpy.rpyToMatrix(roll, 0.0, 0.0)
+    angles = []
+    for y in (WIDE, -WIDE):
+        heel = R @ np.array([-BACK, y, 0.0])
+        dx, dy, dz = np.array([0.0, y, HEIGHT]) - heel  # the horn is at motor + HORN (-cos α, 0, sin α)
+        A, B, C = 2 * HORN * dz, -2 * HORN * dx, ROD**2 - HORN**2 - dx**2 - dy**2 - dz**2
+        angles.append(np.arctan2(A, B) - np.arccos(C / np.hypot(A, B)))
+    return np.array(angles)
+
+
+FOOT, TOP = 0.5, 0.7  # of boom: from the boom's hinge to the cylinder's, and to the eye of its rod
+
+
+def boom() -> pc.Mechanism:
+    """A boom about y, raised by a hydraulic cylinder: barrel on a hinge, rod that slides along its x."""
+    model = pin.Model()
+    lever = add_body(model, 0, pin.JointModelRY(), pin.SE3.Identity(), "boom", 20.0, (0.9, 0, 0), 5.0)
+    add_point(model, lever, "eye", TOP, 0)
+    barrel = add_body(model, 0, pin.JointModelRY(), at(0, 0, -FOOT), "barrel", 3.0, (0.2, 0, 0), 0.05)
+    rod = add_body(model, barrel, pin.JointModelPX(), pin.SE3.Identity(), "cylinder", 2.0, (-0.1, 0, 0), 0.02)
+    add_point(model, rod, "clevis", 0, 0)
+    pin_loop = pc.Loop("pin", "hinge", "clevis", "eye", axis=(0, 1, 0))
+    guess = {"boom": 0.0, "barrel": -np.arctan2(FOOT, TOP), "cylinder": np.hypot(FOOT, TOP)}
+    return pc.Mechanism(model, [pin_loop], name="boom", guess=guess, actuated=("cylinder",))
+
+
+def boom_angle(length):
+    """The angle of the boom, up is negative, for a length of the cylinder: the law of cosines."""
+    return np.pi / 2 - np.arccos((FOOT**2 + TOP**2 - length**2) / (2 * FOOT * TOP))
