@@ -25,6 +25,8 @@ from .errors import UserFunctionError as UserFunctionError
 from .formats.catalogue import models as models
 from .formats.load import load as load
 from .formats.write import write as write
+from .gradients.gradient import Gradient as Gradient
+from .gradients.gradient import gradient as gradient
 from .gradients.sensitivities import Sensitivities as Sensitivities
 from .gradients.sensitivities import sensitivities as sensitivities
 from .mechanism.assembly import Assembly as Assembly

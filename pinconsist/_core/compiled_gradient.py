@@ -19,14 +19,14 @@ def index1_of(system, compiled: bool) -> Index1:
     return CompiledIndex1(system, compiled_system(system))
 
 
-def completer(index1):
-    """The compiled way to the multipliers of all rows, see :meth:`MechanismSystem.full_multipliers`, or None."""
-    if not isinstance(index1, CompiledIndex1) or index1.system.dropped_are_zero:
-        return None
+def all_rows(index1):
+    """The function of a configuration that gives J of all rows of a mechanism's loops, (n_multipliers, nv)."""
     system = index1.system
-    all_rows = load()[0].MechanismSystem(system.model, system.data)
-    system.hand_over_all_rows(all_rows)
-    return all_rows.complete
+    if not isinstance(index1, CompiledIndex1):
+        return lambda q: system.loop_rows(q)[1]
+    compiled, still = load()[0].MechanismSystem(system.model, system.data), np.zeros(system.nv)
+    system.hand_over_all_rows(compiled)
+    return lambda q: compiled.evaluate(system.chosen_at, q, still, still)[2]
 
 
 def follower(index1, residuals):
@@ -54,6 +54,18 @@ class CompiledFollower:
         singular = self._core.forward(self._index1.compiled, *_columns(leg), leg.tables)
         if singular >= 0:
             raise SingularSystemError(singular_message(leg.t[singular]))
+
+    def backward(self, leg, seeds):
+        """See :func:`pinconsist.gradients.forward.follow_back`."""
+        weights = np.zeros((len(leg.t), leg.system.nv + 2 * leg.system.nc))
+        singular = self._core.backward(self._index1.compiled, *_columns(leg), seeds, weights)
+        if singular >= 0:
+            raise SingularSystemError(singular_message(leg.t[singular]))
+        return weights
+
+    def weigh(self, leg, index1, weights) -> float:
+        """See :func:`pinconsist.gradients.forward.weigh`."""
+        return self._core.weigh(self._index1.compiled, *_columns(leg), index1.compiled, weights)
 
 
 def _columns(leg):

@@ -27,8 +27,8 @@ public:
 
   explicit LinearStep(System &system) : system_(system), kkt_(system.nv, system.nc, false) {}
 
-  // At step `i` of a leg; false where the matrix is singular.
-  bool set(const Leg &leg, int i) {
+  // The state (p, v, a, λ) at step `i` of a leg; returns its time.
+  double visit(const Leg &leg, int i) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc, k = static_cast<int>(leg.k[i]);
     const Eigen::Map<const Table> Z(leg.Z + static_cast<long>(i) * bdf::ROWS * (nx + nv + nc), bdf::ROWS, nx + nv + nc);
     const double t = leg.t[i], h = leg.h[i];
@@ -40,6 +40,13 @@ public:
     lam_ = y.tail(nc);
     a_.setZero(nv);
     for (int j = 1; j <= k; ++j) a_ += Z.row(j).segment(nx, nv).transpose() / (j * h);
+    return t;
+  }
+
+  // At step `i` of a leg; false where the matrix is singular.
+  bool set(const Leg &leg, int i) {
+    const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
+    const double t = visit(leg, i);
     differentiate_rows(t);
     system_.evaluate_parts(t, p_, v_, a_, M, f_v_, B);
     W = WE = system_.W;
@@ -75,6 +82,33 @@ public:
     rhs_.topRows(nv).setZero();
     kkt_.solve(rhs_, c, P);
     s.bottomRows(nv + nc) -= rhs_;
+  }
+
+  // The transpose of `forward`, of one column: y becomes the derivative by ψ, its last part zero. `weights` are those of
+  // r_θ, Φ_θ and ρ_θ in the derivative by θ.
+  void backward(Vec &y, Vec &weights) {
+    const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
+    Vec x = y.head(nx), rest = -y.tail(nv + nc);
+    kkt_.solve_transposed(rest);
+    weights.resize(nv + 2 * nc);
+    weights.tail(nc) = rest.tail(nc);
+    x += H.transpose() * rest.tail(nc);
+    const Vec moved = E.size() ? Vec(E.transpose() * x) : x;
+    y.segment(nx, nv) += W.transpose() * rest.tail(nc) + c * moved;
+    rest = y.tail(nv + nc);
+    kkt_.solve_transposed(rest);
+    weights.head(nv) = -c * rest.head(nv);
+    weights.segment(nv, nc) = -rest.tail(nc) / c;
+    y.head(nx) = moved - B.transpose() * rest.head(nv) - WE.transpose() * rest.tail(nc) / c;
+    y.segment(nx, nv) = M.transpose() * rest.head(nv);
+    y.tail(nc).setZero();
+  }
+
+  // The residuals (r, Φ, ρ) of another system at the state visited.
+  void residuals(System &other, double t, Vec &all) {
+    other.evaluate(t, p_, v_, a_);
+    all.resize(system_.nv + 2 * system_.nc);
+    all << other.f - other.G_transposed().transpose() * lam_, other.phi, other.rho;
   }
 
 private:
@@ -147,17 +181,57 @@ public:
     return -1;
   }
 
+  // The transpose: `seeds`, (1+n, ROWS, nx+nv+nc), are the derivatives of a number by each table; the first becomes that by
+  // the table of the history, with all that follows from it. `weights`, (n, nv+2 nc), as of LinearStep.
+  int backward(const Leg &leg, double *seeds, double *weights) {
+    const int ny = system_.nx + system_.nv + system_.nc, nw = system_.nv + 2 * system_.nc;
+    const long size = static_cast<long>(bdf::ROWS) * ny;
+    Vec y, w;
+    for (int i = leg.steps, change = static_cast<int>(leg.changed.size()); i > 0; --i) {
+      const bool changed = change > 0 && leg.changed[change - 1] == i - 1;
+      const double *changes = changed ? leg.changes + static_cast<long>(--change) * bdf::ROWS * bdf::ROWS : nullptr;
+      const int k = static_cast<int>(leg.k[i]);
+      Table B = Eigen::Map<const Table>(seeds + i * size, bdf::ROWS, ny);
+      for (int j = 0; j <= k; ++j) B.row(j + 1) += B.row(j); // the transpose of bdf::advance
+      const Eigen::RowVectorXd newest = B.row(k + 2);
+      y = (B.row(k + 1) + newest).transpose();
+      B.row(k + 1) = -newest;
+      B.row(k + 2).setZero();
+      const Eigen::RowVectorXd predicted = -y.transpose();
+      if (!step.set(leg, i)) return i - 1;
+      step.backward(y, w);
+      Eigen::Map<Vec>(weights + static_cast<long>(i - 1) * nw, nw) = w;
+      for (int j = 0; j <= k; ++j) B.row(j) += predicted + (1.0 - bdf::gamma(j) / bdf::alpha(k)) * y.transpose();
+      if (!system_.curved.empty()) recenter(leg, i, changes, B, k + 2, 1, true);
+      if (changes) B = (Eigen::Map<const Table>(changes, bdf::ROWS, bdf::ROWS).transpose() * B).eval();
+      Eigen::Map<Table>(seeds + (i - 1) * size, bdf::ROWS, ny) += B;
+    }
+    return -1;
+  }
+
+  // Σ weights · residuals of another system over the steps.
+  double weigh(const Leg &leg, System &other, const double *weights) {
+    const int nw = system_.nv + 2 * system_.nc;
+    double sum = 0.0;
+    Vec all;
+    for (int i = 1; i <= leg.steps; ++i) {
+      step.residuals(other, step.visit(leg, i), all);
+      sum += all.dot(Eigen::Map<const Vec>(weights + static_cast<long>(i - 1) * nw, nw));
+    }
+    return sum;
+  }
+
 private:
-  // Carry S from the chart of the step before to that of step `i`.
-  void recenter(const Leg &leg, int i, const double *changes, Table &S, int rows, int P) {
+  // Carry S from the chart of the step before to that of step `i`, or the transpose.
+  void recenter(const Leg &leg, int i, const double *changes, Table &S, int rows, int P, bool back = false) {
     const int nx = system_.nx, ny = nx + system_.nv + system_.nc;
     Table Z = Eigen::Map<const Table>(leg.Z + static_cast<long>(i - 1) * bdf::ROWS * ny, bdf::ROWS, ny).leftCols(nx);
     if (changes) Z = (Eigen::Map<const Table>(changes, bdf::ROWS, bdf::ROWS) * Z).eval();
     const Vec base = Eigen::Map<const Vec>(leg.base + static_cast<long>(i - 1) * system_.npos, system_.npos);
     const Vec centre = Eigen::Map<const Vec>(leg.base + static_cast<long>(i) * system_.npos, system_.npos);
-    const Mat &D = bdf::differences(rows - 1);
+    const Mat D = bdf::differences(rows - 1), way = back ? Mat(D.transpose()) : D;
     const Table past = D * Z.topRows(rows);
-    Table carried = D * S.topRows(rows);
+    Table carried = way * S.topRows(rows);
     Vec there(system_.npos), xi(nx);
     Mat T, T_new;
     for (int j = 0; j < rows; ++j) {
@@ -166,7 +240,8 @@ private:
       system_.chart_matrix(past.row(j).transpose(), T);
       system_.chart_matrix(xi, T_new);
       for (auto [first, size] : system_.curved) {
-        const Mat block = T_new.block(first, first, size, size) * T.block(first, first, size, size).inverse();
+        Mat block = T_new.block(first, first, size, size) * T.block(first, first, size, size).inverse();
+        if (back) block.transposeInPlace();
         for (int q = 0; q < P; ++q) {
           auto part = carried.row(j).segment(q * ny + first, size);
           part = (block * part.transpose()).transpose().eval();
@@ -175,7 +250,7 @@ private:
     }
     for (auto [first, size] : system_.curved)
       for (int q = 0; q < P; ++q)
-        S.block(0, q * ny + first, rows, size) = D * carried.middleCols(q * ny + first, size);
+        S.block(0, q * ny + first, rows, size) = way * carried.middleCols(q * ny + first, size);
   }
 
   System &system_;

@@ -43,6 +43,20 @@ void bind_gradients(nb::module_ &m) {
               Array<double, 4> tables) {
              const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
              return beside(calls_python(system, f.step), [&] { return f.forward(leg, tables.data()); });
+           })
+      .def("backward",
+           [](Follower &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
+              Array<const double, 2> base, Array<const double, 3> Z, std::vector<int> changed, Array<const double, 3> changes,
+              Array<double, 3> seeds, Array<double, 2> weights) {
+             const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
+             return beside(system.calls_python(), [&] { return f.backward(leg, seeds.data(), weights.data()); });
+           })
+      .def("weigh",
+           [](Follower &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
+              Array<const double, 2> base, Array<const double, 3> Z, std::vector<int> changed, Array<const double, 3> changes,
+              System &other, Array<const double, 2> weights) {
+             const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
+             return beside(system.calls_python() || other.calls_python(), [&] { return f.weigh(leg, other, weights.data()); });
            });
 }
 

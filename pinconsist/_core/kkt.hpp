@@ -76,6 +76,23 @@ public:
     }
   }
 
+  // x = A⁻ᵀ x
+  void substitute_transposed(double *x) const {
+    if (n_ >= Lapack::LARGE) {
+      char transposed = 'T';
+      int n = n_, one = 1, info = 0;
+      Lapack::solve(&transposed, &n, &one, const_cast<double *>(lu_.data()), &n, const_cast<int *>(pivots_.data()), x, &n, &info);
+      return;
+    }
+    for (int k = 0; k < n_; ++k) {
+      for (int i = 0; i < k; ++i) x[k] -= lu_(i, k) * x[i];
+      x[k] /= lu_(k, k);
+    }
+    for (int k = n_; k-- > 0;)
+      for (int i = k + 1; i < n_; ++i) x[k] -= lu_(i, k) * x[i];
+    for (int k = n_; k-- > 0;) std::swap(x[k], x[pivots_[k]]);
+  }
+
 private:
   void substitute(double *x) const {
     for (int k = 0; k < n_; ++k) std::swap(x[k], x[pivots_[k]]);
@@ -130,6 +147,9 @@ public:
       x.rightCols(columns - dense) = (of_constraints_ * x.bottomRightCorner(nc, columns - dense)).eval();
     if (c != c_) x.bottomRows(nc) *= c_ / c;
   }
+
+  // x = K⁻ᵀ x with the last factors and their c.
+  void solve_transposed(Eigen::VectorXd &x) const { lu_.substitute_transposed(x.data()); }
 
 private:
   static constexpr int FEW = 8; // velocities for each constraint from which these are few

@@ -39,6 +39,10 @@ class KKT:
         """K⁻¹ rhs, for `rhs` of shape (nv+nc,) or (nv+nc, columns)."""
         return dgetrs(self._lu, self._pivots, rhs)[0]
 
+    def solve_transposed(self, rhs):
+        """K⁻ᵀ rhs, for `rhs` of shape (nv+nc,)."""
+        return dgetrs(self._lu, self._pivots, rhs, trans=1)[0]
+
 
 def columns(nv, nc, *parts):
     """Right-hand sides of K, shape (nv+nc, len(parts)), from pairs (upper, lower); a part may be 0."""

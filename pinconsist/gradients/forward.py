@@ -14,7 +14,7 @@ import numpy as np
 from ..dae import bdf
 from ..dae.charts import chart_matrix
 from ..dae.dense import Segment, Tables
-from .linear import Step
+from .linear import Step, state_of
 
 
 @dataclass
@@ -58,20 +58,35 @@ class Leg:
         return [np.concatenate(([value], getattr(self, name))) for name, value in pairs]
 
     def at(self, times, sign):
-        """(p, a, ds): p (n, npos), ẏ of [ξ | v | λ] and S interpolated, (n, P, nx+nv+nc), tangent at p."""
+        """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
+        p, y, i, basis = self.states(times, sign)
+        s, nx = np.einsum("nj,njpy->npy", basis, self.tables[i, : basis.shape[1]]), self.system.nx
+        if not self.system.vector_like:
+            for row, xi in enumerate(y[:, :nx]):
+                s[row, :, :nx] = np.linalg.solve(chart_matrix(self.system, xi), s[row, :, :nx].T).T
+        return p, y, s
+
+    def states(self, times, sign):
+        """p, [ξ | v | λ], the tables that hold the times, 0 being that of the history, and weights of their rows."""
         t, h, k, base, Z = self.curve()
         ends = np.concatenate(([self.start.end], self.ends))
         i = np.minimum(np.searchsorted(sign * ends, sign * times), len(ends) - 1)
         basis = bdf.interpolate(highest := int(k.max()), (times - t[i]) / h[i])
         basis[np.arange(highest + 1) > k[i, None]] = 0.0
         y = np.einsum("nj,njy->ny", basis, Z[i, : highest + 1])
-        s = np.einsum("nj,njpy->npy", basis, self.tables[i, : highest + 1])
-        nx = self.system.nx
+        xi = y[:, : self.system.nx]
         if self.system.vector_like:
-            return y[:, :nx], y, s
-        for row, xi in enumerate(y[:, :nx]):
-            s[row, :, :nx] = np.linalg.solve(chart_matrix(self.system, xi), s[row, :, :nx].T).T
-        return np.array([self.system.integrate(*pair) for pair in zip(base[i], y[:, :nx], strict=True)]), y, s
+            return xi, y, i, basis
+        return np.array([self.system.integrate(*pair) for pair in zip(base[i], xi, strict=True)]), y, i, basis
+
+    def sow(self, times, derivatives, seeds, sign) -> None:
+        """Add to `seeds`, see :func:`follow_back`, the derivatives of a number by s at times, (n, nx+nv+nc)."""
+        _, y, holders, basis = self.states(times, sign)
+        nx = self.system.nx
+        for i, row, weights, s in zip(holders, y, basis, np.array(derivatives), strict=True):
+            if not self.system.vector_like:
+                s[:nx] = np.linalg.solve(chart_matrix(self.system, row[:nx]).T, s[:nx])
+            seeds[i, : len(weights)] += np.outer(weights, s)
 
 
 def legs_of(dense) -> list[Leg]:
@@ -112,11 +127,46 @@ def follow(leg, residuals, S) -> None:
         leg.tables[i + 1] = S
 
 
-def recenter(system, base, new_base, Z, S, rows) -> None:
-    """Carry S from the chart at `base`, where the run's table is `Z`, to that at `new_base`; in place."""
+def follow_back(leg, seeds):
+    """Weights (n, nv+2 nc) of (r_θ, Φ_θ, ρ_θ) in the derivative of a number by θ: the transpose of :func:`follow`.
+
+    `seeds`, (1+n, ROWS, nx+nv+nc), are the derivatives of the number by each of the tables S. The first becomes the one
+    by the table of the history, with all that follows from it.
+    """
+    system, curve = leg.system, list(zip(*leg.curve(), strict=True))
+    nx, nv = system.nx, system.nv
+    weights = np.zeros((len(leg.t), nv + 2 * system.nc))
+    for i in reversed(range(len(leg.t))):
+        (*_, base, Z), (t, h, k, centre, Z_new) = curve[i : i + 2]
+        B = bdf.advance(k).T @ seeds[i + 1]
+        newest = B[k + 2].copy()
+        B[k + 2] = 0.0
+        psi, weights[i] = Step(system, t, h, k, centre, Z_new, []).backward(newest)
+        B[: k + 1] -= newest
+        B[: k + 1, : nx + nv] += bdf.predictor(k)[1][:, None] * psi
+        if not system.vector_like:
+            recenter(system, base, centre, leg.changes[i] @ Z, B[:, None], k + 2, back=True)
+        seeds[i] += leg.changes[i].T @ B
+    return weights
+
+
+def weigh(leg, index1, weights) -> float:
+    """Σ weights · (r, Φ, ρ) of the system of `index1` over the steps of a leg."""
+    total = 0.0
+    for row, t, h, k, base, Z in zip(weights, *(part[1:] for part in leg.curve()), strict=True):
+        p, v, a, lam = state_of(leg.system, h, k, base, Z)
+        f, phi, G, rho = index1.system.evaluate(t, p, v, a)
+        total += row @ np.concatenate((f - G @ lam, phi, rho))
+    return total
+
+
+def recenter(system, base, new_base, Z, S, rows, back=False) -> None:
+    """Carry S from the chart at `base`, where the run's table is `Z`, to `new_base`, in place; or the transpose."""
     D, nx = bdf.differences(rows - 1), system.nx
-    past = np.tensordot(D, S[:rows, :, :nx], 1)
+    way = D.T if back else D
+    past = np.tensordot(way, S[:rows, :, :nx], 1)
     for xi, s in zip(D @ Z[:rows, :nx], past, strict=True):
         there = system.difference(new_base, system.integrate(base, xi))
-        s[:] = s @ (chart_matrix(system, there) @ np.linalg.inv(chart_matrix(system, xi))).T
-    S[:rows, :, :nx] = np.tensordot(D, past, 1)
+        carry = chart_matrix(system, there) @ np.linalg.inv(chart_matrix(system, xi))
+        s[:] = s @ (carry if back else carry.T)
+    S[:rows, :, :nx] = np.tensordot(way, past, 1)

@@ -6,7 +6,7 @@ import numpy as np
 
 from .._core.compiled_gradient import follower
 from .forward import follow
-from .linear import NUDGE
+from .redundant import Completion
 from .starts import Crossing, first_table, later_table
 from .variants import CENTRAL
 
@@ -26,6 +26,7 @@ class Lead:
     def run(self):
         """Fill rows and event times."""
         variants, base, S = self.variants, self.base, None
+        times = times_of(self.solution, self.legs, self.sign)
         for leg, following in zip(self.legs, [*self.legs[1:], None], strict=True):
             if S is None:
                 S = first_table(variants, leg, leg.start.t_old)
@@ -39,7 +40,7 @@ class Lead:
             self.work["steps"] += len(leg.t)
             self.work["evaluations"] += len(leg.t) * sum(map(len, residuals))
             changed = self._cross(leg, following)
-            self._take_rows(leg, following)
+            self.rows.append(self.finished(leg, next(times), self.sign))
             if following is not None:
                 S = later_table(variants, base, following, changed)
                 self.work["starts"] += len(variants) * len(CENTRAL)
@@ -47,37 +48,16 @@ class Lead:
 
     def _cross(self, leg, following):
         """Note the events of a leg; the derivatives of the state at which the `following` one begins."""
-        first, last = leg.span
-        applied, crossing = [], None
         for i, times in enumerate(self.solution.t_events):
             for row, t in enumerate(times):
-                inside = self.sign * (t - first) > 0 and self.sign * (t - last) <= 0
-                if not inside:
-                    continue
-                crossing_here = Crossing(i, float(t), leg, self.variants, self.base, self.sign, _full)
-                self.event_times[i][row] = crossing_here.dt
-                if abs(t - last) <= AT_ONCE * max(1.0, abs(last)) and self.base.events[i].apply is not None:
-                    applied, crossing = [*applied, i], crossing or crossing_here
+                if self.sign * (t - leg.span[0]) > 0 and self.sign * (t - leg.span[1]) <= 0:
+                    s = leg.at(np.array([t]), self.sign)[2][0]
+                    crossing = Crossing(i, float(t), leg, self.variants, self.base, self.sign, s)
+                    self.event_times[i][row] = crossing.dt
         if following is None:
             return None
-        if crossing is not None:
-            return crossing.after(applied, self.variants, self.base, following)
-        nx, nv = leg.system.nx, leg.system.nv
-        return leg.at(np.array([last]), self.sign)[2][0, :, : nx + nv]
-
-    def _take_rows(self, leg, following):
-        """The rows of the solution in a leg: at an event that changes the state one before it and one after."""
-        t, sign, taken = self.solution.t, self.sign, sum(map(len, self.rows))
-        n = int(np.searchsorted(sign * t, sign * leg.span[1], side="right"))
-        if following is not None:
-            at_once = n - int(np.searchsorted(sign * t, sign * leg.span[1], side="left"))
-            jumped = not np.array_equal(following.start(following.start.t_old)[1], self._end(leg)[1])
-            n -= at_once == 2 or (at_once == 1 and jumped and len(self.solution.h) == 0)
-        self.rows.append(self.finished(leg, t[taken:n], sign))
-
-    def _end(self, leg):
-        (p,), (y,), _ = leg.at(np.array([leg.span[1]]), self.sign)
-        return p, y[leg.system.nx : leg.system.nx + leg.system.nv]
+        (s,) = leg.at(np.array([leg.span[1]]), self.sign)[2]
+        return through(leg, following, self.solution, self.variants, self.base, self.sign, s)
 
     def finished(self, leg, times, sign):
         """[dq | dv | dlam], (n, P, …), with the multipliers as the user sees them."""
@@ -91,23 +71,37 @@ class Lead:
         if system.dropped_are_zero:
             rows[..., nx + nv :] = system.full_multipliers(p[:, None], s[..., nx + nv :])
             return rows
-        for i, variant in enumerate(self.variants):
-            rows[:, i, nx + nv :] = _full_rates(self.base, variant, system, p, y[:, nx + nv :], s[:, i])
+        for q, row, derivatives, full in zip(p, y, s, rows, strict=True):
+            completion = Completion(self.base, system, q, row[nx + nv :])
+            for variant, own, found in zip(self.variants, derivatives, full, strict=True):
+                found[nx + nv :] = completion.forward(variant, own[:nx], own[nx + nv :])
         return rows
 
 
-def _full(system, p, lam):
-    return system.full_multipliers(p, lam)
+def times_of(solution, legs, sign):
+    """The times of the solution's rows in each leg: at an event that changes the state one before it and one after."""
+    t, taken = solution.t, 0
+    for leg, following in zip(legs, [*legs[1:], None], strict=True):
+        end = leg.span[1]
+        n = int(np.searchsorted(sign * t, sign * end, side="right"))
+        if following is not None:
+            at_once = n - int(np.searchsorted(sign * t, sign * end, side="left"))
+            only_after = at_once == 1 and len(solution.h) == 0 and bool(applied_at(solution, end))
+            n -= at_once == 2 or only_after
+        yield t[taken:n]
+        taken = n
 
 
-def _full_rates(base, variant, system, q, lam, s):
-    """The derivatives of the multipliers of all rows, from states (n, …) and their derivatives."""
-    s_q, s_lam = s[:, : system.nx], s[:, system.nx + system.nv :]
-    size = NUDGE / np.maximum(np.abs(s_q).max(axis=1, initial=0.0), 1e-300)
-    moved = size[:, None] * s_q
-    sides = [np.array([system.integrate(*row) for row in zip(q, way, strict=True)]) for way in (moved, -moved)]
-    ahead, behind = (base.multipliers(system, side, lam) for side in sides)
-    rates = (ahead - behind) / (2.0 * size[:, None]) + base.multipliers(system, q, s_lam)
-    if not variant.inert:
-        rates = rates + variant.derivative(lambda side: side.multipliers(system, q, lam))
-    return rates
+def applied_at(solution, end) -> list[int]:
+    """The events at a time that change the state."""
+    near = AT_ONCE * max(1.0, abs(end))
+    events = enumerate(zip(solution._events, solution.t_events, strict=True))
+    return [i for i, (event, times) in events if event.apply is not None and (np.abs(times - end) <= near).any()]
+
+
+def through(leg, following, solution, variants, base, sign, s):
+    """The derivatives (P, nx+nv) of the state where the `following` leg begins, from those, `s`, where `leg` ends."""
+    t, nx, nv = leg.span[1], leg.system.nx, leg.system.nv
+    if not (applied := applied_at(solution, t)):
+        return s[:, : nx + nv]
+    return Crossing(applied[0], t, leg, variants, base, sign, s).after(applied, variants, base, following)

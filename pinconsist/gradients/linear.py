@@ -37,9 +37,7 @@ class Step:
     def __init__(self, system, t, h, k, base, Z, residuals):
         nx, nv = system.nx, system.nv
         self.nv, self.c = nv, (c := h / bdf.alpha(k))
-        p = Z[0, :nx] if system.vector_like else system.integrate(base, Z[0, :nx])
-        v, lam = Z[0, nx : nx + nv], Z[0, nx + nv :]
-        a = (1.0 / np.arange(1, k + 1)) @ Z[1 : k + 1, nx : nx + nv] / h
+        p, v, a, lam = state_of(system, h, k, base, Z)
         _, _, G, _ = (np.array(each) for each in system.evaluate(t, p, v, a))
         self.M, f_v, f_x = system.matrices(t, p, v, a)
         F, self.H = row_gradients(system, t, p, v, lam)
@@ -50,7 +48,7 @@ class Step:
         self.B = c * (f_x - F) @ self.E
         self.kkt = KKT(self.M + c * f_v + c * self.B, G, self.WE, c)
         parts = [_residual_rate(each, t, p, v, a, lam) for each in residuals]
-        self.r, self.phi, self.rho = (np.array(part).reshape(len(residuals), -1) for part in zip(*parts, strict=True))
+        self.r, self.phi, self.rho = map(np.array, zip(*parts, strict=True)) if parts else (None, None, None)
 
     def forward(self, psi):
         """(s_ξ, s_v, s_λ), shape (P, nx+nv+nc), from the derivatives `psi` of ψ, shape (P, ≥ nx+nv)."""
@@ -62,6 +60,27 @@ class Step:
         hidden = self.rho + s_x @ self.H.T + s[:, :nv] @ self.W.T
         s -= self.kkt.solve(np.hstack((np.zeros_like(x), hidden)).T).T
         return np.hstack((s_x, s))
+
+    def backward(self, s):
+        """(psi, weights): the transpose of :meth:`forward`, of one row `s`, (nx+nv+nc,).
+
+        `psi`, (nx+nv,), is the derivative of a number by ψ, where `s` is that by the step's own values; `weights`,
+        (nv+2 nc,), are those of (r_θ, Φ_θ, ρ_θ) in its derivative by θ.
+        """
+        nv, c = self.nv, self.c
+        hidden = self.kkt.solve_transposed(-s[nv:])[nv:]
+        x = self.E.T @ (s[:nv] + self.H.T @ hidden)
+        up, low = np.split(self.kkt.solve_transposed(s[nv:] + np.append(self.W.T @ hidden + c * x, 0.0 * hidden)), [nv])
+        psi = np.append(x - self.B.T @ up - self.WE.T @ low / c, self.M.T @ up)
+        return psi, np.concatenate((-c * up, -low / c, hidden))
+
+
+def state_of(system, h, k, base, Z):
+    """(p, v, a, λ) at an accepted step."""
+    nx, nv = system.nx, system.nv
+    p = Z[0, :nx] if system.vector_like else system.integrate(base, Z[0, :nx])
+    a = (1.0 / np.arange(1, k + 1)) @ Z[1 : k + 1, nx : nx + nv] / h
+    return p, Z[0, nx : nx + nv], a, Z[0, nx + nv :]
 
 
 def row_gradients(system, t, p, v, lam):

@@ -150,6 +150,17 @@ def sensitivities(
     PinconsistError
         The run failed at its start.
     """
+    run = prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options)
+    solution, legs, variants, base, names = run
+    lead = Lead(solution, legs, variants, base)
+    lead.run()
+    dq, dv, dlam = _parts(np.concatenate(lead.rows), base.mechanism.nv)
+    moved_by = np.array([variant.step for variant in variants])
+    return Sensitivities(solution, names, moved_by, dq, dv, dlam, lead.event_times, lead.work, legs, lead.finished)
+
+
+def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options):
+    """(solution, legs, variants, base, names): the run, and the mechanisms beside the one that was run."""
     if isinstance(build, Mechanism):
         build, names, theta, q0, v0 = named_start(build, theta, q0, v0)
     theta = np.atleast_1d(finite_array(theta, "theta"))
@@ -157,23 +168,18 @@ def sensitivities(
     if steps is not None and len(steps) != len(theta):
         raise InputError(f"steps= needs one for each of the {len(theta)} parameters, got {len(steps)}")
     _check_options(options)
-    span = t_span[0], t_span[1]
-    make = _maker(build, theta, q0, v0, forces, events, backend)
+    make = _maker(build, q0, v0, forces, events, backend)
     base = make(theta)
     solution = simulate(
-        base.mechanism, span, base.q0, base.v0, events=base.events, rtol=rtol, atol=atol, backend=backend,
+        base.mechanism, t_span, base.q0, base.v0, events=base.events, rtol=rtol, atol=atol, backend=backend,
         **{**options, "dense_output": True},
     )  # fmt: skip
     if solution.sol is None:
         raise PinconsistError(f"the run itself failed: {solution.message}")
     legs = legs_of(solution.sol)
     first = legs[0].start
-    variants = variants_of(make, theta, names, steps, base, first.system, first.t_old, *first(first.t_old)[:2])
-    lead = Lead(solution, legs, variants, base)
-    lead.run()
-    dq, dv, dlam = _parts(np.concatenate(lead.rows), first.system.nv)
-    moved_by = np.array([variant.step for variant in variants])
-    return Sensitivities(solution, names, moved_by, dq, dv, dlam, lead.event_times, lead.work, legs, lead.finished)
+    state = first(first.t_old)[:2]
+    return solution, legs, variants_of(make, theta, names, steps, base, first.system, first.t_old, *state), base, names
 
 
 def _parts(rows, nv):
@@ -203,7 +209,7 @@ def _check_options(options):
         )
 
 
-def _maker(build, theta, q0, v0, forces, events, backend):
+def _maker(build, q0, v0, forces, events, backend):
     """``make(theta) -> Side``; the same mechanism for the same object that `build` returns."""
     made: dict = {}
 

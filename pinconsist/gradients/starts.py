@@ -62,7 +62,7 @@ def moved(function, variant, base, system, t, p, v, s, rate=0.0, scale=1.0):
     """
     s_p, s_v = s[: system.nx], s[system.nx :]
     size = max(np.abs(s_p).max(), (np.abs(s_v) / (1.0 + np.abs(v))).max(), abs(rate) / scale)
-    change = 0.0
+    change = 0.0 if size > 0.0 or not variant.idle else 0.0 * function(base, t, p, v)
     if size > 0.0:
         e = NUDGE / size
         for m, weight in CENTRAL.items():
@@ -74,18 +74,20 @@ def moved(function, variant, base, system, t, p, v, s, rate=0.0, scale=1.0):
 
 
 class Crossing:
-    """An occurrence of the event `i` at the time `t` in a leg: the derivative of its time by each parameter."""
+    """An occurrence of the event `i` at the time `t` in a leg: the derivative of its time by each parameter.
 
-    def __init__(self, i, t, leg, variants, base, sign, finish):
-        system = leg.system
-        event = base.events[i]
-        (p,), (y,), (s,) = leg.at(np.array([t]), sign)
+    `s`, (P, nx+nv+nc), are the derivatives of the state at that time.
+    """
+
+    def __init__(self, i, t, leg, variants, base, sign, s):
+        system, event = leg.system, base.events[i]
+        (p,), (y,) = leg.states(np.array([t]), sign)[:2]
         nx, nv = system.nx, system.nv
         self.t, self.p, self.v, self.s, (before, self.h) = t, p, y[nx : nx + nv], s, leg.step_at(t, sign)
 
         def value(time):
-            (q,), (y,), _ = leg.at(np.array([time]), sign)
-            return event.function(time, q, y[nx : nx + nv], finish(system, q, y[nx + nv :]))
+            (q,), (y,) = leg.states(np.array([time]), sign)[:2]
+            return event.function(time, q, y[nx : nx + nv], base.multipliers(system, q, y[nx + nv :]))
 
         e = BESIDE * self.h
         slope = sum(weight * value(t + m * e) for m, weight in CENTRAL.items()) / e
@@ -99,8 +101,7 @@ class Crossing:
 
         def at(side, time, q, v_and_lam):
             v, lam = v_and_lam[:nv], v_and_lam[nv:]
-            index1 = side.index1(system)
-            return np.array(float(side.events[i].function(time, q, v, finish(index1.system, q, lam))))
+            return np.array(float(side.events[i].function(time, q, v, side.multipliers(system, q, lam))))
 
         rest = y[nx:]
         pairs = zip(variants, s, strict=True)

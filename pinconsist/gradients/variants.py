@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .._core.compiled_gradient import completer, index1_of
+from .._core.compiled_gradient import all_rows, index1_of
 from ..errors import AssemblyError, InputError, PinconsistError
 from ..mechanism.assembly import assembled
 from ..mechanism.closing import LoopSolver
@@ -41,7 +41,7 @@ class Side:
     compiled: bool
     _systems: dict = field(default_factory=dict)
     _assembled: tuple | None = None
-    _complete: Callable | None = None
+    _jacobian: Callable | None = None
 
     def assembled(self, t):
         """(q, v, rows kept, largest gap) at the start of the run."""
@@ -56,11 +56,14 @@ class Side:
         return assembly.q, assembly.v, solver.kept(assembly.q), assembly.largest_gap[1]
 
     def multipliers(self, like, p, lam):
-        """The multipliers of all rows, of stacks of rows, from those that the system `like` keeps."""
-        index1 = self.index1(like)
-        if self._complete is None:
-            self._complete = completer(index1)
-        return index1.system.full_multipliers(p, lam, self._complete)
+        """The multipliers of all rows, from those that the system `like` keeps."""
+        return self.index1(like).system.full_multipliers(p, lam)
+
+    def jacobian(self, like, p):
+        """J of all rows at a configuration, (n_multipliers, nv)."""
+        if self._jacobian is None:
+            self._jacobian = all_rows(self.index1(like))
+        return self._jacobian(p)
 
     def index1(self, like):
         """The equations of index 1 with the rows that the system `like` keeps."""

@@ -1,60 +1,51 @@
-"""Derivatives of reference runs: differences of fourth order of DOP853 on the index-1 equations at 1e-13."""
+"""Scenes whose runs are differentiated: mechanism, names of parameters, end of the run, initial velocity."""
 
 import numpy as np
 
-from pinconsist._core.compiled_gradient import index1_of
-from pinconsist.dae.start import integrate_index1
-from pinconsist.gradients.named import named_start
-from pinconsist.mechanism.assembly import assembled
-from pinconsist.mechanism.closing import LoopSolver
-from pinconsist.mechanism.system import MechanismSystem
+import pinconsist as pc
 
-FOUR = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
-PIECES = 8  # of an interval between rows, after which constraint rows may be chosen anew
+from . import scenes
 
 
-def reference(mech, q0, v0, times):
-    """q, v and λ of all rows at `times`, (n, nq), (n, nv), (n, nc)."""
-    solver = LoopSolver(mech, times[0])
-    start = assembled(solver, q0, v0)
-    system = MechanismSystem(mech, start.q, times[0], solver)
-    index1, t, p, v, rows = index1_of(system, True), times[0], start.q, start.v, []
-    rows.append((p, v, system.full_multipliers(p, index1.state(t, p, v)[3])))
-    for end in times[1:]:
-        for stop in np.linspace(t, end, 2 if system.dropped_are_zero else PIECES + 1)[1:]:
-            t, p, v, lam = integrate_index1(index1, t, p, v, [stop], 1e-13, 1e-14)[0]
-            full = system.full_multipliers(p, lam)
-            if (fresh := system.reselected(p)) is not None:
-                system, index1 = fresh, index1_of(fresh, True)
-        rows.append((p, v, full))
-    return system, tuple(map(np.array, zip(*rows, strict=True)))
+def crank_rocker():
+    names = ["mass:coupler", "anchor:rocker_ground.xyz2[0]", "damping:rocker", "crank_speed"]
+    return pc.load("crank_rocker").with_parameters({"damping:rocker": 0.1}), names, 0.3, {"crank": 12.0}
 
 
-def differences(mech, names, times, q0=None, v0=None, relative=3e-4):
-    """dq, dv and dλ by parameters of these names, at `times`."""
-    build, _, theta, q0, v0 = named_start(mech, names, q0, v0)
-
-    def run(values):
-        starts = (start(values) if callable(start) else start for start in (q0, v0))
-        return reference(build(values), *starts, times)
-
-    system, (middle, _, _) = run(theta)
-    found = []
-    for i, value in enumerate(theta):
-        step, parts = relative * max(abs(value), 0.1), []
-        for m, weight in FOUR.items():
-            beside = theta.copy()
-            beside[i] += m * step
-            q, v, lam = run(beside)[1]
-            tangent = np.array([system.difference(*pair) for pair in zip(middle, q, strict=True)])
-            parts.append([weight / step * part for part in (tangent, v, lam)])
-        found.append([sum(each) for each in zip(*parts, strict=True)])
-    return [np.stack(part, axis=2) for part in zip(*found, strict=True)]
+def andrews():
+    return pc.load("andrews"), ["stiffness:D-stage", "torque beta.beta", "mass:beta", "E3.xyz2[0]"], 5e-3, None
 
 
-def worst(found, exact):
-    """The largest error of dq, dv and dλ over their largest value, of the worst parameter, each."""
+def delta_robot():
+    names = ["stiffness:leg1_arm", "servo leg1_arm.amplitude", "mass:platform_roll", "leg1_left.xyz2[1]"]
+    return pc.load("delta_robot"), names, 0.05, None
+
+
+def bricard():
+    mech = pc.load("bricard").with_parameters({"damping:hinge0": 0.05})
+    return mech, ["mass:hinge2", "damping:hinge0", "gravity[2]"], 1.5, None
+
+
+def slider_crank():
+    mech = pc.load("slider_crank")
+    driven = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", pc.Motion(-1.0, 3.0, 0.4, 1.3, 0.2)))
+    return driven, ["motor.amplitude", "motor.frequency", "length:rod"], 0.3, None
+
+
+def two_balls():
+    return scenes.spherical_chain(), ["mass:second", "end.length", "gravity[1]"], 0.3, None
+
+
+def floating_four_bar():
+    mech, v0 = scenes.four_bar(floating=True), np.array([0, 0, 0, 0.5, -0.3, 0.8, 2.0, 0, 0])
+    return mech, ["mass:coupler", "length:coupler", "pin.xyz1[0]"], 0.2, v0
+
+
+SCENES = [crank_rocker, andrews, delta_robot, bricard, slider_crank, two_balls, floating_four_bar]
+
+
+def hits(theta):
     return [
-        float(np.max(np.abs(one - other).max(axis=(0, 1)) / np.abs(other).max(axis=(0, 1))))
-        for one, other in zip(found, exact, strict=True)
+        pc.Event(lambda t, q, v, lam: q[0] - 2.0 - 0.1 * theta[1], apply=lambda t, q, v: 0.8 * v, name="hit"),
+        pc.Event(lambda t, q, v, lam: lam[0] - 5.0, name="load"),
     ]

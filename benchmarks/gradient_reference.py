@@ -1,0 +1,60 @@
+"""Derivatives of reference runs: differences of fourth order of DOP853 on the index-1 equations at 1e-13."""
+
+import numpy as np
+
+from pinconsist._core.compiled_gradient import index1_of
+from pinconsist.dae.start import integrate_index1
+from pinconsist.gradients.named import named_start
+from pinconsist.mechanism.assembly import assembled
+from pinconsist.mechanism.closing import LoopSolver
+from pinconsist.mechanism.system import MechanismSystem
+
+FOUR = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+PIECES = 8  # of an interval between rows, after which constraint rows may be chosen anew
+
+
+def reference(mech, q0, v0, times):
+    """q, v and λ of all rows at `times`, (n, nq), (n, nv), (n, nc)."""
+    solver = LoopSolver(mech, times[0])
+    start = assembled(solver, q0, v0)
+    system = MechanismSystem(mech, start.q, times[0], solver)
+    index1, t, p, v, rows = index1_of(system, True), times[0], start.q, start.v, []
+    rows.append((p, v, system.full_multipliers(p, index1.state(t, p, v)[3])))
+    for end in times[1:]:
+        for stop in np.linspace(t, end, 2 if system.dropped_are_zero else PIECES + 1)[1:]:
+            t, p, v, lam = integrate_index1(index1, t, p, v, [stop], 1e-13, 1e-14)[0]
+            full = system.full_multipliers(p, lam)
+            if (fresh := system.reselected(p)) is not None:
+                system, index1 = fresh, index1_of(fresh, True)
+        rows.append((p, v, full))
+    return system, tuple(map(np.array, zip(*rows, strict=True)))
+
+
+def differences(mech, names, times, q0=None, v0=None, relative=3e-4):
+    """dq, dv and dλ by parameters of these names, at `times`."""
+    build, _, theta, q0, v0 = named_start(mech, names, q0, v0)
+
+    def run(values):
+        starts = (start(values) if callable(start) else start for start in (q0, v0))
+        return reference(build(values), *starts, times)
+
+    system, (middle, _, _) = run(theta)
+    found = []
+    for i, value in enumerate(theta):
+        step, parts = relative * max(abs(value), 0.1), []
+        for m, weight in FOUR.items():
+            beside = theta.copy()
+            beside[i] += m * step
+            q, v, lam = run(beside)[1]
+            tangent = np.array([system.difference(*pair) for pair in zip(middle, q, strict=True)])
+            parts.append([weight / step * part for part in (tangent, v, lam)])
+        found.append([sum(each) for each in zip(*parts, strict=True)])
+    return [np.stack(part, axis=2) for part in zip(*found, strict=True)]
+
+
+def worst(found, exact):
+    """The largest error of dq, dv and dλ over their largest value, of the worst parameter, each."""
+    return [
+        float(np.max(np.abs(one - other).max(axis=(0, 1)) / np.abs(other).max(axis=(0, 1))))
+        for one, other in zip(found, exact, strict=True)
+    ]

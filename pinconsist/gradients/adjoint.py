@@ -1,0 +1,100 @@
+"""Derivatives of one number by many parameters: the run's steps are gone through backwards.
+
+The transpose of :mod:`forward`, step by step. What a step passes on does not depend on the parameters; each of them
+costs the residuals of two mechanisms along the run, and what it changes at its start.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._core.compiled_gradient import follower
+from .forward import follow_back, weigh
+from .lead import through, times_of
+from .redundant import Completion
+from .starts import first_table, later_table
+from .variants import Variant
+
+STILL = Variant("", 1.0, {}, {}, {}, inert=True, idle=True)  # a direction of the state
+
+
+class Back:
+    """Goes back along the legs of a run; ``total`` is then the derivative of a number by all parameters.
+
+    ``derivatives(leg, times)`` gives those of the number by [q | v | λ] at the rows of a leg, (n, nx+nv+n_multipliers).
+    """
+
+    def __init__(self, solution, legs, variants, base, derivatives):
+        self.solution, self.legs, self.variants, self.base, self.derivatives = (
+            solution,
+            legs,
+            variants,
+            base,
+            derivatives,
+        )
+        self.sign = 1.0 if legs[-1].span[1] >= legs[0].span[0] else -1.0
+        self.total = np.zeros(len(variants))
+
+    def run(self) -> None:
+        """Fill ``total``."""
+        times, bar = list(times_of(self.solution, self.legs, self.sign)), None
+        for i in reversed(range(len(self.legs))):
+            leg, system = self.legs[i], self.legs[i].system
+            seeds = np.zeros((1 + len(leg.t), *leg.start.Z.shape))
+            if bar is not None:
+                leg.sow(np.array([leg.span[1]]), [self._through(leg, self.legs[i + 1], bar)], seeds, self.sign)
+            leg.sow(times[i], self._pulled(leg, times[i]), seeds, self.sign)
+            self._steps(leg, seeds)
+            if i == 0:
+                self._add(np.tensordot(first_table(self.variants, leg, leg.start.t_old), seeds[0], ([0, 2], [0, 1])))
+                return
+            n = system.nx + system.nv
+            state = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
+            tables = later_table([STILL] * n + self.variants, self.base, leg, state)
+            rates = np.tensordot(tables, seeds[0], ([0, 2], [0, 1]))
+            bar = rates[:n]
+            self._add(rates[n:])
+
+    def _add(self, rates):
+        self.total = self.total + rates
+
+    def _steps(self, leg, seeds):
+        """Go back over the steps; add what the parameters change in them."""
+        index1 = self.base.index1(leg.system)
+        compiled = follower(index1, [])
+        weights = compiled.backward(leg, seeds) if compiled else follow_back(leg, seeds)
+        sum_up = compiled.weigh if compiled else weigh
+        for i, variant in enumerate(self.variants):
+            for weight, other in variant.residuals(leg.system):
+                self.total[i] += weight * sum_up(leg, other, weights)
+
+    def _through(self, leg, following, bar):
+        """The derivative by s where a leg ends, from that by the state where the `following` one begins."""
+        n = leg.start.Z.shape[1]
+        s = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
+        both = [STILL] * n + self.variants
+        rates = through(leg, following, self.solution, both, self.base, self.sign, s) @ bar
+        self._add(rates[n:])
+        return rates[:n]
+
+    def _pulled(self, leg, times):
+        """Derivatives by s of the rows, from those by the multipliers as the user sees them."""
+        system = leg.system
+        nx, nv = system.nx, system.nv
+        if not len(times):
+            return np.zeros((0, nx + nv + system.nc))
+        bars = self.derivatives(leg, times)
+        if system.nc == system.n_multipliers:
+            return bars
+        if system.dropped_are_zero:
+            return np.hstack((bars[:, : nx + nv], bars[:, nx + nv :][:, system.kept]))
+        p, y = leg.states(times, self.sign)[:2]
+        return np.array([self._of_kept(system, *row) for row in zip(p, y[:, nx + nv :], bars, strict=True)])
+
+    def _of_kept(self, system, q, lam, bar):
+        split = system.nx + system.nv
+        if not bar[split:].any():
+            return np.append(bar[:split], np.zeros(system.nc))
+        by_q, by_lam, own = Completion(self.base, system, q, lam).backward(self.variants, bar[split:])
+        self._add(own)
+        return np.concatenate((bar[: system.nx] + by_q, bar[system.nx : split], by_lam))

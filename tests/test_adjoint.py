@@ -1,0 +1,104 @@
+"""The derivative of one number by the way back over the steps: equal to the one by the way forwards."""
+
+import numpy as np
+import pytest
+from helpers.gradients import SCENES, bricard, crank_rocker, hits, two_balls
+from helpers.twin import needs_twin
+
+import pinconsist as pc
+
+
+def both(mech, theta, until, v0, seed=0, **options):
+    """A random sum over rows, differentiated by the way back and by the way forwards."""
+    times, rng = np.linspace(0.0, until, 5)[1:], np.random.default_rng(seed)
+    run = {"t_eval": times, **options}
+    forwards = pc.sensitivities(mech, theta, (0.0, until), None, v0, **run)
+    parts = forwards.dq, forwards.dv, forwards.dlam
+    weights = [rng.normal(size=part.shape[:2]) for part in parts]
+
+    def number(t, q, v, lam):
+        i = int(np.argmin(np.abs(times - t)))
+        return weights[1][i] @ v + weights[2][i] @ lam
+
+    def derivatives(t, q, v, lam):
+        i = int(np.argmin(np.abs(times - t)))
+        return [part[i] for part in weights]
+
+    back = pc.gradient(mech, theta, (0.0, until), None, v0, rows=(number, derivatives), **run)
+    exact = sum(np.einsum("ni,nip->p", one, part) for one, part in zip(weights, parts, strict=True))
+    sol = forwards.solution
+    value = sum(number(*row) for row in zip(sol.t, sol.q, sol.v, sol.lam, strict=True))
+    assert back.value == pytest.approx(value, rel=1e-13) and back.names == forwards.names
+    return back.gradient, exact
+
+
+@needs_twin
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
+def test_back_is_forwards(scene):
+    mech, names, until, v0 = scene()
+    back, exact = both(mech, names, until, v0, rtol=1e-7, atol=1e-7, backend="compiled")
+    np.testing.assert_allclose(back, exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize("scene", [crank_rocker, two_balls], ids=lambda scene: scene.__name__)
+def test_back_is_forwards_in_python(scene):
+    mech, names, _, v0 = scene()
+    back, exact = both(mech, names[:2], 0.05, v0, rtol=1e-4, atol=1e-4, backend="python")
+    np.testing.assert_allclose(back, exact, rtol=1e-9)
+
+
+@needs_twin
+def test_back_through_events():
+    mech, _, _, v0 = crank_rocker()
+    back, exact = both(lambda theta: mech.with_parameters({"mass:coupler": theta[0]}), [1.4, 1.0], 0.2, v0, events=hits)
+    np.testing.assert_allclose(back, exact, rtol=1e-7)  # differences of states at the event
+
+
+@needs_twin
+def test_python_and_compiled_go_the_same_way():
+    from pinconsist._core.compiled_gradient import follower, index1_of
+    from pinconsist.gradients.forward import follow_back, legs_of, weigh
+
+    for scene, until in ((crank_rocker, 0.05), (two_balls, 0.2), (bricard, 0.8)):
+        mech, _, _, v0 = scene()
+        sol = pc.simulate(mech, (0.0, until), v0=v0, rtol=1e-4, atol=1e-4, dense_output=True)
+        (leg,) = legs_of(sol.sol)
+        seeds = np.random.default_rng(1).normal(size=(1 + len(leg.t), *leg.start.Z.shape))
+        seeds[1:, 1:] = 0.0
+        index1 = index1_of(leg.system, True)
+        compiled, ours, theirs = follower(index1, []), seeds.copy(), seeds.copy()
+        weights, others = follow_back(leg, ours), compiled.backward(leg, theirs)
+        np.testing.assert_allclose(weights, others, atol=1e-6 * np.abs(weights).max())
+        np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(ours).max())
+        same = weigh(leg, index1, weights), compiled.weigh(leg, index1, weights)
+        assert same[0] == pytest.approx(same[1], abs=1e-9 * np.abs(weights).sum())
+
+
+@needs_twin
+def test_a_number_of_the_end_against_differences():
+    mech, v0 = pc.load("crank_rocker"), {"crank": 12.0}
+    found = pc.gradient(
+        mech, ["mass:coupler"], (0.0, 0.1), v0=v0, terminal=lambda t, q, v, lam: np.sin(q[0]) * v[1] + lam[0] ** 2
+    )
+
+    def value(mass):
+        beside = mech.with_parameters({"mass:coupler": mass})
+        end = pc.simulate(beside, (0.0, 0.1), v0=v0, rtol=1e-12, atol=1e-12)
+        return np.sin(end.q[-1, 0]) * end.v[-1, 1] + end.lam[-1, 0] ** 2
+
+    step = 1e-3
+    exact = (8 * (value(1.4 + step) - value(1.4 - step)) - value(1.4 + 2 * step) + value(1.4 - 2 * step)) / (12 * step)
+    assert found.gradient[0] == pytest.approx(exact, rel=1e-6) and found.value == pytest.approx(value(1.4), rel=1e-6)
+
+
+def test_refusals():
+    mech, span = pc.load("crank_rocker"), (0.0, 0.01)
+    with pytest.raises(pc.InputError, match="needs a number: rows="):
+        pc.gradient(mech, ["mass:coupler"], span)
+    with pytest.raises(pc.InputError, match="rows= and t_eval= go together"):
+        pc.gradient(mech, ["mass:coupler"], span, rows=lambda t, q, v, lam: q[0])
+    with pytest.raises(pc.PinconsistError, match="ended early: stopped by the event"):
+        stop = pc.Event(lambda t, q, v, lam: t - 0.005, terminal=True, name="stop")
+        pc.gradient(mech, ["mass:coupler"], span, terminal=lambda t, q, v, lam: q[0], events=stop)
+    with pytest.raises(pc.UserFunctionError, match="rows or of the end"):
+        pc.gradient(mech, ["mass:coupler"], span, terminal=lambda t, q, v, lam: q[7])
