@@ -17,7 +17,7 @@ from .chains import campaign
 
 TOLERANCES = (1e-3, 1e-5, 1e-7)
 QUANTITIES = ("q", "v", "force")
-FAR = 100.0
+FAR, NEAR = 100.0, 3.0
 SHORTENED = 160
 SAVED = 20  # runs after which the rows are written anew
 
@@ -64,6 +64,7 @@ def command(
     else:
         report.table([row for row in rows if _remarkable(row)], REMARKABLE, "failed, refused, or far off")
         report.table(errors, ERRORS, "largest error of a run over its tolerance")
+        print(estimates(rows))
         print(", ".join(f"{number} {what}" for what, number in counts.most_common()))
     return output.FAILED if any(counts[kind] for kind in campaign.FAILURES) else output.FINE
 
@@ -80,6 +81,15 @@ def distribution(rows) -> list[dict]:
             about = {"quantity": name, "backend": backend, "tol": tol, "runs": len(alike)}
             found.append(about | shares | {"worst": worst[name], "seed": worst["seed"]})
     return found
+
+
+def estimates(rows) -> str:
+    """How well the solutions know their errors."""
+    known = [row for row in rows if row["outcome"] == campaign.FINE and row["q"] and row["estimate"]]
+    ratios = np.array([row["estimate"] / max(row["q"], row["v"]) for row in known])
+    found = ", ".join(f"{np.mean(np.abs(np.log(ratios)) <= np.log(factor)):.1%} within {factor}" for factor in (3, 10))
+    unnamed = sum(max(row["q"], row["v"]) > FAR and row["estimate"] < FAR / NEAR for row in known)
+    return f"estimated over true error of {len(known)} runs: {found}; {unnamed} of those off by more than 100 unnoticed"
 
 
 def _remarkable(row):

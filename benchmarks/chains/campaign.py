@@ -50,6 +50,7 @@ class Run:
     q: float | None = None
     v: float | None = None
     force: float | None = None  # of Jᵀλ, relative to its largest
+    estimate: float | None = None  # of q and v by the solution itself
     amplification: float | None = None  # of a small change of the first velocity, where an error is large
     reference: str = ""  # why it ends early
 
@@ -104,10 +105,11 @@ def judged(run: Run, until: float) -> Run:
     errors = {name: error / run.tol for name, error in errors.items()}
     large = not reference.why and max(errors.values()) > LARGE
     amplified = _amplification(run.seed, until) if large else None
+    estimate = sol.error.tolerances if sol.success and sol.error else None
     return replace(
         run, outcome=outcome, message="" if sol.success else sol.message, steps=sol.nsteps,
         rejected=sum(sol.rejected.values()), seconds=seconds, gap=gap, amplification=amplified, reference=reference.why,
-        **errors,
+        estimate=estimate, **errors,
     )  # fmt: skip
 
 

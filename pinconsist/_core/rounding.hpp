@@ -49,8 +49,8 @@ public:
     if (tightest > NEAR_ROUNDING) return false;
     const bool shown = h < longer && error >= its_error * std::pow(h / longer, SLOW * (k + 1));
     const bool known = steps_left_ > 0 && h <= believed_;
-    const double explained = bound();
-    if (error > explained || !(shown || known || error * SURE <= explained)) return false;
+    const auto [explained, singular] = bound();
+    if (error > explained || !(shown || known || (singular && error * SURE <= explained))) return false;
     if (shown) {
       believed_ = std::max(known ? believed_ : 0.0, longer);
       steps_left_ = static_cast<int>(REMEMBERED);

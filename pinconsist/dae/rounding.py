@@ -74,9 +74,12 @@ def velocity_rounding(system, t, p, v) -> float:
 
 
 def error_of_rounding(system, t, p, v, k):
-    """[ξ | v] of what rounding leaves in ∇ᵏ⁺¹y: beside a singular position smaller steps cannot lower it."""
-    size = min(velocity_rounding(system, t, p, v), HALF * largest(v))
-    return np.repeat((0.0, 2.0 ** (k + 1) * size), (system.nx, system.nv))
+    """[ξ | v] of what rounding leaves in ∇ᵏ⁺¹y, which smaller steps cannot lower, and whether that is half the digits.
+
+    It is so beside a singular position.
+    """
+    size, most = velocity_rounding(system, t, p, v), HALF * largest(v)
+    return np.repeat((0.0, 2.0 ** (k + 1) * min(size, most)), (system.nx, system.nv)), size >= most
 
 
 class RoundingTest:
@@ -99,7 +102,7 @@ class RoundingTest:
         """Whether the `error` of a step h of order k is rounding.
 
         `tried` are the length of the step that failed the error test last and its error, or zeros; ``bound()`` is the
-        largest error that rounding explains.
+        largest error that rounding explains, and whether the position is beside a singular one.
         """
         h = abs(h)
         longer, its_error = tried
@@ -107,8 +110,8 @@ class RoundingTest:
             return False
         shown = h < longer and error >= its_error * (h / longer) ** (SLOW * (k + 1))
         known = self._steps_left > 0 and h <= self._believed
-        explained = bound()
-        if error > explained or not (shown or known or error * SURE <= explained):
+        explained, singular = bound()
+        if error > explained or not (shown or known or (singular and error * SURE <= explained)):
             return False
         if shown:
             self._believed, self._steps_left = max(self._believed if known else 0.0, longer), REMEMBERED

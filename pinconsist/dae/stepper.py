@@ -230,8 +230,8 @@ class Stepper:
 
     def _is_rounding(self, step, weight, error, tried) -> bool:
         def bound():
-            noise = error_of_rounding(self.system, step.t, step.p, step.v, self.k)
-            return self.control.error(self.system, noise, self.k, weight)
+            noise, singular = error_of_rounding(self.system, step.t, step.p, step.v, self.k)
+            return self.control.error(self.system, noise, self.k, weight), singular
 
         return self.rounding.passes(self.control, self.h, self.k, error, tried, bound)
 
