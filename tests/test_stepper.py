@@ -38,14 +38,16 @@ def test_rounding_has_to_show_itself_and_is_then_believed_for_a_while():
     """A truncation error of order 3 falls by 2⁴ when h is halved; what falls by less than 2² is rounding."""
     rounding, near, far = RoundingTest(), SimpleNamespace(tightest=(1e-12,) * 2), SimpleNamespace(tightest=(1e-6,) * 2)
 
-    def passes(h, error, tried, control=near):
-        return rounding.passes(control, h, 3, error, tried, lambda: 10.0)  # rounding explains 10 tolerances here
+    def passes(h, error, tried, control=near, explained=10.0, singular=False):
+        return rounding.passes(control, h, 3, error, tried, lambda: (explained, singular))  # by so many tolerances
 
     assert not passes(0.1, 2.0, (0.0, 0.0))  # a first try shows nothing
     assert not passes(0.05, 2.0, (0.1, 9.0))
     assert not passes(0.1, 9.0, (0.1, 9.0))  # the same step, with another order
     assert not passes(0.05, 11.0, (0.1, 2.0))  # more than rounding explains
     assert not passes(0.1, 9.0, (0.0, 0.0))  # nothing has shown itself so far
+    assert not passes(0.1, 9.0, (0.0, 0.0), explained=1000.0)
+    assert passes(0.1, 9.0, (0.0, 0.0), explained=1000.0, singular=True)
     assert passes(-0.05, 2.0, (0.1, 7.0))
     for _ in range(10):
         rounding.accepted()
@@ -62,10 +64,10 @@ def test_nothing_is_believed_beyond_an_event():
     start = pc.assemble(mech, v={"crank0": 1.0})
     method = method_of((0.0, 10.0), "BDF", None, 5, 1e-12, 1e-12, "every-step", None, np.inf, None, "python")
     stepper = Stepper(MechanismSystem(mech, start.q), method)
-    assert stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.1, 7.0), lambda: 10.0)
-    assert stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.0, 0.0), lambda: 10.0)
+    assert stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.1, 7.0), lambda: (10.0, False))
+    assert stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.0, 0.0), lambda: (10.0, False))
     stepper.begin(0.0, start.q, start.v, 10.0)
-    assert not stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.0, 0.0), lambda: 10.0)
+    assert not stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.0, 0.0), lambda: (10.0, False))
 
 
 def test_many_failed_tries_without_headway_end_a_run():

@@ -8,13 +8,13 @@
 
 namespace pinconsist {
 
-class Follower {
+class ClosureFollower {
   static constexpr double OUTWARD = 1e-4;
   static constexpr int TRIES = 400;
 
 public:
   // `numbers`: LONGEST, SHORTEST, MISS, SHRINK, AIM, LEAST, FURTHER, ENOUGH, MOST.
-  Follower(MechanismSystem &system, std::vector<int> coordinates, const Vec &sizes, const std::array<double, 9> &numbers)
+  ClosureFollower(MechanismSystem &system, std::vector<int> coordinates, const Vec &sizes, const std::array<double, 9> &numbers)
       : system_(system), y_(std::move(coordinates)), sizes_(sizes), numbers_(numbers), zero_(Vec::Zero(system.nv)),
         here_(system.nc), there_(system.nc) {
     for (int i = 0; i < system.nv; ++i)

@@ -149,10 +149,10 @@ NB_MODULE(twin, m) {
 
   nb::class_<HeldTable>(m, "HeldTable").def("clear", &HeldTable::clear).def("hold", &HeldTable::hold).def_rw("entered", &HeldTable::entered);
 
-  nb::class_<Follower>(m, "Follower")
+  nb::class_<ClosureFollower>(m, "ClosureFollower")
       .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, const std::array<double, 9> &>(), "system"_a,
            "coordinates"_a, "sizes"_a, "numbers"_a, nb::keep_alive<1, 2>())
-      .def("follow", &Follower::follow);
+      .def("follow", &ClosureFollower::follow);
 
   nb::class_<Projection>(m, "Projection")
       .def(nb::init<MechanismSystem &>(), "system"_a, nb::keep_alive<1, 2>())

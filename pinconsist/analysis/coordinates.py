@@ -40,7 +40,7 @@ class Coordinates:
         self.p = np.setdiff1d(np.arange(system.nv), self.columns)
         self._compiled = compiled_system(system) if load()[0] is not None else None
         if self._compiled is not None:
-            self.follower = load()[0].Follower(self._compiled, self.columns.tolist(), self.sizes, list(NUMBERS))
+            self.follower = load()[0].ClosureFollower(self._compiled, self.columns.tolist(), self.sizes, list(NUMBERS))
             self.rows = self._compiled.rows
         else:
             self.rows = partial(_rows, system)
