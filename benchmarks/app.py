@@ -8,7 +8,7 @@ import typer
 
 from pinconsist.cli import app as package
 
-from . import ablate, chains_command, overhead, robots, sampled, stress_command, work_precision_command
+from . import ablate, actuation, chains_command, overhead, robots, sampled, stress_command, work_precision_command
 
 WRONG_INPUT = "2 wrong input; 130 interrupted"
 COMMANDS: dict[str, tuple[Callable, str]] = {
@@ -16,6 +16,7 @@ COMMANDS: dict[str, tuple[Callable, str]] = {
     "robots": (robots.command, WRONG_INPUT),
     "overhead": (overhead.command, WRONG_INPUT),
     "sampled": (sampled.command, WRONG_INPUT),
+    "actuation": (actuation.command, WRONG_INPUT),
     "ablate": (ablate.command, WRONG_INPUT),
     "chains": (chains_command.command, f"1 a run failed; {WRONG_INPUT}"),
     "stress": (stress_command.command, f"1 a case failed; {WRONG_INPUT}"),

@@ -173,6 +173,19 @@ def held(axes, mech, sol):
     return "torque that is held  [N·m]"
 
 
+def workspace(axes, mech, found):
+    tips, condition, ends, ellipses = found
+    dots = axes.scatter(*tips.T, c=condition, s=7, cmap="viridis", label="reached by the motors")
+    axes.scatter(*ends.T, s=9, color=ORANGE, label="singular: the way is blocked")
+    for k, ellipse in enumerate(ellipses):
+        axes.plot(*ellipse.T, color="#333333", linewidth=0.8, label="forces of unit torques" if k == 0 else None)
+    axes.figure.colorbar(dots, ax=axes, label="condition")
+    axes.set_aspect("equal")
+    axes.legend(frameon=False, loc="center right", bbox_to_anchor=(-0.2, 0.5))
+    axes.set_xlabel("x  [m]")
+    return "height of the tip  [m]"
+
+
 FIGURES = {  # curve, time of the still or None, traces in it
     "02_four_bar": (four_bar, 1.0, ("coupler_tip",)),
     "03_driven_slider_crank": (slider_crank, 0.05, ()),
@@ -190,6 +203,7 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "15_linearisation": (linearisation, 0.5, ()),
     "16_sampled_pd": (held, None, ()),
     "17_cosimulation": (held, None, ()),
+    "18_five_bar_workspace": (workspace, None, ()),
 }
 
 

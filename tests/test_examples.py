@@ -156,6 +156,13 @@ def motor_speed():
     return parallelogram(torque, 1e-3, 200)[1]
 
 
+def end_of_the_crank():
+    """The left elbow is 0.25 m from its motor and 2 x 0.3 m from the right elbow, the distal links in line."""
+    motor, right = np.array([-0.1, 0.0]), np.array([0.1 + 0.25 * np.cos(-0.8), 0.25 * np.sin(0.8)])
+    elbow = circles_meet(motor, 0.25, right, 0.6, left=True)
+    return -np.arctan2(*(elbow - motor)[::-1])  # angles are positive downwards
+
+
 ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "01_exact_and_consistent": (8.0120e-3, 5e-5),  # Arévalo (2008), table 5.1, five digits
     "02_four_bar": (four_bar, 1e-7),
@@ -174,6 +181,7 @@ ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "15_linearisation": (np.sqrt(6 * G / 5), 1e-9),  # (1/3 + 1/3 + 1) L² a'' = -(1/2 + 1/2 + 1) g L a
     "16_sampled_pd": (sampled_angle, 1e-7),
     "17_cosimulation": (motor_speed, 1e-7),
+    "18_five_bar_workspace": (end_of_the_crank, 1e-6),
 }
 
 

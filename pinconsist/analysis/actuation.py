@@ -180,15 +180,15 @@ class Actuation(Motors):
         Parameters
         ----------
         positions : mapping
-            Motor joint → positions, rad or m; the others stay. The grid is gone through row by row, to and fro.
+            Motor joint → positions, rad or m; the others stay. Each point of the grid is reached from a neighbour.
         file : path, optional
             ``.npz``, with these arrays, or ``.csv``, without the Jacobian, with units in its headings.
 
         Returns
         -------
         dict
-            ``positions`` (n, m), ``q`` (n, nq), ``ok`` (n,), ``condition`` (n,), ``jacobian`` (n, nv, m), zero where
-            not ok.
+            ``positions`` (n, m), ``q`` (n, nq), ``ok`` (n,), ``condition`` (n,), ``jacobian`` (n, nv, m). Where not
+            ok, ``q`` is the last one on the way (NaN, where no neighbour is ok), and the Jacobian zero.
 
         Raises
         ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from itertools import product
 from pathlib import Path
 
@@ -19,40 +20,50 @@ def table(act, positions, file=None) -> dict[str, np.ndarray]:
     if file is not None and suffix not in (".npz", ".csv"):
         raise InputError(f"{file}: a table is written as .npz or .csv")
     axes = [np.atleast_1d(finite_array(values, f"positions of {joint!r}")) for joint, values in positions.items()]
-    points = np.array([[axis[i] for axis, i in zip(axes, place, strict=True)] for place in _to_and_fro(axes)])
-    model, m, start = act.mechanism.model, len(act.motors), act.q
-    q, ok = act.closure({joint: points[:, k] for k, joint in enumerate(positions)})
-    q, ok = np.reshape(q, (-1, model.nq)), np.atleast_1d(ok)
-    act.q = start
-    jacobian, condition = np.zeros((len(q), model.nv, m)), np.array([act.condition(each) for each in q])
+    sizes, joints, start = [len(axis) for axis in axes], list(positions), act.q
+    points = np.array([each.ravel() for each in np.meshgrid(*axes, indexing="ij")]).T
+    q, ok = _filled(act, joints, points, sizes)
+    act.closure({}, q=start)
+    asked = np.tile(act.positions(start), (len(points), 1))
+    asked[:, [act.motors.index(joint) for joint in joints]] = points
+    jacobian = np.zeros((len(q), act.mechanism.nv, len(act.motors)))
+    condition = np.array([act.condition(each) if np.isfinite(each).all() else np.nan for each in q])
     for i in np.flatnonzero(ok):
         jacobian[i] = act.jacobian(q[i])
-    asked = np.array([act.positions(each) for each in q])
-    for k, joint in enumerate(positions):
-        asked[:, act.motors.index(joint)] = points[:, k]
-    order = np.lexsort(points.T[::-1])
     found = {"positions": asked, "q": q, "ok": ok, "condition": condition, "jacobian": jacobian}
-    found = {name: values[order] for name, values in found.items()}
     if suffix == ".npz":
         with written_whole(file) as stream:
-            names = {"motors": np.array(act.motors), "joints": np.array(position_names(model))}
+            names = {"motors": np.array(act.motors), "joints": np.array(position_names(act.mechanism.model))}
             np.savez(stream, **names, **found)  # type: ignore[arg-type]
     elif suffix == ".csv":
-        of_v = velocity_units(model)
-        names = [*act.motors, *(f"q.{name}" for name in position_names(model)), "ok", "condition"]
-        units = [*(of_v[i] for i in act._columns), *position_units(model), "", ""]
+        of_v = velocity_units(act.mechanism.model)
+        names = [*act.motors, *(f"q.{name}" for name in position_names(act.mechanism.model)), "ok", "condition"]
+        units = [*(of_v[i] for i in act._columns), *position_units(act.mechanism.model), "", ""]
         parts = found["positions"], found["q"], found["ok"][:, None], found["condition"][:, None]
         write_csv(file, names, units, np.hstack(parts))
     return found
 
 
-def _to_and_fro(axes):
-    """The places of a grid in an order in which neighbours follow each other."""
-    if not axes:
-        return [()]
-    places = []
-    counts = [range(len(axis)) for axis in axes]
-    for number, outer in enumerate(product(*counts[:-1])):
-        line = counts[-1] if number % 2 == 0 else reversed(counts[-1])
-        places += [(*outer, i) for i in line]
-    return places
+def _filled(act, joints, points, sizes):
+    """(q, ok) at the points of a grid, each reached from a neighbour, the first from where the motors stand."""
+    q, ok = np.full((len(points), act.mechanism.nq), np.nan), np.zeros(len(points), bool)
+    here = act.q
+
+    def reach(i, origin):
+        q[i], ok[i] = act.closure(dict(zip(joints, points[i], strict=True)), q=origin)
+        return ok[i]
+
+    now = act.positions(here)[[act.motors.index(joint) for joint in joints]]
+    nearest = np.argsort(np.abs(points - now).max(axis=1), kind="stable")
+    first = next((int(i) for i in nearest if reach(i, here)), None)
+    waiting = deque([] if first is None else [first])
+    while waiting:
+        i = waiting.popleft()
+        place = np.unravel_index(i, sizes)
+        for axis, step in product(range(len(sizes)), (-1, 1)):
+            beside = place[axis] + step
+            if 0 <= beside < sizes[axis]:
+                j = int(np.ravel_multi_index((*place[:axis], beside, *place[axis + 1 :]), sizes))
+                if not ok[j] and reach(j, q[i]):
+                    waiting.append(j)
+    return q, ok

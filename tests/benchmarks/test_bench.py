@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from helpers import command_line
 
-from benchmarks import sampled
+from benchmarks import actuation, sampled
 from benchmarks.against import against
 from benchmarks.app import main
 from benchmarks.around import around
@@ -25,6 +25,16 @@ def test_each_way_of_sampling_is_timed_and_right():
     rows = sampled.measured(periods=(0.1,), repeats=1)
     assert {row.way for row in rows} == set(sampled.WAYS)
     assert all(row.time > 0.0 and row.q < 1e-3 and row.lam < 1.0 for row in rows)
+
+
+def test_actuation_is_timed_and_its_walk_keeps_the_branch():
+    (row,) = actuation.measured(["four_bar"], calls=2, repeats=1)
+    assert (row.velocities, row.motors) == (3, 1) and min(row.closure, row.jacobian, row.reduced, row.forward) > 0.0
+    walked = actuation.walk(60)
+    assert walked["jumps"] == 0 and walked["blocked"] < 60
+    if (ROBOTS / "digit_like").is_dir():
+        felt = actuation.reflected(ROBOTS / "digit_like", *actuation.DIGIT, positions=(0.0,))[0]
+        assert felt.serial < felt.rods < felt.whole and felt.whole - felt.rods == pytest.approx(actuation.ROTOR)
 
 
 def test_overhead_counts_steps_residuals_and_times():

@@ -1,0 +1,163 @@
+"""What calls of an Actuation cost; whether random walks keep their branch: ``python -m benchmarks actuation``."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+
+from pinconsist import Actuation, Loop, load
+from pinconsist.cli import output
+from pinconsist.cli.options import option
+
+from . import report
+
+SCENES = ("four_bar", "andrews", "delta_robot", "stewart_platform")
+STEP = 1e-3  # rad or m: what a motor moves in 1 ms at 1 rad/s
+CALLS, REPEATS = 100, 15
+CRANK, DISTAL, APART = 0.25, 0.3, 0.2  # m, of the five-bar that walks
+STRIDE = 0.4  # rad, standard deviation of a step of the walk
+ROTOR = 0.02  # kg·m², of each motor where the ankle is compared
+
+
+@dataclass(frozen=True)
+class Costs:
+    """Process time of a call, s, the least of several."""
+
+    scene: str
+    velocities: int
+    motors: int
+    closure: float
+    jacobian: float
+    reduced: float  # mass matrix
+    forward: float
+
+
+def measured(scenes=SCENES, calls=CALLS, repeats=REPEATS) -> list[Costs]:
+    """The costs on scenes or files."""
+    rows = []
+    for scene in scenes:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            act = Actuation(load(scene))
+        m, q = len(act.motors), act.q
+        goals, zero, count = [act.positions() + STEP, act.positions()], np.zeros(m), [0]
+
+        def closure(act=act, goals=goals, count=count):
+            count[0] ^= 1
+            act.closure(goals[count[0]])
+
+        ways = (
+            closure,
+            lambda act=act, q=q: act.jacobian(q),
+            lambda act=act, q=q: act.mass_matrix(q),
+            lambda act=act, q=q, zero=zero: act.forward(q, zero, zero),
+        )
+        times = [min(_timed(way, calls) for _ in range(repeats)) for way in ways]
+        rows.append(Costs(Path(scene).name, act.mechanism.nv, m, *times))
+    return rows
+
+
+def _timed(call, calls) -> float:
+    begun = time.process_time()
+    for _ in range(calls):
+        call()
+    return (time.process_time() - begun) / calls
+
+
+def walk(steps: int, seed: int = 0) -> dict:
+    """A random walk of a five-bar's motors: how often singular positions block it, how often its tip changes sides."""
+    mech, at = load("five_bar"), (DISTAL, 0.0, 0.0)
+    tip = Loop("tip", "hinge", "left_distal_bar", "right_distal_bar", xyz1=at, xyz2=at, axis=(0, 1, 0))
+    act, rng, blocked, jumps = Actuation(mech.with_loops(tip)), np.random.default_rng(seed), 0, 0
+    before, begun = _side(act.q), time.process_time()
+    for _ in range(steps):
+        q, ok = act.closure(act.positions() + rng.normal(0.0, STRIDE, 2))
+        blocked, after = blocked + (not ok), _side(q)
+        jumps, before = jumps + (after != before), after
+    return {"steps": steps, "blocked": blocked, "jumps": jumps, "time": (time.process_time() - begun) / max(steps, 1)}
+
+
+def _side(q) -> bool:
+    """Whether the tip is on the left of the line from elbow to elbow."""
+    ends = [np.array([x + CRANK * np.cos(a), -CRANK * np.sin(a)]) for x, a in ((-APART / 2, q[0]), (APART / 2, q[2]))]
+    along, arm = ends[1] - ends[0], np.array([np.cos(q[0] + q[1]), -np.sin(q[0] + q[1])])
+    return bool(along[0] * arm[1] - along[1] * arm[0] > 0.0)
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Inertia that an ankle's motors feel, kg·m², at positions of both of them, rad."""
+
+    position: float
+    serial: float  # foot alone, through the linkage
+    rods: float  # with all bodies
+    whole: float  # with the rotors, too
+
+
+def reflected(robot, motors, feet, positions=(-0.1, 0.0, 0.1)) -> list[Felt]:
+    """The largest inertia that `motors` feel, against that of the bodies from the joints `feet` on alone."""
+    mech = load(robot)
+    light = mech.model.copy()
+    below = {i for joint in feet for i in mech.model.subtrees[mech.model.getJointId(joint)]}
+    for i in range(1, light.njoints):
+        if i not in below:
+            light.inertias[i].setZero()
+    rotors = mech.with_armature(dict.fromkeys(motors, ROTOR))
+    rows = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        act = Actuation(mech)
+        others = [
+            Actuation(type(mech)(light, mech.loops, guess=act.q, actuated=mech.actuated)),
+            Actuation(rotors, q=act.q),
+        ]
+    at, start = [act.motors.index(motor) for motor in motors], act.positions()[[act.motors.index(m) for m in motors]]
+    for position in positions:
+        q, ok = act.closure(dict(zip(motors, start + position, strict=True)))
+        if ok:
+            felt = [np.linalg.eigvalsh(each.mass_matrix(q)[np.ix_(at, at)])[-1] for each in (others[0], act, others[1])]
+            rows.append(Felt(position, *map(float, felt)))
+    return rows
+
+
+# fmt: off
+def command(
+    walks: Annotated[int, option("--walk", "N", "Steps of the random walk.")] = 100_000,
+    robot: Annotated[str | None, option(
+        "--ankle", "FOLDER", "Also compare the inertia that the ankle motors of digit_like feel with that of a serial "
+        "model: the folder of its URDF.")] = None,
+    as_json: output.Json = False,
+) -> int:
+    # fmt: on
+    """Time closure, Jacobian and reduced dynamics; walk at random and count changes of branch.
+
+    Example: python -m benchmarks actuation --walk 1000
+    """
+    rows, walked = [asdict(row) for row in measured((*SCENES, *([robot] if robot else ())))], walk(walks)
+    felt = [asdict(row) for row in reflected(robot, *DIGIT)] if robot else []
+    if as_json:
+        output.print_json({"machine": report.machine(), "actuation": rows, "walk": walked, "reflected": felt})
+        return output.FINE
+    print(report.machine() + "\n")
+    columns = [("scene", "{scene}"), ("velocities>", "{velocities}"), ("motors>", "{motors}")]
+    columns += [
+        (f"{name} [µs]>", report.scaled(name, 1e6, 1)) for name in ("closure", "jacobian", "reduced", "forward")
+    ]
+    report.table(rows, columns, f"one call; closure over {STEP:g} rad or m of every motor")
+    print(
+        f"\nrandom walk of a five-bar: {walked['steps']} steps, {walked['blocked']} blocked by a singular position, "
+        f"{walked['jumps']} changes of branch, {1e6 * walked['time']:.0f} µs a step"
+    )
+    if felt:
+        columns = [("motors at [rad]>", "{position:+.2f}"), ("serial>", "{serial:.4g}"), ("bodies>", "{rods:.4g}")]
+        columns += [(f"and rotors of {ROTOR:g}>", "{whole:.4g}")]
+        report.table(felt, columns, "largest inertia that the ankle motors feel, kg·m²")
+    return output.FINE
+
+
+DIGIT = (("motor_shin1", "motor_shin2"), ("free_foot1",))
