@@ -33,7 +33,7 @@ def follower(index1, residuals):
     """The compiled way along the legs of the system of `index1`, or None; `residuals` as in ``linear.Step``."""
     if not isinstance(index1, CompiledIndex1):
         return None
-    core = load()[0].Follower(index1.compiled)
+    core = load()[0].Derivatives(index1.compiled)
     for terms in residuals:
         core.add_parameter()
         for weight, other in terms:

@@ -153,9 +153,9 @@ private:
 };
 
 // The recursion over a leg: tables S, (ROWS, P (nx+nv+nc)) each, row by row.
-class Follower {
+class Derivatives {
 public:
-  explicit Follower(System &system) : step(system), system_(system) {}
+  explicit Derivatives(System &system) : step(system), system_(system) {}
 
   LinearStep step;
 

@@ -32,27 +32,27 @@ bool calls_python(const System &system, const LinearStep &step) {
 }
 
 void bind_gradients(nb::module_ &m) {
-  nb::class_<Follower>(m, "Follower")
+  nb::class_<Derivatives>(m, "Derivatives")
       .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
-      .def("add_parameter", [](Follower &f) { f.step.parameters.emplace_back(); })
-      .def("add_term", [](Follower &f, double weight, System &system) { f.step.parameters.back().emplace_back(weight, &system); },
+      .def("add_parameter", [](Derivatives &f) { f.step.parameters.emplace_back(); })
+      .def("add_term", [](Derivatives &f, double weight, System &system) { f.step.parameters.back().emplace_back(weight, &system); },
            nb::keep_alive<1, 3>())
       .def("forward",
-           [](Follower &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
+           [](Derivatives &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
               Array<const double, 2> base, Array<const double, 3> Z, std::vector<int> changed, Array<const double, 3> changes,
               Array<double, 4> tables) {
              const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
              return beside(calls_python(system, f.step), [&] { return f.forward(leg, tables.data()); });
            })
       .def("backward",
-           [](Follower &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
+           [](Derivatives &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
               Array<const double, 2> base, Array<const double, 3> Z, std::vector<int> changed, Array<const double, 3> changes,
               Array<double, 3> seeds, Array<double, 2> weights) {
              const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
              return beside(system.calls_python(), [&] { return f.backward(leg, seeds.data(), weights.data()); });
            })
       .def("weigh",
-           [](Follower &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
+           [](Derivatives &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
               Array<const double, 2> base, Array<const double, 3> Z, std::vector<int> changed, Array<const double, 3> changes,
               System &other, Array<const double, 2> weights) {
              const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
