@@ -7,6 +7,7 @@ import pytest
 
 import pinconsist as pc
 from pinconsist._core import compiled, load
+from pinconsist.dae.events import reads_multipliers
 
 pytestmark = pytest.mark.skipif(load()[0] is None, reason="no compiled part")
 
@@ -149,3 +150,57 @@ def test_a_signal_ends_the_run_at_the_step_that_is_looked_at(whose):
 
     sol = run({whose: function})
     assert (sol.status, sol.nsteps) == (1, int(np.argmax(sol.t > 0.2))) and "interrupted" in sol.message
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+@pytest.mark.parametrize("seen_by", ["callback", "event", "both"])
+def test_a_force_of_the_users_finds_each_step_seen(monkeypatch, method, seen_by):
+    """Callbacks and events may change what it does from the next step on; the compiled loop calls them."""
+
+    def run(one_by_one):
+        if one_by_one:
+            monkeypatch.setattr(compiled.CompiledStepper, "batch", 1)
+            monkeypatch.setattr(compiled.CompiledRadauStepper, "batch", 1)
+        last, calls = [0.0], []
+
+        def note(t, q, v, lam):
+            last[0] = t
+            return t > 0.15 if seen_by == "callback" else np.sin(q[0]) - 0.5
+
+        options = {
+            "callback": {"callback": note},
+            "event": {"events": note},
+            "both": {"events": turned(-0.3, terminal=True), "callback": lambda t, *state: note(t, *state) > 2.0},
+        }[seen_by]
+        steps = compiled.CompiledStepper.steps
+        with monkeypatch.context() as patched:
+            patched.setattr(compiled.CompiledStepper, "steps", lambda *args: calls.append(1) or steps(*args))
+            torque = pc.Torque(lambda t, q, v: np.array([last[0], 0.0, 0.0]))
+            sol = pc.simulate(pc.load(RUN[0]), (0.0, 0.2), **START, method=method, forces=[torque], **options)
+        return sol, len(calls)
+
+    (many, few), (one, _) = run(False), run(True)
+    assert many.status == one.status and many.nsteps == one.nsteps and few < 40
+    for name in ("t", "q", "v", "lam"):
+        np.testing.assert_array_equal(getattr(many, name), getattr(one, name))
+
+
+def test_multipliers_are_computed_for_events_that_read_them():
+    def never(t, q, v, lam):
+        return q[0]
+
+    def hidden(t, q, v, lam):
+        return locals()["lam"][0]
+
+    readers = [
+        lambda t, q, v, lam: lam[0],
+        lambda t, q, v, lam: sum(lam[i] for i in range(2)),
+        lambda t, q, v, *rest: rest[0][0],
+        lambda *state: state[3][0],
+        hidden,
+        turned(0.5).function.__call__,
+    ]
+    assert all(map(reads_multipliers, readers)) and not reads_multipliers(never)
+    sol = run({"method": "Radau", "events": readers[0], "dense_output": True})
+    assert len(sol.t_events[0])
+    assert np.abs(sol.sol(sol.t_events[0])[2][:, 0]).max() < 1e-4 * np.abs(sol.lam).max()

@@ -54,8 +54,8 @@ class Sampler {
 public:
   explicit Sampler(System &system) : system_(system), index1_(system) {}
 
-  // p, v and λ at a time of a step; false where the equations are singular.
-  bool sample(const Collocations::value_type &of, double t) {
+  // p, v and, if wanted, λ at a time of a step; false where the equations are singular.
+  bool sample(const Collocations::value_type &of, double t, bool with_multipliers = true) {
     const Collocation &step = *of;
     const Shape &shape = step.shape;
     const RadauTable &table = *shape.table;
@@ -72,7 +72,7 @@ public:
     xi_ = step.U * here + theta * theta * (3.0 - 2.0 * theta) * missing_;
     system_.integrate(step.p0, xi_, p);
     v = step.v0 + shape.W * here + theta * theta * missing_v_;
-    return index1_.acceleration(t, p, v, a_, lam);
+    return !with_multipliers || index1_.acceleration(t, p, v, a_, lam);
   }
 
   Vec p, v, lam;

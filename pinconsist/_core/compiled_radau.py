@@ -38,11 +38,11 @@ class StageCurve(Curve):
         ends = np.append(self.ends[:last], end)
         return StageCurve(self._core.first(last + 1), self.start, ends, self.system, self._sampler)
 
-    def __call__(self, times):
+    def __call__(self, times, with_multipliers=True):
         found = None
         if self._sampler:
             sizes = self.system.npos, self.system.nv, self.system.nc
-            found = self._sampler[0].rows(self._core, self.holders(times), times, *sizes)
+            found = self._sampler[0].rows(self._core, self.holders(times), times, *sizes, with_multipliers)
         return super().__call__(times) if found is None else found
 
     def row(self, i, t):
@@ -118,7 +118,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
     def _jump(self):
         if not self._core.jump():
             self.index1.acceleration(self.t, self.p, self.v)  # says why
-        self.a, self.lam = self._core.a, self._core.lam
+        self.lam = self._core.lam
 
     def _hand_state(self):
         self._core.begin(self.t, self.s, self.p, self.v, self.a, self.lam)
@@ -133,8 +133,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         core, t_old = self._core, self.t
         failure, error, t, p, v, lam, h, k, steps = made
         self.t, self.h, self.s = core.t, core.h, core.s
-        self.p, self.v, self.a, self.lam = core.p, core.v, core.a, core.lam
         if len(t):
-            self.used = float(h[-1]), int(k[-1])
+            self.p, self.v, self.lam, self.used = p[-1], v[-1], lam[-1], (float(h[-1]), int(k[-1]))
         curve = StageCurve(steps, t_old, t, self.system, self._sampler) if steps is not None else None
         return StepBatch(t, p, v, lam, k, curve, self._counted(failure), error)

@@ -22,11 +22,11 @@ Switches switches_of(nb::object switches) {
 }
 
 // Make steps until something ends them; returns its name and an exception of Python's. Others run meanwhile if they can.
-template <class Run> std::pair<const char *, nb::object> attempted(const System &system, const Run &run) {
+template <class Run> std::pair<const char *, nb::object> attempted(bool calls_python, const Run &run) {
   Failure failure = Failure::none;
   nb::object error = nb::none();
   try {
-    if (system.calls_python()) {
+    if (calls_python) {
       failure = run();
     } else {
       nb::gil_scoped_release release;
@@ -42,10 +42,9 @@ template <class Run> std::pair<const char *, nb::object> attempted(const System 
 
 // The polynomials of a batch, for Python; None where there are none.
 nb::object in_python(TableCurve &curve) {
-  const size_t bases = curve.bases.size(), tables = curve.tables.size();
-  if (!tables) return nb::none();
+  if (curve.tables.empty()) return nb::none();
   const size_t changed = curve.changed.size(), changes = curve.changes.size();
-  return nb::make_tuple(array(curve.bases, {bases}), array(curve.tables, {tables}), array(curve.changed, {changed}),
+  return nb::make_tuple(array_of(std::move(curve.bases)), array_of(std::move(curve.tables)), array(curve.changed, {changed}),
                         array(curve.changes, {changes}));
 }
 nb::object in_python(Collocations &curve) { return curve.empty() ? nb::none() : nb::cast(StageCurve{std::move(curve)}); }
@@ -72,14 +71,14 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
            })
       .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, array(s.newton.culprit_p), array(s.newton.culprit_v)); })
       .def("run", // a batch: why it ended, an exception of Python's, its rows, and its polynomials
-           [](Stepper &s, const System &system, double t_end, long most, bool with_curve) {
+           [](Stepper &s, const System &system, double t_end, long most, bool with_curve, nb::object sees) {
              StepBatch<Curve> out;
-             const auto [failure, error] = attempted(system, [&] { return s.run(t_end, most, with_curve, out); });
+             const auto [failure, error] = attempted(system.calls_python() || !sees.is_none(), [&] { return s.run(t_end, most, with_curve, sees, out); });
              const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc;
              return nb::make_tuple(failure, error, array(out.t, {n}), array(out.p, {n, npos}),
                                    array(out.v, {n, nv}), array(out.lam, {n, nc}),
                                    array(out.h, {n}), array(out.order, {n}), in_python(out.curve));
-           });
+           }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "sees"_a.none());
 }
 
 void bind_radau(nb::module_ &m) {
@@ -144,13 +143,14 @@ void bind_radau(nb::module_ &m) {
              return nb::make_tuple(array(sampler.p), array(sampler.v), array(sampler.lam));
            })
       .def("rows", // at times of the steps with these indices
-           [](Sampler &sampler, const StageCurve &curve, const std::vector<size_t> &steps, const Vec &times, int npos, int nv, int nc) -> nb::object {
-             Table p(times.size(), npos), v(times.size(), nv), lam(times.size(), nc);
+           [](Sampler &sampler, const StageCurve &curve, const std::vector<size_t> &steps, const Vec &times, int npos, int nv, int nc,
+              bool with_multipliers) -> nb::object {
+             Table p(times.size(), npos), v(times.size(), nv), lam = Table::Constant(times.size(), nc, NOT_A_NUMBER);
              for (Eigen::Index i = 0; i < times.size(); ++i) {
-               if (!sampler.sample(curve.steps.at(steps[i]), times[i])) return nb::none();
+               if (!sampler.sample(curve.steps.at(steps[i]), times[i], with_multipliers)) return nb::none();
                p.row(i) = sampler.p.transpose();
                v.row(i) = sampler.v.transpose();
-               lam.row(i) = sampler.lam.transpose();
+               if (with_multipliers) lam.row(i) = sampler.lam.transpose();
              }
              return nb::make_tuple(array(p), array(v), array(lam));
            });

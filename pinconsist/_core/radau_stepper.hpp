@@ -236,6 +236,7 @@ private:
   const Vec &velocity() const { return v; }
   const Vec &multipliers() const { return lam; }
   int order() const { return 2 * used_s - 1; }
+  void reserve(long, Collocations &) const {}
   void keep(Collocations &curve) const {
     const Stages &of = newton.stages;
     curve.push_back(std::make_shared<Collocation>(Collocation{shape_, of.U(), of.p, of.v, p, v}));

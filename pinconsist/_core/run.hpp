@@ -30,16 +30,19 @@ public:
   double start = 0.0;
   long taken = 0, steps = 0;
 
-  // Accepted steps towards t_end, at most `most`.
-  Failure run(double t_end, long most, bool with_curve, StepBatch<Curve> &out) {
+  // Accepted steps towards t_end, at most `most`. `sees`, if it is not None, looks at each and may end them.
+  Failure run(double t_end, long most, bool with_curve, const nb::object &sees, StepBatch<Curve> &out) {
     sizes_.clear();
     const auto begun = std::chrono::steady_clock::now();
+    if (with_curve) self().reserve(most, out.curve);
     while (out.steps < most && t != t_end) {
       self().prepare_next();
       const Failure failure = self().advance(t_end);
       if (failure != Failure::none) return failure;
       if (with_curve) sizes_.push_back(self().control.sizes);
       record(with_curve, out);
+      if (!sees.is_none() && nb::cast<bool>(sees(t, array(p), array(self().velocity()), array(self().multipliers()), self().order())))
+        break;
       if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;
     }
     return Failure::none;

@@ -139,6 +139,10 @@ private:
   Vec velocity() const { return y.segment(system_.nx, system_.nv); }
   Vec multipliers() const { return y.tail(system_.nc); }
   int order() const { return used_k; }
+  void reserve(long steps, TableCurve &curve) const {
+    curve.bases.reserve(steps * base.size());
+    curve.tables.reserve(steps * Z.size());
+  }
   void keep(TableCurve &curve) {
     if (changed_.size()) {
       curve.changed.push_back(static_cast<int>(curve.bases.size() / base.size()));

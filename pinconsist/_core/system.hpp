@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
 
 #include <cstring>
 #include <type_traits>
@@ -40,6 +41,13 @@ template <class Number> nb::object array(const std::vector<Number> &x, std::init
 inline nb::object array(const Vec &x) { return array(x.data(), {static_cast<size_t>(x.size())}); }
 inline nb::object array(const Table &x) {
   return array(x.data(), {static_cast<size_t>(x.rows()), static_cast<size_t>(x.cols())});
+}
+
+// The same of many numbers, which are not copied.
+inline nb::object array_of(std::vector<double> &&numbers) {
+  auto *kept = new std::vector<double>(std::move(numbers));
+  const nb::capsule owner(kept, [](void *p) noexcept { delete static_cast<std::vector<double> *>(p); });
+  return nb::cast(nb::ndarray<nb::numpy, double>(kept->data(), {kept->size()}, owner));
 }
 
 inline nb::object argument(const Vec &x) { return array(x); }

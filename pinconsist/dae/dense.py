@@ -107,8 +107,8 @@ class Curve:
     def _cut(self, last, end):
         return Curve([*self.segments[:last], replace(self.segments[last], end=end)])
 
-    def __call__(self, times):
-        """(p, v, λ) at several times, as arrays."""
+    def __call__(self, times, with_multipliers=True):
+        """(p, v, λ) at several times, as arrays; what λ is has no meaning where it is not wanted."""
         rows = [self.segment(i)(t) for i, t in zip(self.holders(times), times, strict=True)]
         return tuple(map(np.array, zip(*rows, strict=True)))
 
@@ -152,7 +152,7 @@ class Tables(Curve):
         t_old, ends, *others = (column[: last + 1] for column in self._columns())
         return Tables(t_old, np.append(ends[:last], end), *others, self.system, self.chart_points)
 
-    def __call__(self, times):
+    def __call__(self, times, with_multipliers=True):
         i, nx, nv = self.holders(times), self.system.nx, self.system.nv
         highest = int(self.k[i].max(initial=0))
         basis = bdf.interpolate(highest, (times - self.t[i]) / self.h[i])

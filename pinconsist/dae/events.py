@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from dis import get_instructions
+from types import FunctionType
 
 from scipy.optimize import brentq
 
@@ -13,6 +15,7 @@ SAME_TIME = 1e-13  # relative: events closer than that happen at once
 NUDGE = 1e-6  # of a step
 BESIDE = 1e-3  # of a step, for a slope
 ROUGHLY = 1e-7  # of a step, where a secant follows
+LOOKING = {"locals", "vars", "dir", "eval", "exec"}  # functions that see all variables
 MOST_TRIES = 3000  # Brent's method needs 135 for a triple zero, and never more than 52² for any
 
 
@@ -76,14 +79,23 @@ class EventWatch:
     def __init__(self, events, finish, interrupted, retake):
         self.events, self.finish, self.interrupted, self.retake = events, finish, interrupted, retake
         self.found = [[] for _ in events]
-        self._values = [0.0] * len(events)
+        self._values, self._seen = [0.0] * len(events), []  # of each event: at the last look, and ahead of the search
+        self._multipliers = any(reads_multipliers(event.function) for event in events)
         self._there = None, 0.0, ()  # the state made last: of a segment, at a time
 
     def restart(self, t, p, v, lam, fired=()) -> None:
         """Take the signs at a new start; an event that is zero there, as those that just fired, is not found again."""
-        self._values = self._signs(t, p, v, lam)
+        if not self.events:
+            return
+        self._values, self._seen = self._signs(t, p, v, lam), []
         for i in fired:
             self._values[i] = 0.0  # what rounding leaves of it has no meaning
+
+    def sees(self, t, p, v, lam, order) -> bool:
+        """Look at a step before the batch it belongs to is searched; whether something may have happened in it."""
+        before, values = self._seen[-1] if self._seen else self._values, self._signs(t, p, v, lam)
+        self._seen.append(values)
+        return any(not a * b > 0.0 for a, b in zip(before, values, strict=True))
 
     def first(self, batch):
         """Record the events of steps in order of time; stop at the first that changes the run.
@@ -95,10 +107,13 @@ class EventWatch:
         (indices of the events at that time, t, (p, v, λ), whether to stop) or None
         """
         begin, seen, looks, self.looked = batch.curve.start, 0, batch.curve.looks, 0
-        t, p, v, lam = batch.looked_into(looks)
-        rows = p, v, self.finish(p, lam)
+        t, p, v, lam = batch.looked_into(looks, self._multipliers)
+        rows = p, v, self.finish(p, lam) if self._multipliers else lam
         for end, p, v, lam in zip(t.tolist(), *rows, strict=True):  # at every step: plain loops are fastest
-            values, self._values = self._values, [_value(event, end, p, v, lam) for event in self.events]
+            values, self._values = (
+                self._values,
+                (self._seen.pop(0) if self._seen else [_value(event, end, p, v, lam) for event in self.events]),
+            )
             for before, after in zip(values, self._values, strict=True):
                 if not before * after > 0.0:
                     segment = batch.curve.segment(min(self.looked, len(batch.curve.ends) - 1))  # a start is one
@@ -178,6 +193,16 @@ class EventWatch:
         slope = (g(root) - g(beside)) / (root - beside) if root != beside else 0.0
         moved = root - missing / slope if slope else root  # one secant takes out what the interpolant is wrong by
         return moved if (moved - begin) * (moved - end) < 0 else root
+
+
+def reads_multipliers(function) -> bool:
+    """Whether an event's function may look at λ, its last argument; it takes as long to compute as all the rest."""
+    code = getattr(function, "__code__", None)
+    if not isinstance(function, FunctionType) or code.co_argcount != 4 or LOOKING.intersection(code.co_names):
+        return True
+    name = code.co_varnames[3]
+    used = (each.argval for each in get_instructions(code))
+    return name in code.co_cellvars or any(name == each or (type(each) is tuple and name in each) for each in used)
 
 
 def _at_once(t1, t2) -> bool:

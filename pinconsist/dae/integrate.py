@@ -162,7 +162,11 @@ def _ending(error, t):
 def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=False, jumped=False):
     """Integrate from (p, v); or the run `resumes` where the stepper stands, and forces have `jumped` there."""
     (t, t_end), with_curve = t_span, bool(watch.events) or record.needs_curve
-    pace = Pace(method.control, t, record.nsteps)
+    pace, sees = Pace(method.control, t, record.nsteps), _seen_at_once(stepper, record, watch)
+
+    def more(until, begun):
+        return stepper.steps(until, _batch_size(stepper, method, record, watch, begun), with_curve, sees)
+
     while t != t_end:  # once, and again after every event that changes the state and where forces jump
         _stop_if(interrupted)
         until, begun = stepper.system.next_change(t, record.next_stop(t, t_end)), record.nsteps
@@ -171,10 +175,7 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
             record.jump(*first)
             watch.restart(*first)
         resumes = jumped = False
-        curve = Curve([stepper.segment()]) if with_curve and states else None
-        if method.max_steps is not None:  # a start is several steps
-            states = states[: method.max_steps - record.nsteps]
-        batch = StepBatch.of(states, [stepper.used[1]] * len(states), curve)
+        batch = _started(stepper, method, record, states, with_curve) if states else more(until, begun)
         while True:
             hit = _look(watch, batch, record)
             if hit is not None:
@@ -204,15 +205,32 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
                 raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {record.reached:.6g} of {t_end:.6g}")
             if pace.lost(record.nsteps, t, t_end, partial(jumping, stepper)):
                 raise Stop(FAILED, failure_report(stepper, FAILURES["chatters"]))
-            due = stepper.rows_watched - record.nsteps % stepper.rows_watched
-            other_rows = batch.failure or (due == stepper.rows_watched and _choose_rows(stepper, record, watch))
+            looked_at = record.nsteps % stepper.rows_watched == 0
+            other_rows = batch.failure or (looked_at and _choose_rows(stepper, record, watch))
             if other_rows or t == until:
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
                 jumped = t == until and stepper.system.change(t, p, v)
                 resumes = not other_rows
                 break
             _stop_if(interrupted)
-            batch = stepper.steps(until, _batch_size(stepper, method, record, watch, begun, due), with_curve)
+            batch = more(until, begun)
+
+
+def _started(stepper, method, record, states, with_curve):
+    """The steps of a start."""
+    if method.max_steps is not None:
+        states = states[: method.max_steps - record.nsteps]
+    curve = Curve([stepper.segment()]) if with_curve and states else None
+    return StepBatch.of(states, [stepper.used[1]] * len(states), curve)
+
+
+def _seen_at_once(stepper, record, watch):
+    """What sees each step before the next one is made, where a user's function might change what that will be."""
+    if stepper.ahead or (watch.events and stepper.looks > 1):
+        return None
+    if watch.events and record.output.each_step:
+        return lambda *row: watch.sees(*row) or record.sees(*row)
+    return watch.sees if watch.events else record.sees if record.output.each_step else None
 
 
 def _look(watch, batch, record):
@@ -231,16 +249,18 @@ def _stop_if(interrupted):
         raise KeyboardInterrupt
 
 
-def _batch_size(stepper, method, record, watch, begun, due) -> int:
+def _batch_size(stepper, method, record, watch, begun) -> int:
     """How many steps may be made before somebody has to look at them."""
-    if not stepper.ahead and (watch.events or record.output.each_step):
-        return 1
     most = stepper.batch
     if watch.events:  # what is made beyond an event that changes the state is made in vain
-        most = min(most, FEWEST + (record.nsteps - begun) // SHARE)
+        most = (
+            min(most, FEWEST + (record.nsteps - begun) // SHARE) if stepper.ahead else 1 if stepper.looks > 1 else most
+        )
     if method.max_steps is not None:
         most = min(most, method.max_steps - record.nsteps)
-    return most if stepper.system.dropped_are_zero else min(most, due)
+    if stepper.system.dropped_are_zero:
+        return most
+    return min(most, stepper.rows_watched - record.nsteps % stepper.rows_watched)
 
 
 def _choose_rows(stepper, record, watch) -> bool:

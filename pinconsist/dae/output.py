@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import repeat
 
 import numpy as np
 
@@ -70,6 +71,8 @@ class Record:
         self._orders, self._curves = [], []
         self._blocks, self._finished = [], []
         self._due = output.t_eval  # times of rows that were not reached yet
+        self._ordered = hasattr(output.callback, "order")
+        self._called, self._ended = 0, None  # rows of the next batch that were seen ahead, and what ends the run there
 
     def first(self, t, p, v, lam) -> None:
         """The initial row."""
@@ -166,25 +169,42 @@ class Record:
             self.output.callback(batch.t[-1], abs(batch.t[-1] - start), int(batch.order[-1]), len(batch.t))
         return len(batch.t), None
 
+    def sees(self, t, p, v, lam, order) -> bool:
+        """Call the user's callback with a step before the batch it belongs to is added; whether it ends the run."""
+        row = p, v, self._finish(p, lam)
+        for each in row:
+            each.flags.writeable = False
+        self._called, self._ended = self._called + 1, self._called_back((t, *row), order if self._ordered else None)
+        return self._ended is not None
+
     def _call_back(self, times, states, orders):
         """Call the user's callback with each row; how many rows it has seen, and what ends the run there, or None."""
-        callback, seen, (p, v, lam) = self.output.callback, 0, states
-        rows = zip(times.tolist(), *map(read_only, (p, v, self._finish(p, lam))), strict=True)
-        ordered = orders is not None and hasattr(callback, "order")
+        seen, ended, (p, v, lam) = self._called, self._ended, states
+        self._called, self._ended = 0, None
+        if ended is None and seen < len(times):
+            left = (read_only(each[seen:]) for each in (p, v, self._finish(p, lam)))
+            rows = zip(times[seen:].tolist(), *left, strict=True)
+            orders = repeat(None) if orders is None or not self._ordered else orders[seen:]
+            for row, order in zip(rows, orders, strict=False):
+                seen, ended = seen + 1, self._called_back(row, order)
+                if ended is not None:
+                    break
+        return seen, ended
+
+    def _called_back(self, row, order):
+        """Call the user's callback with a row; what ends the run there, or None."""
+        callback = self.output.callback
         try:
-            for seen, row in enumerate(rows, 1):
-                if ordered:
-                    callback.order = int(orders[seen - 1])
-                if callback(*row):
-                    return seen, Stop(STOPPED, f"stopped by the callback at t = {row[0]:.6g}")
-                if self._interrupted():
-                    return seen, KeyboardInterrupt()
+            if order is not None:
+                callback.order = int(order)
+            if callback(*row):
+                return Stop(STOPPED, f"stopped by the callback at t = {row[0]:.6g}")
+            return KeyboardInterrupt() if self._interrupted() else None
         except Exception as error:
             if isinstance(error, PinconsistError):
-                return seen, error
+                return error
             told = UserFunctionError("the callback", row[0], error)
             told.__cause__ = error
-            return seen, told
+            return told
         except BaseException as error:
-            return seen, error
-        return seen, None
+            return error

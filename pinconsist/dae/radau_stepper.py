@@ -28,6 +28,7 @@ from .tuning import (
     FIRST_TRIALS,
     FORESEEN,
     LAST_MODE,
+    LOOKS,
     MAX_CHART_TURN,
 )
 
@@ -68,7 +69,7 @@ class RadauStepper(Stepper):
         super().change_system(system)
         self._turns = None
 
-    rows_watched = 1  # steps are long
+    rows_watched, looks = 1, LOOKS  # steps are long
     k = property(lambda self: 2 * self.s - 1)
     y = property(lambda self: np.concatenate((np.zeros(self.system.nx), self.v, self.lam)))
 

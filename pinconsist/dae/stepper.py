@@ -50,14 +50,14 @@ class StepBatch:
         curve = self.curve and n and self.curve.until(self.t[n - 1])
         return StepBatch(self.t[:n], *(each[:n] for each in self.states), self.order[:n], curve or None)
 
-    def looked_into(self, looks: int):
+    def looked_into(self, looks: int, with_multipliers: bool):
         """t, p, v and λ at so many times in each step, its end the last."""
         if looks == 1:
             return self.t, *self.states
         before = np.concatenate(([self.curve.start], self.t[:-1]))[:, None]
         t = (before + (self.t[:, None] - before) * (np.arange(1, looks + 1) / looks)).reshape(-1)
         t[looks - 1 :: looks] = self.t
-        states = self.curve(t)
+        states = self.curve(t, with_multipliers)
         for inside, ends in zip(states, self.states, strict=True):
             inside[looks - 1 :: looks] = ends
         return t, *states
@@ -91,6 +91,8 @@ class Stepper:
         function of the user's takes part in them, which an event or a callback might change.
     rows_watched : int
         Steps after which the choice of constraint rows is looked at.
+    looks : int
+        Times in a step at which events are looked for.
     retake : callable or None
         ``retake(segment, t)`` gives (p, v, λ) at a time inside a step as exactly as at its end; None: interpolants do.
     backend : str
@@ -98,7 +100,7 @@ class Stepper:
     """
 
     retake = None
-    batch, ahead, rows_watched, backend = 50, False, 5, "python"
+    batch, ahead, rows_watched, looks, backend = 50, False, 5, 1, "python"
 
     def __init__(self, system, method):
         self.method, self.control = method, method.control
@@ -166,8 +168,11 @@ class Stepper:
         """Go on from where the run stands, after a jump of forces; returns what :meth:`begin` does."""
         return self.begin(self.t, self.p, self.velocity_and_multipliers()[0], t_end)
 
-    def steps(self, t_end, most, with_curve) -> StepBatch:
-        """Accepted steps towards `t_end`, at most `most`, with their polynomials where they are asked for."""
+    def steps(self, t_end, most, with_curve, sees=None) -> StepBatch:
+        """Accepted steps towards `t_end`, at most `most`, with their polynomials where they are asked for.
+
+        ``sees(t, p, v, λ, order)``, if not None, is called with each before the next is made; a true value ends them.
+        """
         states, orders, segments, due = [], [], [], time.monotonic() + PATIENCE
         failure, error = "", None
         try:
@@ -179,6 +184,8 @@ class Stepper:
                 states.append((self.t, self.p, *self.velocity_and_multipliers()))
                 orders.append(self.used[1])
                 segments += [self.segment()] if with_curve else []
+                if sees is not None and sees(*states[-1], orders[-1]):
+                    break
         except BaseException as raised:  # what was reached is kept; the caller raises it
             error = raised
         return StepBatch.of(states, orders, Curve(segments) if segments else None, failure, error)
