@@ -8,10 +8,11 @@ from functools import cache
 import numpy as np
 
 from ..dae import bdf
+from ..dae.batch import StepBatch
 from ..dae.control import ErrorControl
 from ..dae.dense import Tables
 from ..dae.integrate import python_stepper
-from ..dae.stepper import StepBatch, Stepper
+from ..dae.stepper import Stepper
 from ..errors import InputError
 from . import load
 from .compiled_radau import CompiledRadauStepper

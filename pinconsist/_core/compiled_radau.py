@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..dae.batch import StepBatch
 from ..dae.dense import Curve, RadauSegment
 from ..dae.radau import table
 from ..dae.radau_control import RadauControl
 from ..dae.radau_stepper import RadauStepper
-from ..dae.stepper import StepBatch
 from ..dae.tuning import FEWEST_STAGES, FIRST_STAGES, LOOKS, MOST_STAGES
 from . import load
 from .compiled_system import CompiledRun
@@ -32,7 +32,8 @@ class StageCurve(Curve):
 
     def _plain(self, i) -> RadauSegment:
         t, h, s, *arrays = self._core.step(i)
-        return RadauSegment(t, self.ends[i], h, table(s), *arrays, self.system)
+        parts = dict(zip(("p0", "v0", "W", "U", "p", "v"), arrays, strict=True))
+        return RadauSegment(t, self.ends[i], h, table(s), **parts, system=self.system)
 
     def _cut(self, last, end):
         ends = np.append(self.ends[:last], end)

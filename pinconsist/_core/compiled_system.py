@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..dae.batch import StepBatch
 from ..dae.index1 import (
     Index1,
     NotFiniteError,
@@ -16,7 +17,7 @@ from ..dae.index1 import (
 )
 from ..dae.kkt import singular_message
 from ..dae.newton import culprits
-from ..dae.stepper import StepBatch, Stepper
+from ..dae.stepper import Stepper
 from ..dae.tuning import FAILURES
 from ..errors import AssemblyError, PinconsistError, SingularSystemError
 from . import load

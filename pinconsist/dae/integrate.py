@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError
+from .batch import StepBatch
 from .consistency import MODES, Exact
 from .control import ErrorControl, FixedStep
 from .dense import Curve, DenseOutput
@@ -19,7 +20,7 @@ from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
 from .problem import Index3System
 from .radau_stepper import RadauStepper
 from .rounding import Pace
-from .stepper import StepBatch, Stepper
+from .stepper import Stepper
 from .tuning import FAILURES, Switches
 
 FEWEST, SHARE = 1, 4  # steps made ahead of the search for events: so many, and one for each so many since the start

@@ -9,9 +9,9 @@ from itertools import repeat
 import numpy as np
 
 from ..errors import PinconsistError, UserFunctionError
+from .batch import StepBatch
 from .dense import DenseOutput
 from .events import Event, read_only
-from .stepper import StepBatch
 
 SUCCESS, STOPPED, FAILED = 0, 1, -1
 
