@@ -8,7 +8,17 @@ import typer
 
 from pinconsist.cli import app as package
 
-from . import ablate, actuation, chains_command, overhead, robots, sampled, stress_command, work_precision_command
+from . import (
+    ablate,
+    actuation,
+    chains_command,
+    gradients,
+    overhead,
+    robots,
+    sampled,
+    stress_command,
+    work_precision_command,
+)
 
 WRONG_INPUT = "2 wrong input; 130 interrupted"
 COMMANDS: dict[str, tuple[Callable, str]] = {
@@ -18,6 +28,7 @@ COMMANDS: dict[str, tuple[Callable, str]] = {
     "sampled": (sampled.command, WRONG_INPUT),
     "actuation": (actuation.command, WRONG_INPUT),
     "ablate": (ablate.command, WRONG_INPUT),
+    "gradients": (gradients.command, WRONG_INPUT),
     "chains": (chains_command.command, f"1 a run failed; {WRONG_INPUT}"),
     "stress": (stress_command.command, f"1 a case failed; {WRONG_INPUT}"),
 }

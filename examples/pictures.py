@@ -186,6 +186,14 @@ def workspace(axes, mech, found):
     return "height of the tip  [m]"
 
 
+def identification(axes, mech, fit):
+    crank, t = fit[2].dq[:, 0], fit[2].solution.t
+    for i, (name, color) in enumerate({"mass": BLUE, "damping": ORANGE, "stiffness": "#333333"}.items()):
+        axes.plot(t, 1e3 * fit[1][i] * crank[:, i], color=color, label=name)
+    axes.legend(frameon=False)
+    return "crank angle by one standard deviation of a parameter  [mrad]"
+
+
 FIGURES = {  # curve, time of the still or None, traces in it
     "02_four_bar": (four_bar, 1.0, ("coupler_tip",)),
     "03_driven_slider_crank": (slider_crank, 0.05, ()),
@@ -204,6 +212,7 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "16_sampled_pd": (held, None, ()),
     "17_cosimulation": (held, None, ()),
     "18_five_bar_workspace": (workspace, None, ()),
+    "19_identification": (identification, None, ()),
 }
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from helpers import command_line
 
-from benchmarks import actuation, sampled
+from benchmarks import actuation, gradients, sampled
 from benchmarks.against import against
 from benchmarks.app import main
 from benchmarks.around import around
@@ -35,6 +35,13 @@ def test_actuation_is_timed_and_its_walk_keeps_the_branch():
     if (ROBOTS / "digit_like").is_dir():
         felt = actuation.reflected(ROBOTS / "digit_like", *actuation.DIGIT, positions=(0.0,))[0]
         assert felt.serial < felt.rods < felt.whole and felt.whole - felt.rods == pytest.approx(actuation.ROTOR)
+
+
+def test_derivatives_are_exact_and_timed():
+    (row,) = gradients.accuracy(("andrews",), (1e-6,))
+    assert row.dq < 1e-6 and row.dv < 1e-6 and row.dlam < 1e-5
+    (row,) = gradients.cost(("andrews",), repeats=1, rtol=1e-6)
+    assert min(row.run, row.fixed, row.adjoint) > 0.0
 
 
 def test_overhead_counts_steps_residuals_and_times():
