@@ -102,7 +102,7 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
     for scene in scenes:
         make, names, until, v0 = SCENES[scene]
         mech, tolerances = make(), {"rtol": rtol, "atol": 1e-2 * rtol}
-        solution, legs, variants, base, _ = prepared(
+        solution, legs, variants, base, *_ = prepared(
             mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, "auto", {}
         )
         moving = [variant for variant in variants if not variant.inert]

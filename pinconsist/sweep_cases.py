@@ -121,8 +121,8 @@ def target(mechanism: Mechanism, name: str) -> Callable[[Run, float], None]:
 
     Names are those of joints of one degree of freedom (initial position, rad or m), ``<joint>_speed`` (initial
     velocity), ``<joint>_torque`` (constant, in addition to the scene's forces); ``<loop or force>.<number>``, by the
-    names of the scene file, such as ``gear.ratio``, ``motor.speed``, ``spring crank.stiffness``; ``gravity.x``,
-    ``gravity.y``, ``gravity.z`` (m/s²); ``rtol``, ``atol``, ``step``, ``until``.
+    names of the scene file, such as ``gear.ratio``, ``motor.speed``, ``spring crank.stiffness``; what else
+    :mod:`pinconsist.mechanism.parameters` names; ``rtol``, ``atol``, ``step``, ``until``.
     """
     for joint, kind in ((name, "q0"), (name.removesuffix("_speed"), "v0"), (name.removesuffix("_torque"), "torques")):
         if joint in mechanism.joints and (kind == "q0" or joint != name):

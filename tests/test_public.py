@@ -43,7 +43,7 @@ PARAMETERS = {  # those after the bar by name only
     "Reaction": "loop kind axes t force moment torque joint_forces dependence",
     "Rerun": "same differences solution",
     "Sampled": "period law joints delay",
-    "Sensitivities": "solution names steps dq dv dlam event_times work",
+    "Sensitivities": "solution names values steps dq dv dlam event_times work",
     "Servo": "joint target stiffness damping rate",
     "Simulation": "mech q0 v0 | t0 method step max_order rtol atol forces events max_step backend",
     "Solution": "t q v lam success status message nsteps nfev njev nlu rejected h order method scene recipe versions"
@@ -143,7 +143,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     "Motion": {"numbers": None, "rate": "t", "acceleration": "t"},
     "Outcome": {"success": None},
     "Sampled": {"label": None, "bind": "model"},
-    "Sensitivities": {"at": "t"},
+    "Sensitivities": {"at": "t", "of": "function"},
     "Servo": {"label": None, "bind": "model"},
     "Simulation": {
         "reset": "q v t",

@@ -21,6 +21,7 @@ from .output import FAILED, INTERRUPTED, WRONG_INPUT, print_error, print_json, r
 from .plot import plot
 from .replay import replay
 from .rerun import rerun, resume
+from .sensitivity import sensitivity
 from .simulate import simulate
 from .sweep import sweep
 from .terminal import BrokenPipeTolerated
@@ -39,6 +40,8 @@ right from the first step on.
   pinconsist replay run.npz                       play it in the browser
   pinconsist compare problem51 --step 0.01 0.001  exact and consistent starts
   pinconsist sweep four_bar --vary crank=0:1:.1   many runs, in a table
+  pinconsist sensitivity four_bar --of crank --to mass
+                                                  what parameters change
 
 A scene is a built-in name, a .urdf, .sdf or .xml (MJCF) file, or a folder that
 holds one .urdf. For the options of a command: pinconsist COMMAND --help"""
@@ -61,11 +64,17 @@ COMMANDS: dict[Callable, str] = {
     f"{RESUMED}: --json then has interrupted = true, and success too",
     sweep: "1 a case failed (its row says why); 2 wrong input; 130 interrupted (the rows so far are in "
     "FILE.csv.partial)",
+    sensitivity: f"{SCENE}; 130 interrupted",
 }
 """Each command and its exit codes other than 0."""
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-SEVERAL = {"--step": NUMBER, "--at": re.compile(r"[^-].*=.*"), "--with-velocity": re.compile(r"[^-].*=.*")}
+SEVERAL = {
+    "--to": re.compile(r"[^-].*"),
+    "--step": NUMBER,
+    "--at": re.compile(r"[^-].*=.*"),
+    "--with-velocity": re.compile(r"[^-].*=.*"),
+}
 """Options that take several values, and what a further value looks like."""
 
 app = typer.Typer(

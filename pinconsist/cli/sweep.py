@@ -26,7 +26,8 @@ def sweep(
     vary: Annotated[Texts, option(
         "--vary", "NAME=VALUES",
         "What varies: JOINT (its initial position), JOINT_speed, JOINT_torque, LOOP.NUMBER or FORCE.NUMBER as in the "
-        "scene file (motor.speed), gravity.z, rtol, atol, step, until. VALUES are FROM:TO:STEP, a list 1,2,5, "
+        "scene file (motor.speed), mass:BODY, length:JOINT, stiffness:JOINT and the like, gravity.z, rtol, atol, step, "
+        "until. VALUES are FROM:TO:STEP, a list 1,2,5, "
         "normal:MEAN:DEVIATION or uniform:LOW:HIGH. Repeated: every combination.", CASES)] = None,
     count: Annotated[Count, option("--count", "N", "Samples of normal: or uniform: values.", CASES)] = None,
     seed: Annotated[Count, option("--seed", "N", "Seed of the samples. Default: 0.", CASES)] = None,

@@ -93,7 +93,7 @@ def gradient(
     times = np.zeros(0) if t_eval is None else np.atleast_1d(np.asarray(t_eval, float))
     options = {**options, "t_eval": np.append(times, t_span[1])}
     run = prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options)
-    solution, legs, variants, base, names = run
+    solution, legs, variants, base, names, _ = run
     if solution.status != 0:
         raise PinconsistError(f"the number is one of the whole run, and it ended early: {solution.message}")
     number = _Number(rows, terminal, solution)

@@ -20,6 +20,7 @@ from ..solution import Solution
 from .forward import Leg, legs_of
 from .lead import Lead
 from .named import named_start
+from .starts import moved
 from .variants import Side, variants_of
 
 
@@ -31,7 +32,7 @@ class Sensitivities:
     ----------
     solution : Solution
         The run itself.
-    names : tuple of str
+    names, values : tuple of str, ndarray, shape (P,)
         Of the parameters.
     steps : ndarray, shape (P,)
         By which they were moved, where derivatives of the equations come from differences.
@@ -48,6 +49,7 @@ class Sensitivities:
 
     solution: Solution
     names: tuple[str, ...]
+    values: np.ndarray
     steps: np.ndarray
     dq: np.ndarray
     dv: np.ndarray
@@ -55,7 +57,7 @@ class Sensitivities:
     event_times: list
     work: dict
     _legs: list[Leg] = field(repr=False)
-    _finish: Callable = field(repr=False)
+    _lead: Lead = field(repr=False)
 
     def __repr__(self):
         return f"Sensitivities of {self.solution!r} by {', '.join(self.names)}"
@@ -87,9 +89,36 @@ class Sensitivities:
         holders = np.minimum(np.searchsorted(sign * ends, sign * asked), len(ends) - 1)
         rows = np.empty((len(asked), len(self.names), 2 * self.dv.shape[1] + self.dlam.shape[1]))
         for i in np.unique(holders):
-            rows[holders == i] = self._finish(self._legs[i], asked[holders == i], sign)
+            rows[holders == i] = self._lead.finished(self._legs[i], asked[holders == i], sign)
         parts = _parts(rows, self.dv.shape[1])
         return parts if times.ndim else tuple(part[0] for part in parts)
+
+    def of(self, function: Callable) -> np.ndarray:
+        """Derivatives of something else at the rows of the solution: the place of a frame, an energy, a stress.
+
+        Parameters
+        ----------
+        function : callable
+            ``function(mech, t, q, v, lam)``, a number or an array; `mech` is the mechanism with the parameters' values.
+
+        Returns
+        -------
+        ndarray, shape (n, …, P)
+            What `function` returns in between.
+        """
+        base, system, rows = self._lead.base, self._legs[0].system, []
+
+        def at(side, t, q, v_and_lam):
+            v, lam = np.split(v_and_lam, [system.nv])
+            return np.asarray(function(side.mechanism, t, q, v, lam), float)
+
+        sol = self.solution
+        derivatives = np.concatenate((self.dq, self.dv, self.dlam), axis=1).transpose(0, 2, 1)
+        for t, q, v, lam, s in zip(sol.t, sol.q, sol.v, sol.lam, derivatives, strict=True):
+            state = base, system, float(t), q, np.concatenate((v, lam))
+            pairs = zip(self._lead.variants, s, strict=True)
+            rows.append(np.stack([moved(at, variant, *state, row) for variant, row in pairs], axis=-1))
+        return np.array(rows)
 
 
 def sensitivities(
@@ -151,16 +180,16 @@ def sensitivities(
         The run failed at its start.
     """
     run = prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options)
-    solution, legs, variants, base, names = run
+    solution, legs, variants, base, names, values = run
     lead = Lead(solution, legs, variants, base)
     lead.run()
     dq, dv, dlam = _parts(np.concatenate(lead.rows), base.mechanism.nv)
     moved_by = np.array([variant.step for variant in variants])
-    return Sensitivities(solution, names, moved_by, dq, dv, dlam, lead.event_times, lead.work, legs, lead.finished)
+    return Sensitivities(solution, names, values, moved_by, dq, dv, dlam, lead.event_times, lead.work, legs, lead)
 
 
 def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options):
-    """(solution, legs, variants, base, names): the run, and the mechanisms beside the one that was run."""
+    """(solution, legs, variants, base, names, theta): the run, and the mechanisms beside the one that was run."""
     if isinstance(build, Mechanism):
         build, names, theta, q0, v0 = named_start(build, theta, q0, v0)
     theta = np.atleast_1d(finite_array(theta, "theta"))
@@ -179,7 +208,14 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     legs = legs_of(solution.sol)
     first = legs[0].start
     state = first(first.t_old)[:2]
-    return solution, legs, variants_of(make, theta, names, steps, base, first.system, first.t_old, *state), base, names
+    return (
+        solution,
+        legs,
+        variants_of(make, theta, names, steps, base, first.system, first.t_old, *state),
+        base,
+        names,
+        theta,
+    )
 
 
 def _parts(rows, nv):

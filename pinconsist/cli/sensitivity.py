@@ -1,0 +1,119 @@
+"""`pinconsist sensitivity`."""
+
+from typing import Annotated
+
+import numpy as np
+
+import pinconsist as pc
+
+from ..errors import InputError
+from . import options as given
+from . import output, scene
+from .options import Texts, option
+from .terminal import doing
+
+SHARE = 0.01  # of a parameter
+KINDS = ("mass", "length", "stiffness", "damping", "friction", "gravity")
+
+
+def sensitivity(
+    source: given.Source,
+    of: Annotated[str, option(
+        "--of", "NAME", "What changes: a frame (where it is), a joint, or a loop (its force).")] = "",
+    to: Annotated[Texts, option(
+        "--to", "NAME ...", "What it is changed by: mass, length, stiffness, damping, friction or gravity, all of "
+        "them, or parameters by name, such as mass:coupler or motor.speed.")] = None,
+    loops: given.Loops = None,
+    closure: given.Closure = None,
+    free_flyer: given.FreeFlyer = False,
+    package_dirs: given.PackageDirs = None,
+    precision: given.Precision = 0.0,
+    ignore: given.Ignore = None,
+    reanchor: given.Reanchor = False,
+    start: given.From = 0.0,
+    until: given.Until = None,
+    at: given.At = None,
+    with_velocity: given.WithVelocity = None,
+    rtol: given.Rtol = 1e-7,
+    atol: given.Atol = 1e-9,
+    as_json: output.Json = False,
+) -> int:  # fmt: skip
+    """Simulate a scene, and print what its parameters change at the end of the run.
+
+    A row for each parameter: its value, the derivatives of the quantity by it,
+    and how far one percent more of it moves the quantity. Lengths that part a
+    redundant loop are left out, and named.
+
+    Example: pinconsist sensitivity jansen_leg --of foot --to mass length --until 0.3
+    """
+    if not of or not to:
+        raise InputError("give --of NAME, a frame, joint or loop, and --to NAME ..., such as --to mass length")
+    q0, v0 = ({name: value[0] if len(value) == 1 else value for name, value in scene.joint_values(*texts).items()}
+              for texts in ((at, "--at"), (with_velocity, "--with-velocity")))  # fmt: skip
+    mech = scene.SceneSource(
+        source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision
+    ).load()
+    from ..mechanism.parameters import names_of
+
+    labels, quantity = _quantity(mech, of)
+    names = [name for one in to for name in (names_of(mech, one) if one in KINDS else [one])]
+    if not names:
+        raise InputError(f"{mech.name} has nothing of the kind {' '.join(to)}")
+    until = start + mech.duration if until is None else until
+    options = {"t_eval": [until], "rtol": rtol, "atol": atol}
+    with doing(f"the run, and its derivatives by {output.counted(len(names), 'parameter')}"):
+        found, refused = _without_refused(mech, names, (start, until), q0 or None, v0 or None, options)
+    rows = [
+        {"parameter": name, "value": value, "derivatives": by, "percent": SHARE * abs(value) * np.linalg.norm(by)}
+        for name, value, by in zip(found.names, found.values, found.of(quantity)[-1].T, strict=True)
+    ]
+    if as_json:
+        about = {"scene": mech.name, "of": of, "t": until, "quantities": labels}
+        output.print_json({**about, "rows": rows, "refused": refused})
+        return output.FINE
+    rows.sort(key=lambda row: -row["percent"])
+    cells = [(r["parameter"], f"{r['value']:.6g}", *(f"{x:.4e}" for x in r["derivatives"]), f"{r['percent']:.2e}")
+             for r in rows]  # fmt: skip
+    heads = ("parameter", "value>", *(f"d {label}>" for label in labels), "by 1 %>")
+    output.table(heads, cells, title=f"{of} of {mech.name} at t = {until:g} s, its change by each parameter")
+    for name, why in refused.items():
+        output.paragraph(f"left out: {name}: {why}", hanging="  ")
+    return output.FINE
+
+
+def _quantity(mech, name):
+    """Labels, and a function of mechanism and state: a frame's place, a joint's numbers, or a loop's multipliers."""
+    if name in mech.joints:
+        joint = mech.joint_index(name)
+        first, size = mech.model.idx_qs[joint], mech.model.nqs[joint]
+        labels = [name] if size == 1 else [f"{name}[{i}]" for i in range(size)]
+        return labels, lambda mech, t, q, v, lam: q[first : first + size]
+    rows = [i for i, (loop, _) in enumerate(mech.row_labels) if loop == name]
+    if rows:
+        return [f"λ {mech.row_labels[i][1]}" for i in rows], lambda mech, t, q, v, lam: lam[rows]
+    if not mech.model.existFrame(name):
+        raise InputError(f"--of {name}: {mech.name} has no frame, joint or loop of this name")
+
+    def place(mech, t, q, v, lam):
+        import pinocchio as pin
+
+        data = mech.model.createData()
+        pin.framesForwardKinematics(mech.model, data, q)
+        return data.oMf[mech.model.getFrameId(name)].translation.copy()
+
+    return ["x", "y", "z"], place
+
+
+def _without_refused(mech, names, span, q0, v0, options):
+    """The sensitivities by all parameters that can be varied, and why the others cannot."""
+    refused: dict[str, str] = {}
+    while True:
+        left = [name for name in names if name not in refused]
+        try:
+            return pc.sensitivities(mech, left, span, q0, v0, **options), refused
+        except InputError as error:
+            why = str(error)
+            whose = [name for name in left if f"parameter {name!r}" in why]
+            if len(whose) != 1 or "loop" not in why or len(left) == 1:
+                raise
+            refused[whose[0]] = why
