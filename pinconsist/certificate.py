@@ -10,6 +10,7 @@ from ._core.compiled_system import blank_system
 from .accuracy import GlobalError
 from .dae.norms import largest
 from .mechanism.energy import energy_of
+from .mechanism.forces.actuators import saturated
 from .mechanism.forces.held import sided
 from .mechanism.limits import BeyondLimit, beyond_limits
 from .mechanism.reactions import not_determined, undetermined
@@ -55,6 +56,8 @@ class Certificate:
         The run could not go on; its message has the advice then.
     error : GlobalError or None
         How far the run is from a finer one, where that was made.
+    saturated : dict of str to float
+        Actuators whose command or force was cut at its limits, and in which share of the rows.
     """
 
     position: float
@@ -70,6 +73,7 @@ class Certificate:
     fixed_step: bool = field(default=False, repr=False, compare=False)
     ended_early: bool = field(default=False, repr=False, compare=False)
     error: GlobalError | None = None
+    saturated: dict[str, float] = field(default_factory=dict)
 
     def __str__(self):
         lines = [
@@ -115,6 +119,9 @@ class Certificate:
             names = [str(each) for each in self.beyond_limits[:SHOWN]]
             names += [f"and {more} more"] if (more := len(self.beyond_limits) - SHOWN) > 0 else []
             found.append(f"joints leave their limits, which do not act: {'; '.join(names)}")
+        if self.saturated:
+            shares = ", ".join(f"{name} in {share:.0%} of the rows" for name, share in self.saturated.items())
+            found.append(f"actuators are at the limits of their commands or forces: {shares}")
         return found
 
 
@@ -155,6 +162,7 @@ def certify(solution, mechanism=None) -> Certificate:
         corrected_by=0.0 if mechanism is None else mechanism.corrected_by,
         fixed_step=solution.method.get("step") is not None,
         ended_early=solution.status < 0,
+        saturated={} if mechanism is None else saturated(mechanism, solution.t, solution.q, solution.v),
     )
 
 

@@ -113,7 +113,8 @@ class Recipe:
         try:
             recipe = cls(**solution.recipe)
             options = {
-                name: tuple(each["pair"]) if isinstance(each, dict) else each for name, each in recipe.options.items()
+                name: tuple(each["pair"]) if isinstance(each, dict) and name != "control" else each
+                for name, each in recipe.options.items()
             }
             recipe = replace(recipe, options=options)
             recipe.given_forces()

@@ -36,6 +36,7 @@ def simulate(
     rtol=1e-6,
     atol=1e-8,
     forces=(),
+    control=None,
     t_eval=None,
     dense_output=False,
     events=None,
@@ -75,6 +76,9 @@ def simulate(
         loses as much. The multipliers are never in the error test. They converge with the velocities.
     forces : sequence
         Forces in addition to the mechanism's own; see :class:`Mechanism`.
+    control : mapping, optional
+        Commands of actuators, by their names or those of their joints: ``{"knee": 0.4}``, a number, a function of time,
+        or a table (times, values); see :meth:`Mechanism.with_control`.
     t_eval : array, optional
         Times of the rows, inside the span, in its direction; nothing else is kept. They are interpolated between
         steps: their loops are closed to the tolerance only. Default: every accepted step.
@@ -118,6 +122,7 @@ def simulate(
         A user-defined function raised an exception before anything was reached; later that is a failed solution.
     """
     mech = with_forces(mech, forces, "simulate")
+    mech = mech if control is None else mech.with_control(control)
     span = span_of(t_span)
     chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
     solver = LoopSolver(mech, span[0])

@@ -16,9 +16,10 @@ HOW = "method step max_order rtol atol forces t_eval dense_output events callbac
 HOW += " max_steps backend"
 PARAMETERS = {  # those after the bar by name only
     "Actuation": "mech motors q",
+    "Actuator": "name joint gain bias gear control control_range force_range",
     "Assembly": "q v gaps rows rank mobility moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy undetermined beyond_limits "
-    "corrected_by fixed_step ended_early error",
+    "corrected_by fixed_step ended_early error saturated",
     "Constraint": "name function size jacobian rate moving rows step",
     "Coupling": "name joint other ratio offset higher",
     "Drive": "name joint curve rate acceleration",
@@ -78,7 +79,7 @@ PARAMETERS = {  # those after the bar by name only
     "rerun": "file | scene forces callback",
     "resume": "file | scene forces callback",
     "sensitivities": "build theta t_span q0 v0 | names steps forces events rtol atol backend **options",
-    "simulate": f"mech t_span q0 v0 | {HOW}",
+    "simulate": f"mech t_span q0 v0 | {HOW.replace('forces', 'forces control')}",
     "sweep": "function cases | executor callback",
     "write": "mechanism path",
 }
@@ -105,6 +106,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "frame": "frame",
         "table": "positions file",
     },
+    "Actuator": {"label": None, "bind": "model"},
     "Assembly": {"largest_gap": None, "redundant": None},
     "Certificate": {"concerns": None},
     "Energy": {"balance_error": None},
@@ -131,6 +133,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "q": "values **joints",
         "with_loops": "*loops",
         "with_forces": "*forces",
+        "with_control": "control",
         "with_gravity": "gravity",
         "with_armature": "armature",
         "with_parameters": "values",

@@ -12,6 +12,7 @@ from ..errors import InputError, SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array, number, require_mechanism, warn
 from ..mechanism.closing import NEARLY, LoopSolver
+from ..mechanism.forces import Actuator
 from ..mechanism.joint_constraints import Drive
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import Motion
@@ -252,7 +253,8 @@ def _without_motors(mech, joints) -> Mechanism:
             raise InputError(
                 f"{mech.name}: {loop.name!r} moves with time; name its joint among the motors, or leave it out"
             )
-    return replace(mech, loops=tuple(loops))
+    forces = [force for force in mech.forces if not (isinstance(force, Actuator) and force.joint in joints)]
+    return replace(mech, loops=tuple(loops), forces=tuple(forces))
 
 
 def _goals(positions):

@@ -69,12 +69,8 @@ COMMANDS: dict[Callable, str] = {
 """Each command and its exit codes other than 0."""
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-SEVERAL = {
-    "--to": re.compile(r"[^-].*"),
-    "--step": NUMBER,
-    "--at": re.compile(r"[^-].*=.*"),
-    "--with-velocity": re.compile(r"[^-].*=.*"),
-}
+SEVERAL = {"--to": re.compile(r"[^-].*"), "--step": NUMBER}
+SEVERAL |= dict.fromkeys(("--at", "--with-velocity", "--control"), re.compile(r"[^-].*=.*"))
 """Options that take several values, and what a further value looks like."""
 
 app = typer.Typer(

@@ -3,6 +3,7 @@
 from dataclasses import fields
 
 from ..errors import AssemblyError, SingularSystemError
+from ..mechanism.forces import Actuator
 from . import options as given
 from . import output, scene
 
@@ -152,6 +153,9 @@ def _print_inventory(mech):
     print(f"{mech.name}: {bodies}, {sum(masses):.4g} kg in all, nq = {mech.nq}, nv = {mech.nv}")
     if massless := [joint for joint, mass in zip(mech.joints, masses, strict=True) if mass == 0.0]:
         output.paragraph(f"bodies without mass, at joints: {', '.join(massless)}", hanging="  ")
+    if actuators := [force for force in mech.forces if isinstance(force, Actuator)]:
+        acting = ", ".join(f"{force.name} on {force.joint} (command {force.control:.4g})" for force in actuators)
+        output.paragraph(f"actuators that act: {acting}; --control ACTUATOR=VALUE commands them", hanging="  ")
     if mech.actuated:
         output.paragraph(f"motors: {', '.join(mech.actuated)}", hanging="  ")
     output.paragraph(f"forces: {', '.join(about['forces']) or 'none'}", hanging="  ")

@@ -50,6 +50,9 @@ WithVelocity = Annotated[Texts, option(
     "--with-velocity", "JOINT=VALUE ...",
     "Initial velocities of these joints, in rad/s or m/s; the others follow. Default: at rest.", START)]
 
+Control = Annotated[Texts, option(
+    "--control", "ACTUATOR=VALUE ...", "Commands of actuators, by their names or those of their joints, such as 0.4 or "
+    "30deg. Default: those of the file.", START)]
 Step = Annotated[Number, option("--step", "SECONDS", "Fixed step. Default: step and order vary.", METHOD)]
 Rtol = Annotated[float, option("--rtol", "NUMBER", "Accuracy of the run, relative to the largest values.", METHOD)]
 Atol = Annotated[float, option("--atol", "NUMBER", "Accuracy of the run, absolute: rad, m; rad/s, m/s.", METHOD)]

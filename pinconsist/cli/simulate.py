@@ -29,6 +29,7 @@ def simulate(
     until: given.Until = None,
     at: given.At = None,
     with_velocity: given.WithVelocity = None,
+    control: given.Control = None,
     step: given.Step = None,
     order: Annotated[Count, option(
         "--order", "K", "BDF: highest order, 1 to 5 (default 5); with --step the order throughout, 1 to 6. Radau: "
@@ -77,13 +78,16 @@ def simulate(
     mech, hashes = what.load_with_hashes()
     replay.require_drawable(mech, traces, speed)
     until = start + mech.duration if until is None else until
+    commands = {joint: values[0] for joint, values in scene.joint_values(control, "--control").items()}
+    if commands:
+        mech.with_control(commands)  # refuses unknown ones before the run
     assembly = scene.assembled(mech, q0, v0, start)
     scene.log_warnings(scene.scene_warnings(mech, assembly))
     if not as_json:
         print(scene.describe(mech, assembly) + "\n")
     settings = {
         "method": method, "step": step, "rtol": rtol, "atol": atol, "consistency": consistency,
-        **present(max_order=order, max_step=max_step, max_steps=max_steps),
+        **present(max_order=order, max_step=max_step, max_steps=max_steps, control=commands or None),
     }  # fmt: skip
     where = what.record(out or "run.npz")
     recipe = recipe_of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)

@@ -1,7 +1,7 @@
 """Elements by which other programs close loops and that no reader here knows: a robot without them would come apart.
 
 They are refused, with file and line, unless ``load(..., ignore=[...])`` names them: by tag, or by name. Whatever else
-is unknown in a file (sensors, plugins, transmissions, contact parameters) has no part in the motion and is left out.
+is unknown in a file (sensors, plugins, contact parameters) has no part in the motion and is left out.
 """
 
 from __future__ import annotations

@@ -28,7 +28,16 @@ import dataclasses
 from collections.abc import Mapping
 
 from ..errors import FormatError, InputError
-from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Wrench
+from ..mechanism.forces import (
+    Actuator,
+    JointDamping,
+    JointFriction,
+    JointSpring,
+    JointTorque,
+    Servo,
+    SpringDamper,
+    Wrench,
+)
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import ROW_NAMES, Loop
 from ..mechanism.motion import Motion
@@ -36,7 +45,7 @@ from .reading import bound, finite, located, near, shown
 
 LOOPS = {kind: Loop for kind in ROW_NAMES} | {"coupling": Coupling, "drive": Drive}
 FORCES = {"damping": JointDamping, "friction": JointFriction, "spring": JointSpring, "spring-damper": SpringDamper}
-FORCES |= {"torque": JointTorque, "servo": Servo, "wrench": Wrench}
+FORCES |= {"torque": JointTorque, "servo": Servo, "wrench": Wrench, "actuator": Actuator}
 _MOTION = tuple(each.name for each in dataclasses.fields(Motion))
 _CODE_ONLY = "Callable | None"  # annotation of fields that a file cannot hold
 

@@ -20,6 +20,7 @@ import pinocchio as pin
 from ..errors import FormatError
 from .joints import AS_WRITTEN, replaced
 from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
+from .transmissions import transmissions
 from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -57,7 +58,10 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     for joint, side in unlimited:
         limits = getattr(model, f"{side}PositionLimit")
         limits[model.idx_qs[model.getJointId(joint)]] = -math.inf if side == "lower" else math.inf
-    return RobotFile(replaced(model, types) if types else model, urdf, loops, followers)
+    model = replaced(model, types) if types else model
+    motors = transmissions(raw, model, UNLIMITED)
+    actuated = tuple(dict.fromkeys(motor.joint for motor in motors))
+    return RobotFile(model, urdf, loops, followers, motors, actuated=actuated)
 
 
 def _built(urdf, free_flyer, kinds):

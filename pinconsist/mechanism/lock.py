@@ -11,7 +11,17 @@ import pinocchio as pin
 from ..errors import InputError
 from .checks import function_name
 from .closing import CLOSED
-from .forces import JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Torque, Wrench
+from .forces import (
+    Actuator,
+    JointDamping,
+    JointFriction,
+    JointSpring,
+    JointTorque,
+    Servo,
+    SpringDamper,
+    Torque,
+    Wrench,
+)
 from .joint_constraints import Coupling, Drive
 from .loops import Loop
 from .rows import LoopRows
@@ -89,7 +99,7 @@ def _force(force, smaller, locked, state):
         else:
             left = tuple(left[i] for i in state.v_left)
         return replace(force, **{field: left}) if left else None
-    if isinstance(force, JointSpring | Servo):
+    if isinstance(force, JointSpring | Servo | Actuator):
         return None if force.joint in locked else force
     if isinstance(force, SpringDamper):
         return None if _body(smaller, force.frame1) == _body(smaller, force.frame2) else force

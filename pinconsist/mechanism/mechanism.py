@@ -16,6 +16,7 @@ from .correction import corrected
 from .custom import Constraint
 from .description import html_of, text_of
 from .forces import as_force, bound_forces
+from .forces.actuators import commanded
 from .joint_constraints import Coupling, Drive
 from .loops import Loop
 from .names import filled
@@ -96,8 +97,7 @@ class Mechanism:
     def __repr__(self):
         return text_of(self)
 
-    def _repr_html_(self):
-        return html_of(self)
+    _repr_html_ = html_of
 
     @property
     def nq(self) -> int:
@@ -155,7 +155,7 @@ class Mechanism:
         Raises InputError for an unknown joint, a wrong size, NaN, a quaternion or pair of length zero.
         """
         start = pin.neutral(self.model) if base is None else np.array(base, float)
-        return normalized(self.model, filled(self.model, self._numbered(values), start, self.name), self.name)
+        return normalized(self.model, filled(self, values, start), self.name)
 
     def velocity(self, values) -> np.ndarray:
         """A full velocity (nv,). It is not put on the constraints.
@@ -164,20 +164,14 @@ class Mechanism:
         other joints at rest; or it is a velocity (nv,), which is copied. Raises InputError for an unknown joint, a
         wrong size, NaN.
         """
-        return filled(self.model, self._numbered(values), np.zeros(self.model.nv), self.name, velocity=True)
+        return filled(self, values, np.zeros(self.model.nv), velocity=True)
 
     def q(self, values=None, /, **joints) -> np.ndarray:
         """A configuration (nq,) by names: ``mech.q(crank=0.3, base=[x, y, z, R])``; the other joints as in ``guess``.
 
-        `values` is a mapping for names that are no Python words, ``mech.q({"left-knee": 0.3})``; `joints` are the
-        others. See :meth:`configuration` for what a joint may be given. :func:`assemble` closes the loops.
+        `values` is a mapping for names that are no Python words; `joints` are the others. See :meth:`configuration`.
         """
         return self.configuration({**(values or {}), **joints}, self.guess)
-
-    def _numbered(self, values):
-        """A mapping from joint names as one from their indices."""
-        named = isinstance(values, Mapping)
-        return {self.joint_index(joint): value for joint, value in values.items()} if named else values
 
     def with_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:
         """The same mechanism with these `loops` instead of its own; none makes a tree.
@@ -194,6 +188,13 @@ class Mechanism:
         """
         return replace(self, forces=(*self.forces, *forces))
 
+    def with_control(self, control: Mapping[str, Any]) -> Mechanism:
+        """The same mechanism with other commands: `control` maps actuators, or joints with one actuator, by name.
+
+        A command is a number, a function of time, or a table (times, values). Raises InputError for anything else.
+        """
+        return commanded(self, control)
+
     def with_gravity(self, gravity) -> Mechanism:
         """The same mechanism under another `gravity`, three numbers, m/s², in world axes.
 
@@ -204,10 +205,9 @@ class Mechanism:
         return replace(self, model=model)
 
     def with_armature(self, armature: Mapping[str, float]) -> Mechanism:
-        """The same mechanism with rotor inertia added to its own.
+        """The same mechanism with rotor inertia added: `armature` maps joints to kg·m² (or kg) as seen from them.
 
-        `armature` maps joint names to rotor inertia as seen from the joint, kg·m² (or kg), not negative; it counts for
-        each velocity of the joint. Raises InputError for unknown joints, and values that are no such number.
+        It counts for each velocity of a joint. Raises InputError for unknown joints, and values below zero.
         """
         from .parameters import with_armature
 

@@ -46,18 +46,19 @@ def position_units(model) -> list[str]:
     return units
 
 
-def filled(model, values, full, who, velocity=False):
+def filled(mechanism, values, full, velocity=False):
     """`full`, a configuration or a velocity, with the `values` of some joints in it; or these, if they are an array."""
+    model = mechanism.model
     starts, sizes, what = (
         (model.idx_vs, model.nvs, "velocity") if velocity else (model.idx_qs, model.nqs, "configuration")
     )
     if not isinstance(values, Mapping):
         values = finite_array(values, what)
         if values.shape != full.shape:
-            raise InputError(f"{what} needs shape {full.shape} for {who!r}, got {values.shape}")
+            raise InputError(f"{what} needs shape {full.shape} for {mechanism.name!r}, got {values.shape}")
         return values
-    for i, value in values.items():
-        of_joint = f"{what} of joint {model.names[i]!r}"
+    for joint, value in values.items():
+        i, of_joint = mechanism.joint_index(joint), f"{what} of joint {joint!r}"
         value = finite_array(value, of_joint).ravel() if velocity else _position(model, i, value, of_joint)
         if value.size != sizes[i]:
             also = _ALSO.get((model.nqs[i], model.nvs[i]), "") if not velocity else ""

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from ..errors import InputError
 from ..mechanism.checks import finite_array, number
-from ..mechanism.forces import JointTorque, Servo
+from ..mechanism.forces import Actuator, JointTorque, Servo
 from ..mechanism.forces.held import Replayed, replayed
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
@@ -73,8 +73,8 @@ class Run:
 
 
 def motors(mech: Mechanism) -> list:
-    """The servos and joint torques of a mechanism, whose torques depend on the velocity."""
-    return [force for force in mech.forces if isinstance(force, JointTorque | Servo | Replayed)]
+    """The servos, actuators and joint torques of a mechanism, whose torques depend on the velocity."""
+    return [force for force in mech.forces if isinstance(force, JointTorque | Servo | Actuator | Replayed)]
 
 
 def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:

@@ -2,7 +2,9 @@
 
 Bodies with hinge, slide, ball and free joints, several in a body too; inertias and sites; connect, weld and joint
 equalities; damping, dry friction, springs and armature of joints; gravity and its compensation. Limits of joints,
-contacts, sensors and solver settings have no effect, actuators give names only. What else acts on the bodies in MuJoCo
+contacts, sensors and solver settings have no effect. Actuators of joints act: motor, position, velocity, and general
+ones with affine gain and bias, with gear and limits; their commands are those of the first keyframe, else zero, and a
+position actuator holds ``ref``. What else acts on the bodies in MuJoCo
 is refused with its name. (Pinocchio's own reader takes the first body of the world alone, and makes composite joints,
 whose derivatives are wrong.)
 """
@@ -39,13 +41,14 @@ def read(path: Path, name: str, folders) -> RobotFile:
             source = Source(path, folders)
             compiled, stand_ins = source.compiled()
             tree = Tree(compiled, name)
-            closures, forces = tuple(tree.closures()), tuple(tree.forces())
+            closures, actuators = tuple(tree.closures()), tuple(tree.actuators())
+            forces = (*tree.forces(), *(made for _, made in actuators if made is not None))
     except RecursionError:
         raise FormatError("elements are nested too deeply") from None
     start = tree.configuration(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)
     shares = zip(tree.joints, tree.model.idx_qs[1:], tree.model.nqs[1:], strict=True)
     guess = {joint: start[first : first + size] for joint, first, size in shares}
-    shapes, actuated = _visible(compiled, stand_ins, tree.bodies, source.meshes), tuple(tree.actuated())
+    shapes, actuated = _visible(compiled, stand_ins, tree.bodies, source.meshes), tuple(joint for joint, _ in actuators)
     return RobotFile(tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated)
 
 

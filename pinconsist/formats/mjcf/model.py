@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError, InputError
-from ...mechanism.forces import JointSpring, Wrench
+from ...mechanism.forces import Actuator, JointSpring, Wrench
 from ...mechanism.joint_constraints import Coupling, Drive
 from ...mechanism.loops import GROUND, Loop
 from ...mechanism.motion import Motion
@@ -119,14 +119,50 @@ class Tree:
                 if self._stands[body][0]:
                     yield Wrench(self.bodies[body], tuple(force), xyz=tuple(m.body_ipos[body]))
 
-    def actuated(self):
-        """The joints on which actuators act. No actuator exerts a force here."""
-        m = self._m
+    def actuators(self):
+        """(joint, its Actuator or None) of the actuators on joints; a warning for what exerts no force here."""
+        m, names = self._m, set()
+        alone = np.bincount(m.actuator_trnid[m.actuator_trntype < 2, 0], minlength=m.njnt) == 1
         for i, (kind, (joint, *_)) in enumerate(zip(m.actuator_trntype, m.actuator_trnid, strict=True)):
-            if kind < 2:  # joint and jointinparent
-                yield self.joints[joint]
-            else:
+            if kind >= 2:  # neither joint nor jointinparent
                 _log.warning("%s: it acts on no joint, and is left out", _element(m, "actuator", i))
+                continue
+            limited = m.jnt_actfrclimited[joint]
+            reasons = {
+                "its joint has several degrees of freedom": m.jnt_type[joint] not in _JOINTS,
+                "it has dynamics of its own": m.actuator_dyntype[i] != 0,
+                "its gain or bias is not affine": m.actuator_gaintype[i] > 1 or m.actuator_biastype[i] > 1,
+                "actuation is disabled in the options": "actuation" in self._off,
+                "several share a joint whose actuator force is limited": limited and not alone[joint],
+            }
+            if why := next((reason for reason, holds in reasons.items() if holds), ""):
+                _log.warning("%s: it exerts no force here: %s", _element(m, "actuator", i), why)
+                yield self.joints[joint], None
+                continue
+            name = m.actuator(i).name or self.joints[joint]
+            names.add(name := name if name not in names else f"{name} {i + 1}")
+            yield self.joints[joint], self._actuator(i, joint, name)
+
+    def _actuator(self, i, joint, name):
+        m, gear = self._m, float(m_gear) if (m_gear := self._m.actuator_gear[i, 0]) else 0.0
+        ranges = [
+            tuple(getattr(m, f"actuator_{what}range")[i].tolist()) if getattr(m, f"actuator_{what}limited")[i] else ()
+            for what in ("ctrl", "force")
+        ]
+        if m.jnt_actfrclimited[joint] and gear:
+            ends = sorted(m.jnt_actfrcrange[joint] / gear)
+            low, high = ranges[1] or (-np.inf, np.inf)
+            ranges[1] = float(np.clip(low, *ends)), float(np.clip(high, *ends))
+        if "clampctrl" in self._off:
+            ranges[0] = ()
+        affine = m.actuator_gaintype[i] == 1, m.actuator_biastype[i] == 1
+        gain = m.actuator_gainprm[i, :3] * (1.0, affine[0], affine[0])
+        bias = m.actuator_biasprm[i, :3] * affine[1]
+        holds = gain[0] and bias[1] == -gain[0]  # a position actuator
+        rest = gear * m.qpos0[m.jnt_qposadr[joint]] if holds else 0.0
+        control = m.key_ctrl[0, i] if m.nkey else rest
+        numbers = (tuple(each.tolist()) for each in (gain, bias))
+        return Actuator(name, self.joints[joint], *numbers, gear, float(control), *ranges)
 
     def closures(self):
         """Loops, couplings and drives of the active equality constraints, in their order; a warning for the others."""

@@ -9,6 +9,7 @@ JointSpring   τ = -k (q_joint - rest)                                      N·m
 SpringDamper  tension k (l - l₀) + d dl/dt between two points              N/m, N·s/m
 JointTorque   τ by joint name, constant or a function of time              N·m or N
 Servo         τ = k (θ_d(t) - θ) + d (θ̇_d(t) - θ̇)                          N·m/rad, N·m·s/rad or N/m, N·s/m
+Actuator      τ = gear f, f affine in its command, position and velocity   N·m or N
 Wrench        a force and a moment on a frame, in world or its own axes    N, N·m
 HeldTorque    τ of a table, each held until the next                       N·m or N
 Sampled       τ = law(t, q, v) once a period, held until the next time     N·m or N
@@ -27,14 +28,15 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from .actuators import Actuator
 from .bodies import SpringDamper, Wrench
 from .force import BoundForce, Force, JointTorque, Torque, UserForce, unused
 from .held import HeldTorque, Sampled
 from .joints import JointDamping, JointFriction, JointSpring, Servo
 
 __all__ = [
-    "Force", "HeldTorque", "JointDamping", "JointFriction", "JointSpring", "JointTorque", "Sampled", "Servo",
-    "SpringDamper", "Torque", "Wrench", "as_force", "bound_forces", "model_forces", "unused",
+    "Actuator", "Force", "HeldTorque", "JointDamping", "JointFriction", "JointSpring", "JointTorque", "Sampled",
+    "Servo", "SpringDamper", "Torque", "Wrench", "as_force", "bound_forces", "model_forces", "unused",
 ]  # fmt: skip
 
 

@@ -1,0 +1,183 @@
+"""Actuators of robot files: affine laws with a gear and limits, commanded by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import InputError
+from ..checks import finite_array, name, near, number, numbers, put, put_checked, returned, triple
+from ..joint_constraints import Coordinate
+from ..motion import Motion
+from .force import BoundForce, ForceRecord
+
+
+class BoundActuator(BoundForce):
+    """An actuator on a model."""
+
+    def __init__(self, record, model):
+        self._record, self._coordinate = record, Coordinate(model, record.joint, record._who, "actuated")
+        self._gain, self._bias, self._gear = np.array(record.gain), np.array(record.bias), record.gear
+        self._control, self._force = record.control_range or (-np.inf, np.inf), record.force_range or (-np.inf, np.inf)
+        self._what = f"the command of {record._who}"
+
+    def command(self, t) -> float:
+        """What is asked for, before it is limited."""
+        control = self._record.control
+        return float(returned(control, self._what, (), t)) if callable(control) else control
+
+    def unlimited(self, t, q, v) -> tuple[float, float]:
+        """The force before it is limited, N·m or N, and the command that is obeyed."""
+        state = np.array([1.0, self._gear * self._coordinate.value(q), self._gear * v[self._coordinate.column]])
+        command = min(max(self.command(t), self._control[0]), self._control[1])
+        return self._gain.dot(state) * command + self._bias.dot(state), command
+
+    def at_limit(self, t, q, v) -> bool:
+        """Whether the command or the force is cut at a state."""
+        force, command = self.unlimited(t, q, v)
+        return command != self.command(t) or not self._force[0] <= force <= self._force[1]
+
+    def torque(self, t, q, v):
+        tau, (force, _) = np.zeros(len(v)), self.unlimited(t, q, v)
+        tau[self._coordinate.column] = self._gear * min(max(force, self._force[0]), self._force[1])
+        return tau
+
+    def derivatives(self, t, q, v):
+        force, command = self.unlimited(t, q, v)
+        i, n = self._coordinate.column, len(v)
+        slope = self._gear**2 * (self._gain * command + self._bias)[1:]
+        by_q, by_v = np.zeros((2, n, n))
+        if self._force[0] <= force <= self._force[1]:
+            by_q[i, i], by_v[i, i] = slope
+        return by_q, by_v
+
+    def hand_over(self, twin) -> bool:
+        """A servo, where nothing limits the force and the command is constant."""
+        record = self._record
+        if record.force_range or callable(record.control):
+            return False
+        constant, stiffness, damping = self._gain * np.clip(record.control, *self._control) + self._bias
+        stiffness, damping = -(self._gear**2) * stiffness, -(self._gear**2) * damping
+        if stiffness < 0.0 or damping < 0.0 or self._coordinate.period:
+            return False
+        target = self._gear * constant / stiffness if stiffness else 0.0
+        twin.add_servo(self._coordinate.place, 0.0, Motion(target).numbers, stiffness, damping)
+        if not stiffness:
+            twin.add_torque_curve(self._coordinate.column, Motion(self._gear * constant).numbers)
+        return True
+
+
+@dataclass(frozen=True)
+class Actuator(ForceRecord):
+    """An actuator of a joint: τ = gear · f, f = gain·(1, l, l̇) u + bias·(1, l, l̇), l = gear · θ.
+
+    u is the command and l the actuator's length. Command and force are cut at their limits. A motor has the gain (1, 0,
+    0) and no bias, a position actuator (k, 0, 0) and (0, -k, -d), a velocity actuator (d, 0, 0) and (0, 0, -d).
+
+    Parameters
+    ----------
+    name : str
+        By which it is commanded, see :meth:`Mechanism.with_control`, and called in results.
+    joint : str
+        A joint of one degree of freedom.
+    gain, bias : tuple of 3 float
+        Of the command and without it, for 1, l and l̇; SI.
+    gear : float
+        Actuator's length per joint position.
+    control : float or callable
+        The command u; a function of time such as a :class:`Motion`.
+    control_range, force_range : tuple of 2 float
+        Limits of u and of f; none if empty.
+
+    Raises
+    ------
+    InputError
+        Impossible numbers; on a model, a joint that is not there or has several degrees of freedom.
+    UserFunctionError
+        The command is a function that raised an exception.
+    """
+
+    name: str
+    joint: str
+    gain: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gear: float = 1.0
+    control: float | Callable = 0.0
+    control_range: tuple[float, ...] = ()
+    force_range: tuple[float, ...] = ()
+
+    _kind, _acts_on, _law = "actuator", "joint", BoundActuator
+    _who = property(lambda self: f"actuator {self.name!r}")
+
+    @property
+    def label(self) -> str:
+        """The name of the force in energy reports and messages: that of the actuator."""
+        return self.name
+
+    def __post_init__(self):
+        put_checked(self, "Actuator", name, "name", "joint")
+        put_checked(self, self._who, triple, "gain", "bias")
+        put_checked(self, self._who, number, "gear")
+        if not callable(self.control):
+            put_checked(self, self._who, number, "control")
+        for field in ("control_range", "force_range"):
+            ends = numbers(getattr(self, field), f"{self._who}: {field}")
+            if ends and (len(ends) != 2 or not ends[0] <= ends[1]):
+                raise InputError(f"{self._who}: {field} needs two numbers, the lower one first, got {ends}")
+            put(self, **{field: ends})
+
+
+def commanded(mechanism, control: Mapping):
+    """The mechanism with the commands of actuators by name; what :meth:`Mechanism.with_control` returns."""
+    if not isinstance(control, Mapping):
+        raise InputError(f"control= needs a mapping of actuators to commands, got {control!r}")
+    forces = list(mechanism.forces)
+    for given, command in control.items():
+        places = [i for i, force in enumerate(forces) if isinstance(force, Actuator)]
+        found = [i for i in places if forces[i].name == given] or [i for i in places if forces[i].joint == given]
+        if len(found) != 1:
+            names = [forces[i].name for i in places]
+            what = "several actuators act on joint" if found else "no actuator"
+            raise InputError(
+                f"{mechanism.name}: {what} {given!r}{near(given, names)}; there are {', '.join(names) or 'none'}"
+            )
+        forces[found[0]] = replace(forces[found[0]], control=_command(given, command))
+    return replace(mechanism, forces=tuple(forces))
+
+
+def _command(actuator, command):
+    """A command from what a user may give: a number, a function of time, or a table (times, values)."""
+    if callable(command) or np.ndim(command) == 0:
+        return command
+    table = finite_array(command, f"the command of {actuator!r}")
+    if table.ndim != 2 or table.shape[0] != 2 or table.shape[1] < 2 or (np.diff(table[0]) <= 0.0).any():
+        raise InputError(
+            f"the command of {actuator!r} needs a number, a function of time, or (times, values) with times that rise; "
+            f"got shape {table.shape}"
+        )
+    return Table(*map(tuple, table.tolist()))
+
+
+@dataclass(frozen=True)
+class Table:
+    """A command by a table, interpolated in straight lines; at its ends the values stay."""
+
+    times: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __call__(self, t: float) -> float:
+        return float(np.interp(t, self.times, self.values))
+
+
+def saturated(mechanism, t, q, v) -> dict[str, float]:
+    """Actuator → share of the rows in which its command or force was cut, of those for which that happens."""
+    found = {}
+    for force in mechanism.forces:
+        if isinstance(force, Actuator) and (force.control_range or force.force_range):
+            bound = force.bind(mechanism.model)
+            share = np.mean([bound.at_limit(*state) for state in zip(t, q, v, strict=True)]) if len(t) else 0.0
+            if share > 0.0:
+                found[force.name] = float(share)
+    return found

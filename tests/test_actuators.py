@@ -1,0 +1,204 @@
+"""Actuators of robot files: against MuJoCo's own, their limits and commands."""
+
+import numpy as np
+import pytest
+
+import pinconsist as pc
+from pinconsist.cli.app import main
+
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
+
+BODIES = """<worldbody><body name="upper"><joint name="hip" axis="0 1 0" ref="0.2"/><geom type="capsule" size=".02"
+fromto="0 0 0 0 0 -.4"/><body name="lower" pos="0 0 -.4"><joint name="knee" axis="0 1 0" damping="0.1"/>
+<geom type="capsule" size=".02" fromto="0 0 0 .1 0 -.4"/><body pos=".1 0 -.4"><joint name="slide" type="slide"
+axis="1 0 0" {slide}/><geom size=".03"/></body></body></body></worldbody>"""
+ACTUATORS = {
+    "motors": '<motor joint="hip" gear="20"/><motor joint="knee" gear="-3"/>',
+    "limited motors": '<motor joint="hip" gear="20" ctrlrange="-0.5 0.5"/><motor joint="knee" ctrlrange="0 .1"/>',
+    "position": '<position joint="hip" kp="40"/><position joint="knee" kp="30" kv="2"/>',
+    "critically damped": '<position joint="hip" kp="40" dampratio="1"/><position joint="slide" kp="9" dampratio=".5"/>',
+    "limited position": '<position joint="hip" kp="40" kv="1" ctrlrange="-.4 .6" forcerange="-5 6" gear="2"/>',
+    "velocity": '<velocity joint="hip" kv="3"/><velocity joint="slide" kv="5" forcerange="-2 2"/>',
+    "general": '<general joint="knee" gainprm="3" biastype="affine" biasprm=".5 -4 -.3" gear="1.5"/>',
+    "affine gain": '<general joint="knee" gaintype="affine" gainprm="2 .3 .1" biastype="affine" biasprm="0 -4 -.3"/>',
+    "two on a joint": '<motor name="a" joint="hip"/><position name="b" joint="hip" kp="3"/><motor joint="slide"/>',
+    "strong and weak": '<motor joint="hip" gear="5" forcerange="-1 3"/><velocity joint="knee" kv="1" gear="2"/>',
+    "limited joint": '<motor joint="slide" gear="-7"/><position joint="knee" kp="8"/>',
+    "damper": '<damper joint="knee" kv="2" ctrlrange="0 3"/>',
+}
+
+
+def written(path, actuators, slide="", rest=""):
+    text = f"<mujoco>{BODIES.format(slide=slide)}<actuator>{actuators}</actuator>{rest}</mujoco>"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """MuJoCo writes its warnings to a file in the current folder."""
+    monkeypatch.chdir(tmp_path)
+
+
+def pulled(mech, q, v):
+    """The torques of the actuators, (nv,)."""
+    bound = [force.bind(mech.model) for force in mech.forces if isinstance(force, pc.Actuator)]
+    return sum((each.torque(0.0, q, v) for each in bound), np.zeros(mech.nv))
+
+
+@pytest.mark.parametrize("kind", ACTUATORS)
+def test_forces_are_those_of_mujoco(tmp_path, kind):
+    slide = 'actuatorfrcrange="-1.5 2"' if kind == "limited joint" else ""
+    path = written(tmp_path / "arm.xml", ACTUATORS[kind], slide)
+    mech, model, rng = pc.load(path), mujoco.MjModel.from_xml_path(str(path)), np.random.default_rng(0)
+    data, seen = mujoco.MjData(model), set()
+    names = [force.name for force in mech.forces if isinstance(force, pc.Actuator)]
+    for _ in range(40):
+        far = 10.0 ** rng.uniform(-3, 0)
+        q, v, u = far * rng.normal(0, 0.7, 3), far * rng.normal(0, 1.5, 3), far * rng.normal(0, 1.6, model.nu)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = q, v, u
+        mujoco.mj_forward(model, data)
+        asked = mech.with_control(dict(zip(names, u, strict=True)))
+        found = pulled(asked, q, v)
+        np.testing.assert_allclose(found, data.qfrc_actuator, rtol=1e-10, atol=1e-10)
+        seen |= {bool(force.bind(mech.model).at_limit(0.0, q, v)) for force in asked.forces if hasattr(force, "gear")}
+    assert seen == {False, True} if "range" in ACTUATORS[kind] + slide else seen == {False}
+
+
+@pytest.mark.parametrize("kind", ["limited position", "affine gain", "velocity", "position"])
+def test_derivatives_are_those_of_the_law(tmp_path, kind):
+    mech, rng = pc.load(written(tmp_path / "arm.xml", ACTUATORS[kind])), np.random.default_rng(1)
+    for force in (force.bind(mech.model) for force in mech.forces if isinstance(force, pc.Actuator)):
+        for _ in range(5):
+            q, v, h = rng.normal(0, 0.3, 3), rng.normal(0, 0.3, 3), 1e-6
+            for part, by in zip((q, v), force.derivatives(0.0, q, v), strict=True):
+                for i in range(3):
+                    step = h * np.eye(3)[i]
+                    ends = [force.torque(0.0, *(x + s * step * (x is part) for x in (q, v))) for s in (-1.0, 1.0)]
+                    np.testing.assert_allclose((ends[1] - ends[0]) / (2 * h), by[:, i], atol=1e-7)
+
+
+def test_both_backends_and_mujoco_make_the_same_motion(tmp_path):
+    path = written(tmp_path / "arm.xml", ACTUATORS["position"])
+    control = {"hip": 0.4, "knee": -0.3}
+    mech = pc.load(path)
+    sol = pc.simulate(mech, (0.0, 0.3), control=control, rtol=1e-8, atol=1e-10)
+    plain = pc.simulate(mech, (0.0, 0.05), control=control, backend="python")
+    np.testing.assert_allclose(pc.simulate(mech, (0.0, 0.05), control=control).q[-1], plain.q[-1], atol=1e-7)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.timestep, model.opt.integrator = 1e-4, mujoco.mjtIntegrator.mjINT_RK4
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 0.4, -0.3
+    mujoco.mj_step(model, data, 3000)
+    np.testing.assert_allclose(sol.q[-1], data.qpos, atol=1e-6)
+
+
+def test_without_a_command_a_position_actuator_holds_its_reference(tmp_path):
+    mech = pc.load(written(tmp_path / "arm.xml", ACTUATORS["position"]))
+    hip, knee = (force for force in mech.forces if isinstance(force, pc.Actuator))
+    assert hip.control == pytest.approx(np.radians(0.2)) and knee.control == 0.0  # ref
+    key = '<keyframe><key qpos="0 0 0" ctrl="0.7 -0.1"/></keyframe>'
+    mech = pc.load(written(tmp_path / "arm.xml", ACTUATORS["position"], rest=key))
+    assert [force.control for force in mech.forces if isinstance(force, pc.Actuator)] == [0.7, -0.1]
+
+
+def test_limits_are_reported_and_commands_may_change(tmp_path):
+    mech = pc.load(written(tmp_path / "arm.xml", ACTUATORS["limited position"]))
+    sol = pc.simulate(mech, (0.0, 0.2), control={"hip": 2.0})
+    certificate = sol.check(error=False)
+    assert certificate.saturated["hip"] == 1.0
+    assert "actuators are at the limits of their commands or forces: hip in 100% of the rows" in str(certificate)
+    assert np.abs(sol.torque("hip")).max() <= 2 * 6.0 + 1e-12
+    quiet = pc.simulate(mech, (0.0, 0.1), control={"hip": 0.4}).check(error=False)
+    assert quiet.saturated == {} or quiet.saturated["hip"] < 1.0
+    table = [[0.0, 0.1], [0.2, 0.4]]
+    for command in (lambda t: 0.2 + 2 * t, table, pc.Motion(0.2, 2.0)):
+        there = pc.simulate(mech, (0.0, 0.1), control={"hip": command}).q[-1]
+        np.testing.assert_allclose(
+            there, pc.simulate(mech, (0.0, 0.1), control={"hip": lambda t: 0.2 + 2 * t}).q[-1], atol=1e-7
+        )
+
+
+@pytest.mark.parametrize(
+    ("control", "message"),
+    [
+        ({"hipp": 1.0}, "no actuator 'hipp'; near it: hip; there are hip, knee"),
+        ({"hip": [1.0, 2.0]}, r"\(times, values\)"),
+        ({"hip": float("nan")}, "control"),
+        (0.4, "needs a mapping"),
+    ],
+)
+def test_wrong_commands(tmp_path, control, message):
+    mech = pc.load(written(tmp_path / "arm.xml", ACTUATORS["position"]))
+    with pytest.raises(pc.InputError, match=message):
+        pc.simulate(mech, (0.0, 0.1), control=control)
+    with pytest.raises(pc.InputError, match="several actuators act on joint 'hip'"):
+        pc.load(written(tmp_path / "arm.xml", ACTUATORS["two on a joint"])).with_control({"hip": 1.0})
+
+
+def test_what_exerts_no_force_is_said(tmp_path, caplog):
+    actuators = '<intvelocity joint="hip" kp="3"/><muscle joint="knee" lengthrange="0 1"/><motor joint="slide"/>'
+    mech = pc.load(written(tmp_path / "arm.xml", actuators))
+    assert [force.name for force in mech.forces if isinstance(force, pc.Actuator)] == ["slide"]
+    assert mech.actuated == ("hip", "knee", "slide") and caplog.text.count("it exerts no force here") == 2
+
+
+def test_the_motors_of_an_actuation_are_without_their_actuators(tmp_path):
+    mech = pc.load(written(tmp_path / "arm.xml", ACTUATORS["position"]))
+    act = pc.Actuation(mech, ["hip", "knee", "slide"])
+    np.testing.assert_allclose(act.bias(), act.gravity(), atol=1e-12)
+
+
+def test_commands_on_the_command_line(tmp_path, capsys):
+    path = written(tmp_path / "arm.xml", ACTUATORS["limited position"])
+    with pytest.raises(SystemExit) as ended:
+        main(["simulate", str(path), "--until", "0.05", "--control", "hip=30deg", "--out", "run.npz"])
+    assert not ended.value.code, capsys.readouterr()
+    run = pc.Solution.load("run.npz")
+    mine = pc.simulate(pc.load(path), (0.0, 0.05), control={"hip": np.pi / 6})
+    np.testing.assert_allclose(run.q[-1], mine.q[-1], atol=1e-12)
+    assert pc.rerun("run.npz").same
+
+
+ARM = """<robot name="arm"><link name="base"/><link name="bar"><inertial><mass value="2"/><origin xyz="0.3 0 0"/>
+<inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".1"/></inertial></link><joint name="j" type="revolute">
+<parent link="base"/><child link="bar"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="30" velocity="9"/></joint>
+<transmission name="t"><type>transmission_interface/SimpleTransmission</type><joint name="j"/>
+<actuator name="m"><mechanicalReduction>{reduction}</mechanicalReduction><rotorInertia>{rotor}</rotorInertia></actuator>
+</transmission>{rest}</robot>"""
+
+
+def test_a_transmission_of_a_urdf_acts(tmp_path, caplog):
+    path = tmp_path / "arm.urdf"
+    both = '<transmission name="d"><joint name="j"/><joint name="k"/><actuator name="x"/></transmission>'
+    path.write_text(ARM.format(reduction=50, rotor="1e-4", rest=both), encoding="utf-8")
+    mech = pc.load(path)
+    assert mech.actuated == ("j",) and "'d': it exerts no force here" in caplog.text
+    assert mech.model.armature[0] == pytest.approx(2500 * 1e-4)
+    sol = pc.simulate(mech, (0.0, 0.05), control={"m": 0.4})
+    np.testing.assert_allclose(sol.torque("m"), 20.0)
+    inertia = 0.1 + 2 * 0.3**2 + 0.25  # about the hinge, with the rotor
+    assert sol.acceleration("j")[0] == pytest.approx((20.0 + 2 * 9.81 * 0.3) / inertia)  # positive is downwards
+    strong = pc.simulate(mech, (0.0, 0.05), control={"j": 5.0})
+    np.testing.assert_allclose(strong.torque("m"), 30.0)  # the joint's effort limit
+    assert strong.check(error=False).saturated == {"m": 1.0}
+
+
+def test_a_transmission_without_reduction_is_refused(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM.format(reduction=0, rotor="0", rest=""), encoding="utf-8")
+    with pytest.raises(pc.FormatError, match="transmission 't': a reduction of zero"):
+        pc.load(path)
+
+
+def test_check_says_what_acts_and_a_scene_keeps_it(tmp_path, capsys):
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM.format(reduction=50, rotor="0", rest=""), encoding="utf-8")
+    with pytest.raises(SystemExit):
+        main(["check", str(path)])
+    assert "actuators that act: m on j (command 0)" in capsys.readouterr().out
+    pc.write(pc.load(path), tmp_path / "again.urdf")
+    again = pc.load(tmp_path / "again.urdf")
+    (motor,) = (force for force in again.forces if isinstance(force, pc.Actuator))
+    assert (motor.gear, motor.force_range) == (50.0, (-0.6, 0.6))
