@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from pinconsist import Torque, load, simulate
+from pinconsist import Torque, export_html, load, simulate
 from pinconsist.cli.terminal import RunProgress
 
 START = (0.0, 5.0), {"crank": 0.0}, {"crank": 12.0}  # of the crank-rocker
 
 
+METHODS = ("BDF", "Radau")
+FORCE = "Python force of zero"
+
+
 @dataclass(frozen=True)
 class Around:
-    """Something that is done with a run: the least of its process times, s, and this over that of the plain run."""
+    """Something that is done with a run: the least of its process times, s, and this over that of the plain run.
 
+    What is done beside a Python force is compared with the run that has this force only.
+    """
+
+    method: str
     what: str
     seconds: float
     ratio: float
@@ -24,31 +34,43 @@ class Around:
 
 def around(repeats=9) -> list[Around]:
     """Time, in turn, the crank-rocker for 5 s at the default tolerances with what people ask for besides."""
+    return [row for method in METHODS for row in _around(repeats, method)]
+
+
+def _around(repeats, method):
     mech, (span, q0, v0) = load("crank_rocker"), START
-    loop, sol = mech.loops[0].name, simulate(mech, *START)
+    loop, sol = mech.loops[0].name, simulate(mech, *START, method=method)
     still = np.zeros(mech.nv)
+    force = {"forces": [Torque(lambda t, q, v: still)]}
+    empty, never = {"callback": lambda t, q, v, lam: None}, {"events": lambda t, q, v, lam: 1.0}
 
     def run(**options):
-        return lambda: simulate(mech, span, q0, v0, **options)
+        return lambda: simulate(mech, span, q0, v0, method=method, **options)
 
-    work = {
-        "plain run": run(),
-        "start alone, to 1 µs": lambda: simulate(mech, (0.0, 1e-6), q0, v0, first_step=1e-6),
-        "on a terminal": run(callback=RunProgress(*span)),
-        "empty callback": run(callback=lambda t, q, v, lam: None),
-        "event that never fires": run(events=lambda t, q, v, lam: 1.0),
-        "t_eval of 1": run(t_eval=[span[1]]),
-        "t_eval of 1000": run(t_eval=np.linspace(*span, 1000)),
-        "dense_output": run(dense_output=True),
-        "Python force of zero": run(forces=[Torque(lambda t, q, v: still)]),
-        "check()": sol.check,
-        "reaction of a loop": lambda: sol.reaction(loop),
-        "energy()": sol.energy,
-    }
-    least = dict.fromkeys(work, np.inf)
-    for _ in range(repeats):
-        for what, do in work.items():
-            begun = time.process_time()
-            do()
-            least[what] = min(least[what], time.process_time() - begun)
-    return [Around(what, seconds, seconds / least["plain run"]) for what, seconds in least.items()]
+    with TemporaryDirectory() as folder:
+        work = {
+            "plain run": run(),
+            "start alone, to 1 µs": lambda: simulate(mech, (0.0, 1e-6), q0, v0, first_step=1e-6, method=method),
+            "on a terminal": run(callback=RunProgress(*span)),
+            "empty callback": run(**empty),
+            "event that never fires": run(**never),
+            "event of a multiplier": run(events=lambda t, q, v, lam: lam[0] - 1e9),
+            "t_eval of 1": run(t_eval=[span[1]]),
+            "t_eval of 1000": run(t_eval=np.linspace(*span, 1000)),
+            "dense_output": run(dense_output=True),
+            FORCE: run(**force),
+            f"{FORCE}, empty callback": run(**force, **empty),
+            f"{FORCE}, event that never fires": run(**force, **never),
+            "check(error=False)": lambda: sol.check(error=False),
+            "reaction of a loop": lambda: sol.reaction(loop),
+            "energy()": sol.energy,
+            "page": lambda: export_html(mech, sol, Path(folder) / "page.html"),
+        }
+        least = dict.fromkeys(work, np.inf)
+        for _ in range(repeats):
+            for what, do in work.items():
+                begun = time.process_time()
+                do()
+                least[what] = min(least[what], time.process_time() - begun)
+    over = {what: FORCE if what.startswith(f"{FORCE}, ") else "plain run" for what in work}
+    return [Around(method, what, seconds, seconds / least[over[what]]) for what, seconds in least.items()]

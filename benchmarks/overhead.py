@@ -239,5 +239,10 @@ def _print_chains(rows):
 
 
 def _print_around(rows):
-    columns = [("", "{what}"), ("[ms]>", report.scaled("seconds", 1e3, 2)), ("over the plain run>", "{ratio:.2f}")]
+    columns = [
+        ("method", "{method}"),
+        ("", "{what}"),
+        ("[ms]>", report.scaled("seconds", 1e3, 2)),
+        ("over the run>", "{ratio:.2f}"),
+    ]
     report.table(rows, columns, title=f"{TIMED}, 5 s from 12 rad/s, compiled: the run, and what is asked for besides")

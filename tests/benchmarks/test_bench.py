@@ -12,7 +12,7 @@ from helpers import command_line
 from benchmarks import actuation, gradients, sampled
 from benchmarks.against import against
 from benchmarks.app import main
-from benchmarks.around import around
+from benchmarks.around import FORCE, around
 from benchmarks.overhead import backends, chain_steps, overhead
 from benchmarks.robots import robots
 from pinconsist.errors import InputError
@@ -54,8 +54,12 @@ def test_overhead_counts_steps_residuals_and_times():
 
 def test_what_stands_around_a_run_is_timed():
     rows = around(repeats=1)
-    assert len({row.what for row in rows}) == len(rows) == 12 and all(row.seconds > 0.0 for row in rows)
-    assert all(row.ratio == pytest.approx(row.seconds / rows[0].seconds) for row in rows)
+    assert len({(row.method, row.what) for row in rows}) == len(rows) == 32 and all(row.seconds > 0.0 for row in rows)
+    assert [row.what for row in rows if row.ratio == 1.0] == 2 * ["plain run"]
+    seconds = {(row.method, row.what): row.seconds for row in rows}
+    for row in rows:
+        over = FORCE if row.what.startswith(f"{FORCE}, ") else "plain run"
+        assert row.ratio == pytest.approx(row.seconds / seconds[row.method, over])
 
 
 def test_steps_of_chains_are_counted_and_timed():
