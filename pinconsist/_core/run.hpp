@@ -39,7 +39,7 @@ public:
       self().prepare_next();
       const Failure failure = self().advance(t_end);
       if (failure != Failure::none) return failure;
-      if (with_curve) sizes_.push_back(self().control.sizes);
+      if (with_curve) put(sizes_, self().control.sizes);
       record(with_curve, out);
       if (!sees.is_none() && nb::cast<bool>(sees(t, array(p), array(self().velocity()), array(self().multipliers()), self().order())))
         break;
@@ -50,7 +50,9 @@ public:
 
   // The steps from one of the last batch on have been made in vain: an event has happened in it.
   void forget_from(size_t step) {
-    if (step < sizes_.size()) self().control.sizes = sizes_[step];
+    Vec &sizes = self().control.sizes;
+    const size_t n = sizes.size();
+    if (n * (step + 1) <= sizes_.size()) sizes = Eigen::Map<Vec>(sizes_.data() + n * step, n);
   }
 
 protected:
@@ -72,7 +74,7 @@ protected:
   Headway headway_;
 
 private:
-  std::vector<Vec> sizes_; // that columns had reached where the steps of the last batch began
+  std::vector<double> sizes_; // that columns had reached where the steps of the last batch began
 
   Method &self() { return static_cast<Method &>(*this); }
 

@@ -106,9 +106,9 @@ class EventWatch:
         -------
         (indices of the events at that time, t, (p, v, λ), whether to stop) or None
         """
-        begin, seen, looks, self.looked = batch.curve.start, 0, batch.curve.looks, 0
+        begin, left, looks, self.looked = batch.curve.start, batch.curve.looks, batch.curve.looks, 0
         t, p, v, lam = batch.looked_into(looks, self._multipliers)
-        rows = p, v, self.finish(p, lam) if self._multipliers else lam
+        rows = p, v, self._given(p, lam)
         for end, p, v, lam in zip(t.tolist(), *rows, strict=True):  # at every step: plain loops are fastest
             values, self._values = (
                 self._values,
@@ -120,10 +120,11 @@ class EventWatch:
                     if change := self._happen(segment, self._hits(segment, begin, end, values)):
                         return change
                     break
-            begin, seen = end, seen + 1
-            self.looked = seen // looks
-            if self.interrupted():
-                raise KeyboardInterrupt
+            begin, left = end, left - 1
+            if not left:  # a step was seen to its end
+                left, self.looked = looks, self.looked + 1
+                if self.interrupted():
+                    raise KeyboardInterrupt
         return None
 
     def until(self, t, forward) -> list:
@@ -165,8 +166,12 @@ class EventWatch:
             self._there = segment, t, segment(t) if self.retake is None else self.retake(segment, t)
         return self._there[2]
 
+    def _given(self, p, lam):
+        """λ as events are given it."""
+        return self.finish(p, lam) if self._multipliers else lam
+
     def _signs(self, t, p, v, lam):
-        state = [read_only(each) for each in (p, v, self.finish(p, lam))]
+        state = [read_only(each) for each in (p, v, self._given(p, lam))]
         return [_value(event, t, *state) for event in self.events]
 
     def _locate(self, event, segment, begin, end, g_end) -> float:
@@ -178,7 +183,7 @@ class EventWatch:
         def g(t):
             if t not in known:
                 p, v, lam = segment(t)
-                known[t] = _value(event, t, p, v, self.finish(p, lam))
+                known[t] = _value(event, t, p, v, self._given(p, lam))
             return known[t]
 
         if g(begin) == 0.0 or g(begin) * g_end > 0:
@@ -189,7 +194,7 @@ class EventWatch:
         if self.retake is None:
             return root
         p, v, lam = self._state(segment, root)
-        missing, beside = _value(event, root, p, v, self.finish(p, lam)) - g(root), root - BESIDE * (root - begin)
+        missing, beside = _value(event, root, p, v, self._given(p, lam)) - g(root), root - BESIDE * (root - begin)
         slope = (g(root) - g(beside)) / (root - beside) if root != beside else 0.0
         moved = root - missing / slope if slope else root  # one secant takes out what the interpolant is wrong by
         return moved if (moved - begin) * (moved - end) < 0 else root

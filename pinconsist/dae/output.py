@@ -173,7 +173,7 @@ class Record:
         """Call the user's callback with a step before the batch it belongs to is added; whether it ends the run."""
         row = p, v, self._finish(p, lam)
         for each in row:
-            each.flags.writeable = False
+            each.setflags(write=False)
         self._called, self._ended = self._called + 1, self._called_back((t, *row), order if self._ordered else None)
         return self._ended is not None
 

@@ -219,8 +219,12 @@ class MechanismSystem(Index3System):
         """
         if self.nc == self.rows.nc:
             return lam
-        full = np.zeros((*lam.shape[:-1], self.rows.nc))
-        full[..., self.kept] = lam
+        if lam.ndim == 1:  # at every look of an event, every call of a callback
+            full = np.zeros(self.rows.nc)
+            full[self.kept] = lam
+        else:
+            full = np.zeros((*lam.shape[:-1], self.rows.nc))
+            full[..., self.kept] = lam
         if self.dropped_are_zero:
             return full
         steady = np.flatnonzero(self.rows.steady)
