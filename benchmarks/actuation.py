@@ -114,7 +114,7 @@ def reflected(robot, motors, feet, positions=(-0.1, 0.0, 0.1)) -> list[Felt]:
         act = Actuation(mech)
         others = [
             Actuation(type(mech)(light, mech.loops, guess=act.q, actuated=mech.actuated)),
-            Actuation(rotors, q=act.q),
+            Actuation(rotors, q0=act.q),
         ]
     at, start = [act.motors.index(motor) for motor in motors], act.positions()[[act.motors.index(m) for m in motors]]
     for position in positions:

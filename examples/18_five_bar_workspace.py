@@ -26,7 +26,7 @@ def tip_of(act, q):
 def run():
     """The mechanism, and of its workspace: tips that are reached, their condition, ends of the way, force ellipses."""
     mech = five_bar()
-    act, tips, condition, ends, ellipses = pc.Actuation(mech, q=mech.guess), [], [], [], []
+    act, tips, condition, ends, ellipses = pc.Actuation(mech), [], [], [], []
     found = act.table({"left_crank": LEFT, "right_crank": RIGHT})
     turns = np.linspace(0.0, 2 * np.pi, 40)
     for i, (q, ok) in enumerate(zip(found["q"], found["ok"], strict=True)):

@@ -72,16 +72,16 @@ class Simulation:
         self._options = (method, step, max_order, rtol, atol, "every-step", None, max_step, None, backend)
         self.reset(q0, v0, number(t0, "t0"))
 
-    def reset(self, q=None, v=None, t=0.0) -> State:
+    def reset(self, q0=None, v0=None, t0=0.0) -> State:
         """The state at which a new run begins.
 
-        It is given by `q` and `v`, as to :func:`simulate`, and the time `t`, s.
+        It is given by `q0` and `v0`, as to :func:`simulate`, and the time `t0`, s.
         """
-        solver = LoopSolver(self.mechanism, t)
-        assembly = assembled(solver, q, v)
-        system = MechanismSystem(self.mechanism, assembly.q, t, solver)
+        solver = LoopSolver(self.mechanism, t0)
+        assembly = assembled(solver, q0, v0)
+        system = MechanismSystem(self.mechanism, assembly.q, t0, solver)
         require_nonsingular(system, assembly.q)
-        self._stand(system, t, assembly.q, assembly.v)
+        self._stand(system, t0, assembly.q, assembly.v)
         return self.state
 
     def copy(self) -> Simulation:

@@ -155,7 +155,7 @@ def test_velocity_of_a_named_joint_leads_the_others():
 def test_velocity_array_is_projected_in_the_mass_metric():
     """Against v - M⁻¹Jᵀ(J M⁻¹ Jᵀ)⁻¹ J v with M and J derived by hand."""
     given = np.array([1.0, 2.0, 3.0])
-    result = pc.assemble(pc.load("four_bar"), v=given)
+    result = pc.assemble(pc.load("four_bar"), v0=given)
     linkage, x = FourBar(), FourBar.T @ result.q
     M, J = FourBar.T.T @ linkage.mass(x) @ FourBar.T, linkage.jacobian(x) @ FourBar.T
     expected = given - np.linalg.solve(M, J.T @ np.linalg.solve(J @ np.linalg.solve(M, J.T), J @ given))
@@ -167,7 +167,7 @@ def test_velocity_array_is_projected_in_the_mass_metric():
 
 def test_a_velocity_on_the_constraints_stays():
     mech = pc.load("five_bar")
-    first = pc.assemble(mech, v={"left_crank": 1.0, "right_crank": -2.0})
+    first = pc.assemble(mech, v0={"left_crank": 1.0, "right_crank": -2.0})
     again = pc.assemble(mech, first.q, first.v)
     np.testing.assert_allclose(again.v, first.v, atol=1e-12)
     assert first.mobility == 2 and first.v[mech.model.idx_vs[mech.joint_index("right_crank")]] == pytest.approx(-2.0)
@@ -176,7 +176,7 @@ def test_a_velocity_on_the_constraints_stays():
 def test_least_energy_of_the_joints_not_named():
     """A double pendulum with one named velocity: the other minimises the kinetic energy."""
     mech = pc.load("double_pendulum")
-    result = pc.assemble(mech, v={"upper": 1.0})
+    result = pc.assemble(mech, v0={"upper": 1.0})
     M = pin.crba(mech.model, mech.model.createData(), result.q)
     assert result.v == pytest.approx([1.0, -M[0, 1] / M[1, 1]])
 
@@ -213,7 +213,7 @@ def test_where_the_way_is_blocked_the_loops_close_in_another_mode():
 
 def test_contradictory_velocities_are_refused_by_name():
     with pytest.raises(pc.AssemblyError, match=r"four_bar.*velocities given for crank, rocker"):
-        pc.assemble(pc.load("four_bar"), v={"crank": 1.0, "rocker": 5.0})
+        pc.assemble(pc.load("four_bar"), v0={"crank": 1.0, "rocker": 5.0})
 
 
 def test_a_fixed_joint_out_of_reach():
@@ -342,7 +342,7 @@ def test_fixed_spherical_and_unbounded_joints():
 
 def test_trees_and_empty_models():
     tree = pc.load("double_pendulum")
-    result = pc.assemble(tree, {"upper": 0.3}, v={"lower": 1.0})
+    result = pc.assemble(tree, {"upper": 0.3}, v0={"lower": 1.0})
     assert (result.rows, result.rank, result.mobility, result.gaps) == (0, 0, 2, {})
     assert result.largest_gap == ("", 0.0) and result.q[0] == 0.3 and result.v[1] == pytest.approx(1.0)
     with pytest.raises(pc.InputError, match="no joints"):
@@ -383,11 +383,11 @@ BAD = {
     "no mechanism": (lambda m: pc.assemble("four_bar"), "needs a Mechanism, got str"),
     "unknown joint": (lambda m: pc.assemble(m, {"crnk": 1.0}), "no joint 'crnk'; the joints are crank"),
     "unknown fixed": (lambda m: pc.assemble(m, fixed={"crnk": 1.0}), "no joint 'crnk'"),
-    "unknown velocity": (lambda m: pc.assemble(m, v={"crnk": 1.0}), "no joint 'crnk'"),
+    "unknown velocity": (lambda m: pc.assemble(m, v0={"crnk": 1.0}), "no joint 'crnk'"),
     "q size": (lambda m: pc.assemble(m, np.zeros(4)), r"configuration needs shape \(3,\).*\(4,\)"),
-    "v size": (lambda m: pc.assemble(m, v=np.zeros((3, 1))), r"velocity needs shape \(3,\)"),
+    "v size": (lambda m: pc.assemble(m, v0=np.zeros((3, 1))), r"velocity needs shape \(3,\)"),
     "q NaN": (lambda m: pc.assemble(m, [0, np.nan, 0]), "configuration has a number that is not finite"),
-    "v inf": (lambda m: pc.assemble(m, v={"crank": np.inf}), "velocity of joint 'crank'.*not finite"),
+    "v inf": (lambda m: pc.assemble(m, v0={"crank": np.inf}), "velocity of joint 'crank'.*not finite"),
     "two numbers": (lambda m: pc.assemble(m, {"crank": [1, 2]}), r"'crank' needs 1 number\(s\), got 2"),
     "text": (lambda m: pc.assemble(m, {"crank": "0.1"}), "'crank': expected numbers, got '0.1'"),
     "fixed list": (lambda m: pc.assemble(m, fixed=[1.0]), "fixed= needs a mapping"),

@@ -19,6 +19,14 @@ def robot(tmp_path):
     return partial(write, tmp_path)
 
 
+@pytest.mark.parametrize("key", ["actuated", "name_mot"])
+def test_motors_are_named_beside_loops(robot, tmp_path, key):
+    path = robot(CHAIN)
+    (tmp_path / "robot.yml").write_text(f"loops: [{{name: far, kind: point, frame1: c}}]\n{key}: [k]")
+    mech = load(path)
+    assert mech.actuated == ("k",) and [loop.name for loop in mech.loops] == ["far"]
+
+
 # Loop files -----------------------------------------------------------------------------------------------------------
 
 

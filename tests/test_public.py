@@ -15,7 +15,7 @@ import pinconsist as pc
 HOW = "method step max_order rtol atol forces t_eval dense_output events callback consistency first_step max_step"
 HOW += " max_steps backend"
 PARAMETERS = {  # those after the bar by name only
-    "Actuation": "mech motors q",
+    "Actuation": "mech motors q0",
     "Actuator": "name joint gain bias gear control control_range force_range",
     "Assembly": "q v gaps rows rank mobility moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy undetermined beyond_limits "
@@ -52,15 +52,15 @@ PARAMETERS = {  # those after the bar by name only
     "SpringDamper": "frame1 frame2 stiffness length damping xyz1 xyz2",
     "Torque": "function gradient",
     "Wrench": "frame force moment axes xyz",
-    "assemble": "mechanism q v | fixed t tolerance",
+    "assemble": "mechanism q0 v0 | fixed t tolerance",
     "compare": "subject steps | order count q0 v0",
     "consistent_initial_velocity": "system t0 p0 v0 step",
-    "equilibrium": "mechanism q | forces t stable",
+    "equilibrium": "mechanism q0 | forces t stable",
     "export_html": "mech sol file | speed fps traces forces",
     "integrate": f"system t_span p0 v0 | {HOW.replace('forces ', '')}",
     "gradient": "build theta t_span q0 v0 | rows terminal names steps forces events t_eval rtol atol backend **options",
-    "inverse_dynamics": "mechanism times q | forces",
-    "linearize": "mechanism q v | forces t",
+    "inverse_dynamics": "mechanism times q0 | forces",
+    "linearize": "mechanism q0 v0 | forces t",
     "load": "source | loops closure free_flyer package_dirs ignore precision",
     "models": "",
     "plot_comparison": "rows file",
@@ -138,8 +138,8 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "with_armature": "armature",
         "with_parameters": "values",
         "lock": "joints q",
-        "reduced": "q",
-        "reanchored": "q",
+        "reduced": "q0",
+        "reanchored": "q0",
         "corrected": "precision",
     },
     "Modes": {"frequencies": None, "hertz": None, "damping_ratios": None},
@@ -149,7 +149,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     "Sensitivities": {"at": "t", "of": "function"},
     "Servo": {"label": None, "bind": "model"},
     "Simulation": {
-        "reset": "q v t",
+        "reset": "q0 v0 t0",
         "copy": "",
         "step": "dt control",
         "state": None,

@@ -61,7 +61,7 @@ def test_rounding_has_to_show_itself_and_is_then_believed_for_a_while():
 
 def test_nothing_is_believed_beyond_an_event():
     mech = pc.load("n_four_bar_2")
-    start = pc.assemble(mech, v={"crank0": 1.0})
+    start = pc.assemble(mech, v0={"crank0": 1.0})
     method = method_of((0.0, 10.0), "BDF", None, 5, 1e-12, 1e-12, "every-step", None, np.inf, None, "python")
     stepper = Stepper(MechanismSystem(mech, start.q), method)
     assert stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.1, 7.0), lambda: (10.0, False))

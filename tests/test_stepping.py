@@ -57,7 +57,7 @@ def test_a_copy_goes_on_alike_and_leaves_the_first_alone(mech):
 
 def test_reset_begins_a_new_run(mech):
     sim = stepped(pc.Simulation(mech), 4)
-    state = sim.reset({"crank": 0.5}, {"crank": 1.0}, t=2.0)
+    state = sim.reset({"crank": 0.5}, {"crank": 1.0}, t0=2.0)
     assert state.t == 2.0
     np.testing.assert_allclose([state.q[0], state.v[0]], [0.5, 1.0], atol=1e-12)
     sim.step(DT)

@@ -28,7 +28,7 @@ class Actuation(Motors):
     motors : sequence of str, optional
         Joints. Default: ``mech.actuated``. A joint of several degrees of freedom has a motor for each; name the
         free-flyer of a floating robot here, too.
-    q : mapping or array, optional
+    q0 : mapping or array, optional
         The configuration to begin with, closed as by :func:`assemble`. Default: the mechanism's guess.
 
     Attributes

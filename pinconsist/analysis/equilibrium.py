@@ -83,7 +83,7 @@ class Equilibrium(HasReactions):
         return f"{kind} equilibrium, smallest stiffness {least:.6g}{unheld}; forces balance to {self.residual:.1e}"
 
 
-def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = True) -> Equilibrium:
+def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool = True) -> Equilibrium:
     """Find a closed configuration in which g(q) = τ(t, q, 0) + Jᵀλ.
 
     Newton's method on the configurations that the loops allow: each step is taken in their tangent space with the
@@ -96,14 +96,14 @@ def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = 
     mechanism : Mechanism
         All of its forces act, as they are at rest; dry friction, which is smoothed, then vanishes. Drives hold their
         joints where they are at time `t`.
-    q : mapping or array, optional
+    q0 : mapping or array, optional
         Where to start, as in :func:`assemble`. Default: the mechanism's guess.
     forces : sequence
         Forces on top, as in :func:`simulate`.
     t : float
         Time at which forces and drives are evaluated, s.
     stable : bool
-        False: go to the equilibrium that Newton's method finds from `q`, of either kind.
+        False: go to the equilibrium that Newton's method finds from `q0`, of either kind.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def equilibrium(mechanism, q=None, *, forces=(), t: float = 0.0, stable: bool = 
     """
     mechanism = with_forces(mechanism, forces, "equilibrium")
     t = float(finite_array(t, "t"))
-    start = assemble(mechanism, q, t=t).q
+    start = assemble(mechanism, q0, t=t).q
     system = MechanismSystem(mechanism, start, t)
     place, iterations, nudges = _Place(system, t, start), 0, 0
     while True:

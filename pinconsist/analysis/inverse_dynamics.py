@@ -52,7 +52,7 @@ class InverseDynamics(HasReactions):
         locked(self.t, self.q, self.v, self.a, self.lam, *self.torques.values())
 
 
-def inverse_dynamics(mechanism, times, q=None, *, forces=()) -> InverseDynamics:
+def inverse_dynamics(mechanism, times, q0=None, *, forces=()) -> InverseDynamics:
     """Motor torques of a chain whose drives determine its motion.
 
     At each time the loops and the drives give the configuration, their derivatives the velocity and the acceleration,
@@ -65,7 +65,7 @@ def inverse_dynamics(mechanism, times, q=None, *, forces=()) -> InverseDynamics:
         With a :class:`Drive` for each motion that its loops leave free.
     times : array, shape (n,)
         s.
-    q : mapping or array, optional
+    q0 : mapping or array, optional
         Where to start at the first time, as in :func:`assemble`. Default: the mechanism's guess.
     forces : sequence
         Forces on top, as in :func:`simulate`; dry friction, damping and all others act with the motion's velocities.
@@ -93,7 +93,7 @@ def inverse_dynamics(mechanism, times, q=None, *, forces=()) -> InverseDynamics:
         raise InputError(
             f"{mechanism.name} has no driven joint; add drives: mechanism.with_loops(*mechanism.loops, Drive(...))"
         )
-    start = assemble(mechanism, q, t=times[0]).q
+    start = assemble(mechanism, q0, t=times[0]).q
     system = MechanismSystem(mechanism, start, times[0])
     state, rows = _state(system, times[0], start), []
     for t in times:

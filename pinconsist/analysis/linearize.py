@@ -94,15 +94,15 @@ class Linearization:
         return modes(self)
 
 
-def linearize(mechanism, q=None, v=None, *, forces=(), t: float = 0.0) -> Linearization:
+def linearize(mechanism, q0=None, v0=None, *, forces=(), t: float = 0.0) -> Linearization:
     """Linearise a mechanism on its constraints.
 
     Parameters
     ----------
     mechanism : Mechanism
-    q : mapping or array, optional
+    q0 : mapping or array, optional
         Configuration, closed as by :func:`assemble`. Default: the equilibrium that :func:`equilibrium` finds.
-    v : mapping or array, optional
+    v0 : mapping or array, optional
         Velocity, put on the constraints as by :func:`assemble`. Default: rest, or what drives make of it.
     forces : sequence
         Forces on top, as in :func:`simulate`.
@@ -116,9 +116,9 @@ def linearize(mechanism, q=None, v=None, *, forces=(), t: float = 0.0) -> Linear
     Raises
     ------
     EquilibriumError
-        No `q` was given and no equilibrium was found.
+        No `q0` was given and no equilibrium was found.
     AssemblyError
-        The loops cannot be closed, or do not allow `v`.
+        The loops cannot be closed, or do not allow `v0`.
     SingularSystemError
         A motion without inertia is pushed: no acceleration balances it.
     InputError
@@ -131,9 +131,9 @@ def linearize(mechanism, q=None, v=None, *, forces=(), t: float = 0.0) -> Linear
     equations of motion in minimal coordinates, exactly.
     """
     mechanism, t = with_forces(mechanism, forces, "linearize"), float(finite_array(t, "t"))
-    if q is None:
-        q = equilibrium(mechanism, t=t).q
-    state = assemble(mechanism, q, v, t=t)
+    if q0 is None:
+        q0 = equilibrium(mechanism, t=t).q
+    state = assemble(mechanism, q0, v0, t=t)
     q, v = state.q, state.v
     system = MechanismSystem(mechanism, q, t)
     space, sizes = TangentSpace(system, q, t), step_sizes(system, q)

@@ -26,7 +26,7 @@ NOT_CLOSED = 1e-6  # m or rad: a configuration that is open by more is none of t
 class Motors:
     """The part of :class:`Actuation` that knows the motors and closes the loops; its parameters are those of that."""
 
-    def __init__(self, mech, motors=None, q=None):
+    def __init__(self, mech, motors=None, q0=None):
         require_mechanism(mech, "Actuation")
         joints = tuple(mech.actuated if motors is None else ([motors] if isinstance(motors, str) else motors))
         if not joints:
@@ -39,7 +39,7 @@ class Motors:
             raise InputError(f"Actuation: a motor is named twice in {', '.join(joints)}")
         self._plain = all(model.nqs[i] == 1 for i in map(model.getJointId, joints))
         self._places = np.array([model.idx_qs[model.getJointId(joint)] for joint in joints])
-        self.q, self._reason = assemble(self.mechanism, q).q, ""
+        self.q, self._reason = assemble(self.mechanism, q0).q, ""
         self._solver = LoopSolver(self.mechanism)
         self._chosen = Coordinates(self._solver, self._columns, self.q)
         n = self._chosen.n_motors
@@ -237,7 +237,7 @@ class Motors:
         if still:
             raise SingularSystemError(
                 f"{self.mechanism.name}: these motors cannot move: {', '.join(still)}; the loops hold them. This is a "
-                "dead centre, or they are locked: begin elsewhere, Actuation(mech, motors, q), or leave them out",
+                "dead centre, or they are locked: begin elsewhere, Actuation(mech, motors, q0), or leave them out",
                 names=tuple(still),
             )
 

@@ -1,10 +1,10 @@
 """Loop files: what closes a tree, in YAML, in two conventions.
 
 The project's own has ``loops`` and ``forces``, lists of records (:mod:`pinconsist.formats.records`), ``description``,
-``guess``, ``actuated``, ``duration`` (how long commands simulate by default, s; 5 if it is not given), and ``joints``,
-``gravity`` and ``joint_order`` (:mod:`pinconsist.formats.joints`). The other is the ``robot.yaml`` of the
-example-parallel-robots collection: ``closed_loop`` (pairs of frames), ``type`` (3d or 6d), ``name_mot``,
-``joint_name`` and ``joint_type``.
+``guess``, ``actuated`` (the joints that have motors; ``name_mot`` is read, too), ``duration`` (how long commands
+simulate by default, s; 5 if it is not given), and ``joints``, ``gravity`` and ``joint_order``
+(:mod:`pinconsist.formats.joints`). The other is the ``robot.yaml`` of the example-parallel-robots collection:
+``closed_loop`` (pairs of frames), ``type`` (3d or 6d), ``name_mot``, ``joint_name`` and ``joint_type``.
 """
 
 from __future__ import annotations
@@ -119,7 +119,9 @@ def read(path) -> LoopFile:
         record = _parsed(content)
         if not isinstance(record, dict) or not all(isinstance(key, str) for key in record):
             raise FormatError(f"a loop file has keys such as {', '.join(_OWN_KEYS)}; this one has none of them")
-        return _robot(record, path) if set(record) & set(_ROBOT_KEYS) else _own(record)
+        theirs = set(record) & set(_ROBOT_KEYS)
+        own = theirs <= {"name_mot"} and set(record) & set(_OWN_KEYS)
+        return _own(record) if own or not theirs else _robot(record, path)
 
 
 class _PlainLoader(yaml.SafeLoader):
@@ -160,7 +162,7 @@ def _parsed(content):
 
 
 def _own(record):
-    known_keys(record, _OWN_KEYS, "")
+    known_keys(record, (*_OWN_KEYS, "name_mot"), "")
     loops = []
     for number, entry in enumerate(items(record, "loops"), start=1):
         loop = loop_record(number, entry)
@@ -179,8 +181,9 @@ def _own(record):
         raise FormatError(f"a positive number of seconds is needed, not {shown(given)}", element="duration")
     guess = {joint: amount(value, f"guess: {joint}") for joint, value in guess.items()}
     gravity = None if record.get("gravity") is None else numbers(record["gravity"], "gravity", count=3)
+    actuated = tuple(dict.fromkeys((*_names(record, "actuated"), *_names(record, "name_mot"))))
     settings = (*joint_settings(record), gravity, _names(record, "joint_order"))
-    return LoopFile(tuple(loops), forces, _names(record, "actuated"), guess, *settings, description, duration)
+    return LoopFile(tuple(loops), forces, actuated, guess, *settings, description, duration)
 
 
 def _robot(record, path):

@@ -63,19 +63,19 @@ class Assembly:
         return max(self.gaps.items(), key=lambda item: item[1], default=("", 0.0))
 
 
-def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance: float = NEARLY) -> Assembly:
+def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, tolerance: float = NEARLY) -> Assembly:
     """Find a closed configuration near a guess, and put a velocity on the constraints.
 
     Parameters
     ----------
     mechanism : Mechanism
-    q : mapping or array, optional
+    q0 : mapping or array, optional
         Guess: joint name → value (the others from ``mechanism.guess``; the named joints are kept if the loops
         allow it, else a warning says where they are), or a configuration (nq,) of which nothing is kept. Where
         ``mechanism.guess`` is closed, the named joints are led from there in small steps with the loops closed, so that
         the mode of assembly stays; where that way is blocked, the loops are closed from the guess, in whichever mode is
         near.
-    v : mapping or array, optional
+    v0 : mapping or array, optional
         Velocity: joint name → value (these joints keep it, the others follow), or an array (nv,) that is projected
         in the mass metric. Default rest.
     fixed : mapping, optional
@@ -93,12 +93,12 @@ def assemble(mechanism, q=None, v=None, *, fixed=None, t: float = 0.0, tolerance
     ------
     AssemblyError
         The loops cannot be closed: names the worst ones and their gaps, and carries the best configuration. Or a
-        drive has a joint elsewhere than `q` or `fixed`.
+        drive has a joint elsewhere than `q0` or `fixed`.
     InputError
         Unknown joints, wrong sizes, NaN.
     """
     require_mechanism(mechanism, "assemble")
-    return assembled(LoopSolver(mechanism, t), q, v, fixed, tolerance)
+    return assembled(LoopSolver(mechanism, t), q0, v0, fixed, tolerance)
 
 
 def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, advises=True) -> Assembly:

@@ -244,7 +244,7 @@ class Mechanism:
 
         return lock(self, joints, q)
 
-    def reduced(self, q=None) -> Mechanism:
+    def reduced(self, q0=None) -> Mechanism:
         """The same motion with fewer joints and rows, for speed and for reading; its guess is the assembled `q`.
 
         Joints that the loops hold still are locked. Loops that follow from the others are dropped, the last ones
@@ -254,12 +254,12 @@ class Mechanism:
         redundant loops is lost. A loop that is redundant elsewhere may be what guides a mechanism through a singular
         position: a reduced mechanism may branch there, and a run that meets one says so.
 
-        `q` is the configuration from which assembly starts, as for :func:`~pinconsist.assemble`. Raises AssemblyError
+        `q0` is the configuration from which assembly starts, as for :func:`~pinconsist.assemble`. Raises AssemblyError
         where the loops do not close, InputError where they leave no motion.
         """
         from .editing import reduced
 
-        return reduced(self, q)
+        return reduced(self, q0)
 
     def corrected(self, precision: float) -> Mechanism:
         """The same mechanism with rounded numbers corrected, so that loops that belong together agree again.
@@ -270,19 +270,19 @@ class Mechanism:
         """
         return corrected(self, number(precision, "precision", least=0.0))
 
-    def reanchored(self, q=None) -> Mechanism:
+    def reanchored(self, q0=None) -> Mechanism:
         """The same mechanism with every loop's anchor 2 moved to where anchor 1 fits best.
 
         The loops that cannot close get their second anchor (a loop that holds a distance: its length) moved by the gap
         that remains, and a warning lists each move. Loops that close stay as they are. The guess becomes the
         configuration that was reached, in which all loops close.
 
-        Assembly starts from `q`: joint name → value (others from ``guess``), or a configuration (nq,); default
+        Assembly starts from `q0`: joint name → value (others from ``guess``), or a configuration (nq,); default
         ``guess``. Raises InputError for an unknown joint, a wrong size, NaN.
         """
         from .editing import reanchored
 
-        return reanchored(self, q)
+        return reanchored(self, q0)
 
 
 def _sequence(value, what: str) -> tuple:
