@@ -14,6 +14,7 @@ from .accuracy import PATIENCE, GlobalError, global_error
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.energy import Energy, energy_of
+from .mechanism.forces.actuators import commands
 from .mechanism.forces.held import replayed
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
@@ -117,6 +118,7 @@ class Solution(ByName):
         scene, values["held"] = getattr(system, "mechanism", None), getattr(system, "held", {})
         about = {"backend": trajectory.backend, "skipped": skipped_work(trajectory)}
         about |= {"forces": len(scene.forces)} if scene else {}
+        about |= {"control": control} if scene and (control := commands(scene)) else {}
         return cls(
             **values, system=system, method=method.describe() | about, scene=scene.name if scene else "",
             success=trajectory.status >= 0, sol=trajectory.dense,

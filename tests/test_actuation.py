@@ -54,7 +54,7 @@ def moved(act, rng, far=0.05):
     return q
 
 
-@pytest.mark.parametrize("name", scenes())
+@pytest.mark.parametrize("name", list(scenes()))
 def test_the_reduced_dynamics_are_those_of_all_joints(name):
     """Closure, velocities and accelerations are those of the KKT system of the whole mechanism."""
     act, rng = actuation(name), np.random.default_rng(3)

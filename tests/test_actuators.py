@@ -158,6 +158,8 @@ def test_commands_on_the_command_line(tmp_path, capsys):
     mine = pc.simulate(pc.load(path), (0.0, 0.05), control={"hip": np.pi / 6})
     np.testing.assert_allclose(run.q[-1], mine.q[-1], atol=1e-12)
     assert pc.rerun("run.npz").same
+    np.testing.assert_allclose(run.torque("hip", pc.load(path)), mine.torque("hip"), atol=1e-9)  # the file has them
+    assert run.check(pc.load(path), error=False).energy_error < 1e-3
 
 
 ARM = """<robot name="arm"><link name="base"/><link name="bar"><inertial><mass value="2"/><origin xyz="0.3 0 0"/>

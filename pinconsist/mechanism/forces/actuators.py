@@ -147,6 +147,12 @@ def commanded(mechanism, control: Mapping):
     return replace(mechanism, forces=tuple(forces))
 
 
+def commands(mechanism) -> dict[str, float | None]:
+    """The commands of the actuators by name; None for functions."""
+    found = [force for force in mechanism.forces if isinstance(force, Actuator)]
+    return {force.name: None if callable(force.control) else force.control for force in found}
+
+
 def _command(actuator, command):
     """A command from what a user may give: a number, a function of time, or a table (times, values)."""
     if callable(command) or np.ndim(command) == 0:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..checks import finite_array, joint_index, number, put, read_only, require_functions, returned
+from .actuators import commanded
 from .force import BoundForce, ForceRecord
 
 SAME_TIME = 1e-9  # periods within which two times are one
@@ -253,7 +254,9 @@ class Sampled(HeldRecord):
 
 
 def replayed(mechanism, solution):
-    """The mechanism with what a run of it has held in the place of the forces that made it."""
+    """The mechanism with the commands of a run of it, and what it has held in the place of the forces that made it."""
+    if mechanism is not None and (control := getattr(solution, "method", {}).get("control")):
+        mechanism = commanded(mechanism, {name: command for name, command in control.items() if command is not None})
     if mechanism is None or not solution.held:
         return mechanism
     tables, sign = iter(solution.held.values()), 1.0 if solution.t[-1] >= solution.t[0] else -1.0
