@@ -36,9 +36,10 @@ class JointMotion:
         Its name, or that of one of its coordinates, ``ball[0]``.
     t : ndarray, shape (n,)
         Times, s.
-    position, velocity, acceleration, torque : ndarray, shape (n,), or (n, k) of a joint of several
-        As of :meth:`Solution.position`, :meth:`Solution.velocity`, :meth:`Solution.acceleration` and
-        :meth:`Solution.torque`: rad, m and N·m, N.
+    position, velocity, acceleration : ndarray, shape (n,), or (n, k) of a joint of several
+        As of :meth:`Solution.position`, :meth:`Solution.velocity` and :meth:`Solution.acceleration`.
+    torque : ndarray, shape (n,) or (n, k)
+        Of all forces and drives on the joint together, N·m or N.
     """
 
     joint: str
@@ -150,22 +151,17 @@ class ByName:
         """What a force, motor or drive gave, N·m (or N), positive along the joint's velocity.
 
         `name` is that of a drive or coupling (what its joint received); a force by its label, ``"servo crank"``, or by
-        its first word where one begins so; or a joint: all forces and drives on it together. Shape (n,) for one that
+        its first word where one begins so; else a joint: all forces and drives on it together. Shape (n,) for one that
         acts on a joint of one degree of freedom, else (n, nv), or (n, k) of a joint of several. `mechanism` is as in
         :meth:`check`. Raises InputError for other names.
         """
         mechanism = self._mechanism(mechanism, "torque")
         loops = {loop.name: loop for loop in mechanism.loops if loop.kind in ("drive", "coupling")}
         if name in loops:
-            row: int = LoopRows(mechanism.model, mechanism.loops).slices[name].start
+            row: int = LoopRows.of(mechanism).slices[name].start
             return self.lam[:, row]
-        label, found = self._forces_of(mechanism, name)
-        if label is None:
-            for drive in loops.values():
-                if isinstance(drive, Drive):
-                    found[:, mechanism.columns(drive.joint)] += self.torque(drive.name, mechanism)[:, None]
-            return _of(mechanism, name, found)
-        joint = _joint_of(mechanism, label)
+        label = self._label(mechanism, name)
+        joint, found = name if label is None else _joint_of(mechanism, label), self._acting(mechanism, label)
         return found if joint is None else _of(mechanism, joint, found)
 
     def power(self, name: str, mechanism=None) -> np.ndarray:
@@ -177,33 +173,41 @@ class ByName:
         loops = {loop.name: loop for loop in mechanism.loops if not isinstance(loop, Loop)}
         if name in loops:
             return (self.reaction(name, mechanism).joint_forces * self.v).sum(axis=1)  # type: ignore[attr-defined]
-        label, found = self._forces_of(mechanism, name)
-        if label is not None:
-            return (found * self.v).sum(axis=1)
-        torque, velocity = self.torque(name, mechanism), self.velocity(name, mechanism)
-        return (torque * velocity).reshape(len(self.t), -1).sum(axis=1)
+        label = self._label(mechanism, name)
+        part = slice(None) if label is not None else _part(mechanism, name)
+        return (self._acting(mechanism, label)[:, part] * self.v[:, part]).sum(axis=1)
 
-    def _forces_of(self, mechanism, name) -> tuple[str | None, np.ndarray]:
-        """The label that a name stands for, or None for a joint, and τ of that force, or of all, (n, nv)."""
-        model, forces = mechanism.model, bound_forces(mechanism.model, mechanism.forces)
+    def _label(self, mechanism, name) -> str | None:
+        """The label of the force that a name stands for, or None for a joint."""
+        forces = bound_forces(mechanism.model, mechanism.forces)
         begin = [label for label in forces if label.split()[0] == name]
         label = name if name in forces else begin[0] if len(begin) == 1 else None
         if label is None and name.partition("[")[0] not in mechanism.joints:
             loops = (loop.name for loop in mechanism.loops if loop.kind in ("drive", "coupling"))
-            known = [*forces, *loops, *mechanism.joints]
-            raise InputError(f"{mechanism.name}: no force, drive or joint {name!r}{near(name, known)}; "
-                             f"the forces are {', '.join(forces) or 'none'}")  # fmt: skip
-        total, workspace = np.zeros(self.v.shape), self._workspace(model)
+            known = near(name, [*forces, *loops, *mechanism.joints])
+            there = f"the forces are {', '.join(forces) or 'none'}"
+            raise InputError(f"{mechanism.name}: no force, drive or joint {name!r}{known}; {there}")
+        return label
+
+    def _acting(self, mechanism, label=None) -> np.ndarray:
+        """τ of the force of a label, or of all forces and drives together, (n, nv)."""
+        forces, total = bound_forces(mechanism.model, mechanism.forces), np.zeros(self.v.shape)
+        workspace = self._workspace(mechanism.model)
         for force in forces.values() if label is None else [forces[label]]:
             total += torques_of(force, sided(self.t), self.q, self.v, workspace)
-        return label, total
+        rows = LoopRows.of(mechanism)
+        for drive in mechanism.loops if label is None else ():
+            if isinstance(drive, Drive):
+                total[:, mechanism.columns(drive.joint)] += self.lam[:, rows.slices[drive.name]]
+        return total
 
     def __getitem__(self, name: str) -> JointMotion | FrameMotion | Reaction:
         """What has this name: the motion of a joint, of a frame, or the reaction of a loop, in this order."""
         mechanism = self._mechanism(None, "__getitem__")
         if name.partition("[")[0] in mechanism.joints:
-            parts = (self.position, self.velocity, self.acceleration, self.torque)
-            return JointMotion(name, self.t, *(read_only(part(name)) for part in parts))
+            parts = [part(name) for part in (self.position, self.velocity, self.acceleration)]
+            parts.append(_of(mechanism, name, self._acting(mechanism)))
+            return JointMotion(name, self.t, *(read_only(part) for part in parts))
         if name in (loops := [loop.name for loop in mechanism.loops]):
             return self.reaction(name)  # type: ignore[attr-defined, no-any-return]
         frames = [frame.name for frame in mechanism.model.frames]
@@ -255,7 +259,7 @@ def _dataframe(names, units, values):
 
 def _row_units(mechanism) -> list[str]:
     """Units of λ: N, N·m; nothing for constraints of the user's own."""
-    rows, of_joints = LoopRows(mechanism.model, mechanism.loops), velocity_units(mechanism.model)
+    rows, of_joints = LoopRows.of(mechanism), velocity_units(mechanism.model)
     units = ["N·m" if turns else "N" for turns in rows.turns]
     for loop in mechanism.loops:
         part = rows.slices[loop.name]

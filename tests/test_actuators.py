@@ -109,6 +109,8 @@ def test_limits_are_reported_and_commands_may_change(tmp_path):
     assert certificate.saturated["hip"] == 1.0
     assert "actuators are at the limits of their commands or forces: hip in 100% of the rows" in str(certificate)
     assert np.abs(sol.torque("hip")).max() <= 2 * 6.0 + 1e-12
+    knee = pc.simulate(pc.load(written(tmp_path / "b.xml", ACTUATORS["general"])), (0.0, 0.1))
+    np.testing.assert_allclose(knee["knee"].torque, knee.torque("knee") - 0.1 * knee.velocity("knee"))  # its damping
     quiet = pc.simulate(mech, (0.0, 0.1), control={"hip": 0.4}).check(error=False)
     assert quiet.saturated == {} or quiet.saturated["hip"] < 1.0
     table = [[0.0, 0.1], [0.2, 0.4]]
