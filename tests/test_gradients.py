@@ -241,6 +241,8 @@ def test_refusals():
     refused("no parameter 'mass:coupla'; near it: mass:coupler", mech, ["mass:coupla"])
     refused("consistency='every-step'", mech, ["mass:coupler"], consistency="exact", step=1e-3)
     refused("follow the steps of BDF", mech, ["mass:coupler"], method="Radau")
+    held = pc.HeldTorque([0.0], [[1.0]], ["crank"])
+    refused("held or sampled", mech, ["mass:coupler"], forces=held)
     refused("held or sampled", mech, ["mass:coupler"], forces=[pc.Sampled(1e-2, lambda t, q, v: 0 * v)])
     stairs = lambda th: mech.with_parameters({"mass:coupler": np.round(th[0], 3)})  # noqa: E731
     refused("not smooth in the parameter 'm'", stairs, [1.0006], names=["m"])
@@ -263,3 +265,15 @@ def test_legs_begin_where_runs_begin():
     sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.05), v0={"crank": 12.0}, dense_output=True)
     (leg,) = legs_of(sol.sol)
     assert leg.span == (0.0, 0.05) and len(leg.t) == sol.nsteps - leg.start.k
+
+
+def test_user_defined_forces_and_a_short_description():
+    mech, v0 = pc.load("crank_rocker"), {"crank": 12.0}
+
+    def build(theta):
+        return mech.with_forces(pc.Torque(lambda t, q, v: np.array([-theta[0] * np.sin(t), 0.0, 0.0])))
+
+    found = pc.sensitivities(build, [2.0], (0.0, 0.02), v0=v0, names=["push"], rtol=1e-6)
+    ends = [pc.simulate(build([x]), (0.0, 0.02), v0=v0, rtol=1e-10, atol=1e-12).q[-1] for x in (2.1, 1.9)]
+    np.testing.assert_allclose(found.dq[-1, :, 0], (ends[0] - ends[1]) / 0.2, rtol=1e-4)
+    assert repr(found) == f"Sensitivities of crank_rocker by push: {len(found.dq)} rows"

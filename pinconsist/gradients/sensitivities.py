@@ -60,7 +60,7 @@ class Sensitivities:
     _lead: Lead = field(repr=False)
 
     def __repr__(self):
-        return f"Sensitivities of {self.solution!r} by {', '.join(self.names)}"
+        return f"Sensitivities of {self.solution.scene or 'a run'} by {', '.join(self.names)}: {len(self.dq)} rows"
 
     def at(self, t) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(dq, dv, dlam) at any time of the run; at an event that changes the state, before it.
@@ -253,14 +253,13 @@ def _maker(build, q0, v0, forces, events, backend):
         mechanism = build(values.copy())
         if not isinstance(mechanism, Mechanism):
             raise InputError(f"build(theta) must return a Mechanism, it returned a {type(mechanism).__name__}")
-        if any(isinstance(force, HeldTorque | Sampled) for force in (*mechanism.forces, *forces)):
-            raise InputError("sensitivities do not go through torques that are held or sampled; give them as functions")
         if id(mechanism) not in made:
             made[id(mechanism)] = mechanism, with_forces(mechanism, forces, "sensitivities")
+        acting = made[id(mechanism)][1]
+        if any(isinstance(force, HeldTorque | Sampled) for force in acting.forces):
+            raise InputError("sensitivities do not go through torques that are held or sampled; give them as functions")
         starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]
-        return Side(
-            made[id(mechanism)][1], starts[0], starts[1], as_events(_of_theta(events, values)), backend != "python"
-        )
+        return Side(acting, starts[0], starts[1], as_events(_of_theta(events, values)), backend != "python")
 
     return make
 
