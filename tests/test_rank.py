@@ -7,6 +7,7 @@ from helpers.scenes import on_stage
 
 import pinconsist as pc
 from pinconsist.mechanism.rank import independent_rows, row_scales
+from pinconsist.mechanism.rows import LoopRows
 from pinconsist.mechanism.system import MechanismSystem
 
 
@@ -84,3 +85,9 @@ def test_rows_are_chosen_again_on_the_way_and_nothing_jumps():
         q, _, lam = sol.sol(sol.t[i])
         np.testing.assert_allclose(q, sol.q[i], atol=1e-12)
         np.testing.assert_allclose(lam, sol.lam[i], atol=1e-7 * np.abs(sol.lam).max())
+
+
+def test_rows_are_built_once_and_evaluated_apart():
+    """Two threads may evaluate the rows of one mechanism."""
+    (one,), (other,) = (LoopRows.of(mech).closures for mech in [pc.load("four_bar")] * 2)
+    assert one.constraint is other.constraint and one.constraint_data is not other.constraint_data

@@ -64,7 +64,7 @@ def dependencies(J, kept) -> dict[int, dict[int, float]]:
 def weak_rows(rows, J) -> dict[tuple[str, str], float]:
     """The rows of J that are independent of the others by less than 1e-6, and by how much, m or rad."""
     scales = row_scales(J, rows.turns)
-    pivots, diagonal = _pivoted(J / scales[:, None]) if J.size else ((), ())
+    pivots, diagonal = _pivoted(J / scales[:, None]) if J.size else (np.zeros(0, int), np.zeros(0))
     apart = [(row, pivot * scales[row], pivot) for row, pivot in zip(pivots, diagonal, strict=False)]
     least = RANK_TOLERANCE * diagonal[0] if len(diagonal) else 0.0
     return {rows.labels[row]: float(by) for row, by, pivot in apart if pivot > least and by < ROUNDED}
