@@ -13,6 +13,7 @@ from .dae.index1 import Index1
 from .dae.integrate import integrate
 from .dae.norms import largest
 from .dae.output import Output
+from .errors import PinconsistError
 from .mechanism.names import velocity_names
 from .mechanism.system import MechanismSystem
 from .options import method_of
@@ -127,7 +128,10 @@ def _finer(system, method, t, start, events, interrupted):
     """(p, v, λ) at the times and the times of the events; None where the run does not reach the end."""
     # between steps Radau has velocities of a lower order
     output = Output(t_eval=t, exact=method.name == "Radau", events=events)
-    run = integrate(system, (t[0], t[-1]), *start, method, output, stepper_for(system, method), interrupted)
+    try:
+        run = integrate(system, (t[0], t[-1]), *start, method, output, stepper_for(system, method), interrupted)
+    except PinconsistError:
+        return None
     if run.status < 0 or len(run.t) < len(t):
         return None
     return (run.p, run.v, run.lam), [np.array([row[0] for row in found]) for found in run.events]

@@ -16,7 +16,8 @@ struct Choice {
 class Tolerances {
 public:
   Vec rtol, atol;
-  Vec sizes; // the largest that [ξ | v] have been
+  Vec sizes;   // the largest that [ξ | v] have been
+  Vec sums_up; // to how many tolerances of a step the errors of all steps come, at most; or empty
   double max_step = INF, noise = NOISE;
   long rejected_by_error = 0, rejected_by_newton = 0;
 
@@ -33,10 +34,13 @@ protected:
   void fill(const System &system, const Vec &p, const Vec &v, double h, Vec &weight) const {
     magnitudes(system, p, v, weight);
     weight = weight.cwiseMax(sizes);
-    const double rounding = noise * EPS * (1.0 + largest(p)), speed = largest(weight.tail(system.nv));
     weight = weight.cwiseProduct(rtol) + atol;
+    const double rounding = noise * EPS * (1.0 + largest(p));
     weight.head(system.nx).array() += rounding;
-    weight.tail(system.nv).array() += std::min(rounding / std::abs(h), HALF * speed);
+    if (sums_up.size()) {
+      auto allowed = weight.tail(system.nv);
+      allowed += (sums_up.tail(system.nv).cwiseProduct(allowed)).cwiseMin(rounding / std::abs(h));
+    }
     weight = weight.cwiseInverse();
   }
 

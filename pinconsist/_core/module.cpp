@@ -220,6 +220,7 @@ NB_MODULE(twin, m) {
              s.control.max_order = max_order;
              s.control.max_step = max_step;
              s.control.noise = noise;
+             s.control.sums_up = rtol.cwiseMax(atol).array().pow(-1.0 / (max_order + 1));
              s.newton.rtol_force = FORCES * std::pow(rtol.minCoeff(), max_order / (max_order + 1.0));
            });
 

@@ -92,9 +92,9 @@ private:
     const auto bound = [&] {
       Vec noise = Vec::Zero(weight_.size());
       const Vec v = attempt_.y.segment(system_.nx, system_.nv);
-      const double size = velocity_rounding(system_, kkt_, t_next, attempt_.p, v), most = HALF * largest(v);
-      noise.tail(system_.nv).setConstant(std::ldexp(std::min(size, most), k + 1));
-      return std::pair(control.error_in(system_, noise, k, weight_), size >= most);
+      const double size = velocity_rounding(system_, kkt_, t_next, attempt_.p, v), speed = largest(v);
+      noise.tail(system_.nv).setConstant(std::ldexp(std::min(size, HALF * speed), k + 1));
+      return std::pair(control.error_in(system_, noise, k, weight_), size >= BESIDE * speed);
     };
     return rounding_.passes(fixed() ? 0.0 : control.rtol.minCoeff(), h, k, error, longer, its_error, bound);
   }

@@ -14,7 +14,7 @@ from ..errors import InputError
 from . import bdf
 from .norms import EPS, largest, weighted_norm
 from .rounding import rounding_weights
-from .tuning import ACCURACY, AFTER_FAILURE, HALF, MAX_FACTOR, MIN_FACTOR, NEARLY, NEWTON_FACTOR, NOISE, SAFETY
+from .tuning import ACCURACY, AFTER_FAILURE, MAX_FACTOR, MIN_FACTOR, NEARLY, NEWTON_FACTOR, NOISE, SAFETY
 
 
 @dataclass
@@ -111,6 +111,11 @@ class ErrorControl:
         return np.concatenate(parts)
 
     @property
+    def _sums_up(self) -> np.ndarray:
+        """To how many tolerances of a step the errors of all steps come, see :meth:`step_tolerance`."""
+        return np.maximum(self._rtol, self._atol) ** (-1.0 / (self.max_order + 1))
+
+    @property
     def spread(self) -> tuple[np.ndarray, np.ndarray]:
         """rtol and atol of a step, of the columns [ξ | v]."""
         return self._rtol, self._atol
@@ -123,12 +128,13 @@ class ErrorControl:
     def weights(self, system, predicted, p, h):
         """Reciprocal tolerances of [ξ | v], and Newton's stopping size. Rounding of the positions is tolerated.
 
-        It shows as eps/h in the velocities.
+        It shows as eps/h in the velocities, and may come to what the errors of all steps sum up to.
         """
         size = np.maximum(self.sizes, self._magnitudes(system, predicted, p))
-        noise = self.noise * EPS * (1.0 + largest(p))
-        rounding = np.repeat((noise, min(noise / abs(h), HALF * largest(size[system.nx :]))), (system.nx, system.nv))
-        return 1.0 / (self._rtol * size + self._atol + rounding), NEWTON_FACTOR
+        allowed, noise = self._rtol * size + self._atol, self.noise * EPS * (1.0 + largest(p))
+        allowed[: system.nx] += noise
+        allowed[system.nx :] += np.minimum(noise / abs(h), (self._sums_up * allowed)[system.nx :])
+        return 1.0 / allowed, NEWTON_FACTOR
 
     def reached(self, system, y, p):
         """Note how large the columns are at the state reached."""

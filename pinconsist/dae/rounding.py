@@ -8,6 +8,7 @@ from ..errors import SingularSystemError
 from .kkt import kkt_at
 from .norms import EPS, largest
 from .tuning import (
+    BESIDE,
     CHATTER,
     ENDLESS,
     GAP,
@@ -74,12 +75,13 @@ def velocity_rounding(system, t, p, v) -> float:
 
 
 def error_of_rounding(system, t, p, v, k):
-    """[ξ | v] of what rounding leaves in ∇ᵏ⁺¹y, which smaller steps cannot lower, and whether that is half the digits.
+    """[ξ | v] of what rounding leaves in ∇ᵏ⁺¹y, which smaller steps cannot lower; and whether it is much.
 
-    It is so beside a singular position.
+    It is much beside singular positions alone. More than half of the digits are never taken to be spoilt.
     """
-    size, most = velocity_rounding(system, t, p, v), HALF * largest(v)
-    return np.repeat((0.0, 2.0 ** (k + 1) * min(size, most)), (system.nx, system.nv)), size >= most
+    size, speed = velocity_rounding(system, t, p, v), largest(v)
+    noise = 2.0 ** (k + 1) * min(size, HALF * speed)
+    return np.repeat((0.0, noise), (system.nx, system.nv)), size >= BESIDE * speed
 
 
 class RoundingTest:

@@ -25,7 +25,7 @@ MAX_ORDER, MAX_ADAPTIVE_ORDER = 6, 5
 SAFETY = 0.8  # 0.9 rejects twice as often: as many residuals, larger errors
 MIN_FACTOR, MAX_FACTOR = 0.2, 10.0  # by which a step changes
 AFTER_FAILURE = 0.25  # by which a step changes where Newton failed
-NEARLY = 0.93  # of the longest step: an order lower by one (from 3 on) that gives this is taken, as it is more stable
+NEARLY = 0.95  # of the longest step: an order lower by one (from 3 on) that gives this is taken, as it is more stable
 SMALLEST_STEP = 16.0  # spacings of t: a step below this cannot be told from zero
 MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
 
@@ -33,6 +33,7 @@ MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
 NOISE = 5.0  # eps of the positions: what rounding leaves in the error of a step
 NEAR_ROUNDING = 1e-9  # rtol above which no error is believed to be rounding
 HALF = 1e-8  # of the velocities, half their digits: nor is a larger error
+BESIDE = 5e-10  # of the velocities: rounding takes as many digits beside singular positions alone
 SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
 SURE = 100.0  # errors this much smaller than what rounding explains are rounding
 REMEMBERED = 20  # steps for which a measurement is believed
