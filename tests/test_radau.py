@@ -234,3 +234,14 @@ def test_none_of_182_impacts_is_missed(rtol):
         pc.load("crank_rocker"), (0.0, 1.0), v0={"crank": 12.0}, method="Radau", events=impact, rtol=rtol, atol=rtol
     )
     assert sol.success and len(sol.t_events[0]) == 182
+
+
+@needs_both
+def test_rows_that_are_nearly_dependent(backend):
+    """Of two loops of Cassie rounding leaves 1e-9 m: Newton, which moved along them again and again, diverged."""
+    mech = pc.load("cassie")
+    sol = pc.simulate(mech, (0.0, 0.03), method="Radau", backend=backend)
+    other = pc.simulate(mech, (0.0, 0.03), backend=backend)
+    assert sol.success and sol.nsteps < 0.2 * other.nsteps
+    np.testing.assert_allclose(sol.q[-1], other.q[-1], atol=1e-6)
+    np.testing.assert_allclose(sol.v[-1], other.v[-1], atol=1e-5)

@@ -59,6 +59,8 @@ public:
       if (with_derivatives) system_.evaluate_parts(t, p_, v_, w_, M_[i], D_[i], K_[i]);
       else system_.evaluate(t, p_, v_, w_);
       f_.col(i) = system_.f;
+      // Of loops closed to rounding nothing more can be asked: where rows are nearly dependent it would move far.
+      if (largest(system_.phi) <= CLOSED * (1.0 + largest(p_))) system_.phi.setZero();
       const Mat &W = system_.velocity_jacobian(t, p_, v_);
       if (!right_[i].reduce(W, system_.phi, fresh, Z_[i], closing_.col(i))) return false;
       if (symmetric()) continue;

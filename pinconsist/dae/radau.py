@@ -40,7 +40,7 @@ from .newton import culprits
 from .norms import EPS, largest
 from .problem import Index3System
 from .rounding import is_noise
-from .tuning import FAILURES, FRESH_RATE, LAST, MAX_STAGE_ITERATIONS, MAX_SWEEPS, STAGNANT, STAGNATED
+from .tuning import CLOSED, FAILURES, FRESH_RATE, LAST, MAX_STAGE_ITERATIONS, MAX_SWEEPS, STAGNANT, STAGNATED
 
 
 @dataclass(frozen=True)
@@ -202,6 +202,8 @@ class StageNewton:
         points = list(zip(stages.times, stages.P, stages.V, strict=True))
         rows = [system.evaluate(*point, w) for point, w in zip(points, stages.W, strict=True)]
         f, phi, G = (np.array([row[i] for row in rows]) for i in range(3))
+        # of loops closed to rounding nothing more can be asked: where rows are nearly dependent it would move far
+        phi[[largest(gap) <= CLOSED * (1.0 + largest(p)) for gap, p in zip(phi, stages.P, strict=True)]] = 0.0
         J = np.array([system.velocity_jacobian(*point, g) for point, g in zip(points, G, strict=True)])
         return f, phi, G, J
 

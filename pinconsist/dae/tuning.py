@@ -25,7 +25,7 @@ MAX_ORDER, MAX_ADAPTIVE_ORDER = 6, 5
 SAFETY = 0.8  # 0.9 rejects twice as often: as many residuals, larger errors
 MIN_FACTOR, MAX_FACTOR = 0.2, 10.0  # by which a step changes
 AFTER_FAILURE = 0.25  # by which a step changes where Newton failed
-NEARLY = 0.95  # of the longest step: an order lower by one (from 3 on) that gives this is taken, as it is more stable
+NEARLY = 0.92  # of the longest step: an order lower by one (from 3 on) that gives this is taken, as it is more stable
 SMALLEST_STEP = 16.0  # spacings of t: a step below this cannot be told from zero
 MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
 
