@@ -86,6 +86,8 @@ def distribution(rows) -> list[dict]:
 def estimates(rows) -> str:
     """How well the solutions know their errors."""
     known = [row for row in rows if row["outcome"] == campaign.FINE and row["q"] and row["estimate"]]
+    if not known:
+        return "no error was estimated"
     ratios = np.array([row["estimate"] / max(row["q"], row["v"]) for row in known])
     found = ", ".join(f"{np.mean(np.abs(np.log(ratios)) <= np.log(factor)):.1%} within {factor}" for factor in (3, 10))
     unnamed = sum(max(row["q"], row["v"]) > FAR and row["estimate"] < FAR / NEAR for row in known)

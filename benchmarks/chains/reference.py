@@ -200,8 +200,11 @@ class Reference:
             while self.until < end:
                 solver = self._solver(method, y, end, step)
                 while solver.status == "running" and not (method is DOP853 and self._is_stiff()):
-                    with np.errstate(all="ignore"):
-                        solver.step()
+                    try:
+                        with np.errstate(all="ignore"):
+                            solver.step()
+                    except ValueError as error:  # scipy's Radau, of derivatives that are not finite
+                        raise Broken(SINGULAR) from error
                     if solver.status == "failed":
                         raise Broken("its step size falls to zero")
                     self._pieces.append((solver.dense_output(), self._kept))
