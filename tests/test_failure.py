@@ -20,7 +20,8 @@ def stopped(rows, v=(3.0, -40.0, 0.5), step=None, consistency="every-step"):
     rows = np.asarray(rows, float)
     p, nc = np.zeros(3), len(rows)
     problem = held_mass(rows).at(0.25, p, np.array(v))
-    method = SimpleNamespace(consistency=consistency, step=step)
+    control = SimpleNamespace(best=2e-10, rtol=(np.array(1e-6),) * 2)
+    method = SimpleNamespace(consistency=consistency, step=step, control=control)
     y = np.concatenate((p, v, np.zeros(nc)))
     return SimpleNamespace(system=problem, method=method, t=0.25, h=1e-3, k=4, p=p, y=y)
 
