@@ -16,17 +16,24 @@ LOAD_OPTIONS = ("loops", "closure", "free_flyer", "package_dirs", "ignore", "pre
 
 @dataclass(frozen=True)
 class SceneSource:
-    """A source and the options of :func:`pinconsist.load`; with `reanchor`, open loops are closed at `at`."""
+    """A source and the options of :func:`pinconsist.load`; with `reanchor`, open loops are closed at `at`.
+
+    None stands for an empty list.
+    """
 
     source: str
     loops: str | None = None
     closure: str | None = None
     free_flyer: bool = False
-    package_dirs: list[str] = field(default_factory=list)
+    package_dirs: list[str] | None = None
     reanchor: bool = False
     at: dict[str, list[float]] = field(default_factory=dict)
-    ignore: list[str] = field(default_factory=list)
+    ignore: list[str] | None = None
     precision: float = 0.0
+
+    def __post_init__(self):
+        for several in ("package_dirs", "ignore"):
+            object.__setattr__(self, several, getattr(self, several) or [])
 
     def load(self):
         """The mechanism."""

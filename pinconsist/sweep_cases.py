@@ -11,9 +11,8 @@ from decimal import Decimal, InvalidOperation
 import numpy as np
 
 from .errors import InputError
-from .mechanism.checks import near
 from .mechanism.mechanism import Mechanism
-from .mechanism.parameters import AXES, numbers_of, parameter, records_of
+from .mechanism.parameters import UnknownParameterError, parameter, unknown
 
 MOST = 1_000_000
 DISTRIBUTIONS = {"normal": "normal:MEAN:DEVIATION", "uniform": "uniform:LOW:HIGH"}
@@ -136,25 +135,12 @@ def target(mechanism: Mechanism, name: str) -> Callable[[Run, float], None]:
         return lambda run, value: run.options.__setitem__(name, value)
     try:
         put = parameter(mechanism, name).put
-    except InputError as error:
-        if not str(error).startswith(f"{mechanism.name} has no parameter"):
-            raise
-        raise InputError(_unknown(mechanism, name)) from None
+    except UnknownParameterError:
+        starts = [*mechanism.joints, *(f"{joint}_speed" for joint in mechanism.joints), *SETTINGS]
+        listed = f", JOINT, JOINT_speed and JOINT_torque of a joint, {', '.join(SETTINGS)}"
+        raise unknown(mechanism, name, starts, listed) from None
 
     def change(run, value):
         run.mechanism = put(run.mechanism, value)
 
     return change
-
-
-def _unknown(mechanism, name) -> str:
-    records = records_of(mechanism)
-    known = [*mechanism.joints, *(f"{joint}_speed" for joint in mechanism.joints), *AXES, *SETTINGS]
-    for label, (place, i) in records.items():
-        known += [f"{label}.{path[-1]}" for path in numbers_of(getattr(mechanism, place)[i])]
-    joints, named = (", ".join([*names][:12]) + ", …" * (len(names) > 12) for names in (mechanism.joints, records))
-    return (
-        f"{mechanism.name} has nothing named {name!r} that could be varied{near(name, known)}. There "
-        f"are the joints {joints} (JOINT, JOINT_speed, JOINT_torque), the numbers of {named or 'no loop or force'} "
-        f"(NAME.NUMBER), {', '.join(AXES)}, {', '.join(SETTINGS)}"
-    )

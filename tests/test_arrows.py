@@ -2,6 +2,7 @@
 
 import ast
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -207,13 +208,17 @@ def test_optional_packages_are_imported_where_they_are_used(name):
 
 def test_importing_the_package_brings_no_optional_package():
     """In a fresh interpreter, whatever the source looks like."""
-    import subprocess
-    import sys
-
     ours = OPTIONAL - {"coal"}  # Pinocchio itself brings coal
     code = f"import sys, pinconsist; print(*sorted(set(sys.modules) & {ours!r}))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT.parent, check=True)
     assert run.stdout.split() == [] and run.stderr == ""
+
+
+def test_the_command_line_starts_without_numpy():
+    """Help is quick then, and a sweep can still say how many threads numpy is to use."""
+    code = "import sys, pinconsist.cli.app; print(*{'numpy', 'pinocchio'} & set(sys.modules))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT.parent, check=True)
+    assert run.stdout.split() == []
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -247,9 +252,6 @@ def test_tests_import_no_tests():
 
 def test_the_methods_work_where_pinocchio_is_not_installed():
     """A pendulum by the general form, with Pinocchio hidden."""
-    import subprocess
-    import sys
-
     code = """if True:
         import sys
         sys.modules["pinocchio"] = None

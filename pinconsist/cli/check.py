@@ -3,7 +3,6 @@
 from dataclasses import fields
 
 from ..errors import AssemblyError, SingularSystemError
-from ..mechanism.forces import Actuator
 from . import options as given
 from . import output, scene
 
@@ -39,9 +38,7 @@ def check(
     from ..mechanism.system import MechanismSystem
 
     q0 = scene.joint_values(at, "--at")
-    mech = scene.SceneSource(
-        source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision
-    ).load()
+    mech = scene.SceneSource(source, loops, closure, free_flyer, package_dirs, reanchor, q0, ignore, precision).load()
     guess = mech.configuration(q0, base=mech.guess)
     gaps = LoopSolver(mech).gaps
     before = gaps(guess)
@@ -148,6 +145,8 @@ def _redundant_lines(redundant) -> list[str]:
 
 def _print_inventory(mech):
     """Bodies, motors, forces and loops for a person."""
+    from ..mechanism.forces import Actuator
+
     about, masses = _inventory(mech), [inertia.mass for inertia in list(mech.model.inertias)[1:]]
     bodies = output.counted(about["bodies"], "moving body")
     print(f"{mech.name}: {bodies}, {sum(masses):.4g} kg in all, nq = {mech.nq}, nv = {mech.nv}")

@@ -60,7 +60,7 @@ def compare(
             raise InputError(f"--html shows bodies, and {subject} has none")
     else:
         what = scene.SceneSource(
-            subject, loops, closure, free_flyer, [], reanchor, q0 or {}, ignore or [], precision
+            subject, loops, closure, free_flyer, None, reanchor, q0 or {}, ignore, precision
         ).load()
         duration = what.duration
     steps = step or [duration * share for share in STEPS]

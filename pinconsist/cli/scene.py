@@ -8,9 +8,6 @@ from math import pi
 import pinconsist as pc
 
 from ..errors import InputError
-from ..mechanism.assembly import not_kept
-from ..mechanism.checks import coordinates
-from ..mechanism.limits import beyond_limits
 from ..run_file import SceneSource as SceneSource
 from ..run_file import loaded as loaded
 from .output import counted, first
@@ -79,6 +76,8 @@ def assembled(mech, q0, v0=None, t=0.0):
     InputError if each position is possible, but not all together. Joints that end close by are only reported: rounded
     values that choose one of several ways to close the loops do not contradict each other.
     """
+    from ..mechanism.assembly import not_kept
+    from ..mechanism.checks import coordinates
 
     def positions(q, joints):
         return ", ".join(f"{joint} = {text(coordinates(mech.model, joint, q), 6)}" for joint in joints)
@@ -118,6 +117,8 @@ def log_warnings(sentences):
 
 def _outside_limits(mech, q) -> list[str]:
     """Joints that are outside of the limits of their file; whole turns do not count."""
+    from ..mechanism.limits import beyond_limits
+
     return [
         f"{each.joint} = {each.value:.6g} is outside the limits of its file, {each.lower:.6g} … {each.upper:.6g}: a "
         "wrong anchor or guess?"

@@ -2,8 +2,6 @@
 
 from typing import Annotated
 
-import numpy as np
-
 import pinconsist as pc
 
 from ..errors import InputError
@@ -50,9 +48,9 @@ def sensitivity(
         raise InputError("give --of NAME, a frame, joint or loop, and --to NAME ..., such as --to mass length")
     q0, v0 = ({name: value[0] if len(value) == 1 else value for name, value in scene.joint_values(*texts).items()}
               for texts in ((at, "--at"), (with_velocity, "--with-velocity")))  # fmt: skip
-    mech = scene.SceneSource(
-        source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision
-    ).load()
+    mech = scene.SceneSource(source, loops, closure, free_flyer, package_dirs, reanchor, q0, ignore, precision).load()
+    import numpy as np
+
     from ..mechanism.parameters import names_of
 
     labels, quantity = _quantity(mech, of)
@@ -83,23 +81,26 @@ def sensitivity(
 
 def _quantity(mech, name):
     """Labels, and a function of mechanism and state: a frame's place, a joint's numbers, or a loop's multipliers."""
+    import pinocchio as pin
+
+    from ..mechanism.checks import frame_of, near
+    from ..mechanism.names import position_names
+
     if name in mech.joints:
         joint = mech.joint_index(name)
-        first, size = mech.model.idx_qs[joint], mech.model.nqs[joint]
-        labels = [name] if size == 1 else [f"{name}[{i}]" for i in range(size)]
-        return labels, lambda mech, t, q, v, lam: q[first : first + size]
+        numbers = slice(first := mech.model.idx_qs[joint], first + mech.model.nqs[joint])
+        return position_names(mech.model)[numbers], lambda mech, t, q, v, lam: q[numbers]
     rows = [i for i, (loop, _) in enumerate(mech.row_labels) if loop == name]
     if rows:
         return [f"λ {mech.row_labels[i][1]}" for i in rows], lambda mech, t, q, v, lam: lam[rows]
-    if not mech.model.existFrame(name):
-        raise InputError(f"--of {name}: {mech.name} has no frame, joint or loop of this name")
+    names = [*(each.name for each in mech.model.frames), *mech.joints, *(loop.name for loop in mech.loops)]
+    if name not in names:
+        raise InputError(f"--of {name}: {mech.name} has no frame, joint or loop of this name{near(name, names)}")
+    data, frame = mech.model.createData(), mech.model.getFrameId(frame_of(mech.model, name, f"--of {name}").name)
 
     def place(mech, t, q, v, lam):
-        import pinocchio as pin
-
-        data = mech.model.createData()
         pin.framesForwardKinematics(mech.model, data, q)
-        return data.oMf[mech.model.getFrameId(name)].translation.copy()
+        return data.oMf[frame].translation.copy()
 
     return ["x", "y", "z"], place
 

@@ -72,9 +72,7 @@ def simulate(
 
     q0 = scene.joint_values(at, "--at")
     v0 = scene.joint_values(with_velocity, "--with-velocity")
-    what = scene.SceneSource(
-        source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision
-    )
+    what = scene.SceneSource(source, loops, closure, free_flyer, package_dirs, reanchor, q0, ignore, precision)
     mech, hashes = what.load_with_hashes()
     replay.require_drawable(mech, traces, speed)
     until = start + mech.duration if until is None else until

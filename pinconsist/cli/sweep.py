@@ -80,9 +80,7 @@ def sweep(
     for name in names:
         if name in q0 or name.removesuffix("_speed") in v0.keys() - {name}:
             raise InputError(f"{name} is varied, and also has a value by --at or --with-velocity")
-    recipe = scene.SceneSource(
-        source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision
-    )
+    recipe = scene.SceneSource(source, loops, closure, free_flyer, package_dirs, reanchor, q0, ignore, precision)
     duration = loaded(recipe, anew=True).duration
     until = start + duration if until is None else until
     settings = present(rtol=rtol, atol=atol, step=step, max_steps=max_steps)

@@ -37,6 +37,10 @@ OF_BODIES, OF_RECORDS = ("mass", "com", "inertia"), ("length", "stiffness", "dam
 OF_JOINTS = {"damping": JointDamping, "friction": JointFriction}
 
 
+class UnknownParameterError(InputError):
+    """Nothing in a mechanism has this name."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A number of a mechanism: what it is, and ``put(mechanism, value)``, the same mechanism with another one."""
@@ -80,7 +84,7 @@ def parameter(mechanism, name: str) -> Parameter:
     for label, (place, i) in records_of(mechanism).items():
         if name.startswith(f"{label}."):
             return _number_of(mechanism, name, label, place, i, _dotted(name[len(label) + 1 :]))
-    raise InputError(_unknown(mechanism, name))
+    raise unknown(mechanism, name)
 
 
 def names_of(mechanism, kind: str) -> list[str]:
@@ -120,7 +124,7 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
     elif model.existFrame(body) and model.frames[model.getFrameId(body)].parentJoint:
         joint = model.frames[model.getFrameId(body)].parentJoint
     else:
-        raise InputError(_unknown(mechanism, name, [f"{kind}:{joint}" for joint in mechanism.joints]))
+        raise unknown(mechanism, name, [f"{kind}:{joint}" for joint in mechanism.joints])
     indices = {"mass": (None,), "com": ("0", "1", "2"), "inertia": tuple(OF_INERTIA)}[kind]
     if (index or None) not in indices:
         raise InputError(f"{name!r}: needs {' or '.join(f'{kind}:{body}' + (f'[{i}]' if i else '') for i in indices)}")
@@ -155,7 +159,7 @@ def _of_record(mechanism, name, kind, whose) -> Parameter | None:
         for label, (place, i) in records.items():
             if whose.startswith(f"{label}."):
                 return _number_of(mechanism, name, label, place, i, _dotted(whose[len(label) + 1 :]))
-        raise InputError(_unknown(mechanism, name))
+        raise unknown(mechanism, name)
     for label, (place, i) in records.items():
         record = getattr(mechanism, place)[i]
         numbers = numbers_of(record)
@@ -179,7 +183,7 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
 
         return Parameter(name, float(getattr(model, kind)[columns][0]), put_coefficient)
     if kind != "length" or not (whose in mechanism.joints or model.existFrame(whose)):
-        raise InputError(_unknown(mechanism, name))
+        raise unknown(mechanism, name)
     place, i = ("joints", model.getJointId(whose)) if whose in mechanism.joints else ("frames", model.getFrameId(whose))
 
     def arm(model):
@@ -268,16 +272,17 @@ def numbers_of(record) -> dict[tuple, tuple[float, Callable]]:
     }
 
 
-def _unknown(mechanism, name, known=()) -> str:
+def unknown(mechanism, name, also=(), listed="") -> UnknownParameterError:
+    """The error for a name: similar ones, of the parameters and of `also`, and what there is, with `listed`."""
     records = records_of(mechanism)
-    known = [*known, *AXES]
+    known = [*also, *AXES]
     for kind in (*OF_BODIES[:1], *OF_RECORDS[:4], "gravity"):
         known += names_of(mechanism, kind)
     for label, (place, i) in records.items():
         known += [f"{label}.{path[-1]}" for path in numbers_of(getattr(mechanism, place)[i])]
     joints, named = (", ".join([*names][:12]) + ", …" * (len(names) > 12) for names in (mechanism.joints, records))
-    return (
+    return UnknownParameterError(
         f"{mechanism.name} has no parameter {name!r}{near(name, known)}. There are mass:, com:, inertia:, length:, "
         f"damping: and friction: of the joints {joints} and what they carry, the numbers of "
-        f"{named or 'no loop or force'} (NAME.NUMBER), gravity[0], gravity[1], gravity[2]"
+        f"{named or 'no loop or force'} (NAME.NUMBER), gravity[0], gravity[1], gravity[2]{listed}"
     )
