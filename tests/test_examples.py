@@ -133,8 +133,8 @@ def mean_angle():
 
 
 def parallelogram(torque, period, count):
-    """(angle, speed) of a constant inertia under torques that are held: each sample is a closed form."""
-    inertia, angle, speed = 2 * 2e-3 + 0.4 * 0.2**2, 0.0, 0.0
+    """(angle, speed) of two rods and one that they carry, 1 m and 1 kg each, under torques that are held."""
+    inertia, angle, speed = 2 / 3 + 1.0, 0.0, 0.0
     for _ in range(count):
         rate = torque(angle, speed) / inertia
         angle, speed = angle + period * speed + 0.5 * period**2 * rate, speed + period * rate
@@ -142,7 +142,7 @@ def parallelogram(torque, period, count):
 
 
 def sampled_angle():
-    return parallelogram(lambda angle, speed: 4.0 * (0.5 - angle) - 0.2 * speed, 1e-2, 50)[0]
+    return parallelogram(lambda angle, speed: 200.0 * (0.5 - angle) - 20.0 * speed, 1e-2, 50)[0]
 
 
 def motor_speed():
@@ -150,9 +150,9 @@ def motor_speed():
     currents = [0.0]
 
     def torque(angle, speed):
-        final = (6.0 - 0.2 * speed) / 2.0
+        final = (24.0 - speed) / 2.0
         currents.append(final + (currents[-1] - final) * np.exp(-2.0 / 5e-3 * 1e-3))
-        return 0.2 * currents[-2]
+        return currents[-2]
 
     return parallelogram(torque, 1e-3, 200)[1]
 
