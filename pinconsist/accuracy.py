@@ -115,12 +115,10 @@ def _rows(solution, most):
 
     Where only forces jumped, it is the row after it.
     """
-    t = solution.t
-    jumps = np.flatnonzero(np.diff(t) == 0.0)
-    moved = (np.diff(solution.v, axis=0)[jumps] != 0.0).any(axis=1) | (np.diff(solution.q, axis=0)[jumps] != 0.0).any(
-        axis=1
-    )
-    rows = np.setdiff1d(np.arange(len(t)), (*jumps, *jumps[moved] + 1))
+    states = np.hstack((solution.q, solution.v))
+    jumps = np.flatnonzero(np.diff(solution.t) == 0.0)
+    moved = (states[jumps] != states[jumps + 1]).any(axis=1)
+    rows = np.setdiff1d(np.arange(len(states)), (*jumps, *jumps[moved] + 1))
     return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))]
 
 

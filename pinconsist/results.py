@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,12 +92,9 @@ class ByName:
     v: np.ndarray
     lam: np.ndarray
     system: Any
-
-    def _mechanism(self, mechanism, method) -> Mechanism:
-        raise NotImplementedError
-
-    def _workspace(self, model) -> Workspace:
-        raise NotImplementedError
+    reaction: Callable[..., Reaction]
+    _mechanism: Callable[..., Mechanism]
+    _workspace: Callable[..., Workspace]
 
     def position(self, joint: str, mechanism=None) -> np.ndarray:
         """The position of a joint, rad or m, shape (n,); of a joint of several numbers (n, k), as `q` stores them.
@@ -172,7 +170,7 @@ class ByName:
         mechanism = self._mechanism(mechanism, "power")
         loops = {loop.name: loop for loop in mechanism.loops if not isinstance(loop, Loop)}
         if name in loops:
-            return (self.reaction(name, mechanism).joint_forces * self.v).sum(axis=1)  # type: ignore[attr-defined]
+            return (self.reaction(name, mechanism).joint_forces * self.v).sum(axis=1)
         label = self._label(mechanism, name)
         part = slice(None) if label is not None else _part(mechanism, name)
         return (self._acting(mechanism, label)[:, part] * self.v[:, part]).sum(axis=1)
@@ -209,7 +207,7 @@ class ByName:
             parts.append(_of(mechanism, name, self._acting(mechanism)))
             return JointMotion(name, self.t, *(read_only(part) for part in parts))
         if name in (loops := [loop.name for loop in mechanism.loops]):
-            return self.reaction(name)  # type: ignore[attr-defined, no-any-return]
+            return self.reaction(name)
         frames = [frame.name for frame in mechanism.model.frames]
         if name not in frames:
             known = near(name, (*mechanism.joints, *frames, *loops))

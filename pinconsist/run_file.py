@@ -16,19 +16,16 @@ LOAD_OPTIONS = ("loops", "closure", "free_flyer", "package_dirs", "ignore", "pre
 
 @dataclass(frozen=True)
 class SceneSource:
-    """A source and the options of :func:`pinconsist.load`; with `reanchor`, open loops are closed at `at`.
-
-    None stands for an empty list.
-    """
+    """A source and the options of :func:`pinconsist.load`; with `reanchor`, open loops are closed at `at`."""
 
     source: str
     loops: str | None = None
     closure: str | None = None
     free_flyer: bool = False
-    package_dirs: list[str] | None = None
+    package_dirs: list[str] = None  # type: ignore[assignment]  # a list after __post_init__
     reanchor: bool = False
     at: dict[str, list[float]] = field(default_factory=dict)
-    ignore: list[str] | None = None
+    ignore: list[str] = None  # type: ignore[assignment]  # a list after __post_init__
     precision: float = 0.0
 
     def __post_init__(self):

@@ -157,7 +157,7 @@ class Simulation:
         """What `march` does, where there is nothing to look at between steps; False if it did not reach the end."""
         stepper = self._stepper
         if jumped:
-            stepper._jump()
+            stepper.jump()
             self._made.append((*self._place, stepper.lam))
         made = stepper.made(t_end, stepper.batch, False)
         self._made.append(made)

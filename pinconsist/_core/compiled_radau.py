@@ -116,7 +116,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
             self._core.fix_step(self._start, self._taken, self._steps)
         return states
 
-    def _jump(self):
+    def jump(self) -> None:
         if not self._core.jump():
             self.index1.acceleration(self.t, self.p, self.v)  # says why
         self.lam = self._core.lam

@@ -110,10 +110,8 @@ class EventWatch:
         t, p, v, lam = batch.looked_into(looks, self._multipliers)
         rows = p, v, self._given(p, lam)
         for end, p, v, lam in zip(t.tolist(), *rows, strict=True):  # at every step: plain loops are fastest
-            values, self._values = (
-                self._values,
-                (self._seen.pop(0) if self._seen else [_value(event, end, p, v, lam) for event in self.events]),
-            )
+            values = self._values
+            self._values = self._seen.pop(0) if self._seen else [_value(each, end, p, v, lam) for each in self.events]
             for before, after in zip(values, self._values, strict=True):
                 if not before * after > 0.0:
                     segment = batch.curve.segment(min(self.looked, len(batch.curve.ends) - 1))  # a start is one

@@ -253,10 +253,10 @@ def _stop_if(interrupted):
 def _batch_size(stepper, method, record, watch, begun) -> int:
     """How many steps may be made before somebody has to look at them."""
     most = stepper.batch
-    if watch.events:  # what is made beyond an event that changes the state is made in vain
-        most = (
-            min(most, FEWEST + (record.nsteps - begun) // SHARE) if stepper.ahead else 1 if stepper.looks > 1 else most
-        )
+    if watch.events and stepper.ahead:  # what is made beyond an event that changes the state is made in vain
+        most = min(most, FEWEST + (record.nsteps - begun) // SHARE)
+    elif watch.events and stepper.looks > 1:
+        most = 1
     if method.max_steps is not None:
         most = min(most, method.max_steps - record.nsteps)
     if stepper.system.dropped_are_zero:

@@ -98,12 +98,12 @@ class RadauStepper(Stepper):
         self._start, self.h, self._taken = self.t, (t_end - self.t) / self._steps, 0
 
     def resume(self, t_end):
-        self._jump()
+        self.jump()
         if self.method.step is not None:
             self._divide(t_end)
         return [(self.t, self.p, self.v, self.lam)]
 
-    def _jump(self):
+    def jump(self) -> None:
         """Forces have jumped: the accelerations that start Newton's iteration jump alike."""
         before = self.a
         self.a, self.lam = self.index1.acceleration(self.t, self.p, self.v)
