@@ -33,24 +33,28 @@ def both(mech, theta, until, v0, seed=0, **options):
 
 
 @needs_twin
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
-def test_back_is_forwards(scene):
+def test_back_is_forwards(scene, method):
     mech, names, until, v0 = scene()
-    back, exact = both(mech, names, until, v0, rtol=1e-7, atol=1e-7, backend="compiled")
+    back, exact = both(mech, names, until, v0, rtol=1e-7, atol=1e-7, backend="compiled", method=method)
     np.testing.assert_allclose(back, exact, rtol=1e-9)
 
 
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
 @pytest.mark.parametrize("scene", [crank_rocker, two_balls], ids=lambda scene: scene.__name__)
-def test_back_is_forwards_in_python(scene):
+def test_back_is_forwards_in_python(scene, method):
     mech, names, _, v0 = scene()
-    back, exact = both(mech, names[:2], 0.05, v0, rtol=1e-4, atol=1e-4, backend="python")
+    back, exact = both(mech, names[:2], 0.05, v0, rtol=1e-4, atol=1e-4, backend="python", method=method)
     np.testing.assert_allclose(back, exact, rtol=1e-9)
 
 
 @needs_twin
-def test_back_through_events():
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+def test_back_through_events(method):
     mech, _, _, v0 = crank_rocker()
-    back, exact = both(lambda theta: mech.with_parameters({"mass:coupler": theta[0]}), [1.4, 1.0], 0.2, v0, events=hits)
+    run = {"events": hits, "method": method}
+    back, exact = both(lambda theta: mech.with_parameters({"mass:coupler": theta[0]}), [1.4, 1.0], 0.2, v0, **run)
     np.testing.assert_allclose(back, exact, rtol=1e-7)  # differences of states at the event
 
 

@@ -30,7 +30,7 @@ class StageCurve(Curve):
     def segment(self, i):
         return StageSegment(self, i, self._core.step(i)[0], self.ends[i])
 
-    def _plain(self, i) -> RadauSegment:
+    def plain(self, i) -> RadauSegment:
         t, h, s, *arrays = self._core.step(i)
         parts = dict(zip(("p0", "v0", "W", "U", "p", "v"), arrays, strict=True))
         return RadauSegment(t, self.ends[i], h, table(s), **parts, system=self.system)
@@ -49,7 +49,7 @@ class StageCurve(Curve):
     def row(self, i, t):
         """(p, v, λ) at a time of a step."""
         found = self._sampler[0].row(self._core, i, t) if self._sampler else None
-        return found or self._plain(i)(t)
+        return found or self.plain(i)(t)
 
     def with_others(self, curves):
         core, ends = self._core.joined([each._core for each in curves]), [each.ends for each in (self, *curves)]

@@ -31,6 +31,19 @@ def chart_matrix(system, xi):
     return T
 
 
+def chart_rate_gradient(system, xi, rate):
+    """∂(T rate)/∂ξ at `xi`, shape (nx, nx), where the tangent velocity `rate` stays: the series of T, term by term."""
+    ad, power, change = system.bracket(xi), rate, np.zeros((system.nx, system.nx))  # adᵏ rate, and its derivative
+    total = -0.5 * system.bracket(rate)
+    for weight in BERNOULLI:
+        for _ in range(2):
+            power, change = ad @ power, ad @ change - system.bracket(power)
+        total = total + weight * change
+        if largest(weight * change) <= EPS * largest(total):
+            break
+    return total
+
+
 def _bernoulli(count) -> list[float]:
     """B₂ₙ/(2n)! for n = 1 … count, the coefficients of x/2 coth(x/2), from those of cosh and sinh."""
     cosh = [1.0 / (4.0**n * factorial(2 * n)) for n in range(count + 1)]

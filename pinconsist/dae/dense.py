@@ -99,6 +99,10 @@ class Curve:
         """The polynomial of one step."""
         return self.segments[i]
 
+    def plain(self, i: int):
+        """The same as a dataclass with all that the step is made of."""
+        return self.segment(i)
+
     def until(self, end: float) -> Curve:
         """The same polynomials, used only up to `end`."""
         last = int(self.holders(end))

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._core.compiled_gradient import follower
-from .forward import follow_back, weigh
 from .lead import through, times_of
 from .redundant import Completion
 from .starts import first_table, later_table
@@ -40,7 +38,7 @@ class Back:
         times, bar = list(times_of(self.solution, self.legs, self.sign)), None
         for i in reversed(range(len(self.legs))):
             leg, system = self.legs[i], self.legs[i].system
-            seeds = np.zeros((1 + len(leg.t), *leg.start.Z.shape))
+            seeds = leg.seeds()
             if bar is not None:
                 leg.sow(np.array([leg.span[1]]), [self._through(leg, self.legs[i + 1], bar)], seeds, self.sign)
             leg.sow(times[i], self._pulled(leg, times[i]), seeds, self.sign)
@@ -61,16 +59,13 @@ class Back:
     def _steps(self, leg, seeds):
         """Go back over the steps; add what the parameters change in them."""
         index1 = self.base.index1(leg.system)
-        compiled = follower(index1, [])
-        weights = compiled.backward(leg, seeds) if compiled else follow_back(leg, seeds)
-        sum_up = compiled.weigh if compiled else weigh
+        weights = leg.follow_back(index1, seeds)
         for i, variant in enumerate(self.variants):
-            for weight, other in variant.residuals(leg.system):
-                self.total[i] += weight * sum_up(leg, other, weights)
+            self.total[i] += leg.weigh(index1, variant.residuals(leg.system), weights)
 
     def _through(self, leg, following, bar):
         """The derivative by s where a leg ends, from that by the state where the `following` one begins."""
-        n = leg.start.Z.shape[1]
+        n = leg.system.nx + leg.system.nv + leg.system.nc
         s = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
         both = [STILL] * n + self.variants
         rates = through(leg, following, self.solution, both, self.base, self.sign, s) @ bar

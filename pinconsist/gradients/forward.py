@@ -11,10 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from .._core.compiled_gradient import follower
 from ..dae import bdf
-from ..dae.charts import chart_matrix
+from ..dae.charts import chart_matrix, table_row
 from ..dae.dense import Segment, Tables
+from ..dae.start import equidistant_history
 from .linear import Step, state_of
+from .stage_leg import StageLeg, stage_legs
 
 
 @dataclass
@@ -57,6 +60,42 @@ class Leg:
         pairs = ("t", first.t), ("h", first.h), ("k", first.k), ("base", first.base), ("Z", first.Z)
         return [np.concatenate(([value], getattr(self, name))) for name, value in pairs]
 
+    def initial(self, index1, p, v):
+        """[ξ | v | λ] at the times of the history, oldest first, of another run that begins at (p, v)."""
+        start = self.start
+        states = equidistant_history(index1, start.t_old, p, v, start.h, start.k + 1)
+        return np.array([table_row(index1.system, start.base, *state[1:]) for state in states])
+
+    @staticmethod
+    def table(rows):
+        """A table S of the derivatives of :meth:`initial`, (k+1, P, nx+nv+nc)."""
+        S = np.zeros((bdf.ROWS, *rows.shape[1:]))
+        S[: len(rows)] = np.tensordot(bdf.differences(len(rows) - 1), rows[::-1], 1)
+        return S
+
+    def follow(self, index1, residuals, S) -> None:
+        """Fill `tables` from S of the history; `residuals`, for each parameter, is a list of (weight, Index1)."""
+        compiled = follower(index1, residuals)
+        if compiled is not None:
+            compiled.forward(self, S)
+        else:
+            follow(self, residuals, S)
+
+    def seeds(self):
+        """Zeros, to which :meth:`sow` adds: derivatives of a number by each of the tables S."""
+        return np.zeros((1 + len(self.t), *self.start.Z.shape))
+
+    def follow_back(self, index1, seeds):
+        """Weights of the residuals in the derivative by θ of a number; `seeds[0]` becomes that by S of the history."""
+        compiled = follower(index1, [])
+        return compiled.backward(self, seeds) if compiled else follow_back(self, seeds)
+
+    def weigh(self, index1, terms, weights) -> float:
+        """Σ weights · residuals over the steps; `terms` of one parameter as in :meth:`follow`."""
+        compiled = follower(index1, [])
+        sum_up = compiled.weigh if compiled else weigh
+        return sum(weight * sum_up(self, other, weights) for weight, other in terms)
+
     def at(self, times, sign):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
         p, y, i, basis = self.states(times, sign)
@@ -80,7 +119,7 @@ class Leg:
         return np.array([self.system.integrate(*pair) for pair in zip(base[i], xi, strict=True)]), y, i, basis
 
     def sow(self, times, derivatives, seeds, sign) -> None:
-        """Add to `seeds`, see :func:`follow_back`, the derivatives of a number by s at times, (n, nx+nv+nc)."""
+        """Add to `seeds` the derivatives of a number by s at times, (n, nx+nv+nc)."""
         _, y, holders, basis = self.states(times, sign)
         nx = self.system.nx
         for i, row, weights, s in zip(holders, y, basis, np.array(derivatives), strict=True):
@@ -89,8 +128,10 @@ class Leg:
             seeds[i, : len(weights)] += np.outer(weights, s)
 
 
-def legs_of(dense) -> list[Leg]:
+def legs_of(dense) -> list[Leg] | list[StageLeg]:
     """The legs of a run from its dense output."""
+    if not hasattr(dense.curves[0].plain(0), "changes"):
+        return [StageLeg(steps) for curve in dense.curves for steps in stage_legs(curve)]
     legs: list[tuple] = []
     for curve in dense.curves:
         if not isinstance(curve, Tables):

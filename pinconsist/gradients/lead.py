@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._core.compiled_gradient import follower
-from .forward import follow
 from .redundant import Completion
 from .starts import Crossing, first_table, later_table
 from .variants import CENTRAL
@@ -32,11 +30,7 @@ class Lead:
                 S = first_table(variants, leg, leg.start.t_old)
                 self.work["starts"] += sum(len(variant.weights) for variant in variants)
             residuals = [variant.residuals(leg.system) for variant in variants]
-            compiled = follower(base.index1(leg.system), residuals)
-            if compiled is not None:
-                compiled.forward(leg, S)
-            else:
-                follow(leg, residuals, S)
+            leg.follow(base.index1(leg.system), residuals, S)
             self.work["steps"] += len(leg.t)
             self.work["evaluations"] += len(leg.t) * sum(map(len, residuals))
             changed = self._cross(leg, following)

@@ -9,9 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..dae import bdf
-from ..dae.charts import table_row
-from ..dae.start import equidistant_history
 from ..errors import InputError
 from .variants import CENTRAL
 
@@ -20,26 +17,13 @@ BESIDE = 1e-3  # of a step, over which the rate of an event's function is taken
 GRAZING = 0.02  # of the slope with which an event's function reached zero in its step
 
 
-def history(index1, start, p, v):
-    """[ξ | v | λ] at the times of a leg's history, oldest first, from (p, v), in the chart of that leg."""
-    states = equidistant_history(index1, start.t_old, p, v, start.h, start.k + 1)
-    return np.array([table_row(index1.system, start.base, *state[1:]) for state in states])
-
-
-def table(rows):
-    """A table S of the derivatives of a history, (k+1, P, nx+nv+nc), oldest first."""
-    S = np.zeros((bdf.ROWS, *rows.shape[1:]))
-    S[: len(rows)] = np.tensordot(bdf.differences(len(rows) - 1), rows[::-1], 1)
-    return S
-
-
 def first_table(variants, leg, t):
     """S of the first leg: each side from the state that it assembles."""
 
     def rows(side):
-        return history(side.index1(leg.system), leg.start, *side.assembled(t)[:2])
+        return leg.initial(side.index1(leg.system), *side.assembled(t)[:2])
 
-    return table(np.stack([variant.derivative(rows) for variant in variants], axis=1))
+    return leg.table(np.stack([variant.derivative(rows) for variant in variants], axis=1))
 
 
 def later_table(variants, base, leg, s):
@@ -49,10 +33,10 @@ def later_table(variants, base, leg, s):
 
     def rows(side, t, p, v):
         index1 = side.index1(system)
-        return history(index1, leg.start, *index1.state(t, p, v)[1:3])
+        return leg.initial(index1, *index1.state(t, p, v)[1:3])
 
     pairs = zip(variants, s, strict=True)
-    return table(np.stack([moved(rows, each, base, system, t, p, v, row) for each, row in pairs], axis=1))
+    return leg.table(np.stack([moved(rows, each, base, system, t, p, v, row) for each, row in pairs], axis=1))
 
 
 def moved(function, variant, base, system, t, p, v, s, rate=0.0, scale=1.0):
