@@ -58,10 +58,8 @@ class Back:
 
     def _steps(self, leg, seeds):
         """Go back over the steps; add what the parameters change in them."""
-        index1 = self.base.index1(leg.system)
-        weights = leg.follow_back(index1, seeds)
-        for i, variant in enumerate(self.variants):
-            self.total[i] += leg.weigh(index1, variant.residuals(leg.system), weights)
+        residuals = [variant.residuals(leg.system) for variant in self.variants]
+        self._add(leg.follow_back(self.base.index1(leg.system), residuals, seeds))
 
     def _through(self, leg, following, bar):
         """The derivative by s where a leg ends, from that by the state where the `following` one begins."""

@@ -85,16 +85,12 @@ class Leg:
         """Zeros, to which :meth:`sow` adds: derivatives of a number by each of the tables S."""
         return np.zeros((1 + len(self.t), *self.start.Z.shape))
 
-    def follow_back(self, index1, seeds):
-        """Weights of the residuals in the derivative by θ of a number; `seeds[0]` becomes that by S of the history."""
+    def follow_back(self, index1, residuals, seeds):
+        """What the parameters change of a number in the steps, (P,); `seeds[0]` becomes its derivative by S there."""
         compiled = follower(index1, [])
-        return compiled.backward(self, seeds) if compiled else follow_back(self, seeds)
-
-    def weigh(self, index1, terms, weights) -> float:
-        """Σ weights · residuals over the steps; `terms` of one parameter as in :meth:`follow`."""
-        compiled = follower(index1, [])
+        weights = compiled.backward(self, seeds) if compiled else follow_back(self, seeds)
         sum_up = compiled.weigh if compiled else weigh
-        return sum(weight * sum_up(self, other, weights) for weight, other in terms)
+        return np.array([sum(w * sum_up(self, other, weights) for w, other in terms) for terms in residuals])
 
     def at(self, times, sign):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""

@@ -134,14 +134,14 @@ class StageLeg:
         """Add derivatives of a number by s at times, (n, nx+nv+nc), to `seeds`."""
         seeds[1] += [(*self._place(t, sign), bar) for t, bar in zip(times, derivatives, strict=True)]
 
-    def follow_back(self, index1, seeds):
-        """The places at which residuals count, each with their weights in the derivative by θ; fills `seeds[0]`."""
-        split, found = self.system.nx + self.system.nv, []
+    def follow_back(self, index1, residuals, seeds):
+        """What the parameters change of a number in the steps, (P,); `seeds[0]` becomes its derivative by S there."""
+        split, total = self.system.nx + self.system.nv, np.zeros(len(residuals))
         bars = np.zeros((1 + len(self.steps), split))
 
         def back(point, bar):
             bar, weights = point.linearize().backward(bar)
-            found.append((point, weights))
+            total[:] += point.rates(residuals) @ weights
             return bar
 
         for n, step, bar in seeds[1]:
@@ -152,11 +152,7 @@ class StageLeg:
         for i in reversed(range(len(self.steps))):
             bars[i] += back(Motion(self.steps[i]), bars[i + 1])
         seeds[0][:] = bars[0]
-        return found
-
-    def weigh(self, index1, terms, found) -> float:
-        """Σ weights · residuals over the places; `terms` of one parameter as in :meth:`follow`."""
-        return sum(float(weights @ point.rates([terms])[0]) for point, weights in found)
+        return total
 
 
 def _moved(step, s, parameters):
