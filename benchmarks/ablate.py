@@ -187,12 +187,8 @@ def command(
     """
     output.require_writable(csv=csv)
     rows = [asdict(cost) for cost in ablate(scene, repeats)]
-    if csv:
-        report.write_csv(csv, rows)
-    if as_json:
-        output.print_json({"machine": report.machine(), "ablate": rows})
+    if report.in_files(csv, as_json, rows, ablate=rows):
         return output.FINE
-    print(report.machine() + "\n")
     for name in dict.fromkeys(row["scene"] for row in rows):
         columns = [
             ("variant", "{variant}"),

@@ -140,10 +140,8 @@ def command(
     """
     rows, walked = [asdict(row) for row in measured((*SCENES, *([robot] if robot else ())))], walk(walks)
     felt = [asdict(row) for row in reflected(robot, *DIGIT)] if robot else []
-    if as_json:
-        output.print_json({"machine": report.machine(), "actuation": rows, "walk": walked, "reflected": felt})
+    if report.in_files(None, as_json, actuation=rows, walk=walked, reflected=felt):
         return output.FINE
-    print(report.machine() + "\n")
     columns = [("scene", "{scene}"), ("velocities>", "{velocities}"), ("motors>", "{motors}")]
     columns += [
         (f"{name} [µs]>", report.scaled(name, 1e6, 1)) for name in ("closure", "jacobian", "reduced", "forward")

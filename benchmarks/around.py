@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,6 +10,8 @@ import numpy as np
 
 from pinconsist import Torque, export_html, load, simulate
 from pinconsist.cli.terminal import RunProgress
+
+from .report import least_times
 
 START = (0.0, 5.0), {"crank": 0.0}, {"crank": 12.0}  # of the crank-rocker
 
@@ -66,11 +67,6 @@ def _around(repeats, method):
             "energy()": sol.energy,
             "page": lambda: export_html(mech, sol, Path(folder) / "page.html"),
         }
-        least = dict.fromkeys(work, np.inf)
-        for _ in range(repeats):
-            for what, do in work.items():
-                begun = time.process_time()
-                do()
-                least[what] = min(least[what], time.process_time() - begun)
+        least = least_times(work, repeats)
     over = {what: FORCE if what.startswith(f"{FORCE}, ") else "plain run" for what in work}
     return [Around(method, what, seconds, seconds / least[over[what]]) for what, seconds in least.items()]

@@ -56,12 +56,10 @@ def command(
         for run in campaign.runs(range(seed, seed + count), *plan, until=until, limit=limit):
             rows.append(asdict(run))
             show(f"{len(rows)} of {total}: seed {run.seed}, {run.scene}")
-            if csv and (len(rows) % SAVED == 0 or len(rows) == total):
+            if csv and len(rows) % SAVED == 0:
                 report.write_csv(csv, rows)
     counts, errors = Counter(row["outcome"] for row in rows), distribution(rows)
-    if as_json:
-        output.print_json({"machine": report.machine(), "counts": counts, "errors": errors, "runs": rows})
-    else:
+    if not report.in_files(csv, as_json, rows, counts=counts, errors=errors, runs=rows):
         report.table([row for row in rows if _remarkable(row)], REMARKABLE, "failed, refused, or far off")
         report.table(errors, ERRORS, "largest error of a run over its tolerance")
         print(estimates(rows))

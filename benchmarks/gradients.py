@@ -125,12 +125,7 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
             "whole": lambda m=mech, n=names, u=until, v=v0, t=tolerances: sensitivities(m, n, (0.0, u), None, v, **t),
             "back": back,
         }
-        least = dict.fromkeys(work, np.inf)
-        for _ in range(repeats):
-            for what, do in work.items():
-                begun = time.process_time()
-                do()
-                least[what] = min(least[what], time.process_time() - begun)
+        least = report.least_times(work, repeats)
         run, fixed = least["run"], least["fixed"]
         each = (least["all"] - fixed) / len(moving) / run
         start = (least["whole"] - run - least["all"]) / len(names)
@@ -221,12 +216,8 @@ def command(csv: report.Csv = None, as_json: output.Json = False) -> int:
     """
     output.require_writable(csv=csv)
     exact, costs, fit = ([asdict(row) for row in rows()] for rows in (accuracy, cost, fits))
-    if csv:
-        report.write_csv(csv, exact)
-    if as_json:
-        output.print_json({"machine": report.machine(), "accuracy": exact, "cost": costs, "fits": fit})
+    if report.in_files(csv, as_json, exact, accuracy=exact, cost=costs, fits=fit):
         return output.FINE
-    print(report.machine() + "\n")
     errors = [("scene", "{scene}"), ("rtol>", "{rtol:.0e}"), ("steps>", "{steps}")]
     errors += [(name, f"{{{key}:.0e}}") for name, key in (("dq>", "dq"), ("dv>", "dv"), ("dλ>", "dlam"))]
     report.table(exact, errors, "errors over the largest values, of the worst parameter")

@@ -158,14 +158,12 @@ def command(
     chains = [] if scene else [asdict(row) for row in chain_steps()]
     besides = [] if scene else [asdict(row) for row in around()]
     if csv:
-        report.write_csv(csv, [{"scene": name} | row for name, rows in results.items() for row in rows])
         report.write_csv(report.beside(csv, "chains"), chains)
         report.write_csv(report.beside(csv, "around"), besides)
-    if as_json:
-        more = {"chains": chains, "around": besides} if chains else {}
-        output.print_json({"machine": report.machine(), "overhead": results} | more)
+    more = {"chains": chains, "around": besides} if chains else {}
+    every = [{"scene": name} | row for name, rows in results.items() for row in rows]
+    if report.in_files(csv, as_json, every, overhead=results, **more):
         return output.FINE
-    print(report.machine() + "\n")
     for name, rows in results.items():
         _print_overhead(name, rows)
     output.paragraph(
@@ -181,12 +179,8 @@ def command(
 
 def _against(other, scenes, csv, as_json):
     rows = [asdict(row) for row in against(other, scenes)]
-    if csv:
-        report.write_csv(csv, rows)
-    if as_json:
-        output.print_json({"machine": report.machine(), "against": rows})
+    if report.in_files(csv, as_json, rows, against=rows):
         return output.FINE
-    print(report.machine() + "\n")
     columns = [
         ("scene", "{scene}"),
         ("steps>", "{steps}"),

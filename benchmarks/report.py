@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import os
 import platform
+import time
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -34,6 +35,31 @@ def write_csv(file, rows) -> None:
 
     if rows:
         output.written(file, write)
+
+
+def in_files(csv, as_json, rows=(), /, **measured) -> bool:
+    """Write the rows to a CSV file and print all that was `measured` as JSON, where asked for.
+
+    True where that is all; else the tables for a person follow, below a line with the machine.
+    """
+    if csv:
+        write_csv(csv, rows)
+    if as_json:
+        output.print_json({"machine": machine(), **measured})
+    else:
+        print(machine() + "\n")
+    return as_json
+
+
+def least_times(work, repeats) -> dict[str, float]:
+    """The least process time, s, of each of the functions in `work`, name → function, called in turn."""
+    least = dict.fromkeys(work, float("inf"))
+    for _ in range(repeats):
+        for name, do in work.items():
+            begun = time.process_time()
+            do()
+            least[name] = min(least[name], time.process_time() - begun)
+    return least
 
 
 def _cell(value):

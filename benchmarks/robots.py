@@ -140,12 +140,9 @@ def command(
     """
     output.require_writable(csv=csv)
     rows = [asdict(row) for each in source for row in robots(each, until)]
-    if csv:
-        report.write_csv(csv, [row | row.pop("assembly") for row in map(dict, rows)])
-    if as_json:
-        output.print_json({"machine": report.machine(), "robots": rows})
+    flat = [row | row.pop("assembly") for row in map(dict, rows)]
+    if report.in_files(csv, as_json, flat, robots=rows):
         return output.FINE
-    print(report.machine() + "\n")
     report.table(
         {(row["robot"], row["closure"]): row | row["assembly"] for row in rows}.values(),
         [

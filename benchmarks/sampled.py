@@ -96,12 +96,8 @@ def command(csv: report.Csv = None, as_json: output.Json = False) -> int:
     """
     output.require_writable(csv=csv)
     rows = [asdict(row) for row in measured()]
-    if csv:
-        report.write_csv(csv, rows)
-    if as_json:
-        output.print_json({"machine": report.machine(), "sampled": rows})
+    if report.in_files(csv, as_json, rows, sampled=rows):
         return output.FINE
-    print(report.machine() + "\n")
     columns = [
         ("period [ms]>", report.scaled("period", 1e3, 0)),
         ("way", "{way}"),

@@ -47,14 +47,10 @@ def command(
         return _by_peers(by_peers.sample(_shared(subject or ()), sample), csv, as_json)
     outcomes = _run(list(cases(subject or (), long=long)))
     counts = Counter(outcome.outcome for outcome in outcomes)
-    if csv:
-        report.write_csv(csv, [asdict(outcome) for outcome in outcomes])
-    if as_json:
-        rows = [asdict(outcome) for outcome in outcomes]
-        output.print_json({"machine": report.machine(), "counts": counts, "cases": rows})
-    else:
+    rows = [asdict(outcome) for outcome in outcomes]
+    if not report.in_files(csv, as_json, rows, counts=counts, cases=rows):
         columns = [("case", "{family}"), ("varied", "{varied}"), ("outcome", "{outcome}"), *FIGURES]
-        report.table(map(asdict, outcomes), columns, None)
+        report.table(rows, columns, None)
         seconds = sum(outcome.seconds for outcome in outcomes)
         summary = ", ".join(f"{number} {what}" for what, number in sorted(counts.items()))
         print(f"{output.counted(len(outcomes), 'case')} in {seconds:.0f} s: {summary}")
@@ -108,12 +104,8 @@ def _by_peers(sample, csv, as_json) -> int:
             show(f"{len(rows)} of {len(sample) * len(by_peers.methods())}, {outcome.family}: {method}")
     families, methods = list(dict.fromkeys(case.family for case in sample)), _counted(rows)
     if csv:
-        report.write_csv(csv, rows)
         report.write_csv(report.beside(csv, "methods"), methods)
-    if as_json:
-        output.print_json({"machine": report.machine(), "cases": rows})
-    else:
-        print(report.machine() + "\n")
+    if not report.in_files(csv, as_json, rows, cases=rows):
         report.table(
             methods,
             [("method", "{method}"), *((f"{kind}>", lambda row, kind=kind: row[kind] or "") for kind in KINDS)],
