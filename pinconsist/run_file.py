@@ -142,7 +142,7 @@ def recipe_of(scene, files, mechanism, t_span, q0, v0, forces, options, save_eve
     """A recipe from the arguments of :func:`pinconsist.record`; InputError for what no file can hold."""
     from .formats.records import force_entries
     from .mechanism.checks import finite_array
-    from .mechanism.digest import digests
+    from .mechanism.description import digests
     from .mechanism.mechanism import with_forces
 
     for name in _RETURNED:

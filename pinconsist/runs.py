@@ -13,7 +13,7 @@ from .checkpoints import ROWS, STEPS, carry_out, checkpoints
 from .errors import FormatError, InputError
 from .files import require_writable
 from .interrupts import ended_like_ctrl_c
-from .mechanism.digest import digests
+from .mechanism.description import digests
 from .mechanism.forces.held import HeldRecord
 from .mechanism.mechanism import Mechanism, with_forces
 from .run_file import LOAD_OPTIONS, Recipe, SceneSource, loaded, recipe_of

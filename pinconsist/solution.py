@@ -139,9 +139,9 @@ class Solution(ByName):
         """For notebooks: the text; of a mechanism's run also a picture and the page that plays it."""
         bundle, mechanism = {"text/plain": repr(self)}, getattr(self.system, "mechanism", None)
         if mechanism is not None and len(self.t) > 1:
-            from .view.notebook import html_of
+            from .view.page import notebook_html
 
-            bundle["text/html"] = html_of(self, mechanism)
+            bundle["text/html"] = notebook_html(self, mechanism)
         return bundle
 
     def __getstate__(self):

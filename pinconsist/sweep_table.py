@@ -20,7 +20,7 @@ from . import _core
 from ._core.compiled_system import blank_system
 from .errors import FormatError, InputError, PinconsistError
 from .files import written_whole
-from .mechanism.digest import digests
+from .mechanism.description import digests
 from .mechanism.mechanism import Mechanism
 from .mechanism.names import position_names, velocity_names
 from .simulation import simulate

@@ -8,9 +8,8 @@ from functools import cache
 import numpy as np
 
 from ..dae import bdf
-from ..dae.batch import StepBatch
 from ..dae.control import ErrorControl
-from ..dae.dense import Tables
+from ..dae.dense import StepBatch, Tables
 from ..dae.integrate import python_stepper
 from ..dae.stepper import Stepper
 from ..errors import InputError

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..dae.batch import StepBatch
-from ..dae.dense import Curve, RadauSegment
+from ..dae.dense import Curve, RadauSegment, StepBatch
 from ..dae.radau import table
 from ..dae.radau_control import RadauControl
 from ..dae.radau_stepper import RadauStepper

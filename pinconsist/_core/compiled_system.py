@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dae.batch import StepBatch
+from ..dae.dense import StepBatch
 from ..dae.index1 import (
     Index1,
     NotFiniteError,

@@ -10,10 +10,9 @@ from functools import partial
 import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError
-from .batch import StepBatch
 from .consistency import MODES, Exact
 from .control import ErrorControl, FixedStep
-from .dense import Curve, DenseOutput
+from .dense import Curve, DenseOutput, StepBatch
 from .events import EventWatch
 from .failure import failure_report, jumping
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop

@@ -9,8 +9,7 @@ from itertools import repeat
 import numpy as np
 
 from ..errors import PinconsistError, UserFunctionError
-from .batch import StepBatch
-from .dense import DenseOutput
+from .dense import DenseOutput, StepBatch
 from .events import Event, read_only
 
 SUCCESS, STOPPED, FAILED = 0, 1, -1

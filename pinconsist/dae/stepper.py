@@ -8,9 +8,8 @@ import numpy as np
 
 from ..errors import PinconsistError
 from . import bdf, start
-from .batch import StepBatch
 from .charts import longest_step, turning_coordinates
-from .dense import Curve, Segment
+from .dense import Curve, Segment, StepBatch
 from .index1 import Index1
 from .newton import Newton
 from .rounding import Headway, RoundingTest, error_of_rounding, shortest_step

@@ -39,7 +39,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     """What a URDF file, or a text as its `content`, says; a free-flyer is a joint ``root_joint``.
 
     `joint_types` are the joints to replace: name → type, see :mod:`pinconsist.formats.joints`; `ignore` names what
-    :mod:`pinconsist.formats.extensions` refuses.
+    :func:`~pinconsist.formats.reading.refuse` refuses.
     """
     content = read_bytes(path) if content is None else content
     robot, unlimited = checked(raw := parsed(content), name)

@@ -44,8 +44,7 @@ from xml.etree.ElementTree import Element
 from ..errors import FormatError
 from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import Loop
-from .extensions import closing, refuse
-from .reading import Node, located, require_known
+from .reading import Node, closing, located, refuse, require_known
 
 _KINDS = {"fixed": "frame", "revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "planar": "plane"}
 _KINDS |= {"spherical": "point", "ball": "point"}
@@ -59,7 +58,7 @@ _log = logging.getLogger(__name__)
 
 
 def refuse_foreign(robot: Element, ignore, content) -> None:
-    """Raise FormatError for extensions that close loops and would be lost; see :mod:`.extensions`."""
+    """Raise FormatError for extensions that close loops and would be lost; see :func:`refuse`."""
     found = closing(robot, _OWN) + [("mujoco/equality", each) for each in robot.iterfind("mujoco/equality")]
     found += [("gazebo/joint", each) for each in robot.iterfind("gazebo/joint")]  # one of SDF's
     refuse(found, ignore, robot, content, "write it as <loop_joint>, <mimic> or in a loop file")

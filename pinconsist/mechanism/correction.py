@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from .closing import LoopSolver, newton
-from .digest import digests
+from .description import digests
 from .rank import ROUNDED, independent_rows, row_scales
 
 _WEAK = (30.0, 3.0)  # how many errors may add up in a row of J, tried one after the other

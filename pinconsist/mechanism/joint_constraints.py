@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 
 from ..errors import InputError
 from .checks import called, joint_index, name, number, numbers, put, put_checked, require_functions
@@ -221,8 +222,8 @@ class CouplingRow(Rows):
         self._joint = Coordinate(model, coupling.joint, who, "coupled")
         self._other = Coordinate(model, coupling.other, who, "coupled")
         self._law = (coupling.offset, coupling.ratio, *coupling.higher)
-        self._slope = _derivative(self._law)
-        self._bend = _derivative(self._slope)
+        self._slope = polyder(self._law)
+        self._bend = polyder(self._slope)
         self._period = self._common_period(coupling)
         self._nv = model.nv
 
@@ -244,11 +245,11 @@ class CouplingRow(Rows):
 
     def evaluate(self, data, q, t):
         other, J = self._other.value(q), np.zeros((1, self._nv))
-        J[0, [self._joint.column, self._other.column]] = 1.0, -_polynomial(self._slope, other)
-        return np.array([_nearest(self._joint.value(q) - _polynomial(self._law, other), self._period)]), J
+        J[0, [self._joint.column, self._other.column]] = 1.0, -polyval(other, self._slope)
+        return np.array([_nearest(self._joint.value(q) - polyval(other, self._law), self._period)]), J
 
     def acceleration_bias(self, data, t, q, v):
-        return np.array([-_polynomial(self._bend, self._other.value(q)) * v[self._other.column] ** 2])
+        return np.array([-polyval(self._other.value(q), self._bend) * v[self._other.column] ** 2])
 
     def hand_over(self, twin) -> bool:
         twin.add_coupling(self._joint.place, self._other.place, self._period or 0.0, np.array(self._law))
@@ -258,14 +259,3 @@ class CouplingRow(Rows):
 def _nearest(gap: float, period: float | None) -> float:
     """`gap` without whole periods."""
     return gap if period is None else math.remainder(gap, period)
-
-
-def _polynomial(coefficients, x: float) -> float:
-    total = 0.0
-    for coefficient in reversed(coefficients):
-        total = total * x + coefficient
-    return total
-
-
-def _derivative(coefficients) -> tuple:
-    return tuple(i * coefficient for i, coefficient in enumerate(coefficients))[1:]

@@ -11,17 +11,7 @@ import pinocchio as pin
 from ..errors import InputError
 from .checks import function_name
 from .closing import CLOSED
-from .forces import (
-    Actuator,
-    JointDamping,
-    JointFriction,
-    JointSpring,
-    JointTorque,
-    Servo,
-    SpringDamper,
-    Torque,
-    Wrench,
-)
+from .forces import Actuator, JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Torque, Wrench
 from .joint_constraints import Coupling, Drive
 from .loops import Loop
 from .rows import LoopRows

@@ -1,4 +1,4 @@
-"""Replays in meshcat's viewer: one self-contained page, written to a file or shown in the browser.
+"""Replays in meshcat's viewer: one self-contained page, written to a file, or shown in the browser or a notebook.
 
 The page holds meshcat's packaged viewer and its commands. meshcat's own server is not used: it listens on every
 network interface, and the pages that it writes run the commands in no certain order.
@@ -7,14 +7,19 @@ network interface, and the pages that it writes run the commands in no certain o
 from __future__ import annotations
 
 import logging
+from base64 import b64encode
+from html import escape
+from io import BytesIO
 from pathlib import Path
 
 from ..errors import InputError, MissingExtraError
 from ..files import written_whole
 from .picture import picture
+from .plots import plot_solution
 
 FOREVER = 10**9
 FPS = 50
+HEIGHT, DOTS = 420, 80  # in a notebook: pixels of the page, dots per inch of the picture
 log = logging.getLogger(__name__)
 
 
@@ -106,7 +111,6 @@ def replay(
 
 def page_of(mech, sol, *, speed=1.0, fps=FPS, traces=(), forces=False, repetitions=FOREVER) -> bytes:
     """page.html with page.css, page.js, meshcat's viewer and the commands."""
-    import html
     import json
     from importlib.resources import files
     from string import Template
@@ -115,8 +119,30 @@ def page_of(mech, sol, *, speed=1.0, fps=FPS, traces=(), forces=False, repetitio
     text = json.dumps(commands, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     title = ", ".join(dict.fromkeys(each.name for each in (mech if isinstance(mech, list | tuple) else [mech])))
     frame, style, script = ((files(__package__) / f"page.{end}").read_text("utf-8") for end in ("html", "css", "js"))
-    parts = {"title": html.escape(title), "style": style, "viewer": _viewer(), "replay": text, "script": script}
+    parts = {"title": escape(title), "style": style, "viewer": _viewer(), "replay": text, "script": script}
     return Template(frame).substitute(parts).encode()
+
+
+def notebook_html(sol, mechanism) -> str:
+    """The text of a solution and, where the packages for it are installed, its picture and page."""
+    parts = [f"<pre>{escape(repr(sol))}</pre>"]
+    for part in _picture, _frame:
+        try:
+            parts.append(part(sol, mechanism))
+        except MissingExtraError:
+            continue
+    return "\n".join(parts)
+
+
+def _picture(sol, mechanism) -> str:
+    figure, image = plot_solution(sol, mech=mechanism), BytesIO()
+    figure.savefig(image, format="png", dpi=DOTS)
+    return f'<img alt="the solution over time" src="data:image/png;base64,{b64encode(image.getvalue()).decode()}"/>'
+
+
+def _frame(sol, mechanism) -> str:
+    document = escape(page_of(mechanism, sol, forces=bool(mechanism.loops)).decode())
+    return f'<iframe srcdoc="{document}" style="width: 100%; height: {HEIGHT}px; border: 0"></iframe>'
 
 
 def _viewer() -> str:

@@ -25,8 +25,7 @@ from xml.etree.ElementTree import tostring
 import numpy as np
 
 from ...mechanism.forces import JointSpring
-from ..extensions import closing, refuse
-from ..reading import RobotFile, parsed, read_bytes
+from ..reading import RobotFile, closing, parsed, read_bytes, refuse
 from ..urdf import checked
 from .document import Document
 from .joints import read_joints

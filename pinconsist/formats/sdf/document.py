@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError
+from ...mechanism.blocks import unit
 from ..reading import Node, floats, near, shown
 from .frames import WORLD, Frame, Frames, join
 
@@ -108,12 +109,6 @@ class SdfNode(Node):
                 f"<include> of {include.child('uri').text()[:80]!r}: other files are not read along. `gz sdf -p file` "
                 "writes one file that holds everything"
             )
-
-
-def unit(vector: np.ndarray) -> np.ndarray:
-    """A vector at length 1, without overflow on the way."""
-    vector = vector / np.abs(vector).max()
-    return vector / np.linalg.norm(vector)
 
 
 class Body(NamedTuple):

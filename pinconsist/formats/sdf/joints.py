@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from .document import FRAMES, Document, SdfNode, unit
+from ...mechanism.blocks import unit
+from .document import FRAMES, Document, SdfNode
 from .frames import WORLD, join
 
 AXES = dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), 1) | dict.fromkeys(("ball", "fixed"), 0)
