@@ -197,7 +197,7 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
             if batch.error is not None:
                 raise batch.error
             t = stepper.t
-            if batch.failure and not _choose_rows(stepper, record, watch):
+            if batch.failure and not _choose_rows(stepper, record):
                 raise Stop(FAILED, failure_report(stepper, batch.failure))
             if t == t_end == record.reached:
                 return
@@ -206,7 +206,7 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
             if pace.lost(record.nsteps, t, t_end, partial(jumping, stepper)):
                 raise Stop(FAILED, failure_report(stepper, FAILURES["chatters"]))
             looked_at = record.nsteps % stepper.rows_watched == 0
-            other_rows = batch.failure or (looked_at and _choose_rows(stepper, record, watch))
+            other_rows = batch.failure or (looked_at and _choose_rows(stepper, record))
             if other_rows or t == until:
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
                 jumped = t == until and stepper.system.change(t, p, v)
@@ -263,7 +263,7 @@ def _batch_size(stepper, method, record, watch, begun) -> int:
     return min(most, stepper.rows_watched - record.nsteps % stepper.rows_watched)
 
 
-def _choose_rows(stepper, record, watch) -> bool:
+def _choose_rows(stepper, record) -> bool:
     """Keep other constraint rows where the kept ones have become a poor choice; the run then begins again there."""
     fresh = stepper.system.reselected(stepper.p)
     if fresh is None:

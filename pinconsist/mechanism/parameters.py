@@ -33,7 +33,7 @@ from .forces import JointDamping, JointFriction, bound_forces, model_forces
 
 AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
-OF_BODIES, OF_RECORDS = ("mass", "com", "inertia"), ("length", "stiffness", "damping", "friction", "anchor")
+OF_BODIES, OF_RECORDS = ("mass", "com", "inertia"), ("length", "stiffness", "damping", "friction")
 OF_JOINTS = {"damping": JointDamping, "friction": JointFriction}
 
 
@@ -81,9 +81,11 @@ def parameter(mechanism, name: str) -> Parameter:
     if sign and kind in OF_RECORDS:
         found = _of_record(mechanism, name, kind, whose)
         return found or _of_tree(mechanism, name, kind, whose)
+    path = whose if sign and kind == "anchor" else name
     for label, (place, i) in records_of(mechanism).items():
-        if name.startswith(f"{label}."):
-            return _number_of(mechanism, name, label, place, i, _dotted(name[len(label) + 1 :]))
+        if path.startswith(f"{label}."):
+            number = re.sub(r"\[(\w+)\]", r".\1", path[len(label) + 1 :])  # xyz2[0] as xyz2.0
+            return _number_of(mechanism, name, place, i, _path(mechanism, label, place, i, number))
     raise unknown(mechanism, name)
 
 
@@ -154,19 +156,13 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
 
 def _of_record(mechanism, name, kind, whose) -> Parameter | None:
     """The number `kind` of a loop or force, by its label, or by the joint that it is of; None if there is none."""
-    records = records_of(mechanism)
-    if kind == "anchor":
-        for label, (place, i) in records.items():
-            if whose.startswith(f"{label}."):
-                return _number_of(mechanism, name, label, place, i, _dotted(whose[len(label) + 1 :]))
-        raise unknown(mechanism, name)
-    for label, (place, i) in records.items():
+    for label, (place, i) in records_of(mechanism).items():
         record = getattr(mechanism, place)[i]
         numbers = numbers_of(record)
         if kind in OF_JOINTS and isinstance(record, OF_JOINTS[kind]) and ("coefficients", whose) in numbers:
-            return _number_of(mechanism, name, label, place, i, ("coefficients", whose))
+            return _number_of(mechanism, name, place, i, ("coefficients", whose))
         if (kind,) in numbers and whose in (label, label.partition(" ")[2], getattr(record, "joint", label)):
-            return _number_of(mechanism, name, label, place, i, (kind,))
+            return _number_of(mechanism, name, place, i, (kind,))
     return None
 
 
@@ -184,48 +180,34 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
         return Parameter(name, float(getattr(model, kind)[columns][0]), put_coefficient)
     if kind != "length" or not (whose in mechanism.joints or model.existFrame(whose)):
         raise unknown(mechanism, name)
-    place, i = ("joints", model.getJointId(whose)) if whose in mechanism.joints else ("frames", model.getFrameId(whose))
+    of_joint = whose in mechanism.joints
+    i = model.getJointId(whose) if of_joint else model.getFrameId(whose)
 
-    def arm(model):
-        return (model.jointPlacements if place == "joints" else model.frames)[i]
+    def pose(model):
+        return model.jointPlacements[i] if of_joint else model.frames[i].placement
 
-    def translation(model):
-        found = arm(model)
-        return (found if place == "joints" else found.placement).translation
-
-    size = float(np.linalg.norm(translation(model)))
+    arm = pose(model).translation.copy()
+    size = float(np.linalg.norm(arm))
     if size == 0.0:
         raise InputError(f"{name!r}: {whose!r} has no distance from the joint before it, and hence no direction")
-    direction = translation(model).copy() / size
 
     def put_length(mechanism, value):
         model = mechanism.model.copy()
-        pose = arm(model)
-        if place == "joints":
-            pose.translation = value * direction
-            model.jointPlacements[i] = pose
-        else:
-            pose.placement.translation = value * direction
+        pose(model).translation = value * (arm / size)
         return replace(mechanism, model=model)
 
     return Parameter(name, size, put_length)
 
 
-def _dotted(path) -> str:
-    """xyz2[0] as xyz2.0."""
-    return re.sub(r"\[(\w+)\]", r".\1", path)
-
-
-def _number_of(mechanism, name, label, place, i, path) -> Parameter:
-    record = getattr(mechanism, place)[i]
-    path = path if isinstance(path, tuple) else _path(record, label, path)
+def _number_of(mechanism, name, place, i, path) -> Parameter:
+    """The number at a path in the record number `i` of the mechanism's loops or forces."""
 
     def put(mechanism, value):
         records = list(getattr(mechanism, place))
         records[i] = numbers_of(records[i])[path][1](value)
         return replace(mechanism, **{place: records})
 
-    return Parameter(name, float(numbers_of(record)[path][0]), put)
+    return Parameter(name, float(numbers_of(getattr(mechanism, place)[i])[path][0]), put)
 
 
 def records_of(mechanism) -> dict:
@@ -237,9 +219,9 @@ def records_of(mechanism) -> dict:
     return dict(sorted(found.items(), key=lambda item: -len(item[0])))
 
 
-def _path(record, label, name) -> tuple:
+def _path(mechanism, label, place, i, name) -> tuple:
     """The path to the number of this name in a record; its last word is enough where there is one such number."""
-    numbers = list(numbers_of(record))
+    numbers = list(numbers_of(getattr(mechanism, place)[i]))
     found = [path for path in numbers if ".".join(path) == name] or [path for path in numbers if path[-1] == name]
     if len(found) == 1:
         return found[0]
@@ -276,7 +258,7 @@ def unknown(mechanism, name, also=(), listed="") -> UnknownParameterError:
     """The error for a name: similar ones, of the parameters and of `also`, and what there is, with `listed`."""
     records = records_of(mechanism)
     known = [*also, *AXES]
-    for kind in (*OF_BODIES[:1], *OF_RECORDS[:4], "gravity"):
+    for kind in (*OF_BODIES[:1], *OF_RECORDS, "gravity"):
         known += names_of(mechanism, kind)
     for label, (place, i) in records.items():
         known += [f"{label}.{path[-1]}" for path in numbers_of(getattr(mechanism, place)[i])]

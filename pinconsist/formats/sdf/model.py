@@ -50,7 +50,7 @@ class _Tree:
         self.model.name = name
         if document.gravity is not None:
             self.model.gravity.linear = document.gravity
-        self._document, self._net, self._inertias = document, net, inertias
+        self._document, self._inertias = document, inertias
         self._leaving = defaultdict(list)  # body → (joint, other body) of what leaves it; None: a copy of the child
         for number, start, end in net.branches:
             self._leaving[start].append((net.joints[number], end))
