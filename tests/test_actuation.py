@@ -16,6 +16,7 @@ from pinconsist.mechanism.system import MechanismSystem
 
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"
 CASSIE = tuple(f"{side}-{joint}-op" for side in ("left", "right") for joint in ("roll", "yaw", "pitch", "knee", "foot"))
+WITH_CARE = ("stewart_platform", "boom", "kangaroo_like", "cassie")
 OWN = ("four_bar", "five_bar", "stewart_platform", "delta_robot", "slider_crank")
 
 
@@ -25,6 +26,8 @@ def actuation(name):
         warnings.simplefilter("ignore")
         if name in ("ankle", "boom"):
             return pc.Actuation(getattr(actuated, name)())
+        if name in actuated.FREE:
+            return pc.Actuation(actuated.held(name))
         if name in OWN:
             return pc.Actuation(pc.load(name))
         if name == "cassie":
@@ -38,7 +41,7 @@ def actuation(name):
 
 
 def scenes():
-    yield from (*OWN, "ankle", "boom", "cassie")
+    yield from (*OWN, "ankle", "boom", "cassie", *actuated.FREE)
     for name in ("5bar_linkage_iso6d", "digit_like", "cassie_like", "kangaroo_like"):
         absent = not (ROBOTS / name).is_dir()
         yield pytest.param(name, marks=pytest.mark.skipif(absent, reason="the robots' files are not here"))
@@ -46,7 +49,7 @@ def scenes():
 
 def moved(act, rng, far=0.05):
     """A configuration near that of the guess, reached by the motors."""
-    with_care = far * (0.1 if act.mechanism.name in ("stewart_platform", "boom", "kangaroo_like", "cassie") else 1.0)
+    with_care = far * (0.1 if act.mechanism.name in WITH_CARE else 1.0)
     start = act.q
     q, ok = act.closure(act.positions() + rng.uniform(-with_care, with_care, len(act.motors)))
     act.q = start
@@ -54,9 +57,32 @@ def moved(act, rng, far=0.05):
     return q
 
 
+def compare_with_a_run(act):
+    """Motors that are driven: all joints move as in the index-3 solution. What stays free does so in the run, too."""
+    rng, span, mech, model = np.random.default_rng(7), 0.004, act.mechanism, act.mechanism.model
+    far = 0.1 if mech.name in WITH_CARE else 1.0
+    start, rates = act.positions(), far * rng.uniform(-1.0, 1.0, len(act.motors))
+    curves = [pc.Motion(at, rate, 0.01 * rate, 3.0) for at, rate in zip(start, rates, strict=True)]
+    drives = [pc.Drive(f"by {motor}", motor, curve) for motor, curve in zip(act.motors, curves, strict=True)]
+    for joint in act.free:
+        if joint in mech.joints:
+            held = pc.Motion(act.q[model.idx_qs[mech.joint_index(joint)]])
+            drives.append(pc.Drive(f"still {joint}", joint, held))
+    spin = [mech.columns(joint.partition("[")[0]) for joint in act.free if joint not in mech.joints]
+    seen = np.setdiff1d(np.arange(mech.nv), np.concatenate([np.arange(mech.nv)[part] for part in spin] or [[]]))
+    sol = pc.simulate(mech.with_loops(*mech.loops, *drives), (0.0, span), q0=act.q, rtol=1e-10, atol=1e-12)
+    q, ok = act.closure([curve(span) for curve in curves], q=act.q)
+    assert ok, act.message
+    np.testing.assert_allclose(pin.difference(model, q, sol.q[-1])[seen], 0.0, atol=1e-10)
+    v, a = ([getattr(curve, part)(span) for curve in curves] for part in ("rate", "acceleration"))
+    for mine, runs in (act.velocity(q, v), sol.v[-1]), (act.acceleration(q, v, a), sol.acceleration()[-1]):
+        np.testing.assert_allclose(mine[seen], runs[seen], atol=1e-10 * max(1.0, np.abs(runs).max()))
+    act.closure(start)
+
+
 @pytest.mark.parametrize("name", list(scenes()))
 def test_the_reduced_dynamics_are_those_of_all_joints(name):
-    """Closure, velocities and accelerations are those of the KKT system of the whole mechanism."""
+    """Closure, velocities and accelerations are those of the KKT system and of a run of the whole mechanism."""
     act, rng = actuation(name), np.random.default_rng(3)
     q, m = moved(act, rng), len(act.motors)
     v_a, tau = rng.standard_normal((2, m))
@@ -79,6 +105,7 @@ def test_the_reduced_dynamics_are_those_of_all_joints(name):
     if not act.free:
         np.testing.assert_allclose(act.acceleration(q, v_a, a_a), a, atol=1e-10 * size)
         np.testing.assert_allclose(act.jacobian_rate(q, v_a), a - act.jacobian(q) @ a_a, atol=1e-9 * size)
+    compare_with_a_run(act)
 
 
 @pytest.mark.parametrize("name", ["four_bar", "five_bar", "delta_robot", "boom"])
@@ -268,6 +295,11 @@ def test_motors_that_cannot_move_are_named():
         (lambda mech: pc.Actuation(mech).closure({"rocker": 1.0}), "'rocker' is no motor; the motors are crank"),
         (lambda mech: pc.Actuation(mech).closure([1.0, 2.0]), "1 columns, got shape"),
         (lambda mech: pc.Actuation(mech).closure([1.0], q=np.zeros(3)), "open by"),
+        (lambda mech: pc.Actuation(mech).jacobian(np.full(3, np.nan)), "q has a number that is not finite"),
+        (
+            lambda mech: pc.Actuation(mech, ["crank", "rocker"]).closure({"crank": [0.1, 0.2], "rocker": [1.0] * 3}),
+            "of a batch need one length",
+        ),
         (lambda mech: pc.Actuation(mech).velocity(None, [1.0, 2.0]), r"shape \(1,\), for crank, or \(3,\)"),
         (lambda mech: pc.Actuation(mech).torques(forces={"crank": [1.0]}), "three or six numbers"),
         (lambda mech: pc.Actuation(mech).frame("tip"), "no frame 'tip'"),

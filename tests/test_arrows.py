@@ -59,7 +59,7 @@ MAY_IMPORT = {
     | {"__init__", "files", "interrupts", "comparison", "reference"},
 }
 DAE_SEEN_BY = {"certificate": {"norms"}, "residuals": {"index1", "norms"}, "mechanism": {"problem"}, "cli": set()}
-OPTIONAL = {"meshcat", "matplotlib", "pandas", "rich", "typer", "yaml", "defusedxml", "coal"}
+OPTIONAL = {"meshcat", "matplotlib", "pandas", "casadi", "rich", "typer", "yaml", "defusedxml", "coal"}
 TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files only where they are used
     "formats/loopfile.py": {"yaml"},
     "formats/write.py": {"yaml"},

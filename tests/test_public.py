@@ -105,6 +105,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "torques": "q v a | forces t",
         "frame": "frame",
         "table": "positions file",
+        "to_c": "file",
     },
     "Actuator": {"label": None, "bind": "model"},
     "Assembly": {"largest_gap": None, "redundant": None},

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 
 from ..errors import SingularSystemError
 from ..mechanism.singularity import MASSLESS
 from .actuation_limits import MotorRange, ranges
+from .motor_code import to_c
 from .motor_forces import MotorFrame, MotorTorques, torques_for
 from .motor_table import table
 from .motors import Motors
@@ -24,7 +27,7 @@ class Actuation(Motors):
     Parameters
     ----------
     mech : Mechanism
-        Drives of motors are left out, as are actuators of the file; all other forces act.
+        Drives, servos and actuators of motors are left out; all other forces act.
     motors : sequence of str, optional
         Joints. Default: ``mech.actuated``. A joint of several degrees of freedom has a motor for each; name the
         free-flyer of a floating robot here, too.
@@ -34,7 +37,7 @@ class Actuation(Motors):
     Attributes
     ----------
     mechanism : Mechanism
-        Without the drives of motors.
+        Without what moves the motors.
     motors, free : tuple of str
         The names of the m motors, and of the free motions: ``joint``, or ``joint[i]`` of a joint of several.
     mobility : int
@@ -198,6 +201,19 @@ class Actuation(Motors):
             The file cannot be written.
         """
         return table(self, positions, file)
+
+    def to_c(self, file) -> Path:
+        """The closure, the Jacobian and the reduced dynamics as C99 for controllers: `file` is ``name.c``.
+
+        Its functions ``name_closure``, ``name_jacobian`` and ``name_dynamics`` (mass matrix and bias) need no libraries
+        and no allocation; the head of the file says how they are called. The closure makes a fixed number of Newton's
+        steps, so that motors far away are reached in several calls.
+
+        Returns its path. Raises MissingExtraError without CasADi, OSError where it cannot be written, InputError where
+        motors share the load, or have several degrees of freedom, and for forces other than damping, dry friction,
+        springs and constant torques, constraints of your own, and joints whose axes move against each other.
+        """
+        return to_c(self, file)
 
     def _reduced(self, q, v, t, loads=0.0) -> Reduced:
         q = self._q(q)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import isfinite
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +13,7 @@ from ..errors import InputError, SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array, number, require_mechanism, warn
 from ..mechanism.closing import NEARLY, LoopSolver
-from ..mechanism.forces import Actuator
+from ..mechanism.forces import Actuator, Servo
 from ..mechanism.joint_constraints import Drive
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import Motion
@@ -37,7 +38,10 @@ class Motors:
         self._joints, self.motors = joints, tuple(names[i] for i in self._columns)
         if len(set(self.motors)) < len(self.motors):
             raise InputError(f"Actuation: a motor is named twice in {', '.join(joints)}")
-        self._plain = all(model.nqs[i] == 1 for i in map(model.getJointId, joints))
+        self._single, self._plain = (
+            len(joints) == len(self._columns),
+            all(model.nqs[i] == 1 for i in map(model.getJointId, joints)),
+        )
         self._places = np.array([model.idx_qs[model.getJointId(joint)] for joint in joints])
         self.q, self._reason = assemble(self.mechanism, q0).q, ""
         self._solver = LoopSolver(self.mechanism)
@@ -102,17 +106,19 @@ class Motors:
                 )
         if not isinstance(positions, Mapping):
             rows = finite_array(positions, "positions")
-            if not self._plain or rows.ndim not in (1, 2) or rows.shape[-1] != len(self._columns):
-                raise InputError(f"positions must map motors to numbers or have {len(self._columns)} columns, "
-                                 f"got shape {rows.shape}")  # fmt: skip
-            several = rows.ndim == 2
-            found = [self._lead(goal - self.q[self._places]) for goal in (rows if several else rows[None])]
+            if not self._single or rows.ndim not in (1, 2) or rows.shape[-1] != len(self._columns):
+                raise InputError(
+                    f"positions must map motors to numbers or have {len(self._columns)} columns, got shape {rows.shape}"
+                )
+            several, goals = rows.ndim == 2, rows if rows.ndim == 2 else rows[None]
+            if not self._plain:
+                goals = [dict(zip(self._joints, goal, strict=True)) for goal in goals]
         else:
             if wrong := [joint for joint in positions if joint not in self._joints]:
                 raise InputError(f"{wrong[0]!r} is no motor; the motors are {', '.join(self._joints)}")
-            several = self._plain and any(np.ndim(value) == 1 and np.size(value) > 1 for value in positions.values())
+            several = self._single and any(np.ndim(value) == 1 and np.size(value) > 1 for value in positions.values())
             goals = _goals(positions) if several else [positions]
-            found = [self._lead(self._way(goal)) for goal in goals]
+        found = [self._lead(self._way(goal)) for goal in goals]
         if not several:
             return self.q, found[0][1]
         return np.array([q for q, _ in found]), np.array([ok for _, ok in found])
@@ -125,7 +131,9 @@ class Motors:
         return self._reason
 
     def _way(self, goal):
-        """Increments of the motors to named positions."""
+        """Increments of the motors to positions by name, or to an array of them."""
+        if isinstance(goal, np.ndarray):
+            return goal - self.q[self._places]
         if self._plain:
             way = np.zeros(len(self._columns))
             for joint, value in goal.items():
@@ -197,7 +205,9 @@ class Motors:
         if q is None:
             return self.q
         model = self.mechanism.model
-        if isinstance(q, np.ndarray) and q.shape == (model.nq,):
+        if isinstance(q, np.ndarray) and q.shape == (model.nq,) and q.dtype == float:
+            if not isfinite(q.sum()):
+                raise InputError(f"{self.mechanism.name}: q has a number that is not finite")
             return q
         return self.mechanism.configuration(q, base=self.q)
 
@@ -243,7 +253,7 @@ class Motors:
 
 
 def _without_motors(mech, joints) -> Mechanism:
-    """The mechanism without the drives of these joints; InputError where something else moves with time."""
+    """The mechanism without what moves these joints; InputError where something else moves with time."""
     for joint in joints:
         mech.joint_index(joint)
     loops = [loop for loop in mech.loops if not (isinstance(loop, Drive) and loop.joint in joints)]
@@ -253,12 +263,15 @@ def _without_motors(mech, joints) -> Mechanism:
             raise InputError(
                 f"{mech.name}: {loop.name!r} moves with time; name its joint among the motors, or leave it out"
             )
-    forces = [force for force in mech.forces if not (isinstance(force, Actuator) and force.joint in joints)]
+    forces = [force for force in mech.forces if not (isinstance(force, Actuator | Servo) and force.joint in joints)]
     return replace(mech, loops=tuple(loops), forces=tuple(forces))
 
 
 def _goals(positions):
     """One mapping for each row of a batch."""
-    n = max(np.size(value) for value in positions.values())
+    sizes = {joint: np.size(value) for joint, value in positions.items()}
+    if len(set(sizes.values()) - {1}) > 1:
+        raise InputError(f"positions of a batch need one length, or one number; got {sizes}")
+    n = max(sizes.values())
     columns = {joint: np.broadcast_to(finite_array(value, joint), (n,)) for joint, value in positions.items()}
     return [{joint: column[i] for joint, column in columns.items()} for i in range(n)]

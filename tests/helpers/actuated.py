@@ -105,3 +105,44 @@ def boom() -> pc.Mechanism:
 def boom_angle(length):
     """The angle of the boom, up is negative, for a length of the cylinder: the law of cosines."""
     return np.pi / 2 - np.arccos((FOOT**2 + TOP**2 - length**2) / (2 * FOOT * TOP))
+
+
+FREE = {
+    "free": (pin.JointModelFreeFlyer, 6),
+    "planar": (pin.JointModelPlanar, 3),
+    "ball": (pin.JointModelSpherical, 3),
+    "translation": (pin.JointModelTranslation, 3),
+}
+"""Joints of a body that is held by rods alone, and how many rods that takes."""
+AXIS = np.array([0.48, 0.6, 0.64])
+MOTORS = (
+    lambda: pin.JointModelHelicalUnaligned(AXIS, 0.3),
+    lambda: pin.JointModelRUBZ(),
+    lambda: pin.JointModelPrismaticUnaligned(AXIS),
+    lambda: pin.JointModelRUBY(),
+    lambda: pin.JointModelHZ(0.2),
+    lambda: pin.JointModelRX(),
+)
+
+
+def held(kind, seed=41) -> pc.Mechanism:
+    """A body on a joint of several degrees of freedom, moved over rods by motors of every kind with one."""
+    rng, model, (joint, count) = np.random.default_rng(seed), pin.Model(), FREE[kind]
+    turned = pin.SE3(pin.exp3(rng.normal(size=3)), np.zeros(3))
+    body, loops = add_body(model, 0, joint(), turned, kind, 2.0, (0.1, 0, 0.05), 0.1), []
+    for k in range(count):
+        place = pin.SE3(pin.exp3(rng.normal(size=3)), rng.uniform(-1.0, 1.0, 3))
+        motor = add_body(model, 0, MOTORS[k](), place, f"motor{k}", 0.3, (0.1, 0.1, 0), 0.02)
+        model.armature[model.idx_vs[motor]] = 0.05
+        add_point(model, motor, f"horn{k}", 0.4, 0.2, 0.3)
+        add_point(model, body, f"eye{k}", *rng.uniform(-0.5, 0.5, 3))
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, pin.neutral(model))
+        ends = (data.oMf[model.getFrameId(f"{name}{k}")].translation for name in ("horn", "eye"))
+        length = float(np.linalg.norm(np.subtract(*ends)))
+        loops.append(pc.Loop(f"rod{k}", "distance", f"horn{k}", f"eye{k}", length=length))
+    forces = [
+        pc.JointSpring("motor0", 5.0, 0.2), pc.JointSpring("motor1", 4.0, 0.4), pc.JointDamping({kind: 0.3}),
+        pc.JointFriction({"motor1": 0.2}, width=0.5), pc.SpringDamper("eye0", "horn1", 40.0, 0.1, 3.0),
+    ]  # fmt: skip
+    return pc.Mechanism(model, loops, forces, name=kind, actuated=[f"motor{k}" for k in range(count)])
