@@ -37,7 +37,7 @@ class GlobalError:
     force : float
         Of Jᵀλ (G λ), over the largest of the run.
     q_at, v_at, force_at : str
-        Where it is so large: coordinate and time.
+        Where each of them is largest: coordinate and time.
     tolerances : float or None
         The largest error of q and v over the tolerance, rtol times the largest value of the coordinate plus atol; None
         for fixed steps.
@@ -111,9 +111,9 @@ def _case(solution, mechanism):
 
 
 def _rows(solution, most):
-    """The rows that are compared: those before an event changed the state are not told from those after it.
+    """The rows that are compared: both rows at an event that changed the state are left out.
 
-    Where only forces jumped, it is the row after it.
+    Where only forces jumped, the row after the jump is compared.
     """
     states = np.hstack((solution.q, solution.v))
     jumps = np.flatnonzero(np.diff(solution.t) == 0.0)

@@ -44,20 +44,20 @@ class Certificate:
     energy : ndarray or None
         Kinetic, potential and elastic energy of each row, J.
     undetermined : dict of str to float
-        Loops whose own forces mean nothing, see :attr:`Reaction.dependence`; empty for a general problem.
+        Loops whose individual forces are not determined, see :attr:`Reaction.dependence`; empty for a general problem.
     beyond_limits : tuple of BeyondLimit
         Joints that leave the position limits of their file, which do not act: ``joint``, first time ``t``, the
         ``value`` farthest out, ``lower`` and ``upper`` limit.
     corrected_by : float
         By how much rounded numbers of the file were changed, m or rad, see :meth:`Mechanism.corrected`.
     fixed_step : bool
-        The run had one, which is then what to make smaller.
+        The run had a fixed step, which advice then refers to.
     ended_early : bool
-        The run could not go on; its message has the advice then.
+        The run could not continue; its message then says what to try.
     error : GlobalError or None
         How far the run is from a finer one, where that was made.
     saturated : dict of str to float
-        Actuators whose command or force was cut at its limits, and in which share of the rows.
+        Actuators whose command or force was cut at its limits, and in what fraction of the rows.
     """
 
     position: float
@@ -95,7 +95,7 @@ class Certificate:
         """What a person should look at before trusting the solution; empty where nothing stands out."""
         found, advice = [], "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
         if self.ended_early:
-            advice = "the run could not go on, see its message"
+            advice = "the run could not continue, see its message"
         if self.position > 1e-8:
             found.append(f"a loop is open by {self.position:.1e}")
         if self.force > 0.01:

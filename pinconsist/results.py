@@ -1,4 +1,4 @@
-"""What a run did to each joint, frame and force, by its name, and the table of it."""
+"""The results of a run by the names of joints, frames and forces, and as a table."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """What one joint did over a run. Rows are those of the solution.
+    """The motion of one joint over a run. Rows are those of the solution.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class JointMotion:
     t : ndarray, shape (n,)
         Times, s.
     position, velocity, acceleration : ndarray, shape (n,), or (n, k) of a joint of several
-        As of :meth:`Solution.position`, :meth:`Solution.velocity` and :meth:`Solution.acceleration`.
+        As returned by :meth:`Solution.position`, :meth:`Solution.velocity` and :meth:`Solution.acceleration`.
     torque : ndarray, shape (n,) or (n, k)
         Of all forces and drives on the joint together, N·m or N.
     """
@@ -53,7 +53,7 @@ class JointMotion:
 
 @dataclass(frozen=True, eq=False)
 class FrameMotion:
-    """What one frame did over a run, in world axes. Rows are those of the solution.
+    """The motion of one frame over a run, in world axes. Rows are those of the solution.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class FrameMotion:
 
 
 class ByName:
-    """The part of a solution that is asked by names: of joints, frames, loops and forces.
+    """The part of a solution that is read by the names of joints, frames, loops and forces.
 
     A solution read from a file needs the `mechanism` that was simulated, with the forces of the run.
     """
@@ -146,7 +146,7 @@ class ByName:
         return FrameMotion(frame, *(read_only(each) for each in found))
 
     def torque(self, name: str, mechanism=None) -> np.ndarray:
-        """What a force, motor or drive gave, N·m (or N), positive along the joint's velocity.
+        """The torque of a force, motor or drive, N·m (or N), positive along the joint's velocity.
 
         `name` is that of a drive or coupling (what its joint received); a force by its label, ``"servo crank"``, or by
         its first word where one begins so; else a joint: all forces and drives on it together. Shape (n,) for one that
@@ -163,7 +163,7 @@ class ByName:
         return found if joint is None else _of(mechanism, joint, found)
 
     def power(self, name: str, mechanism=None) -> np.ndarray:
-        """What a force, motor or drive brought into the mechanism, τ·v, W, shape (n,); what a spring gives back, too.
+        """The power τ·v of a force, motor or drive, W, shape (n,), positive into the mechanism; springs included.
 
         `name` and `mechanism` are as in :meth:`torque`. Raises InputError for other names.
         """

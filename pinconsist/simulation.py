@@ -1,4 +1,4 @@
-"""The two front doors: `simulate` a mechanism, `integrate` any index-3 system."""
+"""The two main functions: `simulate` a mechanism, `integrate` any index-3 system."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def simulate(
         or 13; by default it begins with 9 and changes as it goes. On the command line it is ``--order``.
     rtol, atol : float or (float, float)
         The accuracy of the run in positions and velocities, relative to the largest value of each coordinate and
-        absolute; a pair gives the parts (q, v). ``sol.error`` says what was reached: a motion that amplifies errors
-        loses as much. The multipliers are never in the error test. They converge with the velocities.
+        absolute; a pair gives the parts (q, v). ``sol.error`` estimates what was achieved: a motion that amplifies
+        errors loses accuracy. The multipliers are never in the error test. They converge with the velocities.
     forces : sequence
         Forces in addition to the mechanism's own; see :class:`Mechanism`.
     control : mapping, optional
@@ -87,10 +87,10 @@ def simulate(
     events : Event or function, or sequence of them, optional
         See :class:`Event`; plain functions ``g(t, q, v, lam)`` may carry ``terminal``, ``direction``, ``apply``.
     callback : callable, optional
-        ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run. A callback with an attribute
-        ``order`` finds the order of the step there (0: of the one-step start). Unless forces or constraints are
-        functions of yours, up to 50 ms of further steps have been made by then; where it stops the run they are
-        dropped (the counters of work have them).
+        ``callback(t, q, v, lam)`` after every accepted step; a true value stops the run. If it has an attribute
+        ``order``, that is set to the order of the step first (0: the one-step start). Unless forces or constraints are
+        user-defined functions, up to 50 ms of further steps may have been made by then; if the callback stops the run,
+        they are discarded, but counted in ``nfev``, ``njev`` and ``nlu``.
     consistency : {"every-step", "initial", "exact"}
         ``"every-step"``: every accepted step is projected onto the hidden constraint, multipliers have full order
         throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing
@@ -98,17 +98,17 @@ def simulate(
     first_step, max_step : float, optional
         First and largest step of the variable-step method, s.
     max_steps : int, optional
-        Give up after so many steps.
+        Stop with an error after this many steps.
     backend : {"auto", "compiled", "python"}
-        What makes the steps. The compiled part is the same method in C++, about ten times faster; ``"auto"`` uses it
-        where it was built. Their results agree within the accuracy of a run, not digit by digit: the compiled method
-        leaves out what the error test does not see, and one step that is decided otherwise changes all that follow.
+        Which implementation makes the steps. The compiled one is the same method in C++, about ten times faster;
+        ``"auto"`` uses it if it was built. Results agree within the accuracy of a run, not digit by digit: the compiled
+        method omits work that the error test does not see, and one step decided differently changes all later ones.
 
     Returns
     -------
     Solution
-        ``success`` is False, with what was reached and a message, where the integration fails. Ctrl-C ends the run
-        with what was reached, ``status`` 1; after the last step it changes nothing.
+        If the integration fails, ``success`` is False, and the solution holds what was reached and a message. Ctrl-C
+        ends the run with what was reached, ``status`` 1; after the last step it changes nothing.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def simulate(
     SingularSystemError
         Some joint can move without any inertia.
     UserFunctionError
-        A user-defined function raised an exception before anything was reached; later that is a failed solution.
+        A user-defined function raised an exception before the first step; later ones give a failed solution.
     """
     mech = with_forces(mech, forces, "simulate")
     mech = mech if control is None else mech.with_control(control)

@@ -215,7 +215,7 @@ class Solution(ByName):
         return replayed(mechanism or own, self)
 
     def _workspace(self, model) -> Workspace:
-        """One to measure in: that of the run, where it was of this model."""
+        """A workspace for measurements: that of the run, if it was of this model."""
         system = self.system if getattr(self.system, "model", None) is model else None
         return Workspace(model, blank_system, system and system.data)
 

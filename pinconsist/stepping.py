@@ -1,4 +1,4 @@
-"""A run as an object: it goes on by one piece of time after another, under torques that are given."""
+"""A run as an object, advanced by one interval after another under given torques."""
 
 from __future__ import annotations
 
@@ -34,11 +34,10 @@ class State(NamedTuple):
 
 
 class Simulation:
-    """A run as an object: each :meth:`step` goes on by a time that is given, under torques that are given.
+    """A run as an object: each :meth:`step` advances it by a given time, under given torques.
 
-    For control loops, co-simulation and learning. It keeps what it has done, see :meth:`solution`, until
-    :meth:`reset`. Where only a law of (t, q, v) is asked at a fixed rate, :class:`Sampled` in :func:`simulate` does the
-    same.
+    For control loops, co-simulation and learning. All steps are kept until :meth:`reset`, see :meth:`solution`. For a
+    law of (t, q, v) that is called at a fixed rate, :class:`Sampled` in :func:`simulate` does the same.
 
     Parameters
     ----------
@@ -47,7 +46,7 @@ class Simulation:
     t0 : float
         The time at the start, s.
     method : {"Radau", "BDF", "ImplicitEuler"}
-        A step of Radau starts from (q, v) alone. BDF has to begin anew with each :meth:`step`, which is costly.
+        A step of Radau starts from (q, v) alone. BDF has to restart in each :meth:`step`, which is costly.
     step, max_order, rtol, atol, forces, events, max_step, backend
         As in :func:`simulate`; ``events`` that are terminal end the run.
 
@@ -59,7 +58,7 @@ class Simulation:
     Raises
     ------
     InputError, AssemblyError, SingularSystemError
-        As of :func:`simulate`.
+        As for :func:`simulate`.
     """
 
     def __init__(
@@ -85,7 +84,7 @@ class Simulation:
         return self.state
 
     def copy(self) -> Simulation:
-        """A run that goes on from the state and torques of this one, with nothing done so far; laws are shared."""
+        """A new run from the state and torques of this one, without its history; laws are shared."""
         other, (t, q, v) = copy(self), self.state
         other._stand(MechanismSystem(self.mechanism, q, t), t, q, v)
         other._hold(t, self._torque)
@@ -104,7 +103,7 @@ class Simulation:
         self._quick, self._made = plain and isinstance(self._stepper, CompiledRadauStepper) and self._step is None, []
 
     def step(self, dt, control=None) -> State:
-        """Go on by a time.
+        """Advance the run by a time.
 
         Parameters
         ----------
@@ -225,7 +224,7 @@ class Simulation:
         return [[row[0] for row in rows] for rows in self._watch.found]
 
     def solution(self) -> Solution:
-        """A :class:`Solution` of all steps since the start: for checks, pages and files. The run can go on."""
+        """A :class:`Solution` of all steps since the start: for checks, pages and files. The run can be continued."""
         self._up_to_date()
         t, message = self._place[0], self._message or f"{self._record.nsteps} steps"
         span = self._record.span[0], t

@@ -81,7 +81,7 @@ def test_driven_mechanisms_are_corrected_wherever_their_drive_takes_them():
 
 def test_reanchored_loops_that_lock_are_named_with_what_helps():
     locked = wrist(6.5e-8)
-    with pytest.warns(UserWarning, match=r"rank 7 and mobility 0 hang on less than 1e-6: leg\d \w+, .*precision=1e-06"):
+    with pytest.warns(UserWarning, match=r"rank 7 and mobility 0 rest on less than 1e-6: leg\d \w+, .*precision=1e-06"):
         assert pc.assemble(locked).mobility == 0
     assert rounding_of(locked).mobility == 3
     assert held_motors(locked, locked.guess) == ["motor1", "motor2", "motor3"]
@@ -114,7 +114,7 @@ def test_check_says_what_a_rank_hangs_on(tmp_path):
     assert (told["mobility"], told["mobility_without_weak"]) == (0, 3) and len(told["weak"]) == 3
     assert told["held_motors"] == ["motor1", "motor2", "motor3"] and all(0 < row["by"] < 1e-6 for row in told["weak"])
     text = " ".join(CliRunner().invoke(app, ["check", path]).stdout.split())
-    assert "hangs on rows that are independent by less than 1e-6 m or rad: (leg" in text
+    assert "depends on rows that are independent by less than 1e-6 m or rad: (leg" in text
     assert "without them it would be 3" in text
     assert "motors that cannot move by themselves: motor1, motor2, motor3" in text
     told = json.loads(CliRunner().invoke(app, ["check", path, "--precision", "1e-6", "--json"]).stdout)

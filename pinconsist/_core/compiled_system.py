@@ -148,7 +148,7 @@ class CompiledOneStep:
     evaluations = property(lambda self: self._run.evaluations)
 
     def step(self) -> None:
-        """One step, as of :class:`~pinconsist.dae.index1.OneStep`."""
+        """One step, as in :class:`~pinconsist.dae.index1.OneStep`."""
         run = self._run
         reason = run.step()
         if reason == "singular":

@@ -150,7 +150,7 @@ class Actuation(Motors):
         q : array (nq,), optional
             A closed configuration; default: the last one.
         v, a : mapping or array, optional
-            Velocities and accelerations of the motors, as of :meth:`velocity`, by default zero: free motions then
+            Velocities and accelerations of the motors, as for :meth:`velocity`, by default zero: free motions then
             accelerate as they must. Where `a` is an array (nv,), of all joints, these too are asked for.
         forces : mapping, optional
             Frame → force on its body at its origin, N, or force and moment, N·m, in world axes: three or six numbers.

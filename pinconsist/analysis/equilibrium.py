@@ -99,7 +99,7 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
     q0 : mapping or array, optional
         Where to start, as in :func:`assemble`. Default: the mechanism's guess.
     forces : sequence
-        Forces on top, as in :func:`simulate`.
+        Additional forces, as in :func:`simulate`.
     t : float
         Time at which forces and drives are evaluated, s.
     stable : bool

@@ -1,9 +1,9 @@
-"""Closed configurations along a way of a few coordinates, within one mode of assembly.
+"""Closed configurations along a way of a few coordinates, within one assembly mode.
 
 The coordinates y are as many velocity columns as the loops leave free; the others, p, follow. Each step is predicted
 along the tangent, δp = -B⁻¹ J_y δy with B = J_p, and closed by Newton's method in p. It is accepted where the
 prediction is good, Newton's corrections shrink at once, and det B keeps its sign: this vanishes in the singular
-positions, at which modes of assembly meet, and only there. In C++: ``_core/closure.hpp``.
+positions, at which assembly modes meet, and only there. In C++: ``_core/closure.hpp``.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ def inverse_dynamics(mechanism, times, q0=None, *, forces=()) -> InverseDynamics
     q0 : mapping or array, optional
         Where to start at the first time, as in :func:`assemble`. Default: the mechanism's guess.
     forces : sequence
-        Forces on top, as in :func:`simulate`; dry friction, damping and all others act with the motion's velocities.
+        Additional forces, as in :func:`simulate`; friction, damping and all others act with the motion's velocities.
 
     Returns
     -------

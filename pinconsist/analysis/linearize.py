@@ -105,7 +105,7 @@ def linearize(mechanism, q0=None, v0=None, *, forces=(), t: float = 0.0) -> Line
     v0 : mapping or array, optional
         Velocity, put on the constraints as by :func:`assemble`. Default: rest, or what drives make of it.
     forces : sequence
-        Forces on top, as in :func:`simulate`.
+        Additional forces, as in :func:`simulate`.
     t : float
         Time at which forces and drives are evaluated, s.
 

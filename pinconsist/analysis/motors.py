@@ -83,7 +83,7 @@ class Motors:
         Parameters
         ----------
         positions : mapping or array
-            Motor joint → position, as of :meth:`Mechanism.configuration`, the others stay; or an array (m,), rad or m.
+            Motor joint → position, as for :meth:`Mechanism.configuration`, the others stay; or an array (m,), rad or m.
             A batch has an array (n, m), or arrays (n,) in the mapping: from each configuration to the next.
         q : array (nq,), optional
             A closed configuration to start from.

@@ -107,10 +107,8 @@ def _print(mech, guess, before, assembly, singular, held, weak, without):
         rows = ", ".join(
             output.first([f"({loop} {row}) {by:.1e}" for (loop, row), by in weak.items()], TERMS, "and {} more")
         )
-        hangs = (
-            f"hangs on rows that are independent by less than 1e-6 m or rad: {rows}" if weak else "hangs on rounding"
-        )
-        output.paragraph(f"{hangs}; without them it would be {without}", indent="  ", hanging="    ")
+        on = f"rows that are independent by less than 1e-6 m or rad: {rows}" if weak else "rounding"
+        output.paragraph(f"depends on {on}; without them it would be {without}", indent="  ", hanging="    ")
     if held:
         output.paragraph(f"motors that cannot move by themselves: {', '.join(held)}", indent="  ", hanging="    ")
     for line in _redundant_lines(assembly.redundant):

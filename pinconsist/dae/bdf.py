@@ -49,7 +49,7 @@ def predictor(k: int) -> np.ndarray:
 
 @cache
 def advance(k: int) -> np.ndarray:
-    """(ROWS, ROWS): leads a table whose row k+2 holds y_{n+1} minus its prediction to the table at n+1."""
+    """(ROWS, ROWS): maps a table whose row k+2 holds y_{n+1} minus its prediction to the table at n+1."""
     T = np.zeros((ROWS, ROWS))
     for j in range(k + 1):
         T[j, j : k + 1] = 1.0
@@ -61,12 +61,12 @@ def advance(k: int) -> np.ndarray:
 
 @cache
 def differences(k: int) -> np.ndarray:
-    """(k+1, k+1): leads past values y_n, y_{n-1}, ..., y_{n-k} to differences, and differences back to values."""
+    """(k+1, k+1): maps past values y_n, y_{n-1}, ..., y_{n-k} to differences, and differences back to values."""
     return _frozen(np.array([[(-1.0) ** i * comb(j, i) for i in range(k + 1)] for j in range(k + 1)]))
 
 
 def rescale(k: int, factor: float) -> np.ndarray:
-    """(k+1, k+1): leads Z[:k+1] to the differences for step factor·h of the same interpolating polynomial."""
+    """(k+1, k+1): maps Z[:k+1] to the differences for step factor·h of the same interpolating polynomial."""
     return differences(k) @ interpolate(k, -factor * np.arange(k + 1))
 
 
@@ -95,4 +95,4 @@ def _frozen(array):
     return array
 
 
-UNCHANGED = _frozen(np.eye(ROWS))  # what leads a table from one step to another of the same size
+UNCHANGED = _frozen(np.eye(ROWS))  # maps a table from one step to another of the same size

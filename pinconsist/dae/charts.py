@@ -66,7 +66,7 @@ def recenter(system, base, new_base, Z, D) -> None:
     """Move the position columns of a table Z from the chart at `base` to the chart at `new_base`, in place.
 
     The values behind the differences, D Z, are carried over one by one, which keeps the order of the method without
-    any derivative of the exponential; D leads differences to values and values to differences.
+    any derivative of the exponential; D maps differences to values and values to differences.
     """
     past = D @ Z[:, : system.nx]
     Z[:, : system.nx] = D @ np.array([system.difference(new_base, system.integrate(base, xi)) for xi in past])

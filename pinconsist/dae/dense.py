@@ -21,8 +21,8 @@ class Segment:
     """The polynomial of degree k over one step from `t_old` to `end`, in [ξ | v | λ], exact at both of its ends.
 
     Positions on a manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between
-    to the order of the method. `changes` led the table of the step before to this step's size, tries that were rejected
-    included; None where a run starts, with k+1 points.
+    to the order of the method. `changes` mapped the table of the step before to this step's size, including rejected
+    tries; None where a run starts, with k+1 points.
     """
 
     t_old: float
@@ -46,7 +46,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class RadauSegment:
-    """The collocation polynomial of a step from (p0, v0), led to its projected end (p, v); λ by the index-1 equations.
+    """The collocation polynomial of a step from (p0, v0), bent to its projected end (p, v); λ by the index-1 equations.
 
     `W` and `U` have the accelerations and the rates of ξ at the stages of the formula `table`, a row for each.
     """

@@ -159,7 +159,7 @@ class EventWatch:
         return [i for t, i in hits if _at_once(t, stop_at)], stop_at, self._state(segment, stop_at), final
 
     def _state(self, segment, t):
-        """(p, v, λ) at a time inside a step; it is asked for again and again."""
+        """(p, v, λ) at a time inside a step, which is wanted repeatedly."""
         if self._there[0] is not segment or self._there[1] != t:
             self._there = segment, t, segment(t) if self.retake is None else self.retake(segment, t)
         return self._there[2]

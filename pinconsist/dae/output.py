@@ -56,7 +56,7 @@ class Stop(Exception):
 
 
 class Record:
-    """Keeps what was asked for, in the order of the run.
+    """Keeps what was requested, in the order of the run.
 
     ``finish(p, lam)`` gives the multipliers as the user sees them, of one row or a stack of rows; ``interrupted()``
     says after each call of the callback whether to end the run.
@@ -157,7 +157,7 @@ class Record:
         return np.diff(t), np.concatenate([np.zeros(0, int), *self._orders])
 
     def dense(self):
-        """The continuous solution, if asked for."""
+        """The continuous solution, if requested."""
         return DenseOutput(self._curves) if self._curves else None
 
     def _report(self, batch):

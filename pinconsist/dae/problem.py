@@ -97,7 +97,7 @@ class Index3System:
         return M, 0.5 * (plus - minus), 0.5 * (plus + minus) - M
 
     def velocity_jacobian(self, t, p, v, G):
-        """The matrix W at (`t`, `p`, `v`), shape (nc, nv), where `G` is known; Gᵀ, as of rigid bodies."""
+        """The matrix W at (`t`, `p`, `v`), shape (nc, nv), where `G` is known; Gᵀ, as for rigid bodies."""
         return G.T
 
     def force_gradient(self, t, p, v, lam):
@@ -145,7 +145,7 @@ class Index3System:
         return None
 
     def start(self, t, p, v, backwards) -> None:
-        """Ask the forces that jump at times of their own what they are at the start (`t`, `p`, `v`) of a run.
+        """Set the forces that jump at times of their own to their values at the start (`t`, `p`, `v`) of a run.
 
         `backwards` says that the run goes back in time.
         """
@@ -155,7 +155,7 @@ class Index3System:
         return t_end
 
     def change(self, t, p, v) -> bool:
-        """Whether forces jumped: those that do so at `t` are asked at (`t`, `p`, `v`) what they are from then on."""
+        """Whether forces jumped: those due at `t` are evaluated at (`t`, `p`, `v`), and hold from then on."""
         return False
 
     def jumps(self, t, p, v) -> tuple[str, ...]:

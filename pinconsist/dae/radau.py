@@ -54,7 +54,7 @@ class Table:
     A, inverse, inverse2 : ndarray, shape (s, s)
         Weights a_ij = ∫ ℓ_j from 0 to c_i, A⁻¹ and A⁻².
     modes : ndarray, shape (s, s)
-        Leads values at the nodes to the coefficients of Legendre polynomials on the step.
+        Maps values at the nodes to the coefficients of Legendre polynomials on the step.
     """
 
     s: int
@@ -65,11 +65,11 @@ class Table:
     modes: np.ndarray
 
     def values(self, theta):
-        """(n, s): leads values at the nodes to those of their polynomial at the parts `theta` (n,) of the step."""
+        """(n, s): maps values at the nodes to those of their polynomial at the parts `theta` (n,) of the step."""
         return legendre.legvander(2.0 * np.asarray(theta) - 1.0, self.s - 1) @ self.modes
 
     def integrals(self, theta):
-        """(n, s): leads values at the nodes to the integrals of their polynomial from 0 to `theta` (n,)."""
+        """(n, s): maps values at the nodes to the integrals of their polynomial from 0 to `theta` (n,)."""
         return _integrals(np.asarray(theta), self.s) @ self.modes
 
 

@@ -116,7 +116,7 @@ class Stepper:
         return self.begin(self.t, self.p, self.velocity_and_multipliers()[0], t_end)
 
     def steps(self, t_end, most, with_curve, sees=None) -> StepBatch:
-        """Accepted steps towards `t_end`, at most `most`, with their polynomials where they are asked for.
+        """Accepted steps towards `t_end`, at most `most`, with their polynomials where requested.
 
         ``sees(t, p, v, λ, order)``, if not None, is called with each before the next is made; a true value ends them.
         """

@@ -72,8 +72,8 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
     q0 : mapping or array, optional
         Guess: joint name → value (the others from ``mechanism.guess``; the named joints are kept if the loops
         allow it, else a warning says where they are), or a configuration (nq,) of which nothing is kept. Where
-        ``mechanism.guess`` is closed, the named joints are led from there in small steps with the loops closed, so that
-        the mode of assembly stays; where that way is blocked, the loops are closed from the guess, in whichever mode is
+        ``mechanism.guess`` is closed, the named joints are moved from there in small steps with the loops closed, which
+        keeps the assembly mode; where that path is blocked, the loops are closed from the guess, in whichever mode is
         near.
     v0 : mapping or array, optional
         Velocity: joint name → value (these joints keep it, the others follow), or an array (nv,) that is projected
@@ -144,7 +144,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
     weak, mobility = weak_rows(solver.loop_rows, J), mechanism.nv - len(kept)
     immobile = not (mobility or solver.loop_rows.moving) and bool(mechanism.anchored_loops)
     if advises and (weak or immobile) and (advice := hint(mechanism)):
-        why = f"rank {len(kept)} and mobility {mobility} hang on less than 1e-6: {weak_text(weak)}" if weak else ""
+        why = f"rank {len(kept)} and mobility {mobility} rest on less than 1e-6: {weak_text(weak)}" if weak else ""
         warn(f"{mechanism.name}: {why or 'nothing can move'}. Most likely {advice}")
     return Assembly(
         q=best,

@@ -177,8 +177,8 @@ def checked_model(model: pin.Model) -> pin.Model:
         if model.parents[joint] not in set(model.supports[joint - 1]):
             raise InputError(
                 f"the joints of model {model.name!r} are not in depth-first order: {model.names[joint]!r} follows "
-                f"{model.names[joint - 1]!r} but hangs on {model.names[model.parents[joint]]!r}. Pinocchio's crba and "
-                "derivative algorithms are then silently wrong; add each branch completely before the next one"
+                f"{model.names[joint - 1]!r} but its parent is {model.names[model.parents[joint]]!r}. Pinocchio's crba "
+                "and derivative algorithms are then silently wrong; add each branch completely before the next one"
             )
     for name, inertia in zip(model.names, model.inertias, strict=True):
         if not np.isfinite([inertia.mass, *inertia.lever, *inertia.inertia.ravel()]).all():

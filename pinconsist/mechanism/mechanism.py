@@ -35,7 +35,7 @@ class Geometry:
 class Mechanism:
     """A tree of bodies, the loops that close it and the forces that act.
 
-    The joint damping and dry friction of the model, and gravity, act always; ``forces`` come on top.
+    The joint damping and dry friction of the model, and gravity, always act; ``forces`` are added to them.
 
     Parameters
     ----------
@@ -47,15 +47,15 @@ class Mechanism:
         Records of :mod:`pinconsist.mechanism.forces`; joint torques by name (joint → N·m or N, or a function of
         time) or as an array (nv,); callables ``f(t, q, v) -> (nv,)``.
     name : str
-        By which messages and files speak of it.
+        Used in messages and files.
     guess : mapping or array, optional
-        From where assembly starts: joint name → value, or a configuration (nq,). Default ``pin.neutral``.
+        Where assembly starts: joint name → value, or a configuration (nq,). Default ``pin.neutral``.
     actuated : sequence of str
-        Names of motorised joints, for information.
+        Names of motorised joints; the motors of :class:`Actuation` by default.
     geometry : Geometry, optional
         Shapes for replays.
     duration : float
-        How long its motion is interesting, s: the default duration of a run for commands.
+        Default duration of a run of the commands, s.
     corrected_by : float
         By how much :meth:`corrected` changed lengths and angles, m or rad; for information.
 
@@ -222,9 +222,9 @@ class Mechanism:
     def lock(self, joints, q=None) -> Mechanism:
         """The same mechanism without these joints, fixed where they stand; their bodies join those of their parents.
 
-        What the locked joints leave nothing to do goes with them: loops of which both anchors then sit on one body
-        (they must be closed), couplings of two locked joints, forces of locked joints. A user's own torques and
-        constraints still see the whole state, the locked joints at rest.
+        What then has no effect is removed: loops with both anchors on one body (they must be closed), couplings of two
+        locked joints, forces of locked joints. User-defined torques and constraints still see the whole state, with the
+        locked joints at rest.
 
         Parameters
         ----------

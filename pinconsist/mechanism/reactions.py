@@ -28,7 +28,7 @@ LOOKS = 5  # rows of a run at which dependences are looked for
 
 @dataclass(frozen=True, eq=False)
 class Reaction:
-    """What one loop did over a run. Rows are the rows of the solution; arrays are read-only.
+    """The forces of one loop over a run. Rows are the rows of the solution; arrays are read-only.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # of the longest one
 RADIUS, HEAD = 0.006, 0.05  # of a shaft; length of a head; in sizes of the picture
 ARC = 1.5 * np.pi  # of a ring, rad
 TUBE, TIP = 0.05, 0.4  # thickness of a ring and length of its head, in its radii
-ROUNDING = 1e-9  # of the largest: below it a moment is rounding, as of a hinge's tilts in a planar loop
+ROUNDING = 1e-9  # of the largest: below it a moment is rounding, such as a hinge's tilts in a planar loop
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def scale_of(kind: str, actions: list[Action], size: float) -> Scale | None:
     """One scale for all forces, or moments, of a picture; None where there are none.
 
     It is made for common ones: the median, on a logarithmic scale, of what each exceeds a quarter of the time. Larger
-    ones are cut, as of wrong multipliers at the start, near dead centres, or of loops that contradict each other.
+    ones are cut, such as those of wrong multipliers at the start, near dead centres, or of inconsistent loops.
     """
     norms = [action.norms for action in actions if action.kind == kind]
     largest = max((each.max() for each in norms), default=0.0)

@@ -24,7 +24,7 @@ class BoundActuator(BoundForce):
         self._what = f"the command of {record._who}"
 
     def command(self, t) -> float:
-        """What is asked for, before it is limited."""
+        """The command before it is limited."""
         control = self._record.control
         return float(returned(control, self._what, (), t)) if callable(control) else control
 

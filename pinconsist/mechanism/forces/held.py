@@ -215,10 +215,10 @@ class _BoundSampled(BoundHeld):
 
 @dataclass(frozen=True, eq=False)
 class Sampled(HeldRecord):
-    """A digital controller: a law that is asked once a period, and whose torques are held until the next time.
+    """A digital controller: a law that is called once per period, and whose torques are held until the next call.
 
-    Steps end at the samples. The first one is at the start of the run. What was held is kept, as ``solution.held``;
-    ``check``, ``energy`` and the estimate of the error use that, and do not ask the law again.
+    Steps end at the samples, the first of which is at the start of the run. The torques are kept as ``solution.held``;
+    ``check``, ``energy`` and the error estimate use them, and do not call the law again.
 
     Parameters
     ----------
@@ -226,11 +226,11 @@ class Sampled(HeldRecord):
         Time between samples, s.
     law : callable
         ``law(t, q, v) -> torques``, one for each velocity of the joints, N·m (or N); called with read-only arrays, once
-        a sample, in the order of time. It may have a memory, which then begins anew where a new run is given a new law.
+        per sample, in the order of time. It may keep a state of its own; give each run a new law then.
     joints : str or sequence of str, optional
         On which joints. Default: all.
     delay : float
-        Time from a sample until its torques act, s; until the first ones there are none.
+        Time from a sample until its torques act, s; there are none before the first ones act.
 
     Raises
     ------

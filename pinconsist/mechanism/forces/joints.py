@@ -199,7 +199,7 @@ class JointSpring(ForceRecord):
 class Servo(ForceRecord):
     """PD control of a joint: τ = k (θ_d(t) - θ) + d (θ̇_d(t) - θ̇).
 
-    A servo gives way and forces nothing exactly; a :class:`Drive` holds its curve whatever torque that takes.
+    A servo yields under load; a :class:`Drive` follows its curve exactly, whatever torque that takes.
 
     Parameters
     ----------
