@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict, dataclass
+from itertools import product
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from pinconsist import Drive, JointSpring, Motion, load, sensitivities, simulate
-from pinconsist._core.compiled_gradient import follower
 from pinconsist.cli import output
 from pinconsist.gradients.sensitivities import prepared
 
 from . import report
 from .gradient_reference import differences, worst
 
-TOLERANCES = (1e-6, 1e-8)
+TOLERANCES, METHODS = (1e-6, 1e-8), ("BDF", "Radau")
 
 
 def driven():
@@ -62,6 +62,7 @@ class Accuracy:
     """The largest errors of dq, dv and dλ over their largest values, of the worst parameter."""
 
     scene: str
+    method: str
     rtol: float
     steps: int
     dq: float
@@ -76,18 +77,20 @@ def accuracy(scenes=tuple(SCENES), tolerances=TOLERANCES) -> list[Accuracy]:
         make, names, until, v0 = SCENES[scene]
         mech, times = make(), np.linspace(0.0, until, 9)
         exact = differences(mech, names, times, None, v0)
-        for rtol in tolerances:
-            found = sensitivities(mech, names, (0.0, until), None, v0, t_eval=times, rtol=rtol, atol=rtol)
+        for method, rtol in product(METHODS, tolerances):
+            run = {"t_eval": times, "method": method, "rtol": rtol, "atol": rtol}
+            found = sensitivities(mech, names, (0.0, until), None, v0, **run)
             errors = worst((found.dq, found.dv, found.dlam), exact)
-            rows.append(Accuracy(scene, rtol, found.solution.nsteps, *errors))
+            rows.append(Accuracy(scene, method, rtol, found.solution.nsteps, *errors))
     return rows
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Process time of a run, s, and over it that of the derivatives' steps and of their starts."""
+    """Process time of a run, s, and over it that of its derivatives at all steps; s, that of their starts."""
 
     scene: str
+    method: str
     steps: int
     run: float
     fixed: float
@@ -97,39 +100,41 @@ class Cost:
 
 
 def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
-    """The run, its derivatives' steps with no parameter of the equations and with all, and all of it, in turn."""
+    """The run, its derivatives with no parameter of the equations and with all, and all of it, in turn."""
     rows = []
-    for scene in scenes:
+    for scene, method in product(scenes, METHODS):
         make, names, until, v0 = SCENES[scene]
-        mech, tolerances = make(), {"rtol": rtol, "atol": 1e-2 * rtol}
+        mech, run = make(), {"rtol": rtol, "atol": 1e-2 * rtol, "method": method}
         solution, legs, variants, base, *_ = prepared(
-            mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, "auto", {}
+            mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, "auto", {"method": method}
         )
         moving = [variant for variant in variants if not variant.inert]
 
         def steps(parameters, legs=legs, base=base):
             for leg in legs:
                 residuals = [variant.residuals(leg.system) for variant in parameters] or [[]]
-                S = np.zeros((leg.start.Z.shape[0], len(residuals), leg.start.Z.shape[1]))
-                follower(base.index1(leg.system), residuals).forward(leg, S)
+                lines, columns = leg.seeds()[0].shape
+                leg.follow(base.index1(leg.system), residuals, np.zeros((lines, len(residuals), columns)))
+                leg.at(leg.t, 1.0)
 
         def back(legs=legs, base=base):
             for leg in legs:
-                seeds = np.ones((1 + len(leg.t), *leg.start.Z.shape))
-                follower(base.index1(leg.system), []).backward(leg, seeds)
+                system, seeds = leg.system, leg.seeds()
+                leg.sow(leg.t, np.ones((len(leg.t), system.nx + system.nv + system.nc)), seeds, 1.0)
+                leg.follow_back(base.index1(system), [], seeds)
 
         work = {
-            "run": lambda mech=mech, until=until, v0=v0, t=tolerances: simulate(mech, (0.0, until), v0=v0, **t),
+            "run": lambda mech=mech, until=until, v0=v0, run=run: simulate(mech, (0.0, until), v0=v0, **run),
             "fixed": lambda: steps([]),
             "all": lambda moving=moving: steps(moving),
-            "whole": lambda m=mech, n=names, u=until, v=v0, t=tolerances: sensitivities(m, n, (0.0, u), None, v, **t),
+            "whole": lambda m=mech, n=names, u=until, v=v0, run=run: sensitivities(m, n, (0.0, u), None, v, **run),
             "back": back,
         }
         least = report.least_times(work, repeats)
-        run, fixed = least["run"], least["fixed"]
-        each = (least["all"] - fixed) / len(moving) / run
-        start = (least["whole"] - run - least["all"]) / len(names)
-        rows.append(Cost(scene, solution.nsteps, run, fixed / run, each, start, least["back"] / run))
+        once, fixed = least["run"], least["fixed"]
+        each = (least["all"] - fixed) / len(moving) / once
+        start = (least["whole"] - once - least["all"]) / len(names)
+        rows.append(Cost(scene, method, solution.nsteps, once, fixed / once, each, start, least["back"] / once))
     return rows
 
 
@@ -158,14 +163,14 @@ def fits(tolerances=TOLERANCES) -> list[Fit]:
         sol = simulate(beside, (0.0, 2.0), v0=speed, t_eval=TIMES, rtol=rtol, atol=1e-2 * rtol)
         return sol.q[:, [0, 2]].ravel()
 
-    def with_derivatives(rtol):
+    def with_derivatives(rtol, method="BDF"):
         """Functions of x that give angles and their derivatives, by one run for both."""
         last = {}
 
         def at(x):
             if last.get("x") != tuple(x):
                 beside = mech.with_parameters(dict(zip(NAMES, x, strict=True)))
-                options = {"t_eval": TIMES, "rtol": rtol, "atol": 1e-2 * rtol}
+                options = {"t_eval": TIMES, "rtol": rtol, "atol": 1e-2 * rtol, "method": method}
                 last.update(x=tuple(x), found=sensitivities(beside, NAMES, (0.0, 2.0), v0=speed, **options))
             return last["found"]
 
@@ -198,7 +203,7 @@ def fits(tolerances=TOLERANCES) -> list[Fit]:
             "differences of 1e-4": ("2-point", {"diff_step": 1e-4}),
         }
         ways = {way: ((lambda x, rtol=rtol: angles(x, rtol)), *rest) for way, rest in ways.items()}
-        ways["sensitivities"] = (*with_derivatives(rtol), {})
+        ways |= {f"sensitivities, {method}": (*with_derivatives(rtol, method), {}) for method in METHODS}
         for way, (function, jac, options) in ways.items():
             found, runs, seconds = fitted(function, jac, **options)
             chi2 = float(np.sum(((angles(found.x, 1e-10) - measured) / NOISE) ** 2))
@@ -218,13 +223,14 @@ def command(csv: report.Csv = None, as_json: output.Json = False) -> int:
     exact, costs, fit = ([asdict(row) for row in rows()] for rows in (accuracy, cost, fits))
     if report.in_files(csv, as_json, exact, accuracy=exact, cost=costs, fits=fit):
         return output.FINE
-    errors = [("scene", "{scene}"), ("rtol>", "{rtol:.0e}"), ("steps>", "{steps}")]
+    errors = [("scene", "{scene}"), ("method", "{method}"), ("rtol>", "{rtol:.0e}"), ("steps>", "{steps}")]
     errors += [(name, f"{{{key}:.0e}}") for name, key in (("dq>", "dq"), ("dv>", "dv"), ("dλ>", "dlam"))]
     report.table(exact, errors, "errors over the largest values, of the worst parameter")
-    columns = [("scene", "{scene}"), ("steps>", "{steps}"), ("run [ms]>", report.scaled("run", 1e3, 1))]
+    columns = [("scene", "{scene}"), ("method", "{method}"), ("steps>", "{steps}")]
+    columns += [("run [ms]>", report.scaled("run", 1e3, 1))]
     columns += [("fixed part>", "{fixed:.2f}"), ("a parameter>", "{parameter:.2f}"), ("backwards>", "{adjoint:.2f}")]
     columns += [("start of one [ms]>", report.scaled("start", 1e3, 1))]
-    report.table(costs, columns, "\nprocess time of the steps over that of the run, rtol 1e-8")
+    report.table(costs, columns, "\nprocess time of derivatives at all steps over that of the run, rtol 1e-8")
     columns = [("way", "{way}"), ("rtol>", "{rtol:.0e}"), ("χ²>", "{chi2:.2f}"), ("from optimum [σ]>", "{apart:.4f}")]
     columns += [("runs>", "{runs}"), ("time [s]>", "{seconds:.2f}")]
     report.table(fit, columns, "\nfit of three parameters to 120 noisy angles")

@@ -3,6 +3,7 @@
 
 #include "bdf.hpp"
 #include "kkt.hpp"
+#include "row_gradients.hpp"
 
 namespace pinconsist {
 
@@ -25,7 +26,7 @@ public:
   // E only where joints are curved; W of the constraints; columns of r_θ, Φ_θ, ρ_θ.
   Mat M, B, H, E, W, WE, r, phi, rho;
 
-  explicit LinearStep(System &system) : system_(system), kkt_(system.nv, system.nc, false) {}
+  explicit LinearStep(System &system) : system_(system), kkt_(system.nv, system.nc, false), rows_(system) {}
 
   // The state (p, v, a, λ) at step `i` of a leg; returns its time.
   double visit(const Leg &leg, int i) {
@@ -47,7 +48,7 @@ public:
   bool set(const Leg &leg, int i) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
     const double t = visit(leg, i);
-    differentiate_rows(t);
+    rows_.find(t, p_, v_, lam_, F_, H);
     system_.evaluate_parts(t, p_, v_, a_, M, f_v_, B);
     W = WE = system_.W;
     B = c * (B - F_);
@@ -112,71 +113,6 @@ public:
   }
 
 private:
-  // F and H by central differences; coordinates of one group are moved together.
-  void differentiate_rows(double t) {
-    constexpr double NUDGE = 3e-5; // as in gradients/linear.py
-    const int nx = system_.nx, nc = system_.nc;
-    F_.setZero(system_.nv, nx);
-    H.setZero(nc, nx);
-    if (!nc) return;
-    if (groups_.empty()) group(t);
-    Vec way(nx), there(system_.npos), rates(nc);
-    Mat change(nc, system_.nv);
-    for (const auto &members : groups_) {
-      rates.setZero();
-      change.setZero();
-      for (double side : {1.0, -1.0}) {
-        way.setZero();
-        for (int j : members) way[j] = side * NUDGE;
-        system_.integrate(p_, way, there);
-        system_.constraint(t, there, v_);
-        rates += (0.5 * side / NUDGE) * system_.rho;
-        change += (0.5 * side / NUDGE) * system_.G_transposed();
-      }
-      for (int j : members)
-        for (int i : moved_rows_[j]) {
-          H(i, j) = rates[i];
-          F_.col(j) += lam_[i] * change.row(i).transpose();
-        }
-    }
-  }
-
-  // Groups of coordinates no two of which move the same row, as J tells far from special positions. Coordinates that move
-  // no row are in none.
-  void group(double t) {
-    const int nx = system_.nx, nc = system_.nc;
-    Mat touched = Mat::Zero(nc, nx);
-    if (system_.calls_python()) touched.setOnes(); // user-defined rows need not be defined there
-    else
-      for (int place = 0; place < 3; ++place) {
-        const Vec way = (Vec::LinSpaced(nx, 1.0, nx).array() * 2.3 + 7.0 * place).sin();
-        Vec there(system_.npos);
-        system_.integrate(p_, way, there);
-        system_.constraint(t, there, v_);
-        touched += system_.W.cwiseAbs();
-      }
-    moved_rows_.assign(nx, {});
-    std::vector<std::vector<bool>> taken;
-    for (int j = 0; j < nx; ++j) {
-      for (int i = 0; i < nc; ++i)
-        if (touched(i, j) > 1e-13) moved_rows_[j].push_back(i);
-      if (moved_rows_[j].empty()) continue;
-      size_t free = 0;
-      const auto meets = [&](const std::vector<bool> &rows) {
-        for (int i : moved_rows_[j])
-          if (rows[i]) return true;
-        return false;
-      };
-      while (free < taken.size() && meets(taken[free])) ++free;
-      if (free == taken.size()) {
-        taken.emplace_back(nc, false);
-        groups_.emplace_back();
-      }
-      groups_[free].push_back(j);
-      for (int i : moved_rows_[j]) taken[free][i] = true;
-    }
-  }
-
   void residual_rates(double t) {
     const int P = static_cast<int>(parameters.size());
     r.setZero(system_.nv, P);
@@ -194,9 +130,9 @@ private:
 
   System &system_;
   KKT kkt_;
+  RowGradients rows_;
   Vec p_, v_, a_, lam_;
   Mat F_, f_v_, rhs_, moved_;
-  std::vector<std::vector<int>> groups_, moved_rows_;
 };
 
 // The recursion over a leg: tables S, (ROWS, P (nx+nv+nc)) each, row by row.

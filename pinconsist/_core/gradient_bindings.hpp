@@ -3,6 +3,9 @@
 
 #include "gradient.hpp"
 #include "radau_bindings.hpp"
+#include "stage_follow.hpp"
+
+#include <nanobind/stl/tuple.h>
 
 namespace pinconsist {
 namespace {
@@ -24,9 +27,9 @@ template <class Work> auto beside(bool calls_python, const Work &work) {
   return work();
 }
 
-bool calls_python(const System &system, const LinearStep &step) {
+bool calls_python(const System &system, const std::vector<LinearStep::Terms> &parameters) {
   bool any = system.calls_python();
-  for (const auto &terms : step.parameters)
+  for (const auto &terms : parameters)
     for (auto [weight, other] : terms) any = any || other->calls_python();
   return any;
 }
@@ -42,7 +45,7 @@ void bind_gradients(nb::module_ &m) {
               Array<const double, 2> base, Array<const double, 3> Z, std::vector<int> changed, Array<const double, 3> changes,
               Array<double, 4> tables) {
              const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
-             return beside(calls_python(system, f.step), [&] { return f.forward(leg, tables.data()); });
+             return beside(calls_python(system, f.step.parameters), [&] { return f.forward(leg, tables.data()); });
            })
       .def("backward",
            [](Derivatives &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
@@ -57,6 +60,53 @@ void bind_gradients(nb::module_ &m) {
               System &other, Array<const double, 2> weights) {
              const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
              return beside(system.calls_python() || other.calls_python(), [&] { return f.weigh(leg, other, weights.data()); });
+           });
+}
+
+// What Python hands over of steps of Radau IIA.
+using StageColumns = std::tuple<Array<const double, 1>, Array<const double, 1>, Array<const double, 1>, Array<const double, 2>,
+                                Array<const double, 2>, Array<const double, 2>, Array<const double, 2>,
+                                Array<const int64_t, 1>, Array<const int64_t, 1>, Array<const double, 1>>;
+
+StageSteps stage_steps(const StageColumns &columns) {
+  const auto &[t_old, t, h, p0, v0, p, v, s, begins, W] = columns;
+  return {static_cast<int>(t.shape(0)), t_old.data(), t.data(), h.data(), p0.data(), v0.data(), p.data(), v.data(),
+          s.data(), begins.data(), W.data()};
+}
+
+void bind_stage_gradients(nb::module_ &m) {
+  nb::class_<StageDerivatives>(m, "StageDerivatives")
+      .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
+      .def("add_parameter", [](StageDerivatives &d) { d.parameters.emplace_back(); })
+      .def("add_term", [](StageDerivatives &d, double weight, System &system) { d.parameters.back().emplace_back(weight, &system); },
+           nb::keep_alive<1, 3>())
+      .def("again",
+           [](StageDerivatives &d, System &system, StageColumns steps, Array<double, 1> W, Array<double, 2> p, Array<double, 2> v) {
+             return beside(system.calls_python(), [&] { return d.again(stage_steps(steps), W.data(), p.data(), v.data()); });
+           })
+      .def("forward",
+           [](StageDerivatives &d, System &system, StageColumns steps, Array<const double, 3> S, Array<double, 3> ends) {
+             return beside(calls_python(system, d.parameters), [&] { return d.forward(stage_steps(steps), S.data(), ends.data()); });
+           })
+      .def("backward",
+           [](StageDerivatives &d, System &system, StageColumns steps, Array<const double, 2> given, Array<double, 2> bars,
+              Array<double, 1> rates) {
+             return beside(calls_python(system, d.parameters),
+                           [&] { return d.backward(stage_steps(steps), given.data(), bars.data(), rates.data()); });
+           })
+      .def("multipliers",
+           [](StageDerivatives &d, System &system, Array<const double, 1> t, Array<const double, 2> p, Array<const double, 2> v,
+              Array<const double, 3> s, Array<double, 2> lam, Array<double, 3> of_lam) {
+             return beside(calls_python(system, d.parameters), [&] {
+               return d.multipliers(static_cast<int>(t.shape(0)), t.data(), p.data(), v.data(), s.data(), lam.data(), of_lam.data());
+             });
+           })
+      .def("multipliers_back",
+           [](StageDerivatives &d, System &system, Array<const double, 1> t, Array<const double, 2> p, Array<const double, 2> v,
+              Array<const double, 2> lam, Array<double, 2> bars, Array<double, 1> rates) {
+             return beside(calls_python(system, d.parameters), [&] {
+               return d.multipliers_back(static_cast<int>(t.shape(0)), t.data(), p.data(), v.data(), lam.data(), bars.data(), rates.data());
+             });
            });
 }
 

@@ -46,7 +46,6 @@ public:
     }
   }
 
-private:
   // B₂ₙ/(2n)!, n = 1 ... 39: the coefficients of x/2 coth(x/2).
   static const std::vector<double> &bernoulli() {
     static const std::vector<double> numbers = [] {
@@ -65,6 +64,7 @@ private:
     return numbers;
   }
 
+private:
   struct Constant {
     int i, j, k;
     double size;
@@ -79,5 +79,23 @@ private:
   std::vector<Constant> constants_;
   mutable Vec power_, next_;
 };
+
+// ∂(T rate)/∂ξ, chart_rate_gradient of dae/charts.py.
+inline void chart_rate_gradient(const System &system, const Vec &xi, const Vec &rate, Mat &total) {
+  Mat ad, of_power, change = Mat::Zero(system.nx, system.nx);
+  Vec power = rate;
+  system.bracket(xi, ad);
+  system.bracket(rate, of_power);
+  total = -0.5 * of_power;
+  for (double weight : LieGroup::bernoulli()) {
+    for (int i = 0; i < 2; ++i) {
+      system.bracket(power, of_power);
+      power = ad * power;
+      change = ad * change - of_power;
+    }
+    total += weight * change;
+    if (std::abs(weight) * largest(change) <= EPS * largest(total)) break;
+  }
+}
 
 } // namespace pinconsist

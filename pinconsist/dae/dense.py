@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, PinconsistError
 from . import bdf
 from .charts import chart_point
 from .index1 import Index1
@@ -73,6 +73,17 @@ class RadauSegment:
         p = system.integrate(self.p0, here @ self.U + theta**2 * (3.0 - 2.0 * theta) * missing)
         v = self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
         return p, v, Index1(system).acceleration(t, p, v)[1]
+
+    def led_to(self, t: float) -> RadauSegment:
+        """The step to another time, with accelerations from its polynomial, which are to be iterated."""
+        h = t - self.t_old
+        W = self.table.values(h / self.h * self.table.c) @ self.W
+        return replace(self, end=t, h=h, W=W)
+
+
+def not_made_again(t) -> PinconsistError:
+    """The error of a step that fails where it is led to another time."""
+    return PinconsistError(f"the step of Radau IIA could not be made again up to t = {t:.6g}")
 
 
 class Curve:

@@ -15,6 +15,7 @@ from .._core.compiled_gradient import follower
 from ..dae import bdf
 from ..dae.charts import chart_matrix, table_row
 from ..dae.dense import Segment, Tables
+from ..dae.index1 import Index1
 from ..dae.start import equidistant_history
 from .linear import Step, state_of
 from .stage_leg import StageLeg, stage_legs
@@ -124,10 +125,10 @@ class Leg:
             seeds[i, : len(weights)] += np.outer(weights, s)
 
 
-def legs_of(dense) -> list[Leg] | list[StageLeg]:
-    """The legs of a run from its dense output."""
+def legs_of(dense, index1_of=Index1) -> list[Leg] | list[StageLeg]:
+    """The legs of a run from its dense output; `index1_of` gives the equations of index 1 of a system."""
     if not hasattr(dense.curves[0].plain(0), "changes"):
-        return [StageLeg(steps) for curve in dense.curves for steps in stage_legs(curve)]
+        return [StageLeg(steps, index1_of) for curve in dense.curves for steps in stage_legs(curve)]
     legs: list[tuple] = []
     for curve in dense.curves:
         if not isinstance(curve, Tables):

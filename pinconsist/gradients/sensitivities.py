@@ -205,7 +205,7 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     )  # fmt: skip
     if solution.sol is None:
         raise PinconsistError(f"the run itself failed: {solution.message}")
-    legs = legs_of(solution.sol)
+    legs = legs_of(solution.sol, base.index1)
     first = legs[0].start
     state = first(first.t_old)[:2]
     return (

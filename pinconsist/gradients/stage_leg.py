@@ -6,17 +6,14 @@ the step made again up to there; rows there have the order of the method, and ne
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ..dae.dense import RadauSegment
-from ..dae.index1 import Index1, project_position, project_velocity
-from ..dae.radau import StageNewton, Stages
-from ..dae.rounding import rounding_weights
-from ..errors import PinconsistError
-from .stages import Motion, Multipliers
+from .stage_way import way_along
 
 AT_ONCE = 1e-6  # of a step: times so near to its end are there, as shorter steps would be rounding
 
@@ -25,16 +22,19 @@ AT_ONCE = 1e-6  # of a step: times so near to its end are there, as shorter step
 class StageLeg:
     """The steps of a run from one start to the next; answers what :class:`~pinconsist.gradients.forward.Leg` does.
 
-    `tables`, (1+n, 1, P, nx+nv), are S at the start and after each step.
+    `index1_of` gives the equations of index 1 of a system. `tables`, (1+n, 1, P, nx+nv), are S at the start and after
+    each step.
     """
 
     steps: list[RadauSegment]
+    index1_of: Callable
     tables: Any = None
-    _parameters: list = field(default_factory=list)
+    _way: Any = field(default=None, repr=False)
 
     def __post_init__(self):
+        self._way = way_along(self.index1_of(self.system), [])
         if _is_cut(last := self.steps[-1]):
-            self.steps = [*self.steps[:-1], self._again(last, last.end)]
+            self.steps = [*self.steps[:-1], *self._way.again([last.led_to(last.end)])]
 
     start = property(lambda self: self.steps[0])
     t = property(lambda self: np.array([step.end for step in self.steps]))
@@ -51,51 +51,41 @@ class StageLeg:
 
     def step_at(self, t, sign):
         """(start, size) of the step that holds a time."""
-        step = self.steps[self._holder(t, sign)]
+        step = self.steps[self._holders(np.array([t]), sign)[0]]
         return step.t_old, step.h
 
-    def _holder(self, t, sign):
-        return min(int(np.searchsorted(sign * self.t, sign * t)), len(self.steps) - 1)
+    def _holders(self, times, sign):
+        return np.minimum(np.searchsorted(sign * self.t, sign * times), len(self.steps) - 1)
 
-    def _place(self, t, sign):
-        """(n, None) at the end of the step n - 1, with n = 0 the start; else (n, the step n made again up to `t`)."""
-        i = self._holder(t, sign)
-        step = self.steps[i]
-        if abs(t - step.t_old) <= AT_ONCE * abs(step.h):
-            return i, None
-        if abs(t - step.end) <= AT_ONCE * abs(step.h):
-            return i + 1, None
-        return i, self._again(step, t)
+    def _placed(self, times, sign):
+        """(n, inside, steps): times are after n steps, or `inside` of the next one, which is made again up to them."""
+        n = self._holders(times, sign)
+        starts, sizes = np.array([(self.steps[i].t_old, self.steps[i].h) for i in n]).reshape(-1, 2).T
+        part = (times - starts) / sizes
+        at_end = np.abs(part - 1.0) <= AT_ONCE
+        n[at_end] += 1
+        inside = np.flatnonzero(~at_end & (np.abs(part) > AT_ONCE))
+        return n, inside, self._way.again([self.steps[n[i]].led_to(float(times[i])) for i in inside])
 
-    def _again(self, step, t) -> RadauSegment:
-        """A step up to another time, solved to rounding."""
-        system, h = step.system, t - step.t_old
-        W = step.table.values(h / step.h * step.table.c) @ step.W
-        stages = Stages(system, step.table, step.t_old, step.p0, step.v0, h, W)
-        y = np.concatenate((step.p0 if system.vector_like else np.zeros(system.nx), step.v0))
-        StageNewton().solve(stages, *rounding_weights(system, y))
-        if stages.failure:
-            raise PinconsistError(f"the step to t = {t:.6g} could not be made again: {stages.failure}")
-        p = project_position(system, t, stages.P[-1], stages.V[-1])
-        v = project_velocity(system, t, p, stages.V[-1])
-        return replace(step, end=t, h=h, W=stages.W, U=stages.U, p=p, v=v)
+    def _states(self, n, inside, steps):
+        """t, p and v there."""
+        states = [(step.end, step.p, step.v) for step in (self.steps[i - 1] for i in n)]
+        for i in np.flatnonzero(n == 0):
+            states[i] = self.start.t_old, self.start.p0, self.start.v0
+        for i, step in zip(inside, steps, strict=True):
+            states[i] = step.end, step.p, step.v
+        columns = zip(*states, strict=True) if states else ((), (), ())
+        return tuple(np.array(x, float).reshape(len(n), *size) for x, size in zip(columns, self._sizes(), strict=True))
 
-    def _state(self, n, step):
-        """(t, p, v) at a place."""
-        if step is None:
-            step = self.steps[max(n - 1, 0)]
-            if n == 0:
-                return step.t_old, step.p0, step.v0
-        return step.end, step.p, step.v
+    def _sizes(self):
+        return (), (self.system.npos,), (self.system.nv,)
 
     def states(self, times, sign):
         """p and [ξ | v | λ] at times, with ξ = 0."""
-        system, p, y = self.system, [], []
-        for t in times:
-            state = self._state(*self._place(t, sign))
-            p.append(state[1])
-            y.append(np.concatenate((np.zeros(system.nx), state[2], Index1(system).acceleration(*state)[1])))
-        return np.array(p).reshape(-1, system.npos), np.array(y).reshape(len(p), -1)
+        t, p, v = self._states(*self._placed(times, sign))
+        index1 = self.index1_of(self.system)
+        lam = [index1.acceleration(*state)[1] for state in zip(t, p, v, strict=True)]
+        return p, np.hstack((0.0 * v, v, np.array(lam).reshape(len(t), self.system.nc)))
 
     def initial(self, index1, p, v):
         """[ξ | v] where the leg begins, as one row of a table, of another run that begins at (p, v)."""
@@ -108,56 +98,47 @@ class StageLeg:
 
     def at(self, times, sign):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
-        p, y = self.states(times, sign)
-        rows = []
-        for t in times:
-            n, step = self._place(t, sign)
-            s = self.tables[n, 0]
-            if step is not None:
-                s = _moved(step, s, self._parameters)
-            of = Multipliers(self.system, *self._state(n, step)).linearize()
-            rows.append(np.hstack((s, of.forward(s, of.rates(self._parameters)))))
-        return p, y, np.array(rows).reshape(len(p), self.tables.shape[2], y.shape[1])
+        n, inside, steps = self._placed(times, sign)
+        t, p, v = self._states(n, inside, steps)
+        s = self.tables[n, 0]
+        ends = np.empty((len(inside), *s.shape[1:]))
+        self._way.forward(steps, n[inside], self.tables[:, 0], ends)
+        s[inside] = ends
+        lam, of_lam = self._way.multipliers(t, p, v, s)
+        return p, np.hstack((0.0 * v, v, lam)), np.concatenate((s, of_lam), axis=2)
 
     def follow(self, index1, residuals, S) -> None:
         """Fill `tables` from S at the start; `residuals`, for each parameter, is a list of (weight, Index1)."""
-        self._parameters, tables = residuals, [S]
-        for step in self.steps:
-            tables.append(_moved(step, tables[-1][0], residuals)[None])
-        self.tables = np.array(tables)
+        self._way = way_along(index1, residuals)
+        self.tables = np.empty((1 + len(self.steps), *S.shape))
+        self.tables[0] = S
+        self._way.forward(self.steps, np.arange(len(self.steps)), self.tables[:, 0], self.tables[1:, 0])
 
     def seeds(self):
-        """What :meth:`sow` adds to: derivatives of a number by s, in each place, and by S at the start."""
+        """What :meth:`sow` adds to: the derivative of a number by S at the start, and those by s in each place."""
         return [np.zeros((1, self.system.nx + self.system.nv)), []]
 
     def sow(self, times, derivatives, seeds, sign) -> None:
         """Add derivatives of a number by s at times, (n, nx+nv+nc), to `seeds`."""
-        seeds[1] += [(*self._place(t, sign), bar) for t, bar in zip(times, derivatives, strict=True)]
+        seeds[1].append((np.array(times), np.array(derivatives).reshape(len(times), -1), sign))
 
     def follow_back(self, index1, residuals, seeds):
         """What the parameters change of a number in the steps, (P,); `seeds[0]` becomes its derivative by S there."""
-        split, total = self.system.nx + self.system.nv, np.zeros(len(residuals))
-        bars = np.zeros((1 + len(self.steps), split))
-
-        def back(point, bar):
-            bar, weights = point.linearize().backward(bar)
-            total[:] += point.rates(residuals) @ weights
-            return bar
-
-        for n, step, bar in seeds[1]:
-            moved = bar[:split]
-            if bar[split:].any():
-                moved = moved + back(Multipliers(self.system, *self._state(n, step)), bar[split:])
-            bars[n] += moved if step is None else back(Motion(step), moved)
-        for i in reversed(range(len(self.steps))):
-            bars[i] += back(Motion(self.steps[i]), bars[i + 1])
+        self._way, split = way_along(index1, residuals), self.system.nx + self.system.nv
+        bars, total = np.zeros((1 + len(self.steps), split)), np.zeros(len(residuals))
+        for times, derivatives, sign in seeds[1]:
+            n, inside, steps = self._placed(times, sign)
+            state, given = self._states(n, inside, steps), np.array(derivatives[:, :split])
+            felt = derivatives[:, split:].any(axis=1)
+            by_state = np.zeros((felt.sum(), split))
+            total += self._way.multipliers_back(*(x[felt] for x in state), derivatives[felt, split:], by_state)
+            given[felt] += by_state
+            total += self._way.backward(steps, n[inside], given[inside], bars)
+            at_ends = np.setdiff1d(np.arange(len(n)), inside)
+            np.add.at(bars, n[at_ends], given[at_ends])
+        total += self._way.backward(self.steps, np.arange(len(self.steps)), bars[1:], bars)
         seeds[0][:] = bars[0]
         return total
-
-
-def _moved(step, s, parameters):
-    of = Motion(step).linearize()
-    return of.forward(s, of.rates(parameters))
 
 
 def _is_cut(step) -> bool:

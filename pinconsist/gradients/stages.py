@@ -45,7 +45,7 @@ class Motion(Point):
         self.system = system = step.system
         self.of = of = Stages(system, step.table, step.t_old, step.p0, step.v0, step.h, step.W)
         self.t, self.p, self.v, self.gap = step.end, step.p, step.v, step.v - of.V[-1]
-        self.a = solve_acceleration(system, self.t, self.p, self.v)[0]
+        self.still = np.zeros(system.nv)
         self.stages = list(zip(of.times, of.P, of.V, of.W, strict=True))
         self.size = of.table.s * (system.nv + system.nc) + 2 * system.nc + system.nv
         self.L, self.nu = [], None
@@ -96,14 +96,14 @@ class Motion(Point):
     def _end(self):
         """The last stage is put on the constraints."""
         system, state = self.system, (self.t, self.p, self.v)
-        _, _, G, _ = system.evaluate(*state, self.a)
+        _, _, G, _ = system.evaluate(*state, self.still)
         self.J = G.T.copy()
-        self.M, _, K = system.matrices(*state, self.a)
+        self.M, _, K = system.matrices(*state, self.still)
         self.kkt = KKT(self.M, G, self.J)
         nv = system.nv
         self.nu = self.kkt.solve(np.concatenate((np.zeros(nv), self.J @ self.gap)))[nv:]
         F, self.H = row_gradients(system, *state, self.nu)
-        self.q = system.matrices(*state, self.a + self.gap)[2] - K - F
+        self.q = system.matrices(*state, self.gap)[2] - K - F
 
     def forward(self, s, rates):
         """[s_p | s_v] at the end, (P, nx+nv), from that at the start; `rates` as of :meth:`Point.rates`."""
@@ -140,8 +140,8 @@ class Motion(Point):
         for state, L in zip(self.stages, self.L, strict=True):
             f, phi, G, _ = system.evaluate(*state)
             parts += [f - G @ L, phi]
-        f, phi, G, rho = (part.copy() for part in system.evaluate(self.t, self.p, self.v, self.a))
-        moved = system.evaluate(self.t, self.p, self.v, self.a + self.gap)[0]
+        f, phi, G, rho = (part.copy() for part in system.evaluate(self.t, self.p, self.v, self.still))
+        moved = system.evaluate(self.t, self.p, self.v, self.gap)[0]
         return np.concatenate((*parts, phi, rho, moved - f - G @ nu))
 
     def _split(self, rates):

@@ -1,0 +1,126 @@
+// row_gradients of gradients/linear.py, and what Multipliers of gradients/stages.py asks of the rows.
+#pragma once
+
+#include "system.hpp"
+
+namespace pinconsist {
+
+// Derivatives of constraint rows by central differences; coordinates that share no row are moved together.
+class RowGradients {
+public:
+  explicit RowGradients(System &system) : system_(system) {}
+
+  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ.
+  void find(double t, const Vec &p, const Vec &v, const Vec &lam, Mat &F, Mat &H) {
+    begin(t, p, v);
+    F.setZero(system_.nv, system_.nx);
+    H.setZero(system_.nc, system_.nx);
+    for (const auto &members : groups_) {
+      differences(members, NUDGE, [&](const Vec &way) {
+        system_.integrate(p, way, there_);
+        system_.constraint(t, there_, v);
+        return std::pair<const Vec &, const Mat &>(system_.rho, system_.G_transposed());
+      });
+      put(members, lam, F, H);
+    }
+  }
+
+  // F, and the derivatives of β = J a + γ by ξ and by v, in which it is quadratic.
+  void find_second(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, Mat &F, Mat &by_p, Mat &by_v) {
+    begin(t, p, v);
+    F.setZero(system_.nv, system_.nx);
+    by_p.setZero(system_.nc, system_.nx);
+    by_v.setZero(system_.nc, system_.nv);
+    Mat none;
+    const double size = 1.0 + largest(v);
+    for (const auto &members : groups_) {
+      differences(members, NUDGE, [&](const Vec &way) {
+        system_.integrate(p, way, there_);
+        return second(t, there_, v, a);
+      });
+      put(members, lam, F, by_p);
+      differences(members, size, [&](const Vec &way) { return second(t, p, v + way, a); });
+      put(members, lam, none, by_v);
+    }
+  }
+
+  // β
+  const Vec &beta(System &system, double t, const Vec &p, const Vec &v, const Vec &a) {
+    system.evaluate(t, p, v, Vec::Zero(system.nv));
+    system.acceleration_bias(t, p, v, beta_);
+    beta_ += system.G_transposed() * a;
+    return beta_;
+  }
+
+private:
+  static constexpr double NUDGE = 3e-5; // as in gradients/linear.py
+
+  std::pair<const Vec &, const Mat &> second(double t, const Vec &p, const Vec &v, const Vec &a) {
+    const Vec &found = beta(system_, t, p, v, a);
+    return {found, system_.G_transposed()};
+  }
+
+  template <class Function> void differences(const std::vector<int> &members, double size, const Function &function) {
+    rates_.setZero(system_.nc);
+    change_.setZero(system_.nc, system_.nv);
+    for (double side : {1.0, -1.0}) {
+      way_.setZero(system_.nx);
+      for (int j : members) way_[j] = side * size;
+      const auto [value, Gt] = function(way_);
+      rates_ += (0.5 * side / size) * value;
+      change_ += (0.5 * side / size) * Gt;
+    }
+  }
+
+  void put(const std::vector<int> &members, const Vec &lam, Mat &F, Mat &H) const {
+    for (int j : members)
+      for (int i : moved_rows_[j]) {
+        H(i, j) = rates_[i];
+        if (F.size()) F.col(j) += lam[i] * change_.row(i).transpose();
+      }
+  }
+
+  // Groups of coordinates no two of which move the same row, as J tells far from special positions. Coordinates that move
+  // no row are in none.
+  void begin(double t, const Vec &p, const Vec &v) {
+    const int nx = system_.nx, nc = system_.nc;
+    there_.resize(system_.npos);
+    if (!groups_.empty() || !nc) return;
+    Mat touched = Mat::Zero(nc, nx);
+    if (system_.calls_python()) touched.setOnes(); // user-defined rows need not be defined there
+    else
+      for (int place = 0; place < 3; ++place) {
+        const Vec way = (Vec::LinSpaced(nx, 1.0, nx).array() * 2.3 + 7.0 * place).sin();
+        system_.integrate(p, way, there_);
+        system_.constraint(t, there_, v);
+        touched += system_.W.cwiseAbs();
+      }
+    moved_rows_.assign(nx, {});
+    std::vector<std::vector<bool>> taken;
+    for (int j = 0; j < nx; ++j) {
+      for (int i = 0; i < nc; ++i)
+        if (touched(i, j) > 1e-13) moved_rows_[j].push_back(i);
+      if (moved_rows_[j].empty()) continue;
+      size_t free = 0;
+      const auto meets = [&](const std::vector<bool> &rows) {
+        for (int i : moved_rows_[j])
+          if (rows[i]) return true;
+        return false;
+      };
+      while (free < taken.size() && meets(taken[free])) ++free;
+      if (free == taken.size()) {
+        taken.emplace_back(nc, false);
+        groups_.emplace_back();
+      }
+      groups_[free].push_back(j);
+      for (int i : moved_rows_[j]) taken[free][i] = true;
+    }
+  }
+
+  System &system_;
+  Vec there_, way_, rates_, beta_;
+  Mat change_;
+  std::vector<std::vector<int>> groups_, moved_rows_;
+};
+
+} // namespace pinconsist
