@@ -41,7 +41,10 @@ def method_of(
         raise InputError(f"unknown backend {backend!r}; known are {', '.join(map(repr, BACKENDS))}")
     stages = _stages(max_order, step, consistency) if method == "Radau" else None
     paper.MODES[consistency].check(step is not None)
-    order = 1 if method == "ImplicitEuler" else _order(max_order, step) if stages is None else _highest(stages)
+    if stages is not None:  # 0 where the method chooses them
+        order = 2 * (stages or MOST_STAGES) - 1
+    else:
+        order = 1 if method == "ImplicitEuler" else _order(max_order, step)
     if max_steps is not None and (not isinstance(max_steps, int | np.integer) or max_steps < 1):
         raise InputError(f"max_steps must be a positive whole number, got {max_steps!r}")
     max_steps = None if max_steps is None else int(max_steps)
@@ -74,11 +77,6 @@ def _order(max_order, step) -> int:
     if isinstance(max_order, bool) or not isinstance(max_order, int | np.integer) or not 1 <= max_order <= highest:
         raise InputError(f"max_order must be a whole number from 1 to {highest}, got {max_order!r}")
     return int(max_order)
-
-
-def _highest(stages) -> int:
-    """The highest order of Radau IIA with so many stages, or with those that it chooses."""
-    return 2 * (stages or MOST_STAGES) - 1
 
 
 def _stages(max_order, step, consistency) -> int:

@@ -179,13 +179,14 @@ class ByName:
         """The label of the force that a name stands for, or None for a joint."""
         forces = bound_forces(mechanism.model, mechanism.forces)
         begin = [label for label in forces if label.split()[0] == name]
-        label = name if name in forces else begin[0] if len(begin) == 1 else None
-        if label is None and name.partition("[")[0] not in mechanism.joints:
+        if name in forces or len(begin) == 1:
+            return name if name in forces else begin[0]
+        if name.partition("[")[0] not in mechanism.joints:
             loops = (loop.name for loop in mechanism.loops if loop.kind in ("drive", "coupling"))
             known = near(name, [*forces, *loops, *mechanism.joints])
             there = f"the forces are {', '.join(forces) or 'none'}"
             raise InputError(f"{mechanism.name}: no force, drive or joint {name!r}{known}; {there}")
-        return label
+        return None
 
     def _acting(self, mechanism, label=None) -> np.ndarray:
         """τ of the force of a label, or of all forces and drives together, (n, nv)."""

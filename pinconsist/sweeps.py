@@ -200,8 +200,8 @@ def _lost(i, case, error) -> Outcome:
     """The outcome of a case that never returned."""
     if isinstance(error, KeyboardInterrupt):
         return _interrupted(i, case)
-    not_sent = isinstance(error, pickle.PicklingError) or "pickle" in str(error)
-    hint = BROKEN if isinstance(error, BrokenExecutor) else NOT_SENT if not_sent else ""
+    hint = NOT_SENT if isinstance(error, pickle.PicklingError) or "pickle" in str(error) else ""
+    hint = BROKEN if isinstance(error, BrokenExecutor) else hint
     return _failed(i, case, error, finished=False, hint=hint)
 
 

@@ -157,7 +157,8 @@ def _report(scene_sweep, cases, measured, out, as_json) -> int:
 
     complete, partial = len(measured) == len(cases), f"{out}.partial"
     table, counts = scene_sweep.rows(cases, measured), Counter(row["status"] for row in measured.values())
-    code = output.INTERRUPTED if not complete else output.FINE if counts[DONE] == len(cases) else output.FAILED
+    code = output.FINE if counts[DONE] == len(cases) else output.FAILED
+    code = code if complete else output.INTERRUPTED
     if as_json:
         output.print_json({
             "scene": scene_sweep.about(cases)["scene"]["name"], "cases": len(cases), "counts": counts,
@@ -184,7 +185,12 @@ def _report(scene_sweep, cases, measured, out, as_json) -> int:
 
 def _print(names, table):
     """The table without the velocities and the messages, its floats shortened."""
+
+    def cell(value):
+        if isinstance(value, float):
+            return f"{value:.6g}"
+        return "" if value is None else value
+
     shown = [k for k, name in enumerate(names) if not name.startswith("v.") and name != "message"]
-    cells = [["" if row[k] is None else f"{row[k]:.6g}" if isinstance(row[k], float) else row[k] for k in shown]
-             for row in table]  # fmt: skip
-    output.table([names[k] if names[k] == "status" else f"{names[k]}>" for k in shown], cells)
+    heads = [names[k] if names[k] == "status" else f"{names[k]}>" for k in shown]
+    output.table(heads, [[cell(row[k]) for k in shown] for row in table])

@@ -230,7 +230,9 @@ def _seen_at_once(stepper, record, watch):
         return None
     if watch.events and record.output.each_step:
         return lambda *row: watch.sees(*row) or record.sees(*row)
-    return watch.sees if watch.events else record.sees if record.output.each_step else None
+    if watch.events:
+        return watch.sees
+    return record.sees if record.output.each_step else None
 
 
 def _look(watch, batch, record):

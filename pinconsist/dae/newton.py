@@ -100,12 +100,12 @@ class Newton:
                 failure = "not_finite"
                 break
             rate = size / last if iteration > 1 else rate
-            to_come = size if iteration == 1 else size * rate / (1.0 - rate) if rate < 1.0 else np.inf
+            left = size if iteration == 1 else to_come(size, rate)
             before, v, lam = v, v - dv - moved / c, lam - dynamics[nv:] - constraint[nv:] / c
             p, xi = system.position(t, base, psi_x, c, v)
-            noise = STAGNATED if iteration > 1 and rate > STAGNANT else LAST if iteration == MAX_ITERATIONS else 0.0
+            noise = tolerated(rate, iteration, MAX_ITERATIONS)
             closed = noise and largest(phi) <= rounding_gap(p, G)
-            if min(size, to_come) <= tol or (noise and is_noise(dv, moved, before, psi_v, p, noise, closed)):
+            if min(size, left) <= tol or (noise and is_noise(dv, moved, before, psi_v, p, noise, closed)):
                 return Attempt(t, c, base, psi_x, p, xi, v, lam, kkt, rate)
             if rate > 2.0 and iteration > 2:
                 failure = "diverged"
@@ -114,6 +114,18 @@ class Newton:
             last = size
         why = FAILURES[failure] + (culprits(system, t, base, v) if failure == "not_finite" else "")
         return Attempt(t, c, base, psi_x, p, xi, v, lam, failure=why)
+
+
+def to_come(size, rate) -> float:
+    """The sum of all increments after one of a size, where each is `rate` times the one before."""
+    return size * rate / (1.0 - rate) if rate < 1.0 else np.inf
+
+
+def tolerated(rate, iteration, most) -> float:
+    """Which increments, relative to the velocities, may be noise: where the iteration stagnates, or after the last."""
+    if iteration > 1 and rate > STAGNANT:
+        return STAGNATED
+    return LAST if iteration == most else 0.0
 
 
 def _size(*parts) -> float:

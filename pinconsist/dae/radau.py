@@ -36,11 +36,11 @@ from numpy.polynomial import legendre
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from .charts import chart_matrix
-from .newton import culprits
+from .newton import culprits, to_come, tolerated
 from .norms import EPS, largest
 from .problem import Index3System
 from .rounding import is_noise
-from .tuning import CLOSED, FAILURES, FRESH_RATE, LAST, MAX_STAGE_ITERATIONS, MAX_SWEEPS, STAGNANT, STAGNATED
+from .tuning import CLOSED, FAILURES, FRESH_RATE, MAX_STAGE_ITERATIONS, MAX_SWEEPS
 
 
 @dataclass(frozen=True)
@@ -173,17 +173,14 @@ class StageNewton:
                 break
             if iteration > 1:
                 stages.rate = size / last
-            to_come = (
-                size if iteration == 1 else size * stages.rate / (1.0 - stages.rate) if stages.rate < 1 else np.inf
-            )
+            left = size if iteration == 1 else to_come(size, stages.rate)
             before = stages.V
             if not stages.move(table.inverse @ dV / h):
                 failure = "diverged"
                 break
             reach = largest(stages.P[-1])
-            stuck, final = iteration > 1 and stages.rate > STAGNANT, iteration == MAX_STAGE_ITERATIONS
-            noise = STAGNATED if stuck else LAST if final else 0.0
-            if min(size, to_come) <= tol or largest(dV) <= floor * (1.0 + reach):
+            noise = tolerated(stages.rate, iteration, MAX_STAGE_ITERATIONS)
+            if min(size, left) <= tol or largest(dV) <= floor * (1.0 + reach):
                 return stages
             if noise and is_noise(dV, dP, before, stages.v, stages.P[-1], noise):
                 return stages

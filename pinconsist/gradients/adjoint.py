@@ -23,13 +23,8 @@ class Back:
     """
 
     def __init__(self, solution, legs, variants, base, derivatives):
-        self.solution, self.legs, self.variants, self.base, self.derivatives = (
-            solution,
-            legs,
-            variants,
-            base,
-            derivatives,
-        )
+        self.solution, self.legs, self.variants = solution, legs, variants
+        self.base, self.derivatives = base, derivatives
         self.sign = 1.0 if legs[-1].span[1] >= legs[0].span[0] else -1.0
         self.total = np.zeros(len(variants))
 

@@ -97,9 +97,8 @@ def _force(force, smaller, locked, state):
         return None if _body(smaller, force.frame) == 0 else force
     if hasattr(force, "bind"):
         return force
-    torque, gradient = (
-        (force.function, force.gradient) if isinstance(force, Torque) else (force.torque, force.derivatives)
-    )
+    names = ("function", "gradient") if isinstance(force, Torque) else ("torque", "derivatives")
+    torque, gradient = (getattr(force, name) for name in names)
     left = state.v_left
     return Torque(_OfWhole(state, torque, left), gradient and _OfWhole(state, gradient, np.ix_(left, left)))
 

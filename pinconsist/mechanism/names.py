@@ -48,10 +48,8 @@ def position_units(model) -> list[str]:
 
 def filled(mechanism, values, full, velocity=False):
     """`full`, a configuration or a velocity, with the `values` of some joints in it; or these, if they are an array."""
-    model = mechanism.model
-    starts, sizes, what = (
-        (model.idx_vs, model.nvs, "velocity") if velocity else (model.idx_qs, model.nqs, "configuration")
-    )
+    model, what = mechanism.model, "velocity" if velocity else "configuration"
+    starts, sizes = (model.idx_vs, model.nvs) if velocity else (model.idx_qs, model.nqs)
     if not isinstance(values, Mapping):
         values = finite_array(values, what)
         if values.shape != full.shape:

@@ -66,10 +66,11 @@ class Run:
         share = np.divide(elapsed - self.elapsed[before], step, out=np.ones(len(step)), where=step > 0).clip(0, 1)
         pairs = zip(self.q[before], self.q[after], share, strict=True)
         q = np.array([pin.interpolate(self.mech.model, *pair) for pair in pairs])
-        t, lam, v = (
-            None if x is None else x[before] + (share * (x[after] - x[before]).T).T for x in (self.t, self.lam, self.v)
-        )
-        return replace(self, elapsed=elapsed, t=t, q=q, lam=lam, v=v)
+
+        def between(x):
+            return None if x is None else x[before] + (share * (x[after] - x[before]).T).T
+
+        return replace(self, elapsed=elapsed, t=between(self.t), q=q, lam=between(self.lam), v=between(self.v))
 
 
 def motors(mech: Mechanism) -> list:
@@ -82,7 +83,8 @@ def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:
 
     Without titles, several runs are named by what they differ in: consistency, else the mechanism, else a number.
     """
-    sols = list(sol.values()) if isinstance(sol, Mapping) else list(sol) if isinstance(sol, list | tuple) else [sol]
+    several = sol.values() if isinstance(sol, Mapping) else sol
+    sols = list(several) if isinstance(sol, Mapping | list | tuple) else [sol]
     if not sols:
         raise InputError("nothing to show: the list of solutions is empty")
     mechs = list(mech) if isinstance(mech, list | tuple) else [mech] * len(sols)

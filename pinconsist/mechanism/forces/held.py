@@ -157,10 +157,8 @@ class HeldTorque(HeldRecord):
     _kind, _law = "held torque", staticmethod(_bound_table)
 
     def __post_init__(self):
-        times, torques = (
-            finite_array(self.times, "HeldTorque: times"),
-            finite_array(self.torques, "HeldTorque: torques"),
-        )
+        times = finite_array(self.times, "HeldTorque: times")
+        torques = finite_array(self.torques, "HeldTorque: torques")
         torques = torques[:, None] if torques.ndim == 1 else torques
         ways = set(np.sign(np.diff(times)).tolist()) if times.ndim == 1 else {0.0}
         if len(ways) > 1 or ways == {0.0} or torques.ndim != 2 or len(torques) != len(times):
@@ -172,7 +170,9 @@ class HeldTorque(HeldRecord):
 
 
 def _names(joints):
-    return None if joints is None else (joints,) if isinstance(joints, str) else tuple(joints)
+    if joints is None:
+        return None
+    return (joints,) if isinstance(joints, str) else tuple(joints)
 
 
 class _BoundSampled(BoundHeld):
