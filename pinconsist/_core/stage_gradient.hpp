@@ -237,20 +237,27 @@ private:
     end_phi_.setZero(nc, P);
     end_rho_.setZero(nc, P);
     end_q_.setZero(nv, P);
-    for (int k = 0; k < P; ++k)
+    for (int i = 0; i < s; ++i) {
+      see(i);
+      each(at_, stage_p_, stage_v_, stage_w_, [&](int k, double weight, const System &other) {
+        r_.col(k).segment(i * nv, nv) += weight * (other.f - other.G_transposed().transpose() * L_.col(i));
+        phi_.col(k).segment(i * nc, nc) += weight * other.phi;
+      });
+    }
+    each(t_, p_, v_, gap_, [&](int k, double weight, const System &other) { end_q_.col(k) += weight * other.f; });
+    each(t_, p_, v_, zero_, [&](int k, double weight, const System &other) {
+      end_q_.col(k) -= weight * (other.f + other.G_transposed().transpose() * nu_);
+      end_phi_.col(k) += weight * other.phi;
+      end_rho_.col(k) += weight * other.rho;
+    });
+  }
+
+  // All terms of all parameters at one state, at which several may share what is evaluated.
+  template <class Take> void each(double t, const Vec &p, const Vec &v, const Vec &a, const Take &take) {
+    for (size_t k = 0; k < parameters_.size(); ++k)
       for (auto [weight, other] : parameters_[k]) {
-        for (int i = 0; i < s; ++i) {
-          see(i);
-          other->evaluate(at_, stage_p_, stage_v_, stage_w_);
-          r_.col(k).segment(i * nv, nv) += weight * (other->f - other->G_transposed().transpose() * L_.col(i));
-          phi_.col(k).segment(i * nc, nc) += weight * other->phi;
-        }
-        other->evaluate(t_, p_, v_, gap_);
-        end_q_.col(k) += weight * other->f;
-        other->evaluate(t_, p_, v_, zero_);
-        end_q_.col(k) -= weight * (other->f + other->G_transposed().transpose() * nu_);
-        end_phi_.col(k) += weight * other->phi;
-        end_rho_.col(k) += weight * other->rho;
+        other->evaluate(t, p, v, a);
+        take(static_cast<int>(k), weight, *other);
       }
   }
 
