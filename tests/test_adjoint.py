@@ -95,6 +95,19 @@ def test_a_number_of_the_end_against_differences():
     assert found.gradient[0] == pytest.approx(exact, rel=1e-6) and found.value == pytest.approx(value(1.4), rel=1e-6)
 
 
+@needs_twin
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+def test_a_number_of_the_end_behind_jumps(method):
+    """No row lies before them."""
+    mech, _, _, v0 = crank_rocker()
+    options = {"v0": v0, "events": hits, "method": method}
+    build = lambda theta: mech.with_parameters({"mass:coupler": theta[0]})  # noqa: E731
+    end = lambda t, q, v, lam: q[2]  # noqa: E731
+    back = pc.gradient(build, [1.4, 1.0], (0.0, 0.2), terminal=end, **options)
+    forwards = pc.sensitivities(build, [1.4, 1.0], (0.0, 0.2), **options)
+    np.testing.assert_allclose(back.gradient, forwards.dq[-1, 2], rtol=1e-7)
+
+
 def test_refusals():
     mech, span = pc.load("crank_rocker"), (0.0, 0.01)
     with pytest.raises(pc.InputError, match="needs a number: rows="):

@@ -120,7 +120,8 @@ class StageLeg:
 
     def sow(self, times, derivatives, seeds, sign) -> None:
         """Add derivatives of a number by s at times, (n, nx+nv+nc), to `seeds`."""
-        seeds[1].append((np.array(times), np.array(derivatives).reshape(len(times), -1), sign))
+        if len(times):
+            seeds[1].append((times, np.array(derivatives), sign))
 
     def follow_back(self, index1, residuals, seeds):
         """What the parameters change of a number in the steps, (P,); `seeds[0]` becomes its derivative by S there."""
