@@ -12,18 +12,8 @@ LOOP_FIELDS = ("xyz1", "rpy1", "xyz2", "rpy2", "axis", "axis2", "length", "joint
 """Fields of loops and couplings that say where and along what they hold; zero anchors are left out."""
 
 
-def check(
-    source: given.Source,
-    loops: given.Loops = None,
-    closure: given.Closure = None,
-    free_flyer: given.FreeFlyer = False,
-    package_dirs: given.PackageDirs = None,
-    precision: given.Precision = 0.0,
-    ignore: given.Ignore = None,
-    reanchor: given.Reanchor = False,
-    at: given.At = None,
-    as_json: output.Json = False,
-) -> int:
+@scene.loads_scene
+def check(source: given.Scene, as_json: output.Json = False) -> int:
     """Describe a scene: bodies, loops, rank, redundant rows, mobility, and its closed configuration.
 
     --at sets the position. At a singular one more rows depend on each other,
@@ -37,8 +27,7 @@ def check(
     from ..mechanism.singularity import held_motors, require_nonsingular
     from ..mechanism.system import MechanismSystem
 
-    q0 = scene.joint_values(at, "--at")
-    mech = scene.SceneSource(source, loops, closure, free_flyer, package_dirs, reanchor, q0, ignore, precision).load()
+    mech, q0 = source.load(), source.at
     guess = mech.configuration(q0, base=mech.guess)
     gaps = LoopSolver(mech).gaps
     before = gaps(guess)

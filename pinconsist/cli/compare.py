@@ -17,16 +17,10 @@ STEPS = (0.002, 0.0002)  # of the duration
 LONGEST = 10.0  # s of playing
 
 
+@scene.loads_scene
 def compare(
-    subject: Annotated[str, typer.Argument(
+    source: Annotated[scene.SceneSource, typer.Argument(
         metavar="SUBJECT", help="problem51, problem52, or a scene as in: pinconsist simulate.")],
-    loops: given.Loops = None,
-    closure: given.Closure = None,
-    free_flyer: given.FreeFlyer = False,
-    precision: given.Precision = 0.0,
-    ignore: given.Ignore = None,
-    reanchor: given.Reanchor = False,
-    at: given.At = None,
     with_velocity: given.WithVelocity = None,
     step: Annotated[list[float] | None, option(
         "--step", "SECONDS ...",
@@ -50,18 +44,16 @@ def compare(
     output.require_writable(html=html, figure=plot)
     from ..reference import PROBLEMS
 
-    q0 = scene.joint_values(at, "--at") or None
+    subject, q0 = source.source, source.at or None
     v0 = scene.joint_values(with_velocity, "--with-velocity") or None
     if subject in PROBLEMS:
-        if loops or closure or free_flyer or precision or ignore or reanchor or q0 or v0:
+        if source != scene.SceneSource(subject) or v0:
             raise InputError(f"{subject} has its own loops and initial values; these options are for scenes")
         what, duration = subject, pc.Mechanism.duration
         if html and not isinstance(pc.reference_problem(subject).system, pc.Mechanism):
             raise InputError(f"--html shows bodies, and {subject} has none")
     else:
-        what = scene.SceneSource(
-            subject, loops, closure, free_flyer, None, reanchor, q0 or {}, ignore, precision
-        ).load()
+        what = source.load()
         duration = what.duration
     steps = step or [duration * share for share in STEPS]
     runs = []

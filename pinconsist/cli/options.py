@@ -4,6 +4,8 @@ from typing import Annotated
 
 import typer
 
+from ..run_file import SceneSource
+
 SCENE, START, METHOD, RESULTS, PAGE = "Scene", "Start", "Method", "Results", "Page"  # panels of a command's help
 Text = str | None
 Texts = list[str] | None
@@ -22,30 +24,12 @@ def present(**values) -> dict:
 
 
 # fmt: off
-Source = Annotated[str, typer.Argument(metavar="SCENE", help=(
+Scene = Annotated[SceneSource, typer.Argument(metavar="SCENE", help=(
     "A built-in scene (see: pinconsist models), a .urdf, .sdf or .xml (MJCF) file, or a folder of one .urdf."))]
-Loops = Annotated[Text, option("--loops", "FILE", "Loop file (YAML). Default: the one next to the .urdf.", SCENE)]
-Closure = Annotated[Text, option(
-    "--closure", "KIND", "Close every loop by this kind instead, such as point, hinge or frame.", SCENE)]
-FreeFlyer = Annotated[bool, option(
-    "--free-flyer", None, "Let the root link float instead of fixing it to the ground.", SCENE)]
-PackageDirs = Annotated[Texts, option("--package-dir", "DIR", "Folder to look for meshes in; may be repeated.", SCENE)]
-Precision = Annotated[float, option(
-    "--precision", "NUMBER", "How far off the numbers of the file may be, m and rad: 1e-6 if it was written with six "
-    "digits. Loops that lock or contradict each other only by rounding then move.", SCENE)]
-Ignore = Annotated[Texts, option(
-    "--ignore", "TAG", "Load a file without these elements, which close loops in another program and are not read "
-    "here, by tag or name; may be repeated.", SCENE)]
-Reanchor = Annotated[bool, option(
-    "--reanchor", None, "Move the anchors of loops that cannot close to where they fit best.", SCENE)]
 
 From = Annotated[float, option("--from", "SECONDS", "Start time.", START)]
 Until = Annotated[Number, option(
     "--until", "SECONDS", "End time. Default: the scene's own duration, or 5 s if it has none.", START)]
-At = Annotated[Texts, option(
-    "--at", "JOINT=VALUE ...",
-    "Initial positions of these joints, in rad or m, such as 0.3, pi/2 or 30deg; the others follow. Several numbers: "
-    "joint=0,0,0,1.", START)]
 WithVelocity = Annotated[Texts, option(
     "--with-velocity", "JOINT=VALUE ...",
     "Initial velocities of these joints, in rad/s or m/s; the others follow. Default: at rest.", START)]

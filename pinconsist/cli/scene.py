@@ -1,15 +1,19 @@
-"""The scene of a command: joint values as they are typed, what is printed about it, and what looks like a mistake."""
+"""The scene of a command: how it is given, what is printed about it, and what looks like a mistake."""
 
 import logging
 import re
 import warnings
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from math import pi
+from typing import Annotated, get_args
 
 import pinconsist as pc
 
 from ..errors import InputError
 from ..run_file import SceneSource as SceneSource
 from ..run_file import loaded as loaded
+from .options import SCENE, START, Text, Texts, option
 from .output import counted, first
 
 PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")
@@ -17,6 +21,54 @@ CLOSE_BY = 1e-2  # rad or m
 MOST_SHOWN = 3  # warnings of a kind
 TILTS = ("tilt1", "tilt2", "rx", "ry", "rz", "cross")
 _log = logging.getLogger(__name__)
+
+
+# fmt: off
+def source_of(
+    source: str,
+    loops: Annotated[Text, option(
+        "--loops", "FILE", "Loop file (YAML). Default: the one next to the .urdf.", SCENE)] = None,
+    closure: Annotated[Text, option(
+        "--closure", "KIND", "Close every loop by this kind instead, such as point, hinge or frame.", SCENE)] = None,
+    free_flyer: Annotated[bool, option(
+        "--free-flyer", None, "Let the root link float instead of fixing it to the ground.", SCENE)] = False,
+    package_dirs: Annotated[Texts, option(
+        "--package-dir", "DIR", "Folder to look for meshes in; may be repeated.", SCENE)] = None,
+    precision: Annotated[float, option(
+        "--precision", "NUMBER", "How far off the numbers of the file may be, m and rad: 1e-6 if it was written with "
+        "six digits. Loops that lock or contradict each other only by rounding then move.", SCENE)] = 0.0,
+    ignore: Annotated[Texts, option(
+        "--ignore", "TAG", "Load a file without these elements, which close loops in another program and are not read "
+        "here, by tag or name; may be repeated.", SCENE)] = None,
+    reanchor: Annotated[bool, option(
+        "--reanchor", None, "Move the anchors of loops that cannot close to where they fit best.", SCENE)] = False,
+    at: Annotated[Texts, option(
+        "--at", "JOINT=VALUE ...", "Initial positions of these joints, in rad or m, such as 0.3, pi/2 or 30deg; the "
+        "others follow. Several numbers: joint=0,0,0,1.", START)] = None,
+) -> SceneSource:
+    # fmt: on
+    """The source of a scene, from the options of all commands that load one."""
+    q0 = joint_values(at, "--at")
+    return SceneSource(source, loops, closure, free_flyer, package_dirs, reanchor, q0, ignore, precision)
+
+
+def loads_scene(command):
+    """Give a command the options of :func:`source_of` in the place of its parameter `source`, which they make."""
+    options, parameters = signature(source_of).parameters, []
+    for name, each in signature(command).parameters.items():
+        if name == "source":
+            argument, others = Annotated[str, get_args(each.annotation)[1]], list(options.values())[1:]
+            parameters += [options[name].replace(annotation=argument), *others]
+        else:
+            parameters.append(each)
+
+    @wraps(command)
+    def loading(**values):
+        return command(source=source_of(**{name: values.pop(name) for name in options}), **values)
+
+    loading.__signature__ = Signature([each.replace(kind=Parameter.KEYWORD_ONLY) for each in parameters])
+    loading.__annotations__ = {each.name: each.annotation for each in parameters}  # typer reads both
+    return loading
 
 
 def joint_values(texts, option: str) -> dict[str, list[float]]:

@@ -14,23 +14,16 @@ SHARE = 0.01  # of a parameter
 KINDS = ("mass", "length", "stiffness", "damping", "friction", "gravity")
 
 
+@scene.loads_scene
 def sensitivity(
-    source: given.Source,
+    source: given.Scene,
     of: Annotated[str, option(
         "--of", "NAME", "What changes: a frame (where it is), a joint, or a loop (its force).")] = "",
     to: Annotated[Texts, option(
         "--to", "NAME ...", "What it is changed by: mass, length, stiffness, damping, friction or gravity, all of "
         "them, or parameters by name, such as mass:coupler or motor.speed.")] = None,
-    loops: given.Loops = None,
-    closure: given.Closure = None,
-    free_flyer: given.FreeFlyer = False,
-    package_dirs: given.PackageDirs = None,
-    precision: given.Precision = 0.0,
-    ignore: given.Ignore = None,
-    reanchor: given.Reanchor = False,
     start: given.From = 0.0,
     until: given.Until = None,
-    at: given.At = None,
     with_velocity: given.WithVelocity = None,
     rtol: given.Rtol = 1e-7,
     atol: given.Atol = 1e-9,
@@ -46,9 +39,9 @@ def sensitivity(
     """
     if not of or not to:
         raise InputError("give --of NAME, a frame, joint or loop, and --to NAME ..., such as --to mass length")
-    q0, v0 = ({name: value[0] if len(value) == 1 else value for name, value in scene.joint_values(*texts).items()}
-              for texts in ((at, "--at"), (with_velocity, "--with-velocity")))  # fmt: skip
-    mech = scene.SceneSource(source, loops, closure, free_flyer, package_dirs, reanchor, q0, ignore, precision).load()
+    q0, v0 = ({name: value[0] if len(value) == 1 else value for name, value in values.items()}
+              for values in (source.at, scene.joint_values(with_velocity, "--with-velocity")))  # fmt: skip
+    mech = source.load()
     import numpy as np
 
     from ..mechanism.parameters import names_of

@@ -16,18 +16,11 @@ from .run import exit_code, resume_hint
 from .terminal import RunProgress, doing
 
 
+@scene.loads_scene
 def simulate(
-    source: given.Source,
-    loops: given.Loops = None,
-    closure: given.Closure = None,
-    free_flyer: given.FreeFlyer = False,
-    package_dirs: given.PackageDirs = None,
-    precision: given.Precision = 0.0,
-    ignore: given.Ignore = None,
-    reanchor: given.Reanchor = False,
+    source: given.Scene,
     start: given.From = 0.0,
     until: given.Until = None,
-    at: given.At = None,
     with_velocity: given.WithVelocity = None,
     control: given.Control = None,
     step: given.Step = None,
@@ -70,10 +63,8 @@ def simulate(
     from ..checkpoints import carry_out
     from ..run_file import recipe_of
 
-    q0 = scene.joint_values(at, "--at")
-    v0 = scene.joint_values(with_velocity, "--with-velocity")
-    what = scene.SceneSource(source, loops, closure, free_flyer, package_dirs, reanchor, q0, ignore, precision)
-    mech, hashes = what.load_with_hashes()
+    q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
+    mech, hashes = source.load_with_hashes()
     replay.require_drawable(mech, traces, speed)
     until = start + mech.duration if until is None else until
     commands = {joint: values[0] for joint, values in scene.joint_values(control, "--control").items()}
@@ -87,7 +78,7 @@ def simulate(
         "method": method, "step": step, "rtol": rtol, "atol": atol, "consistency": consistency,
         **present(max_order=order, max_step=max_step, max_steps=max_steps, control=commands or None),
     }  # fmt: skip
-    where = what.record(out or "run.npz")
+    where = source.record(out or "run.npz")
     recipe = recipe_of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)
     began = time.perf_counter()
     with RunProgress(start, until) as progress:  # what was reached is saved before anything else can go wrong

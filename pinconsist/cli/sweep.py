@@ -21,8 +21,9 @@ LOGGED = 10  # cases, from which on a log gets a line for every tenth
 MOST_SHOWN = 5  # failed cases whose messages are printed
 
 
+@scene.loads_scene
 def sweep(
-    source: given.Source,
+    *,
     vary: Annotated[Texts, option(
         "--vary", "NAME=VALUES",
         "What varies: JOINT (its initial position), JOINT_speed, JOINT_torque, LOOP.NUMBER or FORCE.NUMBER as in the "
@@ -31,16 +32,9 @@ def sweep(
         "normal:MEAN:DEVIATION or uniform:LOW:HIGH. Repeated: every combination.", CASES)] = None,
     count: Annotated[Count, option("--count", "N", "Samples of normal: or uniform: values.", CASES)] = None,
     seed: Annotated[Count, option("--seed", "N", "Seed of the samples. Default: 0.", CASES)] = None,
-    loops: given.Loops = None,
-    closure: given.Closure = None,
-    free_flyer: given.FreeFlyer = False,
-    package_dirs: given.PackageDirs = None,
-    precision: given.Precision = 0.0,
-    ignore: given.Ignore = None,
-    reanchor: given.Reanchor = False,
+    source: given.Scene,
     start: given.From = 0.0,
     until: given.Until = None,
-    at: given.At = None,
     with_velocity: given.WithVelocity = None,
     step: given.Step = None,
     rtol: given.Rtol = 1e-6,
@@ -76,15 +70,14 @@ def sweep(
         return scene.joint_values([f"value={text}"], "--vary")["value"][0]
 
     names, cases = cases_of(vary, number, count=count, seed=seed)
-    q0, v0 = scene.joint_values(at, "--at"), scene.joint_values(with_velocity, "--with-velocity")
+    q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
     for name in names:
         if name in q0 or name.removesuffix("_speed") in v0.keys() - {name}:
             raise InputError(f"{name} is varied, and also has a value by --at or --with-velocity")
-    recipe = scene.SceneSource(source, loops, closure, free_flyer, package_dirs, reanchor, q0, ignore, precision)
-    duration = loaded(recipe, anew=True).duration
+    duration = loaded(source, anew=True).duration
     until = start + duration if until is None else until
     settings = present(rtol=rtol, atol=atol, step=step, max_steps=max_steps)
-    scene_sweep = SceneSweep(recipe, names, start, until, q0, v0, settings)
+    scene_sweep = SceneSweep(source, names, start, until, q0, v0, settings)
     scene_sweep.check(cases[0])  # an unknown name is refused before the sweep begins
     if not out:
         return _report(scene_sweep, cases, _run(scene_sweep, cases, workers, {}), out, as_json)
