@@ -26,7 +26,7 @@ PATIENCE = 3.0  # s that the finer run may take where it was not asked for
 
 @dataclass(frozen=True)
 class GlobalError:
-    """How far a run is from a finer one, the largest over its rows.
+    """The difference between a run and a finer one, the largest over its rows.
 
     The finer run has a tenth of the tolerance, or half of the fixed step.
 

@@ -88,7 +88,7 @@ class Certificate:
             lines.append(str(self.error))
         if self.corrected_by:
             lines.append(f"file's numbers         {self.corrected_by:9.2e}  m or rad: their largest correction")
-        return "\n".join([*lines, *(f"look here: {concern}" for concern in self.concerns)])
+        return "\n".join([*lines, *(f"note: {concern}" for concern in self.concerns)])
 
     @property
     def concerns(self) -> list[str]:

@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Rerun:
-    """A run made again from its file, and how it compares.
+    """A run repeated from its file, and how it compares.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
 
 
 def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
-    """Make the run in a file again, and compare every number.
+    """Repeat the run in a file, and compare every number.
 
     Parameters as :func:`resume`: `file`, which is not changed, `scene`, `forces`, `callback`.
 

@@ -154,7 +154,7 @@ def integrate(
     max_steps=None,
     backend="auto",
 ) -> Solution:
-    """Integrate an index-3 system from initial values taken as they stand (no assembly).
+    """Integrate an index-3 system from given initial values, without assembly.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ from .summary import skipped_work, summary_of
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(ByName):
-    """What a simulation reached. Rows are times; arrays are read-only.
+    """The result of a simulation. Rows are times; arrays are read-only.
 
     Attributes
     ----------
@@ -40,9 +40,9 @@ class Solution(ByName):
         (``order`` 0) come before the first step of the method itself. Rows of ``t_eval``, and where an event ends a
         step, are interpolated: their loops are closed to the tolerance only, those of steps to rounding.
     success, status : bool, int
-        Status 0: end reached; 1: stopped by an event, a callback or Ctrl-C, a success as in scipy; -1: failed.
+        Status 0: end reached; 1: stopped by an event, a callback or Ctrl-C, which is a success as in scipy; -1: failed.
     message : str
-        What happened, for a person; begins with "interrupted" after Ctrl-C.
+        What happened, in words; begins with "interrupted" after Ctrl-C.
     nsteps, nfev, njev, nlu : int
         Accepted steps, residual evaluations, Newton matrices, factorisations.
     rejected : dict
@@ -55,16 +55,16 @@ class Solution(ByName):
     t_events, q_events, v_events : list of ndarray
         Times and states at which each event occurred.
     method : dict
-        How it was made: order, step, consistency, tolerances, what was skipped.
+        How the run was made: order, step, consistency, tolerances, what was skipped.
     scene : str
         Name of the mechanism; empty for a general problem.
     recipe : dict or None
-        How to make it again, as plain data, where :func:`pinconsist.record` or a command made it.
+        How to repeat it, as plain data, if :func:`pinconsist.record` or a command made it.
     held : dict of str to ndarray, shape (n, 1 + nv)
         Torques that were held, by the label of their force, see :class:`~pinconsist.Sampled`: since when, and τ. Where
         they jump there are two rows at one time (of ``t_eval``, the one after).
     versions : dict
-        Of the packages that made it, where it was read from a file.
+        Of the packages that made it, if it was read from a file.
     system
         The system that was integrated (None if read from a file).
     """
@@ -156,8 +156,8 @@ class Solution(ByName):
     def check(self, mechanism=None, error=None) -> Certificate:
         """The largest residuals over all rows, measured in a system of its own: see :class:`Certificate`.
 
-        Its ``error`` is the global error, estimated by a run at a tenth of the tolerance: where that takes less than 3
-        seconds, or, with `error` True or False, in any case or not at all. Forces and events are called for it again.
+        Its ``error`` is the global error, estimated by a run at a tenth of the tolerance if that takes less than 3
+        seconds; always with `error` True, never with False. Forces and events are called again for it.
 
         A solution read from a file needs `mechanism`, with the forces of the run, those given to
         ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`). Raises InputError for no mechanism, another

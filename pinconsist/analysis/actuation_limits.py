@@ -25,7 +25,7 @@ class MotorRange:
     motor : str
         Its name.
     lower, upper : float
-        The positions at its ends, rad or m; infinite where it goes round, or as far as was looked.
+        The positions at its ends, rad or m; infinite if it can turn all the way round, or if no end was found.
     lower_by, upper_by : str
         What ends it: the joint that is at its limit, ``"singular"``, or ``"nothing"``.
     lower_condition, upper_condition : float

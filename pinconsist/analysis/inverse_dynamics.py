@@ -24,7 +24,7 @@ HALVINGS = 30
 
 @dataclass(frozen=True, eq=False)
 class InverseDynamics(HasReactions):
-    """A motion and what it takes. Rows are times.
+    """A motion, and the torques and multipliers that it requires. Rows are times.
 
     Attributes
     ----------

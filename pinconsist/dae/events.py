@@ -21,14 +21,14 @@ MOST_TRIES = 3000  # Brent's method needs 135 for a triple zero, and never more 
 
 @dataclass(frozen=True)
 class Event:
-    """Something to look for along the solution.
+    """An event: a zero of a function along the solution.
 
     Parameters
     ----------
     function : callable
         ``g(t, q, v, lam) -> float``; the event is where it passes zero.
     terminal : bool or int
-        Stop there; a number stops at that many occurrences.
+        Stop there; a number: stop at that many occurrences.
     direction : float
         > 0: only where g rises, < 0: only where it falls, 0: both.
     apply : callable, optional

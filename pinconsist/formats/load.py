@@ -20,7 +20,7 @@ _CLOSURES = ("point", "frame", "hinge")
 
 
 def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=(), precision=0.0) -> Mechanism:
-    """A mechanism from a built-in name, a file, a folder or an object of Pinocchio's.
+    """A mechanism from a built-in name, a file, a folder or a Pinocchio object.
 
     Parameters
     ----------

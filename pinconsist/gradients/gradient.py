@@ -20,7 +20,7 @@ NUDGE = 1e-4  # of the size of a coordinate, of differences of fourth order
 
 @dataclass(frozen=True, eq=False)
 class Gradient:
-    """A number of a run and its derivatives by parameters.
+    """A number computed from a run, and its derivatives with respect to parameters.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ def gradient(
     backend="auto",
     **options: Any,
 ) -> Gradient:
-    """Simulate a mechanism, with the derivative of one number of the run by many parameters.
+    """Simulate a mechanism, and differentiate one number of the run with respect to many parameters.
 
     The number is the sum of ``rows(t, q, v, lam)`` over the times `t_eval`, plus ``terminal(t, q, v, lam)`` at the end.
     Its derivative is that of :func:`sensitivities` to rounding, and comes from one pass backwards over the steps, which

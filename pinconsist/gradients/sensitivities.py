@@ -26,7 +26,7 @@ from .variants import Side, variants_of
 
 @dataclass(frozen=True, eq=False)
 class Sensitivities:
-    """A run and its derivatives by parameters. Rows are those of the solution; the last index is the parameter.
+    """A run and its derivatives with respect to parameters: rows as in the solution, parameters along the last axis.
 
     Attributes
     ----------
@@ -137,12 +137,12 @@ def sensitivities(
     backend="auto",
     **options: Any,
 ) -> Sensitivities:
-    """Simulate a mechanism, with the derivatives of motion, multipliers and event times by parameters.
+    """Simulate a mechanism, and differentiate motion, multipliers and event times with respect to parameters.
 
-    The derivatives are led along the accepted steps by the method's own formulas (staggered, every step put on the
-    hidden constraint), through changes of step and order, of constraint rows, events and drives. They are those of the
-    solution, not differences of runs, which adaptive steps make useless: their relative error is about 10 to 30 times
-    that of the state.
+    The derivatives are propagated along the accepted steps by the method's own formulas (staggered, every step put on
+    the hidden constraint), through changes of step and order, of constraint rows, events and drives. They are those of
+    the solution, not differences of runs, which adaptive steps make useless: their relative error is about 10 to 30
+    times that of the state.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relat
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """A closed configuration and what is known of it.
+    """A closed configuration, and what is known about it.
 
     Attributes
     ----------

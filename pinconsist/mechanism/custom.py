@@ -20,7 +20,7 @@ CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)  # parts of the steps over which given de
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """A constraint of your own, Φ(t, q) = 0. Goes among the loops of a mechanism.
+    """A user-defined constraint Φ(t, q) = 0, given among the loops of a mechanism.
 
     Its multipliers λ are the generalised forces Jᵀλ divided by the rows of J: N·m where Φ is an angle in rad, N where
     it is a length in m. Scale Φ to one of these: loops count as closed at |Φ| < 1e-10.

@@ -77,7 +77,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class Drive:
-    """Drive a joint along q_joint = curve(t). Goes among the loops of a mechanism.
+    """Drive a joint along q_joint = curve(t); given among the loops of a mechanism.
 
     Its multiplier is the motor torque that this takes, N·m (or N), positive along the joint's velocity.
 
@@ -169,7 +169,7 @@ class DriveRow(Rows):
 
 @dataclass(frozen=True)
 class Coupling:
-    """Couple two joints: q_joint = offset + ratio·q_other + Σ higher[i]·q_other^(i+2). Goes among the loops.
+    """Couple two joints: q_joint = offset + ratio·q_other + Σ higher[i]·q_other^(i+2); given among the loops.
 
     Its multiplier is the generalised force on `joint`, N·m (or N for a sliding joint), positive along the joint's
     velocity; `other` receives -dq_joint/dq_other times it.

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 
 def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces=(), forces: bool = False) -> Path:
-    """Write the motion as one page that any browser plays, without network; the space bar plays and pauses.
+    """Write the motion as one page that any browser plays, also offline; the space bar plays and pauses.
 
     Shapes come from the mechanism's robot file where their meshes are found, else from joints, inertias and loops. A
     loop shows as a clear shell (anchor 1) and a red core (anchor 2): it is closed where the core sits in the shell.

@@ -115,7 +115,7 @@ def plot_energy(sol, file=None, mech=None) -> Figure:
 
 
 def plot_steps(sol, file=None, mech=None) -> Figure:
-    """A figure of step size, s, and order over time; InputError for one with ``t_eval``, whose rows are no steps.
+    """A figure of step size, s, and order over time; InputError for one with ``t_eval``, whose rows are not steps.
 
     Parameters and errors as :func:`plot_solution`: `sol`, `file`, `mech`.
     """

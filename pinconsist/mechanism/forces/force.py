@@ -139,7 +139,7 @@ class JointTorque(ForceRecord):
 
 @dataclass(frozen=True, eq=False)
 class Torque:
-    """A user's own law τ = f(t, q, v).
+    """A user-defined law τ = f(t, q, v).
 
     Parameters
     ----------
