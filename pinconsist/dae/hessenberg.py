@@ -68,27 +68,11 @@ class HessenbergProblem(Index3System):
         self.npos = self.nx = self.nv = self.nc = 0
 
     def at(self, t, p, v) -> HessenbergProblem:
-        """The problem with its sizes, taken from one evaluation; a run begins with it.
+        """A copy that knows ``npos``, ``nx``, ``nv`` and ``nc`` by one evaluation at `t`, `p` (np,), `v` (nv,).
 
-        Parameters
-        ----------
-        t : float
-            When, s.
-        p, v : ndarray, shapes (np,), (nv,)
-            Position and velocity.
-
-        Returns
-        -------
-        HessenbergProblem
-            A copy that knows ``npos``, ``nx``, ``nv`` and ``nc``, and checks what its functions return.
-
-        Raises
-        ------
-        InputError
-            `p` or `v` is no vector; a function returns another shape than the others ask for, or a number that is not
-            finite; ``R_p`` is not the derivative of ``R``.
-        UserFunctionError
-            A function raised an exception.
+        A run begins with it. It checks what its functions return: InputError for shapes that do not fit each other,
+        numbers that are not finite, and an ``R_p`` that is not the derivative of ``R``; UserFunctionError where a
+        function raises.
         """
         if np.ndim(p) != 1 or np.ndim(v) != 1:
             raise InputError(f"HessenbergProblem: p0 and v0 need shapes (n,), got {np.shape(p)} and {np.shape(v)}")

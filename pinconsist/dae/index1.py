@@ -74,13 +74,7 @@ def moved_by(system, t, p, v, change):
 
 
 def project_position(system, t, p, v):
-    """`p`, near the manifold, put on Φ(t, p) = 0 in the mass metric.
-
-    Raises
-    ------
-    AssemblyError
-        Φ does not fall to rounding within 20 iterations.
-    """
+    """`p`, near the manifold, put on Φ(t, p) = 0 in the mass metric; AssemblyError if 20 iterations are not enough."""
     if not system.nc:
         return p
     last = np.inf

@@ -14,17 +14,8 @@ class KKT:
         K = [ A  -c G ]
             [ W    0  ]
 
-    with A = M + c ∂f/∂v + c² ∂f/∂p in a Newton step, and A = M, c = 1 in the index-1 equations.
-
-    Parameters
-    ----------
-    A, G, W : ndarray, shapes (nv, nv), (nv, nc), (nc, nv)
-    c : float
-
-    Attributes
-    ----------
-    singular : bool
-        A pivot is exactly zero; :meth:`solve` is then of no use.
+    with A = M + c ∂f/∂v + c² ∂f/∂p in a Newton step, and A = M, c = 1 in the index-1 equations. Shapes: A (nv, nv),
+    G (nv, nc), W (nc, nv). Where ``singular``, a pivot is exactly zero, and :meth:`solve` is of no use.
     """
 
     def __init__(self, A, G, W, c: float = 1.0):

@@ -27,20 +27,10 @@ class _TooMuchWork(Exception):
 
 
 def integrate_index1(index1, t0, p0, v0, times, rtol, atol, budget=None):
-    """States at `times` (monotone, from t0 on) by DOP853 on the index-1 equations, projected at each of them.
+    """States (t, p, v, λ) at `times` (monotone, from t0 on) by DOP853 on the index-1 equations, projected at each.
 
-    `budget` limits the evaluations of the right-hand side.
-
-    Returns
-    -------
-    list of (t, p, v, λ)
-
-    Raises
-    ------
-    PinconsistError
-        The one-step method gives up.
-    SingularSystemError
-        The equations are singular on the way.
+    `budget` limits the evaluations of the right-hand side. Raises PinconsistError where the one-step method gives up,
+    SingularSystemError where the equations are singular on the way.
     """
     system = index1.system
     states, t, p, v, evaluations = [], t0, p0, v0, 0
@@ -92,13 +82,9 @@ def fill_table(system, states):
 
 
 def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
-    """k+2 states of a step size that suits the tolerance of `control`, from a few steps of DOP853.
+    """(h, states) of k+2 states, oldest first, whose step h suits the tolerance of `control`, by a few steps of DOP853.
 
-    Returns
-    -------
-    h : float
-        The step, signed, at most (t_end - t0)/(k+2).
-    states : list of (t, p, v, λ), oldest first
+    h is signed, and at most (t_end - t0)/(k+2).
     """
     system = index1.system
     rtol, atol = max(1e-2 * control.tightest[0], 1e-13), 1e-2 * control.tightest[1]

@@ -226,19 +226,10 @@ class Mechanism:
         locked joints, forces of locked joints. User-defined torques and constraints still see the whole state, with the
         locked joints at rest.
 
-        Parameters
-        ----------
-        joints : str or sequence of str
-            Names of those to lock.
-        q : mapping or array, optional
-            Where they are locked: joint name → value (others from ``guess``), or a configuration (nq,). Default
-            ``guess``, of which the rest is the new guess.
-
-        Raises
-        ------
-        InputError
-            Unknown joints; all of them; a loop that would stay open; a joint that a drive moves, or one of two
-            coupled joints alone.
+        `joints` are their names, or one name. They are locked at `q`: joint name → value (others from ``guess``), or a
+        configuration (nq,), by default the ``guess``; the rest of it is the new guess. Raises InputError for unknown
+        joints, for all of them, for a loop that would stay open, and for a joint that a drive moves, or one of two
+        coupled joints alone.
         """
         from .lock import lock
 

@@ -47,23 +47,10 @@ class ForceRecord:
         return f"{self._kind} {where}" if where and isinstance(where, str) else self._kind
 
     def bind(self, model) -> Any:
-        """The force on one model; systems call it, users need not.
+        """The force on one `model`, an object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``; systems call it.
 
-        Parameters
-        ----------
-        model : pin.Model
-            The model that the names of joints and frames belong to.
-
-        Returns
-        -------
-        Force
-            An object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``, see
-            :class:`pinconsist.mechanism.forces.Force`; it holds what it needs of the model.
-
-        Raises
-        ------
-        InputError
-            A joint or frame that the model does not have, or has several times; numbers that do not fit its velocities.
+        Raises InputError for a joint or frame that the model does not have, or has several times, and for numbers that
+        do not fit its velocities.
         """
         return self._law(self, model)
 
@@ -169,39 +156,18 @@ class Torque:
         return f"torque {function_name(self.function)}"
 
     def torque(self, t, q, v) -> np.ndarray:
-        """What the function returns at a state, checked: τ, N·m or N, shape (nv,).
+        """τ at a time `t`, configuration `q` (nq,) and velocity `v` (nv,): what the function returns, N·m or N, (nv,).
 
-        Parameters
-        ----------
-        t : float
-            Time, s.
-        q, v : ndarray, shapes (nq,), (nv,)
-            Configuration and velocity.
-
-        Raises
-        ------
-        InputError, UserFunctionError
-            It returned another shape, or no real numbers; it raised an exception.
+        Raises InputError where that has another shape or is no real number, UserFunctionError where it raises.
         """
         what = f"the torque function {function_name(self.function)}"
         return returned(self.function, what, v.shape, t, read_only(q), read_only(v))
 
     def derivatives(self, t, q, v) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """What ``gradient`` returns at a state, checked: (∂τ/∂q, ∂τ/∂v), each (nv, nv) in the tangent space, or None.
+        """(∂τ/∂q, ∂τ/∂v) at `t`, `q`, `v`, each (nv, nv) in the tangent space, or None: what ``gradient`` returns.
 
-        Without a ``gradient`` ∂τ/∂q is None, and ∂τ/∂v from forward differences.
-
-        Parameters
-        ----------
-        t : float
-            Time, s.
-        q, v : ndarray, shapes (nq,), (nv,)
-            Configuration and velocity.
-
-        Raises
-        ------
-        InputError, UserFunctionError
-            A function returned other shapes, or no finite real numbers; it raised an exception.
+        Without a ``gradient`` ∂τ/∂q is None, and ∂τ/∂v from forward differences. Raises as :meth:`torque`, also for
+        numbers that are not finite.
         """
         if self.gradient is not None:
             return _gradient(self.gradient, f"the gradient {function_name(self.gradient)}", t, q, v)
