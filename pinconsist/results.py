@@ -292,4 +292,4 @@ def _joint_of(mechanism, label) -> str | None:
     own = len(bound_forces(mechanism.model, ()))
     labels = list(bound_forces(mechanism.model, mechanism.forces))
     joint = getattr(mechanism.forces[at - own], "joint", None) if (at := labels.index(label)) >= own else None
-    return joint
+    return joint if isinstance(joint, str) else None

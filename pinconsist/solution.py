@@ -15,7 +15,7 @@ from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.energy import Energy, energy_of
 from .mechanism.forces.actuators import commands
-from .mechanism.forces.held import replayed
+from .mechanism.forces.programmed import replayed
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
 from .mechanism.rows import Workspace

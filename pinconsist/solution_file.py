@@ -57,7 +57,10 @@ def read(file) -> dict:
             arrays = {name: stored[name] for name in ARRAYS}
             held = {name[len(HELD) :]: stored[name] for name in stored.files if name.startswith(HELD)}
         _check(arrays, about)
-        if any(table.shape[1:] != (1 + arrays["v"].shape[1],) or table.dtype.kind != "f" for table in held.values()):
+        if any(
+            table.shape[1:] not in ((1 + arrays["v"].shape[1],), (2,)) or table.dtype.kind != "f"
+            for table in held.values()
+        ):
             raise ValueError("a table of held torques does not fit")
     except FormatError:
         raise

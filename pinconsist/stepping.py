@@ -15,9 +15,9 @@ from .dae.integrate import march, trajectory_of
 from .dae.output import STOPPED, SUCCESS, Output, Record, Stop
 from .errors import InputError, PinconsistError
 from .mechanism.assembly import assembled
-from .mechanism.checks import number
+from .mechanism.checks import near, number
 from .mechanism.closing import LoopSolver
-from .mechanism.forces.held import Held
+from .mechanism.forces.programmed import BoundHeldActuator, programmed
 from .mechanism.mechanism import with_forces
 from .mechanism.singularity import require_nonsingular
 from .mechanism.system import MechanismSystem
@@ -66,7 +66,7 @@ class Simulation:
         forces=(), events=None, max_step=np.inf, backend="auto",
     ):  # fmt: skip
         mech = with_forces(mech, forces, "Simulation")
-        self.mechanism, self._events, self._backend = mech.with_forces(Held("control")), as_events(events), backend
+        self.mechanism, self._events, self._backend = programmed(mech), as_events(events), backend
         self._step, self._columns = step, {}
         self._options = (method, step, max_order, rtol, atol, "every-step", None, max_step, None, backend)
         self.reset(q0, v0, number(t0, "t0"))
@@ -87,6 +87,7 @@ class Simulation:
         """A new run from the state and torques of this one, without its history; laws are shared."""
         other, (t, q, v) = copy(self), self.state
         other._stand(MechanismSystem(self.mechanism, q, t), t, q, v)
+        other._hold(t, self._commands)
         other._hold(t, self._torque)
         return other
 
@@ -96,10 +97,11 @@ class Simulation:
         self._stepper = stepper_for(system, self._method, self._backend)
         self._record = Record(Output(events=self._events), (t, t + 1.0), self._stepper.full_multipliers, bool)
         self._watch = EventWatch(self._events, self._stepper.full_multipliers, bool, self._stepper.retake)
-        self._control, self._torque = system.held_forces[-1], np.zeros(system.nv)
+        self._control, self._torque, self._commands = system.held_forces[-1], np.zeros(system.nv), {}
+        self._actuators = {each.name: each for each in system.held_forces if isinstance(each, BoundHeldActuator)}
         self._place, self._resumes, self._message = (t, q, v), False, ""
         system.start(t, q, v, False)
-        plain = not self._events and len(system.held_forces) == 1 and system.dropped_are_zero
+        plain = not self._events and len(system.held_forces) == 1 + len(self._actuators) and system.dropped_are_zero
         self._quick, self._made = plain and isinstance(self._stepper, CompiledRadauStepper) and self._step is None, []
 
     def step(self, dt, control=None) -> State:
@@ -110,8 +112,8 @@ class Simulation:
         dt : float
             How long, s.
         control : mapping or array (nv,), optional
-            Torques, joint name → N·m (or N), others zero, or of all velocities; held over this time.
-            Default: as before.
+            Commands of actuators by name, others as before, and torques, joint → N·m (or N), others zero; or torques of
+            all velocities. They are held over this time. Default: as before.
 
         Returns
         -------
@@ -188,21 +190,33 @@ class Simulation:
         self._watch.restart(t, q, v, lam)
 
     def _hold(self, t, control) -> bool:
-        """Hold torques from now on; whether they are others than before."""
+        """Hold commands and torques from now on; whether they are others than before."""
+        commands, torque = {}, self._torque
         if isinstance(control, Mapping):
-            torque = np.zeros(len(self._torque))
-            for joint, value in control.items():
-                if joint not in self._columns:
-                    self._columns[joint] = self.mechanism.columns(joint)
-                torque[self._columns[joint]] = value
+            torque = np.zeros(len(torque))
+            for name, value in control.items():
+                if name in self._actuators:
+                    commands[name] = value
+                    continue
+                if name not in self._columns:
+                    if name not in self.mechanism.joints:
+                        known = [*self._actuators, *self.mechanism.joints]
+                        raise InputError(f"control: no actuator or joint {name!r}{near(name, known)}")
+                    self._columns[name] = self.mechanism.columns(name)
+                torque[self._columns[name]] = value
         else:
             torque = np.array(control, float)
-        if torque.shape != self._torque.shape or not np.isfinite(torque).all():
+        if torque.shape != self._torque.shape or not np.isfinite([*torque, *commands.values()]).all():
             raise InputError(
-                f"control must map joints to torques or have {len(self._torque)} of them, all finite, got {control!r}"
+                f"control must map actuators to commands, joints to torques, or have {len(self._torque)} torques, all "
+                f"finite, got {control!r}"
             )
+        changed = {name: value for name, value in commands.items() if self._commands.get(name) != value}
+        for name, value in changed.items():
+            self._actuators[name].hold(t, np.array([float(value)]))
+        self._commands |= changed
         if (torque == self._torque).all():
-            return False
+            return bool(changed)
         self._torque = torque
         self._control.hold(t, torque)
         return True

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import pinconsist as pc
+from pinconsist._core.compiled_system import compiled_system
 from pinconsist.cli.app import main
+from pinconsist.mechanism.system import MechanismSystem
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
 
@@ -24,11 +26,16 @@ ACTUATORS = {
     "two on a joint": '<motor name="a" joint="hip"/><position name="b" joint="hip" kp="3"/><motor joint="slide"/>',
     "strong and weak": '<motor joint="hip" gear="5" forcerange="-1 3"/><velocity joint="knee" kv="1" gear="2"/>',
     "limited joint": '<motor joint="slide" gear="-7"/><position joint="knee" kp="8"/>',
+    "tendon": '<position tendon="both" kp="7" gear="3"/><motor joint="hip" gear="2"/>',
+    "limited tendon": '<motor tendon="both" ctrlrange="-.5 .5"/><velocity tendon="both" kv="2" forcerange="-1 1"/>',
     "damper": '<damper joint="knee" kv="2" ctrlrange="0 3"/>',
 }
 
 
-def written(path, actuators, slide="", rest=""):
+TENDON = '<tendon><fixed name="both"><joint joint="hip" coef="1.5"/><joint joint="slide" coef="-2"/></fixed></tendon>'
+
+
+def written(path, actuators, slide="", rest=TENDON):
     text = f"<mujoco>{BODIES.format(slide=slide)}<actuator>{actuators}</actuator>{rest}</mujoco>"
     path.write_text(text, encoding="utf-8")
     return path
@@ -91,6 +98,33 @@ def test_both_backends_and_mujoco_make_the_same_motion(tmp_path):
     data.ctrl[:] = 0.4, -0.3
     mujoco.mj_step(model, data, 3000)
     np.testing.assert_allclose(sol.q[-1], data.qpos, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["limited position", "limited tendon", "affine gain", "limited motors"])
+def test_the_compiled_system_has_the_same_forces(tmp_path, kind):
+    """Whatever the command is, and without a call to Python but for a function of the user's."""
+    path, rng = written(tmp_path / "arm.xml", ACTUATORS[kind]), np.random.default_rng(4)
+    plain = pc.load(path)
+    name = next(force.name for force in plain.forces if isinstance(force, pc.Actuator))
+    for command in (0.3, ([0.1, 0.4, 0.5], [-2.0, 0.5, 0.2]), pc.Motion(0.1, 3.0), np.sin):
+        mech = plain.with_control({name: command})
+        system = MechanismSystem(mech, np.zeros(3))
+        if (compiled := compiled_system(system)) is None:
+            pytest.skip("there is no compiled part")
+        assert compiled.calls_python == (command is np.sin)
+        for t in (-1.0, 0.1, 0.3, 0.45, 0.7):
+            q, v = rng.normal(size=(2, 3))
+            _, f, *_ = compiled.dynamics(t, q, v)
+            mine = system.evaluate(t, q, v, np.zeros(3))[0]
+            np.testing.assert_allclose(f, mine, atol=1e-12)
+
+
+def test_locked_joints_of_a_tendon_shift_its_law(tmp_path):
+    mech = pc.load(written(tmp_path / "arm.xml", ACTUATORS["tendon"]))
+    locked = mech.lock("hip", {"hip": 0.4})
+    q, v = np.array([0.4, -0.3, 0.2]), np.array([0.0, 0.3, 0.5])
+    np.testing.assert_allclose(pulled(locked, q[1:], v[1:]), pulled(mech, q, v)[1:], atol=1e-12)
+    assert len(locked.forces) == len(mech.forces) - 1
 
 
 def test_without_a_command_a_position_actuator_holds_its_reference(tmp_path):

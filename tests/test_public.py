@@ -107,7 +107,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "table": "positions file",
         "to_c": "file",
     },
-    "Actuator": {"label": None, "bind": "model"},
+    "Actuator": {"arms": None, "label": None, "bind": "model"},
     "Assembly": {"largest_gap": None, "redundant": None},
     "Certificate": {"concerns": None},
     "Energy": {"balance_error": None},

@@ -1,7 +1,9 @@
 """Simulation: a run as an object."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from helpers.scenes import add_body, at
 
 import pinconsist as pc
 
@@ -87,3 +89,42 @@ def test_what_cannot_be_is_refused(mech):
     with pytest.raises(pc.InputError, match="method"):
         pc.Simulation(mech, method="RK4")
     sim.step(DT, [1.0, 0.0, 0.0])
+
+
+PENDULUM = pin.Model()
+for name in ("hip", "knee"):
+    add_body(PENDULUM, PENDULUM.njoints - 1, pin.JointModelRY(), at(0.0, 0.0), name, 1.0, (0.0, 0.0, -0.3), 0.02)
+ACTUATORS = [
+    pc.Actuator("up", "hip", gain=(30.0, 0, 0), bias=(0, -30.0, -2.0), control=lambda t: 0.2 * t, force_range=(-4, 4)),
+    pc.Actuator("both", {"hip": 1.0, "knee": -2.0}, gear=3.0, control_range=(-1, 1)),
+]
+
+
+@pytest.mark.parametrize("options", [{}, {"backend": "python"}, {"method": "BDF"}])
+def test_actuators_are_commanded_by_name(options, tmp_path):
+    """A command of the run's own until the first one that is given, then what is held; as an equal law of time does."""
+    arm, given = pc.Mechanism(PENDULUM, forces=ACTUATORS, name="arm"), [{}, {"up": 0.3}, {"both": 0.4, "knee": 0.2}, {}]
+    sim = pc.Simulation(arm, {"hip": 0.1}, rtol=1e-10, atol=1e-12, **options)
+    for control in given:
+        sim.step(0.01, control)
+    up, both = ([0.0, 0.2 * 0.01, 0.3, 0.3, 0.3], [0.0, 0.0, 0.0, 0.4, 0.4])
+    q, v = [0.1, 0.0], [0.0, 0.0]
+    for i, knee in enumerate((0.0, 0.0, 0.2, 0.0)):
+        before = up[i : i + 2] if i == 0 else [up[i + 1]] * 2
+        control = {"up": ([0.01 * i, 0.01 * (i + 1)], before), "both": both[i + 1]}
+        span = 0.01 * i, 0.01 * (i + 1)
+        sol = pc.simulate(arm, span, q, v, control=control, forces=[{"knee": knee}], rtol=1e-9, atol=1e-11)
+        q, v = sol.q[-1], sol.v[-1]
+    np.testing.assert_allclose(sim.state.q, q, atol=1e-8)
+    copy, mine = sim.copy(), sim.solution()
+    np.testing.assert_allclose(copy.step(0.01).q, sim.step(0.01).q, atol=1e-9)
+    assert mine.held["up"].shape == (1, 2) and mine.check(error=True).energy_error < 1e-4
+    np.testing.assert_allclose(mine.torque("both")[-1], np.array([3.0, -6.0]) * 0.4)
+    mine.save(tmp_path / "run.npz")
+    again = pc.Solution.load(tmp_path / "run.npz")
+    assert again.check(sim.mechanism, error=False).force < 1e-8
+    np.testing.assert_allclose(again.torque("up", sim.mechanism), mine.torque("up"), atol=1e-12)
+    with pytest.raises(pc.InputError, match="no actuator or joint 'upp'; near it: up"):
+        sim.step(0.01, {"upp": 1.0})
+    with pytest.raises(pc.InputError, match="finite"):
+        sim.step(0.01, {"up": np.nan})

@@ -99,6 +99,12 @@ struct HeldTable {
     torques.push_back(torque);
     entered = since.size();
   }
+  // What is held at a time, or nothing before the first entry.
+  const Vec *at(double t) const {
+    size_t i = entered;
+    if (i && sign * t < since[i - 1]) i = std::upper_bound(since.begin(), since.begin() + i, sign * t) - since.begin();
+    return i ? &torques[i - 1] : nullptr;
+  }
 };
 
 class HeldTorque : public Force {
@@ -106,17 +112,69 @@ public:
   explicit HeldTorque(std::shared_ptr<HeldTable> table) : table_(std::move(table)) {}
 
   void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override {
-    size_t i = table_->entered;
-    if (i && table_->sign * t < table_->since[i - 1]) {
-      const auto begin = table_->since.begin();
-      i = std::upper_bound(begin, begin + i, table_->sign * t) - begin;
-    }
-    if (i) tau += table_->torques[i - 1];
+    if (const Vec *torque = table_->at(t)) tau += *torque;
   }
   void linearize(const Data &, double, const Vec &, const Vec &, Mat &, Mat &) const override {}
 
 private:
   std::shared_ptr<HeldTable> table_;
+};
+
+// τ = arms f, f = gain·(1, l, l') u + bias·(1, l, l'), l = arms·θ; command u and force f are cut at their limits
+class Actuator : public Force {
+public:
+  struct Law {
+    Vector3d gain, bias;
+    std::pair<double, double> control, force;
+  };
+  // The command: what is held, else a table in straight lines, else a curve.
+  struct Command {
+    Motion curve;
+    std::vector<double> times, values;
+    std::shared_ptr<HeldTable> held;
+
+    double operator()(double t) const {
+      if (const Vec *entry = held ? held->at(t) : nullptr) return (*entry)[0];
+      if (times.empty()) return curve(t);
+      const size_t i = std::upper_bound(times.begin(), times.end(), t) - times.begin();
+      if (i == 0 || i == times.size()) return i ? values.back() : values.front();
+      return values[i - 1] + (values[i] - values[i - 1]) / (times[i] - times[i - 1]) * (t - times[i - 1]);
+    }
+  };
+
+  Actuator(std::vector<Coordinate> joints, Vec arms, Law law, Command command)
+      : joints_(std::move(joints)), arms_(std::move(arms)), law_(std::move(law)), command_(std::move(command)) {}
+
+  void add_torque(const Data &, double t, const Vec &q, const Vec &v, Vec &tau) const override {
+    const double force = std::clamp(evaluate(t, q, v).first, law_.force.first, law_.force.second);
+    for (size_t i = 0; i < joints_.size(); ++i) tau[joints_[i].column] += arms_[i] * force;
+  }
+  void linearize(const Data &, double t, const Vec &q, const Vec &v, Mat &D, Mat &K) const override {
+    const auto [force, numbers] = evaluate(t, q, v);
+    if (!(law_.force.first <= force && force <= law_.force.second)) return;
+    for (size_t i = 0; i < joints_.size(); ++i)
+      for (size_t j = 0; j < joints_.size(); ++j) {
+        K(joints_[i].column, joints_[j].column) -= arms_[i] * arms_[j] * numbers[1];
+        D(joints_[i].column, joints_[j].column) -= arms_[i] * arms_[j] * numbers[2];
+      }
+  }
+
+private:
+  // The force before it is limited, and its constant and factors of l and l'.
+  std::pair<double, Vector3d> evaluate(double t, const Vec &q, const Vec &v) const {
+    double length = 0.0, speed = 0.0;
+    for (size_t i = 0; i < joints_.size(); ++i) {
+      length += arms_[i] * joints_[i].value(q);
+      speed += arms_[i] * v[joints_[i].column];
+    }
+    const Vector3d numbers = law_.gain * std::clamp(command_(t), law_.control.first, law_.control.second) + law_.bias;
+    return {numbers[0] + length * numbers[1] + speed * numbers[2], numbers};
+  }
+
+  std::vector<Coordinate> joints_;
+  Vec arms_;
+  Law law_;
+  Command command_;
 };
 
 // Tension k (l - l0) + d dl/dt along the line between two points. Joints that carry both points change nothing.

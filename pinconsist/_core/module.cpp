@@ -18,6 +18,7 @@ using Numbers = std::array<double, 5>;
 using Pose = Eigen::Matrix4d;
 
 SE3 placement(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()), Vector3d(pose.topRightCorner<3, 1>())); }
+using Range = std::pair<double, double>;
 Motion motion(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
 Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] != 0}; }
 
@@ -27,7 +28,7 @@ Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] !=
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 14; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 15; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -98,6 +99,15 @@ NB_MODULE(twin, m) {
            [](MechanismSystem &s, std::shared_ptr<HeldTable> table) { s.add_force(std::make_unique<HeldTorque>(std::move(table))); })
       .def("held_table",
            [](MechanismSystem &) { return std::make_shared<HeldTable>(); })
+      .def("add_actuator",
+           [](MechanismSystem &s, const std::vector<std::array<int, 3>> &joints, const Vec &arms, const Vector3d &gain, const Vector3d &bias,
+              const Range &control, const Range &force, const Numbers &curve, const std::vector<double> &times,
+              const std::vector<double> &values, std::shared_ptr<HeldTable> held) {
+             std::vector<Coordinate> places;
+             for (const auto &joint : joints) places.push_back(coordinate(joint));
+             s.add_force(std::make_unique<Actuator>(places, arms, Actuator::Law{gain, bias, control, force},
+                                                    Actuator::Command{motion(curve), times, values, std::move(held)}));
+           }, "joints"_a, "arms"_a, "gain"_a, "bias"_a, "control"_a, "force"_a, "curve"_a, "times"_a, "values"_a, "held"_a.none())
       .def("add_python_force", [](MechanismSystem &s, nb::object law) { s.add_force(std::make_unique<PythonForce>(law)); })
       .def("evaluate",
            [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a) {

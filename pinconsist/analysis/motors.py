@@ -263,8 +263,13 @@ def _without_motors(mech, joints) -> Mechanism:
             raise InputError(
                 f"{mech.name}: {loop.name!r} moves with time; name its joint among the motors, or leave it out"
             )
-    forces = [force for force in mech.forces if not (isinstance(force, Actuator | Servo) and force.joint in joints)]
+    forces = [force for force in mech.forces if not _on(force).intersection(joints)]
     return replace(mech, loops=tuple(loops), forces=tuple(forces))
+
+
+def _on(force) -> set:
+    """The joints of an actuator or servo."""
+    return set(force.arms) if isinstance(force, Actuator) else {force.joint} if isinstance(force, Servo) else set()
 
 
 def _goals(positions):

@@ -140,7 +140,9 @@ def _print_inventory(mech):
     if massless := [joint for joint, mass in zip(mech.joints, masses, strict=True) if mass == 0.0]:
         output.paragraph(f"bodies without mass, at joints: {', '.join(massless)}", hanging="  ")
     if actuators := [force for force in mech.forces if isinstance(force, Actuator)]:
-        acting = ", ".join(f"{force.name} on {force.joint} (command {force.control:.4g})" for force in actuators)
+        commands = [f"{f.control:.4g}" if not callable(f.control) else "of time" for f in actuators]
+        pairs = zip(actuators, commands, strict=True)
+        acting = ", ".join(f"{force.name} on {' and '.join(force.arms)} (command {at})" for force, at in pairs)
         output.paragraph(f"actuators that act: {acting}; --control ACTUATOR=VALUE commands them", hanging="  ")
     if mech.actuated:
         output.paragraph(f"motors: {', '.join(mech.actuated)}", hanging="  ")

@@ -213,11 +213,11 @@ def amount(value, element: str, kind: str = "tuple"):
 
 def _value(value, kind, element):
     """A field's value from plain data, by the annotation of the field."""
-    if kind == "str":
+    if kind == "str" or (kind.startswith("str") and not isinstance(value, dict)):
         return name(value, element)
     if kind.startswith("tuple"):
         return numbers(value, element, count=3 * ("float, float, float" in kind))
-    if not kind.startswith("Mapping"):
+    if "Mapping" not in kind:
         return amount(value, element, kind)
     if not isinstance(value, dict) or not value:
         raise FormatError(f"joint names with a number each are needed, not {shown(value)}", element=element)

@@ -12,7 +12,7 @@ from ..errors import InputError
 from .checks import function_name
 from .closing import CLOSED
 from .forces import Actuator, JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Torque, Wrench
-from .joint_constraints import Coupling, Drive
+from .joint_constraints import Coordinate, Coupling, Drive
 from .loops import Loop
 from .rows import LoopRows
 
@@ -38,7 +38,7 @@ def lock(mechanism, joints, q=None):
     smaller = rebuilt(model, dict.fromkeys(locked, ()), poses)
     state = _WholeState(model, locked.values(), full)
     loops = (_loop(loop, mechanism, smaller, locked, state) for loop in mechanism.loops)
-    forces = (_force(force, smaller, locked, state) for force in mechanism.forces)
+    forces = (_force(force, mechanism, smaller, locked, state) for force in mechanism.forces)
     return replace(
         mechanism,
         model=smaller,
@@ -79,7 +79,7 @@ def _loop(loop, mechanism, smaller, locked, state):
     return None
 
 
-def _force(force, smaller, locked, state):
+def _force(force, mechanism, smaller, locked, state):
     """The force on the smaller model; None if it has nothing left to act on."""
     if isinstance(force, JointDamping | JointFriction | JointTorque):
         field = "torques" if isinstance(force, JointTorque) else "coefficients"
@@ -89,8 +89,10 @@ def _force(force, smaller, locked, state):
         else:
             left = tuple(left[i] for i in state.v_left)
         return replace(force, **{field: left}) if left else None
-    if isinstance(force, JointSpring | Servo | Actuator):
+    if isinstance(force, JointSpring | Servo):
         return None if force.joint in locked else force
+    if isinstance(force, Actuator):
+        return _actuator(force, mechanism.model, locked, state)
     if isinstance(force, SpringDamper):
         return None if _body(smaller, force.frame1) == _body(smaller, force.frame2) else force
     if isinstance(force, Wrench):
@@ -101,6 +103,17 @@ def _force(force, smaller, locked, state):
     torque, gradient = (getattr(force, name) for name in names)
     left = state.v_left
     return Torque(_OfWhole(state, torque, left), gradient and _OfWhole(state, gradient, np.ix_(left, left)))
+
+
+def _actuator(force, model, locked, state):
+    """The actuator on the joints that are left, its law for the length that these have."""
+    left = {joint: arm for joint, arm in force.arms.items() if joint not in locked}
+    if len(left) == len(force.arms) or not left:
+        return force if left else None
+    still = (joint for joint in force.arms if joint in locked)
+    length = sum(force.arms[joint] * Coordinate(model, joint, "lock", "locked").value(state.full) for joint in still)
+    gain, bias = ((law[0] + length * law[1], *law[1:]) for law in (force.gain, force.bias))
+    return replace(force, joint=left, gear=1.0, gain=gain, bias=bias)
 
 
 def _body(model, frame):

@@ -13,7 +13,7 @@ import pinocchio as pin
 from ..errors import InputError
 from ..mechanism.checks import finite_array, number
 from ..mechanism.forces import Actuator, JointTorque, Servo
-from ..mechanism.forces.held import Replayed, replayed
+from ..mechanism.forces.programmed import Replayed, replayed
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 

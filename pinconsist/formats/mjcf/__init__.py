@@ -48,7 +48,10 @@ def read(path: Path, name: str, folders) -> RobotFile:
     start = tree.configuration(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)
     shares = zip(tree.joints, tree.model.idx_qs[1:], tree.model.nqs[1:], strict=True)
     guess = {joint: start[first : first + size] for joint, first, size in shares}
-    shapes, actuated = _visible(compiled, stand_ins, tree.bodies, source.meshes), tuple(joint for joint, _ in actuators)
+    shapes, actuated = (
+        _visible(compiled, stand_ins, tree.bodies, source.meshes),
+        tuple(joint for joint, _ in actuators if joint),
+    )
     return RobotFile(tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated)
 
 

@@ -23,6 +23,7 @@ _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _KINDS = ("free", "ball", "slide", "hinge")
 _EQUALITIES = ("connect", "weld", "joint")
 _SITE = 6
+_TENDON, _WRAPS_JOINT = 3, 1  # kinds of transmissions, and of what a tendon is made of
 _AXES = {(1.0, 0.0, 0.0): "X", (0.0, 1.0, 0.0): "Y", (0.0, 0.0, 1.0): "Z"}
 _JOINTS = {_SLIDE: ("P", pin.JointModelPrismaticUnaligned), _HINGE: ("R", pin.JointModelRevoluteUnaligned)}
 _POSITIVE = "jnt_stiffness dof_armature dof_damping dof_frictionloss".split()
@@ -120,37 +121,54 @@ class Tree:
                     yield Wrench(self.bodies[body], tuple(force), xyz=tuple(m.body_ipos[body]))
 
     def actuators(self):
-        """(joint, its Actuator or None) of the actuators on joints; a warning for what exerts no force here."""
+        """(joint, its Actuator or None) of the actuators on joints, (None, Actuator) of those on fixed tendons.
+
+        A warning says what exerts no force here.
+        """
         m, names = self._m, set()
         alone = np.bincount(m.actuator_trnid[m.actuator_trntype < 2, 0], minlength=m.njnt) == 1
-        for i, (kind, (joint, *_)) in enumerate(zip(m.actuator_trntype, m.actuator_trnid, strict=True)):
-            if kind >= 2:  # neither joint nor jointinparent
+        for i, (kind, (target, *_)) in enumerate(zip(m.actuator_trntype, m.actuator_trnid, strict=True)):
+            joints = self._moved(kind, target)
+            if not joints:
                 _log.warning("%s: it acts on no joint, and is left out", _element(m, "actuator", i))
                 continue
-            limited = m.jnt_actfrclimited[joint]
+            limited = [joint for joint in joints if m.jnt_actfrclimited[joint]]
             reasons = {
-                "its joint has several degrees of freedom": m.jnt_type[joint] not in _JOINTS,
+                "its joint has several degrees of freedom": any(m.jnt_type[joint] not in _JOINTS for joint in joints),
                 "it has dynamics of its own": m.actuator_dyntype[i] != 0,
                 "its gain or bias is not affine": m.actuator_gaintype[i] > 1 or m.actuator_biastype[i] > 1,
                 "actuation is disabled in the options": "actuation" in self._off,
-                "several share a joint whose actuator force is limited": limited and not alone[joint],
+                "several share a joint whose actuator force is limited": any(not alone[joint] for joint in limited),
+                "the actuator force of its tendon, or of a joint of it, is limited": kind == _TENDON
+                and (limited or getattr(m, "tendon_actfrclimited", np.zeros(m.ntendon))[target]),
             }
+            joint = self.joints[target] if kind != _TENDON else None
             if why := next((reason for reason, holds in reasons.items() if holds), ""):
                 _log.warning("%s: it exerts no force here: %s", _element(m, "actuator", i), why)
-                yield self.joints[joint], None
+                yield joint, None
                 continue
-            name = m.actuator(i).name or self.joints[joint]
+            name = m.actuator(i).name or joint or m.tendon(target).name or f"actuator {i + 1}"
             names.add(name := name if name not in names else f"{name} {i + 1}")
-            yield self.joints[joint], self._actuator(i, joint, name)
+            yield joint, self._actuator(i, joints, name)
 
-    def _actuator(self, i, joint, name):
+    def _moved(self, kind, target) -> dict[int, float]:
+        """Joint → what its position adds to the length of a transmission; empty where that is of another kind."""
+        if kind != _TENDON:
+            return {target: 1.0} if kind < 2 else {}  # joint and jointinparent
+        m, start = self._m, self._m.tendon_adr[target]
+        parts = slice(start, start + m.tendon_num[target])
+        if (m.wrap_type[parts] != _WRAPS_JOINT).any():
+            return {}
+        return dict(zip(m.wrap_objid[parts].tolist(), m.wrap_prm[parts].tolist(), strict=True))
+
+    def _actuator(self, i, shares, name):
         m, gear = self._m, float(m_gear) if (m_gear := self._m.actuator_gear[i, 0]) else 0.0
         ranges = [
             tuple(getattr(m, f"actuator_{what}range")[i].tolist()) if getattr(m, f"actuator_{what}limited")[i] else ()
             for what in ("ctrl", "force")
         ]
-        if m.jnt_actfrclimited[joint] and gear:
-            ends = sorted(m.jnt_actfrcrange[joint] / gear)
+        if m.jnt_actfrclimited[first := next(iter(shares))] and gear:
+            ends = sorted(m.jnt_actfrcrange[first] / gear)
             low, high = ranges[1] or (-np.inf, np.inf)
             ranges[1] = float(np.clip(low, *ends)), float(np.clip(high, *ends))
         if "clampctrl" in self._off:
@@ -159,10 +177,12 @@ class Tree:
         gain = m.actuator_gainprm[i, :3] * (1.0, affine[0], affine[0])
         bias = m.actuator_biasprm[i, :3] * affine[1]
         holds = gain[0] and bias[1] == -gain[0]  # a position actuator
-        rest = gear * m.qpos0[m.jnt_qposadr[joint]] if holds else 0.0
+        rest = gear * sum(share * m.qpos0[m.jnt_qposadr[joint]] for joint, share in shares.items()) if holds else 0.0
         control = m.key_ctrl[0, i] if m.nkey else rest
         numbers = (tuple(each.tolist()) for each in (gain, bias))
-        return Actuator(name, self.joints[joint], *numbers, gear, float(control), *ranges)
+        joints = {self.joints[joint]: share for joint, share in shares.items()}
+        on = next(iter(joints)) if m.actuator_trntype[i] != _TENDON else joints
+        return Actuator(name, on, *numbers, gear, float(control), *ranges)
 
     def closures(self):
         """Loops, couplings and drives of the active equality constraints, in their order; a warning for the others."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,59 +14,61 @@ from ..joint_constraints import Coordinate
 from ..motion import Motion
 from .force import BoundForce, ForceRecord
 
+UNLIMITED = (-np.inf, np.inf)
+
 
 class BoundActuator(BoundForce):
-    """An actuator on a model."""
+    """An actuator on a model; `held` gives the commands of a program, which come before those of the record."""
 
-    def __init__(self, record, model):
-        self._record, self._coordinate = record, Coordinate(model, record.joint, record._who, "actuated")
-        self._gain, self._bias, self._gear = np.array(record.gain), np.array(record.bias), record.gear
-        self._control, self._force = record.control_range or (-np.inf, np.inf), record.force_range or (-np.inf, np.inf)
+    def __init__(self, record, model, held=None):
+        self._record, self._held = record, held
+        self._joints = [Coordinate(model, joint, record._who, "actuated") for joint in record.arms]
+        self._columns, self._arms = [joint.column for joint in self._joints], np.array(list(record.arms.values()))
+        self._gain, self._bias = np.array(record.gain), np.array(record.bias)
+        self._control, self._force = record.control_range or UNLIMITED, record.force_range or UNLIMITED
         self._what = f"the command of {record._who}"
 
     def command(self, t) -> float:
         """The command before it is limited."""
+        if self._held is not None and (held := self._held(t)) is not None:
+            return held
         control = self._record.control
         return float(returned(control, self._what, (), t)) if callable(control) else control
 
-    def unlimited(self, t, q, v) -> tuple[float, float]:
-        """The force before it is limited, N·m or N, and the command that is obeyed."""
-        state = np.array([1.0, self._gear * self._coordinate.value(q), self._gear * v[self._coordinate.column]])
+    def unlimited(self, t, q, v) -> tuple[float, float, np.ndarray]:
+        """The force before it is limited, N·m or N, the command that is obeyed, and the law's numbers under it."""
         command = min(max(self.command(t), self._control[0]), self._control[1])
-        return self._gain.dot(state) * command + self._bias.dot(state), command
+        length = self._arms.dot([joint.value(q) for joint in self._joints])
+        law = self._gain * command + self._bias
+        return law.dot((1.0, length, self._arms.dot(v[self._columns]))), command, law
 
     def at_limit(self, t, q, v) -> bool:
         """Whether the command or the force is cut at a state."""
-        force, command = self.unlimited(t, q, v)
+        force, command, _ = self.unlimited(t, q, v)
         return command != self.command(t) or not self._force[0] <= force <= self._force[1]
 
     def torque(self, t, q, v):
-        tau, (force, _) = np.zeros(len(v)), self.unlimited(t, q, v)
-        tau[self._coordinate.column] = self._gear * min(max(force, self._force[0]), self._force[1])
+        tau, force = np.zeros(len(v)), self.unlimited(t, q, v)[0]
+        tau[self._columns] = self._arms * min(max(force, self._force[0]), self._force[1])
         return tau
 
     def derivatives(self, t, q, v):
-        force, command = self.unlimited(t, q, v)
-        i, n = self._coordinate.column, len(v)
-        slope = self._gear**2 * (self._gain * command + self._bias)[1:]
-        by_q, by_v = np.zeros((2, n, n))
+        force, _, law = self.unlimited(t, q, v)
+        by_q, by_v = np.zeros((2, len(v), len(v)))
         if self._force[0] <= force <= self._force[1]:
-            by_q[i, i], by_v[i, i] = slope
+            places, squares = np.ix_(self._columns, self._columns), np.outer(self._arms, self._arms)
+            by_q[places], by_v[places] = law[1] * squares, law[2] * squares
         return by_q, by_v
 
-    def hand_over(self, twin) -> bool:
-        """A servo, where nothing limits the force and the command is constant."""
-        record = self._record
-        if record.force_range or callable(record.control):
+    def hand_over(self, twin, table=None) -> bool:
+        control = self._record.control
+        curve = control if type(control) is Motion else Motion(0.0 if callable(control) else control)
+        points = control if isinstance(control, Table) else Table((), ())
+        if callable(control) and not isinstance(control, Motion | Table):
             return False
-        constant, stiffness, damping = self._gain * np.clip(record.control, *self._control) + self._bias
-        stiffness, damping = -(self._gear**2) * stiffness, -(self._gear**2) * damping
-        if stiffness < 0.0 or damping < 0.0 or self._coordinate.period:
-            return False
-        target = self._gear * constant / stiffness if stiffness else 0.0
-        twin.add_servo(self._coordinate.place, 0.0, Motion(target).numbers, stiffness, damping)
-        if not stiffness:
-            twin.add_torque_curve(self._coordinate.column, Motion(self._gear * constant).numbers)
+        law = self._gain, self._bias, self._control, self._force
+        places = [joint.place for joint in self._joints]
+        twin.add_actuator(places, self._arms, *law, curve.numbers, points.times, points.values, table)
         return True
 
 
@@ -73,15 +76,16 @@ class BoundActuator(BoundForce):
 class Actuator(ForceRecord):
     """An actuator of a joint: τ = gear · f, f = gain·(1, l, l̇) u + bias·(1, l, l̇), l = gear · θ.
 
-    u is the command and l the actuator's length. Command and force are cut at their limits. A motor has the gain (1, 0,
+    u is the command and l the actuator's length; one of several joints, such as a tendon, has l = gear · Σ share · θ,
+    and gives each joint gear · share · f. Command and force are cut at their limits. A motor has the gain (1, 0,
     0) and no bias, a position actuator (k, 0, 0) and (0, -k, -d), a velocity actuator (d, 0, 0) and (0, 0, -d).
 
     Parameters
     ----------
     name : str
         By which it is commanded, see :meth:`Mechanism.with_control`, and called in results.
-    joint : str
-        A joint of one degree of freedom.
+    joint : str or mapping
+        A joint of one degree of freedom, or several with the share that each has in the length.
     gain, bias : tuple of 3 float
         Of the command and without it, for 1, l and l̇; SI.
     gear : float
@@ -100,7 +104,7 @@ class Actuator(ForceRecord):
     """
 
     name: str
-    joint: str
+    joint: str | Mapping[str, float]
     gain: tuple[float, float, float] = (1.0, 0.0, 0.0)
     bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gear: float = 1.0
@@ -108,8 +112,15 @@ class Actuator(ForceRecord):
     control_range: tuple[float, ...] = ()
     force_range: tuple[float, ...] = ()
 
-    _kind, _acts_on, _law = "actuator", "joint", BoundActuator
+    _kind, _acts_on = "actuator", "joint"
+    _law: ClassVar[Any] = BoundActuator
     _who = property(lambda self: f"actuator {self.name!r}")
+
+    @property
+    def arms(self) -> dict[str, float]:
+        """Joint → length per position."""
+        shares = self.joint if isinstance(self.joint, Mapping) else {self.joint: 1.0}
+        return {joint: self.gear * share for joint, share in shares.items()}
 
     @property
     def label(self) -> str:
@@ -117,7 +128,14 @@ class Actuator(ForceRecord):
         return self.name
 
     def __post_init__(self):
-        put_checked(self, "Actuator", name, "name", "joint")
+        put_checked(self, "Actuator", name, "name")
+        if isinstance(self.joint, Mapping):
+            shares = {
+                name(joint, self._who): number(share, f"{self._who}: {joint}") for joint, share in self.joint.items()
+            }
+            put(self, joint=shares)
+        else:
+            put_checked(self, self._who, name, "joint")
         put_checked(self, self._who, triple, "gain", "bias")
         put_checked(self, self._who, number, "gear")
         if not callable(self.control):
@@ -136,7 +154,7 @@ def commanded(mechanism, control: Mapping):
     forces = list(mechanism.forces)
     for given, command in control.items():
         places = [i for i, force in enumerate(forces) if isinstance(force, Actuator)]
-        found = [i for i in places if forces[i].name == given] or [i for i in places if forces[i].joint == given]
+        found = [i for i in places if forces[i].name == given] or [i for i in places if given in forces[i].arms]
         if len(found) != 1:
             names = [forces[i].name for i in places]
             what = "several actuators act on joint" if found else "no actuator"

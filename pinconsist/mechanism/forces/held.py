@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import InputError
 from ..checks import finite_array, joint_index, number, put, read_only, require_functions, returned
-from .actuators import commanded
 from .force import BoundForce, ForceRecord
 
 SAME_TIME = 1e-9  # periods within which two times are one
@@ -34,9 +33,14 @@ class BoundHeld(BoundForce):
         times, torques = self._sign * np.array(self._keys[:n]), np.array(self._torques[:n])
         return np.hstack((times.reshape(n, 1), torques.reshape(n, self._nv)))
 
-    def torque(self, t, q, v):
+    def entry(self, t):
+        """What is held at a time, or None before the first entry."""
         i = bisect_right(self._keys, self._sign * t, 0, self.entered)
-        return self._torques[i - 1].copy() if i else np.zeros(self._nv)
+        return self._torques[i - 1] if i else None
+
+    def torque(self, t, q, v):
+        held = self.entry(t)
+        return np.zeros(self._nv) if held is None else held.copy()
 
     def hold(self, t, torque) -> None:
         """Hold a torque (nv,) from now on; one at the same time takes the place of the last."""
@@ -49,7 +53,8 @@ class BoundHeld(BoundForce):
     def start(self, t, backwards) -> None:
         """A run starts at `t`: of the entries those count that are reached."""
         if backwards != (self._sign < 0.0):  # torques then change to those before
-            now = self.torque(t, None, None)
+            held = self.entry(t)
+            now = np.zeros(self._nv) if held is None else held
             first = bisect_right(self._keys, self._sign * t)
             self._keys = [-self._sign * t, *(-key for key in reversed(self._keys[:first]))]
             self._torques = [now, *([*reversed(self._torques[: first - 1]), np.zeros(self._nv)] if first else [])]
@@ -74,11 +79,15 @@ class BoundHeld(BoundForce):
             self._table.entered = n
 
     def hand_over(self, twin) -> bool:
+        twin.add_held(self._in(twin))
+        return True
+
+    def _in(self, twin):
+        """The compiled table."""
         if self._table is None:
             self._table = twin.held_table()
             self._fill()
-        twin.add_held(self._table)
-        return True
+        return self._table
 
     def _fill(self):
         """Make the compiled table the same."""
@@ -251,32 +260,6 @@ class Sampled(HeldRecord):
         require_functions(self, "Sampled", "(t, q, v)", "law")
         put(self, period=number(self.period, "Sampled: period", above=0.0), joints=_names(self.joints))
         put(self, delay=number(self.delay, "Sampled: delay", least=0.0))
-
-
-def replayed(mechanism, solution):
-    """The mechanism with the commands of a run of it, and what it has held in the place of the forces that made it."""
-    if mechanism is not None and (control := getattr(solution, "method", {}).get("control")):
-        mechanism = commanded(mechanism, {name: command for name, command in control.items() if command is not None})
-    if mechanism is None or not solution.held:
-        return mechanism
-    tables, sign = iter(solution.held.values()), 1.0 if solution.t[-1] >= solution.t[0] else -1.0
-    forces = (
-        Replayed(force.label, next(tables), sign) if isinstance(force, HeldRecord) else force
-        for force in mechanism.forces
-    )
-    return replace(mechanism, forces=tuple(forces))
-
-
-@dataclass(frozen=True, eq=False)
-class Replayed:
-    """What a run has held, under the label of what made it."""
-
-    label: str
-    table: np.ndarray
-    sign: float
-
-    def bind(self, model):
-        return BoundHeld(model.nv, self.table[:, 0], np.ascontiguousarray(self.table[:, 1:]), self.sign)
 
 
 def sided(t):
