@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from math import factorial
+from math import pi
 
 import numpy as np
+from scipy.special import zeta
 
 from .norms import EPS, largest
 from .tuning import MAX_CHART_TURN
@@ -44,16 +45,8 @@ def chart_rate_gradient(system, xi, rate):
     return total
 
 
-def _bernoulli(count) -> list[float]:
-    """B₂ₙ/(2n)! for n = 1 … count, the coefficients of x/2 coth(x/2), from those of cosh and sinh."""
-    cosh = [1.0 / (4.0**n * factorial(2 * n)) for n in range(count + 1)]
-    found = [1.0]
-    for n in range(1, count + 1):
-        found.append(cosh[n] - sum(found[k] * cosh[n - k] / (2 * (n - k) + 1) for k in range(n)))
-    return found[1:]
-
-
-BERNOULLI = _bernoulli(39)
+BERNOULLI = [float(-2.0 * (-1.0) ** n * zeta(2 * n) / (2.0 * pi) ** (2 * n)) for n in range(1, 40)]
+"""B₂ₙ/(2n)!, the coefficients of x/2 coth(x/2)."""
 
 
 def table_row(system, base, p, v, lam):

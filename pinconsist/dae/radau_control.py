@@ -6,24 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from . import tuning
 from .control import ErrorControl
-from .tuning import (
-    CALM,
-    FEWEST_STAGES,
-    FIRST_STAGES,
-    MAX_FACTOR,
-    MIN_FACTOR,
-    MOST_STAGES,
-    MOST_STAGES_BELOW,
-    QUICK,
-    SMOOTH,
-    STAGE_ACCURACY,
-    STAGE_AFTER_FAILURE,
-    STAGE_GROWTH,
-    STAGE_LEFT,
-    STAGE_NEWTON_FACTOR,
-    STAGE_SAFETY,
-)
 
 
 @dataclass
@@ -50,7 +34,7 @@ class RadauControl(ErrorControl):
     best = 1e-12
 
     def __post_init__(self):
-        self.s = self.stages or FIRST_STAGES
+        self.s = self.stages or tuning.FIRST_STAGES
 
     def use(self, s, system) -> None:
         """Go on with `s` stages, with the tolerance of a step that belongs to them."""
@@ -69,33 +53,33 @@ class RadauControl(ErrorControl):
 
         The estimate falls like hᵉ, e = :func:`exponent`, the error of the run like h²ˢ⁻¹.
         """
-        return (STAGE_ACCURACY * np.asarray(tol)) ** (exponent(self.s) / (2 * self.s - 1))
+        return (tuning.STAGE_ACCURACY * np.asarray(tol)) ** (exponent(self.s) / (2 * self.s - 1))
 
     @property
     def newton_factor(self) -> float:
         """Newton's stopping size, as part of τ: what it leaves adds up, and does not fall with the order."""
         tol = max(min(part.min() for part in self.rtol), min(part.min() for part in self.atol))
-        return min(STAGE_NEWTON_FACTOR[self.s], STAGE_LEFT * tol / float(self.step_tolerance(tol)))
+        return min(tuning.STAGE_NEWTON_FACTOR[self.s], tuning.STAGE_LEFT * tol / float(self.step_tolerance(tol)))
 
     @property
     def worth_most(self) -> bool:
         """Whether the tolerance is one for most stages."""
-        return bool(min(part.min() for part in self.rtol) <= MOST_STAGES_BELOW)
+        return bool(min(part.min() for part in self.rtol) <= tuning.MOST_STAGES_BELOW)
 
     def chosen_after_step(self, rate) -> int:
         """Stages after an accepted step in which Newton contracted by `rate`: more where that was quick for a while."""
         self._calm += 1
-        if self._calm < CALM:
+        if self._calm < tuning.CALM:
             return self.s
         self._failures = 0
-        more = FIRST_STAGES if self.s < FIRST_STAGES else MOST_STAGES
-        worth = self.s < FIRST_STAGES or self.worth_most
-        return more if self.stages == 0 and worth and rate <= QUICK else self.s
+        more = tuning.FIRST_STAGES if self.s < tuning.FIRST_STAGES else tuning.MOST_STAGES
+        worth = self.s < tuning.FIRST_STAGES or self.worth_most
+        return more if self.stages == 0 and worth and rate <= tuning.QUICK else self.s
 
     def chosen_after_failure(self) -> int:
         """Stages after Newton failed: fewer where it did so before."""
         self._calm, self._failures = 0, self._failures + 1
-        fewer = FIRST_STAGES if self.s > FIRST_STAGES else FEWEST_STAGES
+        fewer = tuning.FIRST_STAGES if self.s > tuning.FIRST_STAGES else tuning.FEWEST_STAGES
         return fewer if self.stages == 0 and self._failures >= 2 else self.s
 
     def restart(self) -> None:
@@ -106,12 +90,12 @@ class RadauControl(ErrorControl):
         """The step after Newton failed."""
         self.reasons["newton"] += 1
         self._last = None
-        return STAGE_AFTER_FAILURE * h
+        return tuning.STAGE_AFTER_FAILURE * h
 
     def after_rejection(self, s, h, error):
         """The step with which to try again."""
         self.reasons["error"] += 1
-        return h * max(MIN_FACTOR, STAGE_SAFETY * error ** (-1.0 / exponent(s)))
+        return h * max(tuning.MIN_FACTOR, tuning.STAGE_SAFETY * error ** (-1.0 / exponent(s)))
 
     def next_step(self, s, h, error):
         """The step after an accepted one."""
@@ -120,9 +104,9 @@ class RadauControl(ErrorControl):
         if self._last is not None:
             h_old, error_old = self._last
             factor *= min(1.0, abs(h / h_old) * (error_old / error) ** (1.0 / exponent(s)))
-        growth = MAX_FACTOR if self._last is None or error < SMOOTH else STAGE_GROWTH
+        growth = tuning.MAX_FACTOR if self._last is None or error < tuning.SMOOTH else tuning.STAGE_GROWTH
         self._last = h, max(error, 1e-2)
-        factor = min(growth, max(MIN_FACTOR, STAGE_SAFETY * factor))
+        factor = min(growth, max(tuning.MIN_FACTOR, tuning.STAGE_SAFETY * factor))
         return h * min(factor, self.max_step / abs(h))
 
 

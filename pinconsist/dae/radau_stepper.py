@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import AssemblyError, PinconsistError
+from . import tuning
 from .charts import fastest_turn, turning_coordinates
 from .dense import RadauSegment
 from .index1 import moved_by, not_closed_message
@@ -16,21 +17,6 @@ from .radau import StageNewton, Stages, table
 from .radau_control import exponent
 from .rounding import rounding_gap, shortest_step
 from .stepper import Stepper
-from .tuning import (
-    CLOSED,
-    CLOSINGS,
-    FAILURES,
-    FELT,
-    FIRST_CHANGE,
-    FIRST_ERROR,
-    FIRST_REACH,
-    FIRST_STAGES,
-    FIRST_TRIALS,
-    FORESEEN,
-    LAST_MODE,
-    LOOKS,
-    MAX_CHART_TURN,
-)
 
 TINY = 1e-300  # instead of zero in a denominator
 
@@ -63,13 +49,13 @@ class RadauStepper(Stepper):
 
     def __init__(self, system, method):
         super().__init__(system, method)
-        self.newton, self.s = StageNewton(), method.stages or FIRST_STAGES
+        self.newton, self.s = StageNewton(), method.stages or tuning.FIRST_STAGES
 
     def change_system(self, system) -> None:
         super().change_system(system)
         self._turns = None
 
-    rows_watched, looks = 1, LOOKS  # steps are long
+    rows_watched, looks = 1, tuning.LOOKS  # steps are long
     k = property(lambda self: 2 * self.s - 1)
     y = property(lambda self: np.concatenate((np.zeros(self.system.nx), self.v, self.lam)))
 
@@ -120,9 +106,9 @@ class RadauStepper(Stepper):
         def size(x):
             return float(np.sqrt(np.mean((weight * x) ** 2)))
 
-        near = FIRST_REACH * (1.0 + largest(self.p))
+        near = tuning.FIRST_REACH * (1.0 + largest(self.p))
         trial = min(limit, near / max(largest(self.v), TINY), np.sqrt(near / max(largest(self.a), TINY)))
-        for _ in range(FIRST_TRIALS):
+        for _ in range(tuning.FIRST_TRIALS):
             h = np.copysign(trial, t_end - self.t)
             v = self.v + h * self.a
             p = system.integrate(self.p, h * system.rate(self.t, self.p, 0.5 * (self.v + v)))
@@ -131,17 +117,17 @@ class RadauStepper(Stepper):
                 change, largest_a = size(a - self.a), max(size(self.a), size(a))
             except PinconsistError:
                 change, largest_a = np.inf, 1.0
-            if change <= FIRST_CHANGE * largest_a:
+            if change <= tuning.FIRST_CHANGE * largest_a:
                 break
             trial *= 0.25
         time = min(limit, trial * largest_a / max(change, TINY))
-        h = time * min(1.0, (FIRST_ERROR / max(largest_a * time, TINY)) ** (1.0 / exponent(self.s)))
+        h = time * min(1.0, (tuning.FIRST_ERROR / max(largest_a * time, TINY)) ** (1.0 / exponent(self.s)))
         return np.copysign(max(min(h, control.max_step), shortest_step(self.t, t_end)), t_end - self.t)
 
     def prepare_next(self) -> None:
         """Shorten the step where it would turn a joint beyond its chart."""
         if self.method.step is None and (speed := fastest_turn(self._turns, self.system.rate(self.t, self.p, self.v))):
-            self.h = np.copysign(min(abs(self.h), MAX_CHART_TURN / speed), self.h)
+            self.h = np.copysign(min(abs(self.h), tuning.MAX_CHART_TURN / speed), self.h)
 
     def advance(self, t_end) -> str:
         """One accepted step towards `t_end`; returns why there is none, or an empty string."""
@@ -150,7 +136,7 @@ class RadauStepper(Stepper):
         while True:
             t_next = self._next_time(t_end)
             if t_next == self.t:
-                return FAILURES["error_test"]
+                return tuning.FAILURES["error_test"]
             stages = self._solved(t_next)
             if not stages.failure:
                 landing = self.landed(stages)
@@ -164,7 +150,7 @@ class RadauStepper(Stepper):
                     return stages.failure
                 self._use(control.chosen_after_failure())
             if self.headway.setback() or abs(smaller) < shortest_step(self.t):
-                return stages.failure or FAILURES["error_test"]
+                return stages.failure or tuning.FAILURES["error_test"]
             self.h = smaller
         self.used, self.stages, self.shape = (stages.h, self.k), stages, stages
         self.t_old, self.t = self.t, t_next
@@ -187,10 +173,10 @@ class RadauStepper(Stepper):
         """The stages of a step to `t_next`."""
         h = t_next - self.t
         times = self.t + h * table(self.s).c
-        known = self.shape is not None and abs(h) < FORESEEN * abs(self.shape.h)
+        known = self.shape is not None and abs(h) < tuning.FORESEEN * abs(self.shape.h)
         W = accelerations(self.shape, times) if known else np.tile(self.a, (self.s, 1))
         stages = self._iterated(Stages(self.system, table(self.s), self.t, self.p, self.v, h, W))
-        if not stages.failure and fastest_turn(self._turns, stages.xi) > MAX_CHART_TURN:
+        if not stages.failure and fastest_turn(self._turns, stages.xi) > tuning.MAX_CHART_TURN:
             stages.failure = "a joint turns half around within a step, where the charts of rotations end"
         return stages
 
@@ -212,11 +198,11 @@ class RadauStepper(Stepper):
         kkt, _, G, W = kkt_at(system, t, p, v)
         self.newton.nlu += 1
         zero = np.zeros(system.nv)
-        for _ in range(CLOSINGS):
+        for _ in range(tuning.CLOSINGS):
             phi, rho = system.constraint(t, p, system.rate(t, p, v))
             p = system.integrate(p, -moved_by(system, t, p, v, kkt.solve(np.concatenate((zero, phi)))[: system.nv]))
             v = v - kkt.solve(np.concatenate((zero, rho)))[: system.nv]
-            if largest(phi) <= CLOSED * (1.0 + largest(p)):
+            if largest(phi) <= tuning.CLOSED * (1.0 + largest(p)):
                 break
         else:
             if (gap := largest(system.constraint(t, p, v)[0])) > rounding_gap(p, G):
@@ -243,10 +229,10 @@ class RadauStepper(Stepper):
         modes = table.modes @ stages.W
         highest, middle, before = (size(mode) for mode in modes[:-4:-1])
         highest = max(highest, middle**2 / max(middle, before, TINY))  # the highest may just pass through zero
-        noise = FELT * EPS * (1.0 + largest(p)) / abs(h) * largest(weight[system.nx :])
+        noise = tuning.FELT * EPS * (1.0 + largest(p)) / abs(h) * largest(weight[system.nx :])
         felt = noise * np.linalg.norm(table.modes[-1] @ table.inverse2)
         highest = np.sqrt(max(highest**2 - felt**2, 0.0))
-        return float(highest**2 / (before + LAST_MODE * highest)) if highest else 0.0
+        return float(highest**2 / (before + tuning.LAST_MODE * highest)) if highest else 0.0
 
     def segment(self):
         """The interpolant of the last step."""

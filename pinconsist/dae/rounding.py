@@ -5,29 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import SingularSystemError
+from . import tuning
 from .kkt import kkt_at
 from .norms import EPS, largest
-from .tuning import (
-    BESIDE,
-    CHATTER,
-    ENDLESS,
-    GAP,
-    HALF,
-    LONG,
-    NEAR_ROUNDING,
-    PROGRESS,
-    REMEMBERED,
-    SETBACKS,
-    SLOW,
-    SMALLEST_STEP,
-    SURE,
-    WINDOW,
-)
 
 
 def shortest_step(*times) -> float:
     """A step below this cannot be told from zero at these times, s."""
-    return SMALLEST_STEP * float(np.spacing(max(map(abs, times))))
+    return tuning.SMALLEST_STEP * float(np.spacing(max(map(abs, times))))
 
 
 def rounding_weights(system, y):
@@ -45,12 +30,12 @@ def is_noise(dv, moved, v, psi_v, p, noise, closed=False) -> bool:
     """
     step = largest(dv)
     scale = largest(v) + largest(psi_v) + step  # v = ψ_v + c v' may be a small difference of larger numbers
-    return step <= noise * scale and largest(moved) <= (HALF if closed else 1e4 * EPS) * (1.0 + largest(p))
+    return step <= noise * scale and largest(moved) <= (tuning.HALF if closed else 1e4 * EPS) * (1.0 + largest(p))
 
 
 def rounding_gap(p, W) -> float:
     """The gap that rounding leaves in closed loops, from the position and from W or G."""
-    return GAP * (1.0 + largest(p)) * (1.0 + largest(W))
+    return tuning.GAP * (1.0 + largest(p)) * (1.0 + largest(W))
 
 
 def velocity_rounding(system, t, p, v) -> float:
@@ -80,8 +65,8 @@ def error_of_rounding(system, t, p, v, k):
     It is much beside singular positions alone. More than half of the digits are never taken to be spoilt.
     """
     size, speed = velocity_rounding(system, t, p, v), largest(v)
-    noise = 2.0 ** (k + 1) * min(size, HALF * speed)
-    return np.repeat((0.0, noise), (system.nx, system.nv)), size >= BESIDE * speed
+    noise = 2.0 ** (k + 1) * min(size, tuning.HALF * speed)
+    return np.repeat((0.0, noise), (system.nx, system.nv)), size >= tuning.BESIDE * speed
 
 
 class RoundingTest:
@@ -108,15 +93,15 @@ class RoundingTest:
         """
         h = abs(h)
         longer, its_error = tried
-        if control.tightest[0] > NEAR_ROUNDING:
+        if control.tightest[0] > tuning.NEAR_ROUNDING:
             return False
-        shown = h < longer and error >= its_error * (h / longer) ** (SLOW * (k + 1))
+        shown = h < longer and error >= its_error * (h / longer) ** (tuning.SLOW * (k + 1))
         known = self._steps_left > 0 and h <= self._believed
         explained, singular = bound()
-        if error > explained or not (shown or known or (singular and error * SURE <= explained)):
+        if error > explained or not (shown or known or (singular and error * tuning.SURE <= explained)):
             return False
         if shown:
-            self._believed, self._steps_left = max(self._believed if known else 0.0, longer), REMEMBERED
+            self._believed, self._steps_left = max(self._believed if known else 0.0, longer), tuning.REMEMBERED
         return True
 
     def accepted(self) -> None:
@@ -137,11 +122,11 @@ class Headway:
     def setback(self) -> bool:
         """A try failed; whether the run has made no headway in too many of them."""
         self._setbacks += 1
-        return self._setbacks > SETBACKS
+        return self._setbacks > tuning.SETBACKS
 
     def reached(self, t) -> None:
         """A step was accepted that ends at `t`."""
-        if abs(t - self._counted_from) > PROGRESS * abs(t - self._start):
+        if abs(t - self._counted_from) > tuning.PROGRESS * abs(t - self._start):
             self._counted_from, self._setbacks = t, 0
 
 
@@ -159,9 +144,11 @@ class Pace:
     def lost(self, steps, t, t_end, jumping) -> bool:
         """Whether the run would not end after its `steps` until `t`; ``jumping()`` says whether a force jumps there."""
         made, gone = steps - self._steps, abs(t - self._t)
-        if made < WINDOW or self._failed is None:  # with a fixed step nothing fails twice
+        if made < tuning.WINDOW or self._failed is None:  # with a fixed step nothing fails twice
             return False
         failed = self._control.reasons["newton"] - self._failed
         self._t, self._steps, self._failed = t, steps, self._control.reasons["newton"]
         to_come = made * abs(t_end - t) / gone if gone else np.inf
-        return failed > CHATTER * made and (to_come > ENDLESS or (to_come > LONG and bool(jumping())))
+        if failed <= tuning.CHATTER * made:
+            return False
+        return to_come > tuning.ENDLESS or (to_come > tuning.LONG and bool(jumping()))
