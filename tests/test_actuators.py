@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers import sdf_texts
 
 import pinconsist as pc
 from pinconsist._core.compiled_system import compiled_system
@@ -240,3 +241,42 @@ def test_check_says_what_acts_and_a_scene_keeps_it(tmp_path, capsys):
     again = pc.load(tmp_path / "again.urdf")
     (motor,) = (force for force in again.forces if isinstance(force, pc.Actuator))
     assert (motor.gear, motor.force_range) == (50.0, (-0.6, 0.6))
+
+
+PLUGIN = '<plugin filename="x" name="gz::sim::systems::{kind}"><joint_name>{joint}</joint_name>{rest}</plugin>'
+CONTROLLERS = {  # (kind, settings) → torque for q, v, u, by Gazebo's documentation
+    ("ApplyJointForce", ""): lambda q, v, u: np.clip(u, -2, 2),
+    ("JointPositionController", "<p_gain>4</p_gain><i_gain>0</i_gain><d_gain>.5</d_gain>"): (
+        lambda q, v, u: np.clip(4 * (u - q) - 0.5 * v, -2, 2)
+    ),
+    ("JointPositionController", "<cmd_max>.4</cmd_max><cmd_min>-.1</cmd_min><cmd_offset>.2</cmd_offset>"): (
+        lambda q, v, u: np.clip(u - q - 0.01 * v + 0.2, -0.1, 0.4)
+    ),
+    ("JointController", "<use_force_commands>true</use_force_commands><p_gain>3</p_gain>"): (
+        lambda q, v, u: np.clip(3 * (u - v), -2, 2)
+    ),
+}
+
+
+@pytest.mark.parametrize(("kind", "rest"), CONTROLLERS)
+def test_controllers_of_gazebo_act(tmp_path, kind, rest):
+    limit = sdf_texts.axis("0 0 1", "<limit><effort>2</effort></limit>")
+    scene = sdf_texts.A + sdf_texts.B + sdf_texts.joint("j", "world", "a") + sdf_texts.joint("k", inside=limit)
+    mech = pc.load(sdf_texts.write(tmp_path, scene + PLUGIN.format(kind=kind, joint="k", rest=rest)))
+    assert mech.actuated == ("k",)
+    for q, v, u in np.random.default_rng(0).normal(size=(10, 3)):
+        found = pulled(mech.with_control({"k": u}), np.array([0.0, q]), np.array([0.0, v]))
+        np.testing.assert_allclose(found, [0.0, CONTROLLERS[kind, rest](q, v, u)], atol=1e-14)
+
+
+def test_controllers_of_gazebo_that_exert_no_force(tmp_path, caplog):
+    scene = sdf_texts.A + sdf_texts.B + sdf_texts.joint("j", "world", "a") + sdf_texts.joint("k")
+    moves = PLUGIN.format(kind="JointController", joint="k", rest="")
+    moves += PLUGIN.format(kind="ApplyJointForce", joint="k", rest="<joint_index>3</joint_index>")
+    whole = PLUGIN.format(kind="JointPositionController", joint="j", rest="<initial_position>.3</initial_position>")
+    mech = pc.load(sdf_texts.write(tmp_path, scene + moves + whole))
+    assert [(force.name, force.control) for force in mech.forces] == [("j", 0.3)]
+    assert "JointController 'k': it exerts no force here" in caplog.text
+    assert "JointPositionController 'j': its i_gain of 0.1 is left out" in caplog.text
+    with pytest.raises(pc.FormatError, match="there is no joint 'l'"):
+        pc.load(sdf_texts.write(tmp_path, scene + PLUGIN.format(kind="ApplyJointForce", joint="l", rest="")))

@@ -10,8 +10,9 @@ The specification is that of versions 1.4 to 1.12. What a file says is carried o
 * The name of the only model of a file is left out; else links, joints and frames are ``model::name``. Before version
   1.7 a link and a joint may have one name: the joint is then ``name_joint``.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model and do not act.
-* Contacts, sensors, plugins and lights are left out. What would change the motion and cannot be carried over is
-  refused: ``<include>``, kinematic links, inertias from shapes, fluid added mass, gravity on some links only.
+* Joint controllers of Gazebo act (:mod:`.actuators`). Contacts, sensors, other plugins and lights are left out. What
+  would change the motion and cannot be carried over is refused: ``<include>``, kinematic links, inertias from shapes,
+  fluid added mass, gravity on some links only.
 * A screw is one joint of Pinocchio's (helical), a universal joint two hinges ``name_axis``, ``name_axis2`` with a
   massless body between them: Pinocchio's own universal joint has wrong ``computeRNEADerivatives``.
 """
@@ -27,6 +28,7 @@ import numpy as np
 from ...mechanism.forces import JointSpring
 from ..reading import RobotFile, closing, parsed, read_bytes, refuse
 from ..urdf import checked
+from .actuators import actuators
 from .document import Document
 from .joints import read_joints
 from .model import build
@@ -57,4 +59,8 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> Robo
     springs = [JointSpring(part, axis.stiffness, axis.reference) for part, axis in motions if axis.stiffness]
     guess |= {part: axis.initial for part, axis in motions if axis.initial and model.existJointName(part)}
     shapes, loops = tostring(robot, encoding="unicode"), tuple(net.loops(document))
-    return RobotFile(model, shapes, loops, tuple(couplings(joints)), forces=tuple(springs), guess=guess)
+    acting = actuators(document, joints, model)
+    return RobotFile(
+        model, shapes, loops, tuple(couplings(joints)), forces=(*springs, *acting), guess=guess,
+        actuated=tuple(dict.fromkeys(force.joint for force in acting)),
+    )  # fmt: skip

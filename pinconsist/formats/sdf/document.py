@@ -132,6 +132,7 @@ class Document:
     def __init__(self, raw: Element):
         self.version, top = _version(raw), SdfNode(raw, "sdf")
         self.joints: list[tuple[str, SdfNode, str]] = []  # full name, element, scope; without those of static models
+        self.plugins: list[tuple[SdfNode, str]] = []  # of models: element, scope
         self.gravity: np.ndarray | None = None  # m/s²; None if there is no world
         if worlds := raw.findall("world"):
             if len(worlds) > 1:
@@ -181,6 +182,7 @@ class Document:
         for each in node.children("model"):
             self._model(each, full, static, depth + 1)
         self._joints_and_frames(node, full, static)
+        self.plugins += [(plugin, full) for plugin in node.children("plugin") if not static]
 
     def _joints_and_frames(self, node, scope, static):
         for joint in node.children("joint"):
