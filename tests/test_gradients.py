@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import scenes
 from helpers.gradients import SCENES, bricard, crank_rocker, hits, slider_crank, two_balls
 from helpers.twin import needs_twin
 
@@ -13,6 +14,8 @@ from benchmarks.gradient_reference import differences, reference, worst
 from pinconsist.dae.consistency import EveryStep
 from pinconsist.gradients import forward, linear
 from pinconsist.gradients.forward import legs_of
+from pinconsist.gradients.sensitivities import prepared
+from pinconsist.gradients.starts import Start
 
 TIGHT = {"rtol": 1e-8, "atol": 1e-8}
 
@@ -68,7 +71,7 @@ def _variants(mech, names, v0, leg, steps):
     from pinconsist.gradients.variants import variants_of
 
     build, _, theta, q0, v0 = named_start(mech, names, None, v0)
-    make, state = _maker(build, q0, v0, (), None, "python"), leg.start(leg.start.t_old)[:2]
+    make, state = _maker(build, 0.0, q0, v0, (), None, "python"), leg.start(leg.start.t_old)[:2]
     variants = variants_of(make, theta, names, steps, make(theta), leg.system, 0.0, *state)
     return [variant.residuals(leg.system) for variant in variants]
 
@@ -171,6 +174,52 @@ def test_without_the_turning_of_charts_rotations_are_wrong(monkeypatch):
     options = {"rtol": 1e-4, "atol": 1e-4}
     right, wrong = (error_of_python(monkeypatch, two_balls, Step, **options) for Step in (linear.Step, Flat))
     assert right[0] < 1e-4 and wrong[0] > 1e-2
+
+
+KINDS = {
+    "andrews": ["mass:beta", "com:phi[0]", "mass:phi", "gravity[0]", "stiffness:D-stage", "torque beta.beta"],
+    "crank_rocker": ["damping:rocker", "friction:rocker", "stiffness:crank"],
+    "delta_robot": ["inertia:platform_roll[xz]", "com:platform_roll[2]", "servo leg1_arm.frequency", "gravity[0]"],
+    "spherical": ["com:second[1]", "inertia:second[xy]", "mass:second"],
+}
+
+
+@pytest.mark.parametrize("scene", KINDS)
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=needs_twin)])
+def test_known_derivatives_of_the_equations_are_those_of_differences(scene, compiled):
+    """Of the torques of bodies, gravity and forces, from mechanisms with other numbers."""
+    mech = scenes.spherical_chain() if scene == "spherical" else pc.load(scene)
+    mech = mech.with_forces(pc.JointSpring("crank", 0.5)) if scene == "crank_rocker" else mech
+    backend, rng = "compiled" if compiled else "python", np.random.default_rng(3)
+    run = prepared(mech, KINDS[scene], (0.0, 1e-3), None, None, None, None, (), None, 1e-5, 1e-5, backend, {})
+    _, (leg, *_), variants, *_ = run
+    system = leg.system
+    p, (v, a) = system.integrate(leg.start(0.0)[0], 0.1 * rng.normal(size=system.nv)), rng.normal(size=(2, system.nv))
+    lam = rng.normal(size=system.nc)
+
+    def rate(terms):
+        if not compiled:
+            return linear._residual_rate(terms, 0.3, p, v, a, lam)
+        return sum(weight * each.compiled.evaluate(0.3, p, v, a)[0] for weight, each in terms)
+
+    for variant in variants:
+        assert variant.parts
+        ours, beside = rate(variant.residuals(system)), rate(variant._full.residuals(system))
+        assert np.abs(beside).max() > 1e-8, variant.name
+        np.testing.assert_allclose(ours, beside, atol=2e-7 * np.abs(beside).max(), err_msg=variant.name)
+
+
+def test_the_derivative_of_the_start_by_loops_is_that_of_assembled_states():
+    mech, names = pc.load("crank_rocker"), ["anchor:rocker_ground.xyz2[0]", "length:coupler", "crank", "crank_speed"]
+    start = {"crank": 0.7}
+    run = prepared(mech, names, (0.0, 1e-3), start, {"crank": 12.0}, None, None, (), None, 1e-5, 1e-5, "python", {})
+    _, (leg, *_), variants, base, *_ = run
+    by_loops = Start(base, leg.system)
+    assert by_loops.implicit
+    for variant in variants:
+        q, v = (variant.derivative(lambda side, i=i: side.assembled[i]) for i in (0, 1))
+        ours = by_loops.rate(variant)
+        np.testing.assert_allclose(ours, np.concatenate((q, v)), atol=1e-8 * (1.0 + np.abs(v).max()))
 
 
 @needs_twin

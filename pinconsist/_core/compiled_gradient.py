@@ -19,6 +19,21 @@ def index1_of(system, compiled: bool) -> Index1:
     return CompiledIndex1(system, compiled_system(system))
 
 
+def known_of(known, compiled: bool, workspace) -> Index1:
+    """What is known of a parameter's derivative, compiled where that can be had, on a workspace shared with others."""
+    if not compiled or load()[0] is None:
+        return Index1(known)
+    rates = load()[0].Rates(known.model, *workspace[:1], known.nc, workspace[1])
+    known.part.hand_over(rates)
+    return CompiledIndex1(known, rates)
+
+
+def place():
+    """Where a shared workspace has been evaluated last, in C++; None in Python alone."""
+    module = load()[0]
+    return None if module is None else module.Place()
+
+
 def all_rows(index1):
     """The function of a configuration that gives J of all rows of a mechanism's loops, (n_multipliers, nv)."""
     system = index1.system
@@ -38,14 +53,14 @@ def follower(index1, residuals):
         core.add_parameter()
         for weight, other in terms:
             core.add_term(weight, other.compiled)
-    return CompiledFollower(index1, core)
+    return CompiledFollower(index1, core, len(residuals))
 
 
 class CompiledFollower:
     """Leads derivatives along legs in C++."""
 
-    def __init__(self, index1, core):
-        self._index1, self._core = index1, core
+    def __init__(self, index1, core, parameters):
+        self._index1, self._core, self._parameters = index1, core, parameters
 
     def forward(self, leg, S) -> None:
         """See :func:`pinconsist.gradients.forward.follow`."""
@@ -57,15 +72,11 @@ class CompiledFollower:
 
     def backward(self, leg, seeds):
         """See :func:`pinconsist.gradients.forward.follow_back`."""
-        weights = np.zeros((len(leg.t), leg.system.nv + 2 * leg.system.nc))
-        singular = self._core.backward(self._index1.compiled, *_columns(leg), seeds, weights)
+        rates = np.zeros(self._parameters)
+        singular = self._core.backward(self._index1.compiled, *_columns(leg), seeds, rates)
         if singular >= 0:
             raise SingularSystemError(singular_message(leg.t[singular]))
-        return weights
-
-    def weigh(self, leg, index1, weights) -> float:
-        """See :func:`pinconsist.gradients.forward.weigh`."""
-        return self._core.weigh(self._index1.compiled, *_columns(leg), index1.compiled, weights)
+        return rates
 
 
 def _columns(leg):

@@ -165,9 +165,11 @@ public:
   }
 
   // The transpose: `seeds`, (1+n, ROWS, nx+nv+nc), are the derivatives of a number by each table; the first becomes that by
-  // the table of the history, with all that follows from it. `weights`, (n, nv+2 nc), as of LinearStep.
-  int backward(const Leg &leg, double *seeds, double *weights) {
-    const int ny = system_.nx + system_.nv + system_.nc, nw = system_.nv + 2 * system_.nc;
+  // the table of the history, with all that follows from it. `rates`, (P), becomes that by the parameters.
+  int backward(const Leg &leg, double *seeds, double *rates) {
+    const int nv = system_.nv, nc = system_.nc, ny = system_.nx + nv + nc;
+    Eigen::Map<Vec> total(rates, static_cast<Eigen::Index>(step.parameters.size()));
+    total.setZero();
     const long size = static_cast<long>(bdf::ROWS) * ny;
     Vec y, w;
     for (int i = leg.steps, change = static_cast<int>(leg.changed.size()); i > 0; --i) {
@@ -183,25 +185,13 @@ public:
       const Eigen::RowVectorXd predicted = -y.transpose();
       if (!step.set(leg, i)) return i - 1;
       step.backward(y, w);
-      Eigen::Map<Vec>(weights + static_cast<long>(i - 1) * nw, nw) = w;
+      total += step.r.transpose() * w.head(nv) + step.phi.transpose() * w.segment(nv, nc) + step.rho.transpose() * w.tail(nc);
       for (int j = 0; j <= k; ++j) B.row(j) += predicted + (1.0 - bdf::gamma(j) / bdf::alpha(k)) * y.transpose();
       if (!system_.curved.empty()) recenter(leg, i, changes, B, k + 2, 1, true);
       if (changes) B = (Eigen::Map<const Table>(changes, bdf::ROWS, bdf::ROWS).transpose() * B).eval();
       Eigen::Map<Table>(seeds + (i - 1) * size, bdf::ROWS, ny) += B;
     }
     return -1;
-  }
-
-  // Σ weights · residuals of another system over the steps.
-  double weigh(const Leg &leg, System &other, const double *weights) {
-    const int nw = system_.nv + 2 * system_.nc;
-    double sum = 0.0;
-    Vec all;
-    for (int i = 1; i <= leg.steps; ++i) {
-      step.residuals(other, step.visit(leg, i), all);
-      sum += all.dot(Eigen::Map<const Vec>(weights + static_cast<long>(i - 1) * nw, nw));
-    }
-    return sum;
   }
 
 private:

@@ -3,8 +3,10 @@
 
 #include "gradient.hpp"
 #include "radau_bindings.hpp"
+#include "rates.hpp"
 #include "stage_follow.hpp"
 
+#include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/tuple.h>
 
 namespace pinconsist {
@@ -50,17 +52,15 @@ void bind_gradients(nb::module_ &m) {
       .def("backward",
            [](Derivatives &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
               Array<const double, 2> base, Array<const double, 3> Z, std::vector<int> changed, Array<const double, 3> changes,
-              Array<double, 3> seeds, Array<double, 2> weights) {
+              Array<double, 3> seeds, Array<double, 1> rates) {
              const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
-             return beside(system.calls_python(), [&] { return f.backward(leg, seeds.data(), weights.data()); });
-           })
-      .def("weigh",
-           [](Derivatives &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
-              Array<const double, 2> base, Array<const double, 3> Z, std::vector<int> changed, Array<const double, 3> changes,
-              System &other, Array<const double, 2> weights) {
-             const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
-             return beside(system.calls_python() || other.calls_python(), [&] { return f.weigh(leg, other, weights.data()); });
+             return beside(calls_python(system, f.step.parameters), [&] { return f.backward(leg, seeds.data(), rates.data()); });
            });
+  nb::class_<Rates::Place>(m, "Place").def(nb::init<>());
+  nb::class_<Rates, MechanismSystem>(m, "Rates")
+      .def(nb::init<nb::object, nb::object, int, std::shared_ptr<Rates::Place>>())
+      .def("add_inertia", &Rates::add_inertia)
+      .def("add_gravity", &Rates::add_gravity);
 }
 
 // What Python hands over of steps of Radau IIA.

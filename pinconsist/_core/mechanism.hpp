@@ -122,9 +122,7 @@ public:
   void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) override {
     f = pinocchio::rnea(model_, data_, p, v, a);
     if (!rows_.empty() || !forces_.empty()) {
-      for (size_t i = 1; i < model_.joints.size(); ++i) // rnea leaves the poses of joints in their parents
-        data_.oMi[i] = model_.parents[i] ? data_.oMi[model_.parents[i]] * data_.liMi[i] : data_.liMi[i];
-      pinocchio::computeJointJacobians(model_, data_);
+      find_jacobians();
       fill_rows(t, p);
     }
     add_the_rest(t, p, v);
@@ -274,6 +272,27 @@ public:
     phi = kept_phi;
   }
 
+protected:
+  // Poses and Jacobians of the joints, after rnea, which leaves the poses in their parents.
+  void find_jacobians() {
+    for (size_t i = 1; i < model_.joints.size(); ++i)
+      data_.oMi[i] = model_.parents[i] ? data_.oMi[model_.parents[i]] * data_.liMi[i] : data_.liMi[i];
+    pinocchio::computeJointJacobians(model_, data_);
+  }
+
+  void subtract_forces(double t, const Vec &p, const Vec &v) {
+    f -= constant_;
+    f.array() += damping_.array() * v.array();
+    if (forces_.empty()) return;
+    tau_.setZero();
+    for (const auto &force : forces_) force->add_torque(data_, t, p, v, tau_);
+    f -= tau_;
+  }
+
+  nb::object model_object_, data_object_;
+  const Model &model_;
+  Data &data_;
+
 private:
   void hidden_residual(double t, const Vec &p, const Vec &v) {
     rho.noalias() = W * v;
@@ -283,12 +302,7 @@ private:
   // What is added to the inertial forces f, and ρ; rows have been evaluated.
   void add_the_rest(double t, const Vec &p, const Vec &v) {
     hidden_residual(t, p, v);
-    f -= constant_;
-    f.array() += damping_.array() * v.array();
-    if (forces_.empty()) return;
-    tau_.setZero();
-    for (const auto &force : forces_) force->add_torque(data_, t, p, v, tau_);
-    f -= tau_;
+    subtract_forces(t, p, v);
   }
 
   void evaluate_rows(double t, const Vec &p) {
@@ -303,9 +317,6 @@ private:
     for (const auto &[rows, at] : rows_) rows->evaluate(data_, t, p, at, phi, W);
   }
 
-  nb::object model_object_, data_object_;
-  const Model &model_;
-  Data &data_;
   LieGroup group_;
   std::vector<Planar> planar_;
   bool calls_python_ = false;

@@ -10,7 +10,7 @@ import numpy as np
 
 from .lead import through, times_of
 from .redundant import Completion
-from .starts import first_table, later_table
+from .starts import begun
 from .variants import Variant
 
 STILL = Variant("", 1.0, {}, {}, {}, inert=True, idle=True)  # a direction of the state
@@ -38,15 +38,13 @@ class Back:
                 leg.sow(np.array([leg.span[1]]), [self._through(leg, self.legs[i + 1], bar)], seeds, self.sign)
             leg.sow(times[i], self._pulled(leg, times[i]), seeds, self.sign)
             self._steps(leg, seeds)
-            if i == 0:
-                self._add(np.tensordot(first_table(self.variants, leg, leg.start.t_old), seeds[0], ([0, 2], [0, 1])))
-                return
             n = system.nx + system.nv
             state = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
-            tables = later_table([STILL] * n + self.variants, self.base, leg, state)
+            tables = leg.begin([STILL] * n + self.variants, self.base, state)
             rates = np.tensordot(tables, seeds[0], ([0, 2], [0, 1]))
             bar = rates[:n]
             self._add(rates[n:])
+        self._add(begun(self.variants, self.base, self.legs[0].system) @ bar)
 
     def _add(self, rates):
         self.total = self.total + rates

@@ -13,11 +13,11 @@ import numpy as np
 
 from .._core.compiled_gradient import follower
 from ..dae import bdf
-from ..dae.charts import chart_matrix, table_row
+from ..dae.charts import chart_matrix
 from ..dae.dense import Segment, Tables
 from ..dae.index1 import Index1
-from ..dae.start import equidistant_history
-from .linear import Step, state_of
+from .history import history_table
+from .linear import Step
 from .stage_leg import StageLeg, stage_legs
 
 
@@ -61,18 +61,9 @@ class Leg:
         pairs = ("t", first.t), ("h", first.h), ("k", first.k), ("base", first.base), ("Z", first.Z)
         return [np.concatenate(([value], getattr(self, name))) for name, value in pairs]
 
-    def initial(self, index1, p, v):
-        """[ξ | v | λ] at the times of the history, oldest first, of another run that begins at (p, v)."""
-        start = self.start
-        states = equidistant_history(index1, start.t_old, p, v, start.h, start.k + 1)
-        return np.array([table_row(index1.system, start.base, *state[1:]) for state in states])
-
-    @staticmethod
-    def table(rows):
-        """A table S of the derivatives of :meth:`initial`, (k+1, P, nx+nv+nc)."""
-        S = np.zeros((bdf.ROWS, *rows.shape[1:]))
-        S[: len(rows)] = np.tensordot(bdf.differences(len(rows) - 1), rows[::-1], 1)
-        return S
+    def begin(self, variants, base, s):
+        """S of the history, from derivatives `s`, (P, nx+nv), of the state where the leg begins."""
+        return history_table(self.start, variants, base, s)
 
     def follow(self, index1, residuals, S) -> None:
         """Fill `tables` from S of the history; `residuals`, for each parameter, is a list of (weight, Index1)."""
@@ -88,10 +79,8 @@ class Leg:
 
     def follow_back(self, index1, residuals, seeds):
         """What the parameters change of a number in the steps, (P,); `seeds[0]` becomes its derivative by S there."""
-        compiled = follower(index1, [])
-        weights = compiled.backward(self, seeds) if compiled else follow_back(self, seeds)
-        sum_up = compiled.weigh if compiled else weigh
-        return np.array([sum(w * sum_up(self, other, weights) for w, other in terms) for terms in residuals])
+        compiled = follower(index1, residuals)
+        return compiled.backward(self, seeds) if compiled else follow_back(self, residuals, seeds)
 
     def at(self, times, sign):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
@@ -165,37 +154,28 @@ def follow(leg, residuals, S) -> None:
         leg.tables[i + 1] = S
 
 
-def follow_back(leg, seeds):
-    """Weights (n, nv+2 nc) of (r_θ, Φ_θ, ρ_θ) in the derivative of a number by θ: the transpose of :func:`follow`.
+def follow_back(leg, residuals, seeds):
+    """What parameters change in the steps, in the derivative of a number, (P,): the transpose of :func:`follow`.
 
     `seeds`, (1+n, ROWS, nx+nv+nc), are the derivatives of the number by each of the tables S. The first becomes the one
     by the table of the history, with all that follows from it.
     """
     system, curve = leg.system, list(zip(*leg.curve(), strict=True))
     nx, nv = system.nx, system.nv
-    weights = np.zeros((len(leg.t), nv + 2 * system.nc))
+    rates = np.zeros(len(residuals))
     for i in reversed(range(len(leg.t))):
         (*_, base, Z), (t, h, k, centre, Z_new) = curve[i : i + 2]
         B = bdf.advance(k).T @ seeds[i + 1]
         newest = B[k + 2].copy()
         B[k + 2] = 0.0
-        psi, weights[i] = Step(system, t, h, k, centre, Z_new, []).backward(newest)
+        psi, own = Step(system, t, h, k, centre, Z_new, residuals).backward(newest)
+        rates += own
         B[: k + 1] -= newest
         B[: k + 1, : nx + nv] += bdf.predictor(k)[1][:, None] * psi
         if not system.vector_like:
             recenter(system, base, centre, leg.changes[i] @ Z, B[:, None], k + 2, back=True)
         seeds[i] += leg.changes[i].T @ B
-    return weights
-
-
-def weigh(leg, index1, weights) -> float:
-    """Σ weights · (r, Φ, ρ) of the system of `index1` over the steps of a leg."""
-    total = 0.0
-    for row, t, h, k, base, Z in zip(weights, *(part[1:] for part in leg.curve()), strict=True):
-        p, v, a, lam = state_of(leg.system, h, k, base, Z)
-        f, phi, G, rho = index1.system.evaluate(t, p, v, a)
-        total += row @ np.concatenate((f - G @ lam, phi, rho))
-    return total
+    return rates
 
 
 def recenter(system, base, new_base, Z, S, rows, back=False) -> None:

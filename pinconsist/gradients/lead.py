@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .redundant import Completion
-from .starts import Crossing, first_table, later_table
-from .variants import CENTRAL
+from .starts import Crossing, begun
 
 AT_ONCE = 1e-12  # relative: rows of one time
 
@@ -19,26 +18,20 @@ class Lead:
         self.sign = 1.0 if legs[-1].span[1] >= legs[0].span[0] else -1.0
         self.rows: list = []
         self.event_times = [np.zeros((len(times), len(variants))) for times in solution.t_events]
-        self.work = {"steps": 0, "evaluations": 0, "starts": 0}
+        self.work = {"steps": 0, "evaluations": 0}
 
     def run(self):
         """Fill rows and event times."""
-        variants, base, S = self.variants, self.base, None
+        variants, base = self.variants, self.base
+        s = begun(variants, base, self.legs[0].system)
         times = times_of(self.solution, self.legs, self.sign)
         for leg, following in zip(self.legs, [*self.legs[1:], None], strict=True):
-            if S is None:
-                S = first_table(variants, leg, leg.start.t_old)
-                self.work["starts"] += sum(len(variant.weights) for variant in variants)
             residuals = [variant.residuals(leg.system) for variant in variants]
-            leg.follow(base.index1(leg.system), residuals, S)
+            leg.follow(base.index1(leg.system), residuals, leg.begin(variants, base, s))
             self.work["steps"] += len(leg.t)
             self.work["evaluations"] += len(leg.t) * sum(map(len, residuals))
-            changed = self._cross(leg, following)
+            s = self._cross(leg, following)
             self.rows.append(self.finished(leg, next(times), self.sign))
-            if following is not None:
-                S = later_table(variants, base, following, changed)
-                self.work["starts"] += len(variants) * len(CENTRAL)
-                self.work["starts"] += sum(len(variant.weights) for variant in variants if not variant.idle)
 
     def _cross(self, leg, following):
         """Note the events of a leg; the derivatives of the state at which the `following` one begins."""

@@ -47,8 +47,9 @@ class Step:
         self.W, self.WE = G.T, G.T @ self.E
         self.B = c * (f_x - F) @ self.E
         self.kkt = KKT(self.M + c * f_v + c * self.B, G, self.WE, c)
-        parts = [_residual_rate(each, t, p, v, a, lam) for each in residuals]
-        self.r, self.phi, self.rho = map(np.array, zip(*parts, strict=True)) if parts else (None, None, None)
+        rates = [_residual_rate(each, t, p, v, a, lam) for each in residuals]
+        rates = np.reshape(rates, (len(residuals), nv + 2 * G.shape[1]))
+        self.r, self.phi, self.rho = np.split(rates, [nv, nv + G.shape[1]], axis=1)
 
     def forward(self, psi):
         """(s_ξ, s_v, s_λ), shape (P, nx+nv+nc), from the derivatives `psi` of ψ, shape (P, ≥ nx+nv)."""
@@ -62,17 +63,17 @@ class Step:
         return np.hstack((s_x, s))
 
     def backward(self, s):
-        """(psi, weights): the transpose of :meth:`forward`, of one row `s`, (nx+nv+nc,).
+        """(psi, rates): the transpose of :meth:`forward`, of one row `s`, (nx+nv+nc,).
 
-        `psi`, (nx+nv,), is the derivative of a number by ψ, where `s` is that by the step's own values; `weights`,
-        (nv+2 nc,), are those of (r_θ, Φ_θ, ρ_θ) in its derivative by θ.
+        `psi`, (nx+nv,), is the derivative of a number by ψ, where `s` is that by the step's own values, and `rates`,
+        (P,), is what comes of it by r_θ, Φ_θ and ρ_θ.
         """
         nv, c = self.nv, self.c
         hidden = self.kkt.solve_transposed(-s[nv:])[nv:]
         x = self.E.T @ (s[:nv] + self.H.T @ hidden)
         up, low = np.split(self.kkt.solve_transposed(s[nv:] + np.append(self.W.T @ hidden + c * x, 0.0 * hidden)), [nv])
         psi = np.append(x - self.B.T @ up - self.WE.T @ low / c, self.M.T @ up)
-        return psi, np.concatenate((-c * up, -low / c, hidden))
+        return psi, self.rho @ hidden - c * self.r @ up - self.phi @ low / c
 
 
 def state_of(system, h, k, base, Z):
@@ -103,4 +104,4 @@ def _residual_rate(terms, t, p, v, a, lam):
         for i, part in enumerate((f - G @ lam, phi, rho)):
             rates[i] = rates[i] + weight * part
     nv, nc = len(v), len(lam)
-    return tuple(np.broadcast_to(part, size) for part, size in zip(rates, (nv, nc, nc), strict=True))
+    return np.concatenate([np.broadcast_to(part, size) for part, size in zip(rates, (nv, nc, nc), strict=True)])

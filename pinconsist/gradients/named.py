@@ -18,21 +18,8 @@ def named_start(mechanism, names, q0, v0):
         raise InputError(f"of a mechanism, parameters are given by their names, got {names!r}")
     names = tuple(names)
     starts = {name: _start_of(mechanism, name, q0, v0) for name in names}
-    own = {i: name for i, name in enumerate(names) if starts[name] is None}
-    theta = [parameter(mechanism, name).value if starts[name] is None else starts[name][2] for name in names]
-    parameters, last = [parameter(mechanism, name) for name in own.values()], [None, mechanism]
-
-    def build(values):
-        wanted = tuple(values[i] for i in own)
-        if wanted == tuple(theta[i] for i in own):
-            return mechanism
-        if wanted != last[0]:  # parameters of the start leave the mechanism the same object
-            built = mechanism
-            for value, each in zip(wanted, parameters, strict=True):
-                if value != each.value:
-                    built = each.put(built, value)
-            last[:] = wanted, built
-        return last[1]
+    own = {i: parameter(mechanism, name) for i, name in enumerate(names) if starts[name] is None}
+    theta = [own[i].value if i in own else starts[name][2] for i, name in enumerate(names)]
 
     def started(which, given):
         ours = {i: starts[name][1] for i, name in enumerate(names) if starts[name] and starts[name][0] == which}
@@ -40,7 +27,24 @@ def named_start(mechanism, names, q0, v0):
             return given
         return lambda values: {**(given or {}), **{joint: float(values[i]) for i, joint in ours.items()}}
 
-    return build, names, np.array(theta), started("q0", q0), started("v0", v0)
+    return Named(mechanism, own), names, np.array(theta), started("q0", q0), started("v0", v0)
+
+
+class Named:
+    """``build(theta)`` of a mechanism and `parameters` of it, by their indices in theta."""
+
+    def __init__(self, mechanism, parameters):
+        self.mechanism, self.parameters = mechanism, parameters
+        self._last: tuple = (), mechanism
+
+    def __call__(self, values):
+        wanted = tuple((i, values[i]) for i, each in self.parameters.items() if values[i] != each.value)
+        if wanted != self._last[0]:  # parameters of the start leave the mechanism the same object
+            built = self.mechanism
+            for i, value in wanted:
+                built = self.parameters[i].put(built, value)
+            self._last = wanted, built
+        return self._last[1]
 
 
 def _start_of(mechanism, name, q0, v0):

@@ -36,7 +36,7 @@ class Completion:
         change = self._spread(s_lam)
         size = np.abs(s_q).max(initial=0.0)
         dJ = 0.0 if size == 0.0 else self._along(s_q * NUDGE / size) * (size / NUDGE)
-        if not variant.inert:
+        if not variant.keeps_rows:
             dJ = dJ + variant.derivative(lambda side: self._jacobian(side, self._q))
         dJ = dJ + np.zeros((len(self._steady), self._system.nx))
         across = dJ @ self._z
@@ -52,7 +52,9 @@ class Completion:
         weights += np.outer(self._u, self._inverse @ of_steady)
         of_q = [np.sum(weights * self._along(NUDGE * unit)) / NUDGE for unit in np.eye(self._system.nx)]
         own = [
-            0.0 if variant.inert else np.sum(weights * variant.derivative(lambda side: self._jacobian(side, self._q)))
+            0.0
+            if variant.keeps_rows
+            else np.sum(weights * variant.derivative(lambda side: self._jacobian(side, self._q)))
             for variant in variants
         ]
         return np.array(of_q), kept[self._system.kept], np.array(own)

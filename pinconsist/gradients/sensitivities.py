@@ -44,7 +44,7 @@ class Sensitivities:
     event_times : list of ndarray, shape (m, P)
         Derivatives of ``solution.t_events``.
     work : dict
-        What it took: ``steps`` that were followed, ``evaluations`` of the equations beside the run's, ``starts``.
+        What it took: ``steps`` that were followed, ``evaluations`` of the equations beside the run's.
     """
 
     solution: Solution
@@ -197,7 +197,7 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     if steps is not None and len(steps) != len(theta):
         raise InputError(f"steps= needs one for each of the {len(theta)} parameters, got {len(steps)}")
     _check_options(options)
-    make = _maker(build, q0, v0, forces, events, backend)
+    make = _maker(build, t_span[0], q0, v0, forces, events, backend)
     base = make(theta)
     solution = simulate(
         base.mechanism, t_span, base.q0, base.v0, events=base.events, rtol=rtol, atol=atol, backend=backend,
@@ -207,15 +207,9 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
         raise PinconsistError(f"the run itself failed: {solution.message}")
     legs = legs_of(solution.sol, base.index1)
     first = legs[0].start
-    state = first(first.t_old)[:2]
-    return (
-        solution,
-        legs,
-        variants_of(make, theta, names, steps, base, first.system, first.t_old, *state),
-        base,
-        names,
-        theta,
-    )
+    state, parameters = first(first.t_old)[:2], getattr(build, "parameters", {})
+    variants = variants_of(make, theta, names, steps, base, first.system, first.t_old, *state, parameters)
+    return solution, legs, variants, base, names, theta
 
 
 def _parts(rows, nv):
@@ -243,7 +237,7 @@ def _check_options(options):
         )
 
 
-def _maker(build, q0, v0, forces, events, backend):
+def _maker(build, t, q0, v0, forces, events, backend):
     """``make(theta) -> Side``; the same mechanism for the same object that `build` returns."""
     made: dict = {}
 
@@ -257,7 +251,7 @@ def _maker(build, q0, v0, forces, events, backend):
         if any(isinstance(force, HeldTorque | Sampled) for force in acting.forces):
             raise InputError("sensitivities do not go through torques that are held or sampled; give them as functions")
         starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]
-        return Side(acting, starts[0], starts[1], as_events(_of_theta(events, values)), backend != "python")
+        return Side(acting, starts[0], starts[1], t, as_events(_of_theta(events, values)), backend != "python")
 
     return make
 

@@ -87,14 +87,10 @@ class StageLeg:
         lam = [index1.acceleration(*state)[1] for state in zip(t, p, v, strict=True)]
         return p, np.hstack((0.0 * v, v, np.array(lam).reshape(len(t), self.system.nc)))
 
-    def initial(self, index1, p, v):
-        """[ξ | v] where the leg begins, as one row of a table, of another run that begins at (p, v)."""
-        return np.concatenate((self.system.difference(self.start.p0, p), v))[None]
-
     @staticmethod
-    def table(rows):
-        """S of the derivatives of :meth:`initial`."""
-        return rows
+    def begin(variants, base, s):
+        """S at the start, from the derivatives of the state there."""
+        return s[None]
 
     def at(self, times, sign):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""

@@ -1,42 +1,93 @@
 """The derivatives with which a run begins, and begins again after an event.
 
-At the start they are differences of assembled states and of the histories from there. Later they are the sum of two
-parts: what the parameter changes at a fixed state, and what the derivatives of the state change in the system of the
-run. The sum is that of the moved state, which is on the loops of the moved parameter; each part is put on its own.
+Those of the assembled state follow from the loops, J s_q = -Φ_θ, where these and the joints that are named determine
+it; else they are differences of assembled states.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from ..errors import InputError
+from ..errors import AssemblyError, InputError
+from ..mechanism.assembly import not_kept
+from ..mechanism.closing import CLOSED
 from .variants import CENTRAL
 
 NUDGE = 1e-3  # by which a state is moved, over its size: differences of fourth order
 BESIDE = 1e-3  # of a step, over which the rate of an event's function is taken
 GRAZING = 0.02  # of the slope with which an event's function reached zero in its step
+PARTED = 1e-7  # of Φ_θ: what no motion can follow
+GAP = 1e-10  # m or rad
 
 
-def first_table(variants, leg, t):
-    """S of the first leg: each side from the state that it assembles."""
+class Start:
+    """The assembled state at which a run begins, and its derivative by each parameter."""
 
-    def rows(side):
-        return leg.initial(side.index1(leg.system), *side.assembled(t)[:2])
+    def __init__(self, base, system):
+        self.base, self.system, self.solver = base, system, base.solver
+        self.q, self.v = base.assembled[:2]
+        self.named = dict(base.q0) if isinstance(base.q0, Mapping) else {}
+        J, E = self.solver.rows(self.q)[1], np.eye(system.nv)[~self.solver.free_columns(self.named)]
+        self.A = np.vstack((J, E))
+        closed = base.q0 is None and self.solver.size(base.mechanism.guess) <= CLOSED
+        known = base.q0 is None or bool(self.named)
+        kept = not not_kept(base.mechanism, self.named, self.q)
+        self.implicit = closed or (known and kept and np.linalg.matrix_rank(self.A) == system.nv)
+        E = np.eye(system.nv)[~self.solver.free_columns(base.v0 if isinstance(base.v0, Mapping) else {})]
+        self.follows = not self.v.any() or np.linalg.matrix_rank(np.vstack((J, E))) == system.nv
 
-    return leg.table(np.stack([variant.derivative(rows) for variant in variants], axis=1))
+    def rate(self, variant):
+        """(s_q, s_v), (nx+nv,)."""
+        system, base, q = self.system, self.base, self.q
+        if variant.keeps_rows and not variant.inert and self.follows:
+            return np.zeros(system.nx + system.nv)
+        s_q = self._by_loops(variant) if self.implicit else self._by_differences(variant)
+        s_v = variant.derivative(lambda side: side.velocity(q, system.kept))
+        if (size := np.abs(s_q).max()) > 0.0:
+            e = NUDGE / size
+            places = ((weight / e, system.integrate(q, m * e * s_q)) for m, weight in CENTRAL.items())
+            s_v = s_v + sum(weight * base.velocity(place, system.kept) for weight, place in places)
+        return np.concatenate((s_q, s_v))
+
+    def _by_loops(self, variant):
+        columns = ~self.solver.free_columns(self.named)
+
+        def open_by(side):
+            phi = side.solver.rows(self.q)[0]
+            there = side.mechanism.configuration(side.q0 if self.named else {}, base=self.q)
+            return np.concatenate((phi, -self.system.difference(self.q, there)[columns]))
+
+        right = -variant.derivative(open_by)
+        s_q = np.linalg.lstsq(self.A, right, rcond=1e-10)[0]
+        if np.abs(self.A @ s_q - right).max(initial=0.0) > PARTED * np.abs(right).max(initial=1e-3):
+            raise InputError(
+                f"the parameter {variant.name!r} cannot vary alone: the loops part. Lengths of an overconstrained loop "
+                "depend on each other; vary them together, by one parameter of build()"
+            )
+        return s_q
+
+    def _by_differences(self, variant):
+        allowed = max(GAP, 3.0 * self.base.assembled[2])
+        try:
+            gap = max(side.assembled[2] for side in variant.sides.values())
+        except AssemblyError as error:
+            raise InputError(
+                f"the parameter {variant.name!r} cannot vary alone: the loops do not close any more ({error})"
+            ) from error
+        if gap > allowed:
+            raise InputError(
+                f"the parameter {variant.name!r} cannot vary alone: it parts redundant loops, which stay open by "
+                f"{gap:.1e}. Vary what keeps them consistent, by one parameter of build()"
+            )
+        return variant.derivative(lambda side: self.system.difference(self.q, side.assembled[0]))
 
 
-def later_table(variants, base, leg, s):
-    """S of a leg that begins at (p, v) with the derivatives `s`, (P, nx+nv), of that state at a fixed time."""
-    t, system = leg.start.t_old, leg.system
-    p, v, _ = leg.start(t)
-
-    def rows(side, t, p, v):
-        index1 = side.index1(system)
-        return leg.initial(index1, *index1.state(t, p, v)[1:3])
-
-    pairs = zip(variants, s, strict=True)
-    return leg.table(np.stack([moved(rows, each, base, system, t, p, v, row) for each, row in pairs], axis=1))
+def begun(variants, base, system):
+    """The derivatives (P, nx+nv) of the assembled state."""
+    start = Start(base, system)
+    return np.array([start.rate(variant) for variant in variants])
 
 
 def moved(function, variant, base, system, t, p, v, s, rate=0.0, scale=1.0):

@@ -9,25 +9,24 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from .._core.compiled_gradient import all_rows, index1_of
-from ..errors import AssemblyError, InputError, PinconsistError
-from ..mechanism.assembly import assembled
+from .._core.compiled_gradient import all_rows, index1_of, known_of, place
+from ..errors import InputError, PinconsistError
+from ..mechanism.assembly import assembled, velocity_on_constraints
 from ..mechanism.closing import LoopSolver
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.system import MechanismSystem
+from .known import AHEAD, CENTRAL, Known, parts_of
 
 RELATIVE_STEP, SMALLEST = 1e-4, 0.1  # the step is 1e-4 max(|θ|, 0.1)
-CENTRAL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
-AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
 OF_STEPS = {-1: -1 / 2, 1: 1 / 2}
 OF_STEPS_AHEAD = {0: -3 / 2, 1: 2.0, 2: -1 / 2}
 SMOOTH, ROUGH = 3e-8, 1e-5  # by which residual differences over two steps are to differ, and may differ, relative
 MOST_TRIES, SHORTER = 4, 5.0
-GAP = 1e-10  # m or rad
 
 
 @dataclass
@@ -37,23 +36,36 @@ class Side:
     mechanism: Mechanism
     q0: Any
     v0: Any
+    t: float
     events: tuple
     compiled: bool
     _systems: dict = field(default_factory=dict)
-    _assembled: tuple | None = None
     _jacobian: Callable | None = None
 
-    def assembled(self, t):
-        """(q, v, rows kept, largest gap) at the start of the run."""
-        if self._assembled is None:
-            self._assembled = self._assemble(t)
-        return self._assembled
-
-    def _assemble(self, t):
+    @cached_property
+    def assembled(self):
+        """(q, v, largest gap) at the start of the run."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of the run itself they were given
-            assembly = assembled(solver := LoopSolver(self.mechanism, t), self.q0, self.v0, advises=False)
-        return assembly.q, assembly.v, solver.kept(assembly.q), assembly.largest_gap[1]
+            assembly = assembled(self.solver, self.q0, self.v0, advises=False)
+        return assembly.q, assembly.v, assembly.largest_gap[1]
+
+    @cached_property
+    def solver(self):
+        """The loops at the start of the run."""
+        return LoopSolver(self.mechanism, self.t)
+
+    def velocity(self, q, kept):
+        """That at the start of the run, at another configuration."""
+        return velocity_on_constraints(self.solver, q, self.v0, kept)
+
+    @cached_property
+    def _workspace(self):
+        return self.mechanism.model.createData(), place()
+
+    def known(self, part, like):
+        """A known derivative as the equations of index 1 of a system."""
+        return known_of(Known(part, like, self._workspace[0]), self.compiled, self._workspace)
 
     def multipliers(self, like, p, lam):
         """The multipliers of all rows, from those that the system `like` keeps."""
@@ -91,6 +103,12 @@ class Variant:
     near: dict[int, float]
     inert: bool
     idle: bool
+    parts = ()
+
+    @property
+    def keeps_rows(self) -> bool:
+        """Whether the constraints are the same."""
+        return self.inert
 
     def derivative(self, function: Callable):
         """That of ``function(side)``, an array."""
@@ -103,12 +121,50 @@ class Variant:
         return [(weight / self.step, self.sides[m].index1(like)) for m, weight in self.near.items()]
 
 
-def variants_of(make, theta, names, steps, base: Side, system, t, p, v) -> list[Variant]:
-    """The variants of all parameters; ``make(theta)`` gives a Side. Checked at the state (`t`, `p`, `v`)."""
-    found = []
+class KnownVariant:
+    """One parameter with a known derivative of the equations, in `parts`; mechanisms beside are made where needed."""
+
+    inert = idle = False
+    keeps_rows = True
+
+    def __init__(self, name, step, parts, base, make_sides):
+        self.name, self.step, self.parts, self._base, self._make_sides = name, step, parts, base, make_sides
+        self._residuals: dict = {}
+
+    @cached_property
+    def _full(self) -> Variant:
+        return self._make_sides()
+
+    @property
+    def weights(self):
+        """Those of differences of fourth order."""
+        return self._full.weights
+
+    def derivative(self, function: Callable):
+        """That of ``function(side)``, an array."""
+        return self._full.derivative(function)
+
+    def residuals(self, like):
+        """As of a :class:`Variant`."""
+        key = like.kept.tobytes()
+        if key not in self._residuals:
+            self._residuals[key] = [(weight, self._base.known(part, like)) for weight, part in self.parts]
+        return self._residuals[key]
+
+
+def variants_of(make, theta, names, steps, base: Side, system, t, p, v, parameters=None) -> list:
+    """The variants of all parameters; ``make(theta)`` gives a Side. Checked at the state (`t`, `p`, `v`).
+
+    `parameters` are those given by names, by their indices.
+    """
+    found: list = []
     for i, name in enumerate(names):
         given = steps is not None and steps[i] is not None
         step = float(steps[i]) if given else RELATIVE_STEP * max(abs(theta[i]), SMALLEST)
+        if i in (parameters or {}) and (parts := parts_of(parameters[i], base.mechanism.model, step)):
+            sides = partial(_variant, make, theta, i, name, step, base)
+            found.append(KnownVariant(name, step, parts, base, sides))
+            continue
         tried, sizes = [], []
         for _ in range(MOST_TRIES):
             variant = _variant(make, theta, i, name, step, base)
@@ -127,7 +183,6 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v) -> list[
                 f"{2 * variant.step:.1e} differ by {rough:.1e} of their size. A table, a rounded number or a kink "
                 "depends on it; give steps= for it, or leave it out"
             )
-        _check_closing(variant, system, t, base)
         found.append(variant)
     return found
 
@@ -188,23 +243,3 @@ def _roughness(variant, system, t, p, v) -> tuple[float, float]:
     noise = 1e-14 * sizes
     size = float(np.abs(one).max())
     return float(np.abs(one - two).max() / (size + noise / ROUGH)), size / variant.step
-
-
-def _check_closing(variant, system, t, base) -> None:
-    """Refuse parameters that would part a redundant loop."""
-    if variant.inert or not system.rows.nc:
-        return
-    allowed = max(GAP, 3.0 * base.assembled(t)[3])
-    for side in variant.sides.values():
-        try:
-            _, _, kept, gap = side.assembled(t)
-        except AssemblyError as error:
-            raise InputError(
-                f"the parameter {variant.name!r} cannot vary alone: the loops do not close any more ({error}). Lengths "
-                "of an overconstrained loop depend on each other; vary them together, by one parameter of build()"
-            ) from error
-        if len(kept) != system.nc or gap > allowed:
-            raise InputError(
-                f"the parameter {variant.name!r} parts redundant loops: {system.nc} rows are independent in the run, "
-                f"{len(kept)} where it varies, and loops stay open by {gap:.1e} there. Vary what keeps them consistent"
-            )

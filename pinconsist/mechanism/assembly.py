@@ -187,11 +187,11 @@ def _text(values) -> str:
     return " ".join(f"{each:.6g}" for each in values)
 
 
-def velocity_on_constraints(solver: LoopSolver, q, v=None) -> np.ndarray:
-    """A velocity with J v + Φ_t = 0 at a closed configuration, as :func:`assemble` takes it."""
+def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None) -> np.ndarray:
+    """A velocity with J v + Φ_t = 0 at a closed configuration, as :func:`assemble` takes it; of the rows `kept`."""
     mechanism, model, t = solver.mechanism, solver.model, solver.t
     _, J = solver.rows(q)
-    kept = solver.kept(q)
+    kept = solver.kept(q) if kept is None else kept
     J = J[kept]
     start = mechanism.velocity({} if v is None else v)
     held = ~solver.free_columns(v if isinstance(v, Mapping) else {})

@@ -18,7 +18,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -30,6 +29,8 @@ import pinocchio as pin
 from ..errors import InputError
 from .checks import near, number
 from .forces import JointDamping, JointFriction, bound_forces, model_forces
+from .forces.force import ForceRecord
+from .numbers import numbers_of, path_of
 
 AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
@@ -43,11 +44,17 @@ class UnknownParameterError(InputError):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a mechanism: what it is, and ``put(mechanism, value)``, the same mechanism with another one."""
+    """A number of a mechanism: what it is, and ``put(mechanism, value)``, the same mechanism with another one.
+
+    If it changes neither loops nor lengths, ``part(value)`` is what it changes: ``("inertia", joint, numbers)``, mass,
+    first moments and inertias about the joint as in Pinocchio's regressor, ``("gravity", numbers)`` or
+    ``("force", record)``.
+    """
 
     name: str
     value: float
     put: Callable
+    part: Callable | None = None
 
 
 def with_parameters(mechanism, values: Mapping[str, float]):
@@ -74,7 +81,9 @@ def parameter(mechanism, name: str) -> Parameter:
     axis = re.fullmatch(r"gravity\[([012])\]", name)
     if axis or name in AXES:
         i = int(axis[1]) if axis else AXES[name]
-        return Parameter(name, float(mechanism.model.gravity.linear[i]), partial(_put_gravity, i))
+        gravity = mechanism.model.gravity.linear.copy()
+        part = lambda value: ("gravity", np.where(np.arange(3) == i, value, gravity))  # noqa: E731
+        return Parameter(name, float(gravity[i]), partial(_put_gravity, i), part)
     kind, sign, whose = name.partition(":")
     if sign and kind in OF_BODIES:
         return _of_body(mechanism, name, kind, whose)
@@ -85,7 +94,7 @@ def parameter(mechanism, name: str) -> Parameter:
     for label, (place, i) in records_of(mechanism).items():
         if path.startswith(f"{label}."):
             number = re.sub(r"\[(\w+)\]", r".\1", path[len(label) + 1 :])  # xyz2[0] as xyz2.0
-            return _number_of(mechanism, name, place, i, _path(mechanism, label, place, i, number))
+            return _number_of(mechanism, name, place, i, path_of(getattr(mechanism, place)[i], label, number))
     raise unknown(mechanism, name)
 
 
@@ -135,8 +144,7 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
         one = model.inertias[joint]
         return one.mass, one.lever.copy(), one.inertia.copy()
 
-    def put(mechanism, value):
-        model = mechanism.model.copy()
+    def changed(model, value):
         mass, lever, inertia = parts(model)
         if kind == "mass":
             mass = value
@@ -145,13 +153,29 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
         else:
             i, j = OF_INERTIA[index]
             inertia[i, j] = inertia[j, i] = value
-        model.inertias[joint] = pin.Inertia(mass, lever, inertia)
+        return mass, lever, inertia
+
+    def put(mechanism, value):
+        model = mechanism.model.copy()
+        try:
+            model.inertias[joint] = pin.Inertia(*changed(model, value))
+        except RuntimeError as error:
+            raise InputError(f"{name} cannot be {value:g}: {error}") from error
         return replace(mechanism, model=model)
+
+    def part(value):
+        return "inertia", joint, _about_joint(*changed(model, value))
 
     mass, lever, inertia = parts(model)
     if kind == "mass":
-        return Parameter(name, float(mass), put)
-    return Parameter(name, float(lever[int(index)] if kind == "com" else inertia[OF_INERTIA[index]]), put)
+        return Parameter(name, float(mass), put, part)
+    return Parameter(name, float(lever[int(index)] if kind == "com" else inertia[OF_INERTIA[index]]), put, part)
+
+
+def _about_joint(mass, lever, inertia):
+    """The ten numbers of a body in which its equations are linear."""
+    about = inertia + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+    return np.array([mass, *(mass * lever), *(about[i] for i in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))])
 
 
 def _of_record(mechanism, name, kind, whose) -> Parameter | None:
@@ -177,7 +201,8 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
             getattr(model, kind)[columns] = number(value, name, least=0.0)
             return replace(mechanism, model=model)
 
-        return Parameter(name, float(getattr(model, kind)[columns][0]), put_coefficient)
+        part = lambda value: ("force", OF_JOINTS[kind]({whose: value}))  # noqa: E731
+        return Parameter(name, float(getattr(model, kind)[columns][0]), put_coefficient, part)
     if kind != "length" or not (whose in mechanism.joints or model.existFrame(whose)):
         raise unknown(mechanism, name)
     of_joint = whose in mechanism.joints
@@ -201,13 +226,17 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
 
 def _number_of(mechanism, name, place, i, path) -> Parameter:
     """The number at a path in the record number `i` of the mechanism's loops or forces."""
+    record = getattr(mechanism, place)[i]
 
     def put(mechanism, value):
         records = list(getattr(mechanism, place))
         records[i] = numbers_of(records[i])[path][1](value)
         return replace(mechanism, **{place: records})
 
-    return Parameter(name, float(numbers_of(getattr(mechanism, place)[i])[path][0]), put)
+    value, changed = numbers_of(record)[path]
+    of_force = place == "forces" and isinstance(record, ForceRecord)
+    part = (lambda value: ("force", changed(value))) if of_force else None
+    return Parameter(name, float(value), put, part)
 
 
 def records_of(mechanism) -> dict:
@@ -217,41 +246,6 @@ def records_of(mechanism) -> dict:
     found = {label: ("forces", i) for i, label in enumerate(labels)}
     found |= {loop.name: ("loops", i) for i, loop in enumerate(mechanism.loops)}
     return dict(sorted(found.items(), key=lambda item: -len(item[0])))
-
-
-def _path(mechanism, label, place, i, name) -> tuple:
-    """The path to the number of this name in a record; its last word is enough where there is one such number."""
-    numbers = list(numbers_of(getattr(mechanism, place)[i]))
-    found = [path for path in numbers if ".".join(path) == name] or [path for path in numbers if path[-1] == name]
-    if len(found) == 1:
-        return found[0]
-    there = ", ".join(".".join(path) for path in found or numbers) or "none"
-    raise InputError(f"{label!r} has {'several numbers' if found else 'no number'} {name!r}; it has {there}")
-
-
-def numbers_of(record) -> dict[tuple, tuple[float, Callable]]:
-    """Path → (value, function that returns the record with another one), of all numbers in a record and its parts."""
-    if isinstance(record, float | int) and not isinstance(record, bool):
-        return {(): (record, lambda value: value)}
-    parts = dict(record) if isinstance(record, Mapping) else {}
-    if isinstance(record, tuple):
-        parts = {str(i): part for i, part in enumerate(record)}
-    elif dataclasses.is_dataclass(record):
-        kinds = {each.name: each.type for each in dataclasses.fields(record)}
-        parts = {name: getattr(record, name) for name in kinds}
-        parts |= {name: 0.0 for name, part in parts.items() if part is None and kinds[name] == "float | None"}
-
-    def put(name, change, value):
-        changed = {name: change(value)}
-        if dataclasses.is_dataclass(record):
-            return replace(record, **changed)
-        return tuple((parts | changed).values()) if isinstance(record, tuple) else parts | changed
-
-    return {
-        (name, *path): (found, partial(put, name, change))
-        for name, part in parts.items()
-        for path, (found, change) in numbers_of(part).items()
-    }
 
 
 def unknown(mechanism, name, also=(), listed="") -> UnknownParameterError:
