@@ -165,9 +165,9 @@ def _acceleration(system, space, t, q, v, M):
     if (np.abs(load[weightless]) > 1e-8 * scale).any():
         names = joints_in(system.mechanism, Z @ motions[:, weightless])
         raise SingularSystemError(
-            f"{system.mechanism.name}: joints {', '.join(names)} can move without any inertia, and are pushed: this "
-            "is neither an equilibrium nor has it an acceleration. Linearise at an equilibrium, or give the massless "
-            f"links an inertia: mechanism.with_armature({{{names[0]!r}: 1e-6}})",
+            f"{system.mechanism.name}: joints {', '.join(names)} can move without any inertia, yet forces act on "
+            "them: this is no equilibrium, and no acceleration exists. Linearise at an equilibrium, or give the "
+            f"massless links an inertia: mechanism.with_armature({{{names[0]!r}: 1e-6}})",
             names=names,
         )
     load[weightless], inertia[weightless] = 0.0, 1.0

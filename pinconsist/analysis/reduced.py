@@ -30,7 +30,7 @@ class Reduced:
             if pushed > 1e-8 * np.abs(h).max():
                 names = joints_in(act.mechanism, Z[:, n:] @ motions[:, weightless])
                 raise SingularSystemError(
-                    f"{act.mechanism.name}: {', '.join(names)} can move without any inertia, and are pushed",
+                    f"{act.mechanism.name}: {', '.join(names)} can move without any inertia, yet forces act on them",
                     names=names,
                 )
             inverse = np.where(weightless, 0.0, 1.0 / np.where(weightless, 1.0, inertia))

@@ -249,7 +249,7 @@ def refuse(found: Iterable[tuple[str, Element]], ignore, root: Element, content,
             _log.info("<%s> %s: left out, as ignore= says", tag, name)
             continue
         raise FormatError(
-            f"<{tag}> is an extension that is not read, so that what it joins would come apart; {advice}. "
+            f"<{tag}> is an extension that is not read: what it joins would come apart; {advice}. "
             f"ignore=[{tag!r}] (--ignore {tag}) loads the file without",
             element=f"line {_line(content, root, element)}, {tag}{f' {name!r}' if name else ''}",
         )

@@ -131,7 +131,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
         warn(
             f"{mechanism.name}: the loops contradict each other slightly: {worst!r} closes only to "
             f"{gaps[worst]:.1e} m or rad. Most likely the numbers of the file are rounded: load(…, precision=1e-6), or "
-            "mechanism.corrected(1e-6), lets loops agree"
+            "mechanism.corrected(1e-6), makes them consistent"
         )
     if moved := not_kept(mechanism, named, best):
         shown = moved[:MOST_SHOWN] if len(named) > MOST_SHOWN else named
@@ -216,7 +216,7 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None) -> np.ndar
             advice = f"drive {given} at t = {t:g} s; leave out what is driven"
         raise AssemblyError(
             f"{mechanism.name}: the loops do not allow the velocities given for {names} "
-            f"(they miss each other by {miss.max():.3g} rad/s or m/s); {advice}"
+            f"(the loops are off by {miss.max():.3g} rad/s or m/s); {advice}"
         )
     return result
 

@@ -61,7 +61,7 @@ def _loop(loop, mechanism, smaller, locked, state):
             return loop
         refused = f"{mechanism.name}: joint {held[0]!r} cannot be locked"
         if isinstance(loop, Drive):
-            raise InputError(f"{refused}, drive {loop.name!r} moves it; take the drive out first, by with_loops()")
+            raise InputError(f"{refused}: drive {loop.name!r} moves it; take the drive out first, by with_loops()")
         if others:
             raise InputError(f"{refused} alone: coupling {loop.name!r} then holds {others[0]!r} too. Lock both")
     else:

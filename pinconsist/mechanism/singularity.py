@@ -38,7 +38,7 @@ def require_nonsingular(system, q) -> None:
         names = joints_in(system.mechanism, free @ motions[:, weightless])
         raise SingularSystemError(
             f"{name}: joints {', '.join(names)} can move without any inertia: the mass matrix is singular and the "
-            "loops do not cure it. Give the massless links an inertia, or add rotor inertia, "
+            "loops do not make up for it. Give the massless links an inertia, or add rotor inertia, "
             f"mechanism.with_armature({{{names[0]!r}: 1e-6}})",
             names=names,
         )

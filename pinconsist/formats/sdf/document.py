@@ -106,7 +106,7 @@ class SdfNode(Node):
         """Raise FormatError for an `<include>`."""
         if include := self.child("include"):
             raise self.error(
-                f"<include> of {include.child('uri').text()[:80]!r}: other files are not read along. `gz sdf -p file` "
+                f"<include> of {include.child('uri').text()[:80]!r}: other files are not read. `gz sdf -p file` "
                 "writes one file that holds everything"
             )
 
