@@ -29,7 +29,7 @@ def reduced(mechanism, q=None):
     places = _places(solver, closed)
     still = _still_joints(solver, places)
     if len(still) == len(mechanism.joints):
-        raise InputError(f"{mechanism.name}: the loops allow no motion at all: nothing would be left of the mechanism")
+        raise InputError(f"{mechanism.name}: the loops leave no motion at all: nothing would be left of the mechanism")
     result = mechanism.lock(still, closed) if still else replace(mechanism, guess=closed)
     model, kept = mechanism.model, [mechanism.joint_index(joint) for joint in result.joints]
     left = [k for i in kept for k in range(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])]
