@@ -14,9 +14,9 @@ from pinconsist import Actuation, Loop, load
 from pinconsist.cli import output
 from pinconsist.cli.options import option
 
-from . import report
+from . import mjcf_actuators, motor_code, report
 
-SCENES = ("four_bar", "andrews", "delta_robot", "stewart_platform")
+SCENES = ("double_pendulum", "four_bar", "andrews", "delta_robot", "stewart_platform")
 STEP = 1e-3  # rad or m: what a motor moves in 1 ms at 1 rad/s
 CALLS, REPEATS = 100, 15
 CRANK, DISTAL, APART = 0.25, 0.3, 0.2  # m, of the five-bar that walks
@@ -35,6 +35,9 @@ class Costs:
     jacobian: float
     reduced: float  # mass matrix
     forward: float
+    c_closure: float  # of the C code
+    c_jacobian: float
+    c_reduced: float  # mass matrix and bias
 
 
 def measured(scenes=SCENES, calls=CALLS, repeats=REPEATS) -> list[Costs]:
@@ -43,7 +46,7 @@ def measured(scenes=SCENES, calls=CALLS, repeats=REPEATS) -> list[Costs]:
     for scene in scenes:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            act = Actuation(load(scene))
+            act = Actuation(mech := load(scene), mech.actuated or mech.joints)
         m, q = len(act.motors), act.q
         goals, zero, count = [act.positions() + STEP, act.positions()], np.zeros(m), [0]
 
@@ -58,7 +61,8 @@ def measured(scenes=SCENES, calls=CALLS, repeats=REPEATS) -> list[Costs]:
             lambda act=act, q=q, zero=zero: act.forward(q, zero, zero),
         )
         times = [min(_timed(way, calls) for _ in range(repeats)) for way in ways]
-        rows.append(Costs(Path(scene).name, act.mechanism.nv, m, *times))
+        in_c = motor_code.measured(act, STEP, repeats)
+        rows.append(Costs(Path(scene).name, act.mechanism.nv, m, *times, *in_c))
     return rows
 
 
@@ -131,6 +135,8 @@ def command(
     robot: Annotated[str | None, option(
         "--ankle", "FOLDER", "Also compare the inertia that the ankle motors of digit_like feel with that of a serial "
         "model: the folder of its URDF.")] = None,
+    mjcf: Annotated[str | None, option(
+        "--mjcf", "FOLDER", "Instead compare the actuators of its MJCF files with MuJoCo's qfrc_actuator.")] = None,
     as_json: output.Json = False,
 ) -> int:
     # fmt: on
@@ -138,13 +144,16 @@ def command(
 
     Example: python -m benchmarks actuation --walk 1000
     """
+    if mjcf:
+        return _against_mujoco(mjcf, as_json)
     rows, walked = [asdict(row) for row in measured((*SCENES, *([robot] if robot else ())))], walk(walks)
     felt = [asdict(row) for row in reflected(robot, *DIGIT)] if robot else []
     if report.in_files(None, as_json, actuation=rows, walk=walked, reflected=felt):
         return output.FINE
     columns = [("scene", "{scene}"), ("velocities>", "{velocities}"), ("motors>", "{motors}")]
     columns += [
-        (f"{name} [µs]>", report.scaled(name, 1e6, 1)) for name in ("closure", "jacobian", "reduced", "forward")
+        (f"{name} [µs]>".replace("_", " "), report.scaled(name, 1e6, 1))
+        for name in ("closure", "jacobian", "reduced", "forward", "c_closure", "c_jacobian", "c_reduced")
     ]
     report.table(rows, columns, f"one call; closure over {STEP:g} rad or m of every motor")
     print(
@@ -155,6 +164,20 @@ def command(
         columns = [("motors at [rad]>", "{position:+.2f}"), ("serial>", "{serial:.4g}"), ("bodies>", "{rods:.4g}")]
         columns += [(f"and rotors of {ROTOR:g}>", "{whole:.4g}")]
         report.table(felt, columns, "largest inertia that the ankle motors feel, kg·m²")
+    return output.FINE
+
+
+def _against_mujoco(folder, as_json) -> int:
+    rows, refused = mjcf_actuators.compared(folder)
+    rows = [asdict(row) for row in rows]
+    if as_json:
+        output.print_json({"machine": report.machine(), "files": rows, "refused": refused})
+        return output.FINE
+    columns = [("file", "{file}"), ("actuators>", "{actuators}"), ("acting>", "{acting}"), ("cut>", "{cut:.0%}")]
+    columns += [("largest>", "{largest:.3g}"), ("difference>", "{difference:.1e}")]
+    report.table(rows, columns, f"torques at {mjcf_actuators.STATES} random states, relative to the largest (or to 1)")
+    for file, why in refused.items():
+        print(f"{file}: refused: {why}")
     return output.FINE
 
 

@@ -2,14 +2,16 @@
 
 import csv
 import json
+import re
 import sys
 from functools import partial
 from pathlib import Path
 
 import pytest
 from helpers import command_line
+from helpers.mjcf_zoo import ZOO
 
-from benchmarks import actuation, gradients, sampled
+from benchmarks import actuation, gradients, mjcf_actuators, sampled
 from benchmarks.against import against
 from benchmarks.app import main
 from benchmarks.around import FORCE, around
@@ -27,8 +29,30 @@ def test_each_way_of_sampling_is_timed_and_right():
     assert all(row.time > 0.0 and row.q < 1e-3 and row.lam < 1.0 for row in rows)
 
 
+LAWS = (
+    '<motor joint="{}" gear="-3" ctrlrange="-.5 .4"/>', '<position joint="{}" kp="7" kv=".3" forcerange="-2 3"/>',
+    '<velocity joint="{}" kv="2" gear="1.5"/>', '<motor joint="{}" forcerange="-.2 .1"/>',
+    '<general joint="{}" gaintype="affine" gainprm="2 .3 .1" biastype="affine" biasprm=".1 -4 -.3"/>',
+)  # fmt: skip
+
+
+def test_actuators_of_many_models_are_mujocos(tmp_path):
+    """Of every third model of the zoo, with an actuator on every hinge and slide."""
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
+    for number, text in enumerate([text for text in ZOO.values() if "<default" not in text][::3]):
+        given = re.split(r"<joint(?=[ /])(?![^>]*(?:name|joint1)=)", text)
+        text = given[0] + "".join(f'<joint name="n{i}"{part}' for i, part in enumerate(given[1:]))
+        plain = [i for i, part in enumerate(given[1:]) if not re.match(r'[^>]*type="(ball|free)"', part)]
+        acting = "".join(LAWS[(i + number) % len(LAWS)].format(f"n{i}") for i in plain)
+        (tmp_path / f"{number}.xml").write_text(f"<mujoco>{text}<actuator>{acting}</actuator></mujoco>")
+    rows, refused = mjcf_actuators.compared(tmp_path, states=15)
+    assert not refused and len(rows) >= 10
+    assert all(row.acting == row.actuators and row.difference < 1e-10 for row in rows)
+    assert any(row.cut > 0.3 for row in rows) and any(row.cut == 0.0 for row in rows)
+
+
 def test_actuation_is_timed_and_its_walk_keeps_the_branch():
-    (row,) = actuation.measured(["four_bar"], calls=2, repeats=1)
+    (row,) = actuation.measured(["four_bar"], calls=2, repeats=1)  # with C where there is a compiler and CasADi
     assert (row.velocities, row.motors) == (3, 1) and min(row.closure, row.jacobian, row.reduced, row.forward) > 0.0
     walked = actuation.walk(60)
     assert walked["jumps"] == 0 and walked["blocked"] < 60
