@@ -2,6 +2,7 @@
 
 from .accuracy import GlobalError as GlobalError
 from .analysis.actuation import Actuation as Actuation
+from .analysis.derivatives import Derivatives as Derivatives
 from .analysis.equilibrium import Equilibrium as Equilibrium
 from .analysis.equilibrium import equilibrium as equilibrium
 from .analysis.inverse_dynamics import InverseDynamics as InverseDynamics

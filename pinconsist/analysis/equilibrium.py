@@ -16,6 +16,7 @@ from ..mechanism.names import joints_in
 from ..mechanism.reactions import HasReactions
 from ..mechanism.singularity import rank_nearby
 from ..mechanism.system import MechanismSystem
+from .derivatives import Derivatives, Varied, of_state
 from .variations import TangentSpace, by_position, closed_near, locked, step_sizes
 
 MAX_ITERATIONS = 200
@@ -73,6 +74,32 @@ class Equilibrium(HasReactions):
         flutter; see :meth:`Linearization.modes`.
         """
         return bool((self.stiffness > 0).all())
+
+    def derivatives(self, parameters, theta=None) -> Derivatives:
+        """Differentiate the equilibrium by parameters of the mechanism.
+
+        Parameters
+        ----------
+        parameters : sequence of str or callable
+            Names of parameters, see :meth:`Mechanism.with_parameters`; or ``build(theta) -> Mechanism``.
+        theta : array, optional
+            With `build`: the values of the parameters.
+
+        Returns
+        -------
+        Derivatives
+            Of ``"q"``, (nv, P), as tangent vectors, and of ``"lam"``, (nc, P); the last index is the parameter.
+
+        Raises
+        ------
+        InputError
+            Unknown names; a parameter that parts redundant loops.
+        SingularSystemError
+            Nothing resists some motion.
+        """
+        varied, rest = Varied(self.mechanism, parameters, theta), np.zeros(self.mechanism.nv)
+        dq, _, _, dlam = of_state(varied, self.t, self.q, rest, rest, self.lam)
+        return Derivatives(varied.names, {"q": dq, "lam": dlam})
 
     def __str__(self):
         if not len(self.stiffness):

@@ -16,6 +16,7 @@ from ..mechanism.names import joints_in
 from ..mechanism.rank import dependencies
 from ..mechanism.reactions import HasReactions
 from ..mechanism.system import MechanismSystem
+from .derivatives import Derivatives, Varied, of_state
 from .variations import TangentSpace, bias, closed_near, locked, step_sizes
 
 WIDEST = 0.05  # rad, or lengths of the mechanism, by which a prediction may miss before the way is halved
@@ -50,6 +51,36 @@ class InverseDynamics(HasReactions):
 
     def __post_init__(self):
         locked(self.t, self.q, self.v, self.a, self.lam, *self.torques.values())
+
+    def derivatives(self, parameters, theta=None) -> Derivatives:
+        """Differentiate the motion and the torques by parameters of the mechanism.
+
+        Parameters
+        ----------
+        parameters : sequence of str or callable
+            Names of parameters, see :meth:`Mechanism.with_parameters`; or ``build(theta) -> Mechanism``.
+        theta : array, optional
+            With `build`: the values of the parameters.
+
+        Returns
+        -------
+        Derivatives
+            Of ``"q"``, ``"v"``, ``"a"``, (n, nv, P), ``"lam"``, (n, nc, P), and ``"torques.DRIVE"``, (n, P); the last
+            index is the parameter.
+
+        Raises
+        ------
+        InputError
+            Unknown names; a parameter that parts redundant loops.
+        """
+        varied, rows = Varied(self.mechanism, parameters, theta), []
+        for state in zip(self.t, self.q, self.v, self.a, self.lam, strict=True):
+            rows.append(of_state(varied, *state, still=False))
+        values = dict(zip(("q", "v", "a", "lam"), map(np.array, zip(*rows, strict=True)), strict=True))
+        for i, (name, _) in enumerate(self.mechanism.row_labels):
+            if name in self.torques:
+                values[f"torques.{name}"] = values["lam"][:, i]
+        return Derivatives(varied.names, values)
 
 
 def inverse_dynamics(mechanism, times, q0=None, *, forces=()) -> InverseDynamics:

@@ -14,6 +14,7 @@ from ..mechanism.mechanism import with_forces
 from ..mechanism.names import joints_in, velocity_names
 from ..mechanism.singularity import MASSLESS
 from ..mechanism.system import MechanismSystem
+from .derivatives import Derivatives, Varied, of_state
 from .equilibrium import equilibrium
 from .modes import Modes, modes
 from .variations import TangentSpace, along, along_places, bias, by_position, by_velocity, locked, step_sizes
@@ -55,6 +56,7 @@ class Linearization:
     stiffness: np.ndarray
     _sizes: np.ndarray = field(repr=False)
     _scale: float = field(repr=False)
+    _about: tuple = field(repr=False)  # mechanism, q0, v0
 
     def __post_init__(self):
         locked(self.q, self.v, self.a, self.lam, self.Z, self.mass, self.damping, self.stiffness)
@@ -75,6 +77,41 @@ class Linearization:
             raise SingularSystemError("some motions that the loops allow have no inertia: there is no state matrix A")
         below = -np.linalg.solve(self.mass, np.hstack((self.stiffness, self.damping)))
         return np.block([[np.zeros((n, n)), np.eye(n)], [below[:, :n], below[:, n:]]])
+
+    def derivatives(self, parameters, theta=None) -> Derivatives:
+        """Differentiate the matrices by parameters of the mechanism.
+
+        Parameters
+        ----------
+        parameters : sequence of str or callable
+            Names of parameters, see :meth:`Mechanism.with_parameters`; or ``build(theta) -> Mechanism``.
+        theta : array, optional
+            With `build`: the values of the parameters.
+
+        Returns
+        -------
+        Derivatives
+            Of ``"mass"``, ``"damping"`` and ``"stiffness"``, (n, n, P); about an equilibrium that moves with the
+            parameters where it was found, about what assembly gives where a state was; the last index is the parameter.
+
+        Raises
+        ------
+        InputError
+            Unknown names; a parameter that parts redundant loops.
+        """
+        mechanism, q0, v0 = self._about
+        varied, dq = Varied(mechanism, parameters, theta), None
+        if q0 is None and v0 is None:
+            dq = of_state(varied, self.t, self.q, self.v, self.a, self.lam)[0]
+
+        def matrices(i, beside, change):
+            there = q0 if dq is None else pin.integrate(mechanism.model, self.q, change * dq[:, i])
+            found = linearize(beside, there, v0, t=self.t)
+            return np.array([found.mass, found.damping, found.stiffness])
+
+        rates = [varied.rate(i, lambda *side, i=i: matrices(i, *side)) for i in range(len(varied.names))]
+        parts = np.stack(rates, axis=-1)
+        return Derivatives(varied.names, dict(zip(("mass", "damping", "stiffness"), parts, strict=True)))
 
     def modes(self) -> Modes:
         """Find natural frequencies, damping ratios and mode shapes, motions without inertia condensed.
@@ -131,6 +168,7 @@ def linearize(mechanism, q0=None, v0=None, *, forces=(), t: float = 0.0) -> Line
     equations of motion in minimal coordinates, exactly.
     """
     mechanism, t = with_forces(mechanism, forces, "linearize"), float(finite_array(t, "t"))
+    given = q0
     if q0 is None:
         q0 = equilibrium(mechanism, t=t).q
     state = assemble(mechanism, q0, v0, t=t)
@@ -149,7 +187,7 @@ def linearize(mechanism, q0=None, v0=None, *, forces=(), t: float = 0.0) -> Line
         mass=Z.T @ M @ Z,
         damping=Z.T @ (C @ Z + M @ from_velocity),
         stiffness=Z.T @ (K + C @ velocity + M @ from_position),
-        _sizes=sizes[space.coordinates], _scale=scale,
+        _sizes=sizes[space.coordinates], _scale=scale, _about=(mechanism, given, v0),
     )  # fmt: skip
 
 

@@ -1,0 +1,144 @@
+"""Derivatives of statics, of driven motions and of small motions by parameters of the mechanism.
+
+What was solved is F(x, θ) = 0: loops, balance, rates of the loops. Its derivative F_x dx + F_θ = 0 is solved at the
+solution, so that nothing is searched for again; F_θ comes from differences at the fixed state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import InputError, SingularSystemError
+from ..mechanism.checks import finite_array
+from ..mechanism.motion import first
+from ..mechanism.parameters import parameter
+from ..mechanism.system import MechanismSystem
+from .variations import TangentSpace, along, along_places, bias, by_position, by_velocity
+
+RELATIVE_STEP, SMALLEST = 1e-4, 0.1  # the step is 1e-4 max(|θ|, 0.1)
+AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
+PARTED = 1e-7  # of Φ_θ: what no motion can follow
+NEUTRAL = 1e-10  # smallest stiffness over the largest
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives by parameters, which are the last index.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the parameters.
+    values : dict[str, ndarray]
+        Of what, by the name that it has in the result: ``q`` as tangent vectors, ``lam``, ``torques.NAME``, …
+    """
+
+    names: tuple[str, ...]
+    values: dict[str, np.ndarray]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.values[name]
+
+
+class Varied:
+    """A mechanism and its parameters: names of them, or ``build(theta)`` and theta."""
+
+    def __init__(self, mechanism, parameters, theta=None):
+        self.mechanism = mechanism
+        if callable(parameters):
+            self._build: Callable | None = parameters
+            self.theta = np.atleast_1d(finite_array(theta, "theta"))
+            self.names = tuple(f"theta[{i}]" for i in range(len(self.theta)))
+            return
+        if isinstance(parameters, str) or not all(isinstance(name, str) for name in parameters):
+            raise InputError(f"derivatives needs names of parameters, or build and theta, got {parameters!r}")
+        self._build, self.names = None, tuple(parameters)
+        self._parameters = [parameter(mechanism, name) for name in self.names]
+        self.theta = np.array([each.value for each in self._parameters])
+
+    def rate(self, i, function):
+        """The derivative of ``function(mechanism, change of the parameter)`` by a parameter."""
+        step = RELATIVE_STEP * max(abs(self.theta[i]), SMALLEST)
+
+        def at(change):
+            value = self.theta[i] + change
+            if self._build is None:
+                return function(self._parameters[i].put(self.mechanism, value), change)
+            return function(self._build(np.where(np.arange(len(self.theta)) == i, value, self.theta)), change)
+
+        try:
+            return first(at, step)
+        except InputError:  # at a bound
+            return sum(weight * at(m * step) for m, weight in AHEAD.items()) / step
+
+
+def of_state(varied, t, q, v, a, lam, still=True):
+    """(dq, dv, da, dλ) by each parameter at a state that loops determine, and balance where it is `still`."""
+    system = MechanismSystem(varied.mechanism, q, t)
+    space, nv, every = TangentSpace(system, q, t), system.nv, np.eye(system.nv)
+
+    def residuals(system):
+        phi, J = system.loop_rows(q, t)
+        r = pin.rnea(system.model, system.data, q, v, a) - system.torque(t, q, v) - J.T @ lam
+        return r, phi, J @ v + system.rows.time_rate(t, q), J @ a + bias(system, t, q, v)
+
+    def beside(mechanism, _):
+        return np.concatenate(residuals(MechanismSystem(mechanism, q, t, kept=system.kept)))
+
+    rates = np.array([varied.rate(i, beside) for i in range(len(varied.names))])
+    r, phi, rho, gamma = np.split(rates.T, np.cumsum([nv, system.rows.nc, system.rows.nc]))
+    K = by_position(system, t, q, v, a, lam, every)
+    dq = -space.P @ phi
+    _check_closing(varied, space.J @ dq + phi, phi)
+    if still and space.Z.size:
+        stiffness = space.Z.T @ K @ space.Z
+        sizes = np.linalg.svd(stiffness, compute_uv=False)
+        if sizes[-1] <= NEUTRAL * max(sizes[0], np.abs(K).max()):
+            raise SingularSystemError(
+                f"{varied.mechanism.name}: nothing resists some motion at this equilibrium, so that it has no "
+                "derivative. Add a spring, or lock the joint"
+            )
+        dq = dq - space.Z @ np.linalg.solve(stiffness, space.Z.T @ (K @ dq + r))
+
+    def hidden(x):
+        return system.loop_rows(x, t)[1] @ v + system.rows.time_rate(t, x)
+
+    def pulled(x):
+        return system.loop_rows(x, t)[1] @ a + bias(system, t, x, v)
+
+    if still:
+        dv = da = np.zeros_like(dq)
+    else:
+        dv = -space.P @ (rho + along_places(hidden, system, q, every) @ dq)
+        by_v = along(lambda dv: bias(system, t, q, v + dv), every, 1.0 + np.abs(v))
+        da = -space.P @ (gamma + along_places(pulled, system, q, every) @ dq + by_v @ dv)
+    load = K @ dq + by_velocity(system, t, q, v, a) @ dv + system.mass_matrix(q) @ da + r
+    dlam = np.column_stack([space.multipliers(column) for column in load.T])
+    if len(space.kept) < system.rows.nc:
+        dlam = dlam + _of_redundant(varied, system, space, t, q, lam, dq)
+    return dq, dv, da, dlam
+
+
+def _check_closing(varied, left, phi):
+    for name, rest, whole in zip(varied.names, left.T, phi.T, strict=True):
+        if np.abs(rest).max(initial=0.0) > PARTED * np.abs(whole).max(initial=1e-3):
+            raise InputError(
+                f"the parameter {name!r} cannot vary alone: the loops part. Lengths of an overconstrained loop depend "
+                "on each other; vary them together, by one parameter of build()"
+            )
+
+
+def _of_redundant(varied, system, space, t, q, lam, dq):
+    """What turns the range of J, in which λ of smallest norm is: (1 - Π) dJ J⁺ λ."""
+    J, z = space.J, np.linalg.lstsq(space.J, lam, rcond=1e-10)[0]
+
+    def turned(mechanism, _):
+        return MechanismSystem(mechanism, q, t, kept=system.kept).loop_rows(q, t)[1] @ z
+
+    change = along_places(lambda x: system.loop_rows(x, t)[1] @ z, system, q, np.eye(system.nv)) @ dq
+    change = change + np.column_stack([varied.rate(i, turned) for i in range(len(varied.names))])
+    return change - J @ np.linalg.lstsq(J, change, rcond=1e-10)[0]
