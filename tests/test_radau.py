@@ -12,6 +12,7 @@ from pinconsist.dae import radau_stepper
 from pinconsist.dae.kkt import KKT, kkt_at
 from pinconsist.dae.radau import table
 from pinconsist.dae.radau_control import RadauControl
+from pinconsist.mechanism.system import MechanismSystem
 
 STEPS = {1: 1 / 80, 3: 1 / 40, 5: 1 / 10, 9: 1 / 4}  # order → step; half of it is still above rounding
 needs_both = pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
@@ -120,6 +121,19 @@ def test_dense_output_t_eval_and_callbacks(backend):
         np.testing.assert_allclose(rows[0], exact.q, atol=1e-6)
         np.testing.assert_allclose(rows[1], exact.v, atol=1e-3)
         np.testing.assert_allclose(rows[2], exact.lam, atol=1e-3 * np.abs(exact.lam).max())
+
+
+@needs_both
+def test_between_steps_it_lies_on_both_constraints(backend):
+    mech, span = pc.load("slider_crank"), (0.0, 0.2)
+    t, run = np.linspace(*span, 20), {"v0": {"crank": 20.0}, "method": "Radau", "backend": backend}
+    sol = pc.simulate(mech, span, rtol=1e-6, atol=1e-6, t_eval=t, **run)
+    exact = pc.simulate(mech, span, rtol=1e-11, atol=1e-12, t_eval=t, **run)
+    system = MechanismSystem(mech, mech.guess)
+    for q, v in zip(sol.q, sol.v, strict=True):
+        phi, rho = system.constraint(0.0, q, v)
+        assert np.abs(phi).max() < 1e-11 and np.abs(rho).max() < 1e-11
+    assert np.abs(sol.v - exact.v).max() < 3e-6 * np.abs(exact.v).max()
 
 
 def floating_four_bar():

@@ -49,7 +49,7 @@ struct Collocation {
 };
 using Collocations = std::vector<std::shared_ptr<const Collocation>>; // of successive steps
 
-// States inside steps, while the equations are there.
+// States inside steps, put on the constraints, while the equations are there.
 class Sampler {
 public:
   explicit Sampler(System &system) : system_(system), index1_(system) {}
@@ -72,7 +72,8 @@ public:
     xi_ = step.U * here + theta * theta * (3.0 - 2.0 * theta) * missing_;
     system_.integrate(step.p0, xi_, p);
     v = step.v0 + shape.W * here + theta * theta * missing_v_;
-    return !with_multipliers || index1_.acceleration(t, p, v, a_, lam);
+    const bool regular = index1_.settle(t, p, v);
+    return !with_multipliers || (regular && index1_.acceleration(t, p, v, a_, lam));
   }
 
   Vec p, v, lam;

@@ -43,6 +43,23 @@ public:
     return state;
   }
 
+  // p and v, near both constraints, put on them by one factorisation; false where it is singular.
+  bool settle(double t, Vec &p, Vec &v) {
+    const int nv = system_.nv, nc = system_.nc;
+    if (!nc) return true;
+    system_.constraint(t, p, v);
+    if (!shift(t, {p, v}, system_.phi)) return false;
+    moved_.resize(system_.npos);
+    system_.integrate(p, -system_.moved_by(t, p, v, rhs_.col(0).head(nv)), moved_);
+    p = moved_;
+    system_.constraint(t, p, v);
+    rhs_.setZero();
+    rhs_.col(0).tail(nc) = system_.rho;
+    kkt_.solve(rhs_, 1.0, 0);
+    v -= rhs_.col(0).head(nv);
+    return true;
+  }
+
 private:
   bool solve_acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
     const int nv = system_.nv, nc = system_.nc;
@@ -92,7 +109,7 @@ private:
   System &system_;
   KKT kkt_;
   Mat rhs_;
-  Vec zero_, bias_;
+  Vec zero_, bias_, moved_;
 };
 
 class OneStep {

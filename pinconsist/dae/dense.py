@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError, PinconsistError
 from . import bdf
 from .charts import chart_point
-from .index1 import Index1
+from .index1 import Index1, settled
 from .problem import Index3System
 from .radau import Table
 from .tuning import LOOKS
@@ -48,6 +48,7 @@ class Segment:
 class RadauSegment:
     """The collocation polynomial of a step from (p0, v0), bent to its projected end (p, v); λ by the index-1 equations.
 
+    Between the ends it is put on both constraints: off them lies most of its error.
     `W` and `U` have the accelerations and the rates of ξ at the stages of the formula `table`, a row for each.
     """
 
@@ -72,6 +73,7 @@ class RadauSegment:
         missing = system.difference(self.p0, self.p) - last @ self.U
         p = system.integrate(self.p0, here @ self.U + theta**2 * (3.0 - 2.0 * theta) * missing)
         v = self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
+        p, v = settled(system, t, p, v)
         return p, v, Index1(system).acceleration(t, p, v)[1]
 
     def led_to(self, t: float) -> RadauSegment:

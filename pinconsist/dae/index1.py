@@ -73,6 +73,18 @@ def moved_by(system, t, p, v, change):
     return (system.rate(t, p, v) - system.rate(t, p, v - small * change)) / small
 
 
+def settled(system, t, p, v):
+    """(p, v), near both constraints, put on them by one factorisation."""
+    if not system.nc:
+        return p, v
+    kkt, zero = kkt_at(system, t, p, v)[0], np.zeros(system.nv)
+    phi = system.constraint(t, p, system.rate(t, p, v))[0]
+    shift = kkt.solve(np.concatenate((zero, phi)))[: system.nv]
+    p = system.integrate(p, -moved_by(system, t, p, v, shift))
+    rho = system.constraint(t, p, system.rate(t, p, v))[1]
+    return p, v - kkt.solve(np.concatenate((zero, rho)))[: system.nv]
+
+
 def project_position(system, t, p, v):
     """`p`, near the manifold, put on Φ(t, p) = 0 in the mass metric; AssemblyError if 20 iterations are not enough."""
     if not system.nc:
