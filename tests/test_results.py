@@ -1,6 +1,8 @@
 """Results by name, configurations by name, tables, and what is shown of mechanisms and solutions."""
 
 import csv
+import re
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -220,3 +222,24 @@ def test_what_is_shown(four_bar, sol):
 def test_angles_in_degrees():
     values = joint_values(["knee=30deg", "hip=-90 deg,0.5"], "--at")
     assert values == {"knee": [pytest.approx(np.pi / 6)], "hip": [pytest.approx(-np.pi / 2), 0.5]}
+
+
+def test_a_notebook_draws_a_mechanism(four_bar):
+    """A planar one in its plane: joints are as far apart as in the scene, in one scale."""
+    picture = ElementTree.fromstring(re.search(r"<svg.*</svg>", four_bar._repr_html_())[0])
+    named = {each[0].text: each for each in picture if len(each)}
+    assert tuple(named) == four_bar.joints and len(picture.findall("{*}circle")) == 3 + 2  # and two anchors
+    drawn = np.array([[float(each.get(key)) for key in ("cx", "cy")] for each in named.values()])
+    data = four_bar.model.createData()
+    pin.forwardKinematics(four_bar.model, data, four_bar.guess)
+    places = np.array([pose.translation for pose in list(data.oMi)[1:]])
+    sizes = [np.linalg.norm(each - np.roll(each, 1, axis=0), axis=1) for each in (drawn, places)]
+    np.testing.assert_allclose(sizes[0] / sizes[1], sizes[0][0] / sizes[1][0], rtol=0.01)
+    for name in ("stewart_platform", "planar_pendulum"):
+        assert "<line" in pc.load(name)._repr_html_()
+
+
+def test_a_helical_joint_is_measured_in_radians():
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelHelicalUnaligned(np.array([0.6, 0, 0.8]), 0.2), pin.SE3.Identity(), "screw")
+    assert velocity_units(model) == position_units(model) == ["rad"]

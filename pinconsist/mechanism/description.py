@@ -10,6 +10,7 @@ from html import escape
 
 import numpy as np
 
+from .drawing import svg_of
 from .forces import bound_forces
 from .names import position_names, position_units
 
@@ -44,7 +45,7 @@ def _cut(names) -> str:
 
 
 def html_of(mechanism) -> str:
-    """A table of the joints, with guess and limits, and a list of loops and forces."""
+    """A picture, a table of the joints, with guess and limits, and a list of loops and forces."""
     model, rows, names, units = mechanism.model, [], position_names(mechanism.model), position_units(mechanism.model)
     motors = set(mechanism.actuated)
     kinds = [kind for i in range(1, model.njoints) for kind in [_kind(model, i)] * model.nqs[i]]
@@ -56,7 +57,7 @@ def html_of(mechanism) -> str:
         rows.append((name, kind, f"{value:.5g} {unit}", limits, motor))
     records = [f"{loop.kind} {loop.name}" for loop in mechanism.loops]
     return (
-        f"<b>{escape(mechanism.name)}</b>"
+        f"<b>{escape(mechanism.name)}</b><br/>{svg_of(mechanism)}"
         + _table(("joint", "kind", "guess", "limits", ""), rows)
         + "".join(
             f"<p>{what}: {escape(', '.join(each))}</p>"

@@ -30,6 +30,7 @@ def _names(model, sizes):
 def velocity_units(model) -> list[str]:
     """``rad`` or ``m`` for each number of a velocity; a second is left out."""
     data, units = model.createData(), []
+    pin.computeJointJacobians(model, data, pin.neutral(model))  # helical joints have their axes only then
     for joint in list(data.joints)[1:]:
         motions = np.reshape(joint.S, (6, -1))
         units += ["rad" if turns else "m" for turns in np.abs(motions[3:]).max(axis=0) > 0.0]
