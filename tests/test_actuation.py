@@ -304,6 +304,10 @@ def test_motors_that_cannot_move_are_named():
         (lambda mech: pc.Actuation(mech).torques(forces={"crank": [1.0]}), "three or six numbers"),
         (lambda mech: pc.Actuation(mech).frame("tip"), "no frame 'tip'"),
         (lambda mech: pc.Actuation(mech).table({"crank": [1.0]}, "a.xls"), "npz or .csv"),
+        (lambda mech: pc.Actuation(mech).table({"rocker": [1.0]}), "'rocker' is no motor; the motors are crank"),
+        (lambda mech: pc.Actuation(mech).table({}), "a mapping of motors to positions"),
+        (lambda mech: pc.Actuation(mech).table({"crank": [[1.0, 2.0]]}), "need one axis"),
+        (lambda mech: pc.Actuation(mech).torques(forces=[1.0, 2.0, 3.0]), "a mapping of frames to forces"),
     ],
 )
 def test_wrong_arguments(call, message):

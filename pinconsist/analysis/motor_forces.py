@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -53,6 +54,8 @@ class MotorTorques(HasReactions):
 
 def torques_for(act, q, v, a, forces, t) -> MotorTorques:
     """What :meth:`Actuation.torques` returns."""
+    if not isinstance(forces, Mapping):
+        raise InputError(f"forces= needs a mapping of frames to forces, got {forces!r}")
     loads = sum((_load(act, q, frame, force) for frame, force in forces.items()), np.zeros(act.mechanism.nv))
     reduced = act._reduced(q, v, t, loads)
     every, a = act._of_motors(a, "a")

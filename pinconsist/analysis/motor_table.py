@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
 
@@ -19,7 +20,13 @@ def table(act, positions, file=None) -> dict[str, np.ndarray]:
     suffix = "" if file is None else Path(file).suffix
     if file is not None and suffix not in (".npz", ".csv"):
         raise InputError(f"{file}: a table is written as .npz or .csv")
+    if not isinstance(positions, Mapping) or not positions:
+        raise InputError(f"a table needs a mapping of motors to positions, got {positions!r}")
+    if wrong := [joint for joint in positions if joint not in act.motors]:
+        raise InputError(f"{wrong[0]!r} is no motor; the motors are {', '.join(act.motors)}")
     axes = [np.atleast_1d(finite_array(values, f"positions of {joint!r}")) for joint, values in positions.items()]
+    if deep := [joint for joint, axis in zip(positions, axes, strict=True) if axis.ndim != 1]:
+        raise InputError(f"positions of {deep[0]!r} need one axis")
     sizes, joints, start = [len(axis) for axis in axes], list(positions), act.q
     points = np.array([each.ravel() for each in np.meshgrid(*axes, indexing="ij")]).T
     q, ok = _filled(act, joints, points, sizes)
