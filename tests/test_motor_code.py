@@ -64,7 +64,9 @@ def same(one, other):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # free motions
-@pytest.mark.parametrize("name", [*KINDS, *actuated.FREE, "ankle", "boom", "five_bar", "andrews", "double_pendulum"])
+@pytest.mark.parametrize(
+    "name", [*KINDS, *actuated.FREE, "ankle", "boom", "five_bar", "andrews", "delta_robot", "double_pendulum"]
+)
 def test_c_and_python_are_equal(name, tmp_path):
     act, rng = actuation(name), np.random.default_rng(1)
     lib, m, nv = library(act, tmp_path), len(act.motors), act.mechanism.nv
