@@ -1,6 +1,7 @@
 """Actuators of robot files: against MuJoCo's own, their limits and commands."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from helpers import sdf_texts
 
@@ -223,6 +224,36 @@ def test_a_transmission_of_a_urdf_acts(tmp_path, caplog):
     strong = pc.simulate(mech, (0.0, 0.05), control={"j": 5.0})
     np.testing.assert_allclose(strong.torque("m"), 30.0)  # the joint's effort limit
     assert strong.check(error=False).saturated == {"m": 1.0}
+
+
+TWO = """<transmission name="d"><type>transmission_interface/{kind}</type>
+<joint name="k"><role>joint2</role><mechanicalReduction>{j2}</mechanicalReduction></joint>
+<joint name="j"><role>joint1</role><mechanicalReduction>{j1}</mechanicalReduction></joint>
+<actuator name="a"><role>actuator1</role><mechanicalReduction>{a1}</mechanicalReduction>{rotor}</actuator>
+<actuator name="b"><role>actuator2</role><mechanicalReduction>{a2}</mechanicalReduction>{rotor}</actuator>
+</transmission><link name="tip"><inertial><mass value="1"/>
+<inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".1"/></inertial></link>
+<joint name="k" type="continuous"><parent link="bar"/><child link="tip"/><axis xyz="1 0 0"/></joint>"""
+
+
+@pytest.mark.parametrize("kind", ["DifferentialTransmission", "FourBarLinkageTransmission"])
+def test_two_motors_on_two_joints(tmp_path, caplog, kind):
+    """Torques are those of ROS; the power of the motors is that of the joints."""
+    (j1, j2), (a1, a2), u = (10.0, 50.0), (-2.0, 4.0), (0.3, -0.7)
+    path, rotor = tmp_path / "arm.urdf", "<rotorInertia>1e-5</rotorInertia>"
+    rest = TWO.format(kind=kind, j1=j1, j2=j2, a1=a1, a2=a2, rotor=rotor)
+    path.write_text(ARM.format(reduction=1, rotor="0", rest=rest), encoding="utf-8")
+    mech = pc.load(path)
+    assert mech.actuated == ("j", "k") and "couple the two joints" in caplog.text
+    found = pulled(mech.with_control({"a": u[0], "b": u[1]}), pin.neutral(mech.model), np.zeros(2))
+    if kind == "DifferentialTransmission":
+        expected = j1 * (u[0] * a1 + u[1] * a2), j2 * (u[0] * a1 - u[1] * a2)
+        turned = (a1 * j1) ** 2 + (a2 * j1) ** 2, (a1 * j2) ** 2 + (a2 * j2) ** 2
+    else:
+        expected = j1 * u[0] * a1, j2 * (u[1] * a2 - u[0] * a1 * j1)
+        turned = (a1 * j1) ** 2, (a1 * j1 * j2) ** 2 + (a2 * j2) ** 2
+    np.testing.assert_allclose(found, expected, rtol=1e-14)
+    np.testing.assert_allclose(mech.model.armature, 1e-5 * np.array(turned), rtol=1e-12)
 
 
 def test_a_transmission_without_reduction_is_refused(tmp_path):

@@ -60,7 +60,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
         limits[model.idx_qs[model.getJointId(joint)]] = -math.inf if side == "lower" else math.inf
     model = replaced(model, types) if types else model
     motors = transmissions(raw, model, UNLIMITED)
-    actuated = tuple(dict.fromkeys(motor.joint for motor in motors))
+    actuated = tuple(dict.fromkeys(joint for motor in motors for joint in motor.arms))
     return RobotFile(model, urdf, loops, followers, motors, actuated=actuated)
 
 
