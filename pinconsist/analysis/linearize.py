@@ -11,8 +11,8 @@ from ..errors import SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
 from ..mechanism.mechanism import with_forces
-from ..mechanism.names import joints_in, velocity_names
-from ..mechanism.singularity import MASSLESS
+from ..mechanism.names import velocity_names
+from ..mechanism.singularity import MASSLESS, without_inertia
 from ..mechanism.system import MechanismSystem
 from .derivatives import Derivatives, Varied, of_state
 from .equilibrium import equilibrium
@@ -201,13 +201,8 @@ def _acceleration(system, space, t, q, v, M):
     scale = np.max(np.abs(Z).T @ (np.abs(push) + np.abs(M) @ np.abs(given)), initial=0.0)
     weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
     if (np.abs(load[weightless]) > 1e-8 * scale).any():
-        names = joints_in(system.mechanism, Z @ motions[:, weightless])
-        raise SingularSystemError(
-            f"{system.mechanism.name}: joints {', '.join(names)} can move without any inertia, yet forces act on "
-            "them: this is no equilibrium, and no acceleration exists. Linearise at an equilibrium, or give the "
-            f"massless links an inertia: mechanism.with_armature({{{names[0]!r}: 1e-6}})",
-            names=names,
-        )
+        why = ", yet forces act on them: only at an equilibrium could this be linearised"
+        raise without_inertia(system.mechanism, Z @ motions[:, weightless], why)
     load[weightless], inertia[weightless] = 0.0, 1.0
     a = given - Z @ (motions @ (load / inertia))
     carried = M @ a + push

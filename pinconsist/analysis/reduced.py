@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import SingularSystemError
-from ..mechanism.names import joints_in
-from ..mechanism.singularity import MASSLESS
+from ..mechanism.singularity import MASSLESS, without_inertia
 
 
 class Reduced:
@@ -28,11 +26,8 @@ class Reduced:
             weightless = inertia <= MASSLESS * np.abs(M).max()
             pushed = np.abs(motions[:, weightless].T @ h[n:]).max(initial=0.0)
             if pushed > 1e-8 * np.abs(h).max():
-                names = joints_in(act.mechanism, Z[:, n:] @ motions[:, weightless])
-                raise SingularSystemError(
-                    f"{act.mechanism.name}: {', '.join(names)} can move without any inertia, yet forces act on them",
-                    names=names,
-                )
+                why = ", yet forces act on them: they have no acceleration"
+                raise without_inertia(act.mechanism, Z[:, n:] @ motions[:, weightless], why)
             inverse = np.where(weightless, 0.0, 1.0 / np.where(weightless, 1.0, inertia))
             G = (motions * inverse) @ motions.T
             self._follow = -G @ M[n:, :n], -G @ h[n:]

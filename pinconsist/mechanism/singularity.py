@@ -35,13 +35,8 @@ def require_nonsingular(system, q) -> None:
     inertia, motions = np.linalg.eigh(free.T @ system.mass_matrix(q) @ free)
     weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
     if weightless.any():
-        names = joints_in(system.mechanism, free @ motions[:, weightless])
-        raise SingularSystemError(
-            f"{name}: joints {', '.join(names)} can move without any inertia: the mass matrix is singular and the "
-            "loops do not make up for it. Give the massless links an inertia, or add rotor inertia, "
-            f"mechanism.with_armature({{{names[0]!r}: 1e-6}})",
-            names=names,
-        )
+        why = ": the mass matrix is singular and the loops do not make up for it"
+        raise without_inertia(system.mechanism, free @ motions[:, weightless], why)
     rank = 0 if system.dropped_are_zero else rank_nearby(system, q, free)
     if rank > system.nc:
         loops = tuple(dict.fromkeys(loop for loop, _ in rows.labels))
@@ -51,6 +46,16 @@ def require_nonsingular(system, q) -> None:
             "running through one is no problem",
             names=loops,
         )
+
+
+def without_inertia(mechanism, motions, why) -> SingularSystemError:
+    """The error about motions, columns (nv, k), that have no inertia; `why` that matters."""
+    names = joints_in(mechanism, motions)
+    return SingularSystemError(
+        f"{mechanism.name}: joints {', '.join(names)} can move without any inertia{why}. Give the massless links an "
+        f"inertia, or add rotor inertia, mechanism.with_armature({{{names[0]!r}: 1e-6}})",
+        names=names,
+    )
 
 
 def held_motors(mechanism, q) -> list[str]:
