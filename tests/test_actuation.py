@@ -212,6 +212,22 @@ def test_random_walks_stay_in_their_mode_of_assembly(seed):
     assert act.condition() < 1.0
 
 
+@pytest.mark.parametrize("name", ["four_bar", "five_bar", "delta_robot", "ankle", "boom"])
+def test_short_ways_and_none_at_all_are_not_blocked(name):
+    """Motors that stand where they should, or nearly, as those of a controller at rest."""
+    act, rng = actuation(name), np.random.default_rng(2)
+    chosen, start = act._chosen, act.q
+    plain = Follower(chosen.rows, chosen.system.integrate, chosen.columns, chosen.sizes)
+    for _ in range(5):
+        q = moved(act, rng)
+        for way in (0.0, 1e-16, 1e-12, 1e-9, 5e-9, -1e-12, -5e-9):
+            found, ok = act.closure(act.positions(q) + way, q=q)
+            assert ok, (way, act.message)
+            np.testing.assert_allclose(pin.difference(act.mechanism.model, q, found), 0.0, atol=1e-6)
+            assert plain.follow(q, np.full(len(chosen.columns), way))[1] == 1.0
+    act.q = start
+
+
 def test_what_blocks_the_way_is_said():
     act = pc.Actuation(actuated.five_bar())
     q, ok = act.closure([-3.6, 0.3])

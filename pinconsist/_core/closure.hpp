@@ -30,10 +30,11 @@ public:
     const bool regular = (q.size() == last_q_.size() && q == last_q_) || factorise(q, here_, J_y_);
     last_q_.resize(0);
     for (int tries = 0; regular && share < 1.0 && tries < TRIES; ++tries) {
+      const bool is_short = part < 1.0 && part * length < shortest; // made so, not the way or its rest
       const bool last = part >= 1.0 - share;
       part = std::min(part, 1.0 - share);
       double longer = 0.5;
-      if (step(q, part * way, part * length < shortest, longer)) share = last ? 1.0 : share + part;
+      if (step(q, part * way, is_short, longer)) share = last ? 1.0 : share + part;
       else if (part * length < OUTWARD * shortest) break;
       part *= longer;
     }

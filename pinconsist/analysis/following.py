@@ -43,9 +43,10 @@ class Follower:
         for _ in range(TRIES if here is not None else 0):
             if share == 1.0:
                 break
+            is_short = part < 1.0 and part * length < SHORTEST  # made so, not the way or its rest
             last = part >= 1.0 - share
             part = min(part, 1.0 - share)
-            found, longer = self._step(q, here, part * way, part * length < SHORTEST)
+            found, longer = self._step(q, here, part * way, is_short)
             if found is not None:
                 (q, here), share = found, 1.0 if last else share + part
             elif part * length < OUTWARD * SHORTEST:
