@@ -194,6 +194,22 @@ def identification(axes, mech, fit):
     return "crank angle by one standard deviation of a parameter  [mrad]"
 
 
+def spring_size(axes, mech, found):
+    times, before, now, _ = found
+    axes.plot(times, before, color=ORANGE, label="spring of the guess")
+    axes.plot(times, now, color=BLUE, label="best spring")
+    axes.legend(frameon=False)
+    return "force in the pin  [N]"
+
+
+def swing_up(axes, mech, found):
+    sol, torques = found
+    axes.plot(np.linspace(0.0, sol.t[-1], len(torques)), torques, color=BLUE, label="torque  [N·m]")
+    axes.plot(sol.t, 10.0 * sol.q[:, 0], color=ORANGE, label="crank  [0.1 rad]")
+    axes.legend(frameon=False)
+    return "torque and angle of the crank"
+
+
 FIGURES = {  # curve, time of the still or None, traces in it
     "02_four_bar": (four_bar, 1.0, ("coupler_tip",)),
     "03_driven_slider_crank": (slider_crank, 0.05, ()),
@@ -213,6 +229,8 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "17_cosimulation": (held, None, ()),
     "18_five_bar_workspace": (workspace, None, ()),
     "19_identification": (identification, None, ()),
+    "20_spring_size": (spring_size, None, ()),
+    "21_swing_up": (swing_up, None, ()),
 }
 
 

@@ -8,6 +8,7 @@ import pytest
 from helpers import zoo
 from helpers.bodies import circles_meet
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, minimize
 from scipy.special import ellipj
 
 import pinconsist as pc
@@ -177,6 +178,38 @@ def mass_by_reference_runs():
     return x[0]
 
 
+def least_peak():
+    """Forces of the motion that the motor gives are linear in the stiffness and in stiffness times rest."""
+    example, springs = module("20_spring_size"), [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
+    lam = []
+    for spring in springs:
+        mech = example.MECH.with_parameters(dict(zip(example.NAMES, spring, strict=True)))
+        lam.append(pc.inverse_dynamics(mech, example.TIMES).lam[:, example.PIN])
+
+    def peak(x):
+        forces = lam[0] + x[0] * (lam[1] - lam[0]) + x[1] * (lam[2] - lam[1])
+        return np.linalg.norm(forces, axis=1).max()
+
+    x = np.array([25.0, -45.0])
+    for _ in range(4):
+        x = minimize(peak, x, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-10, "maxiter": 800}).x
+    return peak(x)
+
+
+def top_of_the_four_bar():
+    """The crank angle where weight does no work on the closed linkage."""
+    linkage, x = zoo.FourBar(), zoo.FourBar.T @ module("21_swing_up").ABOVE
+
+    def work(angle):
+        x[0] = angle
+        for _ in range(50):
+            x[1:] -= np.linalg.solve(linkage.jacobian(x)[:, 1:], linkage.constraint(x))
+        C = linkage.jacobian(x)
+        return linkage.bias(x, np.zeros(3)) @ np.append(1.0, -np.linalg.solve(C[:, 1:], C[:, 0]))
+
+    return brentq(work, 4.6, 5.0, xtol=1e-12)
+
+
 ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "01_exact_and_consistent": (8.0120e-3, 5e-5),  # Arévalo (2008), table 5.1, five digits
     "02_four_bar": (four_bar, 1e-7),
@@ -197,6 +230,8 @@ ANSWERS = {  # number or how it is found, relative tolerance: that of the run
     "17_cosimulation": (motor_speed, 1e-7),
     "18_five_bar_workspace": (end_of_the_crank, 1e-6),
     "19_identification": (mass_by_reference_runs, 1e-5),
+    "20_spring_size": (least_peak, 1e-5),
+    "21_swing_up": (top_of_the_four_bar, 1e-3),
 }
 
 

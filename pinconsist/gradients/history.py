@@ -68,7 +68,10 @@ class Node:
         if variant.inert:
             return np.zeros(system.nv + system.nc)
         if variant.keeps_rows:
-            f = sum(weight * known.system.evaluate(t, p, v, a)[0] for weight, known in variant.residuals(system))
+            residuals = [
+                (weight, getattr(known, "compiled", known.system)) for weight, known in variant.residuals(system)
+            ]
+            f = sum(weight * known.evaluate(t, p, v, a)[0] for weight, known in residuals)
             return -kkt.solve(np.concatenate((f, np.zeros(system.nc))))
         return variant.derivative(lambda side: np.concatenate(side.index1(system).acceleration(t, p, v)))
 

@@ -18,6 +18,9 @@ from ..mechanism.parameters import Parameter
 
 CENTRAL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
+OF_STEPS = {-1: -1 / 2, 1: 1 / 2}
+OF_STEPS_AHEAD = {0: -3 / 2, 1: 2.0, 2: -1 / 2}
+CLOSE = 0.1  # of the step of others: laws of forces are smooth, and most of them linear in their numbers
 
 
 @dataclass
@@ -91,12 +94,11 @@ def parts_of(parameter: Parameter, model, step) -> list[tuple[float, Any]]:
     """(weight, part) whose sum is the derivative by a parameter, if it is known; else none."""
     if parameter.part is None:
         return []
-    for weights, sign in ((CENTRAL, 1), (AHEAD, 1), (AHEAD, -1)):
+    step = CLOSE * step
+    for weights, sign in ((OF_STEPS, 1), (OF_STEPS_AHEAD, 1), (OF_STEPS_AHEAD, -1)):
+        changes = {sign * m * step: sign * weight / step for m, weight in weights.items()}
         try:
-            each = [
-                (sign * weight / step, parameter.part(parameter.value + sign * m * step))
-                for m, weight in weights.items()
-            ]
+            each = [(weight, parameter.part(parameter.value + change)) for change, weight in changes.items()]
         except InputError:  # at a bound
             continue
         kind = each[0][1][0]

@@ -20,11 +20,9 @@ from ..mechanism.assembly import assembled, velocity_on_constraints
 from ..mechanism.closing import LoopSolver
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.system import MechanismSystem
-from .known import AHEAD, CENTRAL, Known, parts_of
+from .known import AHEAD, CENTRAL, OF_STEPS, OF_STEPS_AHEAD, Known, parts_of
 
 RELATIVE_STEP, SMALLEST = 1e-4, 0.1  # the step is 1e-4 max(|θ|, 0.1)
-OF_STEPS = {-1: -1 / 2, 1: 1 / 2}
-OF_STEPS_AHEAD = {0: -3 / 2, 1: 2.0, 2: -1 / 2}
 SMOOTH, ROUGH = 3e-8, 1e-5  # by which residual differences over two steps are to differ, and may differ, relative
 MOST_TRIES, SHORTER = 4, 5.0
 

@@ -3,43 +3,68 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 
 from ..errors import InputError
 
 
 def path_of(record, label, name) -> tuple:
     """The path to the number of this name in a record; its last word is enough where there is one such number."""
-    numbers = list(numbers_of(record))
-    found = [path for path in numbers if ".".join(path) == name] or [path for path in numbers if path[-1] == name]
+    path = tuple(name.split("."))
+    if _is_number(_at(record, path)):
+        return path
+    numbers = numbers_of(record)
+    found = [path for path in numbers if path[-1] == name]
     if len(found) == 1:
         return found[0]
     there = ", ".join(".".join(path) for path in found or numbers) or "none"
     raise InputError(f"{label!r} has {'several numbers' if found else 'no number'} {name!r}; it has {there}")
 
 
-def numbers_of(record) -> dict[tuple, tuple[float, Callable]]:
-    """Path → (value, function that returns the record with another one), of all numbers in a record and its parts."""
-    if isinstance(record, float | int) and not isinstance(record, bool):
-        return {(): (record, lambda value: value)}
-    parts = dict(record) if isinstance(record, Mapping) else {}
+def numbers_of(record) -> list[tuple]:
+    """The paths to all numbers in a record and its parts."""
+    if _is_number(record):
+        return [()]
+    return [(name, *path) for name, part in _parts(record).items() for path in numbers_of(part)]
+
+
+def number_at(record, path) -> float:
+    """The number at a path."""
+    return float(_at(record, path))
+
+
+def with_number(record, path, value):
+    """The record with another number at a path."""
+    if not path:
+        return value
+    name, *rest = path
+    changed = with_number(_part(record, name), rest, value)
     if isinstance(record, tuple):
-        parts = {str(i): part for i, part in enumerate(record)}
-    elif dataclasses.is_dataclass(record):
-        kinds = {each.name: each.type for each in dataclasses.fields(record)}
-        parts = {name: getattr(record, name) for name in kinds}
-        parts |= {name: 0.0 for name, part in parts.items() if part is None and kinds[name] == "float | None"}
+        return (*record[: int(name)], changed, *record[int(name) + 1 :])
+    return replace(record, **{name: changed}) if dataclasses.is_dataclass(record) else {**record, name: changed}
 
-    def put(name, change, value):
-        changed = {name: change(value)}
-        if dataclasses.is_dataclass(record):
-            return replace(record, **changed)
-        return tuple((parts | changed).values()) if isinstance(record, tuple) else parts | changed
 
-    return {
-        (name, *path): (found, partial(put, name, change))
-        for name, part in parts.items()
-        for path, (found, change) in numbers_of(part).items()
-    }
+def _is_number(record) -> bool:
+    return isinstance(record, float | int) and not isinstance(record, bool)
+
+
+def _at(record, path):
+    for name in path:
+        record = _part(record, name)
+    return record
+
+
+def _part(record, name):
+    if isinstance(record, tuple):
+        return record[int(name)] if name.isdecimal() and int(name) < len(record) else None
+    return _parts(record).get(name)
+
+
+def _parts(record) -> dict:
+    if isinstance(record, tuple):
+        return {str(i): part for i, part in enumerate(record)}
+    if not dataclasses.is_dataclass(record):
+        return dict(record) if isinstance(record, Mapping) else {}
+    parts = {each.name: (getattr(record, each.name), each.type) for each in dataclasses.fields(record)}
+    return {name: 0.0 if part is None and kind == "float | None" else part for name, (part, kind) in parts.items()}

@@ -21,7 +21,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import pinocchio as pin
@@ -30,7 +30,7 @@ from ..errors import InputError
 from .checks import near, number
 from .forces import JointDamping, JointFriction, bound_forces, model_forces
 from .forces.force import ForceRecord
-from .numbers import numbers_of, path_of
+from .numbers import number_at, numbers_of, path_of, with_number
 
 AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
@@ -230,15 +230,15 @@ def _number_of(mechanism, name, place, i, path) -> Parameter:
 
     def put(mechanism, value):
         records = list(getattr(mechanism, place))
-        records[i] = numbers_of(records[i])[path][1](value)
+        records[i] = with_number(records[i], path, value)
         return replace(mechanism, **{place: records})
 
-    value, changed = numbers_of(record)[path]
     of_force = place == "forces" and isinstance(record, ForceRecord)
-    part = (lambda value: ("force", changed(value))) if of_force else None
-    return Parameter(name, float(value), put, part)
+    part = (lambda value: ("force", with_number(record, path, value))) if of_force else None
+    return Parameter(name, number_at(record, path), put, part)
 
 
+@lru_cache(maxsize=1)
 def records_of(mechanism) -> dict:
     """Name → where the record stands, of all loops and forces, the longest names first."""
     own = len(model_forces(mechanism.model))
