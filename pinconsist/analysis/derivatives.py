@@ -1,7 +1,7 @@
-"""Derivatives of statics, of driven motions and of small motions by parameters of the mechanism.
+"""Derivatives of statics, of driven motions and of small motions with respect to parameters of the mechanism.
 
-What was solved is F(x, θ) = 0: loops, balance, rates of the loops. Its derivative F_x dx + F_θ = 0 is solved at the
-solution, so that nothing is searched for again; F_θ comes from differences at the fixed state.
+The equations that were solved are F(x, θ) = 0: loops, balance, rates of the loops. F_x dx + F_θ = 0 is solved at their
+solution, without iteration; F_θ comes from differences at the fixed state.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NEUTRAL = 1e-10  # smallest stiffness over the largest
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """Derivatives by parameters, which are the last index.
+    """Derivatives with respect to parameters, which are the last index.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Varied:
         self.theta = np.array([each.value for each in self._parameters])
 
     def rate(self, i, function):
-        """The derivative of ``function(mechanism, change of the parameter)`` by a parameter."""
+        """The derivative of ``function(mechanism, change of the parameter)`` with respect to a parameter."""
         step = RELATIVE_STEP * max(abs(self.theta[i]), SMALLEST)
 
         def at(change):

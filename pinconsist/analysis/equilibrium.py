@@ -76,7 +76,7 @@ class Equilibrium(HasReactions):
         return bool((self.stiffness > 0).all())
 
     def derivatives(self, parameters, theta=None) -> Derivatives:
-        """Differentiate the equilibrium by parameters of the mechanism.
+        """Differentiate the equilibrium with respect to parameters of the mechanism.
 
         Parameters
         ----------

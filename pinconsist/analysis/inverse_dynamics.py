@@ -53,7 +53,7 @@ class InverseDynamics(HasReactions):
         locked(self.t, self.q, self.v, self.a, self.lam, *self.torques.values())
 
     def derivatives(self, parameters, theta=None) -> Derivatives:
-        """Differentiate the motion and the torques by parameters of the mechanism.
+        """Differentiate the motion and the torques with respect to parameters of the mechanism.
 
         Parameters
         ----------

@@ -79,7 +79,7 @@ class Linearization:
         return np.block([[np.zeros((n, n)), np.eye(n)], [below[:, :n], below[:, n:]]])
 
     def derivatives(self, parameters, theta=None) -> Derivatives:
-        """Differentiate the matrices by parameters of the mechanism.
+        """Differentiate the matrices with respect to parameters of the mechanism.
 
         Parameters
         ----------
