@@ -93,7 +93,7 @@ class Equilibrium(HasReactions):
         Raises
         ------
         InputError
-            Unknown names; a parameter that parts redundant loops.
+            Unknown names; a parameter that makes redundant loops contradict each other.
         SingularSystemError
             Nothing resists some motion.
         """

@@ -55,23 +55,13 @@ class InverseDynamics(HasReactions):
     def derivatives(self, parameters, theta=None) -> Derivatives:
         """Differentiate the motion and the torques with respect to parameters of the mechanism.
 
-        Parameters
-        ----------
-        parameters : sequence of str or callable
-            Names of parameters, see :meth:`Mechanism.with_parameters`; or ``build(theta) -> Mechanism``.
-        theta : array, optional
-            With `build`: the values of the parameters.
+        Parameters and errors as :meth:`Equilibrium.derivatives`: `parameters`, `theta`.
 
         Returns
         -------
         Derivatives
             Of ``"q"``, ``"v"``, ``"a"``, (n, nv, P), ``"lam"``, (n, nc, P), and ``"torques.DRIVE"``, (n, P); the last
             index is the parameter.
-
-        Raises
-        ------
-        InputError
-            Unknown names; a parameter that parts redundant loops.
         """
         varied, rows = Varied(self.mechanism, parameters, theta), []
         for state in zip(self.t, self.q, self.v, self.a, self.lam, strict=True):

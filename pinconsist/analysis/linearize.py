@@ -81,23 +81,13 @@ class Linearization:
     def derivatives(self, parameters, theta=None) -> Derivatives:
         """Differentiate the matrices with respect to parameters of the mechanism.
 
-        Parameters
-        ----------
-        parameters : sequence of str or callable
-            Names of parameters, see :meth:`Mechanism.with_parameters`; or ``build(theta) -> Mechanism``.
-        theta : array, optional
-            With `build`: the values of the parameters.
+        Parameters and errors as :meth:`Equilibrium.derivatives`: `parameters`, `theta`.
 
         Returns
         -------
         Derivatives
-            Of ``"mass"``, ``"damping"`` and ``"stiffness"``, (n, n, P); about an equilibrium that moves with the
-            parameters where it was found, about what assembly gives where a state was; the last index is the parameter.
-
-        Raises
-        ------
-        InputError
-            Unknown names; a parameter that parts redundant loops.
+            Of ``"mass"``, ``"damping"`` and ``"stiffness"``, (n, n, P); the last index is the parameter. An
+            equilibrium that was found moves with the parameters; a state that was given is assembled again.
         """
         mechanism, q0, v0 = self._about
         varied, dq = Varied(mechanism, parameters, theta), None
