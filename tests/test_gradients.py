@@ -223,6 +223,19 @@ def test_the_derivative_of_the_start_by_loops_is_that_of_assembled_states():
 
 
 @needs_twin
+def test_commands_of_the_run_act_in_its_derivatives():
+    mech, options = pc.load("four_bar").with_forces(pc.Actuator("motor", "crank")), {"rtol": 1e-6, "atol": 1e-8}
+    names, control = ["motor.gear", "mass:coupler"], {"motor": 5.0}
+    exact = pc.sensitivities(mech.with_control(control), names, (0.0, 0.05), **options).dq
+    found = pc.sensitivities(mech, names, (0.0, 0.05), control=control, **options).dq
+    np.testing.assert_array_equal(found, exact)
+    built = pc.sensitivities(
+        lambda theta: mech.with_parameters({"motor.gear": theta[0]}), [1.0], (0.0, 0.05), control=control, **options
+    )
+    np.testing.assert_allclose(built.dq[..., 0], exact[..., 0], atol=1e-7 * np.abs(exact).max())
+
+
+@needs_twin
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 def test_event_times_and_what_comes_after_a_jump(method):
     mech, _, _, v0 = crank_rocker()

@@ -190,6 +190,8 @@ def sensitivities(
 
 def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options):
     """(solution, legs, variants, base, names, theta): the run, and the mechanisms beside the one that was run."""
+    if (control := options.pop("control", None)) is not None:
+        build = build.with_control(control) if isinstance(build, Mechanism) else _commanded(build, control)
     if isinstance(build, Mechanism):
         build, names, theta, q0, v0 = named_start(build, theta, q0, v0)
     theta = np.atleast_1d(finite_array(theta, "theta"))
@@ -210,6 +212,21 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     state, parameters = first(first.t_old)[:2], getattr(build, "parameters", {})
     variants = variants_of(make, theta, names, steps, base, first.system, first.t_old, *state, parameters)
     return solution, legs, variants, base, names, theta
+
+
+def _commanded(build, control):
+    """``build`` with commands of actuators; the same object where it returns the same."""
+    made: dict = {}
+
+    def build_commanded(values):
+        mechanism = build(values)
+        if not isinstance(mechanism, Mechanism):
+            return mechanism
+        if id(mechanism) not in made:
+            made[id(mechanism)] = mechanism, mechanism.with_control(control)
+        return made[id(mechanism)][1]
+
+    return build_commanded
 
 
 def _parts(rows, nv):
