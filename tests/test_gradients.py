@@ -262,7 +262,7 @@ def test_event_times_and_what_comes_after_a_jump(method):
         for part in parts:
             ours = part[..., i].ravel()
             exact = change[at : at + len(ours)]
-            assert np.abs(ours - exact).max() < 2e-5 * np.abs(exact).max()
+            assert np.abs(ours - exact).max() < 1e-6 * np.abs(exact).max()
             at += len(ours)
 
 
