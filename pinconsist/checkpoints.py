@@ -80,7 +80,8 @@ class _Parts:
     """The rows so far, and what the next part begins with."""
 
     def __init__(self, recipe, mechanism, callback, begun):
-        self.recipe, self.mechanism = recipe, mechanism
+        control = recipe.options.get("control")
+        self.recipe, self.mechanism = recipe, mechanism if control is None else mechanism.with_control(control)
         self.callback = None if callback is None else _Callback(callback)
         self.parts, self.counted, self.rejected, self.last = [], dict.fromkeys(COUNTERS, 0), {}, None
         if begun is not None and (at := recipe.checkpoint) is not None:
@@ -95,6 +96,7 @@ class _Parts:
     def run(self, end):
         """The part up to a checkpoint."""
         at, options, start = self.recipe.checkpoint, dict(self.recipe.options), self._reached()
+        options.pop("control", None)  # the mechanism obeys it in every part
         if at is not None and options.get("max_steps") is not None:
             options["max_steps"] -= self.counted["nsteps"]
             if options["max_steps"] <= 0:

@@ -202,6 +202,8 @@ class ByName:
 
     def __getitem__(self, name: str) -> JointMotion | FrameMotion | Reaction:
         """What has this name: the motion of a joint, of a frame, or the reaction of a loop, in this order."""
+        if self.system is None:
+            raise InputError(f"a solution read from a file holds no mechanism: sol.position({name!r}, mechanism), …")
         mechanism = self._mechanism(None, "__getitem__")
         if name.partition("[")[0] in mechanism.joints:
             parts = [part(name) for part in (self.position, self.velocity, self.acceleration)]

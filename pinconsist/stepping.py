@@ -15,7 +15,7 @@ from .dae.integrate import march, trajectory_of
 from .dae.output import STOPPED, SUCCESS, Output, Record, Stop
 from .errors import InputError, PinconsistError
 from .mechanism.assembly import assembled
-from .mechanism.checks import near, number
+from .mechanism.checks import finite_array, near, number
 from .mechanism.closing import LoopSolver
 from .mechanism.forces.programmed import BoundHeldActuator, programmed
 from .mechanism.mechanism import with_forces
@@ -196,20 +196,23 @@ class Simulation:
             torque = np.zeros(len(torque))
             for name, value in control.items():
                 if name in self._actuators:
-                    commands[name] = value
+                    commands[name] = number(value, f"the command of {name!r}")
                     continue
                 if name not in self._columns:
                     if name not in self.mechanism.joints:
                         known = [*self._actuators, *self.mechanism.joints]
                         raise InputError(f"control: no actuator or joint {name!r}{near(name, known)}")
                     self._columns[name] = self.mechanism.columns(name)
-                torque[self._columns[name]] = value
+                here, given = torque[self._columns[name]], finite_array(value, f"the torque of {name!r}")
+                if given.size not in (1, here.size):
+                    raise InputError(f"the torque of {name!r} needs {here.size} number(s), got shape {given.shape}")
+                here[:] = given
         else:
-            torque = np.array(control, float)
-        if torque.shape != self._torque.shape or not np.isfinite([*torque, *commands.values()]).all():
+            torque = finite_array(control, "control")
+        if torque.shape != self._torque.shape:
             raise InputError(
-                f"control must map actuators to commands, joints to torques, or have {len(self._torque)} torques, all "
-                f"finite, got {control!r}"
+                f"control must map actuators to commands, joints to torques, or have {len(self._torque)} torques, got "
+                f"{control!r}"
             )
         changed = {name: value for name, value in commands.items() if self._commands.get(name) != value}
         for name, value in changed.items():

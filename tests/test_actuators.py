@@ -10,6 +10,7 @@ from pinconsist._core import load
 from pinconsist._core.compiled_system import compiled_system
 from pinconsist.cli.app import main
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.view.motion import Run
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
 
@@ -186,6 +187,38 @@ def test_the_motors_of_an_actuation_are_without_their_actuators(tmp_path):
     mech = pc.load(written(tmp_path / "arm.xml", ACTUATORS["position"]))
     act = pc.Actuation(mech, ["hip", "knee", "slide"])
     np.testing.assert_allclose(act.bias(), act.gravity(), atol=1e-12)
+
+
+def test_runs_that_are_saved_on_the_way_obey_their_commands(tmp_path):
+    path = written(tmp_path / "arm.xml", ACTUATORS["limited position"])
+    options = {"control": {"hip": 0.3}, "t_eval": [0.05, 0.1]}
+    sol = pc.record(pc.load(path), (0.0, 0.1), "run.npz", save_every=0.03, **options)
+    np.testing.assert_allclose(sol.q, pc.simulate(pc.load(path), (0.0, 0.1), **options).q, atol=1e-5)
+    assert sol.recipe["options"]["control"] == {"hip": 0.3}
+
+
+def test_commands_of_time_are_those_of_the_run(tmp_path):
+    mech = pc.load(written(tmp_path / "arm.xml", ACTUATORS["position"]))
+    for command in (([0.0, 0.1], [0.0, 0.4]), lambda t: 4.0 * t):
+        sol = pc.simulate(mech, (0.0, 0.1), control={"hip": command})
+        kept = pc.Solution.load(sol.save("run.npz"))
+        told = mech.with_control({"hip": command}) if callable(command) else mech
+        for run, scene in ((sol, mech), (kept, told)):  # the plain mechanism commands something else
+            np.testing.assert_array_equal(run.torque("hip", scene), sol.torque("hip"))
+        drawn = Run.of(mech, sol, forces=True).mech
+        assert callable(next(force for force in drawn.forces if force.label == "hip").control)
+    with pytest.raises(pc.InputError, match="the command of 'hip' was a function of time"):
+        kept.torque("hip", mech)
+
+
+def test_one_number_for_an_actuator(tmp_path, capsys):
+    path = written(tmp_path / "arm.xml", ACTUATORS["position"].replace("<position", '<position name="up"', 1))
+    for words, message in ((["hip=1,2"], "hip needs one number"), (["hip=1", "hip=2"], "names actuator 'hip' twice")):
+        with pytest.raises(SystemExit):
+            main(["simulate", str(path), "--control", *words])
+        assert message in capsys.readouterr().err
+    with pytest.raises(pc.InputError, match="'up' and 'hip' are the same actuator"):
+        pc.load(path).with_control({"up": 1.0, "hip": 1.0})
 
 
 def test_commands_on_the_command_line(tmp_path, capsys):

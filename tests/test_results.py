@@ -105,6 +105,8 @@ def test_a_solution_of_a_file_needs_its_mechanism(four_bar, sol, tmp_path):
     read = pc.Solution.load(sol.save(tmp_path / "run.npz"))
     with pytest.raises(pc.InputError, match=r"sol.position\(…, mechanism\)"):
         read.position("crank")
+    with pytest.raises(pc.InputError, match=r"holds no mechanism: sol.position\('crank', mechanism\)"):
+        read["crank"]
     np.testing.assert_array_equal(read.position("crank", four_bar), sol.position("crank"))
     assert repr(read).startswith("Solution of four_bar")
 

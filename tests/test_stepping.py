@@ -126,5 +126,6 @@ def test_actuators_are_commanded_by_name(options, tmp_path):
     np.testing.assert_allclose(again.torque("up", sim.mechanism), mine.torque("up"), atol=1e-12)
     with pytest.raises(pc.InputError, match="no actuator or joint 'upp'; near it: up"):
         sim.step(0.01, {"upp": 1.0})
-    with pytest.raises(pc.InputError, match="finite"):
-        sim.step(0.01, {"up": np.nan})
+    for wrong, message in (({"up": np.nan}, "finite"), ({"up": "high"}, "number"), ({"hip": [1.0, 2.0]}, "hip")):
+        with pytest.raises(pc.InputError, match=message):
+            sim.step(0.01, wrong)

@@ -71,16 +71,24 @@ def loads_scene(command):
     return loading
 
 
-def joint_values(texts, option: str) -> dict[str, list[float]]:
+def commands_of(texts) -> dict[str, float]:
+    """Actuator → command, as --control gives them."""
+    given = joint_values(texts, "--control", "actuator")
+    if several := [name for name, values in given.items() if len(values) > 1]:
+        raise InputError(f"--control {several[0]} needs one number, got {len(given[several[0]])}")
+    return {name: values[0] for name, values in given.items()}
+
+
+def joint_values(texts, option: str, kind: str = "joint") -> dict[str, list[float]]:
     """Joint → numbers from texts like ``crank=0.3``."""
     values = {}
     for text in texts or ():
         joint, sign, numbers = text.partition("=")
         joint = joint.strip()
         if not sign or not joint:
-            raise InputError(f"{option} needs joint=value, got {text!r}")
+            raise InputError(f"{option} needs {kind}=value, got {text!r}")
         if joint in values:
-            raise InputError(f"{option} names joint {joint!r} twice")
+            raise InputError(f"{option} names {kind} {joint!r} twice")
         try:
             values[joint] = [_number(each) for each in numbers.split(",")]
         except ValueError:

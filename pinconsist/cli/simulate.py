@@ -67,7 +67,7 @@ def simulate(
     mech, hashes = source.load_with_hashes()
     replay.require_drawable(mech, traces, speed)
     until = start + mech.duration if until is None else until
-    commands = {joint: values[0] for joint, values in scene.joint_values(control, "--control").items()}
+    commands = scene.commands_of(control)
     if commands:
         mech.with_control(commands)  # refuses unknown ones before the run
     assembly = scene.assembled(mech, q0, v0, start)

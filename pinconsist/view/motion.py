@@ -39,7 +39,7 @@ class Run:
         """The run of a solution; InputError for one that does not fit its mechanism."""
         if not isinstance(mech, Mechanism):
             raise InputError(f"a replay needs a Mechanism, got {type(mech).__name__}")
-        if getattr(sol, "held", None):
+        if forces or getattr(sol, "held", None):
             mech = replayed(mech, sol)
         needs, widths = f"a replay of {mech.name!r} needs", {"q": mech.nq}
         if forces:

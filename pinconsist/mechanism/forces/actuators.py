@@ -151,7 +151,7 @@ def commanded(mechanism, control: Mapping):
     """The mechanism with the commands of actuators by name; what :meth:`Mechanism.with_control` returns."""
     if not isinstance(control, Mapping):
         raise InputError(f"control= needs a mapping of actuators to commands, got {control!r}")
-    forces = list(mechanism.forces)
+    forces, by = list(mechanism.forces), {}
     for given, command in control.items():
         places = [i for i, force in enumerate(forces) if isinstance(force, Actuator)]
         found = [i for i in places if forces[i].name == given] or [i for i in places if given in forces[i].arms]
@@ -161,14 +161,19 @@ def commanded(mechanism, control: Mapping):
             raise InputError(
                 f"{mechanism.name}: {what} {given!r}{near(given, names)}; there are {', '.join(names) or 'none'}"
             )
+        if (first := by.setdefault(found[0], given)) != given:
+            raise InputError(f"{mechanism.name}: {first!r} and {given!r} are the same actuator, which has one command")
         forces[found[0]] = replace(forces[found[0]], control=_command(given, command))
     return replace(mechanism, forces=tuple(forces))
 
 
-def commands(mechanism) -> dict[str, float | None]:
-    """The commands of the actuators by name; None for functions."""
-    found = [force for force in mechanism.forces if isinstance(force, Actuator)]
-    return {force.name: None if callable(force.control) else force.control for force in found}
+def commands(mechanism) -> dict[str, float | list | None]:
+    """The commands of the actuators by name, as plain data: tables are (times, values), and functions None."""
+    found = {force.name: force.control for force in mechanism.forces if isinstance(force, Actuator)}
+    for label, control in found.items():
+        if callable(control):
+            found[label] = [list(control.times), list(control.values)] if isinstance(control, Table) else None
+    return found
 
 
 def _command(actuator, command):

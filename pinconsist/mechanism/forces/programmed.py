@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ...errors import InputError
 from .actuators import Actuator, BoundActuator, commanded
 from .held import BoundHeld, Held, HeldRecord
 
@@ -65,11 +66,26 @@ def programmed(mechanism):
     return replace(mechanism, forces=(*forces, Held("control")))
 
 
+def _commands_of(solution) -> dict:
+    """Actuator → command of a run; None for functions of one that was read from a file."""
+    own = getattr(getattr(solution, "system", None), "mechanism", None)
+    if own is None:
+        return getattr(solution, "method", {}).get("control", {})
+    return {force.name: force.control for force in own.forces if isinstance(force, Actuator)}
+
+
 def replayed(mechanism, solution):
     """The mechanism with the commands of a run of it, and what it has held in the place of the forces that made it."""
-    if mechanism is not None and (control := getattr(solution, "method", {}).get("control")):
-        mechanism = commanded(mechanism, {name: command for name, command in control.items() if command is not None})
-    if mechanism is None or not solution.held:
+    if mechanism is not None and (control := _commands_of(solution)):
+        given = {force.name for force in mechanism.forces if isinstance(force, Actuator) and callable(force.control)}
+        known = {name: command for name, command in control.items() if command is not None}
+        if unknown := [name for name in control if name not in known.keys() | given | solution.held.keys()]:
+            raise InputError(
+                f"the command of {unknown[0]!r} was a function of time, which is not kept with a solution: give it to "
+                f"the mechanism, mechanism.with_control({{{unknown[0]!r}: …}})"
+            )
+        mechanism = commanded(mechanism, known)
+    if mechanism is None or not getattr(solution, "held", None):
         return mechanism
     actuators = {force.name for force in mechanism.forces if isinstance(force, Actuator)}
     tables = iter([table for label, table in solution.held.items() if label not in actuators])
