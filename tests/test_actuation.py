@@ -342,6 +342,19 @@ def test_batches_and_names():
     assert actuation("five_bar").positions() == pytest.approx([-2.2, -2.2 + 1.2584073464102067])
 
 
+def test_a_configuration_that_is_open_is_no_answer():
+    act = pc.Actuation(pc.load("four_bar"))
+    q, _ = act.closure({"crank": -0.9})
+    for call in (act.jacobian, act.mass_matrix, act.gravity, act.limits, act.condition, act.torques):
+        with pytest.raises(pc.InputError, match="q is open by"):
+            call({"crank": 0.2})  # the others are where they were
+    with pytest.raises(pc.InputError, match="q is open by"):
+        act.closure({"crank": -0.8}, q=q + 0.1)
+    np.testing.assert_array_equal(act.q, q)
+    q += 0.1  # the caller's own
+    assert act.closure({"crank": -0.8})[1]
+
+
 def test_frames_forces_and_back():
     act = actuation("ankle")
     sole, start = act.frame("sole"), act.q

@@ -62,7 +62,7 @@ class Actuation(Motors):
         SingularSystemError in a singular position; names what can move there.
         """
         q = self._q(q)
-        Z, _ = self._basis(q, self._chosen.rows(q)[1])
+        Z, _ = self._basis(q)
         A = Z[:, : self._chosen.n_motors]
         return A @ np.linalg.pinv(self._seen(Z)) if self._shared else A
 
@@ -101,7 +101,7 @@ class Actuation(Motors):
 
         See :class:`MotorRange`. Joints have the limits of their file; a joint that is outside already stops at once.
         """
-        return ranges(self, self._q(q))
+        return ranges(self, self._closed(q))
 
     def mass_matrix(self, q=None) -> np.ndarray:
         """The inertia M_a that the motors feel, shape (m, m), in a closed configuration `q`, by default the last one.
@@ -125,7 +125,7 @@ class Actuation(Motors):
     def gravity(self, q=None) -> np.ndarray:
         """The part of :meth:`bias` of the weights alone, shape (m,), N·m or N, at `q`, by default the last one."""
         q = self._q(q)
-        Z, _ = self._basis(q, self._chosen.rows(q)[1])
+        Z, _ = self._basis(q)
         weights = pin.computeGeneralizedGravity(self.mechanism.model, self._chosen.system.data, q)
         return np.linalg.pinv(self._seen(Z)).T @ (Z[:, : self._chosen.n_motors].T @ weights)
 
@@ -217,7 +217,7 @@ class Actuation(Motors):
 
     def _reduced(self, q, v, t, loads=0.0) -> Reduced:
         q = self._q(q)
-        Z, inverse = self._basis(q, self._chosen.rows(q)[1])
+        Z, inverse = self._basis(q)
         full, v = self._of_motors(v, "v")
         if not full:
             v = Z[:, : self._chosen.n_motors] @ (np.linalg.pinv(self._seen(Z)) @ v if self._shared else v)

@@ -21,7 +21,8 @@ from ..mechanism.names import joints_in, velocity_names
 from ..mechanism.singularity import HELD
 from .coordinates import Coordinates, weakest
 
-NOT_CLOSED = 1e-6  # m or rad: a configuration that is open by more is none of this mechanism
+NOT_CLOSED = 1e-6  # m or rad: a configuration that is open by more is none of this mechanism to start from
+OPEN = 1e-3  # and one to be measured: rows of a run are as open as its tolerance
 
 
 class Motors:
@@ -99,11 +100,7 @@ class Motors:
             Names that are no motors, wrong sizes, a `q` that is not closed.
         """
         if q is not None:
-            self.q = self._q(q)
-            if not (gap := self._chosen.gap(self.q)) <= NOT_CLOSED:
-                raise InputError(
-                    f"{self.mechanism.name}: q is open by {gap:.2g} m or rad; assemble(mech, q).q is closed"
-                )
+            self.q = self._closed(q, NOT_CLOSED)
         if not isinstance(positions, Mapping):
             rows = finite_array(positions, "positions")
             if not self._single or rows.ndim not in (1, 2) or rows.shape[-1] != len(self._columns):
@@ -120,7 +117,7 @@ class Motors:
             goals = _goals(positions) if several else [positions]
         found = [self._lead(self._way(goal)) for goal in goals]
         if not several:
-            return self.q, found[0][1]
+            return self.q.copy(), found[0][1]
         return np.array([q for q, _ in found]), np.array([ok for _, ok in found])
 
     @property
@@ -199,7 +196,7 @@ class Motors:
         position, where the mechanism can move with its motors held.
         """
         turns = self._solver.loop_rows.turns
-        return float(weakest(self._solver.rows, self._q(q), self._columns, turns)[0][self._chosen.n_motors - 1])
+        return float(weakest(self._solver.rows, self._closed(q), self._columns, turns)[0][self._chosen.n_motors - 1])
 
     def _q(self, q) -> np.ndarray:
         if q is None:
@@ -210,6 +207,13 @@ class Motors:
                 raise InputError(f"{self.mechanism.name}: q has a number that is not finite")
             return q
         return self.mechanism.configuration(q, base=self.q)
+
+    def _closed(self, q, most=OPEN) -> np.ndarray:
+        """A copy of :meth:`_q`; InputError for one that is open by more than `most`."""
+        q = self._q(q).copy()
+        if not (gap := self._chosen.gap(q)) <= most:
+            raise InputError(f"{self.mechanism.name}: q is open by {gap:.2g} m or rad; assemble(mech, q).q is closed")
+        return q
 
     def _of_motors(self, values, what, full=True) -> tuple[bool, np.ndarray]:
         """Whether `values` are of all joints, and they, or those of the motors."""
@@ -226,8 +230,11 @@ class Motors:
             raise InputError(f"{what} needs shape ({count},), for {', '.join(self.motors)}{also}; got {values.shape}")
         return values.shape != (count,), values
 
-    def _basis(self, q, J):
-        """Z and B⁻¹ of the coordinates at `q`, where other ones are chosen if these are not good."""
+    def _basis(self, q):
+        """Z and B⁻¹ of the coordinates at a closed `q`, where other ones are chosen if these are not good."""
+        phi, J = self._chosen.rows(q)
+        if not phi.dot(phi) <= OPEN**2:
+            self._closed(q)
         found = self._chosen.basis(J)
         if found is None and self._choose(q):
             found = self._chosen.basis(self._chosen.rows(q)[1])
