@@ -51,6 +51,10 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+def told(recwarn):
+    return "\n".join(str(each.message) for each in recwarn)
+
+
 def pulled(mech, q, v):
     """The torques of the actuators, (nv,)."""
     bound = [force.bind(mech.model) for force in mech.forces if isinstance(force, pc.Actuator)]
@@ -176,11 +180,18 @@ def test_wrong_commands(tmp_path, control, message):
         pc.load(written(tmp_path / "arm.xml", ACTUATORS["two on a joint"])).with_control({"hip": 1.0})
 
 
-def test_what_exerts_no_force_is_said(tmp_path, caplog):
+def test_what_exerts_no_force_is_said(tmp_path, recwarn):
     actuators = '<intvelocity joint="hip" kp="3"/><muscle joint="knee" lengthrange="0 1"/><motor joint="slide"/>'
-    mech = pc.load(written(tmp_path / "arm.xml", actuators))
+    off = '<motor name="off" joint="slide" group="2"/>'  # MuJoCo's own force of it is zero
+    path = written(tmp_path / "arm.xml", actuators + off, rest='<option actuatorgroupdisable="2 3"/>')
+    mech = pc.load(path)
     assert [force.name for force in mech.forces if isinstance(force, pc.Actuator)] == ["slide"]
-    assert mech.actuated == ("hip", "knee", "slide") and caplog.text.count("it exerts no force here") == 2
+    assert mech.actuated == ("hip", "knee", "slide") and len(recwarn) == 3
+    assert [str(each.message).split(": ")[-1] for each in recwarn] == [
+        "it has dynamics of its own, or a delay",
+        "it has dynamics of its own, or a delay",
+        "the options disable it",
+    ]
 
 
 def test_the_motors_of_an_actuation_are_without_their_actuators(tmp_path):
@@ -243,12 +254,12 @@ ARM = """<robot name="arm"><link name="base"/><link name="bar"><inertial><mass v
 </transmission>{rest}</robot>"""
 
 
-def test_a_transmission_of_a_urdf_acts(tmp_path, caplog):
+def test_a_transmission_of_a_urdf_acts(tmp_path, recwarn):
     path = tmp_path / "arm.urdf"
     both = '<transmission name="d"><joint name="j"/><joint name="k"/><actuator name="x"/></transmission>'
     path.write_text(ARM.format(reduction=50, rotor="1e-4", rest=both), encoding="utf-8")
     mech = pc.load(path)
-    assert mech.actuated == ("j",) and "'d': it exerts no force here" in caplog.text
+    assert mech.actuated == ("j",) and "'d': it exerts no force here" in told(recwarn)
     assert mech.model.armature[0] == pytest.approx(2500 * 1e-4)
     sol = pc.simulate(mech, (0.0, 0.05), control={"m": 0.4})
     np.testing.assert_allclose(sol.torque("m"), 20.0)
@@ -270,14 +281,14 @@ TWO = """<transmission name="d"><type>transmission_interface/{kind}</type>
 
 
 @pytest.mark.parametrize("kind", ["DifferentialTransmission", "FourBarLinkageTransmission"])
-def test_two_motors_on_two_joints(tmp_path, caplog, kind):
+def test_two_motors_on_two_joints(tmp_path, recwarn, kind):
     """Torques are those of ROS; the power of the motors is that of the joints."""
     (j1, j2), (a1, a2), u = (10.0, 50.0), (-2.0, 4.0), (0.3, -0.7)
     path, rotor = tmp_path / "arm.urdf", "<rotorInertia>1e-5</rotorInertia>"
     rest = TWO.format(kind=kind, j1=j1, j2=j2, a1=a1, a2=a2, rotor=rotor)
     path.write_text(ARM.format(reduction=1, rotor="0", rest=rest), encoding="utf-8")
     mech = pc.load(path)
-    assert mech.actuated == ("j", "k") and "couple the two joints" in caplog.text
+    assert mech.actuated == ("j", "k") and "couple the two joints" in told(recwarn)
     found = pulled(mech.with_control({"a": u[0], "b": u[1]}), pin.neutral(mech.model), np.zeros(2))
     if kind == "DifferentialTransmission":
         expected = j1 * (u[0] * a1 + u[1] * a2), j2 * (u[0] * a1 - u[1] * a2)
@@ -334,14 +345,14 @@ def test_controllers_of_gazebo_act(tmp_path, kind, rest):
         np.testing.assert_allclose(found, [0.0, CONTROLLERS[kind, rest](q, v, u)], atol=1e-14)
 
 
-def test_controllers_of_gazebo_that_exert_no_force(tmp_path, caplog):
+def test_controllers_of_gazebo_that_exert_no_force(tmp_path, recwarn):
     scene = sdf_texts.A + sdf_texts.B + sdf_texts.joint("j", "world", "a") + sdf_texts.joint("k")
     moves = PLUGIN.format(kind="JointController", joint="k", rest="")
     moves += PLUGIN.format(kind="ApplyJointForce", joint="k", rest="<joint_index>3</joint_index>")
     whole = PLUGIN.format(kind="JointPositionController", joint="j", rest="<initial_position>.3</initial_position>")
     mech = pc.load(sdf_texts.write(tmp_path, scene + moves + whole))
     assert [(force.name, force.control) for force in mech.forces] == [("j", 0.3)]
-    assert "JointController 'k': it exerts no force here" in caplog.text
-    assert "JointPositionController 'j': its i_gain of 0.1 is left out" in caplog.text
+    assert "JointController 'k': it exerts no force here" in told(recwarn)
+    assert "JointPositionController 'j': its i_gain of 0.1 is left out" in told(recwarn)
     with pytest.raises(pc.FormatError, match="there is no joint 'l'"):
         pc.load(sdf_texts.write(tmp_path, scene + PLUGIN.format(kind="ApplyJointForce", joint="l", rest="")))

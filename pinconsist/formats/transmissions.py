@@ -11,11 +11,11 @@ joints do so in their armature alone, which a warning says. Other transmissions 
 
 from __future__ import annotations
 
-import logging
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from ..mechanism.checks import warn
 from ..mechanism.forces import Actuator
 from .reading import Node, floats
 
@@ -25,7 +25,6 @@ _MIXED = {  # reductions of two joints → of each actuator, what it turns in th
     "DifferentialTransmission": lambda first, second: ((first, second), (first, -second)),
     "FourBarLinkageTransmission": lambda first, second: ((first, -first * second), (0.0, second)),
 }
-_log = logging.getLogger(__name__)
 
 
 def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ...]:
@@ -37,12 +36,12 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
         mixed = _MIXED.get(_text(node, "type").rpartition("/")[2])
         if len(joints) != (count := 2 if mixed else 1) or len(actuators) != count:
             if joints or actuators:
-                _log.warning("%s: it exerts no force here: it joins several actuators or joints", node.name)
+                warn(f"{node.name}: it exerts no force here: it joins several actuators or joints")
             continue
         names, known = [joint.get("name") for joint in joints], list(model.names)[1:]
         wrong = [name for name in names if name not in known or model.nvs[model.getJointId(name)] != 1]
         if wrong:
-            _log.warning("%s: it exerts no force here: %r is no joint with one degree of freedom", node.name, wrong[0])
+            warn(f"{node.name}: it exerts no force here: {wrong[0]!r} is no joint with one degree of freedom")
             continue
         columns = [model.idx_vs[model.getJointId(name)] for name in names]
         rows = mixed(*(_number(_REDUCTION, (joint,), 1.0) for joint in joints)) if mixed else ((1.0,),)
@@ -60,7 +59,7 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
             found[label] = Actuator(label, shares if mixed else names[0], gear=reduction, force_range=ends)
         model.armature[columns] += np.diagonal(coupled)
         if np.abs(coupled - np.diag(np.diagonal(coupled))).max() > 1e-12 * np.abs(coupled).max():
-            _log.warning("%s: its rotors couple the two joints, which is left out", node.name)
+            warn(f"{node.name}: its rotors couple the two joints, which is left out")
     return tuple(found.values())
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError, InputError
+from ...mechanism.checks import warn
 from ...mechanism.forces import Actuator, JointSpring, Wrench
 from ...mechanism.joint_constraints import Coupling, Drive
 from ...mechanism.loops import GROUND, Loop
@@ -125,26 +126,28 @@ class Tree:
 
         A warning says what exerts no force here.
         """
-        m, names = self._m, set()
+        m, names, none = self._m, set(), np.zeros(self._m.nu)
         alone = np.bincount(m.actuator_trnid[m.actuator_trntype < 2, 0], minlength=m.njnt) == 1
         for i, (kind, (target, *_)) in enumerate(zip(m.actuator_trntype, m.actuator_trnid, strict=True)):
             joints = self._moved(kind, target)
             if not joints:
-                _log.warning("%s: it acts on no joint, and is left out", _element(m, "actuator", i))
+                warn(f"{_element(m, 'actuator', i)}: it acts on no joint, and is left out")
                 continue
+            group = int(np.clip(m.actuator_group[i], 0, 31))  # those from 31 on have no switch
             limited = [joint for joint in joints if m.jnt_actfrclimited[joint]]
             reasons = {
                 "its joint has several degrees of freedom": any(m.jnt_type[joint] not in _JOINTS for joint in joints),
-                "it has dynamics of its own": m.actuator_dyntype[i] != 0,
+                "it has dynamics of its own, or a delay": m.actuator_dyntype[i]
+                or getattr(m, "actuator_delay", none)[i],
                 "its gain or bias is not affine": m.actuator_gaintype[i] > 1 or m.actuator_biastype[i] > 1,
-                "actuation is disabled in the options": "actuation" in self._off,
+                "the options disable it": "actuation" in self._off or m.opt.disableactuator >> group & 1,
                 "several share a joint whose actuator force is limited": any(not alone[joint] for joint in limited),
                 "the actuator force of its tendon, or of a joint of it, is limited": kind == _TENDON
                 and (limited or getattr(m, "tendon_actfrclimited", np.zeros(m.ntendon))[target]),
             }
             joint = self.joints[target] if kind != _TENDON else None
             if why := next((reason for reason, holds in reasons.items() if holds), ""):
-                _log.warning("%s: it exerts no force here: %s", _element(m, "actuator", i), why)
+                warn(f"{_element(m, 'actuator', i)}: it exerts no force here: {why}")
                 yield joint, None
                 continue
             name = m.actuator(i).name or joint or m.tendon(target).name or f"actuator {i + 1}"

@@ -7,9 +7,9 @@ within cmd_min … cmd_max; the joint's effort limit counts, too. Integral gains
 
 from __future__ import annotations
 
-import logging
 import math
 
+from ...mechanism.checks import warn
 from ...mechanism.forces import Actuator
 from .frames import join
 
@@ -19,7 +19,6 @@ _LAWS = {  # default gains (proportional, integral, derivative), what says that 
     "JointController": ((1.0, 0.0, 0.0), "use_force_commands", "initial_velocity"),
 }
 _GAINS = ("p_gain", "i_gain", "d_gain")
-_log = logging.getLogger(__name__)
 
 
 def actuators(document, joints, model) -> tuple[Actuator, ...]:
@@ -41,7 +40,7 @@ def actuators(document, joints, model) -> tuple[Actuator, ...]:
                 and node.flag(_LAWS[kind][1]) == (kind == "JointPositionController"),
             }
             if why := next((reason for reason, holds in reasons.items() if holds), ""):
-                _log.warning("%s %r: it exerts no force here: %s", kind, name, why)
+                warn(f"{kind} {name!r}: it exerts no force here: {why}")
                 continue
             label = name if name not in found else f"{name} {len(found) + 1}"
             found[label] = _actuator(label, name, kind, node, joint.axes[number].effort)
@@ -58,7 +57,7 @@ def _actuator(label, joint, kind, node, effort) -> Actuator:
     offset, holds = node.value("cmd_offset"), kind == "JointPositionController"
     for tag, gain in (("i_gain", i), *(() if holds else (("d_gain", d),))):
         if gain:
-            _log.warning("%s %r: its %s of %g is left out", kind, joint, tag, gain)
+            warn(f"{kind} {joint!r}: its {tag} of {gain:g} is left out")
     low, high = node.value("cmd_min", -1000.0), node.value("cmd_max", 1000.0)
     if low <= high:
         ends = tuple(min(max(end, -effort), effort) for end in (low, high))
