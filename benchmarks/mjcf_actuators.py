@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import logging
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,14 +31,13 @@ def compared(folder, states: int = STATES) -> tuple[list[Compared], dict[str, st
     """The files of a folder that have actuators, and why others were refused."""
     rows, refused = [], {}
     for file in sorted(Path(folder).glob("*.xml")):
-        logging.disable(logging.WARNING)  # what exerts no force is in the table
         try:
-            row = _compared(file, states)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # what exerts no force is in the table
+                row = _compared(file, states)
         except FormatError as error:
             refused[file.name] = error.reason
             continue
-        finally:
-            logging.disable(logging.NOTSET)
         rows += [row] if row.actuators else []
     return rows, refused
 

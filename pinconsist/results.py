@@ -291,7 +291,10 @@ def _of(mechanism, joint, rows):
 
 def _joint_of(mechanism, label) -> str | None:
     """The joint that the force of a label acts on alone, if it has one degree of freedom."""
-    own = len(bound_forces(mechanism.model, ()))
-    labels = list(bound_forces(mechanism.model, mechanism.forces))
-    joint = getattr(mechanism.forces[at - own], "joint", None) if (at := labels.index(label)) >= own else None
-    return joint if isinstance(joint, str) else None
+    at = list(bound_forces(mechanism.model, mechanism.forces)).index(label) - len(bound_forces(mechanism.model, ()))
+    force, nvs = mechanism.forces[at] if at >= 0 else None, mechanism.model.nvs
+    where = getattr(force, "_acts_on", "")
+    given = (getattr(force, where) or ()) if where in ("joint", "joints", "coefficients", "torques") else ()
+    joints = [given] if isinstance(given, str) else [*given]  # or numbers, for all joints
+    alone = len(joints) == 1 and isinstance(joints[0], str)
+    return joints[0] if alone and nvs[mechanism.joint_index(joints[0])] == 1 else None

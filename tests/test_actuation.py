@@ -280,7 +280,7 @@ def test_more_motors_than_motions_share_the_load():
 
 def test_fewer_motors_than_motions_say_what_stays_free():
     mech = pc.load("five_bar")
-    with pytest.warns(UserWarning, match="1 motors leave 1 of 2 motions free, those of .*held still here"):
+    with pytest.warns(UserWarning, match="1 motor leaves 1 of 2 motions free, those of .*held still here"):
         act = pc.Actuation(mech, ["left_crank"])
     assert len(act.free) == 1
     q, ok = act.closure({"left_crank": -2.0})

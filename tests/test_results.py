@@ -69,7 +69,7 @@ def test_torques_follow_their_laws_and_powers_add_up(sol):
     np.testing.assert_allclose(sol.torque("servo crank"), servo, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(sol.torque("servo"), servo, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(sol.torque("rocker"), -3.0 * sol.position("rocker"), rtol=1e-12)
-    np.testing.assert_allclose(sol.torque("torque coupler"), np.outer(np.ones(len(sol.t)), [0.0, 0.25, 0.0]))
+    np.testing.assert_allclose(sol.torque("torque coupler"), 0.25)
     np.testing.assert_allclose(sol.power("servo"), servo * sol.velocity("crank"), rtol=1e-12, atol=1e-12)
     joints = sum(sol.power(joint) for joint in ("crank", "coupler", "rocker"))
     forces = sum(sol.power(label) for label in ("servo", "spring", "torque coupler"))
@@ -245,3 +245,20 @@ def test_a_helical_joint_is_measured_in_radians():
     model = pin.Model()
     model.addJoint(0, pin.JointModelHelicalUnaligned(np.array([0.6, 0, 0.8]), 0.2), pin.SE3.Identity(), "screw")
     assert velocity_units(model) == position_units(model) == ["rad"]
+
+
+def test_forces_of_one_joint_have_one_torque_each():
+    """However the joint is given; a force on a body that is called as a joint is not one of that joint."""
+    forces = [
+        pc.JointDamping({"crank": 0.1}),
+        pc.JointTorque({"crank": 0.3}),
+        pc.Sampled(0.01, lambda t, q, v: -0.1 * v[:1], joints="crank"),
+        pc.Wrench("coupler", (0.0, 0.0, -2.0)),
+    ]
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.05), forces=forces)
+    np.testing.assert_allclose(sol.torque("damping crank"), -0.1 * sol.velocity("crank"), rtol=1e-12)
+    assert (sol.torque("torque crank") == 0.3).all()
+    assert sol.torque("sampled crank").shape == sol.t.shape
+    assert sol.torque("wrench coupler").shape == sol.v.shape
+    rod = pc.simulate(pc.load("planar_pendulum"), (0.0, 0.05), forces=pc.JointDamping((0.1,)))
+    assert rod.torque("damping").shape == rod.v.shape

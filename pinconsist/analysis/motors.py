@@ -53,17 +53,21 @@ class Motors:
         if self._shared:
             self._require_mobile()
         if self.free:
+            leave = "leave" + "s" * (len(self.motors) == 1)
             warn(
-                f"{mech.name}: {len(self.motors)} motors leave {len(self.free)} of {self.mobility} motions free, those "
-                f"of {', '.join(self.free)}: held still here, and without torque. Name more motors, or lock joints"
+                f"{mech.name}: {self._counted()} {leave} {len(self.free)} of {self.mobility} motions free, those of "
+                f"{', '.join(self.free)}: held still here, and without torque. Name more motors, or lock joints"
             )
 
     def __repr__(self):
         share = f"; {len(self.motors) - self._chosen.n_motors} more than needed" if self._shared else ""
-        lines = [f"Actuation of {self.mechanism.name}: mobility {self.mobility}, {len(self.motors)} motors{share}"]
+        lines = [f"Actuation of {self.mechanism.name}: mobility {self.mobility}, {self._counted()}{share}"]
         at = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.motors, self.positions(), strict=True))
         lines += [f"  motors  {at}"] + [f"  free    {', '.join(self.free)}"] * bool(self.free)
         return "\n".join(lines)
+
+    def _counted(self) -> str:
+        return "1 motor" if len(self.motors) == 1 else f"{len(self.motors)} motors"
 
     def positions(self, q=None) -> np.ndarray:
         """The positions of the motors in a configuration `q`, rad or m, shape (m,); default: the last one.

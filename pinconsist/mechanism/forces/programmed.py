@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
@@ -55,6 +56,9 @@ class Replayed:
     label: str
     table: np.ndarray
     sign: float
+    joints: str | Sequence[str] | None = None
+
+    _acts_on: ClassVar[str] = "joints"
 
     def bind(self, model):
         return BoundHeld(model.nv, self.table[:, 0], np.ascontiguousarray(self.table[:, 1:]), self.sign)
@@ -92,7 +96,7 @@ def replayed(mechanism, solution):
     forces, sign = [], 1.0 if solution.t[-1] >= solution.t[0] else -1.0
     for force in mechanism.forces:
         if isinstance(force, HeldRecord):
-            force = Replayed(force.label, next(tables), sign)
+            force = Replayed(force.label, next(tables), sign, force.joints)
         elif isinstance(force, Actuator) and force.name in solution.held:
             force = HeldActuator.of(force, solution.held[force.name], sign)
         forces.append(force)
