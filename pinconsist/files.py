@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import os
 import secrets
@@ -23,6 +24,8 @@ def written_whole(file):
             yield stream
         return
     target = Path(os.path.realpath(file))
+    if not target.parent.is_dir():  # of the draft a user knows nothing
+        raise FileNotFoundError(errno.ENOENT, "there is no folder for", str(target))
     draft = target.with_name(f".{target.name}.{secrets.token_hex(6)}")
     try:
         with open(draft, "xb") as stream:  # next to the target: os.replace is atomic only within one file system

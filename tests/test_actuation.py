@@ -403,6 +403,8 @@ def test_a_floating_robot_has_its_base_among_the_motors():
     assert act.motors[:2] == ("base[0]", "base[1]") and len(act.motors) == act.mobility == 8 and not act.free
     R = pin.rpy.rpyToMatrix(0.3, 0.2, 0.1)
     goal = dict(zip(("left", "right"), actuated.ankle_motors(0.1, -0.05), strict=True))
+    with pytest.raises(pc.InputError, match="several degrees of freedom"):
+        act.closure(np.zeros(8))
     q, ok = act.closure({"base": [1.0, 2.0, 3.0, R], **goal})
     assert ok
     np.testing.assert_allclose(q[7:9], [0.1, -0.05], atol=1e-10)

@@ -152,6 +152,12 @@ def test_devices_and_pipes_are_written_into_and_stay(tmp_path):
     assert Path("/dev/full").is_char_device()
 
 
+def test_a_folder_that_is_not_there_is_said_with_the_name_of_the_file(tmp_path):
+    file = tmp_path / "none" / "map.csv"
+    with pytest.raises(FileNotFoundError, match=r"there is no folder for: '.*none.map.csv'"), written_whole(file):
+        pass
+
+
 def test_after_a_power_cut_there_is_the_old_file_or_the_new_one(tmp_path, monkeypatch):
     """First the content is on the disk, then the name, then the folder that has the name."""
     done, sync, replace = [], os.fsync, os.replace

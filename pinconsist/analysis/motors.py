@@ -107,7 +107,9 @@ class Motors:
             self.q = self._closed(q, NOT_CLOSED)
         if not isinstance(positions, Mapping):
             rows = finite_array(positions, "positions")
-            if not self._single or rows.ndim not in (1, 2) or rows.shape[-1] != len(self._columns):
+            if not self._single:
+                raise InputError("positions must map motors to numbers where a motor has several degrees of freedom")
+            if rows.ndim not in (1, 2) or rows.shape[-1] != len(self._columns):
                 raise InputError(
                     f"positions must map motors to numbers or have {len(self._columns)} columns, got shape {rows.shape}"
                 )
