@@ -203,7 +203,8 @@ class Solution(ByName):
 
     def _mechanism(self, mechanism, method) -> Mechanism:
         require_mechanism(self, mechanism)
-        found = self._replayed(mechanism) or getattr(self.system, "mechanism", None)
+        replay = method not in ("position", "velocity", "reaction")  # which need no forces
+        found = (self._replayed(mechanism) if replay else mechanism) or getattr(self.system, "mechanism", None)
         if found is None:
             where = f"a solution read from a file needs its mechanism here: sol.{method}(…, mechanism)"
             raise InputError(where if self.system is None else f"{method}: a general problem has no loops and joints")

@@ -220,6 +220,7 @@ def test_commands_of_time_are_those_of_the_run(tmp_path):
         assert callable(next(force for force in drawn.forces if force.label == "hip").control)
     with pytest.raises(pc.InputError, match="the command of 'hip' was a function of time"):
         kept.torque("hip", mech)
+    np.testing.assert_array_equal(kept.position("hip", mech), sol.position("hip"))  # for which no force matters
 
 
 def test_one_number_for_an_actuator(tmp_path, capsys):

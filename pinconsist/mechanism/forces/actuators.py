@@ -169,10 +169,13 @@ def commanded(mechanism, control: Mapping):
 
 def commands(mechanism) -> dict[str, float | list | None]:
     """The commands of the actuators by name, as plain data: tables are (times, values), and functions None."""
-    found = {force.name: force.control for force in mechanism.forces if isinstance(force, Actuator)}
-    for label, control in found.items():
-        if callable(control):
-            found[label] = [list(control.times), list(control.values)] if isinstance(control, Table) else None
+    found: dict[str, float | list | None] = {}
+    for force in (force for force in mechanism.forces if isinstance(force, Actuator)):
+        control = force.control
+        if isinstance(control, Table):
+            found[force.name] = [list(control.times), list(control.values)]
+        else:
+            found[force.name] = None if callable(control) else control
     return found
 
 
