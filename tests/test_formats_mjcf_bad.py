@@ -157,6 +157,10 @@ NOT_COMPUTED = {
         world(body('<joint type="free" armature="1"/>' + ROD)),
         "joint 1: armature is not computed for a free joint",
     ),
+    "carried by limited motors": (
+        world(body('<joint name="j" actuatorgravcomp="true" actuatorfrcrange="-1 1"/>' + ROD, 'gravcomp="1"')),
+        "joint 'j': actgravcomp is not supported with an actuatorfrcrange",
+    ),
     "nonlinear": (world(body('<joint damping="1 2"/>' + ROD)), "joint 1: nonlinear damping is not supported"),
     "nonlinear spring": (
         world(body('<joint stiffness="1 2"/>' + ROD)),

@@ -122,10 +122,7 @@ class Tree:
                     yield Wrench(self.bodies[body], tuple(force), xyz=tuple(m.body_ipos[body]))
 
     def actuators(self):
-        """(joint, its Actuator or None) of the actuators on joints, (None, Actuator) of those on fixed tendons.
-
-        A warning says what exerts no force here.
-        """
+        """(joint, its Actuator or None) on joints, (None, Actuator) on fixed tendons; warns of what exerts no force."""
         m, names, none = self._m, set(), np.zeros(self._m.nu)
         alone = np.bincount(m.actuator_trnid[m.actuator_trntype < 2, 0], minlength=m.njnt) == 1
         for i, (kind, (target, *_)) in enumerate(zip(m.actuator_trntype, m.actuator_trnid, strict=True)):
@@ -248,6 +245,7 @@ def _check(m) -> None:
     _refuse(m, "body_plugin", m.body_plugin >= 0, "not supported")
     rounds, free = m.jnt_type < _SLIDE, m.jnt_type[m.dof_jntid] == _FREE
     _refuse(m, "jnt_stiffness", rounds & (m.jnt_stiffness != 0), "computed for hinges and slides alone")
+    _refuse(m, "jnt_actgravcomp", m.jnt_actgravcomp & m.jnt_actfrclimited, "not supported with an actuatorfrcrange")
     for key in ("dof_armature", "dof_frictionloss"):  # they act along the world's axes
         _refuse(m, key, free & (getattr(m, key) != 0), "not computed for a free joint; a <freejoint/> has none")
     if m.opt.density or m.opt.viscosity:
