@@ -4,70 +4,67 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.scenes import held_mass
 
 import pinconsist as pc
 from pinconsist.dae.control import ErrorControl
 from pinconsist.dae.index1 import NotFiniteError, project_position, solve_acceleration
-from pinconsist.dae.norms import EPS
+from pinconsist.dae.norms import EPS, largest
 from pinconsist.dae.rounding import Headway, RoundingTest, velocity_rounding
-from pinconsist.dae.stepper import Stepper
-from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.options import method_of
+from pinconsist.dae.tuning import SURE
 
 
-def rounding(sigma, v=(1.0, -2.0, 0.5), p=(0.0, 0.0, 3.0)):
-    """Of a unit mass held by two rows at right angles, one of length `sigma`."""
-    rows = np.array([[1.0, 0.0, 0.0], [0.0, sigma, 0.0]])
-    p, v = np.array(p), np.array(v)
-    return velocity_rounding(held_mass(rows).at(0.0, p, v), 0.0, p, v)
+def test_rounding_turns_the_velocities_by_the_square_of_the_distance_from_regular():
+    """A mass held by y = 0 and σ x + x²/2 = 0: eps moves it by eps/σ, which turns the second row by as much."""
 
+    def rounding(sigma):
+        rows = [lambda p: p[1], lambda p: sigma * p[0] + p[0] ** 2 / 2.0]
+        problem = pc.HessenbergProblem(
+            U=lambda t, p, v: v,
+            F=lambda t, p, v: np.zeros(3),
+            G=lambda t, p, v: np.array([[0.0, sigma + p[0]], [1.0, 0.0], [0.0, 1e-30]]),
+            R=lambda t, p: np.array([row(p) for row in rows]),
+        )
+        p, v = np.zeros(3), np.array([1.0, 0.0, 2.0])
+        return velocity_rounding(problem.at(0.0, p, v), 0.0, p, v)
 
-def test_rounding_grows_with_the_square_of_the_distance_from_regular():
-    """Positions are known to eps/σ, W turns with them, and v by another 1/σ: eps |v| (1 + (1 + |p|)/σ²)."""
     for sigma in (1.0, 1e-2, 1e-4):
-        assert rounding(sigma) == pytest.approx(2.0 * EPS * (1.0 + 4.0 / sigma**2), rel=1e-6)
+        assert rounding(sigma) == pytest.approx(EPS * (2.0 + 1.0 / sigma**2), rel=1e-4)
     assert rounding(0.0) == np.inf
 
 
-def test_an_open_loop_is_no_rounding():
-    assert rounding(1.0, p=(0.0, 1e-15, 3.0)) > 0.0 == rounding(1.0, p=(0.0, 1e-12, 3.0))
-
-
-def test_rounding_has_to_show_itself_and_is_then_believed_for_a_while():
+@pytest.mark.parametrize(
+    ("h", "error", "tried", "noise", "rounding"),
+    [
+        (-0.05, 2.0, (0.1, 7.0), 1.0, True),
+        (0.05, 2.0, (0.1, 9.0), 1.0, False),  # it falls
+        (0.1, 9.0, (0.1, 9.0), 1.0, False),  # the same step, with another order
+        (0.05, 2.0, (0.1, 7.0), 0.1 / SURE, False),  # more than rounding explains
+        (0.05, 2e9, (0.1, 2e9), np.inf, False),  # more than half the digits, as beside a singular position
+    ],
+)
+def test_rounding_shows_as_it_does_not_fall_with_the_step(h, error, tried, noise, rounding):
     """A truncation error of order 3 falls by 2⁴ when h is halved; what falls by less than 2² is rounding."""
-    rounding, near, far = RoundingTest(), SimpleNamespace(tightest=(1e-12,) * 2), SimpleNamespace(tightest=(1e-6,) * 2)
-
-    def passes(h, error, tried, control=near, explained=10.0, singular=False):
-        return rounding.passes(control, h, 3, error, tried, lambda: (explained, singular))  # by so many tolerances
-
-    assert not passes(0.1, 2.0, (0.0, 0.0))  # a first try shows nothing
-    assert not passes(0.05, 2.0, (0.1, 9.0))
-    assert not passes(0.1, 9.0, (0.1, 9.0))  # the same step, with another order
-    assert not passes(0.05, 11.0, (0.1, 2.0))  # more than rounding explains
-    assert not passes(0.1, 9.0, (0.0, 0.0))  # nothing has shown itself so far
-    assert not passes(0.1, 9.0, (0.0, 0.0), explained=1000.0)
-    assert passes(0.1, 9.0, (0.0, 0.0), explained=1000.0, singular=True)
-    assert passes(-0.05, 2.0, (0.1, 7.0))
-    for _ in range(10):
-        rounding.accepted()
-    assert passes(0.1, 9.0, (0.0, 0.0)) and not passes(0.1, 11.0, (0.0, 0.0))
-    assert not passes(0.11, 9.0, (0.0, 0.0))  # longer than what has shown itself
-    assert not passes(0.05, 2.0, (0.1, 2.0), far)  # far above rounding
-    for _ in range(20):
-        rounding.accepted()
-    assert not passes(0.1, 9.0, (0.0, 0.0))
+    d, v = np.array([0.0, error]), np.array([1e9])
+    assert RoundingTest().passes(largest, h, 3, d, d, tried, v, lambda: noise) == rounding
 
 
-def test_nothing_is_believed_beyond_an_event():
-    mech = pc.load("n_four_bar_2")
-    start = pc.assemble(mech, v0={"crank0": 1.0})
-    method = method_of((0.0, 10.0), "BDF", None, 5, 1e-12, 1e-12, "every-step", None, np.inf, None, "python")
-    stepper = Stepper(MechanismSystem(mech, start.q), method)
-    assert stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.1, 7.0), lambda: (10.0, False))
-    assert stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.0, 0.0), lambda: (10.0, False))
-    stepper.begin(0.0, start.q, start.v, 10.0)
-    assert not stepper.rounding.passes(stepper.control, 0.05, 3, 2.0, (0.0, 0.0), lambda: (10.0, False))
+@pytest.mark.parametrize(("expected", "rounding"), [(1.0, False), (0.6, False), (0.4, True), (-1.0, True)])
+def test_rounding_shows_as_it_does_not_follow_from_the_last_step(expected, rounding):
+    d, expected, v = np.array([0.0, 1.0]), np.array([0.0, expected]), np.array([1e9])
+    assert RoundingTest().passes(largest, 0.1, 3, d, expected, (0.0, 0.0), v, lambda: 1.0) == rounding
+
+
+def test_noise_of_a_step_fades_from_the_differences_after_it():
+    rounding, d, v = RoundingTest(), np.array([0.0, 16.0 * SURE]), np.array([1e12])
+
+    def passes(share, noise):
+        return rounding.passes(largest, 0.1, 3, share * d, 0.0 * d, (0.0, 0.0), v, lambda: noise)
+
+    assert passes(1.0, 1.0) and not passes(1.1, 0.1)
+    rounding.accepted()
+    assert passes(0.5, 0.0) and not passes(0.6, 0.1)
+    rounding.restart()
+    assert not passes(0.5, 0.0)
 
 
 def test_many_failed_tries_without_headway_end_a_run():

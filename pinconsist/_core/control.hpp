@@ -69,7 +69,8 @@ public:
 
   double error(const Attempt &step, int k) const { return fixed() ? 0.0 : bdf::error_constant(k) * step.size; }
 
-  double error_in(const System &system, const Vec &d, int k, const Vec &weight) const {
+  template <class Difference>
+  double error_in(const System &system, const Difference &d, int k, const Vec &weight) const {
     return fixed() ? 0.0 : bdf::error_constant(k) * weighted_norm(d, weight, system.nv);
   }
 

@@ -22,7 +22,7 @@ struct Attempt {
   Failure failure = Failure::none;
 };
 
-inline double weighted_norm(const Vec &change, const Vec &weight, int nv) {
+template <class Difference> double weighted_norm(const Difference &change, const Vec &weight, int nv) {
   return std::sqrt(change.head(weight.size()).cwiseProduct(weight).squaredNorm() / nv);
 }
 

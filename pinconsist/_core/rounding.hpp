@@ -20,49 +20,44 @@ inline double rounding_weights(const System &system, const Vec &y, Vec &weight) 
 
 inline double rounding_gap(const Vec &p, const Mat &W) { return GAP * (1.0 + largest(p)) * (1.0 + largest(W)); }
 
-// Velocity that eps in v and in Φ brings about; 0 where loops are open, infinite where the equations are singular.
+// What rounding does to v, also by way of the constraint rows; infinite where the equations are singular.
 inline double velocity_rounding(System &system, KKT &kkt, double t, const Vec &p, const Vec &v) {
   const int nv = system.nv, nc = system.nc;
-  const double size = EPS * largest(v);
-  if (!nc) return size;
+  const double speed = largest(v), reach = 1.0 + largest(p);
+  if (!nc) return EPS * speed;
   system.constraint(t, p, v);
-  Mat inverse = Mat::Zero(nv + nc, nc);
-  inverse.bottomRows(nc).setIdentity();
+  const Vec here = system.rho;
+  Mat solved = Mat::Zero(nv + nc, nc);
+  solved.bottomRows(nc).setIdentity();
   system.mass_matrix(t, p, v, kkt.A());
-  const bool regular = kkt.solve_new(system.W, system.G_transposed(), 1.0, inverse, nc);
-  if (largest(system.phi) > rounding_gap(p, system.G_transposed())) return 0.0;
-  if (!regular) return INF;
-  const double s = inverse.topRows(nv).cwiseAbs().rowwise().sum().maxCoeff();
-  return size * (1.0 + (1.0 + largest(p)) * s * s * system.W.cwiseAbs().rowwise().sum().maxCoeff());
+  if (!kkt.solve_new(system.W, system.G_transposed(), 1.0, solved, nc)) return INF;
+  const auto closing = solved.topRows(nv);
+  int farthest;
+  closing.cwiseAbs().rowwise().sum().maxCoeff(&farthest);
+  const Vec moved = closing * closing.row(farthest).cwiseSign().transpose();
+  const double share = TURNED * reach / largest(moved);
+  Vec there, xi;
+  system.position(t, p, Vec::Zero(system.nx), share, moved, there, xi);
+  system.constraint(t, there, v);
+  return EPS * (speed + reach * largest(closing * (system.rho - here)) / share);
 }
 
+// Whether the error of a step is rounding of the velocities; what it does to them is measured.
 class RoundingTest {
 public:
-  void restart() {
-    believed_ = 0.0;
-    steps_left_ = 0;
+  void restart() { noise_ = 0.0; }
+
+  template <class Explained, class Noise>
+  bool passes(double error, double speed, const Explained &explained, const Noise &noise) {
+    if (error > explained(HALF * speed)) return false;
+    if (error > explained(noise_)) noise_ = std::max(noise_, SURE * noise());
+    return error <= explained(noise_);
   }
 
-  template <class Bound>
-  bool passes(double tightest, double h, int k, double error, double longer, double its_error, const Bound &bound) {
-    h = std::abs(h);
-    if (tightest > NEAR_ROUNDING) return false;
-    const bool shown = h < longer && error >= its_error * std::pow(h / longer, SLOW * (k + 1));
-    const bool known = steps_left_ > 0 && h <= believed_;
-    const auto [explained, singular] = bound();
-    if (error > explained || !(shown || known || (singular && error * SURE <= explained))) return false;
-    if (shown) {
-      believed_ = std::max(known ? believed_ : 0.0, longer);
-      steps_left_ = static_cast<int>(REMEMBERED);
-    }
-    return true;
-  }
-
-  void accepted() { --steps_left_; }
+  void accepted() { noise_ *= 0.5; }
 
 private:
-  double believed_ = 0.0; // up to which step rounding has shown itself, and for how long
-  int steps_left_ = 0;
+  double noise_ = 0.0; // in v of the last steps; a step's noise fades from the differences after it
 };
 
 class Headway {

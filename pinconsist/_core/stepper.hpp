@@ -43,6 +43,7 @@ private:
     if (charted && fixed() && std::abs(h) > longest_step(velocity(), k)) return Failure::turns_too_far;
     double error, t_next, tried_h = 0.0, tried_error = 0.0;
     int order;
+    bool rounding;
     while (true) {
       t_next = next_time(t_end);
       if (t_next == t) return Failure::error_test; // steps that pass have become so short, as towards a pole
@@ -56,7 +57,8 @@ private:
         smaller = control.after_failure(h);
       } else {
         error = control.error(attempt_, k);
-        if (error <= 1.0 || is_rounding(t_next, error, tried_h, tried_error)) break;
+        rounding = error > (tried_h != 0.0 ? 1.0 : UNNOTICED) && is_rounding(t_next, error, tried_h, tried_error);
+        if (error <= 1.0 || rounding) break;
         tried_h = std::abs(h);
         tried_error = error;
         const Choice again = control.after_rejection(system_, Z, attempt_.change, k, h, error, weight_);
@@ -76,7 +78,7 @@ private:
     used_k = k;
     ++taken;
     newton.largest_force = std::max(newton.largest_force, attempt_.force);
-    if (error > 1.0) { // rounding: a longer step that was tried is as good
+    if (rounding) { // a longer step that was tried is as good
       choice = {std::copysign(std::max(std::abs(h), tried_h), h), k};
       control.restart();
     } else {
@@ -87,16 +89,24 @@ private:
     return Failure::none;
   }
 
-  // Whether it is rounding that fails the error test, which a shorter step would show as much.
+  // Whether the error of the attempt is rounding of the velocities, which a shorter step would have as well.
   bool is_rounding(double t_next, double error, double longer, double its_error) {
-    const auto bound = [&] {
+    if (fixed()) return false;
+    const auto size = [&](const auto &d) { return control.error_in(system_, d, k, weight_); };
+    bool shows = false;
+    if (longer != 0.0)
+      shows = std::abs(h) < longer && error >= its_error * std::pow(std::abs(h) / longer, SLOW * (k + 1));
+    else if (used_k)
+      shows = size(attempt_.change - std::pow(h / used_h, k + 1) * Z.row(k + 1).transpose()) >= SUDDEN * error;
+    if (!shows) return false;
+    const auto explained = [&](double velocity) {
       Vec noise = Vec::Zero(weight_.size());
-      const Vec v = attempt_.y.segment(system_.nx, system_.nv);
-      const double size = velocity_rounding(system_, kkt_, t_next, attempt_.p, v), speed = largest(v);
-      noise.tail(system_.nv).setConstant(std::ldexp(std::min(size, HALF * speed), k + 1));
-      return std::pair(control.error_in(system_, noise, k, weight_), size >= BESIDE * speed);
+      noise.tail(system_.nv).setConstant(std::ldexp(velocity, k + 1));
+      return size(noise);
     };
-    return rounding_.passes(fixed() ? 0.0 : control.rtol.minCoeff(), h, k, error, longer, its_error, bound);
+    const Vec v = attempt_.y.segment(system_.nx, system_.nv);
+    return rounding_.passes(error, largest(v), explained,
+                            [&] { return velocity_rounding(system_, kkt_, t_next, attempt_.p, v); });
   }
 
   // Change to the step and order that the control chose.
@@ -152,8 +162,8 @@ private:
     put(curve.tables, Z);
   }
 
-  KKT kkt_; // of the rounding test
   RoundingTest rounding_;
+  KKT kkt_; // of the rounding test
   Attempt attempt_;
   Vec predicted_, psi_, weight_;
   Table changed_; // by rescaling since the last step; empty where nothing did

@@ -39,74 +39,67 @@ def rounding_gap(p, W) -> float:
 
 
 def velocity_rounding(system, t, p, v) -> float:
-    """Velocity that eps in v and in Φ brings about: positions move by eps/σ, W turns with them, v by eps/σ² |v|.
+    """What rounding does to v: eps |v|, and what follows where eps leaves loops open and p closes them in vain.
 
-    0 where loops are open: more than rounding is wrong there.
+    Beside singular positions p moves far, by eps/σ, and v with the constraint rows, by eps/σ² where they turn most.
     """
     nv, nc = system.nv, system.nc
-    size, reach = EPS * largest(v), 1.0 + largest(p)
+    speed, reach = largest(v), 1.0 + largest(p)
     if not nc:
-        return size
-    _, phi, G, _ = system.evaluate(t, p, v, np.zeros(nv))
-    if largest(phi) > rounding_gap(p, G):
-        return 0.0
+        return EPS * speed
     try:
-        kkt, _, _, W = kkt_at(system, t, p, v)
+        kkt = kkt_at(system, t, p, v)[0]
     except SingularSystemError:
         return np.inf
-    inverse = kkt.solve(np.vstack((np.zeros((nv, nc)), np.eye(nc))))[:nv]
-    s, turn = (np.abs(matrix).sum(axis=1).max() for matrix in (inverse, W))
-    return size * (1.0 + reach * s**2 * turn)
-
-
-def error_of_rounding(system, t, p, v, k):
-    """[ξ | v] of what rounding leaves in ∇ᵏ⁺¹y, which smaller steps cannot lower; and whether it is much.
-
-    It is much beside singular positions alone. More than half of the digits are never taken to be spoilt.
-    """
-    size, speed = velocity_rounding(system, t, p, v), largest(v)
-    noise = 2.0 ** (k + 1) * min(size, tuning.HALF * speed)
-    return np.repeat((0.0, noise), (system.nx, system.nv)), size >= tuning.BESIDE * speed
+    closing = kkt.solve(np.vstack((np.zeros((nv, nc)), np.eye(nc))))[:nv]
+    farthest = closing[np.abs(closing).sum(axis=1).argmax()]
+    moved = closing @ np.sign(farthest)  # the farthest that gaps of size 1 can move a coordinate
+    share = tuning.TURNED * reach / largest(moved)
+    there, _ = system.position(t, p, np.zeros(system.nx), share, moved)
+    hidden = [system.constraint(t, q, system.rate(t, q, v))[1] for q in (p, there)]
+    return EPS * (speed + reach * largest(closing @ (hidden[1] - hidden[0])) / share)
 
 
 class RoundingTest:
-    """Whether it is rounding that fails the error test, which a shorter step would show as much.
+    """Whether the error of a step is rounding of the velocities, which a shorter step would have as well.
 
-    Only tolerances near rounding ask. And it has to show: a longer step, tried from the same point, had no error to
-    match its order. For a while steps up to that length are then believed at once, as far as the bound allows. Beside
-    singular positions, where the bound is far above the error, nothing has to show: the run would creep towards them
-    in steps that pass by chance.
+    It has to show. Errors of the method follow from step to step and fall with the step: ∇ᵏ⁺¹y is compared with what
+    the last step lets expect of it or, after a longer step from the same point has failed, with the error of that. And
+    as forces that are not smooth show in the same way, what rounding does to v is measured.
     """
 
     def __init__(self):
         self.restart()
 
     def restart(self) -> None:
-        """Believe nothing."""
-        self._believed, self._steps_left = 0.0, 0  # up to which step rounding has shown itself, and for how long
+        """Nothing has been measured."""
+        self._noise = 0.0  # in v of the last steps; a step's noise fades from the differences after it
 
-    def passes(self, control, h, k, error, tried, bound) -> bool:
-        """Whether the `error` of a step h of order k is rounding.
+    def passes(self, size, h, k, d, expected, tried, v, noise) -> bool:
+        """Whether the error of a step h of order k is rounding.
 
-        `tried` are the length of the step that failed the error test last and its error, or zeros; ``bound()`` is the
-        largest error that rounding explains, and whether the position is beside a singular one.
+        `d` is ∇ᵏ⁺¹ of [ξ | v] and ``size(d)`` the error that belongs to it, `expected` is d as it follows from the last
+        step, `tried` are the length and the error of the step that has failed, or zeros. ``noise()`` measures what
+        rounding does to `v`; it is never believed to take more than half the digits.
         """
-        h = abs(h)
-        longer, its_error = tried
-        if control.tightest[0] > tuning.NEAR_ROUNDING:
+        error, (longer, its_error) = size(d), tried
+        if longer:
+            shows = abs(h) < longer and error >= its_error * (abs(h) / longer) ** (tuning.SLOW * (k + 1))
+        else:
+            shows = size(d - expected) >= tuning.SUDDEN * error
+
+        def explained(velocity):
+            return size(np.append(np.zeros(len(d) - len(v)), np.full(len(v), 2.0 ** (k + 1) * velocity)))
+
+        if not shows or error > explained(tuning.HALF * largest(v)):
             return False
-        shown = h < longer and error >= its_error * (h / longer) ** (tuning.SLOW * (k + 1))
-        known = self._steps_left > 0 and h <= self._believed
-        explained, singular = bound()
-        if error > explained or not (shown or known or (singular and error * tuning.SURE <= explained)):
-            return False
-        if shown:
-            self._believed, self._steps_left = max(self._believed if known else 0.0, longer), tuning.REMEMBERED
-        return True
+        if error > explained(self._noise):
+            self._noise = max(self._noise, tuning.SURE * noise())
+        return error <= explained(self._noise)
 
     def accepted(self) -> None:
-        """A step was accepted: one step less of what is believed."""
-        self._steps_left -= 1
+        """A step was accepted."""
+        self._noise *= 0.5
 
 
 class Headway:
@@ -149,6 +142,6 @@ class Pace:
         failed = self._control.reasons["newton"] - self._failed
         self._t, self._steps, self._failed = t, steps, self._control.reasons["newton"]
         to_come = made * abs(t_end - t) / gone if gone else np.inf
-        if failed <= tuning.CHATTER * made:
-            return False
-        return to_come > tuning.ENDLESS or (to_come > tuning.LONG and bool(jumping()))
+        return failed > tuning.CHATTER * made and (
+            to_come > tuning.ENDLESS or (to_come > tuning.LONG and bool(jumping()))
+        )

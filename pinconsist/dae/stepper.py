@@ -12,8 +12,8 @@ from .charts import longest_step, turning_coordinates
 from .dense import Curve, Segment, StepBatch
 from .index1 import Index1
 from .newton import Newton
-from .rounding import Headway, RoundingTest, error_of_rounding, shortest_step
-from .tuning import FAILURES, PATIENCE
+from .rounding import Headway, RoundingTest, shortest_step, velocity_rounding
+from .tuning import FAILURES, PATIENCE, UNNOTICED
 
 
 class Stepper:
@@ -161,7 +161,8 @@ class Stepper:
                 y = step.y
                 d = y - predicted
                 error = control.error(system, d, k, weight)
-                if error <= 1.0 or self._is_rounding(step, weight, error, tried):
+                rounding = error > (1.0 if tried[0] else UNNOTICED) and self._is_rounding(step, d, weight, tried)
+                if error <= 1.0 or rounding:
                     break
                 tried = abs(h), error
                 smaller, self.k = control.after_rejection(system, Z, d, k, h, error, weight)
@@ -173,7 +174,7 @@ class Stepper:
         self.t_old, self.t, self.p, self.y, self.used, self._points = self.t, t_next, step.p, y, (h, k), k + 1
         self._changed, self._changes = bdf.UNCHANGED, self._changed
         self._taken += 1
-        if error > 1.0:  # rounding: a longer step that was tried is as good
+        if rounding:  # a longer step that was tried is as good
             self._choice = float(np.copysign(max(abs(h), tried[0]), h)), k
             control.restart()
         else:
@@ -182,12 +183,17 @@ class Stepper:
         self.headway.reached(self.t)
         return ""
 
-    def _is_rounding(self, step, weight, error, tried) -> bool:
-        def bound():
-            noise, singular = error_of_rounding(self.system, step.t, step.p, step.v, self.k)
-            return self.control.error(self.system, noise, self.k, weight), singular
+    def _is_rounding(self, step, d, weight, tried) -> bool:
+        h, k, (used, order), known = self.h, self.k, self.used, len(weight)
+        expected = (h / used) ** (k + 1) * self.Z[k + 1] if order else d
 
-        return self.rounding.passes(self.control, self.h, self.k, error, tried, bound)
+        def size(d):
+            return self.control.error(self.system, d, k, weight)
+
+        def noise():
+            return velocity_rounding(self.system, step.t, step.p, step.v)
+
+        return self.rounding.passes(size, h, k, d[:known], expected[:known], tried, step.v, noise)
 
     def prepare_next(self) -> None:
         """Change to the step and order that the control chose; the last step's segment is gone after this."""

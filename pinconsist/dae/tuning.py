@@ -31,12 +31,12 @@ MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
 
 # Rounding, and no headway
 NOISE = 5.0  # eps of the positions: what rounding leaves in the error of a step
-NEAR_ROUNDING = 1e-9  # rtol above which no error is believed to be rounding
-HALF = 1e-8  # of the velocities, half their digits: nor is a larger error
-BESIDE = 3e-10  # of the velocities: rounding takes as many digits beside singular positions alone
+HALF = 1e-8  # of the velocities, half their digits: more of them is never believed to be rounding
 SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
-SURE = 100.0  # errors this much smaller than what rounding explains are rounding
-REMEMBERED = 20  # steps for which a measurement is believed
+SUDDEN = 0.5  # of an error: so much of it is new in a step where it is rounding
+SURE = 1e4  # times one rounding of the positions: what all roundings beside singular positions may come to
+TURNED = 1e-6  # of the positions, by which they are moved to see how the constraint rows turn
+UNNOTICED = 0.1  # errors below this do not shorten the next step
 SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it advanced by less than this part meanwhile
 
 # Radau IIA
@@ -74,6 +74,7 @@ STALE_FACTOR = 0.3  # of Newton's tolerance for a kept matrix: the multipliers s
 WORTH = 32.0  # a new matrix, derivatives and factors, costs as much as nv/WORTH iterations (measured on long chains)
 WIDEST = 2.0  # change of c up to which a matrix is kept
 WEIGHED = 4  # steps for which the weights of the error norm are kept
+REMEMBERED = 20  # steps for which a measurement is believed
 KEPT = 8  # steps for which the derivatives of forces are kept
 
 FAILURES = {
