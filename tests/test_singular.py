@@ -29,10 +29,16 @@ def test_fixed_steps_that_end_beside_the_singular_position(backend, step, order)
     passed(16, 0.725, backend, step=step, max_order=order)
 
 
-@pytest.mark.parametrize("backend", ["compiled", "python"])
-def test_a_tight_tolerance_does_not_creep_towards_the_singular_position(backend):
-    sol = passed(10, 0.75, backend, rtol=1.2e-10, atol=1.2e-10)
-    assert sol.nsteps < 1000  # 1448 and a stop, where errors had to show that they are rounding
+@pytest.mark.parametrize(("n", "tol", "share", "backend"), [
+    (10, 3.2e-7, 0.01, "compiled"), (10, 2.5e-10, 0.01, "compiled"), (20, 1e-9, 0.01, "compiled"),
+    (10, 1.2e-10, 1.0, "compiled"), (10, 1.2e-10, 1.0, "python"), (2, 1e-10, 0.01, "python"),
+])  # fmt: skip
+def test_a_tight_tolerance_does_not_creep_towards_the_singular_position(n, tol, share, backend):
+    """Where rounding was believed late, the first stopped, and the second took 185,000 steps before it did."""
+    sol = passed(n, 0.75, backend, rtol=tol, atol=share * tol)
+    assert sol.nsteps < 2000
+    other = passed(n, 0.75, "compiled", rtol=1e-11, atol=1e-13, method="Radau")
+    np.testing.assert_allclose(sol.q[-1], other.q[-1], rtol=0.0, atol=10.0 * max(tol, 2e-10))
 
 
 @pytest.mark.parametrize(("moved", "closed", "noise"), [
