@@ -20,38 +20,48 @@ inline double rounding_weights(const System &system, const Vec &y, Vec &weight) 
 
 inline double rounding_gap(const Vec &p, const Mat &W) { return GAP * (1.0 + largest(p)) * (1.0 + largest(W)); }
 
-// What rounding does to v, also by way of the constraint rows; infinite where the equations are singular.
-inline double velocity_rounding(System &system, KKT &kkt, double t, const Vec &p, const Vec &v) {
+// What rounding may do to v: by the worst case of norms, and as it follows along the constraint rows.
+struct VelocityNoise {
+  double worst, likely;
+};
+
+inline VelocityNoise velocity_rounding(System &system, KKT &kkt, double t, const Vec &p, const Vec &v) {
   const int nv = system.nv, nc = system.nc;
   const double speed = largest(v), reach = 1.0 + largest(p);
-  if (!nc) return EPS * speed;
+  if (!nc) return {EPS * speed, SURE * EPS * speed};
   system.constraint(t, p, v);
   const Vec here = system.rho;
   Mat solved = Mat::Zero(nv + nc, nc);
   solved.bottomRows(nc).setIdentity();
   system.mass_matrix(t, p, v, kkt.A());
-  if (!kkt.solve_new(system.W, system.G_transposed(), 1.0, solved, nc)) return INF;
+  if (!kkt.solve_new(system.W, system.G_transposed(), 1.0, solved, nc)) return {INF, INF};
   const auto closing = solved.topRows(nv);
   int farthest;
-  closing.cwiseAbs().rowwise().sum().maxCoeff(&farthest);
+  const double s = closing.cwiseAbs().rowwise().sum().maxCoeff(&farthest);
+  const double turn = system.W.cwiseAbs().rowwise().sum().maxCoeff();
   const Vec moved = closing * closing.row(farthest).cwiseSign().transpose();
   const double share = TURNED * reach / largest(moved);
-  Vec there, xi;
-  system.position(t, p, Vec::Zero(system.nx), share, moved, there, xi);
+  Vec there;
+  system.integrate(p, system.rate(t, p, v + share * moved) - system.rate(t, p, v), there);
   system.constraint(t, there, v);
-  return EPS * (speed + reach * largest(closing * (system.rho - here)) / share);
+  const double turned = reach * largest(closing * (system.rho - here)) / share;
+  return {EPS * speed * (1.0 + reach * s * s * turn), SURE * EPS * (speed + turned)};
 }
 
-// Whether the error of a step is rounding of the velocities; what it does to them is measured.
+// Whether the error of a step is rounding of the velocities, which it may explain.
 class RoundingTest {
 public:
   void restart() { noise_ = 0.0; }
 
   template <class Explained, class Noise>
-  bool passes(double error, double speed, const Explained &explained, const Noise &noise) {
-    if (error > explained(HALF * speed)) return false;
-    if (error > explained(noise_)) noise_ = std::max(noise_, SURE * noise());
-    return error <= explained(noise_);
+  bool passes(double error, bool shows, double speed, const Explained &explained, const Noise &noise) {
+    const double most = explained(HALF * speed);
+    if (error > most || (!shows && (error <= 1.0 || SURE * error > most))) return false;
+    if (shows && error <= explained(noise_)) return true;
+    const VelocityNoise found = noise();
+    if (found.worst >= BESIDE * speed && SURE * error <= explained(std::min(found.worst, HALF * speed))) return true;
+    noise_ = std::max(noise_, found.likely);
+    return shows && error <= explained(noise_);
   }
 
   void accepted() { noise_ *= 0.5; }

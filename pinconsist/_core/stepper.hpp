@@ -98,14 +98,13 @@ private:
       shows = std::abs(h) < longer && error >= its_error * std::pow(std::abs(h) / longer, SLOW * (k + 1));
     else if (used_k)
       shows = size(attempt_.change - std::pow(h / used_h, k + 1) * Z.row(k + 1).transpose()) >= SUDDEN * error;
-    if (!shows) return false;
     const auto explained = [&](double velocity) {
       Vec noise = Vec::Zero(weight_.size());
       noise.tail(system_.nv).setConstant(std::ldexp(velocity, k + 1));
       return size(noise);
     };
     const Vec v = attempt_.y.segment(system_.nx, system_.nv);
-    return rounding_.passes(error, largest(v), explained,
+    return rounding_.passes(error, shows, largest(v), explained,
                             [&] { return velocity_rounding(system_, kkt_, t_next, attempt_.p, v); });
   }
 

@@ -32,9 +32,10 @@ MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
 # Rounding, and no headway
 NOISE = 5.0  # eps of the positions: what rounding leaves in the error of a step
 HALF = 1e-8  # of the velocities, half their digits: more of them is never believed to be rounding
+BESIDE = 3e-10  # of the velocities: rounding may take as many digits beside singular positions alone
 SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
 SUDDEN = 0.5  # of an error: so much of it is new in a step where it is rounding
-SURE = 1e4  # times one rounding of the positions: what all roundings beside singular positions may come to
+SURE = 200.0  # times one rounding: what all roundings of a step may come to
 TURNED = 1e-6  # of the positions, by which they are moved to see how the constraint rows turn
 UNNOTICED = 0.1  # errors below this do not shorten the next step
 SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it advanced by less than this part meanwhile
