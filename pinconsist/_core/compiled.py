@@ -45,7 +45,7 @@ def stepper_for(system, method, backend: str = "auto") -> Stepper:
 
 @cache
 def _warn_once(why) -> None:
-    log.warning("%s; the Python method is used, which is about ten times slower", why)
+    log.warning("%s; the Python method is used, which is about fifty times slower", why)
 
 
 class CompiledStepper(CompiledRun):
