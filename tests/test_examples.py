@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers import zoo
 from helpers.bodies import circles_meet
+from helpers.extras import skips_missing_extras
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize
 from scipy.special import ellipj
@@ -241,10 +242,8 @@ def test_all_examples_are_here():
 
 @pytest.mark.parametrize("name", ANSWERS)
 def test_example(name):
-    try:
+    with skips_missing_extras():
         number = module(name).main()
-    except pc.MissingExtraError as error:
-        pytest.skip(str(error))
     answer, tolerance = ANSWERS[name]
     assert number == pytest.approx(answer() if callable(answer) else answer, rel=tolerance)
 

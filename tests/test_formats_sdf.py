@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers.bodies import frame_pose, loop_rows
+from helpers.extras import skips_missing_extras
 from helpers.sdf_texts import BAR, CHAIN, A, B, C, axis, joint, link, write
 
 import pinconsist as pc
@@ -607,10 +608,8 @@ CASSIE = {  # rows and rank of its loops, degrees of freedom left
 
 
 def cassie(name, **options):
-    try:
+    with skips_missing_extras():
         robot_file(name)
-    except pc.MissingExtraError as error:
-        pytest.skip(str(error))
     return pc.load(name, **options)
 
 

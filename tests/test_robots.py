@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers.bodies import frame_pose
+from helpers.extras import skips_missing_extras
 
 import pinconsist as pc
 
@@ -159,10 +160,8 @@ def not_carried(mech, found):
 def test_reactions_balance_the_weight(name):
     """The cut mechanism rests under the reactions of its loops. Kangaroo's motors are held: without them it slides."""
     if name.startswith("cassie") and name not in KNOWN:
-        try:
+        with skips_missing_extras():
             mech = pc.load(name)
-        except pc.MissingExtraError as missing:
-            pytest.skip(str(missing))
     else:
         mech = load(name, closure="point") if name == "kangaroo_like" else load(name)
     if name == "kangaroo_like":

@@ -14,14 +14,11 @@ import pinocchio as pin
 
 from ..errors import InputError, SingularSystemError
 from ..mechanism.checks import finite_array
-from ..mechanism.motion import first
-from ..mechanism.parameters import parameter
+from ..mechanism.motion import AHEAD, first
+from ..mechanism.parameters import check_closing, difference_step, parameter
 from ..mechanism.system import MechanismSystem
 from .variations import TangentSpace, along, along_places, bias, by_position, by_velocity
 
-RELATIVE_STEP, SMALLEST = 1e-4, 0.1  # the step is 1e-4 max(|θ|, 0.1)
-AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
-PARTED = 1e-7  # of Φ_θ: what no motion can follow
 NEUTRAL = 1e-10  # smallest stiffness over the largest
 
 
@@ -62,7 +59,7 @@ class Varied:
 
     def rate(self, i, function):
         """The derivative of ``function(mechanism, change of the parameter)`` with respect to a parameter."""
-        step = RELATIVE_STEP * max(abs(self.theta[i]), SMALLEST)
+        step = difference_step(self.theta[i])
 
         def at(change):
             value = self.theta[i] + change
@@ -93,7 +90,8 @@ def of_state(varied, t, q, v, a, lam, still=True):
     r, phi, rho, gamma = np.split(rates.T, np.cumsum([nv, system.rows.nc, system.rows.nc]))
     K = by_position(system, t, q, v, a, lam, every)
     dq = -space.P @ phi
-    _check_closing(varied, space.J @ dq + phi, phi)
+    for columns in zip(varied.names, (space.J @ dq + phi).T, phi.T, strict=True):
+        check_closing(*columns)
     if still and space.Z.size:
         stiffness = space.Z.T @ K @ space.Z
         sizes = np.linalg.svd(stiffness, compute_uv=False)
@@ -121,15 +119,6 @@ def of_state(varied, t, q, v, a, lam, still=True):
     if len(space.kept) < system.rows.nc:
         dlam = dlam + _of_redundant(varied, system, space, t, q, lam, dq)
     return dq, dv, da, dlam
-
-
-def _check_closing(varied, left, phi):
-    for name, rest, whole in zip(varied.names, left.T, phi.T, strict=True):
-        if np.abs(rest).max(initial=0.0) > PARTED * np.abs(whole).max(initial=1e-3):
-            raise InputError(
-                f"the parameter {name!r} cannot vary alone: the loops part. Lengths of an overconstrained loop depend "
-                "on each other; vary them together, by one parameter of build()"
-            )
 
 
 def _of_redundant(varied, system, space, t, q, lam, dq):

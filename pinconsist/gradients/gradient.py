@@ -10,10 +10,10 @@ import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError
 from ..mechanism.mechanism import Mechanism
+from ..mechanism.motion import CENTRAL
 from ..solution import Solution
 from .adjoint import Back
 from .sensitivities import prepared
-from .variants import CENTRAL
 
 NUDGE = 1e-4  # of the size of a coordinate, of differences of fourth order
 

@@ -16,8 +16,6 @@ import pinocchio as pin
 from ..errors import InputError
 from ..mechanism.parameters import Parameter
 
-CENTRAL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
-AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
 OF_STEPS = {-1: -1 / 2, 1: 1 / 2}
 OF_STEPS_AHEAD = {0: -3 / 2, 1: 2.0, 2: -1 / 2}
 CLOSE = 0.1  # of the step of others: laws of forces are smooth, and most of them linear in their numbers

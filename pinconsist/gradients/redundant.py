@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .variants import CENTRAL
+from ..mechanism.motion import CENTRAL
 
 NUDGE = 1e-3  # rad or m, of differences of fourth order
 

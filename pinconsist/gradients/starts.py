@@ -13,12 +13,12 @@ import numpy as np
 from ..errors import AssemblyError, InputError
 from ..mechanism.assembly import not_kept
 from ..mechanism.closing import CLOSED
-from .variants import CENTRAL
+from ..mechanism.motion import CENTRAL
+from ..mechanism.parameters import check_closing
 
 NUDGE = 1e-3  # by which a state is moved, over its size: differences of fourth order
 BESIDE = 1e-3  # of a step, over which the rate of an event's function is taken
 GRAZING = 0.02  # of the slope with which an event's function reached zero in its step
-PARTED = 1e-7  # of Φ_θ: what no motion can follow
 GAP = 1e-10  # m or rad
 
 
@@ -61,11 +61,7 @@ class Start:
 
         right = -variant.derivative(open_by)
         s_q = np.linalg.lstsq(self.A, right, rcond=1e-10)[0]
-        if np.abs(self.A @ s_q - right).max(initial=0.0) > PARTED * np.abs(right).max(initial=1e-3):
-            raise InputError(
-                f"the parameter {variant.name!r} cannot vary alone: the loops part. Lengths of an overconstrained loop "
-                "depend on each other; vary them together, by one parameter of build()"
-            )
+        check_closing(variant.name, self.A @ s_q - right, right)
         return s_q
 
     def _by_differences(self, variant):

@@ -19,10 +19,11 @@ from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assembled, velocity_on_constraints
 from ..mechanism.closing import LoopSolver
 from ..mechanism.mechanism import Mechanism
+from ..mechanism.motion import AHEAD, CENTRAL
+from ..mechanism.parameters import difference_step
 from ..mechanism.system import MechanismSystem
-from .known import AHEAD, CENTRAL, OF_STEPS, OF_STEPS_AHEAD, Known, parts_of
+from .known import OF_STEPS, OF_STEPS_AHEAD, Known, parts_of
 
-RELATIVE_STEP, SMALLEST = 1e-4, 0.1  # the step is 1e-4 max(|θ|, 0.1)
 SMOOTH, ROUGH = 3e-8, 1e-5  # by which residual differences over two steps are to differ, and may differ, relative
 MOST_TRIES, SHORTER = 4, 5.0
 
@@ -158,7 +159,7 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v, paramete
     found: list = []
     for i, name in enumerate(names):
         given = steps is not None and steps[i] is not None
-        step = float(steps[i]) if given else RELATIVE_STEP * max(abs(theta[i]), SMALLEST)
+        step = float(steps[i]) if given else difference_step(theta[i])
         if i in (parameters or {}) and (parts := parts_of(parameters[i], base.mechanism.model, step)):
             sides = partial(_variant, make, theta, i, name, step, base)
             found.append(KnownVariant(name, step, parts, base, sides))

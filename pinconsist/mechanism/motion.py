@@ -60,6 +60,11 @@ class Motion:
         return -self.amplitude * w**2 * sin(w * t + self.phase)
 
 
+# Weights of differences of fourth order, by their places in steps; for one side alone
+CENTRAL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
+
+
 def first(function, step: float):
     """f'(0) by central differences: error near step⁶ f⁽⁷⁾/140 and 2 eps |f|/step; exact for a constant `function`."""
     f = {i: np.asarray(function(i * step), float) for i in (-3, -2, -1, 1, 2, 3)}

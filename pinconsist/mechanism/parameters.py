@@ -36,6 +36,8 @@ AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
 OF_BODIES, OF_RECORDS = ("mass", "com", "inertia"), ("length", "stiffness", "damping", "friction")
 OF_JOINTS = {"damping": JointDamping, "friction": JointFriction}
+RELATIVE_STEP, SMALLEST = 1e-4, 0.1
+PARTED = 1e-7  # of Φ_θ: what no motion can follow
 
 
 class UnknownParameterError(InputError):
@@ -55,6 +57,20 @@ class Parameter:
     value: float
     put: Callable
     part: Callable | None = None
+
+
+def difference_step(value) -> float:
+    """The step of differences by a parameter: 1e-4 max(|θ|, 0.1)."""
+    return RELATIVE_STEP * max(abs(value), SMALLEST)
+
+
+def check_closing(name, left, rate) -> None:
+    """Refuse a parameter with which the loops would part: no motion takes what is `left` of their `rate` by it."""
+    if np.abs(left).max(initial=0.0) > PARTED * np.abs(rate).max(initial=1e-3):
+        raise InputError(
+            f"the parameter {name!r} cannot vary alone: the loops part. Lengths of an overconstrained loop depend on "
+            "each other; vary them together, by one parameter of build()"
+        )
 
 
 def with_parameters(mechanism, values: Mapping[str, float]):
