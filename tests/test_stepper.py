@@ -60,6 +60,11 @@ def test_noise_of_a_step_fades_from_the_differences_after_it():
     def passes(share, noise):
         return rounding.passes(largest, 0.1, 3, share * d, 0.0 * d, (0.0, 0.0), v, lambda: (0.0, noise))
 
+    assert passes(1.0, np.inf)  # where the equations are singular
+    for _ in range(60):
+        rounding.accepted()
+    assert not passes(1.0, 0.1)
+    rounding.restart()
     assert passes(1.0, 1.0) and not passes(1.1, 0.1)
     rounding.accepted()
     assert passes(0.5, 0.0) and not passes(0.6, 0.1)

@@ -60,7 +60,7 @@ public:
     if (shows && error <= explained(noise_)) return true;
     const VelocityNoise found = noise();
     if (found.worst >= BESIDE * speed && SURE * error <= explained(std::min(found.worst, HALF * speed))) return true;
-    noise_ = std::max(noise_, found.likely);
+    noise_ = std::max(noise_, std::min(found.likely, speed)); // infinite noise would never fade
     return shows && error <= explained(noise_);
   }
 

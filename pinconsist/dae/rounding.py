@@ -103,7 +103,7 @@ class RoundingTest:
         worst, likely = noise()
         if worst >= tuning.BESIDE * speed and sure <= explained(min(worst, tuning.HALF * speed)):
             return True  # nothing has to show: the run would creep in steps that pass by chance
-        self._noise = max(self._noise, likely)
+        self._noise = max(self._noise, min(likely, speed))  # infinite noise would never fade
         return shows and error <= explained(self._noise)
 
     def accepted(self) -> None:
