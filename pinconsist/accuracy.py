@@ -14,7 +14,7 @@ from .dae.integrate import integrate
 from .dae.norms import largest
 from .dae.output import Output
 from .errors import PinconsistError
-from .mechanism.names import velocity_names
+from .mechanism.names import velocity_names, velocity_units
 from .mechanism.system import MechanismSystem
 from .options import method_of
 from .residuals import loop_forces
@@ -22,6 +22,7 @@ from .residuals import loop_forces
 FINER = 0.1  # of the tolerance
 ENDS = 100  # steps of Radau between rows that are compared
 PATIENCE = 3.0  # s that the finer run may take where it was not asked for
+AMPLIFIED = 100.0  # tolerances: a larger error is worth a warning
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,12 @@ class GlobalError:
     force : float
         Of Jᵀλ (G λ), over the largest of the run.
     q_at, v_at, force_at : str
-        Where each of them is largest: coordinate and time.
+        Where each of them is largest: coordinate and time; no force where nothing is constrained.
     tolerances : float or None
         The largest error of q and v over the tolerance, rtol times the largest value of the coordinate plus atol; None
         for fixed steps.
+    units : tuple of str
+        Of `q` and `v`; empty for a general problem.
     """
 
     q: float
@@ -50,13 +53,29 @@ class GlobalError:
     v_at: str
     force_at: str
     tolerances: float | None
+    units: tuple[str, str] = ("", "")
+
+    @property
+    def amplified(self) -> bool:
+        """Whether it is so many tolerances that the motion amplifies disturbances."""
+        return (self.tolerances or 0.0) > AMPLIFIED
 
     def __str__(self):
-        each = ("q", self.q, self.q_at), ("v", self.v, self.v_at), ("forces", self.force, self.force_at)
-        lines = [f"error of {name:<13} {error:9.2e}  ({where})" for name, error, where in each]
+        looks = self.amplified
+        lines = [
+            figure("error of q", self.q, self.units[0], looks, self.q_at),
+            figure("error of v", self.v, self.units[1], looks, self.v_at),
+        ]
+        if self.force_at:
+            lines.append(figure("error of forces", self.force, "", looks, f"of the largest, {self.force_at}"))
         if self.tolerances is not None:
-            lines.append(f"  in tolerances        {self.tolerances:9.2g}")
+            lines.append(figure("  in tolerances", self.tolerances, "", looks, "at most"))
         return "\n".join(lines)
+
+
+def figure(name: str, value: float, unit: str, looks: bool, about: str = "") -> str:
+    """One line of a certificate; `looks` where a person should look at it."""
+    return f"{name:<20}{value:9.2e} {unit:<6} {'look' if looks else 'ok':<4}  {about}".rstrip()
 
 
 def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError | None:
@@ -83,11 +102,12 @@ def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError | Non
     error_force = np.abs(ours - loop_forces(system, t, *finer))
     for error in (error_q, error_v, error_force):
         error[apart] = 0.0
-    names = _coordinates(system)
+    names, units = _coordinates(system)
+    of_q, of_v = (units[_worst(error)[1]] for error in (error_q, error_v))
     return GlobalError(
         largest(error_q), largest(error_v), largest(error_force) / (largest(ours) or 1.0),
-        _where(error_q, names, t), _where(error_v, names, t), _where(error_force, names, t),
-        _in_tolerances(solution.method, system, q, v, error_q, error_v),
+        _where(error_q, names, t), _where(error_v, names, t), _where(error_force, names, t) if lam.size else "",
+        _in_tolerances(solution.method, system, q, v, error_q, error_v), (of_q, of_v and f"{of_v}/s"),
     )  # fmt: skip
 
 
@@ -147,16 +167,21 @@ def _apart(ours, theirs, t):
 
 
 def _coordinates(system):
-    """The names of the velocity columns."""
+    """The names of the velocity columns, and their units without the second."""
     mechanism = getattr(system, "mechanism", None)
     if mechanism is None:
-        return [f"coordinate {i}" for i in range(system.nv)]
-    return velocity_names(mechanism.model)
+        return [f"coordinate {i}" for i in range(system.nv)], [""] * system.nv
+    return velocity_names(mechanism.model), velocity_units(mechanism.model)
+
+
+def _worst(error) -> tuple:
+    """Row and column of the largest."""
+    return np.unravel_index(np.argmax(error), error.shape)
 
 
 def _where(error, names, t) -> str:
-    row, column = np.unravel_index(np.argmax(error), error.shape)
-    return f"{names[column]} at t = {t[row]:.6g}"
+    row, column = _worst(error)
+    return f"{names[column]} at t = {t[row]:.6g} s"
 
 
 def _in_tolerances(about, system, q, v, error_q, error_v):

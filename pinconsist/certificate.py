@@ -7,18 +7,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import GlobalError
+from .accuracy import GlobalError, figure
 from .dae.norms import largest
 from .mechanism.energy import energy_of
 from .mechanism.forces.actuators import saturated
 from .mechanism.forces.held import sided
 from .mechanism.limits import BeyondLimit, beyond_limits
 from .mechanism.reactions import not_determined, undetermined
-from .mechanism.rows import Workspace
+from .mechanism.rows import LoopRows, Workspace
 from .mechanism.system import MechanismSystem
 from .residuals import measured
 
-AMPLIFIED = 100.0  # tolerances: a larger error is worth a warning
+OPEN = 1e-8  # m or rad: of loops
+OFF = 0.01  # of velocities, forces and energies
 SHOWN = 4  # joints outside of their limits
 
 
@@ -58,6 +59,10 @@ class Certificate:
         How far the run is from a finer one, where that was made.
     saturated : dict of str to float
         Actuators whose command or force was cut at its limits, and in what fraction of the rows.
+    speed : float
+        The largest velocity of the run, rad/s or m/s, with which `velocity` is compared.
+    units : tuple of str
+        Of `position` and of `velocity`; empty for a general problem.
     """
 
     position: float
@@ -74,55 +79,101 @@ class Certificate:
     ended_early: bool = field(default=False, repr=False, compare=False)
     error: GlobalError | None = None
     saturated: dict[str, float] = field(default_factory=dict)
+    speed: float = field(default=0.0, repr=False, compare=False)
+    units: tuple[str, str] = field(default=("", ""), repr=False, compare=False)
 
     def __str__(self):
-        lines = [
-            f"loops closed to        {self.position:9.2e}  ({self.position_at})" if self.position_at else "no loops",
-            f"velocity residual      {self.velocity:9.2e}",
-            f"constraint forces      {self.force:9.2e}  relative to the largest force that acts",
-            f"  at the first step    {self.force_first:9.2e}",
-        ]
-        if self.energy_error is not None:
-            lines.append(f"energy balance         {self.energy_error:9.2e}  of the energies exchanged")
+        return "\n".join([self.verdict, "", *self._figures(), *(f"note: {concern}" for concern in self.concerns)])
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing stands out that a person should look at."""
+        return not self._doubts
+
+    @property
+    def verdict(self) -> str:
+        """One line: ``closed to 8e-15 m, forces good to 2e-5, error of q about 1e-6 rad: ok``.
+
+        Instead of ``ok`` it may end in what to look at, in the words of :attr:`concerns`.
+        """
+        found = ["no loops"]
+        if self.position_at:
+            forces = max(self.force, self.error.force if self.error else 0.0)
+            found = [f"closed to {_short(self.position, self.units[0])}", f"forces good to {_short(forces)}"]
         if self.error is not None:
-            lines.append(str(self.error))
+            found.append(f"error of q about {_short(self.error.q, self.error.units[0])}")
+        elif self.energy_error is not None:
+            found.append(f"energy balanced to {_short(self.energy_error)}")
+        return f"{', '.join(found)}: " + ("ok" if self.ok else f"look at {', '.join(self._doubts)}")
+
+    def _figures(self) -> list[str]:
+        """A line for each figure: its name, size and unit, ``ok`` or ``look``, and where it is largest."""
+        doubts, lines = self._doubts, ["no loops"]
+        if self.position_at:
+            lines = [
+                figure("loops closed to", self.position, self.units[0], "loops" in doubts, self.position_at),
+                figure("velocity residual", self.velocity, self.units[1], "velocities" in doubts),
+                figure("constraint forces", self.force, "", "forces" in doubts, "of the largest force that acts"),
+                figure("  at the first step", self.force_first, "", self.force_first > OFF),
+            ]
+        if self.energy_error is not None:
+            lines.append(
+                figure("energy balance", self.energy_error, "", "energy" in doubts, "of the energies exchanged")
+            )
+        if self.error is not None:
+            lines += str(self.error).splitlines()
         if self.corrected_by:
-            lines.append(f"file's numbers         {self.corrected_by:9.2e}  m or rad: their largest correction")
-        return "\n".join([*lines, *(f"note: {concern}" for concern in self.concerns)])
+            lines.append(figure("file's numbers", self.corrected_by, "m, rad", False, "their largest correction"))
+        return lines
 
     @property
     def concerns(self) -> list[str]:
         """What a person should look at before trusting the solution; empty where nothing stands out."""
-        found, advice = [], "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
+        return list(self._doubts.values())
+
+    @property
+    def _doubts(self) -> dict[str, str]:
+        """What to look at, in a word → in a sentence."""
+        found, advice = {}, "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
         if self.ended_early:
             advice = "the run could not continue, see its message"
-        if self.position > 1e-8:
-            found.append(f"a loop is open by {self.position:.1e}")
-        if self.force > 0.01:
-            found.append(f"the constraint forces are off by more than 1 %: {advice}, or a force jumps within a step")
-        if self.energy_error is not None and self.energy_error > 0.01:
-            found.append(
+            found["the end"] = "the run ended early, see its message"
+        if self.position > OPEN:
+            found["loops"] = f"a loop is open by {self.position:.1e} {self.units[0]}".rstrip()
+        if self.velocity > OFF * (self.speed or 1.0):
+            found["velocities"] = f"the velocities open a loop by more than 1 % of the largest: {advice}"
+        if self.force > OFF:
+            found["forces"] = (
+                f"the constraint forces are off by more than 1 %: {advice}, or a force jumps within a step"
+            )
+        if self.energy_error is not None and self.energy_error > OFF:
+            found["energy"] = (
                 f"the energy balance is off by more than 1 %: {advice}, or a force or a drive jumps (restart there "
                 "by an event), or the rows are too few to see the work of the forces"
             )
-        if self.error is not None and (self.error.tolerances or 0.0) > AMPLIFIED:
-            found.append(
+        if self.error is not None and self.error.amplified:
+            found["error"] = (
                 f"the error is {self.error.tolerances:.0f} times the tolerance: the motion amplifies disturbances, as "
                 f"chaotic motions do; {advice} until the digits suffice, or believe a shorter time"
             )
         if self.undetermined:
-            found.append(
+            found["undetermined forces"] = (
                 f"{not_determined(self.undetermined)}; the motion and all loops' Jᵀλ together are right. "
                 "mechanism.reduced() drops what it finds superfluous"
             )
         if self.beyond_limits:
             names = [str(each) for each in self.beyond_limits[:SHOWN]]
             names += [f"and {more} more"] if (more := len(self.beyond_limits) - SHOWN) > 0 else []
-            found.append(f"joints leave their limits, which do not act: {'; '.join(names)}")
+            found["joint limits"] = f"joints leave their limits, which do not act: {'; '.join(names)}"
         if self.saturated:
             shares = ", ".join(f"{name} in {share:.0%} of the rows" for name, share in self.saturated.items())
-            found.append(f"actuators are at the limits of their commands or forces: {shares}")
+            found["actuators"] = f"actuators are at the limits of their commands or forces: {shares}"
         return found
+
+
+def _short(value: float, unit: str = "") -> str:
+    """A number in one digit, ``8e-15``."""
+    return f"{float(f'{value:.0e}'):g} {unit}".replace("e-0", "e-").rstrip()
 
 
 def certify(solution, mechanism=None) -> Certificate:
@@ -138,7 +189,7 @@ def certify(solution, mechanism=None) -> Certificate:
     phi, rho, forces, exact, energies, acting = measured(system, (sided(t), q, v, solution.lam), workspace)
     phi, exact = np.abs(phi), exact[compared]
     error = np.abs(forces[compared] - exact)
-    position, where, scale = 0.0, "", max(largest(exact), acting) or 1.0
+    position, where, units, scale = 0.0, "", ("", ""), max(largest(exact), acting) or 1.0
     if phi.size:
         i, row = np.unravel_index(np.argmax(phi), phi.shape)
         position = float(phi[i, row])
@@ -147,11 +198,15 @@ def certify(solution, mechanism=None) -> Certificate:
         else:  # the compiled rows are those near closed loops
             row = np.argmax(gaps := np.abs(system.loop_rows(solution.q[i], solution.t[i])[0]))
             label, position = "loop {!r} row {}".format(*mechanism.row_labels[row]), float(gaps[row])
-        where = f"{label} at t = {solution.t[i]:.6g}"
+            of_rows = LoopRows.of(mechanism).units
+            units = of_rows[row], of_rows[np.argmax(np.abs(rho).max(axis=0))]
+        where = f"{label} at t = {solution.t[i]:.6g} s"
     energy = None if mechanism is None else energy_of(solution, mechanism, workspace, energies)
     return Certificate(
         position=position,
         position_at=where,
+        units=(units[0], units[1] and f"{units[1]}/s"),
+        speed=float(largest(v)),
         velocity=float(largest(rho)),
         force=float(np.max(error, initial=0.0) / scale),
         force_first=float(np.max(error[:1], initial=0.0) / scale),

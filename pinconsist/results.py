@@ -245,7 +245,8 @@ class ByName:
         names += [f"{part}.{name}" for part in "va" for name in velocity_names(model)]
         units = velocity_units(model)
         units = ["s", *position_units(model), *(f"{u}/s" for u in units), *(f"{u}/s²" for u in units)]
-        return names + [f"lam.{loop}.{row}" for loop, row in rows], units + _row_units(mechanism), np.hstack(values)
+        units += [{"rad": "N·m", "m": "N"}.get(unit, "") for unit in LoopRows.of(mechanism).units]
+        return names + [f"lam.{loop}.{row}" for loop, row in rows], units, np.hstack(values)
 
 
 def _dataframe(names, units, values):
@@ -256,19 +257,6 @@ def _dataframe(names, units, values):
     frame = pd.DataFrame(values, columns=names)
     frame.attrs["units"] = dict(zip(names, units, strict=True))
     return frame
-
-
-def _row_units(mechanism) -> list[str]:
-    """Units of λ: N, N·m; nothing for constraints of the user's own."""
-    rows, of_joints = LoopRows.of(mechanism), velocity_units(mechanism.model)
-    units = ["N·m" if turns else "N" for turns in rows.turns]
-    for loop in mechanism.loops:
-        part = rows.slices[loop.name]
-        if loop.kind in ("drive", "coupling"):
-            units[part.start] = "N·m" if of_joints[mechanism.columns(loop.joint).start] == "rad" else "N"
-        elif not isinstance(loop, Loop):
-            units[part] = [""] * (part.stop - part.start)
-    return units
 
 
 def _part(mechanism, name, positions=False) -> list[int]:

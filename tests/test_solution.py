@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import pickle
+import re
 import zipfile
 
 import numpy as np
@@ -188,6 +189,53 @@ def test_a_good_run_certifies_itself(run):
     assert "four_bar" not in good.position_at and "loop 'coupler_rocker' row" in good.position_at
     assert f"{good.velocity:9.2e}" in str(good) and "energy balance" in str(good)
     assert run.check(pc.load("four_bar")).position == good.position
+
+
+def states(certificate):
+    """Figure → (value, the words after it) of each line."""
+    lines = [line for line in str(certificate).split("\n\n")[1].splitlines() if not line.startswith("note")]
+    return {line[:20].strip(): (float(line[20:29]), line[29:].split()) for line in lines}
+
+
+def test_the_verdict_is_one_line_and_every_figure_has_its_unit_and_state(run):
+    good = run.check()
+    words = re.fullmatch(r"closed to (\S+) m, forces good to (\S+), error of q about (\S+) rad: ok", good.verdict)
+    closed, forces, error = map(float, words.groups())
+    assert good.ok and str(good).startswith(good.verdict + "\n")
+    assert closed == pytest.approx(good.position, rel=0.5) and error == pytest.approx(good.error.q, rel=0.5)
+    assert forces == pytest.approx(max(good.force, good.error.force), rel=0.5)
+    told = states(good)
+    assert told["loops closed to"][1][:2] == ["m", "ok"] and told["velocity residual"][1][:2] == ["m/s", "ok"]
+    assert told["error of q"][1][:2] == ["rad", "ok"] and told["error of v"][1][:2] == ["rad/s", "ok"]
+    assert told["error of v"][0] == pytest.approx(good.error.v, rel=1e-2)
+    assert all({"ok", "look"} & {*words} for _, words in told.values()) and len(told) == 9
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "change", "figure", "word"),
+    [
+        ("lam", 30, [9.0, 0, 0, 0, 0], "constraint forces", "forces"),
+        ("lam", 4, [9.0, 0, 0, 0, 0], "  at the first step", "forces"),
+        ("q", 30, [1e-6, 0, 0], "loops closed to", "loops"),
+        ("v", 30, [0, 0, 0.5], "velocity residual", "velocities"),
+    ],
+)
+def test_what_is_wrong_is_looked_at(run, name, row, change, figure, word):
+    bad = edited(run, name, row, change).check(error=False)
+    assert not bad.ok and word in bad.verdict.partition(": look at ")[2].split(", ")
+    assert "look" in states(bad)[figure.strip()][1] and "ok" in states(run.check(error=False))[figure.strip()][1]
+
+
+def test_units_of_figures_are_those_of_their_rows():
+    sliding = pin.Model()
+    sliding.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    sliding.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "turn")
+    for joint in (1, 2):
+        sliding.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    for joint, unit in (("slide", "m"), ("turn", "rad")):
+        mech = pc.Mechanism(sliding, [pc.Drive("drive", joint, pc.Motion(amplitude=0.1, frequency=3.0))])
+        certificate = pc.simulate(mech, (0.0, 0.1)).check()
+        assert certificate.units == (unit, f"{unit}/s") and f" {unit}, forces" in certificate.verdict
 
 
 def edited(run, name, row, change):
@@ -433,7 +481,8 @@ def test_joints_that_leave_their_limits_are_named(limits, start, speed, first, t
     sol = pc.simulate(rotor(*limits), (0.0, 1.0), {"j": start}, {"j": speed}, t_eval=np.linspace(0.0, 1.0, 11))
     found = sol.check()
     assert [(each.joint, each.t) for each in found.beyond_limits] == ([("j", pytest.approx(first))] if told else [])
-    lines = [line for line in str(found).splitlines() if "limits" in line]
+    lines = [line for line in str(found).splitlines() if line.startswith("note")]
+    assert found.ok is not found.verdict.endswith("look at joint limits") is bool(told)
     assert lines == ([f"note: joints leave their limits, which do not act: {told}"] if told else [])
 
 

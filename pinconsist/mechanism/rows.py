@@ -18,6 +18,7 @@ from .checks import frame_of
 from .custom import Constraint, ConstraintRows
 from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow, Rows
 from .loops import Loop
+from .names import velocity_units
 
 TURNING = ("rx", "ry", "rz", "tilt1", "tilt2", "cross")  # rows in rad
 POSE = None  # instead of a shift: all six rows of a pose
@@ -74,6 +75,18 @@ class LoopRows:
         rows = copy(built)
         rows.closures = [closure.apart() for closure in built.closures]
         return rows
+
+    @property
+    def units(self) -> list[str]:
+        """``rad`` or ``m`` for each row; nothing for constraints of the user's own."""
+        units, of_joints = ["rad" if turns else "m" for turns in self.turns], velocity_units(self.model)
+        for loop in self.loops:
+            part = self.slices[loop.name]
+            if isinstance(loop, Coupling | Drive):
+                units[part.start] = of_joints[self.model.idx_vs[self.model.getJointId(loop.joint)]]
+            elif not isinstance(loop, Loop):
+                units[part] = [""] * (part.stop - part.start)
+        return units
 
     def evaluate(self, data: pin.Data, q=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Φ and J, (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`; anchors need no `q` and `t`."""
