@@ -208,7 +208,7 @@ def test_the_verdict_is_one_line_and_every_figure_has_its_unit_and_state(run):
     assert told["loops closed to"][1][:2] == ["m", "ok"] and told["velocity residual"][1][:2] == ["m/s", "ok"]
     assert told["error of q"][1][:2] == ["rad", "ok"] and told["error of v"][1][:2] == ["rad/s", "ok"]
     assert told["error of v"][0] == pytest.approx(good.error.v, rel=1e-2)
-    assert all({"ok", "look"} & {*words} for _, words in told.values()) and len(told) == 9
+    assert all({"ok", "look"} & {*words} for _, words in told.values()) and len(told) == 8
 
 
 @pytest.mark.parametrize(
