@@ -74,7 +74,7 @@ def test_models(run):
     code, out, _ = run("models")
     assert code == 0
     for name, description in pinconsist.models().items():
-        assert any(line.split(maxsplit=1) == [name, description] for line in out.splitlines())
+        assert f"{name} {description}" in " ".join(out.split())
     assert "\x1b" not in out
 
 
@@ -149,7 +149,7 @@ def test_simulate_writes_its_files(run):
 
 def test_a_failed_integration_is_saved_and_exits_with_1(run):
     code, out, _ = run("simulate", "four_bar", "--max-steps", 8, "--out", "run.npz")
-    assert code == 1 and "max_steps = 8 used up" in out
+    assert code == 1 and "--max-steps 8 used up" in out
     assert 0 < pinconsist.Solution.load("run.npz").t[-1] < 5
 
 
@@ -180,7 +180,7 @@ def test_json_is_all_there_is_on_stdout(run):
         (["simulate", "four_bar", "--order", "9"], "1 to 5"),
         (["simulate", "four_bar", "--method", "Euler"], "unknown method 'Euler'"),
         (["simulate", "four_bar", "--consistency", "never"], "unknown consistency 'never'"),
-        (["simulate", "four_bar", "--closure", "weld"], "closure='weld'"),
+        (["simulate", "four_bar", "--closure", "weld"], "--closure weld is not one of"),
         (["simulate", "four_bar", "--loops", "nowhere.yaml"], "nowhere.yaml: no such file"),
         (["simulate", "four_bar", "--out", "nowhere/run.npz"], "nowhere/run.npz cannot be written: there is no folder"),
         (["simulate", "four_bar", "--html", "."], "it is a folder"),
@@ -258,9 +258,7 @@ def test_compare_as_json_and_figure(run):
 def test_compare_names_the_joints_and_where_a_higher_order_starts(run):
     code, out, _ = run("compare", "four_bar", "--step", 0.02, "--order", 2, "--rows", 1)
     assert code == 0 and "rows 0 to 1 are its exact start" in out
-    assert [line.split()[0] for line in out.splitlines() if line[:3] in (" cr", " co", " ro")][-3:] == [
-        "crank", "coupler", "rocker",
-    ]  # fmt: skip
+    assert re.search(r"^crank .*\ncoupler .*\nrocker ", out, re.M)
     assert "from rest" in out and "--with-velocity" in out
 
 
@@ -436,7 +434,7 @@ def test_checking_and_writing_are_told_on_a_terminal(tmp_path):
     file = tmp_path / "run.png"
     code, shown = on_a_terminal(["simulate", "four_bar", "--until", "0.1", "--plot", str(file)], columns=200)
     assert code == 0 and "checking (Ctrl-C skips) …" in shown and f"writing {file} …" in shown
-    assert "writing" not in shown.split("loops closed to")[0]
+    assert f"writing {file}" not in shown.split("loops closed to")[1]
 
 
 @pytest.fixture
@@ -484,7 +482,7 @@ def test_a_check_that_is_interrupted_leaves_all_files(run, monkeypatch):
     monkeypatch.setattr("pinconsist.Solution.check", interrupted)
     arguments = ("simulate", "four_bar", "--until", 0.1, "--out", "run.npz", "--plot", "run.svg")
     code, out, _ = run(*arguments)
-    assert code == 130 and "not checked: interrupted\n\nwritten: run.npz, run.svg\n" in out
+    assert code == 130 and "\nnot checked: interrupted\n" in out and out.endswith("\nwritten: run.npz, run.svg\n")
     assert Path("run.svg").stat().st_size and pinconsist.Solution.load("run.npz").t[-1] == 0.1
     assert json.loads(run(*arguments, "--json")[1])["certificate"] is None
 
@@ -506,6 +504,10 @@ def test_a_long_run_shows_progress_and_keeps_what_was_reached_when_interrupted(t
     file = tmp_path / "run.npz"
     arguments = ["simulate", "four_bar", "--until", "100000", "--out", str(file)]
     code, shown = on_a_terminal(arguments, interrupt_after=b"of 100000 s")
-    assert code == 130 and re.search(r"steps, now \S+ s, order [1-5], .* left", shown) and f"written: {file}" in shown
+    assert (
+        code == 130
+        and re.search(r" 0 % .* left, t = \S+ of 100000 s, \d+ steps", shown)
+        and f"written: {file}" in shown
+    )
     sol = pinconsist.Solution.load(file)
     assert sol.status == 1 and 0 < sol.t[-1] < 100000

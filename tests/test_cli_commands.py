@@ -267,7 +267,7 @@ def test_check_says_what_it_read(run):
     assert "motor drive 1 shaft along a curve speed 16".split() in rows
     out = run("check", "four_bar", "--at", "coupler=0.5")[1]
     assert "\nforces: none\n" in out
-    assert re.search(r"^ coupler +0\.5 +0\.5$", out, re.M) and re.search(r"^ crank +-1 +-0\.8", out, re.M)
+    assert re.search(r"^coupler +0\.5 +0\.5$", out, re.M) and re.search(r"^crank +-1 +-0\.8", out, re.M)
     told = json.loads(run("check", "four_bar", "--at", "coupler=0.5", "--json")[1])
     assert told["guess"]["coupler"] == 0.5 and told["loops"][0]["axis"] == [0, 1, 0]
     assert (told["forces"], told["gravity"], told["duration"]) == ([], [0, 0, -9.81], 5)

@@ -5,6 +5,7 @@ import re
 import sys
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Annotated
 
@@ -17,7 +18,7 @@ from ..interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
 from .check import check
 from .compare import compare
 from .models import models
-from .output import FAILED, INTERRUPTED, WRONG_INPUT, print_error, print_json, rescued
+from .output import FAILED, INTERRUPTED, WRONG_INPUT, in_options, message, print_error, print_json, rescued
 from .plot import plot
 from .replay import replay
 from .rerun import rerun, resume
@@ -74,7 +75,6 @@ SEVERAL |= dict.fromkeys(("--at", "--with-velocity", "--control"), re.compile(r"
 """Options that take several values, and what a further value looks like."""
 
 app = typer.Typer(
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog=f"Exit codes: 0 fine; 1 a run or a case failed, or numbers differ; {SCENE}; 130 interrupted.",
@@ -94,8 +94,7 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal without λ still shows the numbers
-    log, handler = logging.getLogger("pinconsist"), logging.StreamHandler()
-    handler.setFormatter(logging.Formatter("pinconsist: warning: %(message)s"))
+    log, handler = logging.getLogger("pinconsist"), Warnings()
     log.addHandler(handler)
     try:
         with warnings.catch_warnings(), ended_like_ctrl_c(), BrokenPipeTolerated() as broken:
@@ -110,14 +109,22 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     sys.exit(code)
 
 
-def _show_warning(show, shown, message, category, *where, **more):
+class Warnings(logging.Handler):
+    """Prints what the package logs on stderr."""
+
+    def emit(self, record):
+        with suppress(OSError):  # a stderr that cannot be written does not end the run
+            message("warning", record.getMessage())
+
+
+def _show_warning(show, shown, text, category, *where, **more):
     """Print a warning for the user once, without the line of code; others go to `show`."""
     if category is UserWarning:
-        if str(message) not in shown:
-            print(f"pinconsist: warning: {message}", file=sys.stderr)
-        shown.add(str(message))
+        if str(text) not in shown:
+            message("warning", text)
+        shown.add(str(text))
     else:
-        show(message, category, *where, **more)
+        show(text, category, *where, **more)
 
 
 def spread(arguments) -> list[str]:
@@ -142,9 +149,9 @@ def _run(arguments, app, program, studies) -> int:
         return typer.main.get_command(app).main(arguments, prog_name=program, standalone_mode=False) or 0
     except SavingError as error:
         file = rescued(error.solution)
-        message = f"{error}; the run is {f'saved as {file} instead' if file else 'lost: no other folder is writable'}"
+        text = f"{error}; the run is {f'saved as {file} instead' if file else 'lost: no other folder is writable'}"
     except PinconsistError as error:
-        message = error
+        text = error
     except (typer.Abort, KeyboardInterrupt):
         return INTERRUPTED
     except MemoryError:
@@ -157,10 +164,10 @@ def _run(arguments, app, program, studies) -> int:
             raise
         context = getattr(error, "ctx", None)
         help_of = f" (see {context.command_path} --help)" if context else ""
-        message = error.format_message().rstrip(".") + help_of
-    print_error(message)
+        text = error.format_message().rstrip(".") + help_of
+    print_error(text)
     if "--json" in arguments:
-        print_json({"error": str(message)})
+        print_json({"error": in_options(text)})
     return WRONG_INPUT
 
 

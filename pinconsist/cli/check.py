@@ -6,7 +6,6 @@ from ..errors import AssemblyError, SingularSystemError
 from . import options as given
 from . import output, scene
 
-NOTHING = 1e-15  # rad or m, of a joint at zero
 LINES, TERMS = 12, 4  # of redundant rows, and of the rows each depends on
 LOOP_FIELDS = ("xyz1", "rpy1", "xyz2", "rpy2", "axis", "axis2", "length", "joint", "other", "ratio", "offset", "higher")
 """Fields of loops and couplings that say where and along what they hold; zero anchors are left out."""
@@ -44,6 +43,7 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
         require_nonsingular(MechanismSystem(mech, assembly.q), assembly.q)
     except SingularSystemError as error:
         singular = str(error)
+    scene.log_warnings(warnings)
     if as_json:
         output.print_json({
             "scene": mech.name, "closed": True, **_inventory(mech),
@@ -63,7 +63,6 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
         })  # fmt: skip
     else:
         _print(mech, guess, before, assembly, singular, held, weak, without)
-    scene.log_warnings(warnings)
     if singular:
         output.print_error(singular)
     return output.WRONG_INPUT if singular else output.FINE
@@ -79,7 +78,7 @@ def _report_open(mech, before, after, error, as_json) -> int:
     else:
         _print_inventory(mech)
         worst_first = sorted(after.items(), key=lambda item: -item[1])
-        rows = [(name, f"{before[name]:.3g}", f"{gap:.3g}") for name, gap in worst_first]
+        rows = [(name, output.size(before[name], ".3g"), output.size(gap, ".3g")) for name, gap in worst_first]
         output.table(("loop", "gap at the guess [m, rad]>", "gap left [m, rad]>"), rows)
     output.print_error(error)
     return output.WRONG_INPUT
@@ -105,14 +104,16 @@ def _print(mech, guess, before, assembly, singular, held, weak, without):
     if mech.loops:
         for when, gaps in (("at the guess:", before), ("once closed: ", assembly.gaps)):
             worst = max(gaps, key=gaps.get)
-            print(f"largest gap {when} {gaps[worst]:.3g} m or rad, in loop {worst!r}")
+            print(f"largest gap {when} {output.size(gaps[worst], '.3g')} m or rad, in loop {worst!r}")
         iterations = output.counted(assembly.iterations, "iteration")
-        print(f"closing took {iterations} and moved no joint by more than {assembly.moved:.3g} rad or m")
+        print(
+            f"closing took {iterations} and moved no joint by more than {output.size(assembly.moved, '.3g')} rad or m"
+        )
     print(f"equations of motion: {'singular, see below' if singular else 'regular there'}\n")
     from ..mechanism.names import position_names
 
     columns = zip(position_names(mech.model), guess, assembly.q, strict=True)
-    rows = [(name, *(f"{value if abs(value) > NOTHING else 0.0:.9g}" for value in values)) for name, *values in columns]
+    rows = [(name, *(output.size(value, ".9g") for value in values)) for name, *values in columns]
     output.table(("joint [rad, m]", "guess>", "closed>"), rows)
 
 
@@ -155,7 +156,7 @@ def _print_inventory(mech):
             shown = {name: value for name, value in _fields(loop).items() if name not in ("joint", "other") and value}
             by = ", ".join(f"{name} {scene.text(value)}" for name, value in shown.items())
             rows.append((loop.name, loop.kind, len(loop.rows), *_ends(loop), by))
-        output.table(("loop", "kind", "rows>", "joins", "and", "by"), rows, width=output.PLAIN_WIDTH)
+        output.table(("loop", "kind", "rows>", "joins", "and", "by"), rows)
     else:
         print("loops: none, a plain tree; a loop file next to it, or --loops FILE, closes some\n")
 

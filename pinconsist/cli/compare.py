@@ -25,8 +25,8 @@ def compare(
     step: Annotated[list[float] | None, option(
         "--step", "SECONDS ...",
         "Step sizes, one or several. Default: 0.01 0.001; for a scene 1/500 and 1/5000 of its duration.")] = None,
-    order: Annotated[int, option("--order", "K", "BDF order, 1 to 6.")] = 1,
-    rows: Annotated[int, option("--rows", "N", "Steps to take and print.")] = 6,
+    order: Annotated[int, option("--order", "K", "BDF order.", min=1, max=6)] = 1,
+    rows: Annotated[int, option("--rows", "N", "Steps to take and print.", min=1)] = 6,
     plot: Annotated[Text, option("--plot", "FILE.png", "Draw the errors over time.")] = None,
     html: Annotated[Text, option(
         "--html", "FILE.html", "Write a page that plays the steps from exact next to those from consistent values, "
@@ -98,13 +98,18 @@ def _print(result, mech):
     print(f"{result.name}, BDF of order {order}: error of the multipliers, largest component{start}\n")
     for run in result.runs:
         columns = zip(run.t, run.exact, run.consistent, run.every_step, strict=True)
-        rows = [(k, f"{t:.9g}", *(f"{error:.4e}" for error in errors)) for k, (t, *errors) in enumerate(columns)]
+        rows = [
+            (k, f"{t:.9g}", *(output.size(error, ".4e") for error in errors)) for k, (t, *errors) in enumerate(columns)
+        ]
         heads = ("row>", "t [s]>", "from exact>", "from consistent>", "every step>")
         output.table(heads, rows[order:], title=f"step size h = {run.h:g} s")
         names = [f"v{k + 1}" for k in range(len(run.v_given))]
         names = names if mech is None else velocity_names(mech.model)
         columns = zip(names, run.v_given, run.v_consistent, strict=True)
-        rows = [(name, f"{given:.9g}", f"{new:.9g}", f"{new - given:.4e}") for name, given, new in columns]
+        rows = [
+            (name, output.size(given, ".9g"), output.size(new, ".9g"), output.size(new - given, ".4e"))
+            for name, given, new in columns
+        ]
         output.table(("initial velocity", "given>", "consistent>", "change>"), rows)
     if not any(run.v_given.any() for run in result.runs):
         print("from rest exact values are nearly consistent; --with-velocity JOINT=VALUE shows more\n")

@@ -26,7 +26,8 @@ def models(as_json: output.Json = False) -> int:
     if missing := [name for name in ROBOTS if name not in robots]:
         print("robots that are available after: pip install 'pinconsist[robots]'")
         output.paragraph(", ".join(missing), indent="  ")
-    print(f"\nfor compare also {' and '.join(PROBLEMS)}, whose solutions are known in closed form")
+    print()
+    output.paragraph(f"for compare also {' and '.join(PROBLEMS)}, whose solutions are known in closed form")
     return output.FINE
 
 

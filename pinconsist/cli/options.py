@@ -13,9 +13,9 @@ Number = float | None
 Count = int | None
 
 
-def option(name, metavar, about, panel=None):
-    """An option for `typer`; a flag has no `metavar`."""
-    return typer.Option(name, metavar=metavar, help=about, rich_help_panel=panel)
+def option(name, metavar, about, panel=None, **limits):
+    """An option for `typer`; a flag has no `metavar`; numbers may have ``min`` and ``max``."""
+    return typer.Option(name, metavar=metavar, help=about, rich_help_panel=panel, **limits)
 
 
 def present(**values) -> dict:

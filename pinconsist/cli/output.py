@@ -2,14 +2,16 @@
 
 import json
 import math
+import re
 import secrets
 import shutil
 import sys
 import tempfile
 import textwrap
 from collections.abc import Mapping
+from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,51 +19,123 @@ from .. import files
 from ..errors import AssemblyError, InputError
 
 FINE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-WIDTH = 160  # of tables that go to a file or a pipe
-PLAIN_WIDTH = 80  # of text that goes there
-NAME_WIDTH = 14  # to which a narrow terminal may squeeze a column of text
+WIDTH, PLAIN_WIDTH = 160, 80  # of text at most; of what goes to a file or a pipe
+GAP, ABOUT = "  ", 43  # between columns; where the last one of a certificate begins
+NOTHING = 1e-12  # rad or m, and the like, of what is zero
+WHOLE_WORDS: Any = {"break_long_words": False, "break_on_hyphens": False}
+LOADED = re.compile(r"load\(…, (\w+ ?= ?[^)]+)\)")
+ARGUMENT = re.compile(
+    r"\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer|precision|closure|ignore|consistency|method|step)"
+    r" ?= ?'?([^\s',;:()]*)'?|\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer)\b"
+)
+SPELT = {"max_order": "order", "package_dirs": "package_dir"}
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead.")]
 
 
-def table(columns, rows, *, title=None, width=WIDTH):
-    """Print a table and an empty line; a column named ``...>`` holds numbers: aligned right, never shortened.
+def table(columns, rows, *, title=None):
+    """Print a table and an empty line; a column named ``...>`` holds numbers: aligned right, never broken.
 
-    `width` is used where the output is not a terminal.
+    It fits the terminal, or 80 columns: texts go on in further lines, words stay whole, and columns for which there is
+    no room follow below, beside the first one once more.
     """
-    from rich.box import SIMPLE_HEAD
+    aligned = [">" if name.endswith(">") else "<" for name in columns]
+    cells = [[name.removesuffix(">"), *(str(row[k]) for row in rows)] for k, name in enumerate(columns)]
+    whole = [
+        [*head.split(), *(values if side == ">" else " ".join(values).split())]
+        for (head, *values), side in zip(cells, aligned, strict=True)
+    ]
+    least, natural = ([max(map(len, column)) for column in parts] for parts in (whole, cells))
+    room = _width(sys.stdout)
+    for line in filter(None, [title]):
+        print(line)
+    for block in _blocks(least, room):
+        widths = _widened([least[k] for k in block], [natural[k] for k in block], room)
+        sides = [aligned[k] for k in block]
+        for number, row in enumerate(zip(*(cells[k] for k in block), strict=True)):
+            parts = [textwrap.wrap(cell, width, **WHOLE_WORDS) for cell, width in zip(row, widths, strict=True)]
+            for texts in zip_longest(*parts, fillvalue=""):
+                each = [f"{text:{side}{width}}" for text, side, width in zip(texts, sides, widths, strict=True)]
+                print(GAP.join(each).rstrip())
+            if number == 0:
+                print("─" * len(GAP.join(each)))
+        print()
+
+
+def _blocks(widths, room) -> list[list[int]]:
+    """The columns of the parts of a table, each within the room where that is possible."""
+    blocks, taken = [[0]], widths[0]
+    for k, width in enumerate(widths[1:], start=1):
+        taken += len(GAP) + width
+        if taken > room and len(blocks[-1]) > 1:
+            blocks.append([0])
+            taken = widths[0] + len(GAP) + width
+        blocks[-1].append(k)
+    return blocks
+
+
+def _widened(least, natural, room) -> list[int]:
+    """Widths of columns that share the room that is left, the narrowest wishes first."""
+    widths, spare = list(least), room - sum(least) - len(GAP) * (len(least) - 1)
+    for left, k in enumerate(sorted(range(len(least)), key=lambda k: natural[k] - least[k]), start=-len(least)):
+        widths[k] += (more := max(0, min(natural[k] - least[k], spare // -left)))
+        spare -= more
+    return widths
+
+
+def size(value, digits=".6g") -> str:
+    """A number as text; what is below 1e-12 is rounding, and 0."""
+    return "0" if abs(value) < NOTHING else f"{value:{digits}}"
+
+
+def paragraph(text, *, indent="", hanging="", to=None):
+    """Print a text, on stdout or another stream, in lines that fit the terminal, or 80 columns; words stay whole."""
+    stream = to or sys.stdout
+    print(_filled(text, stream, indent, indent + hanging), file=stream)
+
+
+def verdict(certificate):
+    """Print what a certificate says, each line of it within the terminal: its verdict, and each ``look``, in colour."""
     from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
-    grid = Table(box=SIMPLE_HEAD, pad_edge=False)
-    rows = [[str(cell) for cell in row] for row in rows]
-    least = 0  # rich drops columns from a table that is squeezed further; a terminal wraps the lines instead
-    for k, name in enumerate(columns):
-        heading, of_numbers = name.removesuffix(">"), name.endswith(">")
-        own = max(map(len, [heading, *(row[k] for row in rows)]))
-        least += 3 + (own if of_numbers else min(own, NAME_WIDTH))
-        grid.add_column(heading, justify="right" if of_numbers else "left", no_wrap=of_numbers, overflow="fold")
-    for row in rows:
-        grid.add_row(*map(Text, row))
-    console = Console(highlight=False, markup=False, emoji=False)
-    console.width = max(least, console.width if console.is_terminal else width)
+    console = Console(highlight=False)
     with console.capture() as drawn:
-        console.print(grid, crop=False)
-    lines = filter(None, (line.rstrip() for line in drawn.get().splitlines()))
-    print(*filter(None, [title]), *lines, "", sep="\n")
+        for number, line in enumerate(in_options(str(certificate)).splitlines()):
+            text = Text(_filled(line, sys.stdout, "", " " * (number and (6 if line.startswith("note") else ABOUT))))
+            if number == 0:
+                text.stylize("green" if certificate.ok else "yellow")
+            else:
+                text.highlight_regex(r"\blook\b", "yellow")
+            console.print(text, soft_wrap=True)
+    print(drawn.get(), end="")
 
 
-def paragraph(text, *, indent="", hanging=""):
-    """Print a text in lines that fit the terminal, or 80 columns; words stay whole."""
-    width = min(shutil.get_terminal_size().columns, WIDTH) if sys.stdout.isatty() else PLAIN_WIDTH
-    options = {"break_long_words": False, "break_on_hyphens": False}
-    print(textwrap.fill(text, width, initial_indent=indent, subsequent_indent=indent + hanging, **options))
+def _filled(text, stream, first, others):
+    """The text in lines that fit the stream."""
+    return textwrap.fill(text, _width(stream), initial_indent=first, subsequent_indent=others, **WHOLE_WORDS)
+
+
+def _width(stream) -> int:
+    return min(shutil.get_terminal_size().columns, WIDTH) if stream.isatty() else PLAIN_WIDTH
+
+
+def message(kind, text):
+    """Print an error or a warning on stderr, in the terms of the command line; in one line where nobody reads it."""
+    line = f"pinconsist: {kind}: {in_options(text)}"
+    print(_filled(line, sys.stderr, "", "  ") if on_terminal() else line, file=sys.stderr)
+
+
+def in_options(text) -> str:
+    """A text of the package with options in place of the arguments of Python: ``--rtol 1e-6`` for ``rtol = 1e-6``."""
+    text = LOADED.sub(r"\1", str(text))
+    return ARGUMENT.sub(lambda found: f"--{SPELT.get(name := found[1] or found[3], name).replace('_', '-')}"
+                        + (f" {found[2]}" if found[2] else ""), text)  # fmt: skip
 
 
 def print_error(error):
     """Print an error on stderr and, where its advice is in terms of Python, the options to use instead."""
-    print(f"pinconsist: error: {error}", file=sys.stderr)
+    message("error", error)
     if isinstance(error, AssemblyError) and error.gaps:
         print("on the command line: --at JOINT=VALUE, --closure point, --reanchor", file=sys.stderr)
 

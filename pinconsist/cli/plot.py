@@ -7,7 +7,7 @@ from ..errors import InputError
 from . import options as given
 from . import output
 from .options import Text, option
-from .run import in_a_line, run_of
+from .run import print_in_a_line, run_of
 
 OF_A_SCENE = ("drift", "energy")  # pictures that need the mechanism
 
@@ -49,6 +49,7 @@ def plot(
             "what": names, "files": {"out": out},
         })  # fmt: skip
     else:
-        print(in_a_line(mech, sol), *(f"  {name:12} {PICTURES[name][0]}" for name in names), sep="\n")
+        print_in_a_line(sol)
+        print(*(f"  {name:12} {PICTURES[name][0]}" for name in names), sep="\n")
         output.print_written(out)
     return code

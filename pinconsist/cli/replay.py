@@ -12,7 +12,7 @@ from ..errors import InputError
 from . import options as given
 from . import output
 from .options import Text, option
-from .run import in_a_line, run_of
+from .run import print_in_a_line, run_of
 
 
 def replay(
@@ -41,9 +41,10 @@ def replay(
         require_drawable(mech, traces, speed)
 
     mech, sol, code = run_of(source, scene_of_run, until, require)
-    print(in_a_line(mech, sol))
     if html:
         output.written(html, lambda: pc.export_html(mech, sol, html, **look(sol, forces, traces, speed)))
+    print_in_a_line(sol)
+    if html:
         output.print_written(html)
     else:
         _serve(mech, sol, look(sol, forces, traces, speed) | {"loop": loop}, no_browser)

@@ -6,7 +6,7 @@ import pinconsist as pc
 
 from . import options as given
 from . import output
-from .run import exit_code, resume_hint
+from .run import checked, exit_code, print_run, resume_hint
 from .terminal import RunProgress
 
 
@@ -54,8 +54,10 @@ def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: 
     elif before.status == 0:
         print(f"{run} is complete: {sol.message}")
     else:
-        print(f"{'continued' if at else 'started again'} from t = {start:g} s\n{sol.summary()}\ntook {seconds:.3g} s\n")
-        output.print_written(run)
+        certificate = checked(sol)
+        print(f"{'continued' if at else 'started again'} from t = {start:g} s")
+        print_run(sol, certificate, seconds)
+        output.print_written(run, before="\n")
         if code == output.INTERRUPTED:
             print(resume_hint(sol, run))
     return code

@@ -8,7 +8,7 @@ import pinconsist as pc
 
 from ..errors import InputError
 from . import output, scene
-from .terminal import RunProgress
+from .terminal import RunProgress, doing
 
 _log = logging.getLogger(__name__)
 
@@ -48,10 +48,35 @@ def run_of(source, scene_of_run, until, require=lambda mech: None):
     return mech, sol, exit_code(sol)
 
 
-def in_a_line(mech, sol) -> str:
+def print_in_a_line(sol):
     """The run in one line."""
-    name = "general problem" if mech is None else mech.name
-    return f"{name}: t = {sol.t[0]:g} … {sol.t[-1]:g} s, {len(sol.t)} rows; {sol.message}"
+    output.paragraph(
+        f"{sol.scene or 'general problem'}: t = {sol.t[0]:g} … {sol.t[-1]:g} s, {len(sol.t)} rows; "
+        f"{output.in_options(sol.message)}"
+    )
+
+
+def checked(sol):
+    """The certificate of a run; None where Ctrl-C skipped it."""
+    again = "again " if exit_code(sol) == output.INTERRUPTED else ""
+    try:
+        with doing(f"checking (Ctrl-C {again}skips)"):
+            return sol.check(error=False if again else None)  # who interrupts does not want another run
+    except KeyboardInterrupt:
+        return None
+
+
+def print_run(sol, certificate, seconds):
+    """How a run ended and its verdict, a line each, then the details."""
+    print_in_a_line(sol)
+    if certificate:
+        output.verdict(certificate)
+    else:
+        print("not checked: interrupted")
+    _, *details = sol.summary().splitlines()
+    print()
+    for line in (*details, f"took {seconds:.3g} s"):
+        output.paragraph(line, hanging="  ")
 
 
 def _saved(file, given):

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..run_file import SceneSource as SceneSource
 from ..run_file import loaded as loaded
 from .options import SCENE, START, Text, Texts, option
-from .output import counted, first
+from .output import counted, first, size
 
 PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")
 CLOSE_BY = 1e-2  # rad or m
@@ -161,12 +161,12 @@ def assembled(mech, q0, v0=None, t=0.0):
 
 def text(value, digits=4) -> str:
     """A number, or several with spaces between them."""
-    return " ".join(f"{each:.{digits}g}" for each in (value if hasattr(value, "__len__") else [value]))
+    return " ".join(size(each, f".{digits}g") for each in (value if hasattr(value, "__len__") else [value]))
 
 
 def scene_warnings(mech, assembly) -> list[str]:
     """What looks like a mistake in a scene that closes: a sentence for each."""
-    return first(_outside_limits(mech, assembly.q), MOST_SHOWN, "… and {} more joints") + _immobile(mech, assembly)
+    return first(_outside_limits(mech, assembly.q), MOST_SHOWN, "and {} more") + _immobile(mech, assembly)
 
 
 def log_warnings(sentences):
@@ -180,7 +180,7 @@ def _outside_limits(mech, q) -> list[str]:
     from ..mechanism.limits import beyond_limits
 
     return [
-        f"{each.joint} = {each.value:.6g} is outside the limits of its file, {each.lower:.6g} … {each.upper:.6g}: a "
+        f"{each.joint} = {size(each.value)} is outside the limits of its file, {each.lower:.6g} … {each.upper:.6g}: a "
         "wrong anchor or guess?"
         for each in beyond_limits(mech, [0.0], q[None, :])
     ]

@@ -63,12 +63,12 @@ def sensitivity(
         output.print_json({**about, "rows": rows, "refused": refused})
         return output.FINE
     rows.sort(key=lambda row: -row["percent"])
-    cells = [(r["parameter"], f"{r['value']:.6g}", *(f"{x:.4e}" for x in r["derivatives"]), f"{r['percent']:.2e}")
-             for r in rows]  # fmt: skip
+    cells = [(r["parameter"], f"{r['value']:.6g}", *(output.size(x, ".4e") for x in r["derivatives"]),
+              output.size(r["percent"], ".2e")) for r in rows]  # fmt: skip
     heads = ("parameter", "value>", *(f"d {label}>" for label in labels), "by 1 %>")
-    output.table(heads, cells, title=f"{of} of {mech.name} at t = {until:g} s, its change by each parameter")
     for name, why in refused.items():
         output.paragraph(f"left out: {name}: {why}", hanging="  ")
+    output.table(heads, cells, title=f"{of} of {mech.name} at t = {until:g} s, its change by each parameter")
     return output.FINE
 
 

@@ -12,7 +12,7 @@ from ..interrupts import deferred
 from . import options as given
 from . import output, replay, scene
 from .options import METHOD, RESULTS, Count, Number, Text, option, present
-from .run import exit_code, resume_hint
+from .run import checked, exit_code, print_run, resume_hint
 from .terminal import RunProgress, doing
 
 
@@ -84,24 +84,19 @@ def simulate(
     with RunProgress(start, until) as progress:  # what was reached is saved before anything else can go wrong
         sol = carry_out(recipe, mech, out, callback=progress)
     seconds = time.perf_counter() - began
-    if not as_json:
-        print(f"{sol.summary()}\ntook {seconds:.3g} s\n")
-    try:
-        again = "again " if exit_code(sol) == output.INTERRUPTED else ""
-        with doing(f"checking (Ctrl-C {again}skips)"):
-            certificate = sol.check(error=False if again else None)  # who interrupts does not want another run
-    except KeyboardInterrupt:
-        certificate = None
-    if not as_json:
-        print(certificate or "not checked: interrupted")
+    certificate = checked(sol)
     with deferred(impatient=False):  # a further Ctrl-C takes effect when the files are written and named
-        if html:
-            look = replay.look(sol, forces, traces, speed)
-            _written(html, sol, out, lambda: pc.export_html(mech, sol, html, **look))
-        if plot:
-            _written(plot, sol, out, lambda: pc.plot_solution(sol, plot, mech))
-        if table:
-            _written(table, sol, out, lambda: sol.to_csv(table, mech))
+        try:
+            if html:
+                look = replay.look(sol, forces, traces, speed)
+                _written(html, sol, out, lambda: pc.export_html(mech, sol, html, **look))
+            if plot:
+                _written(plot, sol, out, lambda: pc.plot_solution(sol, plot, mech))
+            if table:
+                _written(table, sol, out, lambda: sol.to_csv(table, mech))
+        finally:  # after the warnings of what was written
+            if not as_json:
+                print_run(sol, certificate, seconds)
         if as_json:
             files = {"out": out, "html": html, "plot": plot, "csv": table}
             output.print_json(_report(mech, assembly, sol, certificate, seconds, files))
@@ -124,7 +119,7 @@ def _written(file, sol, out, write):
 
 
 def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
-    names = ("position", "position_at", "velocity", "force", "force_first", "energy_error")
+    names = ("verdict", "ok", "position", "position_at", "velocity", "force", "force_first", "energy_error")
     return {
         "scene": {
             "name": mech.name, "joints": len(mech.joints), "nq": mech.nq, "nv": mech.nv,

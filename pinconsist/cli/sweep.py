@@ -130,7 +130,7 @@ def _run(scene_sweep, cases, workers, rows, journal=None) -> dict[int, dict]:
 def _progress(total, done):
     """A function to call after each case: it moves a bar on a terminal, or writes up to ten lines to a log."""
     if output.on_terminal():
-        with bar("{task.completed}/{task.total} cases", 20) as shown:
+        with bar("{task.completed} of {task.total} cases") as shown:
             task = shown.add_task("", total=total, completed=done)
             yield lambda: shown.advance(task)
         return
@@ -160,7 +160,7 @@ def _report(scene_sweep, cases, measured, out, as_json) -> int:
         })  # fmt: skip
         return code
     if not out:
-        _print(scene_sweep.columns(), table)
+        _print(scene_sweep.columns(), table, code == output.FINE)
     ends = ", ".join(f"{number} {what}" for what, number in sorted(counts.items())) or "none ended"
     print(f"{output.counted(len(cases), 'case')}: {ends}")
     failed = [row for row in table if measured[row[0]]["status"] != DONE]
@@ -176,14 +176,14 @@ def _report(scene_sweep, cases, measured, out, as_json) -> int:
     return code
 
 
-def _print(names, table):
-    """The table without the velocities and the messages, its floats shortened."""
+def _print(names, table, done):
+    """The table without velocities and messages, its floats shortened; how and when cases ended if not all are done."""
 
-    def cell(value):
-        if isinstance(value, float):
-            return f"{value:.6g}"
-        return "" if value is None else value
+    def cell(name, value):
+        digits = ".3g" if name in ("gap", "energy_error") else ".6g"
+        return output.size(value, digits) if isinstance(value, float) else "" if value is None else value
 
-    shown = [k for k, name in enumerate(names) if not name.startswith("v.") and name != "message"]
+    without = ("message", *(("status", "t") if done else ()))
+    shown = [k for k, name in enumerate(names) if not name.startswith("v.") and name not in without]
     heads = [names[k] if names[k] == "status" else f"{names[k]}>" for k in shown]
-    output.table(heads, [[cell(row[k]) for k in shown] for row in table])
+    output.table(heads, [[cell(names[k], row[k]) for k in shown] for row in table])

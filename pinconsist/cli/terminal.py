@@ -22,13 +22,17 @@ def doing(what: str):
     return Console(stderr=True).status(Text(f"{what} …"))
 
 
-def bar(before, width, *after):
-    """A progress bar of `rich` on stderr between texts, with the time left; it disappears when it is done."""
+def bar(*after):
+    """A progress bar of `rich` on stderr, as wide as the terminal: how much, the time left, and texts after them.
+
+    It disappears when it is done.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = TextColumn(before), BarColumn(width), *map(TextColumn, after), TimeRemainingColumn(), TextColumn("left")
-    return Progress(*columns, console=Console(stderr=True), transient=True)
+    columns = TextColumn("{task.percentage:3.0f} %"), BarColumn(None), TimeRemainingColumn(), TextColumn("left,")
+    console = Console(stderr=True)
+    return Progress(*columns, *map(TextColumn, after), console=console, transient=True, expand=True)
 
 
 class RunProgress:
@@ -53,13 +57,12 @@ class RunProgress:
         if time.monotonic() < self.next_update:
             return
         self.next_update = time.monotonic() + PERIOD
-        text = f"{self.steps} steps, now {step:.2g} s, order {order},"
-        state = {"description": text, "where": f"t = {t:.4g} of {self.end:g} s"}
+        text = f"t = {t:.4g} of {self.end:g} s, {self.steps} steps"
         if self.bar is None:
-            self.bar = bar("{task.fields[where]}", 12, "{task.description}")
-            self.task = self.bar.add_task(total=abs(self.end - self.start), **state)
+            self.bar = bar("{task.description}")
+            self.task = self.bar.add_task(text, total=abs(self.end - self.start))
             self.bar.start()
-        self.bar.update(self.task, completed=abs(t - self.start), **state)
+        self.bar.update(self.task, completed=abs(t - self.start), description=text)
 
 
 class BrokenPipeTolerated:

@@ -24,7 +24,8 @@ class BeyondLimit:
 
     def __str__(self):
         limit = self.upper if self.value > self.upper else self.lower
-        return f"{self.joint} reaches {self.value:.4g} of {limit:.4g}, first at t = {self.t:.6g}"
+        value = self.value if abs(self.value) > ROUNDING else 0.0
+        return f"{self.joint} reaches {value:.4g} of {limit:.4g}, first at t = {self.t:.6g} s"
 
 
 def beyond_limits(mechanism, t, q) -> tuple[BeyondLimit, ...]:
