@@ -40,6 +40,7 @@ from .mechanism.forces import JointDamping as JointDamping
 from .mechanism.forces import JointFriction as JointFriction
 from .mechanism.forces import JointSpring as JointSpring
 from .mechanism.forces import JointTorque as JointTorque
+from .mechanism.forces import Piecewise as Piecewise
 from .mechanism.forces import Sampled as Sampled
 from .mechanism.forces import Servo as Servo
 from .mechanism.forces import SpringDamper as SpringDamper

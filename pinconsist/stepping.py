@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -101,8 +102,9 @@ class Simulation:
         self._actuators = {each.name: each for each in system.held_forces if isinstance(each, BoundHeldActuator)}
         self._place, self._resumes, self._message = (t, q, v), False, ""
         system.start(t, q, v, False)
-        plain = not self._events and len(system.held_forces) == 1 + len(self._actuators) and system.dropped_are_zero
-        self._quick, self._made = plain and isinstance(self._stepper, CompiledRadauStepper) and self._step is None, []
+        self._changing = system if len(system.changing) > 1 + len(self._actuators) else None  # besides by `control`
+        plain = not self._events and self._step is None and system.dropped_are_zero
+        self._quick, self._made = plain and isinstance(self._stepper, CompiledRadauStepper), []
 
     def step(self, dt, control=None) -> State:
         """Advance the run by a time.
@@ -133,7 +135,9 @@ class Simulation:
             raise InputError(f"dt must be a positive number of seconds, got {dt!r}")
         t, q, v = self._place
         t_end = t + dt
-        jumped = control is not None and self._hold(t, control)
+        jumped = self._changing is not None and self._changing.change(t, q, v)
+        if control is not None:
+            jumped = self._hold(t, control) or jumped
         if not self._record.begun:
             self._begin()
             jumped = False
@@ -160,7 +164,7 @@ class Simulation:
         if jumped:
             stepper.jump()
             self._made.append((*self._place, stepper.lam))
-        made = stepper.made(t_end, stepper.batch, False)
+        made = stepper.made(t_end, stepper.batch, False, None, self._changing)
         self._made.append(made)
         t, q, v = made[2:5]
         if len(t):
@@ -203,10 +207,12 @@ class Simulation:
                         known = [*self._actuators, *self.mechanism.joints]
                         raise InputError(f"control: no actuator or joint {name!r}{near(name, known)}")
                     self._columns[name] = self.mechanism.columns(name)
-                here, given = torque[self._columns[name]], finite_array(value, f"the torque of {name!r}")
-                if given.size not in (1, here.size):
-                    raise InputError(f"the torque of {name!r} needs {here.size} number(s), got shape {given.shape}")
-                here[:] = given
+                here = torque[self._columns[name]]
+                if not (isinstance(value, float) and isfinite(value)):
+                    value = finite_array(value, f"the torque of {name!r}")
+                    if value.size not in (1, here.size):
+                        raise InputError(f"the torque of {name!r} needs {here.size} number(s), got shape {value.shape}")
+                here[:] = value
         else:
             torque = finite_array(control, "control")
         if torque.shape != self._torque.shape:
@@ -218,7 +224,7 @@ class Simulation:
         for name, value in changed.items():
             self._actuators[name].hold(t, np.array([float(value)]))
         self._commands |= changed
-        if (torque == self._torque).all():
+        if torque.tobytes() == self._torque.tobytes():
             return bool(changed)
         self._torque = torque
         self._control.hold(t, torque)

@@ -87,6 +87,52 @@ def test_a_run_is_judged_by_what_was_held(method, sign, tmp_path):
     np.testing.assert_array_equal(saved.held["sampled crank"], sol.held["sampled crank"])
 
 
+@pytest.mark.parametrize("options", [{}, {"step": 2e-3, "max_order": 5}])
+@pytest.mark.parametrize("late", [0.0, 0.5])
+def test_the_compiled_loop_goes_on_as_the_python_one(options, late):
+    options = {"rtol": 1e-4, "delay": late * PERIOD} | options
+    plain, fast = (sampled((0.0, 4 * PERIOD), backend=backend, **options) for backend in ("python", "compiled"))
+    assert plain.nsteps == fast.nsteps
+    np.testing.assert_allclose(fast.t, plain.t, atol=1e-9)
+    np.testing.assert_array_equal(fast.order, plain.order)
+    np.testing.assert_allclose(fast.q, plain.q, atol=1e-6)
+    np.testing.assert_allclose(fast.lam, plain.lam, atol=1e-4 * np.abs(plain.lam).max())
+
+
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+def test_a_callback_sees_each_step_before_the_next_sample(backend):
+    calls = []
+    controller = pc.Sampled(PERIOD, lambda t, q, v: calls.append(("law", t)) or 1.0, "crank")
+    sol = pc.simulate(
+        crank_rocker(), (0.0, 3 * PERIOD), forces=[controller], method="Radau", backend=backend,
+        callback=lambda t, *state: calls.append(("row", t)) or len(calls) > 7,
+    )  # fmt: skip
+    assert [t for _, t in calls] == sorted(t for _, t in calls)
+    assert [what for what, t in calls if t == PERIOD] == ["row", "law"]
+    assert sol.status == 1
+    assert sol.t[-1] == calls[-1][1]
+
+
+def test_a_law_that_fails_leaves_what_was_reached():
+    def fails(t, q, v):
+        return 1.0 / (t < 2.5 * PERIOD)
+
+    sol = pc.simulate(crank_rocker(), (0.0, 1.0), forces=[pc.Sampled(PERIOD, fails, "crank")], method="Radau")
+    assert not sol.success
+    assert sol.t[-1] == 3 * PERIOD
+    assert "ZeroDivisionError" in sol.message and "sampled crank" in sol.message
+
+
+def test_dense_output_goes_through_samples():
+    sol = sampled((0.0, 6 * PERIOD), dense_output=True, rtol=1e-9, atol=1e-11)
+    steps = sampled((0.0, 6 * PERIOD), rtol=1e-9, atol=1e-11, max_step=PERIOD / 7)
+    q, v, lam = sol.sol(steps.t)
+    after = np.append(np.diff(steps.t) > 0, True)  # at a sample itself λ is that after it
+    np.testing.assert_allclose(q, steps.q, atol=1e-8)
+    np.testing.assert_allclose(v, steps.v, atol=1e-6)
+    np.testing.assert_allclose(lam[after], steps.lam[after], atol=1e-5)
+
+
 def test_rows_of_t_eval_have_the_torques_after_a_sample():
     times = PERIOD * np.arange(6)
     sol, steps = sampled((0.0, 5 * PERIOD), t_eval=times), sampled((0.0, 5 * PERIOD))

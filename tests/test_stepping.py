@@ -47,6 +47,21 @@ def test_steps_are_those_of_a_sampled_run(mech, options):
     assert len(mine.held["control"]) == count
 
 
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+def test_controllers_and_steps_of_one_rate_keep_step(mech, backend):
+    """Times that are added up differ from multiples of the period by rounding; no step is made between them."""
+    count, law = (40, 12)[backend == "python"], pc.Sampled(1e-3, lambda t, q, v: torque(t, v), "crank")
+    sim = pc.Simulation(mech, forces=[law], backend=backend, rtol=1e-3)
+    for _ in range(count):
+        sim.step(1e-3)
+    sol = pc.simulate(mech, (0.0, count * 1e-3), forces=[law], method="Radau", rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(sim.state.q, sol.q[-1], atol=1e-7)
+    found = sim.solution()
+    assert found.nsteps <= count + 2
+    assert len(found.held["sampled crank"]) == count
+    assert found.check(error=False).force < 1e-8
+
+
 def test_a_copy_goes_on_alike_and_leaves_the_first_alone(mech):
     sim = stepped(pc.Simulation(mech), 5)
     before, other = sim.state, sim.copy()

@@ -69,7 +69,7 @@ class CompiledStepper(CompiledRun):
 
     def batch_of(self, made, with_curve) -> StepBatch:
         core, system, t_old = self._core, self.system, self.t
-        failure, error, t, p, v, lam, h, k, tables = made
+        failure, error, t, p, v, lam, h, k, tables, *_ = made
         self.t, self.h, self.k, self.p, self.y = core.t, core.h, core.k, core.p, core.y
         why, curve = self._counted(failure), None
         if failure == "turns_too_far":

@@ -71,6 +71,8 @@ class StageSegment:
 class CompiledRadauStepper(CompiledRun, RadauStepper):
     """A :class:`~pinconsist.dae.radau_stepper.RadauStepper` that makes many steps in one call."""
 
+    passes_changes = True
+
     def __init__(self, system, method):
         self._sampler = []
         super().__init__(system, method)
@@ -92,8 +94,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         states = super().begin(t, p, v, t_end)
         self._hand_state()
         self._core.turns, self._core.h = self._turns, self.h
-        if self.method.step is not None:
-            self._core.fix_step(self._start, self._taken, self._steps)
+        self._core.divide(self.method.step or 0.0, t_end)
         return states
 
     def close(self) -> None:
@@ -110,9 +111,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
 
     def resume(self, t_end):
         states = super().resume(t_end)
-        if self.method.step is not None:
-            self._core.h = self.h
-            self._core.fix_step(self._start, self._taken, self._steps)
+        self._core.divide(self.method.step or 0.0, t_end)
         return states
 
     def jump(self) -> None:
@@ -131,9 +130,9 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
 
     def batch_of(self, made, with_curve) -> StepBatch:
         core, t_old = self._core, self.t
-        failure, error, t, p, v, lam, h, k, steps = made
+        failure, error, t, p, v, lam, h, k, steps, jumps, lam_after = made
         self.t, self.h, self.s = core.t, core.h, core.s
         if len(t):
             self.p, self.v, self.lam, self.used = p[-1], v[-1], lam[-1], (float(h[-1]), int(k[-1]))
         curve = StageCurve(steps, t_old, t, self.system, self._sampler) if steps is not None else None
-        return StepBatch(t, p, v, lam, k, curve, self._counted(failure), error)
+        return StepBatch(t, p, v, lam, k, curve, self._counted(failure), error, (jumps, lam_after))

@@ -73,12 +73,12 @@ class CompiledRun(Stepper):
     def opened(self, times, positions):
         return self.system.opened(times, positions, self._all_rows and self._all_rows.gaps)
 
-    def steps(self, t_end, most, with_curve, sees=None) -> StepBatch:
-        return self.batch_of(self.made(t_end, most, with_curve, sees), with_curve)
+    def steps(self, t_end, most, with_curve, sees=None, forces=None) -> StepBatch:
+        return self.batch_of(self.made(t_end, most, with_curve, sees, forces), with_curve)
 
-    def made(self, t_end, most, with_curve, sees=None):
+    def made(self, t_end, most, with_curve, sees=None, forces=None):
         """Steps as the compiled method returns them: its failure, an exception, t, p, v, λ, …"""
-        return self._core.run(self._compiled, t_end, most, with_curve, sees)
+        return self._core.run(self._compiled, t_end, most, with_curve, sees, forces)
 
     def forget_from(self, step) -> None:
         self._core.forget_from(step)

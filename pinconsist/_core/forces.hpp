@@ -81,9 +81,11 @@ private:
   Motion curve_;
 };
 
-// Torques that are held from one of some times to the next, in the direction of the run; see mechanism/forces/held.py.
+// Torques that are held from one of some times to the next, in the direction of the run, or go there in straight lines;
+// see mechanism/forces/held.py.
 struct HeldTable {
   double sign = 1.0;
+  bool linear = false;
   std::vector<double> since; // times sign
   std::vector<Vec> torques;
   size_t entered = 0; // so many of them count
@@ -101,9 +103,21 @@ struct HeldTable {
   }
   // What is held at a time, or nothing before the first entry.
   const Vec *at(double t) const {
-    size_t i = entered;
-    if (i && sign * t < since[i - 1]) i = std::upper_bound(since.begin(), since.begin() + i, sign * t) - since.begin();
+    const size_t i = reached(t);
     return i ? &torques[i - 1] : nullptr;
+  }
+  void add(double t, Vec &tau) const {
+    const size_t i = reached(t);
+    if (i) tau += torques[i - 1];
+    if (i && linear && i < since.size())
+      tau += (sign * t - since[i - 1]) / (since[i] - since[i - 1]) * (torques[i] - torques[i - 1]);
+  }
+
+private:
+  // Of the entries that count, how many a time has reached.
+  size_t reached(double t) const {
+    if (!entered || sign * t >= since[entered - 1]) return entered;
+    return std::upper_bound(since.begin(), since.begin() + entered, sign * t) - since.begin();
   }
 };
 
@@ -112,7 +126,7 @@ public:
   explicit HeldTorque(std::shared_ptr<HeldTable> table) : table_(std::move(table)) {}
 
   void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override {
-    if (const Vec *torque = table_->at(t)) tau += *torque;
+    table_->add(t, tau);
   }
   void linearize(const Data &, double, const Vec &, const Vec &, Mat &, Mat &) const override {}
 

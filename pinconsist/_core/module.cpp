@@ -28,7 +28,7 @@ Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] !=
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 15; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 16; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -157,7 +157,8 @@ NB_MODULE(twin, m) {
         return A;
       });
 
-  nb::class_<HeldTable>(m, "HeldTable").def("clear", &HeldTable::clear).def("hold", &HeldTable::hold).def_rw("entered", &HeldTable::entered);
+  nb::class_<HeldTable>(m, "HeldTable").def("clear", &HeldTable::clear).def("hold", &HeldTable::hold).def_rw("entered", &HeldTable::entered)
+      .def_rw("linear", &HeldTable::linear);
 
   nb::class_<ClosureFollower>(m, "ClosureFollower")
       .def(nb::init<MechanismSystem &, std::vector<int>, const Vec &, const std::array<double, 9> &>(), "system"_a,

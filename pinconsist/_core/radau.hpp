@@ -53,7 +53,7 @@ public:
       }
       matrix_.solve(dP_, dV_);
       const double size = size_of(weight);
-      if (!std::isfinite(size)) return fail();
+      if (!std::isfinite(size)) return not_finite(stages.t + stages.h, stages.p, stages.v);
       if (iteration > 1) rate = size / last;
       const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const double before = largest(stages.V);
@@ -76,15 +76,16 @@ public:
     return Failure::not_converged;
   }
 
-private:
-  static constexpr double EAGER = 30.0; // of the tolerance: a larger first increment is never the last
-
-  Failure fail() {
-    culprit_t = stages.t + stages.h;
-    culprit_p = stages.p;
-    culprit_v = stages.v;
+  // Something is not, from this state on.
+  Failure not_finite(double t, const Vec &p, const Vec &v) {
+    culprit_t = t;
+    culprit_p = p;
+    culprit_v = v;
     return Failure::not_finite;
   }
+
+private:
+  static constexpr double EAGER = 30.0; // of the tolerance: a larger first increment is never the last
 
   // Root mean square over the stages of the weighted increments.
   double size_of(const Vec &weight) const {

@@ -70,15 +70,16 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
                                    taken(s.control.rejected_by_error), taken(s.control.rejected_by_newton));
            })
       .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, array(s.newton.culprit_p), array(s.newton.culprit_v)); })
-      .def("run", // a batch: why it ended, an exception of Python's, its rows, and its polynomials
-           [](Stepper &s, const System &system, double t_end, long most, bool with_curve, nb::object sees) {
+      .def("run", // a batch: why it ended, an exception of Python's, its rows, its polynomials, and where forces jumped
+           [](Stepper &s, const System &system, double t_end, long most, bool with_curve, nb::object sees, nb::object forces) {
              StepBatch<Curve> out;
-             const auto [failure, error] = attempted(system.calls_python() || !sees.is_none(), [&] { return s.run(t_end, most, with_curve, sees, out); });
-             const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc;
+             const auto [failure, error] = attempted(system.calls_python() || !sees.is_none(), [&] { return s.run(t_end, most, with_curve, sees, forces, out); });
+             const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc, jumped = out.jumps.size();
              return nb::make_tuple(failure, error, array(out.t, {n}), array(out.p, {n, npos}),
                                    array(out.v, {n, nv}), array(out.lam, {n, nc}),
-                                   array(out.h, {n}), array(out.order, {n}), in_python(out.curve));
-           }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "sees"_a.none());
+                                   array(out.h, {n}), array(out.order, {n}), in_python(out.curve),
+                                   array(out.jumps, {jumped}), array(out.lam_after, {jumped, nc}));
+           }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "sees"_a.none(), "forces"_a.none());
 }
 
 void bind_radau(nb::module_ &m) {
@@ -98,7 +99,12 @@ void bind_radau(nb::module_ &m) {
              return nb::make_tuple(array(p), array(v), array(lam));
            })
       .def("first_step", &RadauStepper::first_step)
-      .def("jump", &RadauStepper::jump)
+      .def("jump", [](RadauStepper &s) { return s.jump() == Failure::none; })
+      .def("divide",
+           [](RadauStepper &s, double step, double t_end) {
+             s.step = step;
+             s.divide(t_end);
+           })
       .def("add_tolerances",
            [](RadauStepper &stepper, int s, const Vec &rtol, const Vec &atol, double newton_factor) {
              stepper.control.of_stages[s] = {rtol, atol, newton_factor};

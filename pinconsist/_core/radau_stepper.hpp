@@ -12,6 +12,7 @@ namespace pinconsist {
 class RadauStepper : public Run<RadauStepper, Collocations> {
 public:
   int used_s = 0;
+  double step = 0.0; // of fixed steps
   Vec v, a, lam;
   RadauControl control;
   StageNewton newton;
@@ -56,12 +57,22 @@ public:
     shaped_ = false;
   }
 
-  // Forces have jumped: the accelerations that start Newton's iteration are moved by as much. False where singular.
-  bool jump() {
+  // Forces have jumped: the accelerations that start Newton's iteration are moved by as much.
+  Failure jump() {
     moved_ = a;
-    if (!index1_.acceleration(t, p, v, a, lam) || !a.allFinite() || !lam.allFinite()) return false;
+    if (!index1_.acceleration(t, p, v, a, lam)) return Failure::singular;
+    if (!a.allFinite() || !lam.allFinite()) return newton.not_finite(t, p, v);
     if (shaped_) shape_.W.colwise() += a - moved_;
-    return true;
+    return Failure::none;
+  }
+
+  // Fixed steps from here to an end, of the wanted size or a little less.
+  void divide(double t_end) {
+    if (!fixed()) return;
+    steps = std::max(1L, std::lround(std::ceil(std::abs(t_end - t) / step - 1e-9)));
+    start = t;
+    taken = 0;
+    h = (t_end - t) / steps;
   }
 
   // The state at t_end of a step that is made again up to there; false where it fails.

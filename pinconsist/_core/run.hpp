@@ -11,11 +11,11 @@ template <class Numbers> void put(std::vector<double> &to, const Numbers &x) {
   to.insert(to.end(), x.data(), x.data() + x.size());
 }
 
-// What accepted steps leave, one entry a step, and their polynomials.
+// What accepted steps leave, one entry a step, and their polynomials; after how many of them forces jumped, and λ then.
 template <class Curve> struct StepBatch {
   int steps = 0;
-  std::vector<double> t, h, p, v, lam;
-  std::vector<int> order;
+  std::vector<double> t, h, p, v, lam, lam_after;
+  std::vector<int> order, jumps;
   Curve curve;
 };
 
@@ -30,19 +30,28 @@ public:
   double start = 0.0;
   long taken = 0, steps = 0;
 
-  // Accepted steps towards t_end, at most `most`. `sees`, if it is not None, looks at each and may end them.
-  Failure run(double t_end, long most, bool with_curve, const nb::object &sees, StepBatch<Curve> &out) {
+  // Accepted steps towards t_end, at most `most`. `sees`, if it is not None, looks at each and may end them; `forces`
+  // says at which times before t_end forces jump.
+  Failure run(double t_end, long most, bool with_curve, const nb::object &sees, const nb::object &forces,
+              StepBatch<Curve> &out) {
     sizes_.clear();
     const auto begun = std::chrono::steady_clock::now();
+    double until = forces.is_none() ? t_end : next_change(forces, t_end);
     if (with_curve) self().reserve(most, out.curve);
     while (out.steps < most && t != t_end) {
       self().prepare_next();
-      const Failure failure = self().advance(t_end);
+      Failure failure = self().advance(until);
       if (failure != Failure::none) return failure;
       if (with_curve) put(sizes_, self().control.sizes);
       record(with_curve, out);
       if (!sees.is_none() && nb::cast<bool>(sees(t, array(p), array(self().velocity()), array(self().multipliers()), self().order())))
         break;
+      if (t == until && t != t_end) {
+        failure = change(forces, out);
+        if (failure != Failure::none) return failure;
+        until = next_change(forces, t_end);
+        self().divide(until);
+      }
       if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;
     }
     return Failure::none;
@@ -57,6 +66,10 @@ public:
 
 protected:
   explicit Run(System &system) : system_(system) {}
+
+  // Of methods that go on where forces jump; for the others a run ends there.
+  Failure jump() { return Failure::none; }
+  void divide(double) {}
 
   bool fixed() const { return static_cast<const Method &>(*this).control.fixed(); }
 
@@ -77,6 +90,22 @@ private:
   std::vector<double> sizes_; // that columns had reached where the steps of the last batch began
 
   Method &self() { return static_cast<Method &>(*this); }
+
+  double next_change(const nb::object &forces, double t_end) const {
+    nb::gil_scoped_acquire holds;
+    return nb::cast<double>(forces.attr("next_change")(t, t_end));
+  }
+
+  // Forces may jump here: the state stays, and the multipliers jump with them.
+  Failure change(const nb::object &forces, StepBatch<Curve> &out) {
+    nb::gil_scoped_acquire holds;
+    if (!nb::cast<bool>(forces.attr("change")(t, array(p), array(self().velocity())))) return Failure::none;
+    const Failure failure = self().jump();
+    if (failure != Failure::none) return failure;
+    out.jumps.push_back(out.steps);
+    put(out.lam_after, self().multipliers());
+    return failure;
+  }
 
   void record(bool with_curve, StepBatch<Curve> &out) {
     ++out.steps;

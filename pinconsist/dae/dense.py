@@ -201,6 +201,7 @@ class StepBatch:
     curve: Curve | None
     failure: str = ""  # why there are no more, or empty
     error: BaseException | None = None  # what a user's function raised after these steps
+    jumps: tuple = ((), ())  # after how many steps forces have jumped, and λ then
 
     def __post_init__(self):
         for array in self.states:  # users' functions look at them
@@ -220,7 +221,16 @@ class StepBatch:
     def first(self, n: int) -> StepBatch:
         """The first `n` of the steps."""
         curve = self.curve and n and self.curve.until(self.t[n - 1])
-        return StepBatch(self.t[:n], *(each[:n] for each in self.states), self.order[:n], curve or None)
+        jumps = tuple(each[np.less(self.jumps[0], n)] for each in self.jumps) if len(self.jumps[0]) else self.jumps
+        return StepBatch(self.t[:n], *(each[:n] for each in self.states), self.order[:n], curve or None, jumps=jumps)
+
+    def with_jumps(self):
+        """t, p, v, λ and order of all rows: after a step at whose end forces jump, a second one of order 0."""
+        at, lam = self.jumps
+        if not len(at):
+            return self.t, *self.states, self.order
+        t, p, v = (np.insert(each, at, each[at - 1], axis=0) for each in (self.t, self.p, self.v))
+        return t, p, v, np.insert(self.lam, at, lam, axis=0), np.insert(self.order, at, 0)
 
     def looked_into(self, looks: int, with_multipliers: bool):
         """t, p, v and λ at so many times in each step, its end the last."""

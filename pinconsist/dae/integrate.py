@@ -162,19 +162,23 @@ def _ending(error, t):
 def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=False, jumped=False):
     """Integrate from (p, v); or the run `resumes` where the stepper stands, and forces have `jumped` there."""
     (t, t_end), with_curve = t_span, bool(watch.events) or record.needs_curve
-    pace, sees = Pace(method.control, t, record.nsteps), _seen_at_once(stepper, record, watch)
+    passes = stepper.passes_changes and stepper.system.changes and not watch.events
+    pace, sees = Pace(method.control, t, record.nsteps), _seen_at_once(stepper, record, watch, passes)
 
     def more(until, begun):
-        return stepper.steps(until, _batch_size(stepper, method, record, watch, begun), with_curve, sees)
+        forces = (stepper.system,) if passes else ()
+        return stepper.steps(until, _batch_size(stepper, method, record, watch, begun), with_curve, sees, *forces)
 
     while t != t_end:  # once, and again after every event that changes the state and where forces jump
         _stop_if(interrupted)
-        until, begun = stepper.system.next_change(t, record.next_stop(t, t_end)), record.nsteps
+        stop, begun = record.next_stop(t, t_end), record.nsteps
+        until = stepper.system.next_change(t, stop)
         first, *states = stepper.resume(until) if resumes else stepper.begin(t, p, v, until)
         if jumped:
             record.jump(*first)
             watch.restart(*first)
         resumes = jumped = False
+        until = stop if passes else until
         batch = _started(stepper, method, record, states, with_curve) if states else more(until, begun)
         while True:
             hit = _look(watch, batch, record)
@@ -224,9 +228,9 @@ def _started(stepper, method, record, states, with_curve):
     return StepBatch.of(states, [stepper.used[1]] * len(states), curve)
 
 
-def _seen_at_once(stepper, record, watch):
+def _seen_at_once(stepper, record, watch, passes):
     """What sees each step before the next one is made, where a user's function might change what that will be."""
-    if stepper.ahead or (watch.events and stepper.looks > 1):
+    if (stepper.ahead and not passes) or (watch.events and stepper.looks > 1):
         return None
     if watch.events and record.output.each_step:
         return lambda *row: watch.sees(*row) or record.sees(*row)

@@ -116,8 +116,9 @@ class Record:
         if self.output.dense:
             self._curves.append(batch.curve)
         if self._due is None:
-            self._orders.append(batch.order)
-            self._blocks.append((batch.t, *batch.states))
+            *rows, order = batch.with_jumps()
+            self._orders.append(order)
+            self._blocks.append(tuple(rows))
             return
         n = int(np.searchsorted(self._sign * self._due, self._sign * end, side="right"))
         if n:

@@ -27,6 +27,8 @@ class Index3System:
         True where ``integrate`` is addition; the method then skips all charts.
     moving : bool
         The constraint may depend on time.
+    changes : bool
+        Forces jump at times of their own, see :meth:`next_change`.
     dropped_are_zero : bool
         False where constraint rows were left out that may become independent of the others during a run.
     """
@@ -36,6 +38,7 @@ class Index3System:
     nv: int
     nc: int
     vector_like: bool = True
+    changes: bool = False
     dropped_are_zero: bool = True
     moving: bool = True
 

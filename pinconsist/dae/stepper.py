@@ -36,6 +36,8 @@ class Stepper:
     ahead : bool
         Whether steps may be made before events and callbacks have seen those before them: they cost little, and no
         function of the user's takes part in them, which an event or a callback might change.
+    passes_changes : bool
+        Whether :meth:`steps` takes ``forces``, to go on by itself at the times at which they jump.
     rows_watched : int
         Steps after which the choice of constraint rows is looked at.
     looks : int
@@ -47,7 +49,7 @@ class Stepper:
     """
 
     retake = None
-    batch, ahead, rows_watched, looks, backend = 50, False, 5, 1, "python"
+    batch, ahead, passes_changes, rows_watched, looks, backend = 50, False, False, 5, 1, "python"
 
     def __init__(self, system, method):
         self.method, self.control = method, method.control

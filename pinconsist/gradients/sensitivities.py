@@ -12,8 +12,7 @@ import numpy as np
 from ..dae.events import as_events
 from ..errors import InputError, PinconsistError
 from ..mechanism.checks import finite_array
-from ..mechanism.forces import Sampled
-from ..mechanism.forces.held import HeldTorque
+from ..mechanism.forces import HeldTorque, Piecewise, Sampled
 from ..mechanism.mechanism import Mechanism, with_forces
 from ..simulation import simulate
 from ..solution import Solution
@@ -175,7 +174,7 @@ def sensitivities(
     ------
     InputError
         What :func:`simulate` raises; parameters that change the number of joints or rows, part redundant loops, or are
-        not smooth; an event that only grazes zero; torques that are held or sampled.
+        not smooth; an event that only grazes zero; torques that are held or sampled, forces that jump at known times.
     PinconsistError
         The run failed at its start.
     """
@@ -265,8 +264,12 @@ def _maker(build, t, q0, v0, forces, events, backend):
         if id(mechanism) not in made:
             made[id(mechanism)] = mechanism, with_forces(mechanism, forces, "sensitivities")
         acting = made[id(mechanism)][1]
-        if any(isinstance(force, HeldTorque | Sampled) for force in acting.forces):
-            raise InputError("sensitivities do not go through torques that are held or sampled; give them as functions")
+        if any(isinstance(force, HeldTorque | Piecewise | Sampled) for force in acting.forces):
+            raise InputError(
+                "derivatives of runs do not go through times at which forces jump, as torques do that are held or "
+                "sampled: steps begin anew there, and multipliers jump. Give smooth functions of time, or commands of "
+                "an Actuator as a table"
+            )
         starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]
         return Side(acting, starts[0], starts[1], t, as_events(_of_theta(events, values)), backend != "python")
 

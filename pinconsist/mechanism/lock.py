@@ -11,7 +11,18 @@ import pinocchio as pin
 from ..errors import InputError
 from .checks import function_name
 from .closing import CLOSED
-from .forces import Actuator, JointDamping, JointFriction, JointSpring, JointTorque, Servo, SpringDamper, Torque, Wrench
+from .forces import (
+    Actuator,
+    JointDamping,
+    JointFriction,
+    JointSpring,
+    JointTorque,
+    Piecewise,
+    Servo,
+    SpringDamper,
+    Torque,
+    Wrench,
+)
 from .joint_constraints import Coordinate, Coupling, Drive
 from .loops import Loop
 from .rows import LoopRows
@@ -97,6 +108,9 @@ def _force(force, mechanism, smaller, locked, state):
         return None if _body(smaller, force.frame1) == _body(smaller, force.frame2) else force
     if isinstance(force, Wrench):
         return None if _body(smaller, force.frame) == 0 else force
+    if isinstance(force, Piecewise):
+        left = _force(force.force, mechanism, smaller, locked, state)
+        return left and replace(force, force=left)
     if hasattr(force, "bind"):
         return force
     names = ("function", "gradient") if isinstance(force, Torque) else ("torque", "derivatives")

@@ -56,6 +56,8 @@ class MechanismSystem(Index3System):
 
     def _take(self, forces):
         self._forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
+        self.changing = [each for each in forces.values() if hasattr(each, "next_change")]
+        self.changes = bool(self.changing)
 
     @property
     def held(self) -> dict[str, np.ndarray]:
@@ -63,19 +65,19 @@ class MechanismSystem(Index3System):
         return {label: force.held for label, force in self._forces.items() if isinstance(force, BoundHeld)}
 
     def start(self, t, p, v, backwards):
-        for force in self.held_forces:
+        for force in self.changing:
             force.start(t, backwards)
         self.change(t, p, v)
 
     def next_change(self, t, t_end):
-        times = [time for force in self.held_forces if abs((time := force.next_change(t)) - t) < abs(t_end - t)]
-        if not times:
+        times = [force.next_change(t) for force in self.changing]
+        near = (1.0 + AT_ONCE) * min([abs(time - t) for time in times], default=np.inf)
+        if near >= abs(t_end - t):
             return t_end
-        near = (1.0 + AT_ONCE) * min(abs(time - t) for time in times)
-        return max([*times, t_end], key=lambda time: abs(time - t) * (abs(time - t) <= near))
+        return max([time for time in times if abs(time - t) <= near], key=lambda time: abs(time - t))
 
     def change(self, t, p, v):
-        return any([force.change(t, p, v) for force in self.held_forces])
+        return any([force.change(t, p, v) for force in self.changing])
 
     def integrate(self, p, xi):
         if self.vector_like:

@@ -196,6 +196,35 @@ class UserForce(BoundForce):
         return _gradient(self._force.derivatives, f"the derivatives of {self._label!r}", t, q, v)
 
 
+def as_force(force) -> Any:
+    """A force from what a user may give: a Force, joint torques by name or as an array, or a callable f(t, q, v)."""
+    if isinstance(force, type):
+        raise InputError(f"a force must be an object, not the class {force.__name__}: give {force.__name__}(…)")
+    if hasattr(force, "bind") or (hasattr(force, "torque") and hasattr(force, "derivatives")):
+        return force
+    if isinstance(force, Mapping):
+        return JointTorque(force)
+    if callable(force):
+        return Torque(force)
+    if isinstance(force, str | bytes) or np.ndim(force) != 1:
+        raise InputError(
+            "a force must be a Force, a mapping joint → torque, an array of joint torques or a callable f(t, q, v), "
+            f"got {force!r}"
+        )
+    return JointTorque(force)
+
+
+def label_of(force) -> str:
+    """The name of a force of any kind in reports."""
+    return getattr(force, "label", "") or type(force).__name__
+
+
+def bound_force(model, force, label):
+    """A force of any kind, ready to be evaluated."""
+    force = force.bind(model) if hasattr(force, "bind") else force
+    return force if isinstance(force, Torque | BoundForce) else UserForce(force, label)
+
+
 def _gradient(function, what, t, q, v):
     """What a user's gradient returned, checked."""
     parts = called(function, what, t, read_only(q), read_only(v))

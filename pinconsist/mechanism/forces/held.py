@@ -13,30 +13,40 @@ from ..checks import finite_array, joint_index, number, put, read_only, require_
 from .force import BoundForce, ForceRecord
 
 SAME_TIME = 1e-9  # periods within which two times are one
+BESIDE = 1e-13  # of a time, or of 1 s: so far from a jump forces are as before or after it
+
+
+def beside(t):
+    """How far from times `t` two times are one."""
+    return BESIDE * np.maximum(1.0, np.abs(t))
 
 
 class BoundHeld(BoundForce):
     """A table of torques (nv,), each held from its time to the next, in the direction of the run.
 
-    The first `entered` entries count: a step that ends at a time of the table still has the torques before.
+    The first `entered` entries count: a step that ends at a time of the table still has the torques before. In a
+    `linear` one torques go to the next in straight lines.
     """
 
-    def __init__(self, nv, times=(), torques=(), sign=1.0):
-        self._nv, self._sign, self._table = nv, sign, None
+    def __init__(self, nv, times=(), torques=(), sign=1.0, linear=False):
+        self._nv, self._sign, self._linear, self._table = nv, sign, linear, None
         self._keys, self._torques = [sign * t for t in times], list(torques)
         self.entered = len(self._keys)
 
     @property
     def held(self) -> np.ndarray:
         """The entries that count, a row each: time and torques, shape (n, 1 + nv)."""
-        n = self.entered
+        n = len(self._keys) if self._linear else self.entered
         times, torques = self._sign * np.array(self._keys[:n]), np.array(self._torques[:n])
         return np.hstack((times.reshape(n, 1), torques.reshape(n, self._nv)))
 
     def entry(self, t):
         """What is held at a time, or None before the first entry."""
-        i = bisect_right(self._keys, self._sign * t, 0, self.entered)
-        return self._torques[i - 1] if i else None
+        keys, torques = self._keys, self._torques
+        i = bisect_right(keys, self._sign * t, 0, self.entered)
+        if not (self._linear and 0 < i < len(keys)):
+            return torques[i - 1] if i else None
+        return torques[i - 1] + (self._sign * t - keys[i - 1]) / (keys[i] - keys[i - 1]) * (torques[i] - torques[i - 1])
 
     def torque(self, t, q, v):
         held = self.entry(t)
@@ -56,9 +66,10 @@ class BoundHeld(BoundForce):
             held = self.entry(t)
             now = np.zeros(self._nv) if held is None else held
             first = bisect_right(self._keys, self._sign * t)
-            self._keys = [-self._sign * t, *(-key for key in reversed(self._keys[:first]))]
-            self._torques = [now, *([*reversed(self._torques[: first - 1]), np.zeros(self._nv)] if first else [])]
-            self._sign = -self._sign
+            keys, torques = self._keys[:first], self._torques[: first if self._linear else max(0, first - 1)]
+            zero = [np.zeros(self._nv)] if first else []
+            self._keys = [-self._sign * t, *(-key for key in reversed(keys[: self._linear] + keys))]
+            self._torques, self._sign = [now, *reversed(torques), *zero], -self._sign
         self.entered = bisect_right(self._keys, self._sign * t)
         self._fill()
 
@@ -68,10 +79,14 @@ class BoundHeld(BoundForce):
         return self._sign * (later[0] if later else np.inf)
 
     def change(self, t, q, v) -> bool:
-        """Enter what is due at a time; whether that is anything."""
-        before = self.entered
-        self._enter(bisect_right(self._keys, self._sign * t))
-        return self.entered != before
+        """Enter what is due at a time; whether torques jump."""
+        before, now = self.entered, self._sign * t
+        n = bisect_right(self._keys, now + beside(t))
+        if self._keys[before:n] != (met := [min(key, now) for key in self._keys[before:n]]):
+            self._keys[before:n] = met  # `t` was added up, and is a little less
+            self._fill()
+        self._enter(n)
+        return n != before and not (self._linear and before and n == before + 1)
 
     def _enter(self, n):
         self.entered = n
@@ -94,6 +109,7 @@ class BoundHeld(BoundForce):
         if self._table is None:
             return
         self._table.clear(self._sign)
+        self._table.linear = self._linear
         for key, torque in zip(self._keys, self._torques, strict=True):
             self._table.hold(self._sign * key, torque)
         self._table.entered = self.entered
@@ -137,12 +153,13 @@ def _bound_table(record, model):
         raise InputError(f"HeldTorque: torques need {len(columns)} columns, got shape {record.torques.shape}")
     torques = np.zeros((n, model.nv))
     torques[:, columns] = record.torques
-    return BoundHeld(model.nv, record.times, torques, -1.0 if n > 1 and record.times[-1] < record.times[0] else 1.0)
+    sign = -1.0 if n > 1 and record.times[-1] < record.times[0] else 1.0
+    return BoundHeld(model.nv, record.times, torques, sign, record.linear)
 
 
 @dataclass(frozen=True, eq=False)
 class HeldTorque(HeldRecord):
-    """A table of torques, each held until the next: a zero-order hold. Steps end at its times.
+    """A table of torques, each held until the next (zero-order hold), or in straight lines. Steps end at its times.
 
     Parameters
     ----------
@@ -152,6 +169,8 @@ class HeldTorque(HeldRecord):
         Of the joints' velocities, N·m (or N).
     joints : sequence of str, optional
         Default: all of the mechanism.
+    linear : bool
+        Go from each to the next in a straight line; the last one holds.
 
     Raises
     ------
@@ -162,6 +181,7 @@ class HeldTorque(HeldRecord):
     times: Sequence[float]
     torques: Sequence
     joints: str | Sequence[str] | None = None
+    linear: bool = False
 
     _kind, _law = "held torque", staticmethod(_bound_table)
 
@@ -219,7 +239,7 @@ class _BoundSampled(BoundHeld):
         return self.entered != before
 
     def _law(self, t, q, v):
-        return np.atleast_1d(self._record.law(t, q, v))
+        return np.array(self._record.law(t, q, v), ndmin=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,5 +283,6 @@ class Sampled(HeldRecord):
 
 
 def sided(t):
-    """The times of rows; those of rows before a jump a little earlier, when torques still are those before it."""
-    return np.where(np.append(np.diff(t) == 0.0, False), np.nextafter(t, t[0]), t)
+    """The times of rows; those before and after a jump a little earlier and later, with the torques at these sides."""
+    jumps, sign = np.diff(t) == 0.0, 1.0 if t[-1] >= t[0] else -1.0
+    return t + sign * beside(t) * (np.append(False, jumps) * 1.0 - np.append(jumps, False))

@@ -57,11 +57,13 @@ class Replayed:
     table: np.ndarray
     sign: float
     joints: str | Sequence[str] | None = None
+    linear: bool = False
 
     _acts_on: ClassVar[str] = "joints"
 
     def bind(self, model):
-        return BoundHeld(model.nv, self.table[:, 0], np.ascontiguousarray(self.table[:, 1:]), self.sign)
+        times, torques = self.table[:, 0], np.ascontiguousarray(self.table[:, 1:])
+        return BoundHeld(model.nv, times, torques, self.sign, self.linear)
 
 
 def programmed(mechanism):
@@ -96,7 +98,7 @@ def replayed(mechanism, solution):
     forces, sign = [], 1.0 if solution.t[-1] >= solution.t[0] else -1.0
     for force in mechanism.forces:
         if isinstance(force, HeldRecord):
-            force = Replayed(force.label, next(tables), sign, force.joints)
+            force = Replayed(force.label, next(tables), sign, force.joints, getattr(force, "linear", False))
         elif isinstance(force, Actuator) and force.name in solution.held:
             force = HeldActuator.of(force, solution.held[force.name], sign)
         forces.append(force)

@@ -1,0 +1,121 @@
+"""Forces that jump, or bend, at times that are known: steps end there."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import floor
+from operator import ge, gt
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ..checks import finite_array, number, put
+from .force import BoundForce, ForceRecord, as_force, bound_force, label_of
+from .held import beside
+
+MOST = float(np.finfo(float).max) / 2.0  # instead of infinity: differences of it are finite
+
+
+class BoundPiecewise(BoundForce):
+    """A force on a model; while a run is made it stays in the interval that `change` has entered."""
+
+    def __init__(self, record, force):
+        self._force, self._times, self._period = force, record.times, record.period
+        self._backwards, self._here = False, None
+        if hasattr(force, "stored"):
+            self.stored = force.stored
+
+    def torque(self, t, q, v):
+        return self._force.torque(self._inside(t), q, v)
+
+    def derivatives(self, t, q, v):
+        return self._force.derivatives(self._inside(t), q, v)
+
+    def start(self, t, backwards) -> None:
+        """A run starts at `t`."""
+        self._backwards, self._here = backwards, None
+        self._here = self._around(t)
+
+    def next_change(self, t) -> float:
+        """The time of the next jump, or one that is never reached, in the direction of the run."""
+        return self._here[0] if self._backwards else self._here[1]
+
+    def change(self, t, q, v) -> bool:
+        """Enter the next interval if it is reached; whether it is."""
+        due, sign = self.next_change(t), -1.0 if self._backwards else 1.0
+        if sign * (due - t) > beside(t):
+            return False
+        self._here = self._around(due)
+        return True
+
+    def _around(self, t):
+        """The interval between jumps that a time belongs to: at a jump that after it, in the direction of the run."""
+        if self._period:
+            n, reached = floor(t / self._period), gt if self._backwards else ge
+            if not reached(t, n * self._period):  # the quotient is rounded
+                n -= 1
+            elif reached(t, (n + 1) * self._period):
+                n += 1
+            return n * self._period, (n + 1) * self._period
+        i = (bisect_left if self._backwards else bisect_right)(self._times, t)
+        return self._times[i - 1] if i else -MOST, self._times[i] if i < len(self._times) else MOST
+
+    def _inside(self, t):
+        """The nearest time within the interval, whatever the law is at its ends."""
+        here = self._here
+        if here is None or (t > here[1] if self._backwards else t < here[0]):  # one that is long gone
+            here = self._around(t)
+        return float(min(max(t, here[0] + beside(here[0])), here[1] - beside(here[1])))
+
+
+@dataclass(frozen=True, eq=False)
+class Piecewise(ForceRecord):
+    """A force that jumps, or has a corner, at known times: steps end there, and each begins with the force after it.
+
+    Without this a step that contains a jump is repeated with smaller and smaller sizes until the error test is passed.
+
+    Parameters
+    ----------
+    force : force
+        Of any kind that :func:`simulate` takes in ``forces``. At the times themselves it may have either value: it is
+        evaluated a little before and after them.
+    times : sequence of float, optional
+        The times, s, in rising order.
+    period : float, optional
+        Instead of times: it jumps at all multiples of this time, s.
+
+    Raises
+    ------
+    InputError
+        Impossible numbers, times that do not rise, neither or both of times and a period, a force that is sampled or
+        held.
+    """
+
+    force: Any
+    times: Sequence[float] = ()
+    period: float | None = None
+
+    _kind = "piecewise"
+
+    @property
+    def label(self) -> str:
+        """The name of the force in energy reports and messages: that of the force itself."""
+        return label_of(self.force)
+
+    def __post_init__(self):
+        times = finite_array(self.times, "Piecewise: times")
+        if times.ndim != 1 or (np.diff(times) <= 0.0).any():
+            raise InputError(f"Piecewise: times must rise, got {self.times!r}")
+        if (len(times) == 0) == (self.period is None):
+            raise InputError("Piecewise needs times, or a period, at which the force jumps")
+        period = None if self.period is None else number(self.period, "Piecewise: period", above=0.0)
+        put(self, force=as_force(self.force), times=tuple(times.tolist()), period=period)
+
+    def bind(self, model) -> Any:
+        force = bound_force(model, self.force, self.label)
+        if hasattr(force, "next_change"):
+            raise InputError(f"Piecewise: {self.label!r} has times of its own, at which its steps end already")
+        return BoundPiecewise(self, force)

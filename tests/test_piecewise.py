@@ -1,0 +1,140 @@
+"""Forces that jump or bend at known times, against the closed form of a parallelogram, whose inertia is constant."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import pinconsist as pc
+
+INERTIA = 5.0 / 3.0  # kg m²: two rods and one that they carry, 1 m and 1 kg each
+TIMES, VALUES = [0.01, 0.03, 0.05], [3.0, -2.0, 5.0]
+END, FULL = 0.06, {"rtol": 1e-9, "atol": 1e-11}
+
+
+def held(t):
+    """A torque that is 0, 3, -2 and 5 N·m."""
+    return float(np.select([t >= TIMES[2], t >= TIMES[1], t >= TIMES[0]], VALUES[::-1], 0.0))
+
+
+def straight(t):
+    """The same in straight lines between the times."""
+    return float(np.interp(t, TIMES, VALUES)) if t >= TIMES[0] else 0.0
+
+
+def wave(t):
+    """A square wave that jumps every 0.01 s."""
+    return 2.0 if int(t / 0.01) % 2 == 0 else -1.0
+
+
+def moved(torque, jumps, end):
+    """Change of the crank's speed and angle by a torque that is straight between jumps, from rest, by exact sums."""
+    speed = angle = 0.0
+    ends = [0.0, *(t for t in jumps if 0.0 < t < end), end]
+    for a, b in pairwise(ends):
+        first, last = (torque(a + part * (b - a)) for part in (0.25, 0.75))
+        h, slope = b - a, 2.0 * (last - first) / (b - a)
+        start = first - 0.25 * h * slope
+        angle += speed * h + (start * h**2 / 2.0 + slope * h**3 / 6.0) / INERTIA
+        speed += (start * h + slope * h**2 / 2.0) / INERTIA
+    return angle, speed
+
+
+FORCES = {
+    "held": (held, TIMES, pc.HeldTorque(TIMES, VALUES, "crank0")),
+    "straight": (straight, TIMES, pc.HeldTorque(TIMES, VALUES, "crank0", linear=True)),
+    "times": (held, TIMES, pc.Piecewise({"crank0": held}, times=TIMES)),
+    "after": (held, TIMES, pc.Piecewise({"crank0": lambda t: held(np.nextafter(t, -1.0))}, times=TIMES)),
+    "a law": (held, TIMES, pc.Piecewise(lambda t, q, v: [held(t), 0.0, 0.0], times=TIMES)),
+    "period": (wave, 0.01 * np.arange(7), pc.Piecewise({"crank0": wave}, period=0.01)),
+}
+
+
+@pytest.fixture(scope="module")
+def mech():
+    return pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))
+
+
+def run(mech, force, method="Radau", backend="auto", back=False, start=None, **options):
+    span, options = (END, 0.0) if back else (0.0, END), FULL | options
+    return pc.simulate(mech, span, *(start or ()), forces=[force], method=method, backend=backend, **options)
+
+
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+@pytest.mark.parametrize("name", FORCES)
+def test_steps_end_where_forces_jump(mech, name, method):
+    torque, jumps, force = FORCES[name]
+    sol = run(mech, force, method)
+    angle, speed = moved(torque, jumps, END)
+    assert sol.q[-1, 0] - sol.q[0, 0] == pytest.approx(angle, abs=1e-10)
+    assert sol.v[-1, 0] == pytest.approx(speed, abs=1e-8)
+    inside = [t for t in jumps if 0.0 < t < END]
+    assert set(inside) <= set(sol.t)
+    assert sum(sol.rejected.values()) == 0
+    certificate = sol.check(error=True)
+    assert certificate.force < 1e-8
+    assert certificate.error.q < 1e-8
+    again = run(mech, force, method, back=True, start=(sol.q[-1], sol.v[-1]))
+    np.testing.assert_allclose(again.q[-1], sol.q[0], atol=1e-10)
+    np.testing.assert_allclose(again.v[-1], sol.v[0], atol=1e-8)
+    assert again.check(error=False).force < 1e-8
+    doubled = TIMES[:1] if name == "straight" else inside  # λ bends at the others, and does not jump
+    for each in (sol, again):
+        np.testing.assert_array_equal(np.sort(each.t[1:][np.diff(each.t) == 0.0]), doubled)
+
+
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+@pytest.mark.parametrize("name", ["straight", "period"])
+def test_python_and_compiled_are_equal(mech, name, method):
+    _, jumps, force = FORCES[name]
+    plain, fast = (run(mech, force, method, backend, rtol=1e-4, atol=1e-6) for backend in ("python", "auto"))
+    for mine, theirs in ((plain.q, fast.q), (plain.v, fast.v), (plain.lam, fast.lam)):
+        np.testing.assert_allclose(mine[-1], theirs[-1], atol=1e-5 * (1.0 + np.abs(theirs[-1]).max()))
+    assert set(t for t in jumps if 0.0 < t < END) <= set(plain.t)
+
+
+def test_what_a_step_across_a_jump_would_cost(mech):
+    _, _, force = FORCES["a law"]
+    known, unknown = run(mech, force), run(mech, force.force)
+    assert unknown.nsteps + unknown.rejected["error"] > 1.5 * known.nsteps
+
+
+def test_a_saved_run_is_judged_alike(mech, tmp_path):
+    for name in ("straight", "a law"):
+        sol = run(mech, FORCES[name][2])
+        again = pc.Solution.load(sol.save(tmp_path / "run.npz"))
+        assert again.check(mech.with_forces(FORCES[name][2]), error=False).force < 1e-8
+
+
+def test_a_simulation_ends_steps_there(mech):
+    _, _, force = FORCES["period"]
+    sim = pc.Simulation(mech, forces=[force], **FULL)
+    for _ in range(12):
+        sim.step(END / 12)
+    angle, speed = moved(wave, FORCES["period"][1], END)
+    assert sim.state.q[0] - sim.solution().q[0, 0] == pytest.approx(angle, abs=1e-10)
+    assert sim.state.v[0] == pytest.approx(speed, abs=1e-8)
+
+
+def test_locked_joints_keep_the_jumps(mech):
+    two = pc.load("n_four_bar_2")
+    force = pc.Piecewise({"crank0": held}, times=TIMES)
+    joint = next(name for name in two.joints if name not in mech.joints)
+    smaller = two.with_forces(force, pc.Piecewise({joint: held}, times=TIMES)).lock(joint)
+    assert [type(each) for each in smaller.forces] == [pc.Piecewise]
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda mech: pc.Piecewise({"crank0": held}), "times, or a period"),
+        (lambda mech: pc.Piecewise({"crank0": held}, [0.1], 0.1), "times, or a period"),
+        (lambda mech: pc.Piecewise({"crank0": held}, [0.2, 0.1]), "rise"),
+        (lambda mech: pc.Piecewise({"crank0": held}, period=0.0), "period"),
+        (lambda mech: run(mech, pc.Piecewise(FORCES["held"][2], TIMES)), "times of its own"),
+        (lambda mech: pc.sensitivities(lambda k: mech, [1.0], (0.0, END), forces=FORCES["times"][2]), "jump"),
+    ],
+)
+def test_what_cannot_be_is_refused(mech, make, words):
+    with pytest.raises(pc.InputError, match=words):
+        make(mech)
