@@ -166,8 +166,8 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
     pace, sees = Pace(method.control, t, record.nsteps), _seen_at_once(stepper, record, watch, passes)
 
     def more(until, begun):
-        forces = (stepper.system,) if passes else ()
-        return stepper.steps(until, _batch_size(stepper, method, record, watch, begun), with_curve, sees, *forces)
+        most, forces = _batch_size(stepper, method, record, watch, begun), [stepper.system] * passes
+        return stepper.steps(until, most, with_curve, sees, *forces)
 
     while t != t_end:  # once, and again after every event that changes the state and where forces jump
         _stop_if(interrupted)
@@ -177,8 +177,7 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
         if jumped:
             record.jump(*first)
             watch.restart(*first)
-        resumes = jumped = False
-        until = stop if passes else until
+        resumes, jumped, until = False, False, stop if passes else until
         batch = _started(stepper, method, record, states, with_curve) if states else more(until, begun)
         while True:
             hit = _look(watch, batch, record)
