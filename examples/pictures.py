@@ -23,8 +23,8 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 FLAGS = "--headless --no-sandbox --disable-quic --no-first-run --disable-background-networking --hide-scrollbars"
 FLAGS += " --disable-sync --disable-component-update --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
 WIDE, HIGH, MARGIN = 690, 600, 20  # pixels of a still
-PLAIN = "<style>.dg, #notes { display: none !important; }</style>"
-STOP = "setTimeout(() => {{ viewer.animator.pause(); viewer.animator.seek({time}); fit(); }}, 500);"
+PLAIN = "<style>#player, aside, .size { display: none !important; }</style>"
+STOP = "setTimeout(() => {{ running = false; seek({time}); }}, 500);"
 LOOK = {
     "font.size": 10,
     "axes.grid": True,
@@ -41,7 +41,7 @@ def still(mech, sol, time, traces, forces):
         raise SystemExit("the stills need chromium, chromium-browser or google-chrome")
     with tempfile.TemporaryDirectory() as folder:
         page, shot = Path(folder) / "page.html", Path(folder) / "shot.png"
-        pc.export_html(mech, sol, page, traces=traces, forces=forces)
+        pc.export_html(mech, sol, page, traces=traces, forces=forces, panel=False)
         text = page.read_text(encoding="utf-8").rsplit("</body>", 1)
         page.write_text(f"{PLAIN}<script>{STOP.format(time=time)}</script></body>".join(text), encoding="utf-8")
         options = f"--window-size={WIDE},{HIGH} --virtual-time-budget=3000 --screenshot={shot}"

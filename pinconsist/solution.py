@@ -237,6 +237,15 @@ class Solution(ByName):
         """The message; steps, their sizes and orders; rejected ones by reason; what the run took; what was skipped."""
         return summary_of(self)
 
+    def export_html(self, file, mechanism=None, **options) -> Path:
+        """The path of the page of :func:`pinconsist.export_html`, written to a `file` with its `options`.
+
+        `mechanism` is as in :meth:`reaction`.
+        """
+        from .view.page import export_html
+
+        return export_html(self._mechanism(mechanism, "export_html"), self, file, **options)
+
     def save(self, file) -> Path:
         """The npz file that was written from `file`, to which ``.npz`` is added if missing; whole or not at all.
 

@@ -351,8 +351,8 @@ def test_a_page_shows_forces_and_paths_that_are_asked_for(run):
     assert run("replay", "run.npz", "--html", "again.html", *look)[0] == 0
     pages = [Path(name).read_text(encoding="utf-8") for name in ("page.html", "again.html")]
     for text in pages:
-        assert "path of coupler_tip" in text and "path of crank" in text and "m of arrow is" in text
-        assert '"clock":[0.0,0.5,0.4]' in text
+        assert "path of coupler_tip" in text and "path of crank" in text and "force on the rocker" in text
+        assert '"clock":[0.0,0.5,0.4,21]' in text
     assert pages[0] == pages[1]
 
 
@@ -375,7 +375,7 @@ def test_commands_run_for_the_duration_of_the_scene(run):
     assert json.loads(run("simulate", "andrews", "--from", 1, "--json")[1])["run"]["t"] == [1.0, 1.03]
     assert json.loads(run("plot", "andrews", "--json")[1])["t"] == [0.0, 0.03]
     assert "t = 0 … 0.03 s" in run("replay", "andrews", "--html", "page.html")[1]
-    assert '"clock":[0.0,0.01,3.0]' in Path("page.html").read_text()  # slowed, to last three seconds
+    assert '"clock":[0.0,0.01,3.0,151]' in Path("page.html").read_text()  # slowed, to last three seconds
 
 
 def test_replay_without_a_browser_serves_the_page_until_interrupted(run, monkeypatch):

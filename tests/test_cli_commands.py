@@ -161,9 +161,9 @@ def test_compare_shows_exact_beside_consistent(run):
     assert told["files"] == {"plot": None, "html": "two.html"} and told["runs"][0]["h"] == 0.01
     page = json.loads(re.search(r'<script id="replay".*?>(.*?)</script>', Path("two.html").read_text())[1])
     assert [each["text"] for each in page["titles"]] == ["from exact values", "from consistent values"]
-    assert page["clock"] == [0.0, 0.01, 3.0]  # a step of 0.01 s takes a second
+    assert page["clock"][:3] == [0.0, 0.01, 3.0]  # a step of 0.01 s takes a second
     paths = [f"/{number} from {title} values/forces/circle" for number, title in ((1, "exact"), (2, "consistent"))]
-    exact, consistent = (np.linalg.norm(arrow(page, path)[1][50]) * stated(page)[0] for path in paths)
+    exact, consistent = (np.linalg.norm(arrow(page, path)[1][50]) * stated(page) for path in paths)
     assert consistent - exact == pytest.approx(2.0808 - 0.0812, abs=1e-3)
 
 

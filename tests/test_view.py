@@ -5,23 +5,24 @@ import logging
 import re
 import subprocess
 import sys
+from itertools import combinations
 from types import SimpleNamespace
 from urllib.request import urlopen
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from helpers.browser import needs_browser, reported
+from helpers.browser import needs_browser, opened
 
-from pinconsist import export_html, load, plot_comparison, plot_solution, replay
+from pinconsist import assemble, export_html, load, plot_comparison, plot_solution, replay
 from pinconsist.errors import InputError, MissingExtraError
 from pinconsist.mechanism.forces import SpringDamper
 from pinconsist.mechanism.loops import Loop
 from pinconsist.mechanism.mechanism import Geometry, Mechanism
 from pinconsist.view.commands import plane_normal
-from pinconsist.view.motion import MAX_FRAMES, Run, body_poses, playing_times
+from pinconsist.view.motion import MAX_FRAMES, Run, body_poses, in_world, playing_times
 from pinconsist.view.picture import picture
-from pinconsist.view.shapes import simple_shapes, skeleton
+from pinconsist.view.shapes import CLOSED, GROUND, JOINT, RAIL, link_ends, simple_shapes, skeleton
 from pinconsist.view.visuals import visuals
 
 LENGTH = 0.7
@@ -176,10 +177,36 @@ def test_links_reach_from_joint_to_joint_and_anchor():
     np.testing.assert_allclose(np.abs(plane_normal(skeleton(mech, poses))), [0, 1, 0], atol=1e-9)
 
 
+COLOURED = ["andrews", "crank_rocker", "five_bar", "flyball_governor", "four_bar", "jansen_leg", "slider_crank"]
+
+
+@pytest.mark.parametrize(
+    "shapes", [visuals, lambda mech: simple_shapes(mech, body_poses(mech.model, start(mech)), 1.0)]
+)
+@pytest.mark.parametrize("name", COLOURED)
+def test_bodies_that_meet_have_different_colours(name, shapes):
+    mech = load(name)
+    poses = body_poses(mech.model, start(mech))
+    common = {JOINT, GROUND, RAIL, CLOSED, 0x8C949E, 0x333840}  # and steel and dark of the files
+    points = {joint: in_world(poses[:, joint], [np.zeros(3), *ends])[0] for joint, ends in link_ends(mech).items()}
+    colors = {joint: {shape.color for shape in shapes(mech) if shape.node == joint} - common for joint in points}
+    meeting = [
+        pair for pair in combinations(points, 2)
+        if min(np.linalg.norm(a - b) for a in points[pair[0]] for b in points[pair[1]]) < 1e-3
+    ]  # fmt: skip
+    assert meeting
+    for first, second in meeting:
+        assert not colors[first] & colors[second], (mech.joints[first - 1], mech.joints[second - 1])
+
+
+def start(mech):
+    return assemble(mech).q[None]
+
+
 def test_a_distance_loop_shows_as_a_bar_between_its_anchors():
     mech = two_links().with_loops(Loop("bar", "distance", "tip", xyz2=(0.0, 0.0, -2.0), length=1.3))
     sol = swing(np.linspace(0, 1, 51))
-    commands = picture(mech, sol, speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
+    commands = picture(mech, sol, speed=1, fps=50, traces=(), forces=False, loop=False)["commands"]
     (animation,) = [command for command in commands if command["type"] == "set_animation"]
     (clip,) = [each["clip"] for each in animation["animations"] if each["path"] == "/loops/bar"]
     tip = LENGTH * sum(np.array([np.cos(angle), 0, -np.sin(angle)]) for angle in np.cumsum(sol.q[30]))
@@ -207,7 +234,7 @@ def test_a_sliding_body_is_a_block_that_moves_and_its_rail_stays():
 def test_a_spring_is_a_coil_between_its_points():
     spring = SpringDamper("tip", xyz2=(0.0, 0.3, -2.0), stiffness=1.0)
     mech, sol = two_links().with_forces(spring), swing(np.linspace(0, 1, 51))
-    commands = picture(mech, sol, speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
+    commands = picture(mech, sol, speed=1, fps=50, traces=(), forces=False, loop=False)["commands"]
     (coil,) = [each["object"] for each in commands if each.get("object") and each["path"] == "/springs/1/coil"]
     points = np.reshape(coil["geometries"][0]["data"]["attributes"]["position"]["array"], (-1, 3))
     np.testing.assert_allclose(points[:6].mean(axis=0), [0, -0.5, 0], atol=1e-6)
@@ -234,7 +261,7 @@ def meshed(tmp_path, hand):
 def test_missing_meshes_fall_back_with_one_warning(tmp_path, caplog, hand):
     mech = meshed(tmp_path, hand)
     with caplog.at_level(logging.WARNING, "pinconsist"):
-        commands = picture(mech, swing([0, 1]), speed=1, fps=50, traces=(), forces=False, repetitions=1)["commands"]
+        commands = picture(mech, swing([0, 1]), speed=1, fps=50, traces=(), forces=False, loop=False)["commands"]
     (record,) = caplog.records
     assert "2 mesh" in record.getMessage() and f"{hand}.stl" in record.getMessage()
     drawn = [(command["path"], command["object"]) for command in commands if command["type"] == "set_object"]
@@ -276,8 +303,8 @@ def test_replay_serves_the_page_on_the_loopback_interface(monkeypatch):
     monkeypatch.setattr("webbrowser.open", lambda address: seen.append(urlopen(address).read()) or True)
     address = replay(two_links(), swing(np.linspace(0, 0.2, 5)), loop=False)
     assert address.startswith("http://127.0.0.1:") and b"<title>two links</title>" in seen[0]
-    assert b'"repetitions":1}' in seen[0]
-    assert b'"repetitions":1}' not in urlopen(replay(two_links(), swing([0, 1]), open_browser=False)).read()
+    assert b'"loop":false' in seen[0]
+    assert b'"loop":true' in urlopen(replay(two_links(), swing([0, 1]), open_browser=False)).read()
 
 
 def test_what_is_missing_is_named(tmp_path, monkeypatch):
@@ -298,24 +325,20 @@ def test_importing_the_view_loads_no_viewer():
     assert done.stdout.strip() in ("set()", "{'coal'}")  # Pinocchio itself may bring coal
 
 
-POSES = """
-const body = () => viewer.scene_tree.find(["bodies", "lower"]).object;
-const pose = () => [...body().position.toArray(), ...body().quaternion.toArray()];
-report.moved = pose();
-report.sought = {};
-for (const time of [0, 0.4, 0.8]) { viewer.animator.seek(time); report.sought[time] = pose(); }
-"""
+POSE = """{const {position, quaternion} = object("/bodies/lower"); [...position.toArray(), ...quaternion.toArray()]}"""
 
 
 @needs_browser
 def test_page_moves_in_a_browser(tmp_path):
     mech, sol = two_links(), swing(np.linspace(0, 5, 501))
-    report = reported(export_html(mech, sol, tmp_path / "swing.html", fps=50), POSES, tmp_path)
-    assert report["errors"] == [] and report["playing"]
-    assert not np.allclose(report["moved"], report["sought"]["0"], atol=1e-3)
+    with opened(export_html(mech, sol, tmp_path / "swing.html", fps=50)) as tab:
+        tab.wait("now > 0.1")
+        moved = tab.run(POSE)
+        sought = {time: tab.run(f"running = false; seek({time}); {POSE}") for time in (0, 0.4, 0.8)}
+    assert not np.allclose(moved, sought[0], atol=1e-3)
     data = mech.model.createData()
-    for time, pose in report["sought"].items():
-        pin.forwardKinematics(mech.model, data, swing([float(time)]).q[0])
+    for time, pose in sought.items():
+        pin.forwardKinematics(mech.model, data, swing([time]).q[0])
         np.testing.assert_allclose(pose[:3], data.oMi[2].translation, atol=2e-4)
         np.testing.assert_allclose(pin.Quaternion(np.array(pose[3:])).matrix(), data.oMi[2].rotation, atol=2e-4)
 

@@ -10,17 +10,20 @@ from ..mechanism.loops import Loop
 from ..mechanism.reactions import reaction
 from .commands import Node
 from .motion import Run, anchors, in_world, joint_axis, motors, point_in_world, rotation_to
-from .shapes import OCTAHEDRON, SMALLEST, Shape, cylinder, ring
+from .shapes import OCTAHEDRON, SMALLEST, Shape, cylinder, link_ends, ring
 
 FORCE, MOMENT = "force", "moment"
-COLORS = {FORCE: 0x6A1B9A, MOMENT: 0x1B5E20}
+COLORS = {FORCE: 0x8E44AD, MOMENT: 0x2E7D32}
+WRONG, RIGHT, CUT = 0xD50000, 0x8A9096, 0xF57C00  # of forces beside the true ones, of these; of arrows that are cut
 UNITS = {FORCE: "N", MOMENT: "N·m"}
-COMMON = {FORCE: 0.25, MOMENT: 0.08}  # sizes of the picture: length or radius of a common arrow
-LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # of the longest one
-RADIUS, HEAD = 0.006, 0.05  # of a shaft; length of a head; in sizes of the picture
+LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # the longest arrow, in sizes of the picture, or less where parts are small
+PARTS = 0.4, 2.0  # sizes of the picture, at least; sizes of the parts that the arrows act on
+RADIUS, HEAD = 0.011, 0.1  # of a shaft; length of a head; of the longest arrow
 ARC = 1.5 * np.pi  # of a ring, rad
-TUBE, TIP = 0.05, 0.4  # thickness of a ring and length of its head, in its radii
+TUBE, TIP = 0.04, 0.35  # thickness of a ring and length of its head, in its radii
 ROUNDING = 1e-9  # of the largest: below it a moment is rounding, such as a hinge's tilts in a planar loop
+MOSTLY = 95  # per cent of the time
+SPIKE = 3.0  # an outlier: so many times what arrows mostly have at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +31,13 @@ class Action:
     """A force, N, or a moment, N·m, over the frames."""
 
     name: str
+    of: str  # the loop, the drive, or "motor"
     kind: str  # FORCE or MOMENT
     points: np.ndarray  # (m, 3), m, where it acts
     vectors: np.ndarray  # (m, 3), world axes
-    on_joint: bool = False  # of a drive or motor; else of a loop
+    bodies: tuple[str, ...] = ()  # joints of the bodies between which it acts, first that on which it is drawn
+    on_joint: np.ndarray | None = None  # (m,), signed, of a drive or motor; else it is of a loop
+    color: int | None = None
 
     @property
     def norms(self) -> np.ndarray:
@@ -50,11 +56,12 @@ def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> li
     for loop in (each for each in run.mech.loops if each.name not in without):
         found = reaction(run.mech, loop.name, run.t, run.q, run.lam)
         if isinstance(loop, Loop):
-            joint, place = anchors(run.mech.model, loop)[1]
+            (other, _), (joint, place) = anchors(run.mech.model, loop)
             points, sign = point_in_world(poses, joint, place.translation), 1.0 if joint else -1.0
-            out.append(Action(loop.name, FORCE, points, sign * found.force))
+            bodies = tuple(run.mech.joints[each - 1] for each in (joint, other) if each)
+            out.append(Action(loop.name, loop.name, FORCE, points, sign * found.force, bodies))
             if found.moment.any():
-                out.append(Action(f"{loop.name} moment", MOMENT, points, sign * found.moment))
+                out.append(Action(f"{loop.name} moment", loop.name, MOMENT, points, sign * found.moment, bodies))
         elif loop.kind == "drive":
             out += _on_joints(run, poses, loop.name, found.joint_forces)
     if driving := motors(run.mech):
@@ -74,62 +81,78 @@ def _on_joints(run: Run, poses: np.ndarray, name: str, torques: np.ndarray) -> l
         if axis is not None and torque.any():
             points = poses[:, joint, :3]
             vectors = torque[:, None] * (in_world(poses[:, joint], [axis])[:, 0] - points)
-            out.append(Action(f"{name} {joint_name}", MOMENT if turns else FORCE, points, vectors, on_joint=True))
+            kind = MOMENT if turns else FORCE
+            out.append(Action(f"{name} {joint_name}", name, kind, points, vectors, (joint_name,), torque))
     return out
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How large arrows are: ``metres`` for each N or N·m, none more than ``most``; ``text`` says so to a person."""
+    """How large arrows are: ``metres`` for each N or N·m; those above ``most`` N or N·m are cut to ``longest`` m."""
 
     metres: float
     most: float
-    text: str
+    longest: float
+    cuts: bool
 
 
-def scale_of(kind: str, actions: list[Action], size: float) -> Scale | None:
+def longest_arrows(mechs, actions: list[Action], size: float) -> dict[str, float]:
+    """How long the longest arrow of each kind is, m: in keeping with the parts on which they act."""
+    lengths = []
+    for mech in mechs:
+        ends = zip(mech.joints, link_ends(mech).values(), strict=True)
+        of_parts = {name: max(map(np.linalg.norm, its), default=0.0) for name, its in ends}
+        lengths += [of_parts[each.bodies[0]] for each in actions if each.bodies and each.bodies[0] in of_parts]
+    least, times = PARTS
+    share = float(np.clip(times * np.median(lengths or [size]) / size, least, 1.0))
+    return {kind: share * size * length for kind, length in LONGEST.items()}
+
+
+def scale_of(kind: str, actions: list[Action], longest: float) -> Scale | None:
     """One scale for all forces, or moments, of a picture; None where there are none.
 
-    It is made for common ones: the median, on a logarithmic scale, of what each exceeds a quarter of the time. Larger
-    ones are cut, such as those of wrong multipliers at the start, near dead centres, or of inconsistent loops.
+    The largest has the longest arrow, unless it is a peak that stands out of what there mostly is, such as near a dead
+    centre: that is cut.
     """
     norms = [action.norms for action in actions if action.kind == kind]
     largest = max((each.max() for each in norms), default=0.0)
     if not largest > 1e-12:
         return None
-    visible = [each[each > 1e-6 * largest] for each in norms]
-    common = np.exp(np.median([np.log(np.percentile(each, 75)) for each in visible if each.size]))
-    unit, most, exact = UNITS[kind], LONGEST[kind] * size, common / (COMMON[kind] * size)
-    power = 10.0 ** np.floor(np.log10(exact))
-    per_metre = float(min((1, 2, 5, 10), key=lambda step: abs(np.log(exact / (step * power)))) * power)
-    length = 10.0 ** np.floor(np.log10(COMMON[kind] * size))
-    what = "m of arrow" if kind == FORCE else "m of radius"
-    cut = f", larger ones cut at {most * per_metre:.3g} {unit}" if largest > most * per_metre else ""
-    return Scale(1 / per_metre, most, f"{length:g} {what} is {length * per_metre:.3g} {unit}{cut}")
+    usual = max(np.percentile(each, MOSTLY) for each in norms)
+    cuts = largest > SPIKE * usual > 0.0
+    most = float(usual if cuts else largest)
+    return Scale(longest / most, most, longest, cuts)
 
 
-def arrow(path: str, action: Action, scale: Scale, size: float) -> tuple[list[tuple[Node, list[Shape]]], np.ndarray]:
+def round_amount(amount: float) -> float:
+    """The largest of 1, 2 or 5 times a power of ten that is not above an amount."""
+    power = 10.0 ** np.floor(np.log10(amount))
+    return float(max(step for step in (1, 2, 5) if step * power <= amount * (1 + 1e-12)) * power)
+
+
+def arrow(path: str, action: Action, scale: Scale) -> tuple[list[tuple[Node, list[Shape]]], np.ndarray]:
     """The moving parts of an action's arrow with their shapes; and points around it, shape (m, k, 3).
 
     A moment is three quarters of a ring about its axis with a head at its end, right-handed; its radius is the scale.
     """
-    norms, points, look = action.norms, action.points, {"color": COLORS[action.kind], "on_top": True}
-    reach = np.minimum(norms * scale.metres, scale.most)
+    norms, points = action.norms, action.points
+    look = {"color": action.color or COLORS[action.kind], "on_top": 2, "opacity": 0.85}
+    reach = np.minimum(norms * scale.metres, scale.longest)
     along = action.vectors / np.where(norms > 0, norms, 1.0)[:, None]
     along[norms == 0] = (0.0, 1.0, 0.0)
     axis = (0, 1, 0) if action.kind == FORCE else (0, 0, 1)
     turns = np.array([rotation_to(each, axis).coeffs() for each in along])
     if action.kind == FORCE:
-        radius, head = RADIUS * size, HEAD * size
+        radius, head = RADIUS * scale.longest, HEAD * scale.longest
         thin = np.minimum(1.0, reach / (2 * head))  # a short arrow is thinner: its head is half of it at most
         length = reach - head * thin
         shaft = Node(f"{path}/shaft", np.hstack((points, turns)), np.column_stack((thin, length, thin)).clip(SMALLEST))
         necks = np.hstack((points + along * length[:, None], turns))
         pointed = Node(f"{path}/head", necks, np.repeat(thin[:, None], 3, axis=1).clip(SMALLEST))
-        tip = cylinder(0, np.zeros(3), (0.0, head, 0.0), 2.4 * radius, tip=0.0, **look)
+        tip = cylinder(0, np.zeros(3), (0.0, head, 0.0), 2.8 * radius, tip=0.0, **look)
         parts = [(shaft, [cylinder(0, np.zeros(3), (0.0, 1.0, 0.0), radius, **look)]), (pointed, [tip])]
         return parts, (points + along * reach[:, None])[:, None]
     end = np.array([np.cos(ARC), np.sin(ARC), 0.0])
-    cone = cylinder(0, end, end + TIP * np.array([-end[1], end[0], 0.0]), 2.6 * TUBE, tip=0.0, **look)
+    cone = cylinder(0, end, end + TIP * np.array([-end[1], end[0], 0.0]), 2.8 * TUBE, tip=0.0, **look)
     node = Node(f"{path}/turn", np.hstack((points, turns)), np.repeat(reach[:, None], 3, axis=1).clip(SMALLEST))
     return [(node, [ring(0, ARC, TUBE, **look), cone])], points[:, None] + reach[:, None, None] * OCTAHEDRON

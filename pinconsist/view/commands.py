@@ -1,4 +1,4 @@
-"""meshcat's commands, as plain numbers and names: shapes and lines, their motion, camera, light and floor."""
+"""meshcat's commands, as plain numbers and names: shapes and lines, their motion, light and floor; the viewpoint."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ import pinocchio as pin
 
 from .shapes import Shape, buffer
 
-FIELD_OF_VIEW = 40.0  # degrees, vertical
-ASPECT = 1.3  # width to height of the narrowest pane to which the camera is fitted; in narrower ones the page zooms out
-MARGIN = 1.2
+DIRECTIONS = np.indices((5, 5, 5)).reshape(3, -1) - 2.0
 FLOOR = 0xC4CAD2
 
 
@@ -24,20 +22,20 @@ class Node:
     scales: np.ndarray | None = None  # (m, 3), along its own axes
 
 
-def draw(path: str, shape: Shape) -> dict:
-    """Draw a shape."""
+def draw(path: str, shape: Shape, **about) -> dict:
+    """Draw a shape; the page finds there what it is `about`: which part, of what name."""
     material = {"uuid": f"{path} material", "type": "MeshPhongMaterial", "color": shape.color, "shininess": 20}
     material["flatShading"] = "data" in shape.geometry  # a mesh shares corners between faces that meet at an edge
     material |= {"side": 2, "opacity": shape.opacity, "transparent": shape.opacity < 1, "depthTest": not shape.on_top}
     matrix = shape.placement.homogeneous.T.ravel().tolist()
-    thing = {"uuid": path, "type": "Mesh", "matrix": matrix, "renderOrder": int(shape.on_top)}
+    thing = {"uuid": path, "type": "Mesh", "matrix": matrix, "renderOrder": shape.on_top, "userData": about}
     return _set_object(path, thing, shape.geometry, material)
 
 
-def line(path: str, kind: str, points: np.ndarray, color: int) -> dict:
+def line(path: str, kind: str, points: np.ndarray, color: int, part: str) -> dict:
     """Draw a line through points, shape (k, 3), or between each two of them."""
     material = {"uuid": f"{path} material", "type": "LineBasicMaterial", "color": color}
-    return _set_object(path, {"uuid": path, "type": kind}, buffer(points), material)
+    return _set_object(path, {"uuid": path, "type": kind, "userData": {"part": part}}, buffer(points), material)
 
 
 def _set_object(path, thing, geometry, material) -> dict:
@@ -58,7 +56,7 @@ def transform(path: str, matrix: np.ndarray) -> dict:
     return {"type": "set_transform", "path": path, "matrix": matrix.T.ravel().tolist()}
 
 
-def animated(nodes: list[Node], clock: np.ndarray, repetitions: int) -> list[dict]:
+def animated(nodes: list[Node], clock: np.ndarray) -> list[dict]:
     """Place the nodes as at the first frame, then move them; `clock` holds the frames' times, s, shape (m,)."""
     reach = max((np.abs(node.poses[:, :3]).max() for node in nodes), default=0.0)
     digits = 7 - int(np.floor(np.log10(reach or 1.0)))
@@ -76,8 +74,7 @@ def animated(nodes: list[Node], clock: np.ndarray, repetitions: int) -> list[dic
         animations.append({"path": node.path, "clip": {"name": "default", "fps": 1, "tracks": tracks}})
         commands.append(transform(node.path, start))
     if len(clock) > 1:
-        options = {"play": True, "repetitions": repetitions}
-        commands.append({"type": "set_animation", "path": "", "animations": animations, "options": options})
+        commands.append({"type": "set_animation", "path": "", "animations": animations, "options": {"play": False}})
     return commands
 
 
@@ -117,29 +114,26 @@ def view_axes(skeletons) -> tuple[np.ndarray, bool]:
     return np.array([right, np.cross(back, right), back]), planar
 
 
-def camera(points: np.ndarray, axes: np.ndarray, size: float) -> tuple[list[dict], list[float]]:
-    """Camera, light and background that show all points, shape (k, 3); and where the camera looks."""
+def stage(axes: np.ndarray, size: float) -> list[dict]:
+    """Light and background for a viewer's axes."""
     right, up, back = axes
-    seen = points @ axes.T
-    middle, half = (seen.max(0) + seen.min(0)) / 2, np.ptp(seen, axis=0) / 2
-    distance = half[2] + MARGIN * max(half[1], half[0] / ASPECT, 0.05 * size) / np.tan(np.radians(FIELD_OF_VIEW) / 2)
-    target = middle @ axes
-    lens, fill = "/Cameras/default/rotated/<object>", "/Lights/FillLight/<object>"
-    commands = [
+    fill = "/Lights/FillLight/<object>"
+    return [
         put("/Lights/PointLightNegativeX", "visible", False),  # these two stand at fixed places and reach 10 m
         put("/Lights/PointLightPositiveX", "visible", False),
         put("/Background", "top_color", [0.98, 0.985, 0.99]),
         put("/Background", "bottom_color", [0.86, 0.885, 0.91]),
         put("/Axes", "scale", [0.2 * size] * 3),
         put("/Grid", "visible", False),  # of fixed size, and seen edge-on in planar pictures
-        put(lens, "fov", FIELD_OF_VIEW),
-        put(lens, "near", distance / 1000),
-        put(lens, "far", distance * 100),
-        put(lens, "position", y_up(target + distance * back)),
         put(fill, "position", (back + 0.6 * up - 0.5 * right).tolist()),
         put(fill, "intensity", 0.6),
     ]
-    return commands, y_up(target)
+
+
+def outline(points: np.ndarray, axes: np.ndarray) -> list[list[float]]:
+    """Those of the points, shape (k, 3), that reach farthest in some direction, to which the page fits its camera."""
+    farthest = np.unique(np.argmax(points @ axes.T @ DIRECTIONS, axis=0))
+    return [y_up(point) for point in points[farthest]]
 
 
 def floor(points: np.ndarray, size: float) -> dict:
@@ -151,4 +145,4 @@ def floor(points: np.ndarray, size: float) -> dict:
     along_y = [[(x * cell, y0 * cell), (x * cell, y1 * cell)] for x in np.arange(x0, x1 + 1)]
     along_x = [[(x0 * cell, y * cell), (x1 * cell, y * cell)] for y in np.arange(y0, y1 + 1)]
     ends = np.array(along_y + along_x).reshape(-1, 2)
-    return line("/floor", "LineSegments", np.column_stack((ends, np.full(len(ends), low[2]))), FLOOR)
+    return line("/floor", "LineSegments", np.column_stack((ends, np.full(len(ends), low[2]))), FLOOR, "ground")

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import ceil
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -31,8 +32,10 @@ class Run:
     elapsed: np.ndarray  # (n,), s, since the first row, forward or backward in time; never falling
     t: np.ndarray  # (n,)
     q: np.ndarray  # (n, nq)
-    lam: np.ndarray | None = None  # (n, nc), if forces are drawn
-    v: np.ndarray | None = None  # (n, nv), if forces of motors are drawn
+    source: Any = None  # the solution
+    lam: np.ndarray | None = None  # (n, nc), where the solution has them
+    v: np.ndarray | None = None  # (n, nv), where it has them
+    true: np.ndarray | None = None  # (n, nc), multipliers with which `lam` are compared
 
     @classmethod
     def of(cls, mech: Mechanism, sol, title: str = "", *, forces: bool = False) -> Run:
@@ -47,16 +50,21 @@ class Run:
         if absent := [name for name in ("t", *widths) if not hasattr(sol, name)]:
             raise InputError(f"{needs} a solution; {type(sol).__name__} has no {absent[0]}")
         t, *rest = (finite_array(getattr(sol, name), f"the solution's {name}") for name in ("t", *widths))
+        found = dict(zip(widths, rest, strict=True))
         if t.ndim != 1 or not t.size:
             raise InputError(f"{needs} t of shape (n,), n ≥ 1, got {t.shape}")
-        for (name, width), array in zip(widths.items(), rest, strict=True):
-            if array.shape != (t.size, width):
-                raise InputError(f"{needs} {name} of shape ({t.size}, {width}), got {array.shape}")
+        for name, array in found.items():
+            if array.shape != (t.size, widths[name]):
+                raise InputError(f"{needs} {name} of shape ({t.size}, {widths[name]}), got {array.shape}")
+        for name, width in {"lam": mech.nc, "v": mech.nv}.items():  # for curves, where they are of use
+            given = np.asarray(getattr(sol, name, np.nan))
+            if name not in found and given.shape == (t.size, width) and np.isfinite(given).all():
+                found[name] = given
         elapsed = np.abs(t - t[0])
         if np.any(np.diff(elapsed) < 0):
             raise InputError("the solution's times run both forward and backward")
         consistency = getattr(sol, "method", {}).get("consistency", "")
-        return cls(mech, title, consistency, elapsed, t, *rest)
+        return cls(mech, title, consistency, elapsed, t, source=sol, **found)
 
     def at(self, elapsed: np.ndarray) -> Run:
         """The run at other times, shape (m,), interpolated on the configuration manifold; at rest after its end."""
@@ -70,7 +78,13 @@ class Run:
         def between(x):
             return None if x is None else x[before] + (share * (x[after] - x[before]).T).T
 
-        return replace(self, elapsed=elapsed, t=between(self.t), q=q, lam=between(self.lam), v=between(self.v))
+        others = {name: between(getattr(self, name)) for name in ("t", "lam", "v", "true")}
+        return replace(self, elapsed=elapsed, q=q, **others)
+
+    def rows(self, rows: np.ndarray) -> Run:
+        """The run at some of its rows."""
+        names = ("elapsed", "t", "q", "lam", "v", "true")
+        return replace(self, **{name: x if (x := getattr(self, name)) is None else x[rows] for name in names})
 
 
 def motors(mech: Mechanism) -> list:

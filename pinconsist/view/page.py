@@ -17,14 +17,19 @@ from ..files import written_whole
 from .picture import picture
 from .plots import plot_solution
 
-FOREVER = 10**9
 FPS = 50
 HEIGHT, DOTS = 420, 80  # in a notebook: pixels of the page, dots per inch of the picture
 log = logging.getLogger(__name__)
 
 
-def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces=(), forces: bool = False) -> Path:
-    """Write the motion as one page that any browser plays, also offline; the space bar plays and pauses.
+def export_html(
+    mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces=(), forces: bool = False, panel: bool = True
+) -> Path:
+    """Write the motion as one page that any browser plays, also offline.
+
+    Beside the motion are the curves of forces, torques, energies, joints, steps and orders, with a cursor at the time
+    that is shown, which can be dragged; above it the verdict of the run's certificate, :meth:`Solution.check`. The
+    space bar plays and pauses, arrow keys step; a body or loop under the pointer tells its name and force.
 
     Shapes come from the mechanism's robot file where their meshes are found, else from joints, inertias and loops. A
     loop shows as a clear shell (anchor 1) and a red core (anchor 2): it is closed where the core sits in the shell.
@@ -50,8 +55,11 @@ def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces
         Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 where body 2 is the ground), and
         its moment as an arrow that turns about its axis: those of :meth:`Solution.reaction`. So are the torques of
         drives, and of the mechanism's servos and joint torques together, on joints of one degree of freedom; where the
-        joint slides they are forces. The page says how many newtons a length is, and where arrows are cut. Loops whose
-        forces are not determined (:attr:`Reaction.dependence`) are named, not drawn.
+        joint slides they are forces. A bar says how many newtons a length is. The largest has the longest arrow; only
+        outliers are cut, turn orange, and tell their size. Loops whose forces are not determined
+        (:attr:`Reaction.dependence`) are named, not drawn.
+    panel : bool
+        With False the page has the motion and its player alone.
 
     Returns
     -------
@@ -65,7 +73,7 @@ def export_html(mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces
     MissingExtraError, OSError
         meshcat is not installed; the file cannot be written.
     """
-    page = page_of(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces)
+    page = page_of(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, panel=panel)
     with written_whole(file) as stream:
         stream.write(page)
     return Path(file)
@@ -102,20 +110,20 @@ def replay(
     import webbrowser
 
     options = {"speed": speed, "fps": FPS, "traces": traces, "forces": forces}
-    address, fetched = _serve(page_of(mech, sol, **options, repetitions=FOREVER if loop else 1))
+    address, fetched = _serve(page_of(mech, sol, **options, loop=loop))
     log.info("replay at %s", address)
     if open_browser and webbrowser.open(address):
         fetched.wait(timeout=10)
     return address
 
 
-def page_of(mech, sol, *, speed=1.0, fps=FPS, traces=(), forces=False, repetitions=FOREVER) -> bytes:
+def page_of(mech, sol, *, speed=1.0, fps=FPS, traces=(), forces=False, panel=True, loop=True) -> bytes:
     """page.html with page.css, page.js, meshcat's viewer and the commands."""
     import json
     from importlib.resources import files
     from string import Template
 
-    commands = picture(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, repetitions=repetitions)
+    commands = picture(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, beside=panel, loop=loop)
     text = json.dumps(commands, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     title = ", ".join(dict.fromkeys(each.name for each in (mech if isinstance(mech, list | tuple) else [mech])))
     frame, style, script = ((files(__package__) / f"page.{end}").read_text("utf-8") for end in ("html", "css", "js"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, cached_property
 from itertools import cycle, pairwise
 
 import numpy as np
@@ -11,20 +11,17 @@ import pinocchio as pin
 from ..errors import InputError
 from ..mechanism.checks import near
 from ..mechanism.reactions import not_determined, undetermined
-from .arrows import COLORS, FORCE, MOMENT, Action, actions, arrow, scale_of
-from .commands import ASPECT, Node, animated, camera, draw, floor, line, transform, view_axes, y_up
+from .arrows import COLORS, FORCE, MOMENT, UNITS, Action, actions, arrow, longest_arrows, round_amount, scale_of
+from .commands import Node, animated, draw, floor, line, outline, stage, transform, view_axes, y_up
+from .curves import packed, panel, verdicts
 from .motion import Run, body_poses, in_world, on_joint, playing_times, point_in_world, runs_of
 from .shapes import CLOSED, Shape, ball, bars, simple_shapes, skeleton, springs
 
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
 SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its plate", "distance": "at its bar's end"}
-ACTS = {  # kind, and whether on a joint
-    (FORCE, False): "force of a loop on its second, or only, moving body",
-    (FORCE, True): "force of a drive or motor on its joint",
-    (MOMENT, False): "moment of a loop on that body",
-    (MOMENT, True): "torque of a drive or motor on its joint",
-}
+ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): "moment", (MOMENT, True): "torque"}
+NAMED = 3  # bodies in a line of the legend
 POINT = 1e-12  # m; what is smaller is a point and rounding
 GAP = 0.3  # between neighbours, in sizes of the picture
 FIRST_ROWS = 8  # among which the first of a multistep method are
@@ -34,52 +31,73 @@ VISIBLE = 0.02  # of a force: a smaller error is not mentioned
 class DrawnRun:
     """What is drawn of one run, in the axes of its own world."""
 
-    def __init__(self, run: Run, path: str, visuals: list[Shape]):
-        self.run, self.path, self.visuals = run, path, visuals  # at the frames' times; shapes of the robot file
-        self.bodies = body_poses(run.mech.model, run.q)  # (m, njoints, 7)
-        self.skeleton = skeleton(run.mech, self.bodies)  # (m, k, 3), joints, link ends and anchors
+    def __init__(self, whole: Run, elapsed: np.ndarray, path: str, visuals: list[Shape]):
+        self.whole, self.path, self.visuals = whole, path, visuals  # shapes of the robot file
+        self.run = whole.at(elapsed)  # at the frames' times
+        self.bodies = body_poses(self.run.mech.model, self.run.q)  # (m, njoints, 7)
+        self.skeleton = skeleton(self.run.mech, self.bodies)  # (m, k, 3), joints, link ends and anchors
         size = float(np.linalg.norm(np.ptp(self.skeleton.reshape(-1, 3), axis=0)))
         self.size = size if size > POINT else 0.0
         self.actions: list[Action] = []
         self.nodes: list[Node] = []
         self.commands: list[dict] = []
+        self.cuts: list[dict] = []
 
-    def draw(self, size: float, traces, scales):
+    def draw(self, number: int, size: float, traces, scales):
         """Fill in nodes and commands; and points, shape (k, 3), that enclose the mechanism, and all with arrows."""
         mech, bodies, path = self.run.mech, self.bodies, self.path
         rods = bars(mech, bodies)
         poses = np.concatenate([bodies, *(rod[:, None] for rod in rods.values())], axis=1)
+        names = ["ground", *mech.joints, *rods]
         paths = [f"{path}/ground", *(f"{path}/bodies/{_part(name)}" for name in mech.joints)]
         paths += [f"{path}/loops/{_part(name)}" for name in rods]
         shapes = self.visuals + simple_shapes(mech, bodies, size, {shape.node for shape in self.visuals})
-        some = np.unique(np.linspace(0, len(bodies) - 1, 100).astype(int))
+        some = np.unique(np.linspace(0, len(bodies) - 1, 40).astype(int))
         extent = [self.skeleton[some], *(in_world(poses[some, shape.node], shape.points) for shape in shapes)]
         self.nodes += [Node(path, poses[:, k]) for k, path in enumerate(paths) if k]
         for name, color in zip(traces, cycle(TRACES), strict=False):
             joint, place = on_joint(mech.model, name)
-            points = point_in_world(bodies, joint, place.translation)
-            shapes.append(ball(joint, place.translation, 0.009 * size, color=color, on_top=True))
-            self.commands.append(line(f"{path}/traces/{_part(name)}", "Line", points, color))
-            extent.append(points[some])
-        for number, (places, stretch, coil, ends) in enumerate(springs(mech, bodies, size), start=1):
-            self.nodes.append(Node(f"{path}/springs/{number}", places, stretch))
-            self.commands.append(draw(f"{path}/springs/{number}/coil", coil))
+            points = point_in_world(self._at_all_rows, joint, place.translation)
+            shapes.append(ball(joint, place.translation, 0.009 * size, color=color, on_top=1))
+            self.commands.append(line(f"{path}/traces/{_part(name)}", "Line", points, color, "trace"))
+            extent.append(point_in_world(bodies, joint, place.translation)[some])
+        for k, (places, stretch, coil, ends) in enumerate(springs(mech, bodies, size), start=1):
+            self.nodes.append(Node(f"{path}/springs/{k}", places, stretch))
+            self.commands.append(draw(f"{path}/springs/{k}/coil", coil, part="body", name=f"spring {k}"))
             extent.append(ends[some])
-        self.commands += [draw(f"{paths[shape.node]}/{k}", shape) for k, shape in enumerate(shapes)]
+        for k, shape in enumerate(shapes):
+            part = "loop" if shape.on_top and shape.loop else "body" if shape.node else "ground"
+            about = {"part": part, "name": shape.loop or names[shape.node], "run": number}
+            self.commands.append(draw(f"{paths[shape.node]}/{k}", shape, **about))
         arrows = []
         for action in (each for each in self.actions if scales[each.kind]):
-            parts, around = arrow(f"{path}/forces/{_part(action.name)}", action, scales[action.kind], size)
-            self.nodes += [node for node, _ in parts]
-            self.commands += [draw(f"{node.path}/{k}", each) for node, its in parts for k, each in enumerate(its)]
+            around = self._draw_arrow(f"{path}/forces/{_part(action.name)}", action, scales[action.kind], number)
             arrows.append(around[some].reshape(-1, 3))
         self.body = np.concatenate([points.reshape(-1, 3) for points in extent])
         self.extent = np.concatenate([self.body, *arrows])
 
+    def _draw_arrow(self, path: str, action: Action, scale, number: int) -> np.ndarray:
+        parts, around = arrow(path, action, scale)
+        self.nodes += [node for node, _ in parts]
+        about = {"part": "force", "name": action.of, "run": number}
+        self.commands += [draw(f"{node.path}/{k}", each, **about) for node, its in parts for k, each in enumerate(its)]
+        if scale.cuts and action.norms.max() > scale.most:
+            cut = {"path": parts[-1][0].path, "values": packed(action.norms), "most": scale.most}
+            self.cuts.append(cut | {"unit": UNITS[action.kind]})
+        return around
 
-def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, repetitions: int) -> dict:
+    @cached_property
+    def _at_all_rows(self) -> np.ndarray:
+        """Poses of the bodies at all frames and all rows of the solution."""
+        elapsed = np.union1d(self.run.elapsed, self.whole.elapsed)
+        return body_poses(self.whole.mech.model, self.whole.at(elapsed).q)
+
+
+def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, loop: bool, beside: bool = True) -> dict:
     """The replay as a page needs it, places in axes with y up; parameters as in :func:`pinconsist.export_html`.
 
-    ``clock`` is the time at the start, the seconds of motion per second of playing, and the duration of playing.
+    ``clock`` is the time at the start, the seconds of motion per second of playing, and the duration of playing;
+    `beside` adds the curves and verdicts beside the motion.
     """
     from .visuals import visuals  # and with it coal, only when something is shown
 
@@ -88,36 +106,41 @@ def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, repeti
     clock = playing_times(runs, speed, fps)
     of_file = cache(visuals)
     paths = [f"/{k + 1} {_part(run.title)}" if len(runs) > 1 else "" for k, run in enumerate(runs)]
-    drawn = [DrawnRun(each.at(clock * speed), path, of_file(each.mech)) for each, path in zip(runs, paths, strict=True)]
+    drawn = [DrawnRun(each, clock * speed, path, of_file(each.mech)) for each, path in zip(runs, paths, strict=True)]
     size = max(each.size for each in drawn) or 1.0
     not_drawn: dict[str, float] = {}
+    for each in drawn if forces or beside else ():
+        not_drawn |= undetermined(each.run.mech, each.run.t, each.run.q)
     for each in drawn if forces else ():
-        found = undetermined(each.run.mech, each.run.t, each.run.q)
-        each.actions = actions(each.run, each.bodies, size, found)
-        not_drawn |= found
+        each.actions = actions(each.run, each.bodies, size, not_drawn)
     acting = [action for each in drawn for action in each.actions]
-    scales = {kind: scale_of(kind, acting, size) for kind in (FORCE, MOMENT)}
-    for each in drawn:
-        each.draw(size, traces, scales)
+    longest = longest_arrows([run.mech for run in runs], acting, size)
+    scales = {kind: scale_of(kind, acting, longest[kind]) for kind in (FORCE, MOMENT)}
+    for number, each in enumerate(drawn):
+        each.draw(number, size, traces, scales)
 
     axes, planar = view_axes([each.skeleton for each in drawn])
     placed = list(zip(drawn, _offsets([each.extent for each in drawn], axes[0], size), strict=True))
-    lens, target = camera(np.concatenate([each.extent + offset for each, offset in placed]), axes, size)
     commands = [command for each in drawn for command in each.commands]
     commands += [transform(each.path, pin.SE3(np.eye(3), offset).homogeneous) for each, offset in placed if each.path]
-    commands += lens
+    commands += stage(axes, size)
     if not planar:
         commands.append(floor(np.concatenate([each.body + offset for each, offset in placed]), size))
-    commands += animated([node for each in drawn for node in each.nodes], clock, repetitions)
+    commands += animated([node for each in drawn for node in each.nodes], clock)
     titles = [(each.run.title, _below(each.body, axes, size) + offset) for each, offset in placed if each.run.title]
+    seen = [*(each.extent + offset for each, offset in placed), *(place[None] for _, place in titles)]
     first, last = runs[0].t[[0, -1]]
     return {
         "commands": commands,
-        "target": target,
-        "aspect": ASPECT,  # for which the camera was placed
-        "clock": [first, speed * (-1.0 if last < first else 1.0), float(clock[-1])],
+        "view": {"axes": [y_up(axis) for axis in axes], "planar": planar, "size": size}
+        | {"points": outline(np.concatenate(seen), axes)},
+        "clock": [first, speed * (-1.0 if last < first else 1.0), float(clock[-1]), len(clock)],
+        "loop": loop,
         "titles": [{"text": text, "at": y_up(place)} for text, place in titles],
         "legend": _legend(runs, traces, forces, scales, acting, not_drawn),
+        "cuts": [cut for each in drawn for cut in each.cuts],
+        "panel": panel(runs, size, not_drawn) if beside else None,
+        "verdicts": verdicts(runs) if beside else [],
     }
 
 
@@ -152,21 +175,37 @@ def _below(points: np.ndarray, axes: np.ndarray, size: float) -> np.ndarray:
 
 
 def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]:
-    out = [(color, f"path of {name}") for name, color in zip(traces, cycle(TRACES), strict=False)]
+    out = [{"color": color, "text": f"path of {name}"} for name, color in zip(traces, cycle(TRACES), strict=False)]
     if kinds := {loop.kind for run in runs for loop in run.mech.anchored_loops}:
         seats = dict.fromkeys(seat for kind, seat in SEATS.items() if kind in kinds)
-        out.append((CLOSED, f"loop: closed where its core sits {', '.join(seats)}"))
+        out.append({"color": CLOSED, "text": f"loop: closed where its core sits {', '.join(seats)}"})
     for kind, scale in scales.items():
         if scale:
-            seen = sorted({each.on_joint for each in acting if each.kind == kind})
-            out.append((COLORS[kind], f"{', or '.join(ACTS[kind, on_joint] for on_joint in seen)}: {scale.text}"))
+            amount = round_amount(0.5 * scale.most)
+            bar = {"metres": amount * scale.metres, "text": f"{amount:g} {UNITS[kind]}"}
+            cut = f"; cut at {scale.most:.3g} {UNITS[kind]}, with their size beside them" if scale.cuts else ""
+            out.append({"color": COLORS[kind], "bar": bar, "text": f"{_acting(kind, acting)}{cut}"})
     if not_drawn:
-        out.append((COLORS[FORCE], f"not drawn: {not_determined(not_drawn)}"))
+        out.append({"color": COLORS[FORCE], "text": f"not drawn: {not_determined(not_drawn)}"})
     elif forces and not any(scales.values()):
-        out.append((COLORS[FORCE], "no forces to draw"))
+        out.append({"color": COLORS[FORCE], "text": "no forces to draw"})
     if forces and (note := _first_force(runs)):
-        out.append((COLORS[FORCE], note))
-    return [{"color": color, "text": text} for color, text in out]
+        out.append({"color": COLORS[FORCE], "text": note})
+    return out
+
+
+def _acting(kind: str, acting: list[Action]) -> str:
+    """``force on the rocker``: what arrows of a kind are, and on which bodies they are drawn."""
+    bodies: dict[str, list[str]] = {}
+    for action in (each for each in acting if each.kind == kind):
+        bodies.setdefault(ACTS[kind, action.on_joint is not None], []).extend(action.bodies[:1])
+    return "; ".join(f"{what} on the {_few(list(dict.fromkeys(names)))}" for what, names in bodies.items())
+
+
+def _few(names: list[str]) -> str:
+    """``a, b and 3 more``"""
+    *start, end = names if len(names) <= NAMED else [*names[: NAMED - 1], f"{len(names) - NAMED + 1} more"]
+    return f"{', '.join(start)} and {end}" if start else end
 
 
 def _first_force(runs) -> str:

@@ -19,6 +19,7 @@ SHELL, BALL = 2.2, 1.45  # radii of an anchor 1 and of a joint, in radii of a li
 TURNS, STRAIGHT = 9, 0.12  # of a coil; share of its length that is straight, at each end
 COIL, WIRE = 0.018, 0.003  # radius of a coil and of its wire, in sizes of the picture
 SEGMENTS, SIDES = 16, 6  # of a turn, and of the wire's section
+TOUCHING = 1e-3  # of the scene: bodies this close meet at a joint or a loop
 SMALLEST = 1e-5  # of a scale; three.js cannot invert a transformation of scale 0
 OCTAHEDRON = np.vstack((np.eye(3), -np.eye(3)))
 
@@ -33,7 +34,8 @@ class Shape:
     bounds: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))  # enclose it, in the axes of `placement`
     color: int = RAIL
     opacity: float = 1.0
-    on_top: bool = False  # drawn over everything, so that no mesh hides it
+    on_top: int = 0  # drawn over everything that is lower, so that no mesh hides it
+    loop: str = ""  # the loop for which it stands
 
     @property
     def points(self) -> np.ndarray:
@@ -99,6 +101,19 @@ def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
     return ends
 
 
+def link_colors(mech: Mechanism, poses: np.ndarray, ends: dict[int, list[np.ndarray]]) -> dict[int, int]:
+    """A colour for each joint's body: of those that no body has that shares a point with it, the rarest so far."""
+    points = {joint: in_world(poses[:1, joint], [np.zeros(3), *its])[0] for joint, its in ends.items()}
+    size = np.ptp(np.concatenate([*points.values(), np.zeros((1, 3))]), axis=0).max()
+    colors: dict[int, int] = {}
+    for joint, own in points.items():
+        apart = {other: np.linalg.norm(own[:, None] - points[other], axis=2).min() for other in colors}
+        near = [colors[other] for other, distance in apart.items() if distance <= TOUCHING * size]
+        given = list(colors.values())
+        colors[joint] = min(LINK_COLORS, key=lambda color: (near.count(color), given.count(color)))
+    return colors
+
+
 def skeleton(mech: Mechanism, poses: np.ndarray) -> np.ndarray:
     """World positions over the motion of joints, link ends and anchors, shape (n, k, 3)."""
     points = [(joint, [np.zeros(3), *ends]) for joint, ends in link_ends(mech).items()]
@@ -122,8 +137,9 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
     relative to the `size` of the picture, m. Rails are as long as the way that a joint slides.
     """
     radius = LINK * size
-    out, fixed = [], []
-    for joint, ends in link_ends(mech).items():
+    out, fixed, of_bodies = [], [], link_ends(mech)
+    colors = link_colors(mech, poses, of_bodies)
+    for joint, ends in of_bodies.items():
         parent, rail = mech.model.parents[joint], _rail(mech, joint, poses, size)
         axis, turns = joint_axis(mech.model, joint)
         slides = axis is not None and not turns
@@ -131,7 +147,7 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
             fixed.append(rail.mean(0))
         if joint in covered:
             continue
-        color = LINK_COLORS[(joint - 1) % len(LINK_COLORS)]
+        color = colors[joint]
         if slides:
             out.append(block(joint, np.zeros(3), axis, 7 * radius, 4 * radius, color=color))
         else:
@@ -179,10 +195,11 @@ def _closures(mech: Mechanism, poses: np.ndarray, radius: float) -> list[Shape]:
         (joint1, place1), (joint2, place2) = anchors(mech.model, loop)
         shell = ball(joint1, place1.translation, SHELL * radius, color=CLOSED, opacity=0.35)
         core = ball(joint2, place2.translation, 0.55 * SHELL * radius, color=CLOSED)
-        out += [replace(shape, on_top=True) for shape in (shell, core, *_guide(mech, loop, poses, radius))]
+        parts = (shell, core, *_guide(mech, loop, poses, radius))
+        out += [replace(shape, on_top=1, loop=loop.name) for shape in parts]
         if loop.kind == "distance":
             half = np.array([0.0, loop.length / 2, 0.0])
-            out.append(cylinder(bar, -half, half, 0.6 * radius, color=JOINT))
+            out.append(cylinder(bar, -half, half, 0.6 * radius, color=JOINT, loop=loop.name))
             bar += 1
     return out
 

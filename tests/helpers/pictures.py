@@ -1,13 +1,11 @@
 """What is drawn in a replay: its objects, tracks, arrows and legend."""
 
-import re
-
 import numpy as np
 import pinocchio as pin
 
 from pinconsist.view.picture import picture
 
-PLAIN = {"speed": 1.0, "fps": 50, "traces": (), "forces": False, "repetitions": 1}
+PLAIN = {"speed": 1.0, "fps": 50, "traces": (), "forces": False, "loop": False, "beside": False}
 
 
 def shown(mech, sol, **options):
@@ -39,9 +37,7 @@ def drawn(page, start):
     return [each for each in page["commands"] if each["type"] == "set_object" and each["path"].startswith(start)]
 
 
-def stated(page):
-    """Newtons per metre, and the force at which arrows are cut, as the legend says."""
-    (text,) = [each["text"] for each in page["legend"] if each["text"].startswith("force")]
-    metres, newtons = map(float, re.search(r"(\S+) m of arrow is (\S+) N", text).groups())
-    cut = re.search(r"cut at (\S+) N", text)
-    return newtons / metres, float(cut[1]) if cut else np.inf
+def stated(page, kind="N"):
+    """Newtons per metre, or newton metres, as a bar of the legend says."""
+    (bar,) = [each["bar"] for each in page["legend"] if "bar" in each and each["bar"]["text"].split()[1] == kind]
+    return float(bar["text"].split()[0]) / bar["metres"]

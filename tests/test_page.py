@@ -1,0 +1,256 @@
+"""The page in a real browser: every control is used as a person uses it, and the numbers that it tells are compared."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.browser import needs_browser, opened
+
+import pinconsist as pc
+
+pytestmark = needs_browser
+SPEED = 0.5
+WORDS = "element('{}').innerText"
+
+
+@pytest.fixture(scope="module")
+def run():
+    mech = pc.load("four_bar")
+    return mech, pc.simulate(mech, (0.0, 2.0))
+
+
+@pytest.fixture(scope="module")
+def page(run, tmp_path_factory):
+    mech, sol = run
+    file = tmp_path_factory.mktemp("page") / "four_bar.html"
+    pc.export_html(mech, sol, file, forces=True, traces=["coupler_tip"], speed=SPEED)
+    with opened(file) as tab:
+        yield tab
+
+
+@pytest.fixture
+def tab(page):
+    page.run("running = false; again.checked = true; seek(0); fit()")
+    page.run("for (const box of Object.values(switches)) box.checked == (box.id != 'names') || box.click()")
+    return page
+
+
+def drawn(tab):
+    """Wait until what was done is on the screen."""
+    tab.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def force_at(sol, time):
+    return np.interp(time, sol.t, np.linalg.norm(sol.reaction("coupler_rocker").force, axis=1))
+
+
+def test_the_header_says_what_it_is_and_whether_to_believe_it(run, tab):
+    assert tab.run("document.querySelector('h1').innerText") == "four_bar"
+    assert tab.run("document.querySelector('header .ok').innerText") == run[1].check(error=False).verdict
+    assert tab.run("getComputedStyle(document.querySelector('.dg')).display") == "none"  # meshcat's own controls
+
+
+def test_playing_stepping_and_keys(tab):
+    for start in (lambda: tab.click("#play"), lambda: tab.key(" ")):
+        start()
+        tab.wait("now > 0.05")
+        start()
+        stopped = tab.run("now")
+        drawn(tab)
+        assert tab.run("now") == stopped and not tab.run("running")
+        tab.run("seek(0)")
+    tab.click("#forth")
+    assert tab.run("now") == pytest.approx(1 / 50)
+    tab.key("ArrowRight")
+    tab.click("#back")
+    tab.key("ArrowRight")
+    assert tab.run("now") == pytest.approx(2 / 50)
+    tab.key("ArrowLeft")
+    drawn(tab)
+    assert tab.run(WORDS.format("time")) == f"t = {SPEED / 50:.3f} s"
+
+
+def test_speed_and_loop(tab):
+    tab.run("speed.value = 4; speed.dispatchEvent(new Event('change')); seek(duration - 0.1)")
+    assert tab.run("speed.selectedOptions[0].text") == f"× {4 * SPEED:g}"
+    tab.key(" ")
+    tab.wait("now < 1")  # from the start again
+    assert tab.run("running")
+    tab.click("#again")
+    tab.run("seek(duration - 0.1)")
+    tab.wait("!running")
+    assert tab.run("now") == tab.run("duration") == 2.0 / SPEED
+    tab.click("#play")
+    tab.wait("running && now < 1")  # a run that has ended starts anew
+    tab.run("speed.value = 1")
+
+
+@pytest.mark.parametrize("handle", ["#scrub", "#plot"])
+def test_dragging_the_time_shows_it_and_goes_on_playing(run, tab, handle):
+    box = f"document.querySelector('{handle}').getBoundingClientRect()"
+    left, width, y = tab.run(f"(box => [box.left, box.width, box.top + box.height / 2])({box})")
+    tab.drag((left + 0.2 * width, y), (left + 0.75 * width, y))
+    drawn(tab)
+    time = tab.run("Math.abs(rate) * now")
+    assert time == pytest.approx(1.5, abs=0.04) and not tab.run("running")
+    assert tab.run("cursor.getBoundingClientRect().left") == pytest.approx(
+        tab.run("(box => box.left + box.width * now / duration)(plot.getBoundingClientRect())"), abs=1
+    )
+    name, told, unit = tab.run("element('curves').innerText").split()
+    assert (name, unit) == ("coupler_rocker", "N")
+    assert float(told) == pytest.approx(force_at(run[1], time), rel=6e-3)
+    tab.run("running = true")
+    tab.drag((left + 0.75 * width, y), (left + 0.2 * width, y))
+    assert tab.run("running") and tab.run("Math.abs(rate) * now") < 1.0
+
+
+def test_each_group_of_curves_has_its_numbers(run, tab):
+    mech, sol = run
+    energies = {name: getattr(sol.energy(), name) for name in ("kinetic", "potential", "total")}
+    row = int(np.argmin(np.abs(sol.t - tab.run("curves[0].times[200]"))))  # one of those that the page has
+    expected = {
+        "forces": {"coupler_rocker": (np.linalg.norm(sol.reaction("coupler_rocker").force, axis=1)[row], "N")},
+        "energy": {f"{name}, since the start": (values[row] - values[0], "J") for name, values in energies.items()},
+        "angles": {name: (sol.position(name)[row], "rad") for name in mech.joints},
+        "step": {"h": (sol.h[row - 1], "s")},
+        "order": {"order": (sol.order[row - 1], "")},
+    }
+    assert tab.run("[...element('groups').children].map(each => each.innerText)") == list(expected)
+    for number, (group, curves) in enumerate(expected.items(), start=1):
+        tab.click(f"#groups button:nth-child({number})")
+        assert tab.run("element('groups').querySelector('[aria-selected=true]').innerText") == group
+        told = tab.run(f"group.curves.map(curve => [curve.name, amount(curve, {sol.t[row]})])")
+        assert [name for name, _ in told] == list(curves)
+        for (_, words), (value, unit) in zip(told, curves.values(), strict=True):
+            assert (
+                float(words.split()[0]) == pytest.approx(value, rel=6e-3, abs=1e-9)
+                and words.split()[1:] == unit.split()
+            )
+    tab.click("#groups button:nth-child(3)")
+    drawn(tab)
+    count = "plot.querySelectorAll('path:not(.grid)').length"
+    assert tab.run(count) == 3
+    tab.click("#curves button:nth-child(2)")
+    assert tab.run(count) == 2
+    assert tab.run("element('curves').children[1].getAttribute('aria-pressed')") == "false"
+    tab.click("#curves button:nth-child(2)")
+    tab.click("#groups button:nth-child(1)")
+
+
+def test_switches_show_and_hide(tab):
+    for name, part in {"forces": "force", "loops": "loop", "traces": "trace", "ground": "ground"}.items():
+        seen = f"parts.{part}.map(each => each.visible)"
+        assert all(tab.run(seen)), name
+        tab.click(f"#{name}")
+        assert not any(tab.run(seen)), name
+        tab.click(f"#{name}")
+        assert all(tab.run(seen)), name
+    names = "[...document.querySelectorAll('.label.name')].filter(each => !each.hidden).map(each => each.innerText)"
+    drawn(tab)
+    assert tab.run(names) == []
+    tab.click("#names")
+    drawn(tab)
+    assert sorted(tab.run(names)) == ["coupler", "coupler_rocker", "crank", "rocker"]
+
+
+def test_what_is_under_the_pointer_tells_its_name_and_force(run, tab):
+    tab.run("seek(0.5)")
+    drawn(tab)
+    force = force_at(run[1], 0.5 * SPEED)
+    place = """(thing => {
+      const seen = thing.getWorldPosition(new Vector3()).project(camera), box = pane.getBoundingClientRect();
+      return [box.left + (1 + seen.x) / 2 * box.width, box.top + (1 - seen.y) / 2 * box.height];
+    })"""
+    body = "parts.body.find(part => part.userData.name == '{}' && part.geometry.type == 'BoxGeometry')"
+    for thing, name, of_loop in (
+        ("parts.loop[0]", "coupler_rocker", True),
+        (body.format("rocker"), "rocker", True),
+        (body.format("crank"), "crank", False),
+    ):
+        tab.mouse("mouseMoved", *tab.run(f"{place}({thing})"))
+        drawn(tab)
+        assert not tab.run("hint.hidden")
+        title, *forces = tab.run("hint.innerText").split("\n")
+        assert title == name and len(forces) == of_loop
+        if of_loop:
+            assert forces[0].startswith("coupler_rocker ") and forces[0].endswith(" N")
+            assert float(forces[0].split()[1]) == pytest.approx(force, rel=6e-3)
+    tab.mouse("mouseMoved", 3, 3)
+    drawn(tab)
+    assert tab.run("hint.hidden")
+
+
+SEEN = """points.map(point => point.clone().project(camera)).map(seen => [seen.x, seen.y])"""
+
+
+def test_the_view_shows_all_and_comes_back(tab):
+    home = np.array(tab.run(SEEN))
+    assert 0.8 < np.abs(home).max() < 1.0
+    x, y = tab.middle("#meshcat-pane")
+    tab.drag((x, y), (x + 150, y + 60))
+    tab.mouse("mouseMoved", x, y)
+    drawn(tab)
+    assert np.abs(np.array(tab.run(SEEN)) - home).max() > 0.1
+    tab.click("#reset")
+    drawn(tab)
+    np.testing.assert_allclose(tab.run(SEEN), home, atol=1e-6)
+
+
+def test_the_bar_of_the_legend_is_as_long_as_its_force(run, tab):
+    """The arrow at some time, in pixels for each newton, beside the bar."""
+    tab.run("seek(0.5)")
+    drawn(tab)
+    newtons = float(tab.run("replay.legend.find(each => each.bar).bar.text").split()[0])
+    ends = tab.run("""["shaft", "head"].map(part => {
+      const seen = object("/forces/coupler_rocker/" + part).getWorldPosition(new Vector3()).project(camera);
+      return [seen.x * pane.clientWidth / 2, seen.y * pane.clientHeight / 2];
+    })""")
+    head = "object('/forces/coupler_rocker/head')"
+    high = tab.run(f"{head}.scale.y * {head}.children[0].children[0].geometry.parameters.height * pixels()")
+    shown = np.linalg.norm(np.subtract(*ends)) + high
+    bar = tab.run("document.querySelector('#legend b').getBoundingClientRect().width")
+    assert shown / bar == pytest.approx(force_at(run[1], 0.5 * SPEED) / newtons, rel=0.02)
+
+
+@pytest.mark.parametrize(("scene", "planar"), [("four_bar", True), ("delta_robot", False)])
+def test_on_a_phone_the_scene_fills_the_width_and_text_can_be_read(tmp_path, scene, planar):
+    mech = pc.load(scene)
+    file = pc.export_html(mech, pc.simulate(mech, (0.0, 0.2)), tmp_path / "page.html", forces=True)
+    with opened(file, (390, 844), mobile=True) as tab:
+        drawn(tab)
+        assert tab.run("[innerWidth, document.documentElement.scrollWidth]") == [390, 390]
+        assert tab.run("camera.isOrthographicCamera === true") == planar
+        assert 0.85 < np.abs(tab.run(SEEN)).max() < 1.0
+        for part in ("header", "#meshcat-pane", "#player", "#plot"):
+            assert tab.run(f"document.querySelector('{part}').getBoundingClientRect().bottom") <= 844, part
+
+
+def test_the_bare_page_has_the_motion_and_its_player_alone(run, tmp_path):
+    sol = run[1]
+    bare, full = (sol.export_html(tmp_path / f"{panel}.html", panel=panel, forces=True) for panel in (False, True))
+    assert bare.stat().st_size < full.stat().st_size
+    with opened(bare) as tab:
+        tab.wait("now > 0")
+        for part, there in {
+            "header": False,
+            "#panel": False,
+            "#player": True,
+            "#switches": True,
+            "#legend": True,
+        }.items():
+            assert (tab.run(f"document.querySelector('{part}').getBoundingClientRect().height") > 0) == there, part
+
+
+def test_a_peak_that_is_cut_tells_its_size(tmp_path):
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 2.0), t_eval=np.linspace(0.0, 2.0, 201))
+    sol = replace(sol, lam=np.where(np.abs(sol.t[:, None] - 1.0) < 0.025, 40.0, 1.0) * sol.lam)
+    with opened(pc.export_html(mech, sol, tmp_path / "peak.html", forces=True)) as tab:
+        label = "(each => each.hidden ? '' : each.innerText)(document.querySelector('.label.size'))"
+        tab.run("running = false; seek(1.0)")
+        drawn(tab)
+        told, unit = tab.run(label).split()
+        assert unit == "N" and float(told) == pytest.approx(force_at(sol, 1.0), rel=6e-3)
+        tab.run("seek(0.2)")
+        drawn(tab)
+        assert tab.run(label) == ""
