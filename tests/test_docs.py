@@ -1,28 +1,71 @@
 """The theory page's code does what the page says; and everything public says its shapes, units, errors."""
 
 import doctest
+import importlib
 import inspect
 import re
+import shlex
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
+from helpers.command_line import called
 
 import pinconsist as pc
 from pinconsist.formats import loopfile
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOTS = (ROOT, ROOT / "pinconsist")
-PAGES = [page for page in sorted((ROOT / "docs").glob("*.md")) if ">>>" in page.read_text(encoding="utf-8")]
+DOCS = ROOT / "docs"
+BLOCK = re.compile(r"(?:`([\w.]+)`:\n\n)?^```(\w+)\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)  # "Save this as `x`:"
+COMMAND = re.compile(r"^(?:\$ )?(pinconsist .*)", flags=re.MULTILINE)
+PAGES = [page for page in sorted(DOCS.glob("*.md")) if BLOCK.search(page.read_text(encoding="utf-8"))]
+PAGES.remove(DOCS / "architecture.md")  # a graph
+PAGES.remove(DOCS / "gallery.md")  # whose commands are run when the site is built
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_code_on_the_pages(page):
-    text = re.sub(r"^```\w*$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE)  # else expected as output
-    test = doctest.DocTestParser().get_doctest(text, {}, page.name, str(page), 0)
-    assert len(test.examples) > 5
-    report = []
-    doctest.DocTestRunner().run(test, out=report.append)
+def test_code_on_the_pages(page, tmp_path, monkeypatch, capsys):
+    """In its order, as a reader would try it: files are saved, commands run, outputs compared."""
+    monkeypatch.chdir(tmp_path)
+    text, names, report = page.read_text(encoding="utf-8"), {}, []
+    for found in BLOCK.finditer(text):
+        file, kind, code = found.groups()
+        if file:
+            write(tmp_path / file, code)
+        elif kind == "python" and ">>>" in code:
+            line = text.count("\n", 0, found.start(3))
+            test = doctest.DocTestParser().get_doctest(code, names, page.name, str(page), line)
+            doctest.DocTestRunner().run(test, out=report.append, clear_globs=False)
+            names = test.globs
+        elif kind == "python":
+            exec(code, names)
+        for command in COMMAND.findall(code) if kind in ("bash", "console") else ():
+            code, _, error = called(capsys, *shlex.split(command, comments=True)[1:])
+            assert code == 0, error
     assert not report, "".join(report)
+
+
+def test_every_public_name_is_on_the_page_of_the_interface():
+    listed = re.findall(r"^   (\w+)$", (DOCS / "api.rst").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert sorted(listed) == pc.__all__
+
+
+def test_the_gallery_is_drawn(monkeypatch):
+    """By the shapes of the pages, where the run has them: within the picture, and as long as in the scene."""
+    monkeypatch.syspath_prepend(DOCS)
+    thumbnail = importlib.import_module("thumbnails").thumbnail
+    mech = pc.load("four_bar")
+    drawing = ElementTree.fromstring(thumbnail(mech, pc.simulate(mech, (0.0, 1.0)), ["coupler_tip"]))
+    trace, *moments = drawing
+    ways = [re.findall(r"[-\d.]+", each.get("d")) for each in (trace, *moments[-1])]
+    places = [np.reshape(way, (-1, 2)).astype(float) for way in ways]
+    width, height = map(float, drawing.get("viewBox").split()[2:])
+    assert len(moments) == 3 and all(((each > 0) & (each < (width, height))).all() for each in places)
+    lengths = sorted(np.linalg.norm(np.diff(each, axis=0)[0]) for each in places[1:])
+    bars = np.array([length for length in lengths if length > 0.5 * lengths[-1] / 2.2])  # else balls and blocks
+    assert bars / bars[0] == pytest.approx([1.0, 1.5, 2.0, 2.0, 2.2], rel=0.02)  # the coupler also leads to its tip
 
 
 ALL_PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "examples/README.md")]
@@ -77,8 +120,9 @@ def write(path, text):
     return path
 
 
-def test_the_table_of_the_readme_is_what_compare_prints():
-    rows = re.findall(r"^\| (\S*) *\| ([12]) \| (\S+) \| (\S+) \| (\S+) \|$", README, flags=re.MULTILINE)
+def test_the_table_of_first_multipliers_is_what_compare_prints():
+    page = (DOCS / "theory.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\S*) *\| ([12]) \| (\S+) \| (\S+) \| (\S+) \|$", page, flags=re.MULTILINE)
     assert len(rows) == 6
     steps = [float(h) for h, *_ in rows if h]
     runs = [run for run in pc.compare("problem51", steps, count=2).runs for _ in (1, 2)]

@@ -1,0 +1,186 @@
+"""What Sphinx does not bring: contents from links, pages and runs of the repository, links to the API, a check.
+
+The pages are plain Markdown whose links work on a forge, too. Here a command becomes what it makes.
+"""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from html import unescape
+from pathlib import Path
+from urllib.parse import unquote
+
+from docutils import nodes
+from sphinx.addnodes import pending_xref
+from sphinx.errors import ExtensionError
+from sphinx.util import logging
+from sphinx.util.nodes import make_refnode
+from thumbnails import thumbnail
+
+import pinconsist as pc
+
+DOCS = Path(__file__).parent
+OWNERS = {"pc": "", "sol": "Solution.", "mech": "Mechanism.", "act": "Actuation.", "sim": "Simulation."}
+ENVIRONMENT = {**os.environ, "COLUMNS": "90", "NO_COLOR": "1", "OMP_NUM_THREADS": "1"}
+COMMAND = "from pinconsist.cli import main; main()"
+STUB = re.compile(r"# .*\s+.*\]\((\.\./[\w/]+\.md)\).*\s*")  # a page that only points to one outside of docs/
+FOUND = {path.stem: STUB.fullmatch(path.read_text(encoding="utf-8")) for path in DOCS.glob("*.md")}
+STANDS_FOR = {name: (DOCS / found[1]).resolve() for name, found in FOUND.items() if found}
+log = logging.getLogger(__name__)
+
+
+def read(app, docname, source):
+    """A page as Sphinx needs it, from what stands in the repository."""
+    if docname not in FOUND:  # of the API
+        return
+    path = STANDS_FOR.get(docname, DOCS / f"{docname}.md")
+    text = path.read_text(encoding="utf-8")
+    change = {"index": contents, "gallery": live, "commands": helps, "examples": scripts}.get(docname)
+    text = change(text, Path(app.outdir)) if change else text
+    text = re.sub(r"```mermaid\n(.*?)```", table, text, flags=re.DOTALL)
+    source[0] = re.sub(r"\]\(([^)#:]+)(#[^)]*)?\)", lambda found: link(found, path.parent), text)
+
+
+def link(found, folder: Path) -> str:
+    """A link of a page in a folder, as seen from docs/."""
+    target, place = (folder / found[1]).resolve(), found[2] or ""
+    if not target.exists():
+        return found[0]
+    for name, page in STANDS_FOR.items():
+        if target == page:
+            return f"]({name}.md{place})"
+        if target.parent == page.parent != DOCS.parent and target.suffix == ".py":
+            return f"]({name}.md#{target.stem})"
+    return f"]({os.path.relpath(target, DOCS)}{place})"
+
+
+def contents(text: str, outdir) -> str:
+    """The contents of the site: for each heading of the start page, the pages that its text links to."""
+    for part in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
+        pages = "\n".join(dict.fromkeys(re.findall(r"\]\(([\w/]+)\.(?:md|rst)\)", part)))
+        text += f"\n```{{toctree}}\n:hidden:\n:caption: {part.splitlines()[0]}\n\n{pages}\n```\n"
+    return text
+
+
+def table(found) -> str:
+    """A graph of mermaid as a table: drawing it takes a script from the network."""
+    says = dict(re.findall(r'(\w+)\["\w+: (.*?)"\]', found[1]))
+    arrows = re.findall(r"^ *(\w+).*? --> (.*)", found[1], flags=re.MULTILINE)
+    rows = [f"| `{part}` | {says.get(part, '')} | {to.replace(' & ', ', ')} |" for part, to in arrows]
+    return "\n".join(["| part | what | imports |", "|---|---|---|", *rows])
+
+
+def pinconsist(command: str, folder=None) -> str:
+    """What a command prints; an error if it fails."""
+    call = [sys.executable, "-c", COMMAND, *shlex.split(command)[1:]]
+    done = subprocess.run(call, cwd=folder, capture_output=True, text=True, env=ENVIRONMENT)
+    if done.returncode:
+        raise ExtensionError(f"{command}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def live(text: str, outdir: Path) -> str:
+    """The gallery: every command is run; its page stands behind a drawing of the run."""
+    (folder := outdir / "live").mkdir(parents=True, exist_ok=True)
+    commands = re.findall(r"^(pinconsist simulate (\w+) .*--html \2.html)$", text, flags=re.MULTILINE)
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(lambda each: pinconsist(f"{each[0]} --out {each[1]}.npz", folder), commands))
+    for command, scene in commands:
+        run = folder / f"{scene}.npz"
+        traces = re.findall(r"--trace (\w+)", command)
+        drawing = thumbnail(pc.load(scene), pc.Solution.load(run), traces)
+        (folder / f"{scene}.svg").write_text(drawing, encoding="utf-8")
+        run.unlink()
+        shown = f'<a class="live" href="live/{scene}.html"><img src="live/{scene}.svg" alt="{scene}: play it"/></a>'
+        text = text.replace(f"```bash\n{command}", f"{shown}\n\n```bash\n{command}")
+    return text
+
+
+def helps(text: str, outdir) -> str:
+    """The page on commands: below each heading, its name, what ``--help`` prints."""
+    before, *parts = re.split(r"^(?=## `pinconsist )", text, flags=re.MULTILINE)
+    with ThreadPoolExecutor() as pool:
+        printed = pool.map(lambda part: pinconsist(f"{part.split('`')[1]} --help"), parts)
+    return before + "".join(f"{part}\n```text\n{each}```\n\n" for part, each in zip(parts, printed, strict=True))
+
+
+def scripts(text: str, outdir) -> str:
+    """The examples: each with its script."""
+
+    def shown(found):
+        script = (STANDS_FOR["examples"].parent / f"{found[1]}.py").read_text(encoding="utf-8")
+        return f"{found[0]}\n\n<details><summary>{found[1]}.py</summary>\n\n```python\n{script}```\n\n</details>"
+
+    return re.sub(r"^!\[(\w+)\]\(.*$", shown, text, flags=re.MULTILINE)
+
+
+def plain(app, what, name, obj, options, lines):
+    """Docstrings have absolute values, no substitutions."""
+    lines[:] = [line.replace("|", r"\|") for line in lines]
+
+
+def apart(app, what, name, obj, options, lines):
+    """Attributes that share a description are several; napoleon takes them for one."""
+    for k, line in enumerate(lines):
+        if found := re.fullmatch(r"( *\.\. attribute:: )(\w+(?:, \w+)+)", line):
+            lines[k : k + 1] = (found[1] + found[2].replace(", ", f"\n{' ' * len(found[1])}")).split("\n")
+
+
+def words(app, doctree):
+    """Words of types, as in ``ndarray, shape (nv,)``, are not classes."""
+    for node in list(doctree.findall(pending_xref)):
+        if node["reftype"] == "class" and not re.fullmatch(r"(pinconsist\..*)?[A-Z]\w+", node["reftarget"]):
+            node.replace_self(node.children)
+
+
+def link_names(app, doctree, docname):
+    """Make links of public names in the code of a text: ``pc.simulate(…)``, ``sol.check()``."""
+    objects = app.env.domains["py"].objects
+    for code in doctree.findall(nodes.literal):
+        found = re.match(r"(pc|sol|mech|act|sim)\.(\w+)", code.astext())
+        name = f"pinconsist.{OWNERS[found[1]]}{found[2]}" if found else ""
+        if name in objects and not isinstance(code.parent, nodes.reference):
+            target = app.builder.get_relative_uri(docname, objects[name].docname)
+            refuri = f"{target}#{objects[name].node_id}"
+            code.replace_self(nodes.reference("", "", code.deepcopy(), internal=True, refuri=refuri))
+        elif found and found[1] == "pc" and name not in objects:
+            log.warning("there is no %s", found[0], location=code)
+
+
+def by_its_end(app, env, node, content):
+    """The one object that a docstring means where it uses the name of its own module: ``MotorRange``, ``step``."""
+    domain, end = env.domains["py"], f".{node['reftarget']}"
+    kinds = domain.objtypes_for_role(node["reftype"]) or ()
+    found = [each for name, each in domain.objects.items() if name.endswith(end) and each.objtype in kinds]
+    if node.get("refdomain") == "py" and len(found) == 1:
+        return make_refnode(app.builder, node["refdoc"], found[0].docname, found[0].node_id, content)
+    return None
+
+
+def check(app, error):
+    """Every link within the site leads somewhere, and no page needs the network."""
+    out = Path(app.outdir)
+    pages = {path: path.read_text(encoding="utf-8") for path in out.rglob("*.html") if path.parent != out / "live"}
+    for path, text in pages.items() if error is None else ():
+        for tag, target in re.findall(r'<(\w+)[^>]*? (?:href|src)="([^"]+)"', text):
+            file, _, place = unquote(unescape(target)).partition("#")
+            goal = (path.parent / file.split("?")[0]).resolve() if file else path
+            outside = re.match(r"\w+:", target)
+            if (outside and tag != "a") or (not outside and not goal.exists()):
+                log.warning("%s: %s", path.relative_to(out), target)
+            elif not outside and place and goal in pages and f'id="{place}"' not in pages[goal]:
+                log.warning("%s: no place %s", path.relative_to(out), target)
+
+
+def setup(app):
+    app.connect("source-read", read)
+    app.connect("doctree-read", words)
+    app.connect("doctree-resolved", link_names)
+    app.connect("autodoc-process-docstring", plain, priority=100)
+    app.connect("autodoc-process-docstring", apart, priority=900)  # after napoleon
+    app.connect("missing-reference", by_its_end)
+    app.connect("autodoc-skip-member", lambda *about: "Alias for field number" in (about[3].__doc__ or "") or None)
+    app.connect("build-finished", check)
