@@ -15,8 +15,11 @@ from .errors import InputError, PinconsistError
 from .mechanism.assembly import assemble
 from .mechanism.checks import finite_array
 from .mechanism.mechanism import Mechanism
+from .mechanism.rows import LoopRows
 from .reference import reference_problem
 from .simulation import system_of
+
+FORCES = {"m": "N", "rad": "N·m"}  # of the multipliers of rows
 
 
 @dataclass(frozen=True)
@@ -25,22 +28,51 @@ class Run:
 
     Attributes
     ----------
-    h : float
-        Step, s.
+    h, order : float, int
+        Step, s, and BDF order k.
     t, exact, consistent, every_step : ndarray, shape (n,)
         Times, and |λ_n - λ(t_n)| from exact values, from consistent ones, with every step corrected. For order k the
         first k rows are the exact start; the first BDF step is row k.
+    lam : ndarray, shape (n, nc)
+        λ(t_n).
+    unit : str
+        Of the largest multiplier at the first step of the method; empty for a general problem.
     v_given, v_consistent : ndarray, shape (nv,)
         The initial velocity as given, and the numerically consistent one.
     """
 
     h: float
+    order: int
     t: np.ndarray
     exact: np.ndarray
     consistent: np.ndarray
     every_step: np.ndarray
+    lam: np.ndarray
+    unit: str
     v_given: np.ndarray
     v_consistent: np.ndarray
+
+    @property
+    def wrong(self) -> str:
+        """How wrong the first multipliers from exact values are: ``128 % wrong``."""
+        return f"{self._share(self.exact)} wrong"
+
+    @property
+    def verdict(self) -> str:
+        """One sentence: how wrong the first multipliers are, and how large they should be."""
+        size = f"{np.abs(self.lam[self.order]).max():.3g} {self.unit}".rstrip()
+        return (
+            f"h = {self.h:g} s: at the first step the multipliers from exact values are {self.wrong}, "
+            f"from consistent values {self._share(self.consistent)}; the largest is {size}"
+        )
+
+    def _share(self, errors) -> str:
+        """The error at the first step of the method, in the largest multiplier there."""
+        error, size = errors[self.order], np.abs(self.lam[self.order]).max()
+        if not size:
+            return f"{error:.2g}"
+        share = 100 * error / size
+        return f"{share:.0f} %" if share >= 10 else f"{share:.2g} %"
 
 
 @dataclass(frozen=True)
@@ -60,6 +92,7 @@ class Comparison:
 
     def __str__(self):
         lines = [f"{self.name}, BDF of order {self.order}: error of the multipliers"]
+        lines += [run.verdict for run in self.runs]
         for run in self.runs:
             lines.append(f"h = {run.h:g} s\n{'t [s]':>10} {'exact':>12} {'consistent':>12} {'every step':>12}")
             rows = zip(run.t[1:], run.exact[1:], run.consistent[1:], run.every_step[1:], strict=True)
@@ -148,4 +181,9 @@ def _run(system, t0, p0, v0, exact, h, k, count):
         errors.append(np.max(np.abs(trajectory.lam - truth), axis=1))
     states = start.equidistant_history(Index1(system), t0, p0, v0, h, k)
     base, Z = start.fill_table(system, states)
-    return Run(h, times, *errors, v0, consistency.consistent_velocities(system, h, k, base, Z, states)[0])
+    mechanism = getattr(system, "mechanism", None)
+    units = [] if mechanism is None else [FORCES.get(unit, "") for unit in LoopRows.of(mechanism).units]
+    unit = units[np.argmax(np.abs(truth[k]))] if units else ""
+    return Run(
+        h, k, times, *errors, truth, unit, v0, consistency.consistent_velocities(system, h, k, base, Z, states)[0]
+    )

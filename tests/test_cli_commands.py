@@ -12,12 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.browser import needs_browser, opened
 from helpers.command_line import called
-from helpers.pictures import arrow, stated
+from helpers.pictures import arrow, drawn, stated
 
 import pinconsist
+import pinconsist as pc
 from pinconsist.cli.app import OVERVIEW, app
 from pinconsist.cli.scene import joint_values
+from pinconsist.view.arrows import RIGHT, WRONG
 
 COMMANDS = [command.name for command in app.registered_commands]
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -155,16 +158,37 @@ def test_a_plot_of_an_interrupted_run_is_drawn(run, monkeypatch):
     assert code == 130 and "interrupted at t = 0.5" in out and Path("part.png").stat().st_size
 
 
-def test_compare_shows_exact_beside_consistent(run):
-    """The force of the page's first step, row 1, is the one whose error the table tells."""
-    told = json.loads(run("compare", "problem51", "--rows", 3, "--html", "two.html", "--json")[1])
-    assert told["files"] == {"plot": None, "html": "two.html"} and told["runs"][0]["h"] == 0.01
+def test_compare_shows_exact_beside_consistent_and_the_truth(run):
+    """The force of the page's first step, row 1, is the one whose error the table tells; the page says the same."""
+    code, out, _ = run("compare", "problem51", "--rows", 3, "--html", "two.html")
     page = json.loads(re.search(r'<script id="replay".*?>(.*?)</script>', Path("two.html").read_text())[1])
     assert [each["text"] for each in page["titles"]] == ["from exact values", "from consistent values"]
-    assert page["clock"][:3] == [0.0, 0.01, 3.0]  # a step of 0.01 s takes a second
+    assert page["clock"][:3] == [0.0, 0.001, 3.0]  # a step of 0.001 s takes a second
     paths = [f"/{number} from {title} values/forces/circle" for number, title in ((1, "exact"), (2, "consistent"))]
-    exact, consistent = (np.linalg.norm(arrow(page, path)[1][50]) * stated(page) for path in paths)
-    assert consistent - exact == pytest.approx(2.0808 - 0.0812, abs=1e-3)
+    paths.append("/1 from exact values/forces/true circle")
+    exact, consistent, true = (np.linalg.norm(arrow(page, path)[1][50]) * stated(page) for path in paths)
+    truth = np.abs(pc.reference_problem("problem51").exact(0.001)[2])
+    assert true == pytest.approx(truth.item(), rel=1e-4)
+    assert true - exact == pytest.approx(2.0080, abs=1e-3) and consistent - true == pytest.approx(-0.008, abs=1e-3)
+    first = page["first"]
+    assert first["stop"] == 1.0 and first["wrong"] == f"{100 * 2.008 / truth.item():.0f} % wrong"
+    assert code == 0 and first["verdict"] in " ".join(out.split()) and first["wrong"] in first["verdict"]
+    assert f"the largest is {truth.item():.3g} N" in first["verdict"]
+    parts = drawn(page, "/1 from exact values/forces")
+    colors = {each["path"].split("/")[3]: each["object"]["materials"][0]["color"] for each in parts}
+    assert colors == {"circle": WRONG, "true circle": RIGHT}
+
+
+@needs_browser
+def test_the_page_of_a_comparison_stops_at_the_first_step(run):
+    run("compare", "crank_rocker", "--with-velocity", "crank=12", "--step", 0.001, "--html", "two.html")
+    with opened(Path("two.html")) as tab:
+        tab.wait("now > 0 && !running")
+        assert tab.run("now") == 1.0 and tab.run("header.querySelector('strong').innerText") == tab.run("first.wrong")
+        size = "parseFloat(getComputedStyle(header.querySelector('strong')).fontSize)"
+        assert tab.run(size) > 2 * tab.run("parseFloat(getComputedStyle(document.body).fontSize)")
+        tab.key(" ")
+        tab.wait("now > 1.5")  # and then goes on
 
 
 def test_the_steps_of_a_comparison_follow_the_duration_of_the_scene(run):

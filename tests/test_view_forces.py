@@ -283,21 +283,3 @@ def test_forces_paths_and_two_runs_move_in_a_browser(tmp_path):
                 np.testing.assert_allclose(matrix[:3, 3], placed, atol=1e-4)
         for x, y, x1, y1, x2, y2 in tab.run(PIXELS):
             assert x1 < x < x2 and max(y1, y2) < y < max(y1, y2) + 100  # each under its own linkage
-
-
-def test_exact_beside_consistent_says_what_to_see():
-    """By how much the first force is wrong; nothing of runs that start alike, or from rest, where exact values do."""
-    mech, (exact, consistent) = exact_and_consistent()
-    notes = [
-        shown(mech, pair, forces=True)["legend"][-1]["text"] for pair in ((exact, consistent), (consistent, exact))
-    ]
-    assert [re.sub(r"\d+ %", "…", note) for note in notes] == [
-        "left: the first force is wrong by …, however small the step; right: numerically consistent",
-        "right: the first force is wrong by …, however small the step; left: numerically consistent",
-    ]
-    off = np.linalg.norm(exact.lam[1] - consistent.lam[1]) / np.linalg.norm(consistent.lam[1])
-    assert float(re.search(r"(\d+) %", notes[0])[1]) == pytest.approx(100 * off, abs=0.5)
-    for pair in ((consistent, consistent), (exact, exact)):
-        assert not any("wrong" in each["text"] for each in shown(mech, list(pair), forces=True)["legend"])
-    rest = [pc.simulate(mech, (0.0, 0.1), step=0.001, consistency=mode) for mode in ("exact", "every-step")]
-    assert not any("wrong" in each["text"] for each in shown(mech, rest, forces=True)["legend"])  # λ is right from rest

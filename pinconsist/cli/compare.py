@@ -30,7 +30,7 @@ def compare(
     plot: Annotated[Text, option("--plot", "FILE.png", "Draw the errors over time.")] = None,
     html: Annotated[Text, option(
         "--html", "FILE.html", "Write a page that plays the steps from exact next to those from consistent values, "
-        "with their forces, in slow motion, for the first step size.")] = None,
+        "with their forces, in slow motion, for the smallest step size.")] = None,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
     """Compare the first constraint forces from exact and from numerically consistent initial values.
@@ -62,7 +62,7 @@ def compare(
             result = pc.compare(what, [h], order=order, count=rows, q0=q0, v0=v0)
             runs += result.runs
     if html:
-        _show(what, html, runs[0], order, q0, v0)
+        _show(what, html, min(runs, key=lambda run: run.h), order, q0, v0)
     if plot:
         output.written(plot, lambda: pc.plot_comparison(runs, plot))
     result = replace(result, runs=tuple(runs))
@@ -75,7 +75,13 @@ def compare(
 
 
 def _show(what, file, run, order, q0, v0):
-    """A page of the first steps from exact next to those from consistent values: a second each, ten at most in all."""
+    """A page of the first steps from exact next to those from consistent values: a second each, ten at most in all.
+
+    It stops at the first step of the method, where the wrong force stands beside the true one.
+    """
+    from ..view.page import write_page
+    from ..view.picture import FirstStep
+
     if isinstance(what, str):
         problem = pc.reference_problem(what)
         mech, q, v = problem.system, problem.p0, problem.v0
@@ -87,7 +93,8 @@ def _show(what, file, run, order, q0, v0):
         for title, mode in (("from exact values", "exact"), ("from consistent values", "initial"))
     }
     speed = max(run.h, (run.t[-1] - run.t[0]) / LONGEST)
-    output.written(file, lambda: pc.export_html(mech, sols, file, speed=speed, forces=True))
+    first = FirstStep(run.wrong, run.verdict, order * run.h, run.lam)
+    output.written(file, lambda: write_page(file, mech, sols, speed=speed, forces=True, first=first))
 
 
 def _print(result, mech):
@@ -96,6 +103,9 @@ def _print(result, mech):
     order = result.order
     start = f"; rows 0 to {order - 1} are its exact start" if order > 1 else ""
     print(f"{result.name}, BDF of order {order}: error of the multipliers, largest component{start}\n")
+    for run in result.runs:
+        output.paragraph(run.verdict, hanging="  ")
+    print()
     for run in result.runs:
         columns = zip(run.t, run.exact, run.consistent, run.every_step, strict=True)
         rows = [

@@ -14,7 +14,7 @@ from .shapes import OCTAHEDRON, SMALLEST, Shape, cylinder, link_ends, ring
 
 FORCE, MOMENT = "force", "moment"
 COLORS = {FORCE: 0x8E44AD, MOMENT: 0x2E7D32}
-WRONG, RIGHT, CUT = 0xD50000, 0x8A9096, 0xF57C00  # of forces beside the true ones, of these; of arrows that are cut
+WRONG, RIGHT = 0xD50000, 0x5F6B73  # of forces beside the true ones, and of these
 UNITS = {FORCE: "N", MOMENT: "N·m"}
 LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # the longest arrow, in sizes of the picture, or less where parts are small
 PARTS = 0.4, 2.0  # sizes of the picture, at least; sizes of the parts that the arrows act on

@@ -155,7 +155,8 @@ for (const each of replay.panel?.groups ?? []) {
   tab.addEventListener("click", () => choose(each, tab));
 }
 panel.hidden = !replay.panel || !duration;
-document.querySelector("header").hidden = !replay.panel;
+const header = document.querySelector("header"), {first} = replay;
+header.hidden = !replay.panel;
 document.body.classList.toggle("bare", !replay.panel);
 function choose(chosen, tab) {
   group = chosen;
@@ -226,7 +227,11 @@ plot.addEventListener("pointerdown", event => {
 if (replay.panel?.groups.length) element("groups").firstChild.click();
 
 // The header: whether to believe it
-for (const {text, ok} of replay.verdicts) added(document.querySelector("header"), "span", {textContent: text, className: ok ? "ok" : "look"});
+for (const {text, ok} of replay.verdicts) added(header, "span", {textContent: text, className: ok ? "ok" : "look"});
+if (first) {
+  added(header, "strong", {textContent: first.wrong, className: "look"});
+  added(header, "span", {textContent: first.verdict});
+}
 
 // What is under the pointer
 const hint = element("hint"), ray = new Raycaster(), pointer = new Vector2();
@@ -249,6 +254,11 @@ function told({name, run}, time) {
 function follow(frame) {
   if (running) {
     let next = now + Math.min(0.1, (frame - drawnAt) / 1000) * speed.value;
+    if (first && !first.seen && next >= first.stop) {
+      first.seen = true;
+      running = false;
+      next = first.stop;
+    }
     if (next >= duration) {
       running = again.checked;
       next = running ? next % duration : duration;

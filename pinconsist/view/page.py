@@ -73,7 +73,12 @@ def export_html(
     MissingExtraError, OSError
         meshcat is not installed; the file cannot be written.
     """
-    page = page_of(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, panel=panel)
+    return write_page(file, mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, panel=panel)
+
+
+def write_page(file, mech, sol, **options) -> Path:
+    """Write the page of `page_of`, whole or not at all."""
+    page = page_of(mech, sol, **options)
     with written_whole(file) as stream:
         stream.write(page)
     return Path(file)
@@ -117,13 +122,13 @@ def replay(
     return address
 
 
-def page_of(mech, sol, *, speed=1.0, fps=FPS, traces=(), forces=False, panel=True, loop=True) -> bytes:
-    """page.html with page.css, page.js, meshcat's viewer and the commands."""
+def page_of(mech, sol, *, fps=FPS, panel=True, **options) -> bytes:
+    """page.html with page.css, page.js, meshcat's viewer and the commands of :func:`picture`, which has the options."""
     import json
     from importlib.resources import files
     from string import Template
 
-    commands = picture(mech, sol, speed=speed, fps=fps, traces=traces, forces=forces, beside=panel, loop=loop)
+    commands = picture(mech, sol, fps=fps, beside=panel, **options)
     text = json.dumps(commands, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     title = ", ".join(dict.fromkeys(each.name for each in (mech if isinstance(mech, list | tuple) else [mech])))
     frame, style, script = ((files(__package__) / f"page.{end}").read_text("utf-8") for end in ("html", "css", "js"))

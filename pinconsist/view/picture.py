@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import cycle, pairwise
 
@@ -11,7 +12,20 @@ import pinocchio as pin
 from ..errors import InputError
 from ..mechanism.checks import near
 from ..mechanism.reactions import not_determined, undetermined
-from .arrows import COLORS, FORCE, MOMENT, UNITS, Action, actions, arrow, longest_arrows, round_amount, scale_of
+from .arrows import (
+    COLORS,
+    FORCE,
+    MOMENT,
+    RIGHT,
+    UNITS,
+    WRONG,
+    Action,
+    actions,
+    arrow,
+    longest_arrows,
+    round_amount,
+    scale_of,
+)
 from .commands import Node, animated, draw, floor, line, outline, stage, transform, view_axes, y_up
 from .curves import packed, panel, verdicts
 from .motion import Run, body_poses, in_world, on_joint, playing_times, point_in_world, runs_of
@@ -24,8 +38,16 @@ ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): 
 NAMED = 3  # bodies in a line of the legend
 POINT = 1e-12  # m; what is smaller is a point and rounding
 GAP = 0.3  # between neighbours, in sizes of the picture
-FIRST_ROWS = 8  # among which the first of a multistep method are
-VISIBLE = 0.02  # of a force: a smaller error is not mentioned
+
+
+@dataclass(frozen=True, eq=False)
+class FirstStep:
+    """What is wrong with the multipliers of the first run at its first step, where the page stops."""
+
+    wrong: str  # in large type
+    verdict: str
+    elapsed: float  # s
+    lam: np.ndarray  # (n, nc), the true ones of its rows
 
 
 class DrawnRun:
@@ -93,15 +115,19 @@ class DrawnRun:
         return body_poses(self.whole.mech.model, self.whole.at(elapsed).q)
 
 
-def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, loop: bool, beside: bool = True) -> dict:
+def picture(
+    mech, sol, *, fps: float, speed=1.0, traces=(), forces=False, loop=True, beside=True, first: FirstStep | None = None
+) -> dict:
     """The replay as a page needs it, places in axes with y up; parameters as in :func:`pinconsist.export_html`.
 
     ``clock`` is the time at the start, the seconds of motion per second of playing, and the duration of playing;
-    `beside` adds the curves and verdicts beside the motion.
+    `beside` adds the curves and verdicts beside the motion; `first` compares the first run with the truth.
     """
     from .visuals import visuals  # and with it coal, only when something is shown
 
     runs = runs_of(mech, sol, forces=forces)
+    if first is not None:
+        runs[0] = replace(runs[0], true=first.lam)
     traces = _frames(traces, runs)
     clock = playing_times(runs, speed, fps)
     of_file = cache(visuals)
@@ -112,7 +138,7 @@ def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, loop: 
     for each in drawn if forces or beside else ():
         not_drawn |= undetermined(each.run.mech, each.run.t, each.run.q)
     for each in drawn if forces else ():
-        each.actions = actions(each.run, each.bodies, size, not_drawn)
+        each.actions = _actions(each, size, not_drawn)
     acting = [action for each in drawn for action in each.actions]
     longest = longest_arrows([run.mech for run in runs], acting, size)
     scales = {kind: scale_of(kind, acting, longest[kind]) for kind in (FORCE, MOMENT)}
@@ -129,19 +155,30 @@ def picture(mech, sol, *, speed: float, fps: float, traces, forces: bool, loop: 
     commands += animated([node for each in drawn for node in each.nodes], clock)
     titles = [(each.run.title, _below(each.body, axes, size) + offset) for each, offset in placed if each.run.title]
     seen = [*(each.extent + offset for each, offset in placed), *(place[None] for _, place in titles)]
-    first, last = runs[0].t[[0, -1]]
+    start, end = runs[0].t[[0, -1]]
     return {
         "commands": commands,
         "view": {"axes": [y_up(axis) for axis in axes], "planar": planar, "size": size}
         | {"points": outline(np.concatenate(seen), axes)},
-        "clock": [first, speed * (-1.0 if last < first else 1.0), float(clock[-1]), len(clock)],
+        "clock": [start, speed * (-1.0 if end < start else 1.0), float(clock[-1]), len(clock)],
         "loop": loop,
         "titles": [{"text": text, "at": y_up(place)} for text, place in titles],
         "legend": _legend(runs, traces, forces, scales, acting, not_drawn),
         "cuts": [cut for each in drawn for cut in each.cuts],
         "panel": panel(runs, size, not_drawn) if beside else None,
-        "verdicts": verdicts(runs) if beside else [],
+        "verdicts": verdicts(runs) if beside and not first else [],
+        "first": first and {"wrong": first.wrong, "verdict": first.verdict, "stop": first.elapsed / speed},
     }
+
+
+def _actions(drawn: DrawnRun, size: float, without) -> list[Action]:
+    """The actions of a run; where the truth is known these in red, before the true ones in grey."""
+    run, own = drawn.run, actions(drawn.run, drawn.bodies, size, without)
+    if run.true is None:
+        return own
+    true = actions(replace(run, lam=run.true), drawn.bodies, size, without)
+    true = [replace(each, name=f"true {each.name}", of=f"true {each.of}", color=RIGHT) for each in true]
+    return true + [replace(each, color=WRONG) for each in own]
 
 
 def _frames(traces, runs) -> list[str]:
@@ -185,12 +222,12 @@ def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]
             bar = {"metres": amount * scale.metres, "text": f"{amount:g} {UNITS[kind]}"}
             cut = f"; cut at {scale.most:.3g} {UNITS[kind]}, with their size beside them" if scale.cuts else ""
             out.append({"color": COLORS[kind], "bar": bar, "text": f"{_acting(kind, acting)}{cut}"})
+    if any(run.true is not None for run in runs):
+        out += [{"color": WRONG, "text": "wrong, from exact values"}, {"color": RIGHT, "text": "true"}]
     if not_drawn:
         out.append({"color": COLORS[FORCE], "text": f"not drawn: {not_determined(not_drawn)}"})
     elif forces and not any(scales.values()):
         out.append({"color": COLORS[FORCE], "text": "no forces to draw"})
-    if forces and (note := _first_force(runs)):
-        out.append({"color": COLORS[FORCE], "text": note})
     return out
 
 
@@ -206,21 +243,3 @@ def _few(names: list[str]) -> str:
     """``a, b and 3 more``"""
     *start, end = names if len(names) <= NAMED else [*names[: NAMED - 1], f"{len(names) - NAMED + 1} more"]
     return f"{', '.join(start)} and {end}" if start else end
-
-
-def _first_force(runs) -> str:
-    """Of two runs of which one starts from exact values, how wrong its first force is; empty where it is right."""
-    modes = [run.consistency for run in runs]
-    if len(runs) != 2 or modes.count("exact") != 1:
-        return ""
-    exact = modes.index("exact")
-    wrong, right = (runs[k].lam[1:FIRST_ROWS] for k in (exact, 1 - exact))
-    if wrong.shape != right.shape or not right.size:
-        return ""
-    errors = np.linalg.norm(wrong - right, axis=1)
-    error = errors.max() / (np.linalg.norm(right[errors.argmax()]) or np.inf)
-    if error < VISIBLE:
-        return ""
-    here, there = ("left", "right") if exact == 0 else ("right", "left")
-    amount = f"{100 * error:.0f} %" if error < 2 else f"{error:.0f} times its size"
-    return f"{here}: the first force is wrong by {amount}, however small the step; {there}: numerically consistent"
