@@ -7,9 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.loops import stayed_lid
 
 import pinconsist as pc
-from pinconsist.view.panels import style
+from pinconsist.view.figure import style
 from pinconsist.view.plots import PICTURES
 
 pytest.importorskip("matplotlib")
@@ -33,9 +34,43 @@ def named(axis):
 def test_trajectory_shows_q_and_v(sol):
     q, v = pc.plot_trajectory(sol).axes
     for axis, values in ((q, sol.q), (v, sol.v)):
-        assert list(named(axis)) == ["crank", "coupler", "rocker"]
-        for k, line in enumerate(named(axis).values()):
+        assert [label.partition(",")[0] for label in named(axis)] == ["crank", "coupler", "rocker"]
+        for k, (label, line) in enumerate(named(axis).items()):
+            if label.endswith(", modulo 2π"):
+                continue
             np.testing.assert_array_equal(line.get_ydata(), values[:, k])
+
+
+def test_joints_that_go_round_leave_room_for_the_others(sol):
+    lines = named(pc.plot_trajectory(sol).axes[0])
+    assert list(lines) == ["crank, modulo 2π", "coupler, modulo 2π", "rocker"]
+    assert np.ptp(sol.q, axis=0)[0] > 2 * np.pi > np.ptp(sol.q, axis=0)[2]
+    t, angle = lines["crank, modulo 2π"].get_data()
+    drawn = np.isfinite(t)
+    np.testing.assert_array_equal(t[drawn], sol.t)
+    assert np.count_nonzero(~drawn) == 1 and np.abs(angle[drawn]).max() <= np.pi
+    turns = (angle[drawn] - sol.q[:, 0]) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-12)
+    alone = pc.simulate(pc.load("planar_pendulum"), (0, 1), v0=[30.0])
+    assert list(named(pc.plot_trajectory(alone).axes[0])) == ["pendulum"]  # nobody to leave room for
+
+
+def test_short_times_are_in_smaller_units(rocker):
+    short = pc.simulate(rocker, (0, 0.05), v0={"crank": 12})
+    figure = pc.plot_solution(short, what=["trajectory", "multipliers", "drift", "energy", "steps"])
+    assert {axis.get_xlabel() for axis in figure.axes} == {"t  [ms]"}
+    np.testing.assert_allclose(figure.axes[0].lines[0].get_xdata(), 1e3 * short.t)
+
+
+def test_forces_that_are_not_determined_are_left_out_with_a_note():
+    mech = stayed_lid(1e-6)
+    sol = pc.simulate(mech, (0, 0.01))
+    without = sol.check(error=False).undetermined
+    assert without
+    whole, first = pc.plot_multipliers(sol).axes
+    assert all(name in whole.texts[0].get_text() for name in without) and "not drawn" in whole.texts[0].get_text()
+    assert len(first.lines) == sum(row[0] not in without for row in mech.row_labels)
+    assert not pc.plot_multipliers(pc.simulate(stayed_lid(1e-3), (0, 0.01))).axes[0].texts
 
 
 def test_multipliers_are_magnified_and_zero_rows_are_no_clutter(sol):
@@ -52,6 +87,8 @@ def test_drift_is_that_of_the_certificate(sol, rocker):
     certificate = sol.check()
     assert np.nanmax(gaps) == pytest.approx(certificate.position, rel=1e-6)
     assert np.nanmax(rates) == pytest.approx(certificate.velocity, rel=1e-6)
+    for axis in pc.plot_drift(sol).axes:
+        assert axis.get_ylim()[0] == 1e-16 and np.nanmin(axis.lines[0].get_ydata()) >= 1e-16
 
 
 def test_drift_of_plain_bdf_is_seen_in_the_velocities(rocker):
@@ -82,7 +119,8 @@ def test_energy_is_the_solutions_own(sol, rocker):
     parts, error = pc.plot_energy(sol).axes
     energy = sol.energy()
     assert list(named(parts)) == ["kinetic", "potential", "total"]
-    np.testing.assert_array_equal(named(parts)["kinetic"].get_ydata(), energy.kinetic)
+    np.testing.assert_array_equal(named(parts)["kinetic"].get_ydata(), energy.kinetic - energy.kinetic[0])
+    assert named(parts)["total"].get_ydata()[0] == 0.0
     np.testing.assert_array_equal(error.lines[0].get_ydata(), energy.error)
     damped = rocker.with_forces(pc.JointDamping({"crank": 0.1}))
     parts, _ = pc.plot_energy(pc.simulate(damped, (0, 0.1), v0={"crank": 12})).axes
@@ -205,13 +243,25 @@ def test_what_a_solution_does_not_have_is_said(rocker):
         pc.plot_trajectory(tree, mech=rocker)
 
 
+def test_a_comparison_shows_all_three_ways_and_no_exact_start():
+    runs = pc.compare("problem51", [0.01], order=2, count=4).runs
+    (axis,) = pc.plot_comparison(runs).axes
+    lines = named(axis)
+    assert list(lines) == ["exact start", "consistent start", "every step corrected"]
+    np.testing.assert_allclose(lines["every step corrected"].get_xdata(), 1e3 * runs[0].t[2:])
+    np.testing.assert_array_equal(lines["exact start"].get_ydata(), runs[0].exact[2:])
+    assert min(line.get_ydata().min() for line in lines.values()) > 1e-6 and "error of" in axis.get_ylabel()
+
+
 def test_work_precision_sorts_by_error_and_leaves_out_what_failed(tmp_path):
     series = {"BDF": ([0.1, 0.4, 0.2, np.nan], [1e-2, 1e-6, 1e-4, 1e-8]), "Radau": ([1.0], [1e-5])}
     series["pinconsist BDF"] = ([0.1], [1e-3])
     (axis,) = pc.plot_work_precision(series, tmp_path / "wp.pdf").axes
     widths = {label: line.get_linewidth() for label, line in named(axis).items()}
     assert widths["pinconsist BDF"] > 1.5 * widths["BDF"] == 1.5 * widths["Radau"]
-    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
+    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log") and axis.get_xlabel().startswith(
+        "largest error of q"
+    )
     assert named(axis)["BDF"].get_xydata().tolist() == [[1e-6, 0.4], [1e-4, 0.2], [1e-2, 0.1]]
     assert Path(tmp_path / "wp.pdf").read_bytes().startswith(b"%PDF")
 

@@ -73,7 +73,7 @@ PARAMETERS = {  # those after the bar by name only
     "plot_solution": "sol file mech what",
     "plot_steps": "sol file mech",
     "plot_trajectory": "sol file mech",
-    "plot_work_precision": "series file",
+    "plot_work_precision": "series file error",
     "record": "scene t_span file q0 v0 | load save_every forces callback **options",
     "reference_problem": "name",
     "reference_solution": "system t0 p0 v0 times | rtol atol",

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers.held_bodies import JOINTS, anchor, as_loop, own_fields
+from helpers.loops import stayed_lid
 from helpers.scenes import car_axis
 from scipy.interpolate import CubicSpline
 
@@ -229,18 +230,6 @@ def test_redundant_rows_share_the_load_at_least_norm():
     for name in ("left", "right"):
         np.testing.assert_allclose(sol.reaction(name).force, [[0, 0, MASS * G / 2]] * len(sol.t), atol=1e-8)
         np.testing.assert_allclose(sol.reaction(name).moment, 0, atol=1e-8)
-
-
-def stayed_lid(lever):
-    """A lid on two balls along x, kept from turning about them by a stay that passes their line at `lever`, m."""
-    model = pin.Model()
-    free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "lid")
-    model.appendBodyToJoint(free, pin.Inertia(MASS, -0.4 * Z, np.diag([0.1, 0.2, 0.15])), pin.SE3.Identity())
-    ends = ("universe", "lid")
-    model.addFrame(pin.Frame("lid", free, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    balls = [pc.Loop(f"ball{x}", "point", *ends, xyz1=(x, 0, 0), xyz2=(x, 0, 0)) for x in (-0.5, 0.5)]
-    stay = pc.Loop("stay", "distance", *ends, xyz1=(0, 1, 0), xyz2=(0, 0, -lever), length=float(np.hypot(1, lever)))
-    return pc.Mechanism(model, [*balls, stay])
 
 
 @pytest.mark.parametrize(("lever", "known"), [(1e-3, True), (1e-6, False)])

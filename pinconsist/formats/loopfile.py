@@ -87,7 +87,7 @@ def find_loop_file(path: Path) -> Path | None:
 def warn_of_other_yaml(path: Path) -> None:
     """Warn of YAML files beside a robot without a loop file: most likely one of them was meant."""
     if others := sorted(each.name for suffix in ("yaml", "yml") for each in path.parent.glob(f"*.{suffix}")):
-        advice = f"name one by loops=, on the command line --loops, if it is {' or '.join(others)}"
+        advice = f"name one by loops= if it is {' or '.join(others)}"
         plain = "and is read as a plain tree"
         _log.warning("%s has no loop file (%s.yaml or robot.yaml) %s; %s", path, path.stem, plain, advice)
 

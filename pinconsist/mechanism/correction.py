@@ -83,8 +83,8 @@ def hint(mechanism) -> str:
     change = found.mechanism.corrected_by
     precision = f"{ROUNDED if change <= ROUNDED else 10 * ROUNDED:.0e}"
     return (
-        f"the numbers of the file are rounded: load(…, precision={precision}), on the command line --precision "
-        f"{precision}, changes them by up to {change:.1e} m or rad, the loops then agree and the mobility is "
+        f"the numbers of the file are rounded: load(…, precision={precision}) "
+        f"changes them by up to {change:.1e} m or rad, the loops then agree and the mobility is "
         f"{found.mobility}"
     )
 

@@ -1,120 +1,22 @@
-"""What figures are made of: one look, legible in grey; a solution with named columns; the panels of each picture."""
+"""A solution with named columns, and the panels of each picture of it."""
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from functools import cached_property
-from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 import pinocchio as pin
 
-from ..errors import InputError, MissingExtraError
-from ..files import written_whole
-from ..mechanism.names import position_names, velocity_names
+from ..errors import InputError
+from ..mechanism.names import position_names, position_units, velocity_names
+from ..mechanism.reactions import not_determined, undetermined
 from ..mechanism.rows import LoopRows
+from .figure import COLORS, GREY, LEGEND, clock, curves, legend_beside, sparse, style, widest
 
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9")
-DASHES = ("-", "--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))
-MARKERS = ("o", "s", "^", "D", "v", "x", "P")  # 7, 6 and 5: 210 lines differ, and 35 without colour
-GREY = "#b0b4b8"  # of lines without a name in the legend
-LEGEND = 12  # entries at most
 FIRST_STEPS = 20
+ROUNDING = 1e-16  # where axes of residuals begin
 PORTRAITS, ABREAST = 12, 4  # phase portraits at most, and in a line
-LOOK = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.titlelocation": "left",
-    "axes.grid": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "#d8dce0",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.3,
-    "lines.markersize": 4,
-    "legend.fontsize": 7.5,
-    "legend.frameon": False,
-    "figure.dpi": 130,
-    "savefig.dpi": 160,
-}
-
-
-@contextmanager
-def new_figure(width, height, file=None):
-    """An empty figure in this look, inches, written to `file` at the end of the block, whole or not at all."""
-    ending = require_figure(file)
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    with rc_context(LOOK):
-        yield (figure := Figure(figsize=(width, height), layout="constrained"))
-        if file is not None:
-            with written_whole(file) as stream:
-                figure.savefig(stream, format=ending)
-
-
-def require_figure(file=None) -> str:
-    """The format for the ending of `file`; MissingExtraError without matplotlib, InputError if it has none."""
-    try:
-        import matplotlib.backend_bases
-    except ImportError:
-        raise MissingExtraError("figures need matplotlib; install it by: pip install 'pinconsist[plot]'") from None
-    known = matplotlib.backend_bases.FigureCanvasBase.get_supported_filetypes()
-    ending = Path(file or "").suffix.lstrip(".").lower()
-    if file is not None and ending not in known:
-        raise InputError(f"{file}: a figure's file must end in one of {', '.join(sorted(known))}")
-    return ending
-
-
-def style(k: int) -> dict:
-    """Colour, dash and marker of the k-th line."""
-    color, dash, marker = (choices[k % len(choices)] for choices in (COLORS, DASHES, MARKERS))
-    return {"color": color, "linestyle": dash, "marker": marker, "markerfacecolor": "white"}
-
-
-def sparse(count: int, marks: int, shift: int = 0) -> tuple[int, int]:
-    """Which of `count` points have one of about `marks` markers, those of neighbouring lines apart."""
-    every = max(count // marks, 1)
-    return shift * every // 4 % every, every
-
-
-def legend_beside(axis):
-    """A legend on the right of the panel, where it covers nothing."""
-    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=4.5)
-
-
-def positive(values):
-    """NaN for what a logarithm cannot show."""
-    return np.where(values > 0, values, np.nan)
-
-
-def widest(values, most: int) -> list[int]:
-    """The columns with the largest range, in their own order."""
-    return sorted(int(k) for k in np.argsort(-np.ptp(values, axis=0), kind="stable")[:most])
-
-
-def curves(axis, t, values, labels, title, *, magnified=None):
-    """All columns over time; of more than twelve the widest have a name, others and zeros are grey. Returns the named.
-
-    `magnified` is what a first panel named: the same columns in the same style, every step marked, no legend.
-    """
-    named = magnified
-    if named is None:
-        named = widest(values, LEGEND if len(labels) <= LEGEND else LEGEND - 1)
-        named = [k for k in named if values[:, k].any()] or named
-    others = sorted({*range(values.shape[1])} - {*named})
-    rest = f"{len(others)} {'more' if values[:, others].any() else 'zero throughout'}"
-    for k in others:
-        axis.plot(t, values[:, k], color=GREY, linewidth=0.7, zorder=1, label=rest if k == others[0] else None)
-    for k, column in enumerate(named):
-        marks = 1 if magnified is not None else sparse(len(t), 8, k)
-        axis.plot(t, values[:, column], label=labels[column], markevery=marks, **style(k))
-    axis.set(title=title, xlabel="t  [s]")
-    axis.ticklabel_format(scilimits=(-2, 4))  # short, so that none is cut at the figure's edge
-    axis.locator_params(axis="x", nbins=6)
-    if magnified is None and len(labels):
-        legend_beside(axis)
-    return named
 
 
 class DrawnSolution:
@@ -171,6 +73,15 @@ class DrawnSolution:
         worst = np.reshape([both[..., part].max(axis=-1) for part in parts.values()], (len(parts), self.t.size, 2))
         return list(parts), worst[..., 0].T, worst[..., 1].T
 
+    @property
+    def running(self) -> list[int]:
+        """Columns of angles that make whole turns, where others of `q` do not."""
+        if self.mech is None:
+            return []
+        turns = np.array(position_units(self.mech.model)) == "rad"
+        running = np.flatnonzero(turns & (np.ptp(self.q, axis=0) > 2 * np.pi)).tolist()
+        return running if len(running) < self.q.shape[1] else []
+
     @cached_property
     def portraits(self) -> list[tuple[int, int]]:
         """Columns of q and of v that belong together."""
@@ -187,7 +98,7 @@ class DrawnSolution:
 
 def trajectory(left, right, drawn):
     """q and v over time."""
-    curves(left, drawn.t, drawn.q, drawn.labels["q"], "configuration q  [rad, m]")
+    curves(left, drawn.t, drawn.q, drawn.labels["q"], "configuration q  [rad, m]", running=drawn.running)
     curves(right, drawn.t, drawn.v, drawn.labels["v"], "velocity v  [rad/s, m/s]")
 
 
@@ -195,10 +106,16 @@ def multipliers(left, right, drawn):
     """λ over time, and its first steps magnified."""
     if not drawn.lam.shape[1]:
         raise InputError("there are no multipliers to draw: the solution has no constraints")
-    first, labels = slice(0, FIRST_STEPS + 1), drawn.labels["lam"]
-    named = curves(left, drawn.t, drawn.lam, labels, "multipliers λ  [N, N·m]")
-    title = f"λ, the first {min(FIRST_STEPS, drawn.t.size - 1)} steps"
-    curves(right, drawn.t[first], drawn.lam[first], labels, title, magnified=named)
+    first, labels, lam = slice(0, FIRST_STEPS + 1), drawn.labels["lam"], drawn.lam
+    without = {} if drawn.mech is None else undetermined(drawn.mech, drawn.t, drawn.q)
+    if without and len(labels) == drawn.mech.nc:
+        kept = [k for k, (loop, _) in enumerate(drawn.mech.row_labels) if loop not in without]
+        labels, lam = [labels[k] for k in kept], lam[:, kept]
+        note = fill(f"not drawn: {not_determined(without)}", 72)
+        left.text(0.0, -0.25, note, transform=left.transAxes, va="top", fontsize="small")
+    named = curves(left, drawn.t, lam, labels, "multipliers λ  [N, N·m]")
+    title = f"λ, the first {min(FIRST_STEPS, drawn.t.size - 1)} steps  [N, N·m]"
+    curves(right, drawn.t[first], lam[first], labels, title, magnified=named)
 
 
 def drift(left, right, drawn):
@@ -207,15 +124,17 @@ def drift(left, right, drawn):
     if not labels:
         raise InputError("there is no drift to draw: the solution has no constraints")
     titles = ("loops are open by |Φ|  [m, rad]", "loops open at |J v + Φ_t|  [m/s, rad/s]")
+    t, time = clock(drawn.t)
     for axis, values, title in zip((left, right), (gaps, rates), titles, strict=True):
         named = sorted(np.argsort(-values.max(axis=0), kind="stable")[:LEGEND])
         for k, column in enumerate(named):
             dots = style(k) | {"linestyle": "none", "markersize": 2.5}
-            axis.plot(drawn.t, positive(values[:, column]), label=labels[column], **dots)
+            seen = np.where(values[:, column] > 0, np.maximum(values[:, column], ROUNDING), np.nan)
+            axis.plot(t, seen, label=labels[column], **dots)
         worst = "" if len(named) == len(labels) else f", the worst {len(named)} of {len(labels)}"
-        axis.set(title=title + worst, xlabel="t  [s]")
+        axis.set(title=title + worst, xlabel=time)
         if values.any():
-            axis.set_yscale("log")
+            axis.set(yscale="log", ylim=(ROUNDING, max(10 * values.max(), 100 * ROUNDING)))
             legend_beside(axis)
         else:
             axis.set_yticks([0.0])
@@ -223,15 +142,17 @@ def drift(left, right, drawn):
 
 
 def energy(left, right, drawn):
-    """Energies and works, and the error of the balance."""
+    """Energies since the start, so that a height is no matter, and works; and the error of the balance."""
     found = drawn.sol.energy(drawn.need_mechanism("energy"))
     parts = {"kinetic": found.kinetic, "potential": found.potential}
     parts |= {"elastic": found.elastic} if found.stored else {}
     parts |= {"total": found.total} | {f"work of {name}": work for name, work in found.work.items()}
-    curves(left, found.t, np.column_stack(list(parts.values())), list(parts), "energy and work  [J]")
-    right.plot(found.t, found.error, markevery=sparse(found.t.size, 8), **style(0))
+    since = np.column_stack([part - part[0] for part in parts.values()])
+    curves(left, found.t, since, list(parts), "energies since the start, and work  [J]")
+    t, time = clock(found.t)
+    right.plot(t, found.error, markevery=sparse(found.t.size, 8), **style(0))
     right.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4))
-    right.set(title="error of the energy balance  [J]", xlabel="t  [s]")
+    right.set(title="error of the energy balance  [J]", xlabel=time)
 
 
 def steps(left, right, drawn):
@@ -240,14 +161,15 @@ def steps(left, right, drawn):
     taken = h != 0  # zero at the state change of an event
     if len(h) != drawn.t.size - 1 or not taken.any():
         raise InputError("there are no steps to draw: with t_eval the rows of a solution are not steps")
-    t, h, order = drawn.t[1:][taken], np.abs(h[taken]), order[taken]
+    t, time = clock(drawn.t)
+    t, h, order = t[1:][taken], np.abs(h[taken]), order[taken]
     left.plot(t, h, drawstyle="steps-pre", color=COLORS[0])
-    left.set(title="step size  [s]", yscale="log", xlabel="t  [s]")
+    left.set(title="step size  [s]", yscale="log", xlabel=time)
     right.plot(t, order, drawstyle="steps-pre", color=COLORS[0])
     if (start := order == 0).any():
         right.plot(t[start], order[start], label="one-step start", **style(1) | {"linestyle": "none"})
         legend_beside(right)
-    right.set(title="order", yticks=range(int(order.max()) + 1), xlabel="t  [s]")
+    right.set(title="order", yticks=range(int(order.max()) + 1), xlabel=time)
 
 
 def phase(figure, drawn):

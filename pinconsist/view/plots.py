@@ -10,13 +10,20 @@ import numpy as np
 
 from ..errors import InputError
 from . import panels
-from .panels import DrawnSolution, legend_beside, new_figure, positive, sparse, style
+from .figure import clock, legend_beside, new_figure, positive, sparse, style
+from .panels import DrawnSolution
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH, HEIGHT = 11.0, 3.0  # inches, of a row of panels
 OWN = "pinconsist BDF"  # drawn bold, others are compared with it
+STARTS = {  # name in a comparison → style, and label
+    "exact": (1, "exact start"),
+    "consistent": (0, "consistent start"),
+    "every_step": (2, "every step corrected"),
+}
+EXACT = 1e-6  # of the largest error: below it a first row is an exact start
 PICTURES = {
     "trajectory": ("configurations and velocities over time", panels.trajectory),
     "multipliers": ("constraint forces over time, the first steps magnified", panels.multipliers),
@@ -133,13 +140,13 @@ def plot_phase(sol, file=None, mech=None) -> Figure:
 def plot_comparison(rows, file=None) -> Figure:
     """A figure of the error of λ over time, from exact and from consistent initial values, a panel for each step size.
 
-    As figure 5.1 of Arévalo (2008).
+    As figure 5.1 of Arévalo (2008), and with every step corrected. Rows that are an exact start are left out.
 
     Parameters
     ----------
     rows : sequence
         Records with, as attributes or keys, ``h``, the step size, s; ``t``, shape (n,), s; ``exact`` and
-        ``consistent``, shape (n,), norms of the error of λ.
+        ``consistent``, shape (n,), the errors of λ; and, where it is known, ``every_step``.
     file : path, optional
         Where the figure is written, whole or not at all; the ending chooses the format.
 
@@ -154,30 +161,35 @@ def plot_comparison(rows, file=None) -> Figure:
     MissingExtraError
         matplotlib is not installed.
     """
-    fields = ("h", "t", "exact", "consistent")
-    records = [[row[key] if isinstance(row, Mapping) else getattr(row, key) for key in fields] for row in rows]
+    records = [row if isinstance(row, Mapping) else vars(row) for row in rows]
     lines, columns = -(-len(records) // 3), min(len(records), 3)
-    with new_figure(max(3.3 * columns, 4.5), 2.9 * lines + 0.4, file) as figure:
+    with new_figure(max(3.3 * columns, 4.5), 2.9 * lines + 0.6, file) as figure:
         if not records:
             raise InputError("a comparison needs at least one step size")
         axes = figure.subplots(lines, columns, sharey=True, squeeze=False)
         for axis, record in zip(axes.flat, records, strict=False):
-            h, t, *errors = (np.asarray(values, float) for values in record)
-            for k, error in zip((1, 0), errors, strict=True):
+            h, t = float(record["h"]), np.asarray(record["t"], float)
+            errors = {name: np.asarray(record[name], float) for name in STARTS if name in record}
+            for error in errors.values():
                 if not error.shape == t.shape == (t.size,):
                     raise InputError(f"the errors for h = {h:g} do not have the shape of t, {t.shape}")
-                label = "exact start" if k else "consistent start"
-                axis.plot(t, positive(error), label=label, markevery=sparse(t.size, 10), **style(k))
-            axis.set(yscale="log", title=f"h = {h:g} s", xlabel="t  [s]")
+            size = np.max(list(errors.values()), axis=0)
+            first = int(np.argmax(size > EXACT * size.max(initial=0.0)))
+            times, label = clock(t[first:])
+            for name, error in errors.items():
+                k, what = STARTS[name]
+                axis.plot(times, positive(error[first:]), label=what, markevery=sparse(times.size, 10), **style(k))
+            axis.set(yscale="log", title=f"step size h = {h:g} s", xlabel=label)
         for axis in axes[:, 0]:
-            axis.set_ylabel("‖error of λ‖")
+            axis.set_ylabel("largest error of a λ  [N, N·m]")
         for axis in axes.flat[len(records) :]:
             axis.set_axis_off()
         axes[0, 0].legend()
+        figure.suptitle("error of the constraint forces, by the initial values")
     return figure
 
 
-def plot_work_precision(series, file=None) -> Figure:
+def plot_work_precision(series, file=None, error="largest error of q  [rad, m]") -> Figure:
     """A figure of run time against error, a line for each method: further left and lower is better.
 
     Parameters
@@ -187,6 +199,8 @@ def plot_work_precision(series, file=None) -> Figure:
         out.
     file : path, optional
         Where the figure is written, whole or not at all; the ending chooses the format.
+    error : str
+        What the errors are of, for their axis.
 
     Returns
     -------
@@ -217,6 +231,6 @@ def plot_work_precision(series, file=None) -> Figure:
             times, errors = np.array([times, errors])[:, shown][:, np.argsort(errors[shown])]
             bold = {"linewidth": 2.6, "markersize": 6} if label == OWN else {}
             axis.plot(errors, times, label=label, **style(k), **bold)
-        axis.set(xscale="log", yscale="log", xlabel="error", ylabel="run time  [s]")
+        axis.set(xscale="log", yscale="log", xlabel=error, ylabel="run time  [s]")
         legend_beside(axis)
     return figure

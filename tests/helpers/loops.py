@@ -34,3 +34,17 @@ def closed_gap(kind, rng):
         turn = turn @ pin.Quaternion.FromTwoVectors(a, across).matrix() @ pin.exp3(1.3 * a)
     shift = {"slider": slide * E, "cylinder": slide * E, "plane": cross, "distance": 0.7 * E}.get(kind, np.zeros(3))
     return pin.SE3(turn, shift)
+
+
+def stayed_lid(lever):
+    """A lid on two balls along x, kept from turning about them by a stay that passes their line at `lever`, m."""
+    model = pin.Model()
+    free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "lid")
+    model.appendBodyToJoint(
+        free, pin.Inertia(2.0, np.array([0, 0, -0.4]), np.diag([0.1, 0.2, 0.15])), pin.SE3.Identity()
+    )
+    ends = ("universe", "lid")
+    model.addFrame(pin.Frame("lid", free, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    balls = [pc.Loop(f"ball{x}", "point", *ends, xyz1=(x, 0, 0), xyz2=(x, 0, 0)) for x in (-0.5, 0.5)]
+    stay = pc.Loop("stay", "distance", *ends, xyz1=(0, 1, 0), xyz2=(0, 0, -lever), length=float(np.hypot(1, lever)))
+    return pc.Mechanism(model, [*balls, stay])
