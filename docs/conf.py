@@ -1,9 +1,11 @@
 """The documentation site: ``sphinx-build -W docs build/site``."""
 
+import os
 import sys
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parent)]
+os.environ |= {"COLUMNS": "90", "NO_COLOR": "1"}  # of what commands print
 
 project = "pinconsist"
 author = "The pinconsist developers"

@@ -5,27 +5,18 @@ The pages are plain Markdown whose links work on a forge, too. Here a command be
 
 import os
 import re
-import shlex
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
 from html import unescape
 from pathlib import Path
 from urllib.parse import unquote
 
 from docutils import nodes
+from gallery import live, run
 from sphinx.addnodes import pending_xref
-from sphinx.errors import ExtensionError
 from sphinx.util import logging
 from sphinx.util.nodes import make_refnode
-from thumbnails import thumbnail
-
-import pinconsist as pc
 
 DOCS = Path(__file__).parent
 OWNERS = {"pc": "", "sol": "Solution.", "mech": "Mechanism.", "act": "Actuation.", "sim": "Simulation."}
-ENVIRONMENT = {**os.environ, "COLUMNS": "90", "NO_COLOR": "1", "OMP_NUM_THREADS": "1"}
-COMMAND = "from pinconsist.cli import main; main()"
 STUB = re.compile(r"# .*\s+.*\]\((\.\./[\w/]+\.md)\).*\s*")  # a page that only points to one outside of docs/
 FOUND = {path.stem: STUB.fullmatch(path.read_text(encoding="utf-8")) for path in DOCS.glob("*.md")}
 STANDS_FOR = {name: (DOCS / found[1]).resolve() for name, found in FOUND.items() if found}
@@ -73,38 +64,12 @@ def table(found) -> str:
     return "\n".join(["| part | what | imports |", "|---|---|---|", *rows])
 
 
-def pinconsist(command: str, folder=None) -> str:
-    """What a command prints; an error if it fails."""
-    call = [sys.executable, "-c", COMMAND, *shlex.split(command)[1:]]
-    done = subprocess.run(call, cwd=folder, capture_output=True, text=True, env=ENVIRONMENT)
-    if done.returncode:
-        raise ExtensionError(f"{command}\n{done.stdout}{done.stderr}")
-    return done.stdout
-
-
-def live(text: str, outdir: Path) -> str:
-    """The gallery: every command is run; its page stands behind a drawing of the run."""
-    (folder := outdir / "live").mkdir(parents=True, exist_ok=True)
-    commands = re.findall(r"^(pinconsist simulate (\w+) .*--html \2.html)$", text, flags=re.MULTILINE)
-    with ThreadPoolExecutor() as pool:
-        list(pool.map(lambda each: pinconsist(f"{each[0]} --out {each[1]}.npz", folder), commands))
-    for command, scene in commands:
-        run = folder / f"{scene}.npz"
-        traces = re.findall(r"--trace (\w+)", command)
-        drawing = thumbnail(pc.load(scene), pc.Solution.load(run), traces)
-        (folder / f"{scene}.svg").write_text(drawing, encoding="utf-8")
-        run.unlink()
-        shown = f'<a class="live" href="live/{scene}.html"><img src="live/{scene}.svg" alt="{scene}: play it"/></a>'
-        text = text.replace(f"```bash\n{command}", f"{shown}\n\n```bash\n{command}")
-    return text
-
-
 def helps(text: str, outdir) -> str:
     """The page on commands: below each heading, its name, what ``--help`` prints."""
     before, *parts = re.split(r"^(?=## `pinconsist )", text, flags=re.MULTILINE)
-    with ThreadPoolExecutor() as pool:
-        printed = pool.map(lambda part: pinconsist(f"{part.split('`')[1]} --help"), parts)
-    return before + "".join(f"{part}\n```text\n{each}```\n\n" for part, each in zip(parts, printed, strict=True))
+    names = [re.match(r"## `pinconsist (\w+)", part)[1] for part in parts]
+    shown = [f"{part}\n```text\n{run([name, '--help'])}```\n\n" for name, part in zip(names, parts, strict=True)]
+    return before + "".join(shown)
 
 
 def scripts(text: str, outdir) -> str:

@@ -55,7 +55,7 @@ def test_every_public_name_is_on_the_page_of_the_interface():
 def test_the_gallery_is_drawn(monkeypatch):
     """By the shapes of the pages, where the run has them: within the picture, and as long as in the scene."""
     monkeypatch.syspath_prepend(DOCS)
-    thumbnail = importlib.import_module("thumbnails").thumbnail
+    thumbnail = importlib.import_module("gallery").thumbnail
     mech = pc.load("four_bar")
     drawing = ElementTree.fromstring(thumbnail(mech, pc.simulate(mech, (0.0, 1.0)), ["coupler_tip"]))
     trace, *moments = drawing

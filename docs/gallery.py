@@ -1,8 +1,16 @@
-"""A run as a small SVG drawing, without a browser: the simple shapes of its page, seen from the front."""
+"""The gallery of the site: the commands of its page are run, and each run is drawn, without a browser."""
+
+import re
+import shlex
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
+import pinconsist as pc
+from pinconsist.cli import main
 from pinconsist.view.commands import view_axes
 from pinconsist.view.motion import body_poses, on_joint, point_in_world
 from pinconsist.view.shapes import SPRING, bars, simple_shapes, skeleton, springs
@@ -12,8 +20,33 @@ MOMENTS = {0.44: 0.14, 0.47: 0.22, 0.5: 1.0}  # share of the run that has passed
 PATH = 0x00838F
 
 
+def run(arguments) -> str:
+    """What a command of pinconsist prints; an error if it fails."""
+    with redirect_stdout(StringIO()) as printed, redirect_stderr(printed):
+        try:
+            main([str(each) for each in arguments])
+        except SystemExit as end:
+            if end.code:
+                raise RuntimeError(f"pinconsist {arguments}\n{printed.getvalue()}") from None
+    return printed.getvalue()
+
+
+def live(text: str, outdir: Path) -> str:
+    """The gallery: every command is run; its page stands behind a drawing of the run."""
+    (folder := outdir / "live").mkdir(parents=True, exist_ok=True)
+    for command, scene in re.findall(r"^pinconsist (simulate (\w+) .*)--html \2.html$", text, flags=re.MULTILINE):
+        arguments, saved = shlex.split(command), folder / f"{scene}.npz"
+        run([*arguments, "--html", folder / f"{scene}.html", "--out", saved])
+        drawing = thumbnail(pc.load(scene), pc.Solution.load(saved), re.findall(r"--trace (\w+)", command))
+        (folder / f"{scene}.svg").write_text(drawing, encoding="utf-8")
+        saved.unlink()
+        shown = f'<a class="live" href="live/{scene}.html"><img src="live/{scene}.svg" alt="{scene}: play it"/></a>'
+        text = text.replace(f"```bash\npinconsist {command}", f"{shown}\n\n```bash\npinconsist {command}")
+    return text
+
+
 def thumbnail(mech, sol, traces=()) -> str:
-    """The drawing of a run in its middle, with earlier positions and the paths of some frames."""
+    """A run in its middle, in the simple shapes of pages, with earlier positions and paths of frames: a small SVG."""
     poses = body_poses(mech.model, sol.q)
     bones = skeleton(mech, poses)
     axes, size = view_axes([bones])[0], float(np.linalg.norm(np.ptp(bones.reshape(-1, 3), axis=0)))
