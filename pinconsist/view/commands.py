@@ -24,9 +24,10 @@ class Node:
 
 def draw(path: str, shape: Shape, **about) -> dict:
     """Draw a shape; the page finds there what it is `about`: which part, of what name."""
-    material = {"uuid": f"{path} material", "type": "MeshPhongMaterial", "color": shape.color, "shininess": 20}
-    material["flatShading"] = "data" in shape.geometry  # a mesh shares corners between faces that meet at an edge
-    material |= {"side": 2, "opacity": shape.opacity, "transparent": shape.opacity < 1, "depthTest": not shape.on_top}
+    mesh = "data" in shape.geometry  # it may be open, and shares corners between faces that meet at an edge
+    look = {"type": "MeshPhongMaterial", "flatShading": True, "shininess": 20, "side": 2}
+    material = {"uuid": f"{path} material", "color": shape.color} | (look if mesh else {"type": "MeshLambertMaterial"})
+    material |= {"opacity": shape.opacity, "transparent": shape.opacity < 1, "depthTest": not shape.on_top}
     matrix = shape.placement.homogeneous.T.ravel().tolist()
     thing = {"uuid": path, "type": "Mesh", "matrix": matrix, "renderOrder": shape.on_top, "userData": about}
     return _set_object(path, thing, shape.geometry, material)

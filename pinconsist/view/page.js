@@ -10,7 +10,7 @@ const {Vector2, Vector3, Raycaster, PerspectiveCamera, OrthographicCamera} = Mes
 const pane = element("meshcat-pane"), viewer = new MeshCat.Viewer(pane);
 for (const command of replay.commands) viewer.handle_command(command);
 viewer.set_3d_pane_size = () =>  // the window's by default
-  MeshCat.Viewer.prototype.set_3d_pane_size.call(viewer, pane.clientWidth, pane.clientHeight);
+  MeshCat.Viewer.prototype.set_3d_pane_size.call(viewer, wide, high);
 const object = path => viewer.scene_tree.find(path.split("/").filter(Boolean)).object;
 const parts = {force: [], loop: [], trace: [], ground: [object("/Axes")], body: []};
 viewer.scene.traverse(thing => parts[thing.userData.part]?.push(thing));
@@ -22,28 +22,32 @@ const [right, up, back] = replay.view.axes.map(axis => new Vector3(...axis));
 viewer.controls.dispose();
 viewer.set_camera(planar ? new OrthographicCamera() : new PerspectiveCamera(VIEW));
 const camera = viewer.camera, target = viewer.controls.target;
-let moved = false;
+let moved = false, wide, high;  // of the pane, pixels
 viewer.controls.addEventListener("start", () => moved = true);
 function fit() {
-  const aspect = pane.clientWidth / pane.clientHeight;
+  const aspect = wide / high;
   const slope = planar ? 0 : Math.tan(VIEW / 360 * Math.PI) / MARGIN;
   const ends = (axis, slope) => [1, -1].map(way =>
     Math.max(...points.map(point => way * point.dot(axis) + slope * (point.dot(back) - depth))));
   const depths = points.map(point => point.dot(back)), depth = (Math.max(...depths) + Math.min(...depths)) / 2;
   const [east, west] = ends(right, slope * aspect), [north, south] = ends(up, slope);
-  const high = Math.max((east + west) / aspect, north + south, 0.05 * size) / 2;
-  const away = planar ? 10 * size : high / slope;
+  const half = Math.max((east + west) / aspect, north + south, 0.05 * size) / 2;
+  const away = planar ? 10 * size : half / slope;
   target.copy(right).multiplyScalar((east - west) / 2).addScaledVector(up, (north - south) / 2).addScaledVector(back, depth);
   camera.up.set(0, 1, 0);
   camera.position.copy(target).addScaledVector(back, away);
   Object.assign(camera, {near: away / 1000, far: away * 100, zoom: 1});
-  if (planar) Object.assign(camera, {top: high * MARGIN, bottom: -high * MARGIN, left: -high * MARGIN * aspect});
+  if (planar) Object.assign(camera, {top: half * MARGIN, bottom: -half * MARGIN, left: -half * MARGIN * aspect});
   viewer.set_3d_pane_size();
   moved = false;
 }
-const pixels = () => pane.clientHeight / 2 * (planar  // of a metre
+const pixels = () => high / 2 * (planar  // of a metre
   ? camera.zoom / camera.top : 1 / (Math.tan(VIEW / 360 * Math.PI) * camera.position.distanceTo(target)));
-new ResizeObserver(() => moved ? viewer.set_3d_pane_size() : fit()).observe(pane);
+function measure() {
+  [wide, high] = [pane.clientWidth, pane.clientHeight];
+  if (moved) viewer.set_3d_pane_size(); else fit();
+}
+new ResizeObserver(measure).observe(pane);
 
 // Words over the scene
 const labels = [];
@@ -246,14 +250,14 @@ pane.addEventListener("pointermove", event => {
   hint.style.transform = `translate(${event.clientX + 14}px, ${event.clientY + 14}px)`;
 });
 pane.addEventListener("pointerleave", () => under = null);
-function told({name, run}, time) {
+function described({name, run}, time) {
   const acting = curves.filter(curve => curve.run == run && (curve.of == name || curve.bodies?.includes(name)));
   return [name, ...acting.map(curve => `${curve.name}  ${amount(curve, time)}`)].join("\n");
 }
 
 function follow(frame) {
   if (running) {
-    let next = now + Math.min(0.1, (frame - drawnAt) / 1000) * speed.value;
+    let next = now + Math.min(0.5, (frame - drawnAt) / 1000) * speed.value;
     if (first && !first.seen && next >= first.stop) {
       first.seen = true;
       running = false;
@@ -266,23 +270,30 @@ function follow(frame) {
     seek(next);
   }
   drawnAt = frame;
-  const time = Math.abs(rate) * now;
+  cursor.style.transform = `translate(${100 * now / (duration || 1)}%, 0)`;
+  for (const {word, place, shown} of labels) {
+    if (word.hidden = !shown()) continue;
+    const seen = place().project(camera);
+    word.style.transform = `translate(${(1 + seen.x) / 2 * wide}px, ${(1 - seen.y) / 2 * high}px) translate(-50%, 0)`;
+  }
+  if (!running || frame > toldAt + TELLING) tell(frame);
+  requestAnimationFrame(follow);
+}
+const TELLING = 100;  // ms; words cost more than the scene
+let toldAt = 0, told = "";
+function tell(frame) {
+  const time = Math.abs(rate) * now, state = [now, running, under, pixels(), group, element("speed").value].join();
+  if (state == told && !under) return;
+  [toldAt, told] = [frame, state];
   element("time").textContent = "t = " + (start + Math.sign(rate) * time).toFixed(digits) + " s";
   scrub.value = now;
   scrub.setAttribute("aria-valuetext", element("time").textContent);
   play.textContent = running ? "❚❚" : "▶";
-  cursor.style.transform = `translate(${100 * now / (duration || 1)}%, 0)`;
   for (const curve of group?.curves ?? []) curve.text.data = `${curve.name}  ${amount(curve, time)}`;
-  for (const {word, place, shown} of labels) {
-    if (word.hidden = !shown()) continue;
-    const seen = place().project(camera);
-    word.style.transform = `translate(${(1 + seen.x) / 2 * pane.clientWidth}px, ${(1 - seen.y) / 2 * pane.clientHeight}px) translate(-50%, 0)`;
-  }
   for (const {bar} of replay.legend) if (bar) bar.line.style.width = bar.metres * pixels() + "px";
   hint.hidden = !under;
-  if (under) hint.textContent = told(under, time);
-  requestAnimationFrame(follow);
+  if (under) hint.textContent = described(under, time);
 }
-fit();
+measure();
 seek(0);
 requestAnimationFrame(follow);
