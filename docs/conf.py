@@ -8,7 +8,6 @@ sys.path[:0] = [str(Path(__file__).parent)]
 os.environ |= {"COLUMNS": "90", "NO_COLOR": "1"}  # of what commands print
 
 project = "pinconsist"
-author = "The pinconsist developers"
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
@@ -31,4 +30,5 @@ html_title = "pinconsist"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False
+html_show_copyright = False
 copybutton_exclude = ".linenos, .gp, .go"

@@ -34,7 +34,7 @@ def run(arguments) -> str:
 def live(text: str, outdir: Path) -> str:
     """The gallery: every command is run; its page stands behind a drawing of the run."""
     (folder := outdir / "live").mkdir(parents=True, exist_ok=True)
-    for command, scene in re.findall(r"^pinconsist (simulate (\w+) .*)--html \2.html$", text, flags=re.MULTILINE):
+    for command, scene in re.findall(r"^pinconsist (simulate (\w+) .*)--html .*$", text, flags=re.MULTILINE):
         arguments, saved = shlex.split(command), folder / f"{scene}.npz"
         run([*arguments, "--html", folder / f"{scene}.html", "--out", saved])
         drawing = thumbnail(pc.load(scene), pc.Solution.load(saved), re.findall(r"--trace (\w+)", command))
