@@ -16,7 +16,14 @@ from sphinx.util import logging
 from sphinx.util.nodes import make_refnode
 
 DOCS = Path(__file__).parent
-OWNERS = {"pc": "", "sol": "Solution.", "mech": "Mechanism.", "act": "Actuation.", "sim": "Simulation."}
+OWNERS = {
+    "pc": "",
+    'help("pinconsist': "",
+    "sol": "Solution.",
+    "mech": "Mechanism.",
+    "act": "Actuation.",
+    "sim": "Simulation.",
+}
 STUB = re.compile(r"# .*\s+.*\]\((\.\./[\w/]+\.md)\).*\s*")  # a page that only points to one outside of docs/
 FOUND = {path.stem: STUB.fullmatch(path.read_text(encoding="utf-8")) for path in DOCS.glob("*.md")}
 STANDS_FOR = {name: (DOCS / found[1]).resolve() for name, found in FOUND.items() if found}
@@ -105,7 +112,7 @@ def link_names(app, doctree, docname):
     """Make links of public names in the code of a text: ``pc.simulate(…)``, ``sol.check()``."""
     objects = app.env.domains["py"].objects
     for code in doctree.findall(nodes.literal):
-        found = re.match(r"(pc|sol|mech|act|sim)\.(\w+)", code.astext())
+        found = re.match(r'(pc|sol|mech|act|sim|help\("pinconsist)\.(\w+(?:\.\w+)*)', code.astext())
         name = f"pinconsist.{OWNERS[found[1]]}{found[2]}" if found else ""
         if name in objects and not isinstance(code.parent, nodes.reference):
             target = app.builder.get_relative_uri(docname, objects[name].docname)
