@@ -16,14 +16,7 @@ from sphinx.util import logging
 from sphinx.util.nodes import make_refnode
 
 DOCS = Path(__file__).parent
-OWNERS = {
-    "pc": "",
-    'help("pinconsist': "",
-    "sol": "Solution.",
-    "mech": "Mechanism.",
-    "act": "Actuation.",
-    "sim": "Simulation.",
-}
+OWNERS = {"sol": "Solution.", "mech": "Mechanism.", "act": "Actuation.", "sim": "Simulation."}
 STUB = re.compile(r"# .*\s+.*\]\((\.\./[\w/]+\.md)\).*\s*")  # a page that only points to one outside of docs/
 FOUND = {path.stem: STUB.fullmatch(path.read_text(encoding="utf-8")) for path in DOCS.glob("*.md")}
 STANDS_FOR = {name: (DOCS / found[1]).resolve() for name, found in FOUND.items() if found}
@@ -36,8 +29,8 @@ def read(app, docname, source):
         return
     path = STANDS_FOR.get(docname, DOCS / f"{docname}.md")
     text = path.read_text(encoding="utf-8")
-    change = {"index": contents, "gallery": live, "commands": helps, "examples": scripts}.get(docname)
-    text = change(text, Path(app.outdir)) if change else text
+    if change := {"index": contents, "gallery": live, "commands": helps, "examples": scripts}.get(docname):
+        text = change(text, Path(app.outdir))
     text = re.sub(r"```mermaid\n(.*?)```", table, text, flags=re.DOTALL)
     source[0] = re.sub(r"\]\(([^)#:]+)(#[^)]*)?\)", lambda found: link(found, path.parent), text)
 
@@ -113,7 +106,7 @@ def link_names(app, doctree, docname):
     objects = app.env.domains["py"].objects
     for code in doctree.findall(nodes.literal):
         found = re.match(r'(pc|sol|mech|act|sim|help\("pinconsist)\.(\w+(?:\.\w+)*)', code.astext())
-        name = f"pinconsist.{OWNERS[found[1]]}{found[2]}" if found else ""
+        name = f"pinconsist.{OWNERS.get(found[1], '')}{found[2]}" if found else ""
         if name in objects and not isinstance(code.parent, nodes.reference):
             target = app.builder.get_relative_uri(docname, objects[name].docname)
             refuri = f"{target}#{objects[name].node_id}"
