@@ -233,6 +233,20 @@ class Solution(ByName):
                 "give it those of simulate(forces=...) by mechanism.with_forces(...)"
             )
 
+    def render(self, file, mechanism=None, *, speed=1.0, traces=(), forces=False, at=()) -> Path:
+        """The `file` with the motion as a film, ``.mp4`` or ``.gif``, or as drawings of a planar one, ``.svg``.
+
+        It is drawn in this process, as on a page but without perspective, and written whole or not at all. `speed`,
+        `traces` and `forces` are as in :func:`pinconsist.export_html`; `at` are the times that are drawn in an SVG, s,
+        by default the start; `mechanism` is as in :meth:`reaction`. Raises InputError as export_html does, for other
+        endings and times, and a drawing of what moves in space; MissingExtraError without the extra; OSError.
+        """
+        from .view.render import render
+
+        return render(
+            self._mechanism(mechanism, "reaction"), self, file, speed=speed, traces=traces, forces=forces, at=at
+        )
+
     def summary(self) -> str:
         """The message; steps, their sizes and orders; rejected ones by reason; what the run took; what was skipped."""
         return summary_of(self)

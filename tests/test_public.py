@@ -177,6 +177,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "to_dataframe": "mechanism",
         "to_csv": "file mechanism",
         "export_html": "file mechanism **options",
+        "render": "file mechanism | speed traces forces at",
         "summary": "",
         "save": "file",
         "load": "file",

@@ -20,6 +20,7 @@ from .compare import compare
 from .models import models
 from .output import FAILED, INTERRUPTED, WRONG_INPUT, in_options, message, print_error, print_json, rescued
 from .plot import plot
+from .render import render
 from .replay import replay
 from .rerun import rerun, resume
 from .sensitivity import sensitivity
@@ -39,6 +40,7 @@ right from the first step on.
   pinconsist resume run.npz                       continue an interrupted run
   pinconsist plot run.npz --what drift,energy     draw it
   pinconsist replay run.npz                       play it in the browser
+  pinconsist render run.npz run.mp4               a film for a slide
   pinconsist compare problem51 --step 0.01 0.001  exact and consistent starts
   pinconsist sweep four_bar --vary crank=0:1:.1   many runs, in a table
   pinconsist sensitivity four_bar --of crank --to mass
@@ -59,6 +61,7 @@ COMMANDS: dict[Callable, str] = {
     check: f"{SCENE}; 130 interrupted",
     models: INPUT,
     replay: SHOWN,
+    render: SHOWN,
     plot: SHOWN,
     rerun: f"1 the numbers differ; {INPUT}",
     resume: f"1 the integration failed {RESUMED}; 2 wrong input, or a scene that has changed; 130 interrupted "
@@ -71,7 +74,8 @@ COMMANDS: dict[Callable, str] = {
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 SEVERAL = {"--to": re.compile(r"[^-].*"), "--step": NUMBER}
-SEVERAL |= dict.fromkeys(("--at", "--with-velocity", "--control"), re.compile(r"[^-].*=.*"))
+SEVERAL |= dict.fromkeys(("--with-velocity", "--control"), re.compile(r"[^-].*=.*"))
+SEVERAL["--at"] = re.compile(rf"[^-].*=.*|{NUMBER.pattern}")
 """Options that take several values, and what a further value looks like."""
 
 app = typer.Typer(

@@ -25,7 +25,7 @@ NOTHING = 1e-12  # rad or m, and the like, of what is zero
 WHOLE_WORDS: Any = {"break_long_words": False, "break_on_hyphens": False}
 LOADED = re.compile(r"load\(…, (\w+ ?= ?[^)]+)\)")
 ARGUMENT = re.compile(
-    r"\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer|precision|closure|loops|ignore|consistency|method|step)"
+    r"\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer|precision|closure|loops|ignore|consistency|method|step|at)"
     r" ?= ?'?([^\s',;:()]*)'?|\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer)\b"
 )
 SPELT = {"max_order": "order", "package_dirs": "package_dir"}

@@ -33,14 +33,7 @@ def replay(
     """
     output.require_writable(html=html)
 
-    def require(mech):
-        if mech is None:
-            raise InputError(
-                f"{source} holds a general problem, which has no scene to play; pinconsist plot {source} draws it"
-            )
-        require_drawable(mech, traces, speed)
-
-    mech, sol, code = run_of(source, scene_of_run, until, require)
+    mech, sol, code = run_of(source, scene_of_run, until, requirement(source, traces, speed))
     if html:
         output.written(html, lambda: pc.export_html(mech, sol, html, **look(sol, forces, traces, speed)))
     print_in_a_line(sol)
@@ -75,6 +68,19 @@ def look(sol, forces, traces, speed) -> dict:
     if speed is None:
         speed = 10.0 ** floor(log10(length)) if 0 < length < 1 else 1.0
     return {"speed": speed, "traces": traces or (), "forces": forces}
+
+
+def requirement(source, traces, speed):
+    """What the mechanism of a run must be to be shown: a function for :func:`run_of`."""
+
+    def require(mech):
+        if mech is None:
+            raise InputError(
+                f"{source} holds a general problem, which has no scene to show; pinconsist plot {source} draws it"
+            )
+        require_drawable(mech, traces, speed)
+
+    return require
 
 
 def require_drawable(mech, traces, speed):

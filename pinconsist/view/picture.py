@@ -116,12 +116,23 @@ class DrawnRun:
 
 
 def picture(
-    mech, sol, *, fps: float, speed=1.0, traces=(), forces=False, loop=True, beside=True, first: FirstStep | None = None
+    mech,
+    sol,
+    *,
+    fps: float,
+    speed=1.0,
+    traces=(),
+    forces=False,
+    loop=True,
+    beside=True,
+    first: FirstStep | None = None,
+    times=None,
 ) -> dict:
     """The replay as a page needs it, places in axes with y up; parameters as in :func:`pinconsist.export_html`.
 
     ``clock`` is the time at the start, the seconds of motion per second of playing, and the duration of playing;
-    `beside` adds the curves and verdicts beside the motion; `first` compares the first run with the truth.
+    `beside` adds the curves and verdicts beside the motion; `first` compares the first run with the truth; `times` are
+    those of the frames, s of playing, in place of even ones.
     """
     from .visuals import visuals  # and with it coal, only when something is shown
 
@@ -129,7 +140,7 @@ def picture(
     if first is not None:
         runs[0] = replace(runs[0], true=first.lam)
     traces = _frames(traces, runs)
-    clock = playing_times(runs, speed, fps)
+    clock = playing_times(runs, speed, fps) if times is None else times
     of_file = cache(visuals)
     paths = [f"/{k + 1} {_part(run.title)}" if len(runs) > 1 else "" for k, run in enumerate(runs)]
     drawn = [DrawnRun(each, clock * speed, path, of_file(each.mech)) for each, path in zip(runs, paths, strict=True)]
