@@ -35,19 +35,24 @@ LOOK = {
 BLUE, ORANGE = "#0072b2", "#d55e00"
 
 
-def still(mech, sol, time, traces, forces):
-    """The mechanism at a time, as its page shows it: an array of pixels."""
+def photograph(mech, sol, time, look="", size=(WIDE, HIGH), **options):
+    """The page of a run at a time: an array of pixels; `look` is CSS."""
     if BROWSER is None:
         raise SystemExit("the stills need chromium, chromium-browser or google-chrome")
     with tempfile.TemporaryDirectory() as folder:
         page, shot = Path(folder) / "page.html", Path(folder) / "shot.png"
-        pc.export_html(mech, sol, page, traces=traces, forces=forces, panel=False)
+        pc.export_html(mech, sol, page, **options)
         text = page.read_text(encoding="utf-8").rsplit("</body>", 1)
-        page.write_text(f"{PLAIN}<script>{STOP.format(time=time)}</script></body>".join(text), encoding="utf-8")
-        options = f"--window-size={WIDE},{HIGH} --virtual-time-budget=3000 --screenshot={shot}"
-        command = [BROWSER, *FLAGS.split(), *options.split(), f"--user-data-dir={folder}/user", page.as_uri()]
+        page.write_text(f"{look}<script>{STOP.format(time=time)}</script></body>".join(text), encoding="utf-8")
+        flags = f"--window-size={size[0]},{size[1]} --virtual-time-budget=3000 --screenshot={shot}"
+        command = [BROWSER, *FLAGS.split(), *flags.split(), f"--user-data-dir={folder}/user", page.as_uri()]
         subprocess.run(command, capture_output=True, timeout=120)
-        return cropped(np.array(Image.open(shot).convert("RGB")))
+        return np.array(Image.open(shot).convert("RGB"))
+
+
+def still(mech, sol, time, traces, forces):
+    """The mechanism at a time, as its page shows it."""
+    return cropped(photograph(mech, sol, time, PLAIN, traces=traces, forces=forces, panel=False))
 
 
 def cropped(pixels):
@@ -221,7 +226,7 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "09_delta_robot": (delta, 0.3, ("platform",)),
     "10_cassie": (cassie, 0.15, ()),
     "11_gripper": (gripper, 1.0, ()),
-    "12_strandbeest": (strandbeest, 0.4, ("foot",)),
+    "12_strandbeest": (strandbeest, 0.55, ("foot",)),
     "13_own_dae": (car_axis, None, ()),
     "14_ensemble": (ensemble, None, ()),
     "15_linearisation": (linearisation, 0.5, ()),
@@ -265,17 +270,28 @@ def figure_of(name):
     return figure
 
 
-def make(name, folder) -> Path:
-    """Write the picture of an example, in few colours to keep it small."""
+def page_of_four_bar():
+    """The page of README's first command."""
+    mech = pc.load("four_bar")
+    return Image.fromarray(photograph(mech, pc.simulate(mech, (0.0, 5.0)), 1.05, size=(1100, 700), forces=True))
+
+
+def picture_of(name):
+    """The picture of an example."""
     image = io.BytesIO()
     figure_of(name).savefig(image, format="png", dpi=100)
-    path = Path(folder) / f"{name}.png"
-    Image.open(image).convert("RGB").quantize(256, kmeans=1, dither=Image.Dither.NONE).save(path, optimize=True)
+    return Image.open(image).convert("RGB")
+
+
+def make(name, folder) -> Path:
+    """Write a picture, in few colours to keep it small."""
+    image, path = page_of_four_bar() if name == "four_bar" else picture_of(name), Path(folder) / f"{name}.png"
+    image.quantize(256, kmeans=1, dither=Image.Dither.NONE).save(path, optimize=True)
     return path
 
 
 if __name__ == "__main__":
     folder, *names = sys.argv[1:] or [HERE / "pictures"]
-    for each in names or ["01_exact_and_consistent", *FIGURES]:
+    for each in names or ["four_bar", "01_exact_and_consistent", *FIGURES]:
         made = make(each, folder)
         print(f"{made}: {made.stat().st_size / 1000:.0f} kB")

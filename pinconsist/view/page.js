@@ -146,9 +146,9 @@ for (const each of replay.panel?.groups ?? []) {
   each.curves.forEach((curve, k) => {
     const values = unpacked(curve.y).map(each.name == "step" ? Math.log10 : x => x);
     const at = times[curve.run], finite = values.filter(Number.isFinite).sort();
-    let left = 0.05 * length;  // but for a twentieth of the time the curve is below `usual`
-    const falling = [...values.keys()].sort((a, b) => values[b] - values[a]);
-    const usual = values[falling.find(row => (left -= (at[row + 1] ?? at[row]) - at[row]) <= 0)];
+    let left = 0.05 * length;  // but for a twentieth of the time the curve is within `usual` of zero
+    const falling = [...values.keys()].sort((a, b) => Math.abs(values[b]) - Math.abs(values[a]));
+    const usual = Math.abs(values[falling.find(row => (left -= (at[row + 1] ?? at[row]) - at[row]) <= 0)]);
     Object.assign(curve, {values, low: finite[0], usual, high: finite[finite.length - 1]});
     Object.assign(curve, {times: at, unit: each.unit, color: COLORS[k % COLORS.length]});
     curves.push(curve);
@@ -177,11 +177,11 @@ function choose(chosen, tab) {
 function draw() {
   const shown = group.curves.filter(curve => curve.shown && curve.low <= curve.high), log = group.name == "step";
   let low = Math.min(...shown.map(curve => curve.low)), high = Math.max(...shown.map(curve => curve.high));
-  const usual = Math.max(...shown.map(curve => curve.usual)), cut = !log && low >= 0 && high > 5 * usual && usual > 0;
-  const all = high;
-  if (cut) high = 1.5 * usual;
+  const largest = Math.max(high, -low), usual = 1.5 * Math.max(...shown.map(curve => curve.usual));
+  const cut = !log && usual > 0 && largest > 3 * usual;
+  if (cut) [low, high] = [Math.max(low, -usual), Math.min(high, usual)];
   if (!(low < high)) [low, high] = shown.length ? [low - (Math.abs(low) || 1) / 2, high + (Math.abs(high) || 1) / 2] : [0, 1];
-  const rough = (high - low) / 4, power = 10 ** Math.floor(Math.log10(rough));
+  const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
   const gap = log ? Math.max(1, Math.round(rough)) : power * [1, 2, 5, 10].find(step => step * power >= rough * 0.999);
   const down = value => (high - value) / (high - low);
   svg.replaceChildren();
@@ -199,7 +199,7 @@ function draw() {
   }
   for (const share of [0, 0.5, 1])
     note("below", +(start + Math.sign(rate) * share * length).toPrecision(6) + " s", "left", share);
-  note("above", cut ? `${group.unit}   (peaks to ${short(all, group.unit)} are cut)` : group.unit);
+  note("above", cut ? `${group.unit}   (peaks to ${short(largest, group.unit)} are cut)` : group.unit);
   for (const {values, times, color} of shown) {
     let lines = "", pen = "M";
     values.forEach((value, k) => {

@@ -229,7 +229,7 @@ def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]
         out.append({"color": CLOSED, "text": f"loop: closed where its core sits {', '.join(seats)}"})
     for kind, scale in scales.items():
         if scale:
-            amount = round_amount(0.5 * scale.most)
+            amount = round_amount(0.3 * scale.most)
             bar = {"metres": amount * scale.metres, "text": f"{amount:g} {UNITS[kind]}"}
             cut = f"; cut at {scale.most:.3g} {UNITS[kind]}, with their size beside them" if scale.cuts else ""
             out.append({"color": COLORS[kind], "bar": bar, "text": f"{_acting(kind, acting)}{cut}"})
