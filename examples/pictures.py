@@ -178,6 +178,23 @@ def held(axes, mech, sol):
     return "torque that is held  [N·m]"
 
 
+def stewart(axes, mech, sol):
+    table = sol.held["sampled"]
+    for leg, column in enumerate(range(2, 18, 3), start=1):
+        axes.step(table[:, 0], table[:, 1 + column], where="post", label=f"leg {leg}")
+    axes.margins(y=0.25)
+    axes.legend(frameon=False, loc="upper center", ncols=3, handlelength=1.5, columnspacing=1.0)
+    return "forces that are held  [N]"
+
+
+def episode(axes, mech, found):
+    sol, _, target = found
+    axes.plot(sol.t, sol.q[:, 0], color=BLUE, label="crank")
+    axes.axhline(target, color=ORANGE, linestyle="--", label="target")
+    axes.legend(frameon=False)
+    return "crank angle  [rad]"
+
+
 def workspace(axes, mech, found):
     tips, condition, ends, ellipses = found
     dots = axes.scatter(*tips.T, c=condition, s=7, cmap="viridis", label="reached by the motors")
@@ -236,6 +253,8 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "19_identification": (identification, None, ()),
     "20_spring_size": (spring_size, None, ()),
     "21_swing_up": (swing_up, None, ()),
+    "22_stewart_control": (stewart, 0.3, ()),
+    "23_gymnasium": (episode, None, ()),
 }
 
 

@@ -45,9 +45,9 @@ class StageCurve(Curve):
             found = self._sampler[0].rows(self._core, self.holders(times), times, *sizes, with_multipliers)
         return super().__call__(times) if found is None else found
 
-    def row(self, i, t):
+    def row(self, i, t, with_multipliers):
         """(p, v, λ) at a time of a step."""
-        found = self._sampler[0].row(self._core, i, t) if self._sampler else None
+        found = self._sampler[0].row(self._core, i, t, with_multipliers) if self._sampler else None
         return found or self.plain(i)(t)
 
     def with_others(self, curves):
@@ -64,8 +64,8 @@ class StageSegment:
     t_old: float
     end: float
 
-    def __call__(self, t):
-        return self.curve.row(self.i, t)
+    def __call__(self, t, with_multipliers=True):
+        return self.curve.row(self.i, t, with_multipliers)
 
 
 class CompiledRadauStepper(CompiledRun, RadauStepper):

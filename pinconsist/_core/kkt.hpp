@@ -9,13 +9,14 @@
 
 namespace pinconsist {
 
-// LAPACK as SciPy carries it, handed over by Python; it wins from about LARGE unknowns on.
+// LAPACK as SciPy carries it, handed over by Python; it wins from about LARGE unknowns on. To solve with the factors it
+// wakes the threads of OpenBLAS, even for what takes a microsecond: that is for SLOW solutions only.
 struct Lapack {
   using Factorise = void (*)(int *, int *, double *, int *, int *, int *);
   using Solve = void (*)(char *, int *, int *, double *, int *, int *, double *, int *, int *);
   static inline Factorise factorise = nullptr;
   static inline Solve solve = nullptr;
-  static constexpr int LARGE = 24;
+  static constexpr int LARGE = 24, SLOW = 100000; // unknowns; squared, times right-hand sides
 };
 
 // Factors of a square matrix, with row pivots.
@@ -38,7 +39,7 @@ public:
       int pivot = k;
       for (int i = k + 1; i < n_; ++i)
         if (std::abs(column[i]) > std::abs(column[pivot])) pivot = i;
-      pivots_[k] = pivot;
+      pivots_[k] = pivot + 1;
       if (column[pivot] == 0.0) return false;
       if (pivot != k)
         for (int j = 0; j < n_; ++j) std::swap(lu_(k, j), lu_(pivot, j));
@@ -60,15 +61,15 @@ public:
     bool odd = false;
     for (int k = 0; k < n_; ++k) {
       size += std::log(std::abs(lu_(k, k)));
-      odd ^= (lu_(k, k) < 0.0) ^ (pivots_[k] != k + (n_ >= Lapack::LARGE));
+      odd ^= (lu_(k, k) < 0.0) ^ (pivots_[k] != k + 1);
     }
     return {size, odd};
   }
 
   void substitute(double *x, int columns) const {
-    if (n_ < Lapack::LARGE) {
+    if (n_ < Lapack::LARGE || static_cast<double>(n_) * n_ * columns < Lapack::SLOW) {
       for (int column = 0; column < columns; ++column) substitute(x + static_cast<long>(column) * n_);
-    } else if (columns) {
+    } else {
       char plain = 'N';
       int n = n_, info = 0;
       Lapack::solve(&plain, &n, &columns, const_cast<double *>(lu_.data()), &n, const_cast<int *>(pivots_.data()), x, &n,
@@ -78,24 +79,18 @@ public:
 
   // x = A⁻ᵀ x
   void substitute_transposed(double *x) const {
-    if (n_ >= Lapack::LARGE) {
-      char transposed = 'T';
-      int n = n_, one = 1, info = 0;
-      Lapack::solve(&transposed, &n, &one, const_cast<double *>(lu_.data()), &n, const_cast<int *>(pivots_.data()), x, &n, &info);
-      return;
-    }
     for (int k = 0; k < n_; ++k) {
       for (int i = 0; i < k; ++i) x[k] -= lu_(i, k) * x[i];
       x[k] /= lu_(k, k);
     }
     for (int k = n_; k-- > 0;)
       for (int i = k + 1; i < n_; ++i) x[k] -= lu_(i, k) * x[i];
-    for (int k = n_; k-- > 0;) std::swap(x[k], x[pivots_[k]]);
+    for (int k = n_; k-- > 0;) std::swap(x[k], x[pivots_[k] - 1]);
   }
 
 private:
   void substitute(double *x) const {
-    for (int k = 0; k < n_; ++k) std::swap(x[k], x[pivots_[k]]);
+    for (int k = 0; k < n_; ++k) std::swap(x[k], x[pivots_[k] - 1]);
     for (int k = 0; k < n_; ++k) {
       const double *column = &lu_(0, k);
       const double value = x[k];

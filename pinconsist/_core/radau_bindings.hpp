@@ -144,8 +144,8 @@ void bind_radau(nb::module_ &m) {
   nb::class_<Sampler>(m, "Sampler")
       .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
       .def("row", // None where the equations are singular
-           [](Sampler &sampler, const StageCurve &curve, size_t i, double t) -> nb::object {
-             if (!sampler.sample(curve.steps.at(i), t)) return nb::none();
+           [](Sampler &sampler, const StageCurve &curve, size_t i, double t, bool with_multipliers) -> nb::object {
+             if (!sampler.sample(curve.steps.at(i), t, with_multipliers)) return nb::none();
              return nb::make_tuple(array(sampler.p), array(sampler.v), array(sampler.lam));
            })
       .def("rows", // at times of the steps with these indices

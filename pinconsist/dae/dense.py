@@ -37,8 +37,8 @@ class Segment:
 
     looks = 1
 
-    def __call__(self, t: float):
-        """(p, v, λ) at a time inside the step."""
+    def __call__(self, t: float, with_multipliers=True):
+        """(p, v, λ) at a time inside the step; what λ is has no meaning where it is not wanted."""
         y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z[: self.k + 1])
         nx, nv = self.system.nx, self.system.nv
         return chart_point(self.system, self.base, y[:nx]), y[nx : nx + nv], y[nx + nv :]
@@ -66,7 +66,7 @@ class RadauSegment:
 
     looks = LOOKS  # steps are long
 
-    def __call__(self, t: float):
+    def __call__(self, t: float, with_multipliers=True):
         """(p, v, λ) at a time inside the step."""
         system, theta = self.system, (t - self.t_old) / self.h
         here, last = self.h * self.table.integrals([theta])[0], self.h * self.table.A[-1]

@@ -133,7 +133,7 @@ class EventWatch:
     def _hits(self, segment, begin, end, values):
         """(t, index) of the events between two times, in their order."""
         beside = begin + NUDGE * (end - begin)
-        leaving = self._signs(beside, *segment(beside)) if 0.0 in values else values
+        leaving = self._signs(beside, *segment(beside, self._multipliers)) if 0.0 in values else values
         hits = []
         for i, event in enumerate(self.events):
             g0, g1 = values[i] or leaving[i], self._values[i]
@@ -180,7 +180,7 @@ class EventWatch:
 
         def g(t):
             if t not in known:
-                p, v, lam = segment(t)
+                p, v, lam = segment(t, self._multipliers)
                 known[t] = _value(event, t, p, v, self._given(p, lam))
             return known[t]
 
