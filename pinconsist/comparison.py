@@ -63,7 +63,7 @@ class Run:
         size = f"{np.abs(self.lam[self.order]).max():.3g} {self.unit}".rstrip()
         return (
             f"h = {self.h:g} s: at the first step the multipliers from exact values are {self.wrong}, "
-            f"from consistent values {self._share(self.consistent)}; the largest is {size}"
+            f"from consistent values {self._share(self.consistent)}; the largest true one is {size}"
         )
 
     def _share(self, errors) -> str:

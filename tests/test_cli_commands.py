@@ -173,7 +173,7 @@ def test_compare_shows_exact_beside_consistent_and_the_truth(run):
     first = page["first"]
     assert first["stop"] == 1.0 and first["wrong"] == f"{100 * 2.008 / truth.item():.0f} % wrong"
     assert code == 0 and first["verdict"] in " ".join(out.split()) and first["wrong"] in first["verdict"]
-    assert f"the largest is {truth.item():.3g} N" in first["verdict"]
+    assert f"the largest true one is {truth.item():.3g} N" in first["verdict"]
     parts = drawn(page, "/1 from exact values/forces")
     colors = {each["path"].split("/")[3]: each["object"]["materials"][0]["color"] for each in parts}
     assert colors == {"circle": WRONG, "true circle": RIGHT}

@@ -1,6 +1,7 @@
 """The page in a real browser: every control is used as a person uses it, and the numbers that it tells are compared."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -257,3 +258,26 @@ def test_a_peak_that_is_cut_tells_its_size(tmp_path):
         tab.run("seek(0.2)")
         drawn(tab)
         assert tab.run(label) == ""
+
+
+def made_up(t):
+    """Rows without multipliers and velocities."""
+    return SimpleNamespace(t=np.array(t), q=np.zeros((len(t), 3)))
+
+
+@pytest.mark.parametrize(
+    "sol", [made_up([0.5]), made_up([3.0, 2.0]), {"a": made_up([0.0, 1.0]), "b": made_up([0.0, 0.5])}]
+)
+def test_pages_of_little(tmp_path, sol):
+    """One row, backward in time, two of different length; nothing but positions is known of them."""
+    with opened(pc.export_html(pc.load("four_bar"), sol, tmp_path / "page.html")) as tab:
+        drawn(tab)
+        still = isinstance(sol, SimpleNamespace) and len(sol.t) == 1
+        assert tab.run("panel.hidden") == tab.run("element('player').hidden") == still
+        if not still:
+            assert tab.run("[...element('groups').children].map(each => each.innerText)") == ["angles"]
+            tab.run("running = false; seek(0.5)")
+            drawn(tab)
+            assert tab.run("element('curves').innerText").count("0 rad") == 3 * (2 if isinstance(sol, dict) else 1)
+            end = sol.t[0] - 0.5 if isinstance(sol, SimpleNamespace) else 0.5
+            assert tab.run("element('time').innerText") == f"t = {end:.2f} s"

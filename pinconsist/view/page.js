@@ -228,7 +228,7 @@ plot.addEventListener("pointerdown", event => {
   plot.onpointermove = go;
   plot.onpointerup = plot.onpointercancel = () => { plot.onpointermove = plot.onpointerup = plot.onpointercancel = null; release(); };
 });
-if (replay.panel?.groups.length) element("groups").firstChild.click();
+if (!panel.hidden && replay.panel.groups.length) element("groups").firstChild.click();
 
 // The header: whether to believe it
 for (const {text, ok} of replay.verdicts) added(header, "span", {textContent: text, className: ok ? "ok" : "look"});
