@@ -23,6 +23,7 @@ FINER = 0.1  # of the tolerance
 ENDS = 100  # steps of Radau between rows that are compared
 PATIENCE = 3.0  # s that the finer run may take where it was not asked for
 AMPLIFIED = 100.0  # tolerances: a larger error is worth a warning
+OFF = 0.01  # of velocities, forces and energies
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ class GlobalError:
             figure("error of v", self.v, self.units[1], looks, self.v_at),
         ]
         if self.force_at:
-            lines.append(figure("error of forces", self.force, "", looks, f"of the largest, {self.force_at}"))
+            about = f"of the largest, {self.force_at}"
+            lines.append(figure("error of forces", self.force, "", looks or self.force > OFF, about))
         if self.tolerances is not None:
             lines.append(figure("  in tolerances", self.tolerances, "", looks, "at most"))
         return "\n".join(lines)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import GlobalError, figure
+from .accuracy import OFF, GlobalError, figure
 from .dae.norms import largest
 from .mechanism.energy import energy_of
 from .mechanism.forces.actuators import saturated
@@ -18,8 +18,7 @@ from .mechanism.rows import LoopRows, Workspace
 from .mechanism.system import MechanismSystem
 from .residuals import measured
 
-OPEN = 1e-8  # m or rad: of loops
-OFF = 0.01  # of velocities, forces and energies
+OPEN = 1e-8  # m or rad, and of a second: of loops
 SHOWN = 4  # joints outside of their limits
 
 
@@ -98,13 +97,16 @@ class Certificate:
         """
         found = ["no loops"]
         if self.position_at:
-            forces = max(self.force, self.error.force if self.error else 0.0)
-            found = [f"closed to {_short(self.position, self.units[0])}", f"forces good to {_short(forces)}"]
+            found = [f"closed to {_short(self.position, self.units[0])}", f"forces good to {_short(self._of_forces)}"]
         if self.error is not None:
             found.append(f"error of q about {_short(self.error.q, self.error.units[0])}")
         elif self.energy_error is not None:
             found.append(f"energy balanced to {_short(self.energy_error)}")
         return f"{', '.join(found)}: " + ("ok" if self.ok else f"look at {', '.join(self._doubts)}")
+
+    @property
+    def _of_forces(self) -> float:
+        return max(self.force, self.error.force if self.error else 0.0)
 
     def _figures(self) -> list[str]:
         """A line for each figure: its name, size and unit, ``ok`` or ``look``, and where it is largest."""
@@ -113,7 +115,7 @@ class Certificate:
             lines = [
                 figure("loops closed to", self.position, self.units[0], "loops" in doubts, self.position_at),
                 figure("velocity residual", self.velocity, self.units[1], "velocities" in doubts),
-                figure("constraint forces", self.force, "", "forces" in doubts, "of the largest force that acts"),
+                figure("constraint forces", self.force, "", self.force > OFF, "of the largest force that acts"),
                 figure("  at the first step", self.force_first, "", self.force_first > OFF),
             ]
         if self.energy_error is not None:
@@ -140,9 +142,9 @@ class Certificate:
             found["the end"] = "the run ended early, see its message"
         if self.position > OPEN:
             found["loops"] = f"a loop is open by {self.position:.1e} {self.units[0]}".rstrip()
-        if self.velocity > OFF * (self.speed or 1.0):
+        if self.velocity > max(OFF * self.speed, OPEN):
             found["velocities"] = f"the velocities open a loop by more than 1 % of the largest: {advice}"
-        if self.force > OFF:
+        if self._of_forces > OFF:
             found["forces"] = (
                 f"the constraint forces are off by more than 1 %: {advice}, or a force jumps within a step"
             )

@@ -226,6 +226,13 @@ def test_what_is_wrong_is_looked_at(run, name, row, change, figure, word):
     assert "look" in states(bad)[figure.strip()][1] and "ok" in states(run.check(error=False))[figure.strip()][1]
 
 
+def test_forces_that_a_finer_run_does_not_have_are_looked_at(run):
+    good = run.check()
+    bad = dataclasses.replace(good, error=dataclasses.replace(good.error, force=0.05))
+    assert bad.verdict.endswith(": look at forces") and "forces good to 0.05" in bad.verdict
+    assert "look" in states(bad)["error of forces"][1] and "ok" in states(bad)["constraint forces"][1]
+
+
 def test_units_of_figures_are_those_of_their_rows():
     sliding = pin.Model()
     sliding.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")

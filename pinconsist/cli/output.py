@@ -23,6 +23,7 @@ WIDTH, PLAIN_WIDTH = 160, 80  # of text at most; of what goes to a file or a pip
 GAP, ABOUT = "  ", 43  # between columns; where the last one of a certificate begins
 NOTHING = 1e-12  # rad or m, and the like, of what is zero
 WHOLE_WORDS: Any = {"break_long_words": False, "break_on_hyphens": False}
+AT_TIME = re.compile(r"\bt = \S+ s\b")  # stays in one line
 LOADED = re.compile(r"load\(…, (\w+ ?= ?[^)]+)\)")
 ARGUMENT = re.compile(
     r"\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer|precision|closure|loops|ignore|consistency|method|step|at)"
@@ -113,7 +114,9 @@ def verdict(certificate):
 
 def _filled(text, stream, first, others):
     """The text in lines that fit the stream."""
-    return textwrap.fill(text, _width(stream), initial_indent=first, subsequent_indent=others, **WHOLE_WORDS)
+    text = AT_TIME.sub(lambda found: found[0].replace(" ", "\xa0"), text)
+    filled = textwrap.fill(text, _width(stream), initial_indent=first, subsequent_indent=others, **WHOLE_WORDS)
+    return filled.replace("\xa0", " ")
 
 
 def _width(stream) -> int:
