@@ -45,7 +45,7 @@ def test_every_help_has_an_example_and_the_exit_codes(run, command):
     code, out, _ = run(command, "--help")
     assert code == 0 and f"Example: pinconsist {command}" in out and "Exit codes: 0 fine" in out
     assert max(map(len, out.splitlines())) <= 80
-    assert out.count("pinconsist ") >= 2 and ("--json" in out or command == "replay")
+    assert out.count("pinconsist ") >= 2 and ("--json" in out or command in ("replay", "render"))
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_a_general_problem_is_drawn_without_a_scene(run, general):
     code, _, err = run("plot", "p.npz", "--what", "energy", "--out", "e.png")
     assert code == 2 and "a general problem, which has no scene; what can be drawn of it: trajectory" in err
     code, _, err = run("replay", "p.npz", "--html", "p.html")
-    assert code == 2 and "a general problem, which has no scene to play" in err
+    assert code == 2 and "a general problem, which has no scene to show" in err
 
 
 def test_a_name_in_a_saved_run_is_no_folder(run):
