@@ -7,17 +7,16 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 import pinconsist as pc
 from pinconsist.cli import main
-from pinconsist.view.commands import view_axes
-from pinconsist.view.motion import body_poses, on_joint, point_in_world
-from pinconsist.view.shapes import SPRING, bars, simple_shapes, skeleton, springs
+from pinconsist.view.picture import picture
+from pinconsist.view.solids import Stage
 
-WIDTH, HEIGHT, MARGIN = 360, 250, 14
-MOMENTS = {0.44: 0.14, 0.47: 0.22, 0.5: 1.0}  # share of the run that has passed, and how clearly it is drawn
-PATH = 0x00838F
+SIZE, SHARE = np.array([360, 250]), 0.92  # of a drawing, and of the motion in it
+FRAMES = 100
+MOMENTS = {44: 0.14, 47: 0.22, 50: 1.0}  # frames that are drawn, and how clearly
+EDGE = 0.6  # of a colour, round what is drawn flat
 
 
 def run(arguments) -> str:
@@ -46,44 +45,27 @@ def live(text: str, outdir: Path) -> str:
 
 
 def thumbnail(mech, sol, traces=()) -> str:
-    """A run in its middle, in the simple shapes of pages, with earlier positions and paths of frames: a small SVG."""
-    poses = body_poses(mech.model, sol.q)
-    bones = skeleton(mech, poses)
-    axes, size = view_axes([bones])[0], float(np.linalg.norm(np.ptp(bones.reshape(-1, 3), axis=0)))
-    traced = [on_joint(mech.model, name) for name in traces]
-    paths = [point_in_world(poses, joint, place.translation) for joint, place in traced]
-    coils = [ends for *_, ends in springs(mech, poses, size)]
-    seen = np.concatenate([each.reshape(-1, 3) for each in (bones, *paths, *coils)]) @ axes.T
-    middle, half = (seen.max(0) + seen.min(0)) / 2, np.ptp(seen, axis=0) / 2 + 0.03 * size
-    scale = min((WIDTH / 2 - MARGIN) / half[0], (HEIGHT / 2 - MARGIN) / half[1])
+    """A run in its middle, painted as its films are, with earlier positions and paths of frames: a small SVG."""
+    rate = FRAMES / abs(sol.t[-1] - sol.t[0])
+    stage = Stage(picture(mech, sol, speed=1.0, fps=rate, traces=traces, forces=False, beside=False))
+    place = SHARE * float(np.min(SIZE / stage.extent)), SIZE / 2
+    paths = [(points, color) for points, color, joined in stage.lines if joined > 1]  # else the grid of the floor
+    parts = [f'<path d="M{_way(stage.pixels(points, *place))}" stroke="{_hex(color)}"/>' for points, color in paths]
+    for frame, opacity in MOMENTS.items():
+        flat, parts = stage.planar or opacity < 1.0, [*parts, f'<g opacity="{opacity}">']
+        for patch in stage.patches(frame, *place, outlines=flat):
+            if opacity == 1.0 or "/bodies/" in patch.solid.path:
+                look = f'fill="{_hex(patch.color)}" stroke="{_hex((EDGE if flat else 1.0) * patch.color)}"'
+                parts.append(f'<path d="M{_way(patch.points)}Z" {look} opacity="{patch.opacity:g}"/>')
+        parts.append("</g>")
+    size = " ".join(map(str, SIZE))
+    look = 'fill="none" stroke-width="0.6" stroke-linejoin="round"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size}" {look}>{"".join(parts)}</svg>'
 
-    def stroke(points, width, color, opacity=1.0, cap="round", dashes=""):  # how near it is, and its element
-        flat = (points @ axes.T - middle) * [scale, -scale, 1.0] + [WIDTH / 2, HEIGHT / 2, 0.0]
-        way = "L".join(f"{x:.1f} {y:.1f}" for x, y, _ in flat)
-        line = f'stroke="#{color:06x}" stroke-width="{max(scale * width, 0.8):.1f}" stroke-linecap="{cap}"'
-        return flat[:, 2].mean(), f'<path d="M{way}" {line} opacity="{opacity}" stroke-dasharray="{dashes}"/>'
 
-    def solid(shape, nodes):  # a rod, a block or a ball, whose way has no length
-        pose, form = nodes[shape.node] * shape.placement, shape.geometry
-        ends = [pose.act(np.array([0.0, y * form.get("height", 0.0) / 2, 0.0])) for y in (-1, 1)]
-        width = form.get("width") or 2 * form.get("radius", form.get("radiusBottom", 0.0))
-        return stroke(np.array(ends), width, shape.color, shape.opacity, "butt" if "width" in form else "round")
+def _way(points) -> str:
+    return "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
 
-    drawing = [stroke(path, 0.005 * size, PATH)[1] for path in paths]
-    shapes = simple_shapes(mech, poses, size)
-    for share, opacity in MOMENTS.items():
-        row = np.abs(sol.t - sol.t[0] - share * (sol.t[-1] - sol.t[0])).argmin()
-        rods = [rod[row] for rod in bars(mech, poses).values()]
-        nodes = [pin.XYZQUATToSE3(pose) for pose in (*poses[row], *rods)]
-        now = opacity == 1.0
-        things = [solid(shape, nodes) for shape in shapes if not shape.on_top and (now or shape.node)]
-        things += [
-            stroke(np.array([nodes[joint].translation, path[row]]), 0.012 * size, PATH)
-            for (joint, _), path in zip(traced, paths, strict=True)
-        ]
-        things += [stroke(ends[row], 0.03 * size, SPRING, 1.0, "butt", "1.5 2") for ends in coils]
-        loops = [solid(shape, nodes)[1] for shape in shapes if shape.on_top and now]
-        drawing.append(f'<g opacity="{opacity}">{"".join([element for _, element in sorted(things)] + loops)}</g>')
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" fill="none">{"".join(drawing)}</svg>'
-    )
+
+def _hex(color) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*np.asarray(color).astype(int))

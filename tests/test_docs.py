@@ -53,19 +53,20 @@ def test_every_public_name_is_on_the_page_of_the_interface():
 
 
 def test_the_gallery_is_drawn(monkeypatch):
-    """By the shapes of the pages, where the run has them: within the picture, and as long as in the scene."""
+    """Within the picture and by one scale: the path has the proportions of the run, and the loop's core is on it."""
     monkeypatch.syspath_prepend(DOCS)
-    thumbnail = importlib.import_module("gallery").thumbnail
     mech = pc.load("four_bar")
-    drawing = ElementTree.fromstring(thumbnail(mech, pc.simulate(mech, (0.0, 1.0)), ["coupler_tip"]))
-    trace, *moments = drawing
-    ways = [re.findall(r"[-\d.]+", each.get("d")) for each in (trace, *moments[-1])]
+    sol = pc.simulate(mech, (0.0, 1.0))
+    drawing = ElementTree.fromstring(importlib.import_module("gallery").thumbnail(mech, sol, ["coupler_tip"]))
+    path, *moments = drawing
+    ways = [re.findall(r"[-\d.]+", each.get("d")) for each in drawing.iter("{http://www.w3.org/2000/svg}path")]
     places = [np.reshape(way, (-1, 2)).astype(float) for way in ways]
-    width, height = map(float, drawing.get("viewBox").split()[2:])
-    assert len(moments) == 3 and all(((each > 0) & (each < (width, height))).all() for each in places)
-    lengths = sorted(np.linalg.norm(np.diff(each, axis=0)[0]) for each in places[1:])
-    bars = np.array([length for length in lengths if length > 0.5 * lengths[-1] / 2.2])  # else balls and blocks
-    assert bars / bars[0] == pytest.approx([1.0, 1.5, 2.0, 2.0, 2.2], rel=0.02)  # the coupler also leads to its tip
+    size = np.array(drawing.get("viewBox").split()[2:], float)
+    assert path.get("d") and len(moments) == 3 and all(((each > 0) & (each < size)).all() for each in places)
+    trace, core = places[0], places[-1]
+    x, _, z = np.ptp(sol.frame("coupler_tip").position, axis=0)
+    assert np.divide(*np.ptp(trace, axis=0)) == pytest.approx(x / z, rel=0.01)
+    assert np.linalg.norm(trace - (core.min(axis=0) + core.max(axis=0)) / 2, axis=1).min() < 2  # pixels
 
 
 ALL_PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "examples/README.md")]
