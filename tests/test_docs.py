@@ -76,8 +76,12 @@ ALL_PAGES += sorted((ROOT / "docs").glob("*.md"))
 @pytest.mark.parametrize("page", ALL_PAGES, ids=lambda page: f"{page.parent.name}-{page.name}")
 def test_links_and_files_named_on_the_pages_exist(page):
     text = page.read_text(encoding="utf-8")
-    for target in re.findall(r"\]\(([^)#]+)\)", text):
-        assert target.startswith("http") or (page.parent / target).exists(), target
+    for target, place in re.findall(r"\]\(([^)#]*)#?([^)]*)\)", text):
+        goal = page.parent / target if target else page
+        assert target.startswith("http") or goal.exists(), target
+        headings = re.findall(r"^#+ (.*)", goal.read_text(encoding="utf-8"), flags=re.MULTILINE) if place else ()
+        slugs = {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+        assert not place or place in slugs, f"{target}#{place}: {slugs}"
     for path in re.findall(r"`([\w.]+/[\w./]*)`", text):  # from the root or from pinconsist/
         if page.name == "architecture.md" or any((folder / path.split("/")[0]).is_dir() for folder in ROOTS):
             assert any((folder / path).exists() for folder in ROOTS), path
