@@ -70,6 +70,12 @@ def test_positions_stand_apart(sol, tmp_path):
     assert corners[4][0] == pytest.approx(corners[0][0], abs=0.1) and corners[4][1] > corners[0][1] + 100
 
 
+def test_arrows_that_are_cut_are_said_to_be_without_their_sizes(tmp_path):
+    sol = pc.simulate(pc.load("jansen_leg"), (0.0, 0.4))
+    _, below = groups(sol.render(tmp_path / "run.svg", forces=True))
+    assert any(re.search(r"; cut at \S+ N$", text) for text in below)
+
+
 def test_a_saved_run_and_one_backwards_are_drawn(sol, mech, tmp_path):
     back = pc.simulate(mech, (0.4, 0.0), q0=sol.q[-1], v0=sol.v[-1])
     kept = pc.Solution.load(sol.save(tmp_path / "run.npz"))

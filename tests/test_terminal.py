@@ -130,6 +130,12 @@ def test_rounding_is_zero_in_tables(run):
     assert "e-1" not in run("check", "stewart_platform")[1]
 
 
+def test_a_film_shows_how_far_it_is(tmp_path):
+    pytest.importorskip("PIL")
+    shown = shown_on_a_terminal("render", "four_bar", str(tmp_path / "run.gif"), "--until", "0.3", "--speed", "1")
+    assert re.search(r"100 % ━+ \S+ left, 7 of 7 frames", re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown))
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [

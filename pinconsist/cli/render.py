@@ -1,5 +1,6 @@
 """`pinconsist render`."""
 
+from contextlib import contextmanager
 from typing import Annotated
 
 import typer
@@ -8,7 +9,7 @@ from . import options as given
 from . import output, replay
 from .options import option
 from .run import print_in_a_line, run_of
-from .terminal import doing
+from .terminal import bar
 
 
 def render(
@@ -27,14 +28,25 @@ def render(
 
     Example: pinconsist render run.npz run.mp4 --forces
     """
-    from ..view.render import require_file
+    from ..view import render as painted
 
     output.require_writable(FILE=out)
-    require_file(out, at or ())
+    painted.require_file(out, at or ())
     mech, sol, code = run_of(source, scene_of_run, until, replay.requirement(source, traces, speed))
-    with doing(f"drawing {out}"):
-        look = replay.look(sol, forces, traces, speed)
-        output.written(out, lambda: sol.render(out, mech, **look, at=at or ()))
+    look = replay.look(sol, forces, traces, speed) | {"at": at or ()}
+    with _progress() as watch:
+        output.written(out, lambda: painted.render(mech, sol, out, **look, watch=watch))
     print_in_a_line(sol)
     output.print_written(out)
     return code
+
+
+@contextmanager
+def _progress():
+    """A function to call after each frame, which moves a bar on a terminal."""
+    if not output.on_terminal():
+        yield None
+        return
+    with bar("{task.completed} of {task.total} frames") as shown:
+        task = shown.add_task("", total=None)
+        yield lambda done, total: shown.update(task, completed=done, total=total)

@@ -25,8 +25,11 @@ EDGE = 0.6  # of a colour, round the shapes of a drawing
 MOTION = (0.88, 0.76)  # of a film's width and height
 
 
-def render(mech, sol, file, *, speed=1.0, traces=(), forces=False, at=()) -> Path:
-    """Write a film or a drawing; see :meth:`pinconsist.Solution.render`."""
+def render(mech, sol, file, *, speed=1.0, traces=(), forces=False, at=(), watch=None) -> Path:
+    """Write a film or a drawing; see :meth:`pinconsist.Solution.render`.
+
+    ``watch(k, n)`` is called when k frames of n are painted.
+    """
     ending = require_file(file, at)
     at = finite_array(list(at), "at")
     options = {"speed": speed, "traces": traces, "forces": forces, "beside": False}
@@ -38,7 +41,7 @@ def render(mech, sol, file, *, speed=1.0, traces=(), forces=False, at=()) -> Pat
         page = picture(mech, sol, fps=rate, **options)
         duration, count = page["clock"][2:]
         rate = (count - 1) / duration if count > 1 else rate  # lower for long ones
-        content = write(_frames(page, width, height), (width, height), rate)
+        content = write(_frames(page, width, height, watch), (width, height), rate)
     with written_whole(file) as stream:
         stream.write(content)
     return Path(file)
@@ -68,7 +71,7 @@ def _is_there(name) -> bool:
     return True
 
 
-def _frames(page, width, height) -> Iterator:
+def _frames(page, width, height, watch=None) -> Iterator:
     """Images of all frames."""
     from PIL import Image, ImageDraw, ImageFont
 
@@ -83,9 +86,9 @@ def _frames(page, width, height) -> Iterator:
         for part in [points] if thick > 1 else points.reshape(-1, 2, 2):
             draw.line(stage.pixels(part, *place).ravel().tolist(), tuple(color.astype(int)), thick * FINER)
     for row, entry in enumerate(page["legend"], start=1):
-        color, text, reach = entry["color"], entry["text"], line / 2
+        color, text, reach = entry["color"], _about(entry), line / 2
         if bar := entry.get("bar"):
-            reach, text = place[0] * bar["metres"], f"{bar['text']}  {text}"
+            reach = place[0] * bar["metres"]
         draw.line((line / 2, row * line, line / 2 + reach, row * line), f"#{color:06x}", 3 * FINER)
         draw.text((line + reach, row * line), text, INK, font, anchor="lm")
     for frame in range(count):
@@ -96,6 +99,14 @@ def _frames(page, width, height) -> Iterator:
         t = start + pace * duration * frame / max(count - 1, 1)
         draw.text((line / 2, size[1] - line), f"t = {t:.{_digits(abs(pace) * duration)}f} s", INK, font, anchor="lm")
         yield image.reduce(FINER)
+        if watch is not None:
+            watch(frame + 1, count)
+
+
+def _about(entry) -> str:
+    """An entry of the page's legend; the sizes of arrows that are cut stand on pages alone."""
+    text = entry["text"].removesuffix(", with their size beside them")
+    return f"{entry['bar']['text']}  {text}" if "bar" in entry else text
 
 
 def _digits(span) -> int:
@@ -153,9 +164,7 @@ def _drawing(mech, sol, at, options) -> bytes:
     for row, entry in enumerate(bars):
         y, end = below + 25 * row + 10, 20 + scale * entry["bar"]["metres"]
         parts.append(f'<path d="M20 {y:.6g}H{end:.6g}" stroke="#{entry["color"]:06x}" stroke-width="3"/>')
-        parts.append(
-            f'<text x="{end + 10:.6g}" y="{y + 6:.6g}">{escape(entry["bar"]["text"] + "  " + entry["text"])}</text>'
-        )
+        parts.append(f'<text x="{end + 10:.6g}" y="{y + 6:.6g}">{escape(_about(entry))}</text>')
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {columns * PANEL:g} {below + 25 * len(bars) + 5:.6g}" '
     )

@@ -84,21 +84,22 @@ class Stage:
 
     def patches(self, frame: int, scale: float, centre, *, outlines: bool = False) -> list[Patch]:
         """The polygons of a frame, those behind first; convex solids as their outlines where they are clear, or all."""
-        found, keys = [], []
+        found, depths = [], []
         for solid, poses in zip(self.solids, self._poses, strict=True):
             pose = poses[min(frame, len(poses) - 1)]
             seen = (solid.corners @ pose[:3, :3].T + pose[:3, 3]) @ self.axes.T
             flat = self.pixels(seen[:, :2], scale, centre)
             if solid.convex and (outlines or solid.opacity < 1):
                 found.append(Patch(_hull(flat), solid.color, solid.opacity, solid))
-                keys.append((solid.on_top, seen[:, 2].mean()))
+                depths.append([seen[:, 2].mean()])
                 continue
             kept, light = _lit(seen[solid.faces], seen.mean(axis=0) if solid.convex else None)
             colors = solid.color * light[:, None]
             opacity = solid.opacity if solid.convex else 1.0
             found += [Patch(*each, opacity, solid) for each in zip(flat[solid.faces[kept]], colors, strict=True)]
-            keys += [(solid.on_top, depth) for depth in seen[solid.faces[kept], 2].mean(axis=1)]
-        return [found[k] for k in sorted(range(len(keys)), key=keys.__getitem__)]
+            depths.append(seen[solid.faces[kept], 2].mean(axis=1))
+        levels = np.repeat([solid.on_top for solid in self.solids], [len(each) for each in depths])
+        return [found[k] for k in np.lexsort((np.concatenate([*depths, []]), levels))]
 
 
 def _lit(quads, inside=None):
