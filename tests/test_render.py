@@ -71,7 +71,7 @@ def test_positions_stand_apart(sol, tmp_path):
 
 
 def test_arrows_that_are_cut_are_said_to_be_without_their_sizes(tmp_path):
-    sol = pc.simulate(pc.load("jansen_leg"), (0.0, 0.4))
+    sol = pc.simulate(pc.load("jansen_leg"), (0.0, 1.0))
     _, below = groups(sol.render(tmp_path / "run.svg", forces=True))
     assert any(re.search(r"; cut at \S+ N$", text) for text in below)
 
