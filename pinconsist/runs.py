@@ -14,6 +14,7 @@ from .errors import FormatError, InputError
 from .files import require_writable
 from .interrupts import ended_like_ctrl_c
 from .mechanism.description import digests
+from .mechanism.forces import Piecewise
 from .mechanism.forces.held import HeldRecord
 from .mechanism.mechanism import Mechanism, with_forces
 from .run_file import LOAD_OPTIONS, Recipe, SceneSource, loaded, recipe_of
@@ -97,10 +98,11 @@ def record(
     recipe = recipe_of(where, files, mechanism, t_span, q0, v0, forces, options, save_every)
     checkpoints(recipe.t_span, recipe.save_every)
     mechanism = with_forces(mechanism, forces, "record")
-    if save_every is not None and any(isinstance(force, HeldRecord) for force in mechanism.forces):
+    if save_every is not None and any(isinstance(force, HeldRecord | Piecewise) for force in mechanism.forces):
         raise InputError(
-            "save_every: a run with torques that are held cannot be continued from a checkpoint, because what a "
-            "controller remembers is not in the file. Leave it out; the run is then saved at its end"
+            "save_every: a run with torques that are held or forces that jump at known times cannot be continued from "
+            "a checkpoint, because what a controller remembers is not in the file, nor on which side of a jump it is. "
+            "Leave it out; the run is then saved at its end"
         )
     with ended_like_ctrl_c():
         return carry_out(recipe, mechanism, file, callback=callback)

@@ -106,6 +106,15 @@ def test_a_saved_run_is_judged_alike(mech, tmp_path):
         assert again.check(mech.with_forces(FORCES[name][2]), error=False).force < 1e-8
 
 
+def test_a_recorded_run_is_made_again_and_has_no_checkpoints(mech, tmp_path):
+    force = FORCES["period"][2]
+    sol = pc.record(mech, (0.0, END), tmp_path / "run", forces=[force], method="Radau")
+    assert sol.check(error=False).force < 1e-8
+    assert pc.rerun(tmp_path / "run.npz", scene=mech, forces=[force]).same
+    with pytest.raises(pc.InputError, match="checkpoint"):
+        pc.record(mech, (0.0, END), tmp_path / "run", forces=[force], save_every=0.02)
+
+
 def test_a_simulation_ends_steps_there(mech):
     _, _, force = FORCES["period"]
     sim = pc.Simulation(mech, forces=[force], **FULL)
