@@ -19,19 +19,43 @@ def index1_of(system, compiled: bool) -> Index1:
     return CompiledIndex1(system, compiled_system(system))
 
 
-def known_of(known, compiled: bool, workspace) -> Index1:
-    """What is known of a parameter's derivative, compiled where that can be had, on a workspace shared with others."""
-    if not compiled or load()[0] is None:
-        return Index1(known)
-    rates = load()[0].Rates(known.model, *workspace[:1], known.nc, workspace[1])
-    known.part.hand_over(rates)
-    return CompiledIndex1(known, rates)
+def known_columns(index1, parameters):
+    """The function of a state that gives what is known of r_θ, (P, nv), of lists of (weight, Index1)."""
+    if isinstance(index1, CompiledIndex1) and (rates := _known_rates(parameters)) is not None:
+        return lambda *state: rates.columns(*state, len(parameters)).T
+
+    def columns(*state):
+        r = np.zeros((len(parameters), index1.system.nv))
+        for row, terms in zip(r, parameters, strict=True):
+            for weight, other in terms:
+                row += weight * other.system.evaluate(*state)[0]
+        return r
+
+    return columns
 
 
-def place():
-    """Where a shared workspace has been evaluated last, in C++; None in Python alone."""
-    module = load()[0]
-    return None if module is None else module.Place()
+def _known_rates(parameters):
+    """The compiled derivatives that are known, or None where there are none."""
+    rates = None
+    for column, terms in enumerate(parameters):
+        for weight, other in terms:
+            if not isinstance(other, CompiledIndex1):
+                system = other.system
+                if rates is None:
+                    rates = load()[0].Rates(system.model, system.data)
+                system.part.hand_over(rates, column, weight)
+    return rates
+
+
+def use_parameters(core, parameters) -> None:
+    """Hand lists of (weight, Index1), one for each parameter, to what leads derivatives in C++."""
+    for terms in parameters:
+        core.add_parameter()
+        for weight, other in terms:
+            if isinstance(other, CompiledIndex1):
+                core.add_term(weight, other.compiled)
+    if (rates := _known_rates(parameters)) is not None:
+        core.use_known(rates)
 
 
 def all_rows(index1):
@@ -49,10 +73,7 @@ def follower(index1, residuals):
     if not isinstance(index1, CompiledIndex1):
         return None
     core = load()[0].Derivatives(index1.compiled)
-    for terms in residuals:
-        core.add_parameter()
-        for weight, other in terms:
-            core.add_term(weight, other.compiled)
+    use_parameters(core, residuals)
     return CompiledFollower(index1, core, len(residuals))
 
 

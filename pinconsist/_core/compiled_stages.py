@@ -10,6 +10,7 @@ from ..dae.dense import not_made_again
 from ..dae.kkt import singular_message
 from ..errors import SingularSystemError
 from . import load
+from .compiled_gradient import use_parameters
 
 
 class CompiledStageWay:
@@ -18,10 +19,7 @@ class CompiledStageWay:
     def __init__(self, index1, parameters):
         self.system, self.parameters = index1.system, parameters
         self._compiled, self._core = index1.compiled, load()[0].StageDerivatives(index1.compiled)
-        for terms in parameters:
-            self._core.add_parameter()
-            for weight, other in terms:
-                self._core.add_term(weight, other.compiled)
+        use_parameters(self._core, parameters)
 
     def again(self, steps):
         if not steps:
@@ -42,6 +40,11 @@ class CompiledStageWay:
         total = np.zeros(len(self.parameters))
         self._check(self._core.backward(self._compiled, self._columns(steps, begins), given, bars, total), steps)
         return total
+
+    def linear(self, t, p, v):
+        if (found := self._core.linear(t, p, v)) is None:
+            raise SingularSystemError(singular_message(t))
+        return found
 
     def multipliers(self, t, p, v, s):
         lam, of_lam = np.empty((len(t), self.system.nc)), np.empty((*s.shape[:2], self.system.nc))

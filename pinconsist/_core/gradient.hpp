@@ -3,6 +3,7 @@
 
 #include "bdf.hpp"
 #include "kkt.hpp"
+#include "rates.hpp"
 #include "row_gradients.hpp"
 
 namespace pinconsist {
@@ -19,20 +20,19 @@ struct Leg {
 // The linear equations of one accepted step.
 class LinearStep {
 public:
-  using Terms = std::vector<std::pair<double, System *>>;
-  // Of each parameter: weighted residuals give r_θ, Φ_θ, ρ_θ.
-  std::vector<Terms> parameters;
+  Parameters parameters;
   double c = 1.0;
-  // E only where joints are curved; W of the constraints; columns of r_θ, Φ_θ, ρ_θ.
-  Mat M, B, H, E, W, WE, r, phi, rho;
+  // E only where joints are curved; W of the constraints.
+  Mat M, B, H, E, W, WE;
 
   explicit LinearStep(System &system) : system_(system), kkt_(system.nv, system.nc, false), rows_(system) {}
 
-  // The state (p, v, a, λ) at step `i` of a leg; returns its time.
-  double visit(const Leg &leg, int i) {
+  // The state (t, p, v, a, λ) at step `i` of a leg.
+  void visit(const Leg &leg, int i) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc, k = static_cast<int>(leg.k[i]);
     const Eigen::Map<const Table> Z(leg.Z + static_cast<long>(i) * bdf::ROWS * (nx + nv + nc), bdf::ROWS, nx + nv + nc);
-    const double t = leg.t[i], h = leg.h[i];
+    const double h = leg.h[i];
+    t_ = leg.t[i];
     c = h / bdf::alpha(k);
     const Vec y = Z.row(0).transpose();
     p_ = y.head(nx);
@@ -41,15 +41,14 @@ public:
     lam_ = y.tail(nc);
     a_.setZero(nv);
     for (int j = 1; j <= k; ++j) a_ += Z.row(j).segment(nx, nv).transpose() / (j * h);
-    return t;
   }
 
   // At step `i` of a leg; false where the matrix is singular.
   bool set(const Leg &leg, int i) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
-    const double t = visit(leg, i);
-    rows_.find(t, p_, v_, lam_, F_, H);
-    system_.evaluate_parts(t, p_, v_, a_, M, f_v_, B);
+    visit(leg, i);
+    rows_.find(t_, p_, v_, lam_, F_, H);
+    system_.evaluate_parts(t_, p_, v_, a_, M, f_v_, B);
     W = WE = system_.W;
     B = c * (B - F_);
     if (!system_.curved.empty()) {
@@ -61,78 +60,56 @@ public:
     }
     kkt_.A() = M + c * f_v_ + c * B;
     rhs_.setZero(nv + nc, 0);
-    if (!kkt_.solve_new(WE, system_.G_transposed(), c, rhs_, 0)) return false;
-    residual_rates(t);
-    return true;
+    return kkt_.solve_new(WE, system_.G_transposed(), c, rhs_, 0);
   }
 
   // s from the derivatives of ψ, a column (ξ, v, λ) for each parameter; the part of λ is not read.
   void forward(const Mat &psi, Mat &s) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc, P = static_cast<int>(psi.cols());
+    r_.setZero(nv, P);
+    phi_.setZero(nc, P);
+    rho_.setZero(nc, P);
+    parameters.add_columns(t_, p_, v_, a_, lam_, r_, phi_, rho_);
     const auto x = psi.topRows(nx);
     rhs_.resize(nv + nc, P);
-    rhs_.topRows(nv) = -c * r - B * x + M * psi.middleRows(nx, nv);
-    rhs_.bottomRows(nc) = -(phi + WE * x) / c;
+    rhs_.topRows(nv) = -c * r_ - B * x + M * psi.middleRows(nx, nv);
+    rhs_.bottomRows(nc) = -(phi_ + WE * x) / c;
     kkt_.solve(rhs_, c, P);
     s.resize(nx + nv + nc, P);
     s.bottomRows(nv + nc) = rhs_;
     moved_ = x + c * rhs_.topRows(nv);
     if (E.size()) moved_ = (E * moved_).eval();
     s.topRows(nx) = moved_;
-    rhs_.bottomRows(nc) = rho + H * moved_ + W * rhs_.topRows(nv);
+    rhs_.bottomRows(nc) = rho_ + H * moved_ + W * rhs_.topRows(nv);
     rhs_.topRows(nv).setZero();
     kkt_.solve(rhs_, c, P);
     s.bottomRows(nv + nc) -= rhs_;
   }
 
-  // The transpose of `forward`, of one column: y becomes the derivative by ψ, its last part zero. `weights` are those of
-  // r_θ, Φ_θ and ρ_θ in the derivative by θ.
-  void backward(Vec &y, Vec &weights) {
+  // The transpose of `forward`, of one column: y becomes the derivative by ψ, its last part zero; `rates`, (P), is added to.
+  void backward(Vec &y, Eigen::Ref<Vec> rates) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
     Vec x = y.head(nx), rest = -y.tail(nv + nc);
     kkt_.solve_transposed(rest);
-    weights.resize(nv + 2 * nc);
-    weights.tail(nc) = rest.tail(nc);
+    const Vec hidden = rest.tail(nc);
     x += H.transpose() * rest.tail(nc);
     const Vec moved = E.size() ? Vec(E.transpose() * x) : x;
     y.segment(nx, nv) += W.transpose() * rest.tail(nc) + c * moved;
     rest = y.tail(nv + nc);
     kkt_.solve_transposed(rest);
-    weights.head(nv) = -c * rest.head(nv);
-    weights.segment(nv, nc) = -rest.tail(nc) / c;
+    parameters.contract(t_, p_, v_, a_, lam_, -c * rest.head(nv), -rest.tail(nc) / c, hidden, rates);
     y.head(nx) = moved - B.transpose() * rest.head(nv) - WE.transpose() * rest.tail(nc) / c;
     y.segment(nx, nv) = M.transpose() * rest.head(nv);
     y.tail(nc).setZero();
   }
 
-  // The residuals (r, Φ, ρ) of another system at the state visited.
-  void residuals(System &other, double t, Vec &all) {
-    other.evaluate(t, p_, v_, a_);
-    all.resize(system_.nv + 2 * system_.nc);
-    all << other.f - other.G_transposed().transpose() * lam_, other.phi, other.rho;
-  }
-
 private:
-  void residual_rates(double t) {
-    const int P = static_cast<int>(parameters.size());
-    r.setZero(system_.nv, P);
-    phi.setZero(system_.nc, P);
-    rho.setZero(system_.nc, P);
-    for (int i = 0; i < P; ++i)
-      for (auto [weight, other] : parameters[i]) {
-        other->evaluate(t, p_, v_, a_);
-        r.col(i) += weight * other->f;
-        r.col(i).noalias() -= weight * (other->G_transposed().transpose() * lam_);
-        phi.col(i) += weight * other->phi;
-        rho.col(i) += weight * other->rho;
-      }
-  }
-
   System &system_;
   KKT kkt_;
   RowGradients rows_;
+  double t_ = 0.0;
   Vec p_, v_, a_, lam_;
-  Mat F_, f_v_, rhs_, moved_;
+  Mat F_, f_v_, r_, phi_, rho_, rhs_, moved_;
 };
 
 // The recursion over a leg: tables S, (ROWS, P (nx+nv+nc)) each, row by row.
@@ -144,7 +121,7 @@ public:
 
   // Fill the tables (1+n) from the first; the number of the step that is singular, or -1.
   int forward(const Leg &leg, double *tables) {
-    const int P = static_cast<int>(step.parameters.size()), ny = system_.nx + system_.nv + system_.nc;
+    const int P = step.parameters.size(), ny = system_.nx + system_.nv + system_.nc;
     const long size = static_cast<long>(bdf::ROWS) * P * ny;
     Table S = Eigen::Map<const Table>(tables, bdf::ROWS, P * ny);
     Vec predicted, psi;
@@ -167,11 +144,11 @@ public:
   // The transpose: `seeds`, (1+n, ROWS, nx+nv+nc), are the derivatives of a number by each table; the first becomes that by
   // the table of the history, with all that follows from it. `rates`, (P), becomes that by the parameters.
   int backward(const Leg &leg, double *seeds, double *rates) {
-    const int nv = system_.nv, nc = system_.nc, ny = system_.nx + nv + nc;
-    Eigen::Map<Vec> total(rates, static_cast<Eigen::Index>(step.parameters.size()));
+    const int ny = system_.nx + system_.nv + system_.nc;
+    Eigen::Map<Vec> total(rates, step.parameters.size());
     total.setZero();
     const long size = static_cast<long>(bdf::ROWS) * ny;
-    Vec y, w;
+    Vec y;
     for (int i = leg.steps, change = static_cast<int>(leg.changed.size()); i > 0; --i) {
       const bool changed = change > 0 && leg.changed[change - 1] == i - 1;
       const double *changes = changed ? leg.changes + static_cast<long>(--change) * bdf::ROWS * bdf::ROWS : nullptr;
@@ -184,8 +161,7 @@ public:
       B.row(k + 2).setZero();
       const Eigen::RowVectorXd predicted = -y.transpose();
       if (!step.set(leg, i)) return i - 1;
-      step.backward(y, w);
-      total += step.r.transpose() * w.head(nv) + step.phi.transpose() * w.segment(nv, nc) + step.rho.transpose() * w.tail(nc);
+      step.backward(y, total);
       for (int j = 0; j <= k; ++j) B.row(j) += predicted + (1.0 - bdf::gamma(j) / bdf::alpha(k)) * y.transpose();
       if (!system_.curved.empty()) recenter(leg, i, changes, B, k + 2, 1, true);
       if (changes) B = (Eigen::Map<const Table>(changes, bdf::ROWS, bdf::ROWS).transpose() * B).eval();

@@ -29,38 +29,45 @@ template <class Work> auto beside(bool calls_python, const Work &work) {
   return work();
 }
 
-bool calls_python(const System &system, const std::vector<LinearStep::Terms> &parameters) {
-  bool any = system.calls_python();
-  for (const auto &terms : parameters)
-    for (auto [weight, other] : terms) any = any || other->calls_python();
-  return any;
+// What parameters are, for a class that holds them.
+template <class Holder, class Class, class Of> void bind_parameters(Class &bound, const Of &of) {
+  bound.def("add_parameter", [of](Holder &h) { of(h).add(); })
+      .def("add_term", [of](Holder &h, double weight, System &system) { of(h).add_term(weight, system); }, nb::keep_alive<1, 3>())
+      .def("use_known", [of](Holder &h, Rates &known) { of(h).known = &known; }, nb::keep_alive<1, 2>());
 }
 
 void bind_gradients(nb::module_ &m) {
-  nb::class_<Derivatives>(m, "Derivatives")
+  nb::class_<Derivatives> derivatives(m, "Derivatives");
+  bind_parameters<Derivatives>(derivatives, [](Derivatives &d) -> Parameters & { return d.step.parameters; });
+  derivatives
       .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
-      .def("add_parameter", [](Derivatives &f) { f.step.parameters.emplace_back(); })
-      .def("add_term", [](Derivatives &f, double weight, System &system) { f.step.parameters.back().emplace_back(weight, &system); },
-           nb::keep_alive<1, 3>())
       .def("forward",
            [](Derivatives &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
               Array<const double, 2> base, Array<const double, 3> Z, std::vector<int> changed, Array<const double, 3> changes,
               Array<double, 4> tables) {
              const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
-             return beside(calls_python(system, f.step.parameters), [&] { return f.forward(leg, tables.data()); });
+             return beside(system.calls_python() || f.step.parameters.calls_python(), [&] { return f.forward(leg, tables.data()); });
            })
       .def("backward",
            [](Derivatives &f, System &system, Array<const double, 1> t, Array<const double, 1> h, Array<const int64_t, 1> k,
               Array<const double, 2> base, Array<const double, 3> Z, std::vector<int> changed, Array<const double, 3> changes,
               Array<double, 3> seeds, Array<double, 1> rates) {
              const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
-             return beside(calls_python(system, f.step.parameters), [&] { return f.backward(leg, seeds.data(), rates.data()); });
+             return beside(system.calls_python() || f.step.parameters.calls_python(), [&] { return f.backward(leg, seeds.data(), rates.data()); });
            });
-  nb::class_<Rates::Place>(m, "Place").def(nb::init<>());
   nb::class_<Rates, MechanismSystem>(m, "Rates")
-      .def(nb::init<nb::object, nb::object, int, std::shared_ptr<Rates::Place>>())
+      .def(nb::init<nb::object, nb::object>(), "model"_a, "data"_a)
       .def("add_inertia", &Rates::add_inertia)
-      .def("add_gravity", &Rates::add_gravity);
+      .def("add_gravity", &Rates::add_gravity)
+      .def("close", &Rates::close)
+      .def("has", &Rates::has)
+      .def("set_times", &Rates::set_times)
+      .def("act", &Rates::act)
+      .def("columns", [](Rates &rates, double t, const Vec &p, const Vec &v, const Vec &a, int parameters) {
+        Mat r = Mat::Zero(rates.nv, parameters);
+        rates.add_columns(t, p, v, a, r);
+        return r;
+      });
 }
 
 // What Python hands over of steps of Radau IIA.
@@ -75,36 +82,40 @@ StageSteps stage_steps(const StageColumns &columns) {
 }
 
 void bind_stage_gradients(nb::module_ &m) {
-  nb::class_<StageDerivatives>(m, "StageDerivatives")
+  nb::class_<StageDerivatives> derivatives(m, "StageDerivatives");
+  bind_parameters<StageDerivatives>(derivatives, [](StageDerivatives &d) -> Parameters & { return d.parameters; });
+  derivatives
       .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
-      .def("add_parameter", [](StageDerivatives &d) { d.parameters.emplace_back(); })
-      .def("add_term", [](StageDerivatives &d, double weight, System &system) { d.parameters.back().emplace_back(weight, &system); },
-           nb::keep_alive<1, 3>())
       .def("again",
            [](StageDerivatives &d, System &system, StageColumns steps, Array<double, 1> W, Array<double, 2> p, Array<double, 2> v) {
              return beside(system.calls_python(), [&] { return d.again(stage_steps(steps), W.data(), p.data(), v.data()); });
            })
       .def("forward",
            [](StageDerivatives &d, System &system, StageColumns steps, Array<const double, 3> S, Array<double, 3> ends) {
-             return beside(calls_python(system, d.parameters), [&] { return d.forward(stage_steps(steps), S.data(), ends.data()); });
+             return beside(system.calls_python() || d.parameters.calls_python(), [&] { return d.forward(stage_steps(steps), S.data(), ends.data()); });
            })
       .def("backward",
            [](StageDerivatives &d, System &system, StageColumns steps, Array<const double, 2> given, Array<double, 2> bars,
               Array<double, 1> rates) {
-             return beside(calls_python(system, d.parameters),
+             return beside(system.calls_python() || d.parameters.calls_python(),
                            [&] { return d.backward(stage_steps(steps), given.data(), bars.data(), rates.data()); });
            })
       .def("multipliers",
            [](StageDerivatives &d, System &system, Array<const double, 1> t, Array<const double, 2> p, Array<const double, 2> v,
               Array<const double, 3> s, Array<double, 2> lam, Array<double, 3> of_lam) {
-             return beside(calls_python(system, d.parameters), [&] {
+             return beside(system.calls_python() || d.parameters.calls_python(), [&] {
                return d.multipliers(static_cast<int>(t.shape(0)), t.data(), p.data(), v.data(), s.data(), lam.data(), of_lam.data());
              });
+           })
+      .def("linear", // a, λ and their derivatives; None where the equations are singular
+           [](StageDerivatives &d, double t, const Vec &p, const Vec &v) -> nb::object {
+             const auto *of = d.at(t, p, v);
+             return of ? nb::object(nb::make_tuple(of->acceleration(), of->lam, of->linear())) : nb::none();
            })
       .def("multipliers_back",
            [](StageDerivatives &d, System &system, Array<const double, 1> t, Array<const double, 2> p, Array<const double, 2> v,
               Array<const double, 2> lam, Array<double, 2> bars, Array<double, 1> rates) {
-             return beside(calls_python(system, d.parameters), [&] {
+             return beside(system.calls_python() || d.parameters.calls_python(), [&] {
                return d.multipliers_back(static_cast<int>(t.shape(0)), t.data(), p.data(), v.data(), lam.data(), bars.data(), rates.data());
              });
            });

@@ -44,6 +44,11 @@ public:
     vector_like = npos == nv;
     for (const auto &joint : model_.joints)
       if (joint.shortname() == "JointModelPlanar") planar_.push_back({joint.idx_q(), joint.idx_v()});
+    for (const auto &joint : model_.joints) {
+      const auto kind = joint.shortname();
+      axes_stay_ &= joint.nv() == 1 || kind == "JointModelFreeFlyer" || kind == "JointModelSpherical" ||
+                    kind == "JointModelPlanar" || kind == "JointModelTranslation" || !joint.nv();
+    }
     for (const auto &joint : model_.joints)
       if (joint.nv() > 1 && joint.nq() != joint.nv()) curved.push_back({joint.idx_v(), joint.nv()});
     f = tau_ = Vec::Zero(nv);
@@ -272,6 +277,14 @@ public:
     phi = kept_phi;
   }
 
+  bool row_gradients(double t, const Vec &p, const Vec &v, const Vec &lam, Mat &F, Mat &H) override {
+    if (!axes_stay_) return false;
+    evaluate_rows(t, p);
+    return std::all_of(rows_.begin(), rows_.end(), [&](const auto &part) {
+      return part.first->add_gradients(data_, p, v, lam, part.second, F, H);
+    });
+  }
+
 protected:
   // Poses and Jacobians of the joints, after rnea, which leaves the poses in their parents.
   void find_jacobians() {
@@ -292,6 +305,8 @@ protected:
   nb::object model_object_, data_object_;
   const Model &model_;
   Data &data_;
+  std::vector<std::unique_ptr<Force>> forces_;
+  Vec constant_, damping_, tau_;
 
 private:
   void hidden_residual(double t, const Vec &p, const Vec &v) {
@@ -319,10 +334,9 @@ private:
 
   LieGroup group_;
   std::vector<Planar> planar_;
-  bool calls_python_ = false;
+  bool calls_python_ = false, axes_stay_ = true; // in the bodies that joints move
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
-  std::vector<std::unique_ptr<Force>> forces_;
-  Vec constant_, damping_, tau_, zero_;
+  Vec zero_;
   Mat by_v_, by_q_, kept_by_v_, kept_by_q_;
 };
 

@@ -128,6 +128,11 @@ NB_MODULE(twin, m) {
              s.mass_matrix(t, p, v, M);
              return nb::make_tuple(M, s.f, s.W, bias);
            })
+      .def("row_gradients", // None where they are not known
+           [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &lam) -> nb::object {
+             Mat F = Mat::Zero(s.nv, s.nx), H = Mat::Zero(s.nc, s.nx);
+             return s.row_gradients(t, p, v, lam, F, H) ? nb::object(nb::make_tuple(F, H)) : nb::none();
+           })
       .def("chart_points", &MechanismSystem::chart_points)
       .def("residuals",
            [](MechanismSystem &s, const Vec &t, const Table &p, const Table &v, const Table &lam) {

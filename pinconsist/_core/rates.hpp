@@ -1,74 +1,192 @@
-// gradients/known.py: what a parameter of bodies, of gravity or of one force changes in f, as a system without rows.
+// gradients/known.py: the known derivatives of f by many parameters; and what all parameters change in the residuals.
 #pragma once
 
 #include "mechanism.hpp"
 
+#include <map>
+
 namespace pinconsist {
 
+// Of parameters of bodies, of gravity and of forces, a column each. The forces of this system are those of one parameter
+// until they are closed.
 class Rates : public MechanismSystem {
 public:
-  // Where the workspace that several share has been evaluated last.
-  struct Place {
-    Vec p, v, a;
-  };
+  using MechanismSystem::MechanismSystem;
 
-  Rates(nb::object model, nb::object data, int rows, std::shared_ptr<Place> place)
-      : MechanismSystem(std::move(model), std::move(data)), place_(std::move(place)) {
-    nc = rows;
-    size_rows();
+  // By mass, mass times its centre, and inertia about the joint (xx, xy, yy, xz, yz, zz), at these rates.
+  void add_inertia(int column, double weight, int joint, const Vec &numbers) {
+    Body body{column, joint, weight * numbers[0], weight * numbers.segment<3>(1), Matrix3d::Zero()};
+    body.inertia << numbers[4], numbers[5], numbers[7], numbers[5], numbers[6], numbers[8], numbers[7], numbers[8], numbers[9];
+    body.inertia *= weight;
+    bodies_.push_back(body);
+  }
+  void add_gravity(int column, double weight, const Vector3d &rate) { gravities_.push_back({column, weight * rate}); }
+  // The forces that were added last, with a weight, are one side of those of a key; its column, and of a table the node.
+  void close(int64_t key, double weight) {
+    pulls_[key].sides.push_back({weight, std::move(forces_), constant_, damping_});
+    forces_.clear();
+    constant_.setZero();
+    damping_.setZero();
+  }
+  bool has(int64_t key) const { return pulls_.count(key); }
+  void set_times(int64_t key, std::vector<double> times) { pulls_[key].times = std::move(times); }
+  void act(int64_t key, int node, int column) {
+    auto &columns = pulls_[key].columns;
+    columns.resize(std::max<size_t>(columns.size(), node + 1), -1);
+    columns[node] = column;
   }
 
-  // Rates of mass, mass times its centre, and inertia about the joint (xx, xy, yy, xz, yz, zz).
-  void add_inertia(int joint, const Vec &numbers) {
-    joint_ = joint;
-    mass_ = numbers[0];
-    moment_ = numbers.segment<3>(1);
-    inertia_ << numbers[4], numbers[5], numbers[7], numbers[5], numbers[6], numbers[8], numbers[7], numbers[8], numbers[9];
+  // Add r_θ to columns.
+  void add_columns(double t, const Vec &p, const Vec &v, const Vec &a, Eigen::Ref<Mat> r) {
+    visit(
+        t, p, v, a,
+        [&](int column, int body, const pinocchio::Force &force) {
+          const auto there = data_.oMi[body].act(force).toVector();
+          for (int j = body; j > 0; j = model_.parents[j]) {
+            const auto &joint = model_.joints[j];
+            r.col(column).segment(joint.idx_v(), joint.nv()) += data_.J.middleCols(joint.idx_v(), joint.nv()).transpose() * there;
+          }
+        },
+        [&](int column, double weight) { r.col(column) -= weight * pull_; });
   }
-  void add_gravity(const Vector3d &rate) { gravity_ = rate; }
-
-  void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) override {
-    see(p, v, a);
-    f.setZero();
-    if (joint_) {
-      const auto &moving = data_.v[joint_];
-      push(joint_, momentum(data_.a_gf[joint_]) + moving.cross(momentum(moving)));
-    }
-    if (gravity_.squaredNorm() > 0.0)
+  // Add wᵀ r_θ.
+  void contract(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &w, Eigen::Ref<Vec> rates) {
+    bool moves = false;
+    const auto move = [&] { // the bodies at joint velocities w
+      moves = true;
+      twists_.assign(model_.njoints, pinocchio::Motion::Zero());
       for (int j = 1; j < model_.njoints; ++j) {
-        const pinocchio::Motion falling(data_.oMi[j].rotation().transpose() * -gravity_, Vector3d::Zero());
-        push(j, model_.inertias[j] * falling);
+        const auto &joint = model_.joints[j];
+        const Eigen::Matrix<double, 6, 1> own = data_.J.middleCols(joint.idx_v(), joint.nv()) * w.segment(joint.idx_v(), joint.nv());
+        twists_[j] = twists_[model_.parents[j]] + pinocchio::Motion(own);
       }
-    subtract_forces(t, p, v);
+      for (int j = 1; j < model_.njoints; ++j) twists_[j] = data_.oMi[j].actInv(twists_[j]);
+    };
+    visit(
+        t, p, v, a,
+        [&](int column, int body, const pinocchio::Force &force) {
+          if (!moves) move();
+          rates[column] += twists_[body].dot(force);
+        },
+        [&](int column, double weight) { rates[column] -= weight * pull_.dot(w); });
   }
 
 private:
-  void see(const Vec &p, const Vec &v, const Vec &a) {
-    if (place_->p.size() && place_->p == p && place_->v == v && place_->a == a) return;
-    f = pinocchio::rnea(model_, data_, p, v, a);
+  struct Body {
+    int column, joint;
+    double mass;
+    Vector3d moment;
+    Matrix3d inertia;
+
+    pinocchio::Force momentum(const pinocchio::Motion &m) const {
+      return pinocchio::Force(mass * m.linear() + m.angular().cross(moment), moment.cross(m.linear()) + inertia * m.angular());
+    }
+  };
+  struct Side {
+    double weight;
+    std::vector<std::unique_ptr<Force>> forces;
+    Vec constant, damping;
+  };
+  struct Pull {
+    std::vector<Side> sides;
+    std::vector<double> times;
+    std::vector<int> columns;
+  };
+
+  // Forces on bodies, in their axes, and the torques `pull_` with weights, of the columns.
+  template <class OnBody, class OnJoints>
+  void visit(double t, const Vec &p, const Vec &v, const Vec &a, const OnBody &on_body, const OnJoints &on_joints) {
+    pinocchio::rnea(model_, data_, p, v, a);
     find_jacobians();
-    *place_ = {p, v, a};
-  }
-
-  // The rates of inertia times a motion.
-  pinocchio::Force momentum(const pinocchio::Motion &m) const {
-    return pinocchio::Force(mass_ * m.linear() + m.angular().cross(moment_), moment_.cross(m.linear()) + inertia_ * m.angular());
-  }
-
-  // Add what a force on a body, in its axes, is at the joints.
-  void push(int body, const pinocchio::Force &force) {
-    const pinocchio::Force there = data_.oMi[body].act(force);
-    for (int j = body; j > 0; j = model_.parents[j]) {
-      const auto &joint = model_.joints[j];
-      f.segment(joint.idx_v(), joint.nv()) += data_.J.middleCols(joint.idx_v(), joint.nv()).transpose() * there.toVector();
+    for (const auto &body : bodies_) {
+      const auto &moving = data_.v[body.joint];
+      on_body(body.column, body.joint, body.momentum(data_.a_gf[body.joint]) + moving.cross(body.momentum(moving)));
+    }
+    for (const auto &[column, rate] : gravities_)
+      for (int j = 1; j < model_.njoints; ++j) {
+        const pinocchio::Motion falling(data_.oMi[j].rotation().transpose() * -rate, Vector3d::Zero());
+        on_body(column, j, model_.inertias[j] * falling);
+      }
+    for (const auto &[key, pull] : pulls_) {
+      const size_t n = pull.times.size(), i = std::upper_bound(pull.times.begin(), pull.times.end(), t) - pull.times.begin();
+      const double part = i && i < n ? (t - pull.times[i - 1]) / (pull.times[i] - pull.times[i - 1]) : 1.0;
+      const auto column = [&](size_t node) { return node < pull.columns.size() ? pull.columns[node] : -1; };
+      const int here = column(i < n ? i : i - (n > 0)), before = i && i < n ? column(i - 1) : -1;
+      if (here < 0 && before < 0) continue;
+      pull_.setZero(nv);
+      for (const auto &side : pull.sides) {
+        tau_ = side.constant - side.damping.cwiseProduct(v);
+        for (const auto &force : side.forces) force->add_torque(data_, t, p, v, tau_);
+        pull_ += side.weight * tau_;
+      }
+      if (here >= 0) on_joints(here, part);
+      if (before >= 0) on_joints(before, 1.0 - part);
     }
   }
 
-  std::shared_ptr<Place> place_;
-  int joint_ = 0;
-  double mass_ = 0.0;
-  Vector3d moment_ = Vector3d::Zero(), gravity_ = Vector3d::Zero();
-  Matrix3d inertia_ = Matrix3d::Zero();
+  std::vector<Body> bodies_;
+  std::vector<std::pair<int, Vector3d>> gravities_;
+  std::map<int64_t, Pull> pulls_;
+  std::vector<pinocchio::Motion> twists_;
+  Vec pull_;
+};
+
+// What parameters change in the residuals: of each, weighted residuals of mechanisms beside, or what is known of f.
+class Parameters {
+public:
+  Rates *known = nullptr;
+
+  void add() { terms_.emplace_back(); }
+  void add_term(double weight, System &other) { terms_.back().emplace_back(weight, &other); }
+  int size() const { return static_cast<int>(terms_.size()); }
+  bool calls_python() const {
+    bool any = known && known->calls_python();
+    for (const auto &terms : terms_)
+      for (auto [weight, other] : terms) any = any || other->calls_python();
+    return any;
+  }
+
+  // Add (r_θ, Φ_θ, ρ_θ) at a state to columns, r = f - G λ.
+  void add_columns(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, Eigen::Ref<Mat> r, Eigen::Ref<Mat> phi,
+                   Eigen::Ref<Mat> rho) const {
+    if (known) known->add_columns(t, p, v, a, r);
+    for (int k = 0; k < size(); ++k) add_terms(k, t, p, v, a, lam, r.col(k), phi.col(k), rho.col(k));
+  }
+  // Add their products with weights.
+  void contract(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, const Vec &of_r, const Vec &of_phi,
+                const Vec &of_rho, Eigen::Ref<Vec> rates) const {
+    if (known) known->contract(t, p, v, a, of_r, rates);
+    Vec r(of_r.size()), phi(of_phi.size()), rho(of_rho.size()); // differences first, as in columns
+    for (int k = 0; k < size(); ++k) {
+      if (terms_[k].empty()) continue;
+      r.setZero();
+      phi.setZero();
+      rho.setZero();
+      add_terms(k, t, p, v, a, lam, r, phi, rho);
+      rates[k] += r.dot(of_r) + phi.dot(of_phi) + rho.dot(of_rho);
+    }
+  }
+  // All mechanisms beside at a state.
+  template <class Take> void each(double t, const Vec &p, const Vec &v, const Vec &a, const Take &take) const {
+    for (int k = 0; k < size(); ++k)
+      for (auto [weight, other] : terms_[k]) {
+        other->evaluate(t, p, v, a);
+        take(k, weight, *other);
+      }
+  }
+
+private:
+  void add_terms(int k, double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, Eigen::Ref<Vec> r, Eigen::Ref<Vec> phi,
+                 Eigen::Ref<Vec> rho) const {
+    for (auto [weight, other] : terms_[k]) {
+      other->evaluate(t, p, v, a);
+      r += weight * (other->f - other->G_transposed().transpose() * lam);
+      phi += weight * other->phi;
+      rho += weight * other->rho;
+    }
+  }
+
+  std::vector<std::vector<std::pair<double, System *>>> terms_;
 };
 
 } // namespace pinconsist

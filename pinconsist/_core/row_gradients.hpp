@@ -5,16 +5,19 @@
 
 namespace pinconsist {
 
-// Derivatives of constraint rows by central differences; coordinates that share no row are moved together.
+// Derivatives of constraint rows where they are known, else by central differences; coordinates that share no row are moved together.
 class RowGradients {
 public:
   explicit RowGradients(System &system) : system_(system) {}
 
   // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ.
   void find(double t, const Vec &p, const Vec &v, const Vec &lam, Mat &F, Mat &H) {
+    for (int known = 1; known >= 0; --known) {
+      F.setZero(system_.nv, system_.nx);
+      H.setZero(system_.nc, system_.nx);
+      if (known && system_.row_gradients(t, p, v, lam, F, H)) return;
+    }
     begin(t, p, v);
-    F.setZero(system_.nv, system_.nx);
-    H.setZero(system_.nc, system_.nx);
     for (const auto &members : groups_) {
       differences(members, NUDGE, [&](const Vec &way) {
         system_.integrate(p, way, there_);

@@ -15,9 +15,43 @@ struct Rows {
   virtual void add_bias(const Data &data, double t, const Vec &p, const Vec &v, int at, Vec &bias) const = 0;
   // Add force and moment about x on the second body, of rows between two anchors, in world axes.
   virtual void add_wrench(const Data &, const Vec &, const Vector3d &, Vector3d &, Vector3d &) const {}
+  // Add F = ∂(Jᵀλ)/∂q and H = ∂(J v)/∂q from row `at` on, J as it is used; false where these are not known.
+  virtual bool add_gradients(const Data &, const Vec &, const Vec &, const Vec &, int, Mat &, Mat &) const { return false; }
   virtual int size() const = 0;
   virtual bool calls_python() const { return false; }
 };
+
+using Six = Eigen::Matrix<double, 6, 1>; // a twist (linear, angular) or wrench (force, moment) about the origin, world axes
+
+// What rows between two bodies have in common: their forces are those of a wrench on body 2, and back on body 1, which changes
+// by change(k) where coordinate k moves; take(k, rate) gets that of Σ ± J v.
+template <class Change, class Take>
+void differentiate(const Data &data, const std::vector<Signed> &columns, const Vec &v, const Six &wrench, const Change &change,
+                   const Take &take, Mat &F) {
+  for (const auto &k : columns) {
+    const Six J = data.J.col(k.index), moving = change(k);
+    const auto line = J.head<3>(), turn = J.tail<3>();
+    Six outer, twist = Six::Zero(), rate;
+    outer << turn.cross(wrench.head<3>()), line.cross(wrench.head<3>()) + turn.cross(wrench.tail<3>());
+    outer = moving - outer;
+    for (const auto &c : columns) {
+      const bool carried = c.sign == k.sign && k.joint <= c.joint;
+      F(c.index, k.index) += c.sign * data.J.col(c.index).dot(carried ? outer : moving);
+      if (carried) twist += v[c.index] * data.J.col(c.index);
+    }
+    rate << turn.cross(twist.head<3>()) + line.cross(twist.tail<3>()), turn.cross(twist.tail<3>());
+    take(k, k.sign * rate);
+  }
+}
+
+// Σ ± J v
+inline Six relative_twist(const Data &data, const std::vector<Signed> &columns, const Vec &v) {
+  Six twist = Six::Zero();
+  for (const auto &c : columns) twist += c.sign * v[c.index] * data.J.col(c.index);
+  return twist;
+}
+
+inline Vector3d at_point(const Six &twist, const Vector3d &x) { return twist.head<3>() + twist.tail<3>().cross(x); }
 
 // Fixed combinations of the rows of Pinocchio's constraints between two anchors: (3) position of anchor 2 seen from
 // anchor 1, or (6) both parts of the logarithm of its pose.
@@ -54,6 +88,39 @@ public:
     bias.segment(at, size()) += matrix_.leftCols<3>() * seen_acceleration(m1, m2);
     if (matrix_.cols() == 6)
       bias.segment(at, size()) += matrix_.rightCols<3>() * (m1.R.transpose() * (m2.b - m1.b - m1.w.cross(m2.w)));
+  }
+
+  bool add_gradients(const Data &data, const Vec &, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
+    const SE3 anchor1 = placed(data, joint1_, place1_);
+    const bool pose = matrix_.cols() == 6;
+    const Vector3d x = pose ? anchor1.translation() : placed(data, joint2_, place2_).translation();
+    const Matrix3d R = anchor1.rotation();
+    const Vec seen = matrix_.transpose() * lam.segment(at, size());
+    const Vector3d f = R * seen.head<3>(), m = pose ? Vector3d(R * seen.tail<3>()) : Vector3d(Vector3d::Zero());
+    const Six relative = relative_twist(data, columns_, v);
+    const Vector3d rate = at_point(relative, x), spin_rate = relative.tail<3>();
+    const auto shift = [&](const Signed &k) { return (k.sign > 0.0) != pose ? moved(data, k.index, x) : Vector3d(Vector3d::Zero()); };
+    const auto turned = [&](const Signed &k) { return k.sign < 0.0 ? spin(data, k.index) : Vector3d(Vector3d::Zero()); };
+    Six wrench;
+    wrench << f, x.cross(f) + m;
+    differentiate(
+        data, columns_, v, wrench,
+        [&](const Signed &k) {
+          const Vector3d turn = turned(k), push = turn.cross(f);
+          Six change;
+          change << push, shift(k).cross(f) + x.cross(push) + turn.cross(m);
+          return change;
+        },
+        [&](const Signed &k, const Six &change) {
+          const Vector3d turn = turned(k);
+          const Vector3d own = at_point(change, x) + spin_rate.cross(shift(k)) - turn.cross(rate);
+          H.col(k.index).segment(at, size()) += matrix_.leftCols<3>() * (R.transpose() * own);
+          if (!pose) return;
+          const Vector3d spun = change.tail<3>() - turn.cross(spin_rate);
+          H.col(k.index).segment(at, size()) += matrix_.rightCols<3>() * (R.transpose() * spun);
+        },
+        F);
+    return true;
   }
 
   void add_wrench(const Data &data, const Vec &lam, const Vector3d &x, Vector3d &force, Vector3d &moment) const override {
@@ -98,6 +165,31 @@ public:
     bias[at] += (m1.R.transpose() * r).dot(seen_acceleration(m1, m2)) / length_;
   }
 
+  bool add_gradients(const Data &data, const Vec &, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
+    const Vector3d x1 = placed(data, joint1_, place1_).translation(), x = placed(data, joint2_, place2_).translation();
+    const Vector3d d = x - x1, f = lam[at] / length_ * d;
+    const Six relative = relative_twist(data, columns_, v);
+    const Vector3d rate = at_point(relative, x);
+    const auto shift = [&](const Signed &k) { return k.sign > 0.0 ? moved(data, k.index, x) : Vector3d(Vector3d::Zero()); };
+    const auto stretch = [&](const Signed &k) { return Vector3d(k.sign * moved(data, k.index, k.sign > 0.0 ? x : x1)); };
+    Six wrench;
+    wrench << f, x.cross(f);
+    differentiate(
+        data, columns_, v, wrench,
+        [&](const Signed &k) {
+          const Vector3d push = lam[at] / length_ * stretch(k);
+          Six change;
+          change << push, shift(k).cross(f) + x.cross(push);
+          return change;
+        },
+        [&](const Signed &k, const Six &change) {
+          const Vector3d own = at_point(change, x) + relative.tail<3>().cross(shift(k));
+          H(at, k.index) += (stretch(k).dot(rate) + d.dot(own)) / length_;
+        },
+        F);
+    return true;
+  }
+
   void add_wrench(const Data &data, const Vec &lam, const Vector3d &, Vector3d &force, Vector3d &) const override {
     force += lam[0] / length_ * (placed(data, joint2_, place2_).translation() - placed(data, joint1_, place1_).translation());
   }
@@ -124,6 +216,7 @@ public:
   void add_bias(const Data &, double t, const Vec &, const Vec &, int at, Vec &bias) const override {
     bias[at] -= curve_.acceleration(t);
   }
+  bool add_gradients(const Data &, const Vec &, const Vec &, const Vec &, int, Mat &, Mat &) const override { return true; }
   int size() const override { return 1; }
 
 private:
@@ -150,14 +243,24 @@ public:
     J(at, other_.column) = -slope;
   }
   void add_bias(const Data &, double, const Vec &p, const Vec &v, int at, Vec &bias) const override {
-    const double x = other_.value(p), rate = v[other_.column];
-    double bend = 0.0;
-    for (Eigen::Index i = law_.size(); i-- > 2;) bend = bend * x + static_cast<double>(i * (i - 1)) * law_[i];
-    bias[at] -= bend * rate * rate;
+    const double rate = v[other_.column];
+    bias[at] -= bend(p) * rate * rate;
+  }
+  bool add_gradients(const Data &, const Vec &p, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
+    F(other_.column, other_.column) -= lam[at] * bend(p);
+    H(at, other_.column) -= bend(p) * v[other_.column];
+    return true;
   }
   int size() const override { return 1; }
 
 private:
+  double bend(const Vec &p) const {
+    const double x = other_.value(p);
+    double bend = 0.0;
+    for (Eigen::Index i = law_.size(); i-- > 2;) bend = bend * x + static_cast<double>(i * (i - 1)) * law_[i];
+    return bend;
+  }
+
   Coordinate joint_, other_;
   double period_;
   Vec law_;

@@ -11,7 +11,7 @@ class MultiplierRates {
 public:
   Vec lam;
 
-  MultiplierRates(System &system, const std::vector<LinearStep::Terms> &parameters)
+  MultiplierRates(System &system, const Parameters &parameters)
       : parameters_(parameters), system_(system), rows_(system), others_(system), index1_(system), at_(system) {}
 
   bool set(double t, const Vec &p, const Vec &v) {
@@ -20,20 +20,29 @@ public:
     K_ = at_.K;
     rows_.find_second(t, p, v, a_, lam, F, by_p_, by_v_);
     K_ -= F;
-    const int P = static_cast<int>(parameters_.size());
-    rates_.setZero(system_.nv + system_.nc, P);
-    for (int k = 0; k < P; ++k)
-      for (auto [weight, other] : parameters_[k]) {
-        other->evaluate(t, p, v, a_);
-        rates_.col(k).head(system_.nv) += weight * (other->f - other->G_transposed().transpose() * lam);
-        rates_.col(k).tail(system_.nc) += weight * others_.beta(*other, t, p, v, a_);
-      }
+    rates_.setZero(system_.nv + system_.nc, parameters_.size());
+    parameters_.each(t, p, v, a_, [&](int k, double weight, System &other) {
+      rates_.col(k).head(system_.nv) += weight * (other.f - other.G_transposed().transpose() * lam);
+      rates_.col(k).tail(system_.nc) += weight * others_.beta(other, t, p, v, a_);
+    });
+    t_ = t;
+    p_ = p;
+    v_ = v;
     return true;
+  }
+
+  // Those of a and λ by p and v.
+  Mat linear() const {
+    Mat rhs(system_.nv + system_.nc, 2 * system_.nv);
+    rhs << K_, at_.D, by_p_, by_v_;
+    at_.solve(rhs);
+    return -rhs;
   }
 
   void forward(const Mat &s, Mat &of_lam) {
     const int nv = system_.nv, nc = system_.nc;
     Mat rhs = rates_;
+    if (parameters_.known) parameters_.known->add_columns(t_, p_, v_, a_, rhs.topRows(nv));
     rhs.topRows(nv) += K_ * s.topRows(nv) + at_.D * s.bottomRows(nv);
     rhs.bottomRows(nc) += by_p_ * s.topRows(nv) + by_v_ * s.bottomRows(nv);
     at_.solve(rhs);
@@ -50,22 +59,26 @@ public:
     s << K_.transpose() * weights.head(nv) + by_p_.transpose() * weights.tail(nc),
         at_.D.transpose() * weights.head(nv) + by_v_.transpose() * weights.tail(nc);
     rates += rates_.transpose() * weights;
+    if (parameters_.known) parameters_.known->contract(t_, p_, v_, a_, weights.head(nv), rates);
   }
 
+  const Vec &acceleration() const { return a_; }
+
 private:
-  const std::vector<LinearStep::Terms> &parameters_;
+  const Parameters &parameters_;
   System &system_;
   RowGradients rows_, others_;
   Projection index1_;
   StatePoint at_;
-  Vec a_;
+  double t_ = 0.0;
+  Vec p_, v_, a_;
   Mat K_, by_p_, by_v_, rates_;
 };
 
 // Each answers the number of the step or state that is singular, or -1.
 class StageDerivatives {
 public:
-  std::vector<LinearStep::Terms> parameters;
+  Parameters parameters;
 
   explicit StageDerivatives(System &system)
       : system_(system), motion_(system, parameters), multipliers_(system, parameters), newton_(system, Switches{}), index1_(system) {}
@@ -100,7 +113,7 @@ public:
 
   // Row i of `ends` from row begins[i] of S; rows are (P, nx+nv).
   int forward(const StageSteps &steps, const double *S, double *ends) {
-    const int n = 2 * system_.nv, P = static_cast<int>(parameters.size());
+    const int n = 2 * system_.nv, P = parameters.size();
     Mat end;
     const double *W = steps.W;
     for (int i = 0; i < steps.n; ++i) {
@@ -129,7 +142,7 @@ public:
 
   // λ at states (t, p, v), and its derivatives (P, nc) from those of the states.
   int multipliers(int n, const double *t, const double *p, const double *v, const double *s, double *lam, double *of_lam) {
-    const int nv = system_.nv, nc = system_.nc, P = static_cast<int>(parameters.size());
+    const int nv = system_.nv, nc = system_.nc, P = parameters.size();
     Mat found;
     for (long i = 0; i < n; ++i) {
       if (!at(t[i], p, v, i)) return static_cast<int>(i);
@@ -139,6 +152,9 @@ public:
     }
     return -1;
   }
+
+  // Of the equations of index 1; null where they are singular.
+  const MultiplierRates *at(double t, const Vec &p, const Vec &v) { return multipliers_.set(t, p, v) ? &multipliers_ : nullptr; }
 
   // The transpose: `bars`, (n, nx+nv), and `rates`, (P), are added to.
   int multipliers_back(int n, const double *t, const double *p, const double *v, const double *lam, double *bars, double *rates) {
@@ -157,7 +173,7 @@ private:
     const int npos = system_.npos, nv = system_.nv;
     return multipliers_.set(t, Eigen::Map<const Vec>(p + i * npos, npos), Eigen::Map<const Vec>(v + i * nv, nv));
   }
-  Eigen::Map<Vec> total(double *rates) const { return {rates, static_cast<Eigen::Index>(parameters.size())}; }
+  Eigen::Map<Vec> total(double *rates) const { return {rates, parameters.size()}; }
 
   System &system_;
   StageMotion motion_;

@@ -42,13 +42,13 @@ private:
 // The end of a step, and what parameters change in it.
 class StageMotion {
 public:
-  StageMotion(System &system, const std::vector<LinearStep::Terms> &parameters)
+  StageMotion(System &system, const Parameters &parameters)
       : parameters_(parameters), system_(system), stages_(system), rows_(system), end_(system), lu_(0),
         zero_(Vec::Zero(system.nv)) {}
 
   // At step `i`, whose accelerations begin at W; false where it is singular.
   bool set(const StageSteps &steps, int i, const double *W) {
-    const int nv = system_.nv, nc = system_.nc, npos = system_.npos;
+    const int nv = system_.nv, npos = system_.npos;
     stages_.use(RadauTable::of.at(static_cast<int>(steps.s[i])));
     const int s = stages_.size();
     stages_.t = steps.t_old[i];
@@ -62,13 +62,14 @@ public:
     v_ = Eigen::Map<const Vec>(steps.v + static_cast<long>(i) * nv, nv);
     gap_ = v_ - stages_.V.col(s - 1);
     carry();
-    return set_stages() && set_end() && (find_rates(nv, nc, s), true);
+    return set_stages() && set_end();
   }
 
   // [s_p | s_v] at the end, a column for each parameter.
   void forward(const Mat &start, Mat &end) {
     const int nv = system_.nv, nc = system_.nc, nd = nv - nc, s = stages_.size(), P = static_cast<int>(start.cols());
     const auto s_p = start.topRows(nv), s_v = start.bottomRows(nv);
+    find_rates(nv, nc, s);
     Mat carried(s * nv, P), closing(s * nv, P), y(s * nd, P);
     for (int i = 0; i < s; ++i) {
       carried.middleRows(i * nv, nv) = s_p;
@@ -109,7 +110,9 @@ public:
     const Vec phi = -of_p.tail(nc), of_v = X_.transpose() * (end_.M * up);
     Vec dP = of_v, y(s * nd);
     dP.tail(nv) += s_p + end_.J.transpose() * phi;
-    rates += end_phi_.transpose() * phi - end_rho_.transpose() * low - end_q_.transpose() * up;
+    const Vec none = Vec::Zero(nc);
+    parameters_.contract(t_, p_, v_, gap_, none, -up, none, none, rates);
+    parameters_.contract(t_, p_, v_, zero_, -nu_, up, phi, -low, rates);
     Vec carried = -of_v;
     start.setZero(2 * nv);
     if (nd) {
@@ -122,12 +125,14 @@ public:
     }
     for (int i = 0; i < s; ++i) {
       auto closing = dP.segment(i * nv, nv);
+      Vec of_r = Vec::Zero(nv);
       if (nd) {
         const auto part = y.segment(i * nd, nd);
         closing -= stiff_[i].transpose() * part;
-        rates -= r_.middleRows(i * nv, nv).transpose() * (Z_[i] * part);
+        of_r = -Z_[i] * part;
       }
-      rates -= phi_.middleRows(i * nc, nc).transpose() * (N_[i].transpose() * closing);
+      see(i);
+      parameters_.contract(at_, stage_p_, stage_v_, stage_w_, L_.col(i), of_r, -N_[i].transpose() * closing, none, rates);
       Vec own = carried.segment(i * nv, nv);
       for (const auto &chart : charts_)
         own.segment(chart.first, chart.size) = chart.Ad[i].transpose() * carried.segment(i * nv + chart.first, chart.size);
@@ -231,34 +236,20 @@ private:
   }
 
   void find_rates(int nv, int nc, int s) {
-    const int P = static_cast<int>(parameters_.size());
+    const int P = parameters_.size();
     r_.setZero(s * nv, P);
     phi_.setZero(s * nc, P);
     end_phi_.setZero(nc, P);
     end_rho_.setZero(nc, P);
     end_q_.setZero(nv, P);
+    Mat none = Mat::Zero(nc, P), still = Mat::Zero(nv, P);
     for (int i = 0; i < s; ++i) {
       see(i);
-      each(at_, stage_p_, stage_v_, stage_w_, [&](int k, double weight, const System &other) {
-        r_.col(k).segment(i * nv, nv) += weight * (other.f - other.G_transposed().transpose() * L_.col(i));
-        phi_.col(k).segment(i * nc, nc) += weight * other.phi;
-      });
+      parameters_.add_columns(at_, stage_p_, stage_v_, stage_w_, L_.col(i), r_.middleRows(i * nv, nv), phi_.middleRows(i * nc, nc), none);
     }
-    each(t_, p_, v_, gap_, [&](int k, double weight, const System &other) { end_q_.col(k) += weight * other.f; });
-    each(t_, p_, v_, zero_, [&](int k, double weight, const System &other) {
-      end_q_.col(k) -= weight * (other.f + other.G_transposed().transpose() * nu_);
-      end_phi_.col(k) += weight * other.phi;
-      end_rho_.col(k) += weight * other.rho;
-    });
-  }
-
-  // All terms of all parameters at one state, at which several may share what is evaluated.
-  template <class Take> void each(double t, const Vec &p, const Vec &v, const Vec &a, const Take &take) {
-    for (size_t k = 0; k < parameters_.size(); ++k)
-      for (auto [weight, other] : parameters_[k]) {
-        other->evaluate(t, p, v, a);
-        take(static_cast<int>(k), weight, *other);
-      }
+    parameters_.add_columns(t_, p_, v_, gap_, Vec::Zero(nc), end_q_, none, none);
+    parameters_.add_columns(t_, p_, v_, zero_, -nu_, still, end_phi_, end_rho_);
+    end_q_ -= still;
   }
 
   // Z spans the null space of J, and J N = 1; false where rows depend on each other.
@@ -278,7 +269,7 @@ private:
     return true;
   }
 
-  const std::vector<LinearStep::Terms> &parameters_;
+  const Parameters &parameters_;
   System &system_;
   Stages stages_;
   RowGradients rows_;

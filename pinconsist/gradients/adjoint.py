@@ -32,18 +32,14 @@ class Back:
         """Fill ``total``."""
         times, bar = list(times_of(self.solution, self.legs, self.sign)), None
         for i in reversed(range(len(self.legs))):
-            leg, system = self.legs[i], self.legs[i].system
+            leg = self.legs[i]
             seeds = leg.seeds()
             if bar is not None:
                 leg.sow(np.array([leg.span[1]]), [self._through(leg, self.legs[i + 1], bar)], seeds, self.sign)
             leg.sow(times[i], self._pulled(leg, times[i]), seeds, self.sign)
             self._steps(leg, seeds)
-            n = system.nx + system.nv
-            state = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
-            tables = leg.begin([STILL] * n + self.variants, self.base, state)
-            rates = np.tensordot(tables, seeds[0], ([0, 2], [0, 1]))
-            bar = rates[:n]
-            self._add(rates[n:])
+            bar, rates = leg.begin_back(self.variants, self.base, seeds[0])
+            self._add(rates)
         self._add(begun(self.variants, self.base, self.legs[0].system) @ bar)
 
     def _add(self, rates):

@@ -16,7 +16,7 @@ from ..dae import bdf
 from ..dae.charts import chart_matrix
 from ..dae.dense import Segment, Tables
 from ..dae.index1 import Index1
-from .history import history_table
+from .history import History
 from .linear import Step
 from .stage_leg import StageLeg, stage_legs
 
@@ -63,7 +63,11 @@ class Leg:
 
     def begin(self, variants, base, s):
         """S of the history, from derivatives `s`, (P, nx+nv), of the state where the leg begins."""
-        return history_table(self.start, variants, base, s)
+        return History(self.start, variants, base).table(s)
+
+    def begin_back(self, variants, base, seed):
+        """The transpose: derivatives of a number by `s`, (nx+nv,), and by the parameters, (P,), from that by S."""
+        return History(self.start, variants, base).back(seed)
 
     def follow(self, index1, residuals, S) -> None:
         """Fill `tables` from S of the history; `residuals`, for each parameter, is a list of (weight, Index1)."""

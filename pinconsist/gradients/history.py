@@ -9,71 +9,95 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._core.compiled_gradient import known_columns
 from ..dae import bdf
-from ..dae.charts import chart_matrix, chart_point, table_row
+from ..dae.charts import chart_matrix, chart_rate_gradient
 from ..dae.kkt import KKT
+from .stage_way import way_along
 
-NUDGE = 1e-5  # over the size of a coordinate, of differences of second order
 
+class History:
+    """The history `first`, a polynomial, and its derivatives forwards and back."""
 
-def history_table(first, variants, base, s):
-    """S of the history `first`, from the derivatives `s`, (P, nx+nv), of the state where it begins, at a fixed time."""
-    system = first.system
-    n, m, P = first.k + 1, system.nx + system.nv, len(variants)
-    nodes = [Node(variants, base, first, first.t_old + j * first.h) for j in range(n)]
-    Q, h = _integrals(n), first.h
-    start = s.copy()
-    start[:, : system.nx] = s[:, : system.nx] @ nodes[0].chart.T
-    known = start + h * np.einsum("jl,lpm->jpm", Q[1:], [node.b for node in nodes])
-    known += h * Q[1:, 0, None, None] * (start @ nodes[0].A.T)
-    matrix = np.eye((n - 1) * m)
-    for j in range(1, n):
-        for i in range(1, n):
-            matrix[(j - 1) * m : j * m, (i - 1) * m : i * m] -= h * Q[j, i] * nodes[i].A
-    rows = np.linalg.solve(matrix, known.transpose(0, 2, 1).reshape(-1, P)).reshape(n - 1, m, P).transpose(0, 2, 1)
-    rows = np.concatenate((start[None], rows))
-    lam = [row @ node.A_lam.T + node.b_lam for row, node in zip(rows, nodes, strict=True)]
-    rows = np.concatenate((rows, lam), axis=2)
-    S = np.zeros((bdf.ROWS, *rows.shape[1:]))
-    S[:n] = np.tensordot(bdf.differences(n - 1), rows[::-1], 1)
-    return S
+    def __init__(self, first, variants, base):
+        self.first, self.nx, self.size = first, first.system.nx, first.system.nx + first.system.nv
+        n, m, h = first.k + 1, self.size, first.h
+        index1 = base.index1(first.system)
+        way = way_along(index1, [])
+        residuals = [variant.residuals(first.system) if variant.keeps_rows else [] for variant in variants]
+        known = known_columns(index1, residuals)
+        self.nodes = [Node(variants, known, first, way, first.t_old + j * h) for j in range(n)]
+        self.Q = _integrals(n)
+        self.matrix = np.eye((n - 1) * m)
+        for j in range(1, n):
+            for i in range(1, n):
+                self.matrix[(j - 1) * m : j * m, (i - 1) * m : i * m] -= h * self.Q[j, i] * self.nodes[i].A
+
+    def table(self, s):
+        """S, from the derivatives `s`, (P, nx+nv), of the state where the history begins, at a fixed time."""
+        nodes, Q, h, n = self.nodes, self.Q, self.first.h, len(self.nodes)
+        start, b = s.copy(), [node.forward() for node in nodes]
+        start[:, : self.nx] = s[:, : self.nx] @ nodes[0].chart.T
+        known = start + h * np.einsum("jl,lpm->jpm", Q[1:], [of_y for of_y, _ in b])
+        known += h * Q[1:, 0, None, None] * (start @ nodes[0].A.T)
+        rows = np.linalg.solve(self.matrix, known.transpose(0, 2, 1).reshape(-1, len(s)))
+        rows = np.concatenate((start[None], rows.reshape(n - 1, -1, len(s)).transpose(0, 2, 1)))
+        lam = [row @ node.A_lam.T + of_lam for row, node, (_, of_lam) in zip(rows, nodes, b, strict=True)]
+        rows = np.concatenate((rows, lam), axis=2)
+        S = np.zeros((bdf.ROWS, *rows.shape[1:]))
+        S[:n] = np.tensordot(bdf.differences(n - 1), rows[::-1], 1)
+        return S
+
+    def back(self, seeds):
+        """The derivatives of a number by `s`, (nx+nv,), and by the parameters, (P,), from those by S: the transpose."""
+        nodes, Q, h, n = self.nodes, self.Q, self.first.h, len(self.nodes)
+        rows, lam = np.split((bdf.differences(n - 1).T @ seeds[:n])[::-1], [self.size], axis=1)
+        rows = rows + [node.A_lam.T @ own for node, own in zip(nodes, lam, strict=True)]
+        known = np.linalg.solve(self.matrix.T, rows[1:].ravel()).reshape(n - 1, -1)
+        start = rows[0] + known.sum(axis=0) + h * nodes[0].A.T @ (Q[1:, 0] @ known)
+        start[: self.nx] = nodes[0].chart.T @ start[: self.nx]
+        return start, sum(map(Node.backward, nodes, h * Q[1:].T @ known, lam))
 
 
 class Node:
-    """The equations of index 1 at a time of a history, linear: of s' = A s + b, and s_λ = A_λ s + b_λ."""
+    """The equations of index 1 at a time of a history, linear: s' = A s + b, and s_λ = A_λ s + b_λ."""
 
-    def __init__(self, variants, base, first, t):
-        system, index1 = first.system, base.index1(first.system)
+    def __init__(self, variants, known, first, way, t):
+        system = first.system
         p, v, _ = first(t)
         nx, nv = system.nx, system.nv
-        y = table_row(system, first.base, p, v, np.zeros(0))
-
-        def moving(y):
-            T = np.eye(nx) if system.vector_like else chart_matrix(system, y[:nx])
-            return np.concatenate(
-                (T @ y[nx:], *index1.acceleration(t, chart_point(system, first.base, y[:nx]), y[nx:]))
-            )
-
-        steps = NUDGE * np.concatenate((np.ones(nx), 1.0 + np.abs(v)))
-        both = [(moving(y + e) - moving(y - e)) / (2.0 * step) for e, step in zip(np.diag(steps), steps, strict=True)]
-        self.A, self.A_lam = np.split(np.column_stack(both), [nx + nv])
-        self.chart = np.eye(nx) if system.vector_like else chart_matrix(system, y[:nx])
-        a, _ = index1.acceleration(t, p, v)
+        a, _, by = way.linear(t, p, v)
+        self.chart, turned = np.eye(nx), np.zeros((nx, nx))
+        if not system.vector_like:
+            xi = system.difference(first.base, p)
+            self.chart, turned = chart_matrix(system, xi), chart_rate_gradient(system, xi, v)
+        by[:, :nx] = by[:, :nx] @ np.linalg.inv(self.chart)
+        self.A, self.A_lam = np.split(np.vstack((np.hstack((turned, self.chart)), by)), [nx + nv])
         _, _, G, _ = system.evaluate(t, p, v, a)
-        kkt = KKT(system.matrices(t, p, v, a)[0], np.array(G), np.array(G).T)
-        rates = np.array([self._by(variant, system, kkt, t, p, v, a) for variant in variants])
-        self.b, self.b_lam = np.hstack((np.zeros((len(variants), nx)), rates[:, :nv])), rates[:, nv:]
+        self._kkt = KKT(system.matrices(t, p, v, a)[0], np.array(G), np.array(G).T)
+        self._known, self._still = known(t, p, v, a), np.zeros((len(variants), nx))
+        self._beside = {
+            i: variant.derivative(lambda side: np.concatenate(side.index1(system).acceleration(t, p, v)))
+            for i, variant in enumerate(variants)
+            if not variant.keeps_rows
+        }
 
-    def _by(self, variant, system, kkt, t, p, v, a):
-        if variant.inert:
-            return np.zeros(system.nv + system.nc)
-        if variant.keeps_rows:
-            residuals = [
-                (weight, getattr(known, "compiled", known.system)) for weight, known in variant.residuals(system)
-            ]
-            f = sum(weight * known.evaluate(t, p, v, a)[0] for weight, known in residuals)
-            return -kkt.solve(np.concatenate((f, np.zeros(system.nc))))
-        return variant.derivative(lambda side: np.concatenate(side.index1(system).acceleration(t, p, v)))
+    def forward(self):
+        """(b, b_λ), (P, ·) each."""
+        nv = self._known.shape[1]
+        rates = -self._kkt.solve(np.hstack((self._known, np.zeros((len(self._known), len(self.A_lam))))).T).T
+        for i, rate in self._beside.items():
+            rates[i] = rate
+        return np.hstack((self._still, rates[:, :nv])), rates[:, nv:]
+
+    def backward(self, of_b, of_lam):
+        """The transpose, (P,)."""
+        nv = self._known.shape[1]
+        weights = np.concatenate((of_b[-nv:], of_lam))
+        rates = -self._known @ self._kkt.solve_transposed(weights)[:nv]
+        for i, rate in self._beside.items():
+            rates[i] = rate @ weights
+        return rates
 
 
 def _integrals(n):

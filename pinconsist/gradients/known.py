@@ -7,14 +7,15 @@ have the weighted residuals of mechanisms beside.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from ..mechanism.parameters import Parameter
+from ..mechanism.numbers import part_at, with_number
+from ..mechanism.parameters import Parameter, difference_step
 
 OF_STEPS = {-1: -1 / 2, 1: 1 / 2}
 OF_STEPS_AHEAD = {0: -3 / 2, 1: 2.0, 2: -1 / 2}
@@ -33,9 +34,9 @@ class Inertial:
         columns = slice(10 * self.joint - 10, 10 * self.joint)
         return pin.computeJointTorqueRegressor(model, data, q, v, a)[:, columns] @ self.rates
 
-    def hand_over(self, twin) -> None:
-        """Add it to a compiled system."""
-        twin.add_inertia(self.joint, self.rates)
+    def hand_over(self, rates, column, weight) -> None:
+        """Add it to a column of compiled rates."""
+        rates.add_inertia(column, weight, self.joint, self.rates)
 
 
 @dataclass
@@ -50,9 +51,9 @@ class Gravity:
         there.gravity = pin.Motion(self.rates, np.zeros(3))
         return pin.rnea(there, data, q, still, still)
 
-    def hand_over(self, twin) -> None:
-        """Add it to a compiled system."""
-        twin.add_gravity(self.rates)
+    def hand_over(self, rates, column, weight) -> None:
+        """Add it to a column of compiled rates."""
+        rates.add_gravity(column, weight, self.rates)
 
 
 @dataclass
@@ -65,10 +66,46 @@ class Pull:
         """Its part of f at a state."""
         return -self.bound.torque(t, q, v)
 
-    def hand_over(self, twin) -> None:
-        """Add it to a compiled system."""
-        if not self.bound.hand_over(twin):
-            twin.add_python_force(self.bound)
+    def hand_over(self, rates, column, weight) -> None:
+        """Add it to a column of compiled rates."""
+        self.side_of(rates, column, weight)
+        rates.act(column, 0, column)
+
+    def side_of(self, rates, key, weight) -> None:
+        """Add it to the forces of a key."""
+        if not self.bound.hand_over(rates):
+            rates.add_python_force(self.bound)
+        rates.close(key, weight)
+
+
+@dataclass(eq=False)
+class Lifted:
+    """A force by all values of its table at once: weights and sides."""
+
+    times: tuple
+    sides: list[tuple[float, Pull]]
+
+
+@dataclass
+class Node:
+    """By one value of a table: that by all of them, times a hat."""
+
+    table: Lifted
+    i: int
+
+    def force(self, model, data, t, q, v, a):
+        """r_θ at a state."""
+        hat = np.interp(t, self.table.times, np.arange(len(self.table.times)) == self.i)
+        return hat * sum(weight * side.force(model, data, t, q, v, a) for weight, side in self.table.sides)
+
+    def hand_over(self, rates, column, weight) -> None:
+        """Add it to a column of compiled rates, where values of one table share a force."""
+        key = id(self.table)
+        if not rates.has(key):
+            rates.set_times(key, self.table.times)
+            for own, side in self.table.sides:
+                side.side_of(rates, key, own)
+        rates.act(key, self.i, column)
 
 
 class Known:
@@ -76,22 +113,28 @@ class Known:
 
     def __init__(self, part, like, data):
         self.part, self.model, self.nv, self.nc = part, like.model, like.nv, like.nc
-        self._data = data
+        self.data = data
 
     def evaluate(self, t, p, v, a):
         """f, Φ, G and ρ at a state."""
         zero = np.zeros(self.nc)
-        return self.part.force(self.model, self._data, t, p, v, a), zero, np.zeros((self.nv, self.nc)), zero
+        return self.part.force(self.model, self.data, t, p, v, a), zero, np.zeros((self.nv, self.nc)), zero
 
     def acceleration_bias(self, t, p, v):
         """That of its rows, (nc,)."""
         return np.zeros(self.nc)
 
 
-def parts_of(parameter: Parameter, model, step) -> list[tuple[float, Any]]:
-    """(weight, part) whose sum is the derivative by a parameter, if it is known; else none."""
+def parts_of(parameter: Parameter, model, step, tables) -> list[tuple[float, Any]]:
+    """(weight, part) whose sum is the derivative by a parameter, if it is known; else none. `tables` are kept."""
     if parameter.part is None:
         return []
+    kind, *where = parameter.part(parameter.value)
+    if kind == "node":
+        record, path, i = where
+        if (key := (id(record), path)) not in tables:
+            tables[key] = _lifted(record, path, model)
+        return [(1.0, Node(tables[key], i))]
     step = CLOSE * step
     for weights, sign in ((OF_STEPS, 1), (OF_STEPS_AHEAD, 1), (OF_STEPS_AHEAD, -1)):
         changes = {sign * m * step: sign * weight / step for m, weight in weights.items()}
@@ -99,9 +142,18 @@ def parts_of(parameter: Parameter, model, step) -> list[tuple[float, Any]]:
             each = [(weight, parameter.part(parameter.value + change)) for change, weight in changes.items()]
         except InputError:  # at a bound
             continue
-        kind = each[0][1][0]
         if kind == "force":
             return [(weight, Pull(record.bind(model))) for weight, (_, record) in each]
         rates = sum(weight * part[-1] for weight, part in each)
         return [(1.0, Gravity(rates) if kind == "gravity" else Inertial(each[0][1][1], rates))]
     return []
+
+
+def _lifted(record, path, model) -> Lifted:
+    """A record's force by all values of the table at a path."""
+    table, sides = part_at(record, path), []
+    step = CLOSE * difference_step(max(map(abs, table.values)))
+    for m, weight in OF_STEPS.items():
+        moved = replace(table, values=tuple(value + m * step for value in table.values))
+        sides.append((weight / step, Pull(with_number(record, path, moved).bind(model))))
+    return Lifted(table.times, sides)

@@ -92,6 +92,11 @@ class StageLeg:
         """S at the start, from the derivatives of the state there."""
         return s[None]
 
+    @staticmethod
+    def begin_back(variants, base, seed):
+        """The transpose, and what the parameters change there."""
+        return seed[0], 0.0
+
     def at(self, times, sign):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
         n, inside, steps = self._placed(times, sign)

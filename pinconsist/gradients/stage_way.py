@@ -54,6 +54,10 @@ class StageWay:
             total += of.rates(self.parameters) @ weights
         return total
 
+    def linear(self, t, p, v):
+        """See :meth:`Multipliers.linear`."""
+        return Multipliers(self.system, t, p, v).linearize().linear()
+
     def multipliers(self, t, p, v, s):
         """λ at states, (n, nc), and its derivatives, (n, P, nc), from those of the states."""
         nc = self.system.nc

@@ -177,6 +177,10 @@ class Multipliers(Point):
         )
         return self
 
+    def linear(self):
+        """a, λ and their derivatives by p and v, (nv+nc, nx+nv)."""
+        return self.a, self.lam, -self.kkt.solve(np.block([[self.K, self.D], [self.by_p, self.by_v]]))
+
     def forward(self, s, rates):
         """s_λ, (P, nc), from [s_p | s_v]."""
         s_p, s_v = np.hsplit(s, [self.system.nx])

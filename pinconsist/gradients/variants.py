@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from .._core.compiled_gradient import all_rows, index1_of, known_of, place
+from .._core.compiled_gradient import all_rows, index1_of
+from ..dae.index1 import Index1
 from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assembled, velocity_on_constraints
 from ..mechanism.closing import LoopSolver
@@ -26,6 +27,7 @@ from .known import OF_STEPS, OF_STEPS_AHEAD, Known, parts_of
 
 SMOOTH, ROUGH = 3e-8, 1e-5  # by which residual differences over two steps are to differ, and may differ, relative
 MOST_TRIES, SHORTER = 4, 5.0
+WIDE = 1e-3  # of a value: steps of differences of fourth order alone
 
 
 @dataclass
@@ -60,11 +62,11 @@ class Side:
 
     @cached_property
     def _workspace(self):
-        return self.mechanism.model.createData(), place()
+        return self.mechanism.model.createData()
 
     def known(self, part, like):
         """A known derivative as the equations of index 1 of a system."""
-        return known_of(Known(part, like, self._workspace[0]), self.compiled, self._workspace)
+        return Index1(Known(part, like, self._workspace))
 
     def multipliers(self, like, p, lam):
         """The multipliers of all rows, from those that the system `like` keeps."""
@@ -157,11 +159,13 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v, paramete
     `parameters` are those given by names, by their indices.
     """
     found: list = []
+    tables: dict = {}
     for i, name in enumerate(names):
         given = steps is not None and steps[i] is not None
         step = float(steps[i]) if given else difference_step(theta[i])
-        if i in (parameters or {}) and (parts := parts_of(parameters[i], base.mechanism.model, step)):
-            sides = partial(_variant, make, theta, i, name, step, base)
+        if i in (parameters or {}) and (parts := parts_of(parameters[i], base.mechanism.model, step, tables)):
+            wide = step if given else max(WIDE * abs(theta[i]), 0.1 * step)
+            sides = partial(_variant, make, theta, i, name, wide, base)
             found.append(KnownVariant(name, step, parts, base, sides))
             continue
         tried, sizes = [], []

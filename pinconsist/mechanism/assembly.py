@@ -200,11 +200,11 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None) -> np.ndar
     if not (start.any() or target.any()):  # rest
         return start
     M = pin.crba(model, solver.data, q)
-    nv, ne = mechanism.nv, len(E)
-    scale = np.abs(M).max(initial=0.0) or 1.0
-    K = np.block([[M / scale, E.T], [E, np.zeros((ne, ne))]])
-    reference = np.zeros(nv) if held.any() else M @ start / scale
-    result = np.linalg.lstsq(K, np.concatenate((reference, target)), rcond=1e-13)[0][:nv]
+    U, sizes, Vt = np.linalg.svd(E)
+    rank = int((sizes > 1e-12 * sizes.max(initial=0.0)).sum())
+    result, Z = Vt[:rank].T @ ((U.T @ target)[:rank] / sizes[:rank]), Vt[rank:].T
+    ahead = -result if held.any() else start - result  # least energy, by what is free to move
+    result = result + Z @ np.linalg.lstsq(Z.T @ M @ Z, Z.T @ (M @ ahead), rcond=1e-13)[0]
     miss = np.abs(E @ result - target)
     if miss.max(initial=0.0) > 1e-8 * (1.0 + np.abs(target).max(initial=0.0)):
         names, advice = ", ".join(v) if isinstance(v, Mapping) else "", "name fewer joints"

@@ -135,10 +135,10 @@ def near(name, names) -> str:
 
 def joint_index(model, joint: str, what: str) -> int:
     """The index of a joint; InputError with similar names where the model has none of this name."""
-    names = list(model.names)[1:]
-    if joint not in names:
-        raise InputError(f"{what}: the model has no joint {joint!r}{near(joint, names)}")
-    return model.getJointId(joint)
+    i = model.getJointId(joint) if isinstance(joint, str) else 0
+    if not 0 < i < model.njoints:
+        raise InputError(f"{what}: the model has no joint {joint!r}{near(joint, list(model.names)[1:])}")
+    return i
 
 
 def coordinates(model, joint: str, q) -> tuple[float, ...]:

@@ -12,7 +12,7 @@ from ..errors import InputError
 def path_of(record, label, name) -> tuple:
     """The path to the number of this name in a record; its last word is enough where there is one such number."""
     path = tuple(name.split("."))
-    if _is_number(_at(record, path)):
+    if has_number(record, path):
         return path
     numbers = numbers_of(record)
     found = [path for path in numbers if path[-1] == name]
@@ -29,9 +29,14 @@ def numbers_of(record) -> list[tuple]:
     return [(name, *path) for name, part in _parts(record).items() for path in numbers_of(part)]
 
 
+def has_number(record, path) -> bool:
+    """Whether there is a number at a path."""
+    return _is_number(part_at(record, path))
+
+
 def number_at(record, path) -> float:
     """The number at a path."""
-    return float(_at(record, path))
+    return float(part_at(record, path))
 
 
 def with_number(record, path, value):
@@ -49,7 +54,8 @@ def _is_number(record) -> bool:
     return isinstance(record, float | int) and not isinstance(record, bool)
 
 
-def _at(record, path):
+def part_at(record, path):
+    """What there is at a path, or None."""
     for name in path:
         record = _part(record, name)
     return record
@@ -58,7 +64,10 @@ def _at(record, path):
 def _part(record, name):
     if isinstance(record, tuple):
         return record[int(name)] if name.isdecimal() and int(name) < len(record) else None
-    return _parts(record).get(name)
+    if not dataclasses.is_dataclass(record):
+        return record.get(name) if isinstance(record, Mapping) else None
+    field = record.__dataclass_fields__.get(name)
+    return None if field is None else _of_field(getattr(record, name), field)
 
 
 def _parts(record) -> dict:
@@ -66,5 +75,8 @@ def _parts(record) -> dict:
         return {str(i): part for i, part in enumerate(record)}
     if not dataclasses.is_dataclass(record):
         return dict(record) if isinstance(record, Mapping) else {}
-    parts = {each.name: (getattr(record, each.name), each.type) for each in dataclasses.fields(record)}
-    return {name: 0.0 if part is None and kind == "float | None" else part for name, (part, kind) in parts.items()}
+    return {each.name: _of_field(getattr(record, each.name), each) for each in dataclasses.fields(record)}
+
+
+def _of_field(part, field):
+    return 0.0 if part is None and field.type == "float | None" else part

@@ -29,8 +29,9 @@ import pinocchio as pin
 from ..errors import InputError
 from .checks import near, number
 from .forces import JointDamping, JointFriction, bound_forces, model_forces
+from .forces.actuators import Table
 from .forces.force import ForceRecord
-from .numbers import number_at, numbers_of, path_of, with_number
+from .numbers import has_number, number_at, numbers_of, part_at, path_of, with_number
 
 AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
@@ -49,8 +50,8 @@ class Parameter:
     """A number of a mechanism: what it is, and ``put(mechanism, value)``, the same mechanism with another one.
 
     If it changes neither loops nor lengths, ``part(value)`` is what it changes: ``("inertia", joint, numbers)``, mass,
-    first moments and inertias about the joint as in Pinocchio's regressor, ``("gravity", numbers)`` or
-    ``("force", record)``.
+    first moments and inertias about the joint as in Pinocchio's regressor, ``("gravity", numbers)``, ``("force",
+    record)``, or of a value of a table ``("node", record, path of the table, index)``.
     """
 
     name: str
@@ -94,7 +95,7 @@ def with_armature(mechanism, armature):
 
 def parameter(mechanism, name: str) -> Parameter:
     """The parameter of this name, or InputError where nothing has it."""
-    axis = re.fullmatch(r"gravity\[([012])\]", name)
+    axis = re.fullmatch(r"gravity\[([012])\]", name) if name.startswith("gravity") else None
     if axis or name in AXES:
         i = int(axis[1]) if axis else AXES[name]
         gravity = mechanism.model.gravity.linear.copy()
@@ -198,10 +199,12 @@ def _of_record(mechanism, name, kind, whose) -> Parameter | None:
     """The number `kind` of a loop or force, by its label, or by the joint that it is of; None if there is none."""
     for label, (place, i) in records_of(mechanism).items():
         record = getattr(mechanism, place)[i]
-        numbers = numbers_of(record)
-        if kind in OF_JOINTS and isinstance(record, OF_JOINTS[kind]) and ("coefficients", whose) in numbers:
-            return _number_of(mechanism, name, place, i, ("coefficients", whose))
-        if (kind,) in numbers and whose in (label, label.partition(" ")[2], getattr(record, "joint", label)):
+        of_joints = kind in OF_JOINTS and isinstance(record, OF_JOINTS[kind])
+        if of_joints and has_number(record, ("coefficients", whose)):
+            part = lambda value, record=record: ("force", replace(record, coefficients={whose: value}))  # noqa: E731
+            return replace(_number_of(mechanism, name, place, i, ("coefficients", whose)), part=part)
+        named = whose in (label, label.partition(" ")[2], getattr(record, "joint", label))
+        if named and has_number(record, (kind,)):
             return _number_of(mechanism, name, place, i, (kind,))
     return None
 
@@ -249,8 +252,11 @@ def _number_of(mechanism, name, place, i, path) -> Parameter:
         records[i] = with_number(records[i], path, value)
         return replace(mechanism, **{place: records})
 
-    of_force = place == "forces" and isinstance(record, ForceRecord)
-    part = (lambda value: ("force", with_number(record, path, value))) if of_force else None
+    part: Callable | None = None
+    if isinstance(part_at(record, path[:-2]), Table) and path[-2] == "values":
+        part = lambda value: ("node", record, path[:-2], int(path[-1]))  # noqa: E731
+    elif place == "forces" and isinstance(record, ForceRecord):
+        part = lambda value: ("force", with_number(record, path, value))  # noqa: E731
     return Parameter(name, number_at(record, path), put, part)
 
 
