@@ -9,14 +9,24 @@ from itertools import product
 import numpy as np
 from scipy.optimize import least_squares
 
-from pinconsist import Drive, JointSpring, Motion, load, sensitivities, simulate
+from pinconsist import (
+    Actuator,
+    Drive,
+    JointDamping,
+    JointSpring,
+    Motion,
+    gradient,
+    load,
+    sensitivities,
+    simulate,
+)
 from pinconsist.cli import output
 from pinconsist.gradients.sensitivities import prepared
 
 from . import report
 from .gradient_reference import differences, worst
 
-TOLERANCES, METHODS = (1e-6, 1e-8), ("BDF", "Radau")
+TOLERANCES, METHODS, MANY = (1e-6, 1e-8), ("BDF", "Radau"), 1000
 
 
 def driven():
@@ -138,6 +148,53 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
     return rows
 
 
+def swung():
+    """A crank-rocker swung by a torque of 1,000 values, and their names."""
+    times = np.linspace(0.0, 2.5, MANY)
+    mech = load("four_bar").with_forces(JointDamping({"crank": 0.5}), Actuator("motor", "crank"))
+    names = [f"motor.control.values[{i}]" for i in range(MANY)]
+    return mech.with_control({"motor": (times, 8.0 * np.sin(4.0 * times))}), names, 2.5
+
+
+def long_chain():
+    """A chain of 100 rods with springs and dampers in its joints, and ten numbers of each rod and its joint."""
+    mech = load("chain_100")
+    own = *(f"com:{{0}}[{i}]" for i in range(3)), *(f"inertia:{{0}}[{ij}]" for ij in ("xx", "yy", "zz", "xz"))
+    kinds = "mass:{0}", *own, "stiffness:{0}", "damping:{0}"
+    names = [kind.format(joint) for joint in mech.joints for kind in kinds]
+    springs = (JointSpring(joint, 2.0) for joint in mech.joints)
+    return mech.with_forces(JointDamping(dict.fromkeys(mech.joints, 0.5)), *springs), names, 0.5
+
+
+@dataclass(frozen=True)
+class Many:
+    """Process time of a run, s, and over it that of the derivative of one number by many parameters, with the run."""
+
+    scene: str
+    method: str
+    parameters: int
+    steps: int
+    run: float
+    gradient: float
+
+
+def many(scenes=(swung, long_chain), repeats=5, rtol=1e-8) -> list[Many]:
+    """The run and its gradient in turn."""
+    rows = []
+    for scene, method in product(scenes, METHODS):
+        mech, names, until = scene()
+        run, unit = {"rtol": rtol, "atol": 1e-2 * rtol, "method": method}, np.eye(mech.nv)[0]
+        end = (lambda t, q, v, lam: q[0]), (lambda t, q, v, lam, unit=unit: (unit, 0.0, 0.0))
+        work = {
+            "run": lambda mech=mech, until=until, run=run: simulate(mech, (0.0, until), **run),
+            "all": lambda m=mech, n=names, u=until, end=end, run=run: gradient(m, n, (0.0, u), terminal=end, **run),
+        }
+        steps, least = simulate(mech, (0.0, until), **run).nsteps, report.least_times(work, repeats)
+        once = least["run"]
+        rows.append(Many(scene.__name__, method, len(names), steps, once, least["all"] / once))
+    return rows
+
+
 @dataclass(frozen=True)
 class Fit:
     """A fit of three parameters: χ² where it ended by a run at 1e-10, standard deviations from the optimum, s."""
@@ -220,8 +277,8 @@ def command(csv: report.Csv = None, as_json: output.Json = False) -> int:
     Example: python -m benchmarks gradients
     """
     output.require_writable(csv=csv)
-    exact, costs, fit = ([asdict(row) for row in rows()] for rows in (accuracy, cost, fits))
-    if report.in_files(csv, as_json, exact, accuracy=exact, cost=costs, fits=fit):
+    exact, costs, backwards, fit = ([asdict(row) for row in rows()] for rows in (accuracy, cost, many, fits))
+    if report.in_files(csv, as_json, exact, accuracy=exact, cost=costs, many=backwards, fits=fit):
         return output.FINE
     errors = [("scene", "{scene}"), ("method", "{method}"), ("rtol>", "{rtol:.0e}"), ("steps>", "{steps}")]
     errors += [(name, f"{{{key}:.0e}}") for name, key in (("dq>", "dq"), ("dv>", "dv"), ("dλ>", "dlam"))]
@@ -231,6 +288,9 @@ def command(csv: report.Csv = None, as_json: output.Json = False) -> int:
     columns += [("fixed part>", "{fixed:.2f}"), ("a parameter>", "{parameter:.2f}"), ("backwards>", "{adjoint:.2f}")]
     columns += [("start of one [ms]>", report.scaled("start", 1e3, 1))]
     report.table(costs, columns, "\nprocess time of derivatives at all steps over that of the run, rtol 1e-8")
+    columns = [("scene", "{scene}"), ("parameters>", "{parameters:,}"), ("method", "{method}"), ("steps>", "{steps:,}")]
+    columns += [("run [ms]>", report.scaled("run", 1e3, 1)), ("gradient>", "{gradient:.1f}")]
+    report.table(backwards, columns, "\nprocess time of run and gradient of one number over that of the run, rtol 1e-8")
     columns = [("way", "{way}"), ("rtol>", "{rtol:.0e}"), ("χ²>", "{chi2:.2f}"), ("from optimum [σ]>", "{apart:.4f}")]
     columns += [("runs>", "{runs}"), ("time [s]>", "{seconds:.2f}")]
     report.table(fit, columns, "\nfit of three parameters to 120 noisy angles")

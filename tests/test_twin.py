@@ -13,7 +13,7 @@ import pytest
 from helpers.bodies import mixed_tree, random_state
 from helpers.forces import FORCES
 from helpers.loops import KINDS, PAIRS, closed_gap, loop_open_by
-from helpers.twin import LOOSE, assert_same, compare_terms, needs_twin, twin_of
+from helpers.twin import LOOSE, assert_same, compare_row_gradients, compare_terms, needs_twin, twin_of
 
 import pinconsist as pc
 from pinconsist import _core
@@ -83,6 +83,10 @@ def test_every_other_record(name):
     a, lam = solve_acceleration(system, t, q, v)
     for ours, theirs in zip((a, lam), _core.load()[0].Projection(twin).acceleration(t, q, v)[:2], strict=True):
         assert_same(ours, theirs, 1e-10)
+    if twin.calls_python:
+        assert twin.row_gradients(t, q, v, lam) is None
+    else:
+        compare_row_gradients(system, twin, t, q, v)
 
 
 @needs_twin

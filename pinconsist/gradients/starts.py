@@ -41,9 +41,11 @@ class Start:
     def rate(self, variant):
         """(s_q, s_v), (nx+nv,)."""
         system, base, q = self.system, self.base, self.q
-        if variant.keeps_rows and not variant.inert and self.follows:
+        stays = variant.keeps_rows and not variant.inert
+        if stays and self.follows:
             return np.zeros(system.nx + system.nv)
-        s_q = self._by_loops(variant) if self.implicit else self._by_differences(variant)
+        by_loops = self._by_loops if self.implicit else self._by_differences
+        s_q = np.zeros(system.nx) if stays else by_loops(variant)
         s_v = variant.derivative(lambda side: side.velocity(q, system.kept))
         if (size := np.abs(s_q).max()) > 0.0:
             e = NUDGE / size

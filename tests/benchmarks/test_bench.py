@@ -67,6 +67,8 @@ def test_derivatives_are_exact_and_timed():
         assert row.dq < 1e-6 and row.dv < 1e-6 and row.dlam < 1e-5
     for row in gradients.cost(("andrews",), repeats=1, rtol=1e-6):
         assert min(row.run, row.fixed, row.adjoint) > 0.0
+    for row in gradients.many((gradients.swung,), repeats=1, rtol=1e-5):
+        assert row.parameters == gradients.MANY and min(row.run, row.gradient) > 0.0
 
 
 def test_overhead_counts_steps_residuals_and_times():

@@ -6,6 +6,7 @@ import pytest
 from pinconsist import _core
 from pinconsist._core.compiled_system import compiled_system
 from pinconsist.dae.index1 import Index1, solve_acceleration
+from pinconsist.gradients.linear import row_gradients
 from pinconsist.mechanism.system import MechanismSystem
 
 needs_twin = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
@@ -42,3 +43,11 @@ def compare_terms(mech, q, t=0.3, seed=0):
         assert_same(ours, theirs, 1e-10)
     for ours, theirs in zip(solve_acceleration(system, t, q, v), projection.acceleration(t, q, v)[:2], strict=True):
         assert_same(ours, theirs, 1e-10)
+    compare_row_gradients(system, twin, t, q, v)
+
+
+def compare_row_gradients(system, twin, t, q, v):
+    """Those of the forces with some multipliers and of the hidden constraint, against differences."""
+    lam = np.cos(np.arange(system.nc))
+    for ours, theirs in zip(row_gradients(system, t, q, v, lam), twin.row_gradients(t, q, v, lam), strict=True):
+        assert_same(ours, theirs, 3e-9)
