@@ -1,5 +1,7 @@
 """Derivatives of runs by parameters, against differences of reference runs that know nothing of them."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -354,6 +356,21 @@ def test_legs_begin_where_runs_begin():
     sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.05), v0={"crank": 12.0}, dense_output=True)
     (leg,) = legs_of(sol.sol)
     assert leg.span == (0.0, 0.05) and len(leg.t) == sol.nsteps - leg.start.k
+
+
+@needs_twin
+def test_at_the_end_of_python_nothing_is_left_over():
+    """Users' functions see the derivatives of runs that have called them."""
+    script = """
+import numpy as np, pinconsist as pc
+def push(t, q, v):
+    return np.array([-np.sin(t), 0.0, 0.0])
+mech = pc.load("crank_rocker").with_forces(pc.Torque(push))
+names = "mass:coupler", "length:coupler"
+found = [pc.sensitivities(mech, names, (0.0, 0.01), v0={"crank": 12.0}, method=each) for each in ("BDF", "Radau")]
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0 and "leaked" not in done.stderr, done.stderr
 
 
 def test_user_defined_forces_and_a_short_description():

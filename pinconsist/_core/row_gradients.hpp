@@ -83,8 +83,8 @@ private:
       }
   }
 
-  // Groups of coordinates no two of which move the same row, as J tells far from special positions. Coordinates that move
-  // no row are in none.
+  // Groups of coordinates no two of which change the same row, as J and its changes tell far from special positions: turning
+  // changes also rows of J that it is not in. Coordinates that change no row are in none.
   void begin(double t, const Vec &p, const Vec &v) {
     const int nx = system_.nx, nc = system_.nc;
     there_.resize(system_.npos);
@@ -96,13 +96,20 @@ private:
         const Vec way = (Vec::LinSpaced(nx, 1.0, nx).array() * 2.3 + 7.0 * place).sin();
         system_.integrate(p, way, there_);
         system_.constraint(t, there_, v);
-        touched += system_.W.cwiseAbs();
+        const Vec here = there_;
+        const Mat J = system_.W;
+        touched += J.cwiseAbs();
+        for (int j = 0; j < nx; ++j) {
+          system_.integrate(here, 0.3 * Vec::Unit(nx, j), there_);
+          system_.constraint(t, there_, v);
+          touched.col(j) += (system_.W - J).cwiseAbs().rowwise().sum();
+        }
       }
     moved_rows_.assign(nx, {});
     std::vector<std::vector<bool>> taken;
     for (int j = 0; j < nx; ++j) {
       for (int i = 0; i < nc; ++i)
-        if (touched(i, j) > 1e-13) moved_rows_[j].push_back(i);
+        if (touched(i, j) > 1e-11) moved_rows_[j].push_back(i);
       if (moved_rows_[j].empty()) continue;
       size_t free = 0;
       const auto meets = [&](const std::vector<bool> &rows) {

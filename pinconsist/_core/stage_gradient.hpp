@@ -30,7 +30,7 @@ public:
     kkt_.A() = M;
     return kkt_.solve_new(J, system_.G_transposed(), 1.0, rhs_, 0);
   }
-  void solve(Mat &x) const { kkt_.solve(x, 1.0, 0); }
+  void solve(Mat &x) const { kkt_.solve(x, 1.0, static_cast<int>(x.cols())); }
   void solve_transposed(Vec &x) const { kkt_.solve_transposed(x); }
 
 private:

@@ -61,6 +61,9 @@ class Leg:
         pairs = ("t", first.t), ("h", first.h), ("k", first.k), ("base", first.base), ("Z", first.Z)
         return [np.concatenate(([value], getattr(self, name))) for name, value in pairs]
 
+    def close(self) -> None:
+        """There is nothing compiled to let go of."""
+
     def begin(self, variants, base, s):
         """S of the history, from derivatives `s`, (P, nx+nv), of the state where the leg begins."""
         return History(self.start, variants, base).table(s)

@@ -33,6 +33,11 @@ class Lead:
             s = self._cross(leg, following)
             self.rows.append(self.finished(leg, next(times), self.sign))
 
+    def close(self) -> None:
+        """Let go of compiled systems: they hold users' functions where the garbage collector does not see them."""
+        for each in (self.base, *self.variants, *self.legs):
+            each.close()
+
     def _cross(self, leg, following):
         """Note the events of a leg; the derivatives of the state at which the `following` one begins."""
         for i, times in enumerate(self.solution.t_events):

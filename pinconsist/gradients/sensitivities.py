@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -184,7 +185,9 @@ def sensitivities(
     lead.run()
     dq, dv, dlam = _parts(np.concatenate(lead.rows), base.mechanism.nv)
     moved_by = np.array([variant.step for variant in variants])
-    return Sensitivities(solution, names, values, moved_by, dq, dv, dlam, lead.event_times, lead.work, legs, lead)
+    found = Sensitivities(solution, names, values, moved_by, dq, dv, dlam, lead.event_times, lead.work, legs, lead)
+    weakref.finalize(found, lead.close)  # at the latest where Python ends
+    return found
 
 
 def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options):

@@ -49,6 +49,10 @@ class StageLeg:
         """(from, to), s."""
         return self.start.t_old, self.steps[-1].end
 
+    def close(self) -> None:
+        """Let go of compiled systems."""
+        self._way = None
+
     def step_at(self, t, sign):
         """(start, size) of the step that holds a time."""
         step = self.steps[self._holders(np.array([t]), sign)[0]]

@@ -78,6 +78,11 @@ class Side:
             self._jacobian = all_rows(self.index1(like))
         return self._jacobian(p)
 
+    def close(self) -> None:
+        """Let go of compiled systems."""
+        self._systems.clear()
+        self._jacobian = None
+
     def index1(self, like):
         """The equations of index 1 with the rows that the system `like` keeps."""
         key = like.kept.tobytes()
@@ -111,6 +116,11 @@ class Variant:
         """Whether the constraints are the same."""
         return self.inert
 
+    def close(self) -> None:
+        """Let go of compiled systems."""
+        for side in self.sides.values():
+            side.close()
+
     def derivative(self, function: Callable):
         """That of ``function(side)``, an array."""
         return sum(weight * function(self.sides[m]) for m, weight in self.weights.items()) / self.step
@@ -131,6 +141,10 @@ class KnownVariant:
     def __init__(self, name, step, parts, base, make_sides):
         self.name, self.step, self.parts, self._base, self._make_sides = name, step, parts, base, make_sides
         self._residuals: dict = {}
+
+    def close(self) -> None:
+        """Let go of compiled systems."""
+        vars(self).pop("_full", None)
 
     @cached_property
     def _full(self) -> Variant:
