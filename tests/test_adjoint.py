@@ -7,6 +7,7 @@ from helpers.gradients import SCENES, bricard, crank_rocker, hits, two_balls
 from helpers.twin import needs_twin
 
 import pinconsist as pc
+from benchmarks.gradient_reference import differences
 
 
 def both(mech, theta, until, v0, seed=0, **options):
@@ -88,6 +89,20 @@ def test_back_is_forwards_for_the_values_of_a_table(backend, method):
             beside = mech.with_parameters({names[i]: values[i] + change})
             ends.append(pc.simulate(beside, (0.0, until), v0=v0, rtol=1e-10, atol=1e-12).q[-1, 2])
         assert found[i] == pytest.approx(ends[0] - ends[1], rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+@pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
+def test_trees_without_loops(backend, method):
+    """Back is forwards, and forwards is what reference runs say."""
+    mech, names = pc.load("double_pendulum"), ["mass:lower", "length:lower", "upper", "upper_speed"]
+    times, v0 = np.linspace(0.0, 0.1, 3), {"upper": 1.0}
+    run = {"rtol": 1e-5, "atol": 1e-7, "method": method, "backend": backend}
+    back, exact = both(mech, names, 0.1, v0, **run)
+    np.testing.assert_allclose(back, exact, rtol=1e-10)
+    found = pc.sensitivities(mech, names, (0.0, 0.1), None, v0, t_eval=times, **run)
+    for ours, theirs in zip((found.dq, found.dv), differences(mech, names, times, None, v0), strict=False):
+        assert np.abs(ours - theirs).max() < 1e-4 * np.abs(theirs).max()
 
 
 @needs_twin

@@ -129,7 +129,8 @@ class Motion(Point):
         dP[-nv:] += s_p + self.J.T @ phi
         y = np.linalg.solve(self.matrix.T, self.Z.T @ dP)
         carried, closing = self.by_p.T @ y - of_v, dP - self.by_P.T @ y
-        stages = np.hstack([(-self.Z @ y).reshape(-1, nv), (-self.N.T @ closing).reshape(-1, nc)])
+        s = len(self.stages)
+        stages = np.hstack([(-self.Z @ y).reshape(s, nv), (-self.N.T @ closing).reshape(s, nc)])
         weights = np.concatenate((stages.ravel(), phi, -low, -up))
         return np.append(self.Ad.T @ carried, self.by_v.T @ y), weights
 
