@@ -156,7 +156,7 @@ class Certificate:
         if self.error is not None and self.error.amplified:
             found["error"] = (
                 f"the error is {self.error.tolerances:.0f} times the tolerance: the motion amplifies disturbances, as "
-                f"chaotic motions do; {advice} until the digits suffice, or believe a shorter time"
+                f"chaotic motions do; {advice} until the digits suffice, or trust only the beginning of the run"
             )
         if self.undetermined:
             found["undetermined forces"] = (

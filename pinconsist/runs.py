@@ -100,8 +100,8 @@ def record(
     mechanism = with_forces(mechanism, forces, "record")
     if save_every is not None and any(isinstance(force, HeldRecord | Piecewise) for force in mechanism.forces):
         raise InputError(
-            "save_every: a run with torques that are held or forces that jump at known times cannot be continued from "
-            "a checkpoint, because what a controller remembers is not in the file, nor on which side of a jump it is. "
+            "save_every: a run with held torques or forces that jump at known times cannot be continued from a "
+            "checkpoint, because the file holds neither the state of a controller nor the side of a jump. "
             "Leave it out; the run is then saved at its end"
         )
     with ended_like_ctrl_c():

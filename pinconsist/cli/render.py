@@ -15,16 +15,16 @@ from .terminal import bar
 def render(
     source: given.RunOrScene,
     out: Annotated[str, typer.Argument(
-        metavar="FILE", help="A film, .mp4 or .gif, or drawings of a planar mechanism, .svg.")],
+        metavar="FILE", help="A film (.mp4 or .gif), or drawings of a planar mechanism (.svg).")],
     at: Annotated[list[float] | None, option(
-        "--at", "SECONDS ...", "Times that are drawn, of an .svg. Default: the start.")] = None,
+        "--at", "SECONDS ...", "Times to draw in an .svg. Default: the start.")] = None,
     scene_of_run: given.SceneOfRun = None,
     until: given.Until = None,
     forces: given.Forces = False,
     traces: given.Traces = None,
     speed: given.Speed = None,
 ) -> int:  # fmt: skip
-    """Make a film of a saved run, or a scene, or draw it at some times.
+    """Make a film of a saved run or a scene, or draw it at given times.
 
     Example: pinconsist render run.npz run.mp4 --forces
     """

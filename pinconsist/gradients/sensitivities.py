@@ -269,8 +269,8 @@ def _maker(build, t, q0, v0, forces, events, backend):
         acting = made[id(mechanism)][1]
         if any(isinstance(force, HeldTorque | Piecewise | Sampled) for force in acting.forces):
             raise InputError(
-                "derivatives of runs do not go through times at which forces jump, as torques do that are held or "
-                "sampled: steps begin anew there, and multipliers jump. Give smooth functions of time, or commands of "
+                "derivatives of runs do not pass times at which forces jump, such as held or sampled torques: "
+                "the steps start anew there, and the multipliers jump. Give smooth functions of time, or commands of "
                 "an Actuator as a table"
             )
         starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]

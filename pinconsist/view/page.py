@@ -29,7 +29,7 @@ def export_html(
 
     Beside the motion are the curves of forces, torques, energies, joints, steps and orders, with a cursor at the time
     that is shown, which can be dragged; above it the verdict of the run's certificate, :meth:`Solution.check`. The
-    space bar plays and pauses, arrow keys step; a body or loop under the pointer tells its name and force.
+    space bar plays and pauses, arrow keys step; pointing at a body or loop shows its name and force.
 
     Shapes come from the mechanism's robot file where their meshes are found, else from joints, inertias and loops. A
     loop shows as a clear shell (anchor 1) and a red core (anchor 2): it is closed where the core sits in the shell.
@@ -55,11 +55,11 @@ def export_html(
         Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 where body 2 is the ground), and
         its moment as an arrow that turns about its axis: those of :meth:`Solution.reaction`. So are the torques of
         drives, and of the mechanism's servos and joint torques together, on joints of one degree of freedom; where the
-        joint slides they are forces. A bar says how many newtons a length is. The largest has the longest arrow; only
-        outliers are cut, turn orange, and tell their size. Loops whose forces are not determined
-        (:attr:`Reaction.dependence`) are named, not drawn.
+        joint slides they are forces. A scale bar shows what an arrow's length means. The largest has the longest
+        arrow; only outliers are cut, drawn in orange and labelled with their size. Loops whose forces are not
+        determined (:attr:`Reaction.dependence`) are named, not drawn.
     panel : bool
-        With False the page has the motion and its player alone.
+        With False the page has only the motion and its player.
 
     Returns
     -------

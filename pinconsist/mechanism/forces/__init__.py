@@ -11,7 +11,7 @@ JointTorque   τ by joint name, constant or a function of time              N·m
 Servo         τ = k (θ_d(t) - θ) + d (θ̇_d(t) - θ̇)                          N·m/rad, N·m·s/rad or N/m, N·s/m
 Actuator      τ = gear f, f affine in its command, position and velocity   N·m or N
 Wrench        a force and a moment on a frame, in world or its own axes    N, N·m
-HeldTorque    τ of a table, each held until the next, or in straight lines N·m or N
+HeldTorque    τ of a table, held until the next time, or linear            N·m or N
 Sampled       τ = law(t, q, v) once a period, held until the next time     N·m or N
 Torque        τ = f(t, q, v), a user's function                            N·m or N
 Piecewise     any of them, with the times at which it jumps

@@ -159,7 +159,7 @@ def _bound_table(record, model):
 
 @dataclass(frozen=True, eq=False)
 class HeldTorque(HeldRecord):
-    """A table of torques, each held until the next (zero-order hold), or in straight lines. Steps end at its times.
+    """A table of torques, held (zero-order hold) or interpolated linearly. Steps end at its times.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class HeldTorque(HeldRecord):
     joints : sequence of str, optional
         Default: all of the mechanism.
     linear : bool
-        Go from each to the next in a straight line; the last one holds.
+        Interpolate linearly between the times; the last torque is held.
 
     Raises
     ------

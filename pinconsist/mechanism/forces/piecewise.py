@@ -1,4 +1,4 @@
-"""Forces that jump, or bend, at times that are known: steps end there."""
+"""Forces that jump, or have a kink, at known times: steps end there."""
 
 from __future__ import annotations
 
@@ -73,9 +73,9 @@ class BoundPiecewise(BoundForce):
 
 @dataclass(frozen=True, eq=False)
 class Piecewise(ForceRecord):
-    """A force that jumps, or has a corner, at known times: steps end there, and each begins with the force after it.
+    """A force that jumps, or has a kink, at known times. A step ends there; the next begins with the force after it.
 
-    Without this a step that contains a jump is repeated with smaller and smaller sizes until the error test is passed.
+    Without this, a step that contains a jump is repeated with smaller and smaller sizes until the error test is passed.
 
     Parameters
     ----------
@@ -117,5 +117,5 @@ class Piecewise(ForceRecord):
     def bind(self, model) -> Any:
         force = bound_force(model, self.force, self.label)
         if hasattr(force, "next_change"):
-            raise InputError(f"Piecewise: {self.label!r} has times of its own, at which its steps end already")
+            raise InputError(f"Piecewise: {self.label!r} already has times of its own at which steps end")
         return BoundPiecewise(self, force)
