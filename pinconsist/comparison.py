@@ -62,8 +62,8 @@ class Run:
         """One sentence: how wrong the first multipliers are, and how large they should be."""
         size = f"{np.abs(self.lam[self.order]).max():.3g} {self.unit}".rstrip()
         return (
-            f"h = {self.h:g} s: at the first step the multipliers from exact values are {self.wrong}, "
-            f"from consistent values {self._share(self.consistent)}; the largest true one is {size}"
+            f"h = {self.h:g} s: at the first step the multipliers (components of loop forces) from exact values are "
+            f"{self.wrong}, from consistent values {self._share(self.consistent)}; the largest true one is {size}"
         )
 
     def _share(self, errors) -> str:

@@ -78,9 +78,8 @@ private:
     used_k = k;
     ++taken;
     newton.largest_force = std::max(newton.largest_force, attempt_.force);
-    if (rounding) { // a longer step that was tried is as good
-      choice = {std::copysign(std::max(std::abs(h), tried_h), h), k};
-      control.restart();
+    if (rounding) {
+      choice = {control.after_rounding(h, tried_h), k};
     } else {
       choice = control.next_step(system_, Z, k, h, error, weight_);
     }

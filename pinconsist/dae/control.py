@@ -14,7 +14,7 @@ from ..errors import InputError
 from . import bdf
 from .norms import EPS, largest, weighted_norm
 from .rounding import rounding_weights
-from .tuning import ACCURACY, AFTER_FAILURE, MAX_FACTOR, MIN_FACTOR, NEARLY, NEWTON_FACTOR, NOISE, SAFETY
+from .tuning import ACCURACY, AFTER_FAILURE, MAX_FACTOR, MIN_FACTOR, NEARLY, NEWTON_FACTOR, NOISE, PROBING, SAFETY
 
 
 @dataclass
@@ -66,6 +66,7 @@ class ErrorControl:
     max_step: float
     noise: float = NOISE  # 0 where errors that raw BDF makes at a change of step are not to pass for rounding
     equal_steps: int = 0
+    noisy_steps: int = 0  # whose errors were rounding, since a longer step was tried for that
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
     _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns, set by `fit`
     _atol: np.ndarray = field(init=False, repr=False, compare=False)
@@ -171,6 +172,15 @@ class ErrorControl:
             if lower > factor:
                 factor, k = lower, k - 1
         return h * min(1.0, max(MIN_FACTOR, SAFETY * factor)), k
+
+    def after_rounding(self, h, tried) -> float:
+        """The step after one whose error is rounding: one that was `tried` is as good; now and then, twice as long."""
+        self.restart()
+        self.noisy_steps += 1
+        length = max(abs(h), tried)
+        if self.noisy_steps > PROBING:
+            self.noisy_steps, length = 0, min(2.0 * length, max(length, self.max_step))
+        return float(np.copysign(length, h))
 
     def restart(self) -> None:
         """Forget how many steps of equal size there were."""

@@ -176,9 +176,8 @@ class Stepper:
         self.t_old, self.t, self.p, self.y, self.used, self._points = self.t, t_next, step.p, y, (h, k), k + 1
         self._changed, self._changes = bdf.UNCHANGED, self._changed
         self._taken += 1
-        if rounding:  # a longer step that was tried is as good
-            self._choice = float(np.copysign(max(abs(h), tried[0]), h)), k
-            control.restart()
+        if rounding:
+            self._choice = control.after_rounding(h, tried[0]), k
         else:
             self._choice = control.next_step(system, Z, k, h, error, weight)
         self.rounding.accepted()

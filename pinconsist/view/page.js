@@ -169,7 +169,7 @@ function choose(chosen, tab) {
   for (const curve of group.curves) {
     curve.chip = added(element("curves"), "button", {title: "show or hide"});
     added(curve.chip, "i", {}).style.background = curve.color;
-    curve.text = curve.chip.appendChild(new Text());
+    curve.text = curve.chip.appendChild(new Text(worded(curve, Math.abs(rate) * now)));
     curve.chip.addEventListener("click", () => { curve.shown = !curve.shown; draw(); });
   }
   draw();
@@ -220,6 +220,7 @@ function valueAt({values, times}, time) {
   return share ? values[low] + share * (values[high] - values[low]) : values[low];
 }
 const amount = (curve, time) => short(curve.unit == "s" ? 10 ** valueAt(curve, time) : valueAt(curve, time), curve.unit);
+const worded = (curve, time) => `${curve.name}  ${amount(curve, time)}`;
 plot.addEventListener("pointerdown", event => {
   const box = plot.getBoundingClientRect(), go = ({clientX}) => seek((clientX - box.left) / box.width * duration);
   hold();
@@ -252,7 +253,7 @@ pane.addEventListener("pointermove", event => {
 pane.addEventListener("pointerleave", () => under = null);
 function described({name, run}, time) {
   const acting = curves.filter(curve => curve.run == run && (curve.of == name || curve.bodies?.includes(name)));
-  return [name, ...acting.map(curve => `${curve.name}  ${amount(curve, time)}`)].join("\n");
+  return [name, ...acting.map(curve => worded(curve, time))].join("\n");
 }
 
 function follow(frame) {
@@ -289,7 +290,7 @@ function tell(frame) {
   scrub.value = now;
   scrub.setAttribute("aria-valuetext", element("time").textContent);
   play.textContent = running ? "❚❚" : "▶";
-  for (const curve of group?.curves ?? []) curve.text.data = `${curve.name}  ${amount(curve, time)}`;
+  for (const curve of group?.curves ?? []) curve.text.data = worded(curve, time);
   for (const {bar} of replay.legend) if (bar) bar.line.style.width = bar.metres * pixels() + "px";
   hint.hidden = !under;
   if (under) hint.textContent = described(under, time);

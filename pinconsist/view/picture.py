@@ -234,7 +234,10 @@ def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]
             cut = f"; cut at {scale.most:.3g} {UNITS[kind]}, with their size beside them" if scale.cuts else ""
             out.append({"color": COLORS[kind], "bar": bar, "text": f"{_acting(kind, acting)}{cut}"})
     if any(run.true is not None for run in runs):
-        out += [{"color": WRONG, "text": "wrong, from exact values"}, {"color": RIGHT, "text": "true"}]
+        out += [
+            {"color": WRONG, "text": "from exact values: wrong at the first step"},
+            {"color": RIGHT, "text": "true"},
+        ]
     if not_drawn:
         out.append({"color": COLORS[FORCE], "text": f"not drawn: {not_determined(not_drawn)}"})
     elif forces and not any(scales.values()):
