@@ -234,12 +234,12 @@ class Solution(ByName):
             )
 
     def render(self, file, mechanism=None, *, speed=1.0, traces=(), forces=False, at=()) -> Path:
-        """Write the motion to `file`: a film, ``.mp4`` or ``.gif``, or drawings of a planar mechanism, ``.svg``.
+        """The path of a film of the motion, ``.mp4`` or ``.gif``, or of drawings of a planar mechanism, ``.svg``.
 
-        It is drawn in this process, as on a page but without perspective, and written whole or not at all. `speed`,
-        `traces` and `forces` are as in :func:`pinconsist.export_html`; `at` holds the times to draw in an SVG, s, by
-        default the start; `mechanism` is as in :meth:`reaction`. Returns the path. Raises InputError as export_html
-        does, for other endings, for times outside the run, and for drawings of mechanisms that are not planar;
+        It is drawn in this process, as on a page but without perspective, and written to `file` whole or not at all.
+        `speed`, `traces` and `forces` are as in :func:`pinconsist.export_html`; `at` holds the times to draw in an
+        SVG, s, by default the start; `mechanism` is as in :meth:`reaction`. Raises InputError as export_html does, for
+        other endings, for times outside the run, and for drawings of mechanisms that are not planar;
         MissingExtraError without the extra; OSError.
         """
         from .view.render import render
