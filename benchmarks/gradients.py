@@ -21,7 +21,9 @@ from pinconsist import (
     simulate,
 )
 from pinconsist.cli import output
+from pinconsist.gradients.adjoint import STILL
 from pinconsist.gradients.sensitivities import prepared
+from pinconsist.gradients.varied import Variants
 
 from . import report
 from .gradient_reference import differences, worst
@@ -118,12 +120,12 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
         solution, legs, variants, base, *_ = prepared(
             mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, "auto", {"method": method}
         )
-        moving = [variant for variant in variants if not variant.inert]
+        moving = sum(not variant.inert for variant in variants)
+        still = Variants(("",), np.ones(1), base, {0: STILL}, [], None)
 
         def steps(parameters, legs=legs, base=base):
             for leg in legs:
-                residuals = [variant.residuals(leg.system) for variant in parameters] or [[]]
-                lines, columns = leg.seeds()[0].shape
+                residuals, (lines, columns) = parameters.residuals(leg.system), leg.seeds()[0].shape
                 leg.follow(base.index1(leg.system), residuals, np.zeros((lines, len(residuals), columns)))
                 leg.at(leg.t, 1.0)
 
@@ -135,14 +137,14 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
 
         work = {
             "run": lambda mech=mech, until=until, v0=v0, run=run: simulate(mech, (0.0, until), v0=v0, **run),
-            "fixed": lambda: steps([]),
-            "all": lambda moving=moving: steps(moving),
+            "fixed": lambda still=still: steps(still),
+            "all": lambda variants=variants: steps(variants),
             "whole": lambda m=mech, n=names, u=until, v=v0, run=run: sensitivities(m, n, (0.0, u), None, v, **run),
             "back": back,
         }
         least = report.least_times(work, repeats)
         once, fixed = least["run"], least["fixed"]
-        each = (least["all"] - fixed) / len(moving) / once
+        each = (least["all"] - fixed) / moving / once
         start = (least["whole"] - once - least["all"]) / len(names)
         rows.append(Cost(scene, method, solution.nsteps, once, fixed / once, each, start, least["back"] / once))
     return rows

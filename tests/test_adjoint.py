@@ -8,6 +8,7 @@ from helpers.twin import needs_twin
 
 import pinconsist as pc
 from benchmarks.gradient_reference import differences
+from pinconsist.gradients import named
 
 
 def both(mech, theta, until, v0, seed=0, **options):
@@ -91,6 +92,30 @@ def test_back_is_forwards_for_the_values_of_a_table(backend, method):
         assert found[i] == pytest.approx(ends[0] - ends[1], rel=1e-3)
 
 
+@pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
+def test_values_of_a_table_are_one_group_in_any_order(backend, monkeypatch):
+    """Among others, twice, and one by one they have the same derivatives; names are looked up once for all."""
+    looked, plain = [], named.parameter
+    monkeypatch.setattr(named, "parameter", lambda mech, name: looked.append(name) or plain(mech, name))
+    times = np.linspace(0.0, 0.02, 40)
+    mech = pc.load("crank_rocker").with_forces(pc.Actuator("motor", "crank", gear=2.0))
+    mech = mech.with_control({"motor": (times, np.cos(90.0 * times))})
+
+    def found(names):
+        end = (lambda t, q, v, lam: v[2]), (lambda t, q, v, lam: (0.0, np.eye(3)[2], 0.0))
+        run = {"v0": {"crank": 6.0}, "rtol": 1e-4, "atol": 1e-6, "method": "Radau", "backend": backend}
+        return pc.gradient(mech, names, (0.0, 0.02), terminal=end, **run).gradient
+
+    table = [f"motor.control.values[{i}]" for i in range(40)]
+    exact = found(table)
+    assert len(looked) == 1 and np.count_nonzero(exact) > 10
+    mixed = [*table[30:], "mass:coupler", "crank_speed", *table[:30], "gravity[2]"]
+    np.testing.assert_allclose(found(mixed)[[*range(12, 42), *range(10)]], exact, rtol=1e-12)
+    np.testing.assert_allclose(found([table[3], table[7], table[3]]), exact[[3, 7, 3]], rtol=1e-12)
+    with pytest.raises(pc.InputError, match="40"):
+        found([*table, "motor.control.values[40]"])
+
+
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 @pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
 def test_trees_without_loops(backend, method):
@@ -126,7 +151,7 @@ def test_python_and_compiled_go_the_same_way():
         _, (leg, *_), variants, base, *_ = run
         seeds = np.random.default_rng(1).normal(size=(1 + len(leg.t), *leg.start.Z.shape))
         seeds[1:, 1:] = 0.0
-        residuals, ours, theirs = [variant.residuals(leg.system) for variant in variants], seeds.copy(), seeds.copy()
+        residuals, ours, theirs = variants.residuals(leg.system), seeds.copy(), seeds.copy()
         rates = follow_back(leg, residuals, ours)
         others = follower(base.index1(leg.system), residuals).backward(leg, theirs)
         np.testing.assert_allclose(rates, others, atol=1e-6 * np.abs(rates).max())

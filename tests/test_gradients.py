@@ -74,12 +74,12 @@ def _variants(mech, names, v0, leg, steps):
     """The residuals of the parameters of a leg, in Python."""
     from pinconsist.gradients.named import named_start
     from pinconsist.gradients.sensitivities import _maker
-    from pinconsist.gradients.variants import variants_of
+    from pinconsist.gradients.varied import variants_of
 
     build, _, theta, q0, v0 = named_start(mech, names, None, v0)
     make, state = _maker(build, 0.0, q0, v0, (), None, "python"), leg.start(leg.start.t_old)[:2]
     variants = variants_of(make, theta, names, steps, make(theta), leg.system, 0.0, *state)
-    return [variant.residuals(leg.system) for variant in variants]
+    return variants.residuals(leg.system)
 
 
 @needs_twin
@@ -233,7 +233,7 @@ def test_known_derivatives_of_the_equations_are_those_of_differences(scene, comp
     system, index1 = leg.system, run[3].index1(leg.system)
     p, (v, a) = system.integrate(leg.start(0.0)[0], 0.1 * rng.normal(size=system.nv)), rng.normal(size=(2, system.nv))
     lam = rng.normal(size=system.nc)
-    nv, known = system.nv, [variant.residuals(system) for variant in variants]
+    nv, known = system.nv, variants.residuals(system)
     for variant, terms, at_once in zip(variants, known, known_columns(index1, known)(0.3, p, v, a), strict=True):
         assert variant.parts
         beside = variant.derivative(lambda side: residuals_of(side.index1(system).system, 0.3, p, v, a, lam))

@@ -71,7 +71,7 @@ def test_the_compiled_way_is_the_python_one(scene):
     options = 1e-4, 1e-4, "compiled", {"method": "Radau"}
     _, legs, variants, base, *_ = prepared(mech, names, (0.0, until), None, v0, None, None, (), None, *options)
     leg, rng = legs[0], np.random.default_rng(0)
-    residuals = [variant.residuals(leg.system) for variant in variants]
+    residuals = variants.residuals(leg.system)
     plain, compiled = StageWay(leg.system, residuals), way_along(base.index1(leg.system), residuals)
     assert not isinstance(compiled, StageWay)
     steps, n = leg.steps[:3], leg.system.nx + leg.system.nv

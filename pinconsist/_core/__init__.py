@@ -15,7 +15,7 @@ import pinocchio  # loads the libraries that the compiled module is linked with
 from ..dae import tuning
 from ..dae.radau import table
 
-INTERFACE = 18  # as in module.cpp: an editable install may hold an older build
+INTERFACE = 19  # as in module.cpp: an editable install may hold an older build
 
 
 @cache

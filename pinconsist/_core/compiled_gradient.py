@@ -20,14 +20,14 @@ def index1_of(system, compiled: bool) -> Index1:
 
 
 def known_columns(index1, parameters):
-    """The function of a state that gives what is known of r_θ, (P, nv), of lists of (weight, Index1)."""
+    """The function of a state that gives what is known of r_θ, (P, nv); `parameters` as in ``gradients.varied``."""
     if isinstance(index1, CompiledIndex1) and (rates := _known_rates(parameters)) is not None:
         return lambda *state: rates.columns(*state, len(parameters)).T
 
     def columns(*state):
         r = np.zeros((len(parameters), index1.system.nv))
-        for row, terms in zip(r, parameters, strict=True):
-            for weight, other in terms:
+        for i, row in enumerate(r):
+            for weight, other in () if i in parameters.beside else parameters[i]:
                 row += weight * other.system.evaluate(*state)[0]
         return r
 
@@ -36,24 +36,23 @@ def known_columns(index1, parameters):
 
 def _known_rates(parameters):
     """The compiled derivatives that are known, or None where there are none."""
-    rates = None
-    for column, terms in enumerate(parameters):
-        for weight, other in terms:
-            if not isinstance(other, CompiledIndex1):
-                system = other.system
-                if rates is None:
-                    rates = load()[0].Rates(system.model, system.data)
-                system.part.hand_over(rates, column, weight)
+    if not parameters.known:
+        return None
+    rates = load()[0].Rates(*parameters.workspace)
+    for columns, parts in parameters.known:
+        for weight, part in parts:
+            part.hand_over(rates, columns, weight)
     return rates
 
 
 def use_parameters(core, parameters) -> None:
-    """Hand lists of (weight, Index1), one for each parameter, to what leads derivatives in C++."""
-    for terms in parameters:
-        core.add_parameter()
+    """Hand over to what leads derivatives in C++; `parameters` as in ``gradients.varied``, or an empty list."""
+    if not len(parameters):
+        return
+    core.use_parameters(len(parameters))
+    for column, terms in parameters.beside.items():
         for weight, other in terms:
-            if isinstance(other, CompiledIndex1):
-                core.add_term(weight, other.compiled)
+            core.add_term(column, weight, other.compiled)
     if (rates := _known_rates(parameters)) is not None:
         core.use_known(rates)
 

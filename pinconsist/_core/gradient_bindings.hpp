@@ -31,8 +31,8 @@ template <class Work> auto beside(bool calls_python, const Work &work) {
 
 // What parameters are, for a class that holds them.
 template <class Holder, class Class, class Of> void bind_parameters(Class &bound, const Of &of) {
-  bound.def("add_parameter", [of](Holder &h) { of(h).add(); })
-      .def("add_term", [of](Holder &h, double weight, System &system) { of(h).add_term(weight, system); }, nb::keep_alive<1, 3>())
+  bound.def("use_parameters", [of](Holder &h, int number) { of(h).use(number); })
+      .def("add_term", [of](Holder &h, int column, double weight, System &system) { of(h).add_term(column, weight, system); }, nb::keep_alive<1, 4>())
       .def("use_known", [of](Holder &h, Rates &known) { of(h).known = &known; }, nb::keep_alive<1, 2>());
 }
 
@@ -60,7 +60,6 @@ void bind_gradients(nb::module_ &m) {
       .def("add_inertia", &Rates::add_inertia)
       .def("add_gravity", &Rates::add_gravity)
       .def("close", &Rates::close)
-      .def("has", &Rates::has)
       .def("set_times", &Rates::set_times)
       .def("act", &Rates::act)
       .def("columns", [](Rates &rates, double t, const Vec &p, const Vec &v, const Vec &a, int parameters) {

@@ -21,19 +21,20 @@ public:
     bodies_.push_back(body);
   }
   void add_gravity(int column, double weight, const Vector3d &rate) { gravities_.push_back({column, weight * rate}); }
-  // The forces that were added last, with a weight, are one side of those of a key; its column, and of a table the node.
-  void close(int64_t key, double weight) {
+  // The forces that were added last, with a weight, are one side of those of a key; of a table with many columns, one for each node.
+  void close(int key, double weight) {
     pulls_[key].sides.push_back({weight, std::move(forces_), constant_, damping_});
     forces_.clear();
     constant_.setZero();
     damping_.setZero();
   }
-  bool has(int64_t key) const { return pulls_.count(key); }
-  void set_times(int64_t key, std::vector<double> times) { pulls_[key].times = std::move(times); }
-  void act(int64_t key, int node, int column) {
-    auto &columns = pulls_[key].columns;
-    columns.resize(std::max<size_t>(columns.size(), node + 1), -1);
-    columns[node] = column;
+  void set_times(int key, std::vector<double> times) { pulls_[key].times = std::move(times); }
+  void act(int key, const std::vector<int> &nodes, const std::vector<int> &columns) {
+    auto &all = pulls_[key].columns;
+    for (size_t i = 0; i < nodes.size(); ++i) {
+      all.resize(std::max<size_t>(all.size(), nodes[i] + 1), -1);
+      all[nodes[i]] = columns[i];
+    }
   }
 
   // Add r_θ to columns.
@@ -126,7 +127,7 @@ private:
 
   std::vector<Body> bodies_;
   std::vector<std::pair<int, Vector3d>> gravities_;
-  std::map<int64_t, Pull> pulls_;
+  std::map<int, Pull> pulls_;
   std::vector<pinocchio::Motion> twists_;
   Vec pull_;
 };
@@ -136,13 +137,13 @@ class Parameters {
 public:
   Rates *known = nullptr;
 
-  void add() { terms_.emplace_back(); }
-  void add_term(double weight, System &other) { terms_.back().emplace_back(weight, &other); }
-  int size() const { return static_cast<int>(terms_.size()); }
+  void use(int number) { size_ = number; }
+  // Those of one column one after another.
+  void add_term(int column, double weight, System &other) { terms_.push_back({column, weight, &other}); }
+  int size() const { return size_; }
   bool calls_python() const {
     bool any = known && known->calls_python();
-    for (const auto &terms : terms_)
-      for (auto [weight, other] : terms) any = any || other->calls_python();
+    for (const auto &term : terms_) any = any || term.other->calls_python();
     return any;
   }
 
@@ -150,43 +151,51 @@ public:
   void add_columns(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, Eigen::Ref<Mat> r, Eigen::Ref<Mat> phi,
                    Eigen::Ref<Mat> rho) const {
     if (known) known->add_columns(t, p, v, a, r);
-    for (int k = 0; k < size(); ++k) add_terms(k, t, p, v, a, lam, r.col(k), phi.col(k), rho.col(k));
+    for (const auto &term : terms_) {
+      const int k = term.column;
+      add(term, t, p, v, a, lam, r.col(k), phi.col(k), rho.col(k));
+    }
   }
   // Add their products with weights.
   void contract(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, const Vec &of_r, const Vec &of_phi,
                 const Vec &of_rho, Eigen::Ref<Vec> rates) const {
     if (known) known->contract(t, p, v, a, of_r, rates);
     Vec r(of_r.size()), phi(of_phi.size()), rho(of_rho.size()); // differences first, as in columns
-    for (int k = 0; k < size(); ++k) {
-      if (terms_[k].empty()) continue;
+    for (auto term = terms_.begin(); term != terms_.end();) {
       r.setZero();
       phi.setZero();
       rho.setZero();
-      add_terms(k, t, p, v, a, lam, r, phi, rho);
+      const int k = term->column;
+      for (; term != terms_.end() && term->column == k; ++term) add(*term, t, p, v, a, lam, r, phi, rho);
       rates[k] += r.dot(of_r) + phi.dot(of_phi) + rho.dot(of_rho);
     }
   }
   // All mechanisms beside at a state.
   template <class Take> void each(double t, const Vec &p, const Vec &v, const Vec &a, const Take &take) const {
-    for (int k = 0; k < size(); ++k)
-      for (auto [weight, other] : terms_[k]) {
-        other->evaluate(t, p, v, a);
-        take(k, weight, *other);
-      }
-  }
-
-private:
-  void add_terms(int k, double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, Eigen::Ref<Vec> r, Eigen::Ref<Vec> phi,
-                 Eigen::Ref<Vec> rho) const {
-    for (auto [weight, other] : terms_[k]) {
-      other->evaluate(t, p, v, a);
-      r += weight * (other->f - other->G_transposed().transpose() * lam);
-      phi += weight * other->phi;
-      rho += weight * other->rho;
+    for (const auto &term : terms_) {
+      term.other->evaluate(t, p, v, a);
+      take(term.column, term.weight, *term.other);
     }
   }
 
-  std::vector<std::vector<std::pair<double, System *>>> terms_;
+private:
+  struct Term {
+    int column;
+    double weight;
+    System *other;
+  };
+
+  static void add(const Term &term, double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, Eigen::Ref<Vec> r, Eigen::Ref<Vec> phi,
+                  Eigen::Ref<Vec> rho) {
+    auto &other = *term.other;
+    other.evaluate(t, p, v, a);
+    r += term.weight * (other.f - other.G_transposed().transpose() * lam);
+    phi += term.weight * other.phi;
+    rho += term.weight * other.rho;
+  }
+
+  int size_ = 0;
+  std::vector<Term> terms_;
 };
 
 } // namespace pinconsist

@@ -2,7 +2,8 @@
 
 To be read in this order:
 
-1. :mod:`variants`: the mechanisms beside the one that was run, one parameter a little larger or smaller;
+1. :mod:`varied`: all parameters, and what they change in the equations; :mod:`variants`: the mechanisms beside the one
+   that was run, one parameter a little larger or smaller;
    :mod:`known`: parameters that need none, as their derivatives of the equations are known.
 2. :mod:`linear`: the linear equations of one accepted step, and of its hidden constraint.
 3. :mod:`forward`: the recursion over the accepted steps, and its transpose.

@@ -47,14 +47,13 @@ class Back:
 
     def _steps(self, leg, seeds):
         """Go back over the steps; add what the parameters change in them."""
-        residuals = [variant.residuals(leg.system) for variant in self.variants]
-        self._add(leg.follow_back(self.base.index1(leg.system), residuals, seeds))
+        self._add(leg.follow_back(self.base.index1(leg.system), self.variants.residuals(leg.system), seeds))
 
     def _through(self, leg, following, bar):
         """The derivative by s where a leg ends, from that by the state where the `following` one begins."""
         n = leg.system.nx + leg.system.nv + leg.system.nc
         s = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
-        both = [STILL] * n + self.variants
+        both = [STILL] * n + list(self.variants)
         rates = through(leg, following, self.solution, both, self.base, self.sign, s) @ bar
         self._add(rates[n:])
         return rates[:n]

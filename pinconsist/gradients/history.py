@@ -24,8 +24,7 @@ class History:
         n, m, h = first.k + 1, self.size, first.h
         index1 = base.index1(first.system)
         way = way_along(index1, [])
-        residuals = [variant.residuals(first.system) if variant.keeps_rows else [] for variant in variants]
-        known = known_columns(index1, residuals)
+        known = known_columns(index1, variants.residuals(first.system))
         self.nodes = [Node(variants, known, first, way, first.t_old + j * h) for j in range(n)]
         self.Q = _integrals(n)
         self.matrix = np.eye((n - 1) * m)
@@ -78,8 +77,8 @@ class Node:
         self._known, self._still = known(t, p, v, a), np.zeros((len(variants), nx))
         self._beside = {
             i: variant.derivative(lambda side: np.concatenate(side.index1(system).acceleration(t, p, v)))
-            for i, variant in enumerate(variants)
-            if not variant.keeps_rows
+            for i, variant in variants.moved.items()
+            if not variant.inert
         }
 
     def forward(self):

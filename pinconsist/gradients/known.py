@@ -69,7 +69,7 @@ class Pull:
     def hand_over(self, rates, column, weight) -> None:
         """Add it to a column of compiled rates."""
         self.side_of(rates, column, weight)
-        rates.act(column, 0, column)
+        rates.act(column, [0], [column])
 
     def side_of(self, rates, key, weight) -> None:
         """Add it to the forces of a key."""
@@ -78,34 +78,30 @@ class Pull:
         rates.close(key, weight)
 
 
-@dataclass(eq=False)
-class Lifted:
-    """A force by all values of its table at once: weights and sides."""
+@dataclass
+class Nodes:
+    """By values of a table: the force by all of them at once, from weights and sides, times the hat of each."""
 
     times: tuple
     sides: list[tuple[float, Pull]]
+    nodes: list[int]
 
-
-@dataclass
-class Node:
-    """By one value of a table: that by all of them, times a hat."""
-
-    table: Lifted
-    i: int
+    def one(self, i):
+        """That by one of the values."""
+        return replace(self, nodes=[self.nodes[i]])
 
     def force(self, model, data, t, q, v, a):
-        """r_θ at a state."""
-        hat = np.interp(t, self.table.times, np.arange(len(self.table.times)) == self.i)
-        return hat * sum(weight * side.force(model, data, t, q, v, a) for weight, side in self.table.sides)
+        """r_θ at a state, of a single value."""
+        hat = np.interp(t, self.times, np.arange(len(self.times)) == self.nodes[0])
+        return hat * sum(weight * side.force(model, data, t, q, v, a) for weight, side in self.sides)
 
-    def hand_over(self, rates, column, weight) -> None:
-        """Add it to a column of compiled rates, where values of one table share a force."""
-        key = id(self.table)
-        if not rates.has(key):
-            rates.set_times(key, self.table.times)
-            for own, side in self.table.sides:
-                side.side_of(rates, key, own)
-        rates.act(key, self.i, column)
+    def hand_over(self, rates, columns, weight) -> None:
+        """Add it to columns of compiled rates."""
+        columns = np.atleast_1d(columns).tolist()
+        rates.set_times(columns[0], self.times)
+        for own, side in self.sides:
+            side.side_of(rates, columns[0], weight * own)
+        rates.act(columns[0], self.nodes, columns)
 
 
 class Known:
@@ -125,16 +121,13 @@ class Known:
         return np.zeros(self.nc)
 
 
-def parts_of(parameter: Parameter, model, step, tables) -> list[tuple[float, Any]]:
-    """(weight, part) whose sum is the derivative by a parameter, if it is known; else none. `tables` are kept."""
+def parts_of(parameter: Parameter, model, step) -> list[tuple[float, Any]]:
+    """(weight, part) whose sum is the derivative by a parameter, if it is known; else none."""
     if parameter.part is None:
         return []
     kind, *where = parameter.part(parameter.value)
-    if kind == "node":
-        record, path, i = where
-        if (key := (id(record), path)) not in tables:
-            tables[key] = _lifted(record, path, model)
-        return [(1.0, Node(tables[key], i))]
+    if kind == "nodes":
+        return [(1.0, _nodes(model, *where))]
     step = CLOSE * step
     for weights, sign in ((OF_STEPS, 1), (OF_STEPS_AHEAD, 1), (OF_STEPS_AHEAD, -1)):
         changes = {sign * m * step: sign * weight / step for m, weight in weights.items()}
@@ -149,11 +142,11 @@ def parts_of(parameter: Parameter, model, step, tables) -> list[tuple[float, Any
     return []
 
 
-def _lifted(record, path, model) -> Lifted:
-    """A record's force by all values of the table at a path."""
+def _nodes(model, record, path, nodes) -> Nodes:
+    """A record's force by values of the table at a path."""
     table, sides = part_at(record, path), []
     step = CLOSE * difference_step(max(map(abs, table.values)))
     for m, weight in OF_STEPS.items():
         moved = replace(table, values=tuple(value + m * step for value in table.values))
         sides.append((weight / step, Pull(with_number(record, path, moved).bind(model))))
-    return Lifted(table.times, sides)
+    return Nodes(table.times, sides, nodes)

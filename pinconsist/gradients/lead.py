@@ -26,16 +26,16 @@ class Lead:
         s = begun(variants, base, self.legs[0].system)
         times = times_of(self.solution, self.legs, self.sign)
         for leg, following in zip(self.legs, [*self.legs[1:], None], strict=True):
-            residuals = [variant.residuals(leg.system) for variant in variants]
+            residuals = variants.residuals(leg.system)
             leg.follow(base.index1(leg.system), residuals, leg.begin(variants, base, s))
             self.work["steps"] += len(leg.t)
-            self.work["evaluations"] += len(leg.t) * sum(map(len, residuals))
+            self.work["evaluations"] += len(leg.t) * residuals.evaluations
             s = self._cross(leg, following)
             self.rows.append(self.finished(leg, next(times), self.sign))
 
     def close(self) -> None:
         """Let go of compiled systems: they hold users' functions where the garbage collector does not see them."""
-        for each in (self.base, *self.variants, *self.legs):
+        for each in (self.base, self.variants, *self.legs):
             each.close()
 
     def _cross(self, leg, following):

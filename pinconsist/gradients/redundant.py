@@ -51,13 +51,11 @@ class Completion:
         weights = np.outer(of_steady - self._projected(of_steady), self._z)
         weights += np.outer(self._u, self._inverse @ of_steady)
         of_q = [np.sum(weights * self._along(NUDGE * unit)) / NUDGE for unit in np.eye(self._system.nx)]
-        own = [
-            0.0
-            if variant.keeps_rows
-            else np.sum(weights * variant.derivative(lambda side: self._jacobian(side, self._q)))
-            for variant in variants
-        ]
-        return np.array(of_q), kept[self._system.kept], np.array(own)
+        own = np.zeros(len(variants))
+        for i, variant in variants.moved.items():
+            if not variant.inert:
+                own[i] = np.sum(weights * variant.derivative(lambda side: self._jacobian(side, self._q)))
+        return np.array(of_q), kept[self._system.kept], own
 
     def _spread(self, lam):
         full = np.zeros(self._system.n_multipliers)

@@ -21,7 +21,8 @@ from .forward import Leg, legs_of
 from .lead import Lead
 from .named import named_start
 from .starts import moved
-from .variants import Side, variants_of
+from .variants import Side
+from .varied import variants_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,8 +185,8 @@ def sensitivities(
     lead = Lead(solution, legs, variants, base)
     lead.run()
     dq, dv, dlam = _parts(np.concatenate(lead.rows), base.mechanism.nv)
-    moved_by = np.array([variant.step for variant in variants])
-    found = Sensitivities(solution, names, values, moved_by, dq, dv, dlam, lead.event_times, lead.work, legs, lead)
+    rows = dq, dv, dlam, lead.event_times
+    found = Sensitivities(solution, names, values, variants.steps, *rows, lead.work, legs, lead)
     weakref.finalize(found, lead.close)  # at the latest where Python ends
     return found
 
@@ -211,7 +212,7 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
         raise PinconsistError(f"the run itself failed: {solution.message}")
     legs = legs_of(solution.sol, base.index1)
     first = legs[0].start
-    state, parameters = first(first.t_old)[:2], getattr(build, "parameters", {})
+    state, parameters = first(first.t_old)[:2], getattr(build, "parameters", ())
     variants = variants_of(make, theta, names, steps, base, first.system, first.t_old, *state, parameters)
     return solution, legs, variants, base, names, theta
 

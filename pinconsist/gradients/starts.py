@@ -42,8 +42,6 @@ class Start:
         """(s_q, s_v), (nx+nv,)."""
         system, base, q = self.system, self.base, self.q
         stays = variant.keeps_rows and not variant.inert
-        if stays and self.follows:
-            return np.zeros(system.nx + system.nv)
         by_loops = self._by_loops if self.implicit else self._by_differences
         s_q = np.zeros(system.nx) if stays else by_loops(variant)
         s_v = variant.derivative(lambda side: side.velocity(q, system.kept))
@@ -84,8 +82,10 @@ class Start:
 
 def begun(variants, base, system):
     """The derivatives (P, nx+nv) of the assembled state."""
-    start = Start(base, system)
-    return np.array([start.rate(variant) for variant in variants])
+    start, rates = Start(base, system), np.zeros((len(variants), system.nx + system.nv))
+    for i in variants.moved if start.follows else range(len(variants)):
+        rates[i] = start.rate(variants[i])
+    return rates
 
 
 def moved(function, variant, base, system, t, p, v, s, rate=0.0, scale=1.0):

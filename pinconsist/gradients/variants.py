@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,13 +21,8 @@ from ..mechanism.assembly import assembled, velocity_on_constraints
 from ..mechanism.closing import LoopSolver
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import AHEAD, CENTRAL
-from ..mechanism.parameters import difference_step
 from ..mechanism.system import MechanismSystem
-from .known import OF_STEPS, OF_STEPS_AHEAD, Known, parts_of
-
-SMOOTH, ROUGH = 3e-8, 1e-5  # by which residual differences over two steps are to differ, and may differ, relative
-MOST_TRIES, SHORTER = 4, 5.0
-WIDE = 1e-3  # of a value: steps of differences of fourth order alone
+from .known import OF_STEPS, OF_STEPS_AHEAD, Known
 
 
 @dataclass
@@ -61,12 +56,13 @@ class Side:
         return velocity_on_constraints(self.solver, q, self.v0, kept)
 
     @cached_property
-    def _workspace(self):
+    def workspace(self):
+        """Data for what is known of the equations."""
         return self.mechanism.model.createData()
 
     def known(self, part, like):
         """A known derivative as the equations of index 1 of a system."""
-        return Index1(Known(part, like, self._workspace))
+        return Index1(Known(part, like, self.workspace))
 
     def multipliers(self, like, p, lam):
         """The multipliers of all rows, from those that the system `like` keeps."""
@@ -167,44 +163,8 @@ class KnownVariant:
         return self._residuals[key]
 
 
-def variants_of(make, theta, names, steps, base: Side, system, t, p, v, parameters=None) -> list:
-    """The variants of all parameters; ``make(theta)`` gives a Side. Checked at the state (`t`, `p`, `v`).
-
-    `parameters` are those given by names, by their indices.
-    """
-    found: list = []
-    tables: dict = {}
-    for i, name in enumerate(names):
-        given = steps is not None and steps[i] is not None
-        step = float(steps[i]) if given else difference_step(theta[i])
-        if i in (parameters or {}) and (parts := parts_of(parameters[i], base.mechanism.model, step, tables)):
-            wide = step if given else max(WIDE * abs(theta[i]), 0.1 * step)
-            sides = partial(_variant, make, theta, i, name, wide, base)
-            found.append(KnownVariant(name, step, parts, base, sides))
-            continue
-        tried, sizes = [], []
-        for _ in range(MOST_TRIES):
-            variant = _variant(make, theta, i, name, step, base)
-            rough, size = (0.0, 0.0) if variant.inert else _roughness(variant, system, t, p, v)
-            tried.append((rough, -len(tried), variant))
-            sizes.append(size)
-            if rough <= SMOOTH or given:
-                break
-            step /= SHORTER
-        rough, _, variant = min(tried)
-        if max(sizes) > 2.0 * min(sizes):  # flat pieces of stairs
-            rough = 1.0
-        if rough > ROUGH:
-            raise InputError(
-                f"the equations are not smooth in the parameter {name!r}: differences over {variant.step:.1e} and "
-                f"{2 * variant.step:.1e} differ by {rough:.1e} of their size. A table, a rounded number or a kink "
-                "depends on it; give steps= for it, or leave it out"
-            )
-        found.append(variant)
-    return found
-
-
-def _variant(make, theta, i, name, step, base) -> Variant:
+def variant_of(make, theta, i, name, step, base) -> Variant:
+    """The variant of the parameter `i`, of a step."""
     errors = []
     for weights, near, sign in ((CENTRAL, OF_STEPS, 1), (AHEAD, OF_STEPS_AHEAD, 1), (AHEAD, OF_STEPS_AHEAD, -1)):
         try:
@@ -241,22 +201,3 @@ def _side(make, theta, i, change, name, base) -> Side:
                 "Joints and loops must stay the same while parameters vary"
             )
     return side
-
-
-def _roughness(variant, system, t, p, v) -> tuple[float, float]:
-    """How much residual differences over one step and over two differ, relative to their largest, and that."""
-    v = v + 0.3 * np.cos(np.arange(system.nv))
-    a = 1.0 + np.abs(v)
-    sizes, values = 1e-300, {}
-    for m in {*variant.near, *(2 * m for m in variant.near)}:
-        side = variant.sides[m] if m in variant.sides else None
-        if side is None:
-            continue
-        f, phi, G, rho = side.index1(system).system.evaluate(t, p, v, a)
-        values[m] = np.concatenate((f, phi, rho, (G @ np.ones(system.nc)) if system.nc else np.zeros(0)))
-        sizes = max(sizes, np.abs(values[m]).max())
-    one = sum(weight * values[m] for m, weight in variant.near.items())
-    two = sum(weight * values[2 * m] for m, weight in variant.near.items()) / 2.0
-    noise = 1e-14 * sizes
-    size = float(np.abs(one).max())
-    return float(np.abs(one - two).max() / (size + noise / ROUGH)), size / variant.step

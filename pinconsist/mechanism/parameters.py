@@ -22,6 +22,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -51,18 +52,19 @@ class Parameter:
 
     If it changes neither loops nor lengths, ``part(value)`` is what it changes: ``("inertia", joint, numbers)``, mass,
     first moments and inertias about the joint as in Pinocchio's regressor, ``("gravity", numbers)``, ``("force",
-    record)``, or of a value of a table ``("node", record, path of the table, index)``.
+    record)``, or of values of a table ``("nodes", record, path of the table, indices)``. What
+    stands for several values of a table has an array of them.
     """
 
     name: str
-    value: float
+    value: Any
     put: Callable
     part: Callable | None = None
 
 
-def difference_step(value) -> float:
-    """The step of differences by a parameter: 1e-4 max(|θ|, 0.1)."""
-    return RELATIVE_STEP * max(abs(value), SMALLEST)
+def difference_step(value):
+    """The step of differences by a parameter, or by each of several: 1e-4 max(|θ|, 0.1)."""
+    return RELATIVE_STEP * np.maximum(np.abs(value), SMALLEST)
 
 
 def check_closing(name, left, rate) -> None:
@@ -254,7 +256,7 @@ def _number_of(mechanism, name, place, i, path) -> Parameter:
 
     part: Callable | None = None
     if isinstance(part_at(record, path[:-2]), Table) and path[-2] == "values":
-        part = lambda value: ("node", record, path[:-2], int(path[-1]))  # noqa: E731
+        part = lambda value: ("nodes", record, path[:-2], [int(path[-1])])  # noqa: E731
     elif place == "forces" and isinstance(record, ForceRecord):
         part = lambda value: ("force", with_number(record, path, value))  # noqa: E731
     return Parameter(name, number_at(record, path), put, part)
