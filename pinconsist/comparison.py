@@ -15,64 +15,90 @@ from .errors import InputError, PinconsistError
 from .mechanism.assembly import assemble
 from .mechanism.checks import finite_array
 from .mechanism.mechanism import Mechanism
+from .mechanism.reactions import reaction, undetermined
 from .mechanism.rows import LoopRows
 from .reference import reference_problem
 from .simulation import system_of
 
-FORCES = {"m": "N", "rad": "N·m"}  # of the multipliers of rows
+TORQUES = {"m": "N", "rad": "N·m"}  # unit of a row → of what it gives to its joint
+ALONG = 1.0  # degrees by which a wrong force may be turned without a word
 
 
 @dataclass(frozen=True)
 class Run:
-    """Multiplier errors for one step size, in the largest component, at each time.
+    """Errors of a loop's force for one step size: of the loop with the largest at the first step of the method.
+
+    Of constraints without anchors it is the torque, and of general problems a multiplier.
 
     Attributes
     ----------
     h, order : float, int
         Step, s, and BDF order k.
+    loop, of, unit : str
+        The loop's name, empty for a multiplier; ``the force in`` it or the like; N or N·m, empty for a multiplier.
     t, exact, consistent, every_step : ndarray, shape (n,)
-        Times, and |λ_n - λ(t_n)| from exact values, from consistent ones, with every step corrected. For order k the
-        first k rows are the exact start; the first BDF step is row k.
-    lam : ndarray, shape (n, nc)
-        λ(t_n).
-    unit : str
-        Of the largest multiplier at the first step of the method; empty for a general problem.
+        Times, and the size of the force's error from exact values, from consistent ones, with every step corrected.
+        For order k the first k rows are the exact start; the first BDF step is row k.
+    true, from_exact : ndarray, shape (n, 3) or (n, 1)
+        The force on body 2, world axes, or the torque or multiplier: the true one, and that of the multipliers from
+        exact values, at the true positions.
+    q, lam : ndarray, shape (n, nq) and (n, nc)
+        The true positions and multipliers.
     v_given, v_consistent : ndarray, shape (nv,)
         The initial velocity as given, and the numerically consistent one.
     """
 
     h: float
     order: int
+    loop: str
+    of: str
+    unit: str
     t: np.ndarray
     exact: np.ndarray
     consistent: np.ndarray
     every_step: np.ndarray
+    true: np.ndarray
+    from_exact: np.ndarray
+    q: np.ndarray
     lam: np.ndarray
-    unit: str
     v_given: np.ndarray
     v_consistent: np.ndarray
 
     @property
     def wrong(self) -> str:
-        """How wrong the first multipliers from exact values are: ``128 % wrong``."""
+        """How wrong the first force from exact values is: ``107 % wrong``."""
         return f"{self._share(self.exact)} wrong"
 
     @property
+    def sizes(self) -> str:
+        """The first force from exact values beside the true one: ``38.4 N instead of 19.1 N``."""
+        true, found = self.true[self.order], self.from_exact[self.order]
+        if len(true) == 1:
+            return f"{self._amount(found[0])} instead of {self._amount(true[0])}"
+        size, true_size = np.linalg.norm(found), np.linalg.norm(true)
+        cosine = found @ true / (size * true_size) if size and true_size else 1.0
+        angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        turned = f", turned by {angle:.0f}°," if angle > ALONG else ""
+        return f"{self._amount(size)}{turned} instead of {self._amount(true_size)}"
+
+    @property
     def verdict(self) -> str:
-        """One sentence: how wrong the first multipliers are, and how large they should be."""
-        size = f"{np.abs(self.lam[self.order]).max():.3g} {self.unit}".rstrip()
+        """One sentence: how wrong the first force is, and how large it should be."""
         return (
-            f"h = {self.h:g} s: at the first step the multipliers (components of loop forces) from exact values are "
-            f"{self.wrong}, from consistent values {self._share(self.consistent)}; the largest true one is {size}"
+            f"h = {self.h:g} s, first step: {self.of} from exact values is {self.sizes} ({self.wrong}); "
+            f"from consistent values it is {self._share(self.consistent)} wrong"
         )
 
     def _share(self, errors) -> str:
-        """The error at the first step of the method, in the largest multiplier there."""
-        error, size = errors[self.order], np.abs(self.lam[self.order]).max()
+        """The error at the first step of the method, relative to the true force."""
+        error, size = errors[self.order], np.linalg.norm(self.true[self.order])
         if not size:
-            return f"{error:.2g}"
+            return self._amount(error)
         share = 100 * error / size
         return f"{share:.0f} %" if share >= 10 else f"{share:.2g} %"
+
+    def _amount(self, value) -> str:
+        return f"{value:.3g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)
@@ -91,17 +117,19 @@ class Comparison:
     runs: tuple[Run, ...]
 
     def __str__(self):
-        lines = [f"{self.name}, BDF of order {self.order}: error of the multipliers"]
+        lines = [f"{self.name}, BDF of order {self.order}: error of the first forces"]
         lines += [run.verdict for run in self.runs]
         for run in self.runs:
-            lines.append(f"h = {run.h:g} s\n{'t [s]':>10} {'exact':>12} {'consistent':>12} {'every step':>12}")
+            lines.append(
+                f"h = {run.h:g} s, error of {run.of}\n{'t [s]':>10} {'exact':>12} {'consistent':>12} {'every step':>12}"
+            )
             rows = zip(run.t[1:], run.exact[1:], run.consistent[1:], run.every_step[1:], strict=True)
             lines += [f"{t:10.6g} {a:12.4e} {b:12.4e} {c:12.4e}" for t, a, b, c in rows]
         return "\n".join(lines)
 
 
 def compare(subject, steps, *, order=1, count=6, q0=None, v0=None) -> Comparison:
-    """Errors of the first multipliers from exact and from numerically consistent initial values.
+    """Errors of the first loop forces from exact and from numerically consistent initial values.
 
     Parameters
     ----------
@@ -150,40 +178,62 @@ def _subject(subject, q0, v0):
         origin = 0.0, assembly.q, assembly.v
         system = system_of(subject, *origin)
 
-        def multipliers(times):
-            rows = integrate_index1(Index1(system), *origin, times, 1e-13, 1e-13)
-            return np.array([system.full_multipliers(p, lam) for _, p, _, lam in rows])
+        def truth(times):
+            rows = list(integrate_index1(Index1(system), *origin, times, 1e-13, 1e-13))
+            lam = [system.full_multipliers(p, lam) for _, p, _, lam in rows]
+            return np.array([p for _, p, _, _ in rows]), np.array(lam)
 
-        return subject.name, system, *origin, multipliers
+        return subject.name, system, *origin, truth
     if q0 is not None or v0 is not None:
         raise InputError(f"{subject} has its own initial values; q0 and v0 are for mechanisms")
     problem = reference_problem(subject)
     origin = problem.t0, problem.p0, problem.v0
-    exact = problem.exact
-    return (
-        problem.name,
-        system_of(problem.system, *origin),
-        *origin,
-        lambda times: np.array([exact(t)[2] for t in times]),
-    )
+
+    def exact(times):
+        rows = [problem.exact(t) for t in times]
+        return np.array([p for p, _, _ in rows]), np.array([lam for _, _, lam in rows])
+
+    return problem.name, system_of(problem.system, *origin), *origin, exact
 
 
 def _run(system, t0, p0, v0, exact, h, k, count):
     if system.nc == 0:
         raise InputError("there are no loops, so there are no multipliers to compare")
     times = t0 + h * np.arange(k + count)
-    truth = exact(times)
-    errors = []
-    for mode in consistency.MODES:
-        trajectory = integrate(system, (t0, times[-1]), p0, v0, Method(k, mode, FixedStep(), h))
-        if trajectory.status < 0:
-            raise PinconsistError(f"consistency={mode!r}, h = {h:g}: {trajectory.message}")
-        errors.append(np.max(np.abs(trajectory.lam - truth), axis=1))
+    mechanism = getattr(system, "mechanism", None)
+    p, lam = exact(times)
+    found = (_reached(system, times, p0, v0, mode, k) for mode in consistency.MODES)
+    true, *others = (_forces(mechanism, times, p, each) for each in (lam, *found))
+    first = {each: np.linalg.norm(others[0][each] - force, axis=1)[k] for each, force in true.items()}
+    worst = max(first, key=lambda each: first[each])
+    errors = [np.linalg.norm(each[worst] - true[worst], axis=1) for each in others]
     states = start.equidistant_history(Index1(system), t0, p0, v0, h, k)
     base, Z = start.fill_table(system, states)
-    mechanism = getattr(system, "mechanism", None)
-    units = [] if mechanism is None else [FORCES.get(unit, "") for unit in LoopRows.of(mechanism).units]
-    unit = units[np.argmax(np.abs(truth[k]))] if units else ""
-    return Run(
-        h, k, times, *errors, truth, unit, v0, consistency.consistent_velocities(system, h, k, base, Z, states)[0]
-    )
+    v = consistency.consistent_velocities(system, h, k, base, Z, states)[0]
+    return Run(h, k, *worst, times, *errors, true[worst], others[0][worst], p, lam, v0, v)
+
+
+def _reached(system, times, p0, v0, mode, k):
+    """λ at times from initial values of one mode."""
+    h = times[1] - times[0]
+    trajectory = integrate(system, (times[0], times[-1]), p0, v0, Method(k, mode, FixedStep(), h))
+    if trajectory.status < 0:
+        raise PinconsistError(f"consistency={mode!r}, h = {h:g}: {trajectory.message}")
+    return trajectory.lam
+
+
+def _forces(mechanism, t, p, lam) -> dict[tuple[str, str, str], np.ndarray]:
+    """(loop, of, unit) → values: each loop's force; without anchored loops each torque; else each multiplier."""
+    rows = {("", f"multiplier {k}", ""): column[:, None] for k, column in enumerate(lam.T, start=1)}
+    if mechanism is None:
+        return rows
+    without = undetermined(mechanism, t, p)
+    found = [reaction(mechanism, loop.name, t, p, lam) for loop in mechanism.loops if loop.name not in without]
+    units = dict(zip((loop for loop, _ in mechanism.row_labels), LoopRows.of(mechanism).units, strict=True))
+    forces = {(each.loop, f"the force in {each.loop}", "N"): each.force for each in found if each.force is not None}
+    torques = {
+        (each.loop, f"the torque of {each.loop}", TORQUES.get(units[each.loop], "")): each.torque[:, None]
+        for each in found
+        if each.torque is not None
+    }
+    return forces or torques or rows

@@ -239,10 +239,13 @@ def table_rows(text, title):
 def test_compare_prints_the_tables_of_the_paper(run):
     code, out, _ = run("compare", "problem51", "--step", "0.01", "0.001")
     assert code == 0
-    first = table_rows(out, "step size h = 0.01 s\n")
+    first = table_rows(out, "step size h = 0.01 s: error of the force in circle, N\n")
     assert len(first) == 6
     assert first[0][:4] == ["1", "0.01", "2.0808e+00", "8.1200e-02"]
-    assert table_rows(out, "step size h = 0.001 s\n")[0][2:4] == ["2.0080e+00", "8.0120e-03"]
+    assert table_rows(out, "step size h = 0.001 s: error of the force in circle, N\n")[0][2:4] == [
+        "2.0080e+00",
+        "8.0120e-03",
+    ]
     assert " 1.7041e-02" in out and " 1.0462e-02" in out  # changes of the initial velocity for h = 0.01
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 import shutil
+from base64 import b64decode
 from functools import partial
 from math import pi
 from pathlib import Path
@@ -20,7 +21,7 @@ import pinconsist
 import pinconsist as pc
 from pinconsist.cli.app import OVERVIEW, app
 from pinconsist.cli.scene import joint_values
-from pinconsist.view.arrows import RIGHT, WRONG
+from pinconsist.view.arrows import COLORS, RIGHT, WRONG
 
 COMMANDS = [command.name for command in app.registered_commands]
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -165,18 +166,30 @@ def test_compare_shows_exact_beside_consistent_and_the_truth(run):
     assert [each["text"] for each in page["titles"]] == ["from exact values", "from consistent values"]
     assert page["clock"][:3] == [0.0, 0.001, 3.0]  # a step of 0.001 s takes a second
     paths = [f"/{number} from {title} values/forces/circle" for number, title in ((1, "exact"), (2, "consistent"))]
-    paths.append("/1 from exact values/forces/true circle")
+    paths.append("/1 from exact values/forces/true: circle")
     exact, consistent, true = (np.linalg.norm(arrow(page, path)[1][50]) * stated(page) for path in paths)
     truth = np.abs(pc.reference_problem("problem51").exact(0.001)[2])
     assert true == pytest.approx(truth.item(), rel=1e-4)
+    told = f"{exact:.3g} N instead of {true:.3g} N"
     assert true - exact == pytest.approx(2.0080, abs=1e-3) and consistent - true == pytest.approx(-0.008, abs=1e-3)
     first = page["first"]
-    assert first["stop"] == 1.0 and first["wrong"] == f"{100 * 2.008 / truth.item():.0f} % wrong"
-    assert code == 0 and first["verdict"] in " ".join(out.split()) and first["wrong"] in first["verdict"]
-    assert f"the largest true one is {truth.item():.3g} N" in first["verdict"]
+    assert first["stop"] == 1.0 and first["wrong"] == f"{100 * 2.008 / truth.item():.0f} % wrong: {told}"
+    assert code == 0 and first["verdict"] in " ".join(out.split()) and told in first["verdict"]
+    (forces,) = [group for group in page["panel"]["groups"] if group["name"] == "forces"]
+    curves = {each["name"]: np.frombuffer(b64decode(each["y"]), "<f4")[1] for each in forces["curves"]}
+    assert curves == pytest.approx(
+        {
+            "from exact values: rod circle": exact,
+            "true: rod circle": true,
+            "from consistent values: rod circle": consistent,
+        },
+        rel=1e-4,
+    )
     parts = drawn(page, "/1 from exact values/forces")
     colors = {each["path"].split("/")[3]: each["object"]["materials"][0]["color"] for each in parts}
-    assert colors == {"circle": WRONG, "true circle": RIGHT}
+    assert colors == {"circle": WRONG, "true: circle": RIGHT}
+    radii = {each["path"].split("/")[3]: each["object"]["geometries"][0]["radiusBottom"] for each in parts}
+    assert radii["true: circle"] > 2 * radii["circle"]  # seen also where the other covers it
 
 
 @needs_browser
@@ -185,6 +198,21 @@ def test_the_page_of_a_comparison_stops_at_the_first_step(run):
     with opened(Path("two.html")) as tab:
         tab.wait("now > 0 && !running")
         assert tab.run("now") == 1.0 and tab.run("header.querySelector('strong').innerText") == tab.run("first.wrong")
+        share, wrong, true = numbers = tab.run("first.wrong.match(/[0-9.]+(?= (%|N))/g).map(Number)")
+        told = tab.run("group.curves.map(curve => [curve.name.split(':')[0], amount(curve, length / 6)])")
+        told = {name: float(amount.split()[0]) for name, amount in told}
+        assert (told["from exact values"], told["true"]) == (wrong, true) and share >= 100 * (wrong / true - 1), numbers
+        colors = tab.run("group.curves.map(curve => curve.color)")
+        assert colors == [f"#{color:06x}" for color in (WRONG, RIGHT, COLORS["force"])]
+        assert (
+            tab.run("[...svg.querySelectorAll('.dots')].map(each => each.getAttribute('d').split('M').length)")
+            == [8] * 3
+        )
+        for key, rows in (("ArrowRight", (2, 3)), ("ArrowLeft", (2, 1, 0, 0))):  # from computed row to computed row
+            for row in rows:
+                tab.key(key)
+                assert tab.run("now") == pytest.approx(row, abs=1e-6)
+        tab.run("seek(1)")
         size = "parseFloat(getComputedStyle(header.querySelector('strong')).fontSize)"
         assert tab.run(size) > 2 * tab.run("parseFloat(getComputedStyle(document.body).fontSize)")
         tab.key(" ")

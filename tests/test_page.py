@@ -11,6 +11,10 @@ import pinconsist as pc
 
 pytestmark = needs_browser
 SPEED = 0.5
+PLACE = """(thing => {
+  const seen = thing.getWorldPosition(new Vector3()).project(camera), box = pane.getBoundingClientRect();
+  return [box.left + (1 + seen.x) / 2 * box.width, box.top + (1 - seen.y) / 2 * box.height];
+})"""  # of a thing on the screen
 WORDS = "element('{}').innerText"
 
 
@@ -68,7 +72,7 @@ def test_playing_stepping_and_keys(tab):
     assert tab.run("now") == pytest.approx(2 / 50)
     tab.key("ArrowLeft")
     drawn(tab)
-    assert tab.run(WORDS.format("time")) == f"t = {SPEED / 50:.3f} s"
+    assert tab.run(WORDS.format("time")) == f"t = {SPEED / 50:.2f} s"
 
 
 def test_speed_and_loop(tab):
@@ -97,8 +101,8 @@ def test_dragging_the_time_shows_it_and_goes_on_playing(run, tab, handle):
     assert tab.run("cursor.getBoundingClientRect().left") == pytest.approx(
         tab.run("(box => box.left + box.width * now / duration)(plot.getBoundingClientRect())"), abs=1
     )
-    name, told, unit = tab.run("element('curves').innerText").split()
-    assert (name, unit) == ("coupler_rocker", "N")
+    kind, name, told, unit = tab.run("element('curves').innerText").split()
+    assert (kind, name, unit) == ("pin", "coupler_rocker:", "N")
     assert float(told) == pytest.approx(force_at(run[1], time), rel=6e-3)
     tab.run("running = true")
     tab.drag((left + 0.75 * width, y), (left + 0.2 * width, y))
@@ -110,7 +114,7 @@ def test_each_group_of_curves_has_its_numbers(run, tab):
     energies = {name: getattr(sol.energy(), name) for name in ("kinetic", "potential", "total")}
     row = int(np.argmin(np.abs(sol.t - tab.run("curves[0].times[200]"))))  # one of those that the page has
     expected = {
-        "forces": {"coupler_rocker": (np.linalg.norm(sol.reaction("coupler_rocker").force, axis=1)[row], "N")},
+        "forces": {"pin coupler_rocker": (np.linalg.norm(sol.reaction("coupler_rocker").force, axis=1)[row], "N")},
         "energy": {f"{name}, since the start": (values[row] - values[0], "J") for name, values in energies.items()},
         "angles": {name: (sol.position(name)[row], "rad") for name in mech.joints},
         "step": {"h": (sol.h[row - 1], "s")},
@@ -130,12 +134,12 @@ def test_each_group_of_curves_has_its_numbers(run, tab):
     for _ in range(2):  # the words of the curves are there while the page is paused, also when a group is chosen again
         tab.click("#groups button:nth-child(3)")
         drawn(tab)
-        chips = tab.run("[...element('curves').children].map(each => each.innerText.split(' ')[0])")
+        chips = tab.run("[...element('curves').children].map(each => each.innerText.split(':')[0])")
         assert chips == list(mech.joints)
-    count = "plot.querySelectorAll('path:not(.grid)').length"
-    assert tab.run(count) == 3
+    count = "plot.querySelectorAll('path.curve').length"
+    assert tab.run(count) == 3 and tab.run("element('more').hidden")
     tab.click("#curves button:nth-child(2)")
-    assert tab.run(count) == 2
+    assert tab.run(count) == 2 and "click" in tab.run("element('more').innerText")
     assert tab.run("element('curves').children[1].getAttribute('aria-pressed')") == "false"
     tab.click("#curves button:nth-child(2)")
     tab.click("#groups button:nth-child(1)")
@@ -161,27 +165,52 @@ def test_what_is_under_the_pointer_tells_its_name_and_force(run, tab):
     tab.run("seek(0.5)")
     drawn(tab)
     force = force_at(run[1], 0.5 * SPEED)
-    place = """(thing => {
-      const seen = thing.getWorldPosition(new Vector3()).project(camera), box = pane.getBoundingClientRect();
-      return [box.left + (1 + seen.x) / 2 * box.width, box.top + (1 - seen.y) / 2 * box.height];
-    })"""
     body = "parts.body.find(part => part.userData.name == '{}' && part.geometry.type == 'BoxGeometry')"
     for thing, name, of_loop in (
         ("parts.loop[0]", "coupler_rocker", True),
         (body.format("rocker"), "rocker", True),
         (body.format("crank"), "crank", False),
     ):
-        tab.mouse("mouseMoved", *tab.run(f"{place}({thing})"))
+        tab.mouse("mouseMoved", *tab.run(f"{PLACE}({thing})"))
         drawn(tab)
         assert not tab.run("hint.hidden")
-        title, *forces = tab.run("hint.innerText").split("\n")
-        assert title == name and len(forces) == of_loop
+        told = tab.run("hint.innerText").split("\n")
+        assert len(told) == (name != "coupler_rocker") + of_loop
+        assert told[0] == name or name == "coupler_rocker"
         if of_loop:
-            assert forces[0].startswith("coupler_rocker ") and forces[0].endswith(" N")
-            assert float(forces[0].split()[1]) == pytest.approx(force, rel=6e-3)
+            what, number = told[-1].split(": ")
+            assert what == "pin coupler_rocker" and number.endswith(" N")
+            assert float(number.split()[0]) == pytest.approx(force, rel=6e-3)
     tab.mouse("mouseMoved", 3, 3)
     drawn(tab)
     assert tab.run("hint.hidden")
+
+
+@pytest.mark.parametrize("corner", [(3, 3), (-3, 3), (3, -3), (-3, -3)])
+def test_what_is_told_of_a_thing_stays_within_the_picture(tab, corner):
+    """Whatever place of the pane it is at."""
+    box = "(box => [box.left, box.top, box.right, box.bottom])({}.getBoundingClientRect())"
+    left, top, right, bottom = tab.run(box.format("pane"))
+    x, y = (right if corner[0] < 0 else left) + corner[0], (bottom if corner[1] < 0 else top) + corner[1]
+    tab.mouse("mouseMoved", x, y)
+    tab.run("under = parts.loop[0].userData; tell(performance.now() + TELLING)")
+    at = tab.run(box.format("hint"))
+    assert left <= at[0] < at[2] <= right and top <= at[1] < at[3] <= bottom
+    assert not (at[0] <= x <= at[2] and at[1] <= y <= at[3])  # nor does it hide the thing
+    tab.mouse("mouseMoved", 3, 3)
+
+
+def test_peaks_keep_off_the_frame_and_each_axis_has_labels(tab):
+    for number in range(1, 6):
+        tab.click(f"#groups button:nth-child({number})")
+        assert tab.run("plot.querySelectorAll('.left').length") >= 2
+        boxes = tab.run(
+            "[...svg.querySelectorAll('.curve')].map(each => each.getBBox()).map(box => [box.y, box.height])"
+        )
+        assert boxes and all(0.0 <= y and y + height <= 1.0 for y, height in boxes)
+        if tab.run("group.name") not in ("step", "order"):
+            assert min(y for y, _ in boxes) > 0.02 and max(y + height for y, height in boxes) < 0.98
+    tab.click("#groups button:nth-child(1)")
 
 
 SEEN = """points.map(point => point.clone().project(camera)).map(seen => [seen.x, seen.y])"""
@@ -227,6 +256,30 @@ def test_on_a_phone_the_scene_fills_the_width_and_text_can_be_read(tmp_path, sce
         assert 0.85 < np.abs(tab.run(SEEN)).max() < 1.0
         for part in ("header", "#meshcat-pane", "#player", "#plot"):
             assert tab.run(f"document.querySelector('{part}').getBoundingClientRect().bottom") <= 844, part
+
+
+def test_on_a_phone_a_tap_tells_and_a_swipe_scrolls(run, tmp_path):
+    sol = run[1]
+    with opened(sol.export_html(tmp_path / "page.html", forces=True), (390, 844), mobile=True) as tab:
+        tab.run("running = false; seek(0.5)")
+        drawn(tab)
+        x, y = tab.run(f"{PLACE}(parts.loop[0])")
+        tab.touch((x, y))
+        drawn(tab)
+        assert tab.run("hint.innerText.split(': ')[0]") == "pin coupler_rocker" and not tab.run("hint.hidden")
+        told = float(tab.run("hint.innerText").split()[-2])
+        assert told == pytest.approx(force_at(sol, 0.5), rel=6e-3)
+        across, down = tab.middle("#meshcat-pane")
+        tab.touch((across, down - 150))
+        drawn(tab)
+        assert tab.run("hint.hidden")
+        before = tab.run("camera.position.toArray()")
+        tab.touch((across, down + 100), (across, down + 80), (across, down), (across, down - 100))
+        tab.wait("scrollY > 0 && scrollY >= document.documentElement.scrollHeight - innerHeight - 1")
+        assert tab.run("camera.position.toArray()") == pytest.approx(before, rel=0.02)
+        tab.run("scrollTo(0, 0)")
+        tab.touch((across - 100, down), (across - 80, down), (across, down), (across + 100, down))
+        tab.wait(f"camera.position.distanceTo(new Vector3(...{before})) > 0.1 * size")
 
 
 def test_the_bare_page_has_the_motion_and_its_player_alone(run, tmp_path):

@@ -1,5 +1,7 @@
 """The tables of Arévalo (2008) and the identities behind them."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -146,3 +148,27 @@ def test_velocity_shift_is_the_smallest_with_that_residual():
     _, _, G, _ = system.evaluate(problem.t0, problem.p0, problem.v0, np.zeros(3))
     outside = shift - G @ np.linalg.lstsq(G, shift, rcond=None)[0]
     np.testing.assert_allclose(outside, 0.0, atol=1e-14)
+
+
+def test_what_is_wrong_is_the_force_that_is_seen():
+    """The force in the loop of a mechanism, against that of a run with a thousandth of the step."""
+    mech, h = pc.load("crank_rocker"), 1e-3
+    run = pc.compare(mech, [h], count=1, v0={"crank": 12.0}).runs[0]
+    fine = pc.simulate(mech, (0.0, h), v0={"crank": 12.0}, rtol=1e-9, atol=1e-11)
+    exact = pc.simulate(mech, (0.0, h), v0={"crank": 12.0}, method="ImplicitEuler", step=h, consistency="exact")
+    true, wrong = (sol.reaction("rocker_ground").force[-1] for sol in (fine, exact))
+    told = re.search(r"is (\S+) N, turned by \S+ instead of (\S+) N \((\S+) %", run.verdict)
+    size, true_size, share = map(float, told.groups())
+    assert run.loop == "rocker_ground" and run.unit == "N"
+    assert size == pytest.approx(np.linalg.norm(wrong), rel=6e-3)
+    assert true_size == pytest.approx(np.linalg.norm(true), rel=6e-3)
+    assert share == pytest.approx(100 * np.linalg.norm(wrong - true) / np.linalg.norm(true), rel=2e-2)
+
+
+def test_constraints_without_anchors_and_general_problems_tell_their_own():
+    drive = pc.load("double_pendulum")
+    drive = drive.with_loops(pc.Drive("motor", drive.joints[0], lambda t: 0.1 * t))
+    run = pc.compare(drive, [0.01], count=1).runs[0]
+    assert (run.of, run.unit, run.true.shape) == ("the torque of motor", "N·m", (2, 1))
+    general = pc.compare("problem52", [0.01], count=1).runs[0]
+    assert general.of == "multiplier 2" and f"instead of {general.true[1, 0]:.3g} (" in general.verdict

@@ -250,7 +250,8 @@ def test_a_comparison_shows_all_three_ways_and_no_exact_start():
     assert list(lines) == ["exact start", "consistent start", "every step corrected"]
     np.testing.assert_allclose(lines["every step corrected"].get_xdata(), 1e3 * runs[0].t[2:])
     np.testing.assert_array_equal(lines["exact start"].get_ydata(), runs[0].exact[2:])
-    assert min(line.get_ydata().min() for line in lines.values()) > 1e-6 and "error of" in axis.get_ylabel()
+    assert min(line.get_ydata().min() for line in lines.values()) > 1e-6
+    assert axis.get_ylabel() == "error of the force in circle  [N]" and runs[0].wrong in axis.get_title(loc="left")
 
 
 def test_work_precision_sorts_by_error_and_leaves_out_what_failed(tmp_path):

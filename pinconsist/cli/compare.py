@@ -35,9 +35,11 @@ def compare(
 ) -> int:  # fmt: skip
     """Compare the first constraint forces from exact and from numerically consistent initial values.
 
-    Prints the tables of Arévalo (2008): the error of the multipliers at each
-    step from exact initial values, from consistent ones, and with every step
-    corrected. The reference of a scene is scipy's DOP853.
+    Prints the tables of Arévalo (2008): the error of a loop's force (without
+    loops of bodies: of a torque or multiplier) at each step from exact initial
+    values, from consistent ones, and with every step corrected. It is the loop
+    whose force is most in error at the first step. The reference of a scene is
+    scipy's DOP853.
 
     Example: pinconsist compare problem51 --step 0.01 0.001
     """
@@ -93,7 +95,7 @@ def _show(what, file, run, order, q0, v0):
         for title, mode in (("from exact values", "exact"), ("from consistent values", "initial"))
     }
     speed = max(run.h, (run.t[-1] - run.t[0]) / LONGEST)
-    first = FirstStep(run.wrong, run.verdict, order * run.h, run.lam)
+    first = FirstStep(f"{run.wrong}: {run.sizes}", run.verdict, order * run.h, run.loop, run.q, run.lam)
     output.written(file, lambda: write_page(file, mech, sols, speed=speed, forces=True, first=first))
 
 
@@ -102,7 +104,7 @@ def _print(result, mech):
 
     order = result.order
     start = f"; rows 0 to {order - 1} are its exact start" if order > 1 else ""
-    print(f"{result.name}, BDF of order {order}: error of the multipliers, largest component{start}\n")
+    print(f"{result.name}, BDF of order {order}: error of the first forces{start}\n")
     for run in result.runs:
         output.paragraph(run.verdict, hanging="  ")
     print()
@@ -112,7 +114,8 @@ def _print(result, mech):
             (k, f"{t:.9g}", *(output.size(error, ".4e") for error in errors)) for k, (t, *errors) in enumerate(columns)
         ]
         heads = ("row>", "t [s]>", "from exact>", "from consistent>", "every step>")
-        output.table(heads, rows[order:], title=f"step size h = {run.h:g} s")
+        unit = f", {run.unit}" if run.unit else ""
+        output.table(heads, rows[order:], title=f"step size h = {run.h:g} s: error of {run.of}{unit}")
         names = [f"v{k + 1}" for k in range(len(run.v_given))]
         names = names if mech is None else velocity_names(mech.model)
         columns = zip(names, run.v_given, run.v_consistent, strict=True)

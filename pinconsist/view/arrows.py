@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from .shapes import OCTAHEDRON, SMALLEST, Shape, cylinder, link_ends, ring
 FORCE, MOMENT = "force", "moment"
 COLORS = {FORCE: 0x8E44AD, MOMENT: 0x2E7D32}
 WRONG, RIGHT = 0xD50000, 0x5F6B73  # of forces beside the true ones, and of these
+TRUE, WIDE = "true: ", 2.2  # before the name of a true force; the width of its arrow, under that of another
 UNITS = {FORCE: "N", MOMENT: "N·m"}
 LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # the longest arrow, in sizes of the picture, or less where parts are small
 PARTS = 0.4, 2.0  # sizes of the picture, at least; sizes of the parts that the arrows act on
@@ -71,6 +72,13 @@ def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> li
         out += _on_joints(run, poses, "motor", torques)
     largest = max((each.norms.max() / (size if each.kind == MOMENT else 1.0) for each in out), default=0.0)
     return [each for each in out if each.kind == FORCE or each.norms.max() > ROUNDING * largest * size]
+
+
+def true_actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> list[Action]:
+    """What the loops should do, in grey."""
+    found = actions(run.true, poses, size, without) if run.true else []
+    its = [each for each in found if each.of != "motor"]
+    return [replace(each, name=TRUE + each.name, color=RIGHT) for each in its]
 
 
 def _on_joints(run: Run, poses: np.ndarray, name: str, torques: np.ndarray) -> list[Action]:
@@ -136,14 +144,15 @@ def arrow(path: str, action: Action, scale: Scale) -> tuple[list[tuple[Node, lis
     A moment is three quarters of a ring about its axis with a head at its end, right-handed; its radius is the scale.
     """
     norms, points = action.norms, action.points
-    look = {"color": action.color or COLORS[action.kind], "on_top": 2, "opacity": 0.85}
+    wide, opacity = (WIDE, 0.55) if action.color == RIGHT else (1.0, 0.85)
+    look = {"color": action.color or COLORS[action.kind], "on_top": 2, "opacity": opacity}
     reach = np.minimum(norms * scale.metres, scale.longest)
     along = action.vectors / np.where(norms > 0, norms, 1.0)[:, None]
     along[norms == 0] = (0.0, 1.0, 0.0)
     axis = (0, 1, 0) if action.kind == FORCE else (0, 0, 1)
     turns = np.array([rotation_to(each, axis).coeffs() for each in along])
     if action.kind == FORCE:
-        radius, head = RADIUS * scale.longest, HEAD * scale.longest
+        radius, head = wide * RADIUS * scale.longest, HEAD * scale.longest
         thin = np.minimum(1.0, reach / (2 * head))  # a short arrow is thinner: its head is half of it at most
         length = reach - head * thin
         shaft = Node(f"{path}/shaft", np.hstack((points, turns)), np.column_stack((thin, length, thin)).clip(SMALLEST))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mechanism.names import position_names, position_units
-from .arrows import FORCE, UNITS, actions
+from .arrows import FORCE, TRUE, UNITS, actions, true_actions
 from .motion import Run, body_poses
 
 ROWS = 500  # at most
@@ -19,21 +19,26 @@ def packed(values) -> str:
     return b64encode(np.asarray(values, "<f4").tobytes()).decode()
 
 
-def panel(runs: list[Run], size: float, without) -> dict:
+def panel(runs: list[Run], size: float, without, planar: bool) -> dict:
     """Seconds since the start for each run, and groups of curves over them; those of the loops `without` are left out.
 
-    A curve of a loop or a motor names it and the bodies between which it acts, by which the page finds its force.
+    ``whole`` says whether these are all rows. A curve of a loop or a motor names it and the bodies between which it
+    acts, by which the page finds its force; what should be has a colour.
     """
     groups: dict[str, dict] = {}
     times = []
     for number, run in enumerate(runs):
         rows = _telling(run)
         times.append(packed(run.elapsed[rows]))
-        for group, unit, name, values, about in _curves(run, rows, size, without):
-            label = f"{run.title}: {name}" if run.title else name
+        for group, unit, name, values, about in _curves(run, rows, size, without, planar):
+            true = "color" in about
+            if true and number:
+                continue  # the truth is the same for all
+            label = f"{run.title}: {name}" if run.title and not true else name
             curve = {"name": label, "run": number, "y": packed(values), **about}
             groups.setdefault(group, {"name": group, "unit": unit, "curves": []})["curves"].append(curve)
-    return {"times": times, "groups": list(groups.values())}
+    whole = all(len(run.t) <= ROWS for run in runs)
+    return {"times": times, "whole": whole, "groups": list(groups.values())}
 
 
 def _telling(run: Run) -> np.ndarray:
@@ -48,14 +53,17 @@ def _telling(run: Run) -> np.ndarray:
     return np.unique(found)
 
 
-def _curves(run: Run, rows: np.ndarray, size: float, without):
+def _curves(run: Run, rows: np.ndarray, size: float, without, planar: bool):
     """(group, unit, name, values, what it is of) of each curve."""
     some, source, model = run.rows(rows), run.source, run.mech.model
     if run.lam is not None and (run.v is not None or not run.mech.forces):
-        for action in actions(some, body_poses(model, some.q), size, without):
+        poses, words = body_poses(model, some.q), {loop.name: _word(loop.kind, planar) for loop in run.mech.loops}
+        for action in actions(some, poses, size, without) + true_actions(some, poses, size, without):
             group = "forces" if action.kind == FORCE else "torques"
             values = action.norms if action.on_joint is None else action.on_joint
-            yield group, UNITS[action.kind], action.name, values, {"of": action.of, "bodies": action.bodies}
+            about = {"of": action.of, "bodies": action.bodies} | ({"color": action.color} if action.color else {})
+            *true, name = action.name.rpartition(TRUE)
+            yield group, UNITS[action.kind], "".join((*true, words.get(action.of, ""), name)), values, about
     for name, energies in _energies(run).items():
         yield "energy", "J", name, energies[rows], {}
     for name, unit, values in zip(position_names(model), position_units(model), some.q.T, strict=True):
@@ -66,6 +74,13 @@ def _curves(run: Run, rows: np.ndarray, size: float, without):
         if len(run.t) > 1 and values.shape == (len(run.t) - 1,):
             reached = np.concatenate((values[:1], values))[rows]
             yield {"h": "step", "order": "order"}[name], unit, name, np.where(reached > 0, reached, np.nan), {}
+
+
+def _word(kind: str, planar: bool) -> str:
+    """What a loop is, before its name."""
+    pin = "pin " if planar else ""
+    words = {"point": pin or "ball joint ", "hinge": pin or "hinge ", "frame": "weld ", "distance": "rod ", "drive": ""}
+    return words.get(kind, f"{kind} ")
 
 
 def _energies(run: Run) -> dict[str, np.ndarray]:

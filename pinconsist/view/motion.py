@@ -35,7 +35,7 @@ class Run:
     source: Any = None  # the solution
     lam: np.ndarray | None = None  # (n, nc), where the solution has them
     v: np.ndarray | None = None  # (n, nv), where it has them
-    true: np.ndarray | None = None  # (n, nc), multipliers with which `lam` are compared
+    true: Run | None = None  # with which it is compared
 
     @classmethod
     def of(cls, mech: Mechanism, sol, title: str = "", *, forces: bool = False) -> Run:
@@ -78,13 +78,15 @@ class Run:
         def between(x):
             return None if x is None else x[before] + (share * (x[after] - x[before]).T).T
 
-        others = {name: between(getattr(self, name)) for name in ("t", "lam", "v", "true")}
-        return replace(self, elapsed=elapsed, q=q, **others)
+        others = {name: between(getattr(self, name)) for name in ("t", "lam", "v")}
+        return replace(self, elapsed=elapsed, q=q, true=self.true and self.true.at(elapsed), **others)
 
     def rows(self, rows: np.ndarray) -> Run:
         """The run at some of its rows."""
-        names = ("elapsed", "t", "q", "lam", "v", "true")
-        return replace(self, **{name: x if (x := getattr(self, name)) is None else x[rows] for name in names})
+        some = {
+            name: x if (x := getattr(self, name)) is None else x[rows] for name in ("elapsed", "t", "q", "lam", "v")
+        }
+        return replace(self, true=self.true and self.true.rows(rows), **some)
 
 
 def motors(mech: Mechanism) -> list:

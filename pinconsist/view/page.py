@@ -18,6 +18,7 @@ from .picture import picture
 from .plots import plot_solution
 
 FPS = 50
+PARTS = ("page.html", "page.css", "scene.js", "player.js", "curves.js", "page.js")
 HEIGHT, DOTS = 420, 80  # in a notebook: pixels of the page, dots per inch of the picture
 log = logging.getLogger(__name__)
 
@@ -123,7 +124,7 @@ def replay(
 
 
 def page_of(mech, sol, *, fps=FPS, panel=True, **options) -> bytes:
-    """page.html with page.css, page.js, meshcat's viewer and the commands of :func:`picture`, which has the options."""
+    """The `PARTS` with meshcat's viewer and the commands of :func:`picture`, which has the options."""
     import json
     from importlib.resources import files
     from string import Template
@@ -131,8 +132,8 @@ def page_of(mech, sol, *, fps=FPS, panel=True, **options) -> bytes:
     commands = picture(mech, sol, fps=fps, beside=panel, **options)
     text = json.dumps(commands, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     title = ", ".join(dict.fromkeys(each.name for each in (mech if isinstance(mech, list | tuple) else [mech])))
-    frame, style, script = ((files(__package__) / f"page.{end}").read_text("utf-8") for end in ("html", "css", "js"))
-    parts = {"title": escape(title), "style": style, "viewer": _viewer(), "replay": text, "script": script}
+    frame, style, *scripts = ((files(__package__) / name).read_text("utf-8") for name in PARTS)
+    parts = {"title": escape(title), "style": style, "viewer": _viewer(), "replay": text, "script": "".join(scripts)}
     return Template(frame).substitute(parts).encode()
 
 

@@ -25,6 +25,7 @@ from .arrows import (
     longest_arrows,
     round_amount,
     scale_of,
+    true_actions,
 )
 from .commands import Node, animated, draw, floor, line, outline, stage, transform, view_axes, y_up
 from .curves import packed, panel, verdicts
@@ -42,12 +43,14 @@ GAP = 0.3  # between neighbours, in sizes of the picture
 
 @dataclass(frozen=True, eq=False)
 class FirstStep:
-    """What is wrong with the multipliers of the first run at its first step, where the page stops."""
+    """What is wrong with a force of the first run at its first step, where the page stops; and the truth."""
 
     wrong: str  # in large type
     verdict: str
     elapsed: float  # s
-    lam: np.ndarray  # (n, nc), the true ones of its rows
+    loop: str
+    q: np.ndarray  # (n, nq), the true positions of the rows
+    lam: np.ndarray  # (n, nc)
 
 
 class DrawnRun:
@@ -101,7 +104,7 @@ class DrawnRun:
     def _draw_arrow(self, path: str, action: Action, scale, number: int) -> np.ndarray:
         parts, around = arrow(path, action, scale)
         self.nodes += [node for node, _ in parts]
-        about = {"part": "force", "name": action.of, "run": number}
+        about = {"part": "force", "name": action.of, "run": number}  # by which the page finds its curve
         self.commands += [draw(f"{node.path}/{k}", each, **about) for node, its in parts for k, each in enumerate(its)]
         if scale.cuts and action.norms.max() > scale.most:
             cut = {"path": parts[-1][0].path, "values": packed(action.norms), "most": scale.most}
@@ -138,7 +141,7 @@ def picture(
 
     runs = runs_of(mech, sol, forces=forces)
     if first is not None:
-        runs[0] = replace(runs[0], true=first.lam)
+        runs = [replace(run, true=replace(run, q=first.q, lam=first.lam)) for run in runs]
     traces = _frames(traces, runs)
     clock = playing_times(runs, speed, fps) if times is None else times
     of_file = cache(visuals)
@@ -149,7 +152,7 @@ def picture(
     for each in drawn if forces or beside else ():
         not_drawn |= undetermined(each.run.mech, each.run.t, each.run.q)
     for each in drawn if forces else ():
-        each.actions = _actions(each, size, not_drawn)
+        each.actions = _actions(each, size, not_drawn, WRONG if each is drawn[0] else None)
     acting = [action for each in drawn for action in each.actions]
     longest = longest_arrows([run.mech for run in runs], acting, size)
     scales = {kind: scale_of(kind, acting, longest[kind]) for kind in (FORCE, MOMENT)}
@@ -176,20 +179,20 @@ def picture(
         "titles": [{"text": text, "at": y_up(place)} for text, place in titles],
         "legend": _legend(runs, traces, forces, scales, acting, not_drawn),
         "cuts": [cut for each in drawn for cut in each.cuts],
-        "panel": panel(runs, size, not_drawn) if beside else None,
+        "panel": panel(runs, size, not_drawn, planar) if beside else None,
         "verdicts": verdicts(runs) if beside and not first else [],
-        "first": first and {"wrong": first.wrong, "verdict": first.verdict, "stop": first.elapsed / speed},
+        "first": first
+        and {"wrong": first.wrong, "verdict": first.verdict, "stop": first.elapsed / speed}
+        | {"of": first.loop, "colors": [WRONG, COLORS[FORCE]]},
     }
 
 
-def _actions(drawn: DrawnRun, size: float, without) -> list[Action]:
-    """The actions of a run; where the truth is known these in red, before the true ones in grey."""
+def _actions(drawn: DrawnRun, size: float, without, color: int | None) -> list[Action]:
+    """The actions of a run; where the truth is known in a `color`, on the true ones in grey."""
     run, own = drawn.run, actions(drawn.run, drawn.bodies, size, without)
     if run.true is None:
         return own
-    true = actions(replace(run, lam=run.true), drawn.bodies, size, without)
-    true = [replace(each, name=f"true {each.name}", of=f"true {each.of}", color=RIGHT) for each in true]
-    return true + [replace(each, color=WRONG) for each in own]
+    return true_actions(run, drawn.bodies, size, without) + [replace(each, color=color) for each in own]
 
 
 def _frames(traces, runs) -> list[str]:
@@ -235,8 +238,8 @@ def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]
             out.append({"color": COLORS[kind], "bar": bar, "text": f"{_acting(kind, acting)}{cut}"})
     if any(run.true is not None for run in runs):
         out += [
-            {"color": WRONG, "text": "from exact values: wrong at the first step"},
-            {"color": RIGHT, "text": "true"},
+            {"color": WRONG, "text": "from exact values"},
+            {"color": RIGHT, "text": "true, under the others"},
         ]
     if not_drawn:
         out.append({"color": COLORS[FORCE], "text": f"not drawn: {not_determined(not_drawn)}"})

@@ -138,7 +138,7 @@ def plot_phase(sol, file=None, mech=None) -> Figure:
 
 
 def plot_comparison(rows, file=None) -> Figure:
-    """A figure of the error of λ over time, from exact and from consistent initial values, a panel for each step size.
+    """A figure of the error of a force over time, from exact and consistent values, a panel for each step size.
 
     As figure 5.1 of Arévalo (2008), and with every step corrected. Rows that are an exact start are left out.
 
@@ -146,7 +146,8 @@ def plot_comparison(rows, file=None) -> Figure:
     ----------
     rows : sequence
         Records with, as attributes or keys, ``h``, the step size, s; ``t``, shape (n,), s; ``exact`` and
-        ``consistent``, shape (n,), the errors of λ; and, where it is known, ``every_step``.
+        ``consistent``, shape (n,), the errors; and, where they are known, ``every_step``, ``of`` and ``unit``: of what
+        they are, by default of λ, N or N·m.
     file : path, optional
         Where the figure is written, whole or not at all; the ending chooses the format.
 
@@ -161,13 +162,14 @@ def plot_comparison(rows, file=None) -> Figure:
     MissingExtraError
         matplotlib is not installed.
     """
+    rows = list(rows)
     records = [row if isinstance(row, Mapping) else vars(row) for row in rows]
     lines, columns = -(-len(records) // 3), min(len(records), 3)
     with new_figure(max(3.3 * columns, 4.5), 2.9 * lines + 0.6, file) as figure:
         if not records:
             raise InputError("a comparison needs at least one step size")
         axes = figure.subplots(lines, columns, sharey=True, squeeze=False)
-        for axis, record in zip(axes.flat, records, strict=False):
+        for axis, row, record in zip(axes.flat, rows, records, strict=False):
             h, t = float(record["h"]), np.asarray(record["t"], float)
             errors = {name: np.asarray(record[name], float) for name in STARTS if name in record}
             for error in errors.values():
@@ -179,9 +181,12 @@ def plot_comparison(rows, file=None) -> Figure:
             for name, error in errors.items():
                 k, what = STARTS[name]
                 axis.plot(times, positive(error[first:]), label=what, markevery=sparse(times.size, 10), **style(k))
-            axis.set(yscale="log", title=f"step size h = {h:g} s", xlabel=label)
+            wrong = f"\n{row.wrong} at the first step" if hasattr(row, "wrong") else ""
+            axis.set(yscale="log", title=f"step size h = {h:g} s{wrong}", xlabel=label)
+        of = dict.fromkeys((record.get("of", "λ"), record.get("unit", "N, N·m")) for record in records)
+        what, unit = next(iter(of)) if len(of) == 1 else ("the most wrong force", "N, N·m")
         for axis in axes[:, 0]:
-            axis.set_ylabel("largest error of a λ  [N, N·m]")
+            axis.set_ylabel(f"error of {what}" + (f"  [{unit}]" if unit else ""))
         for axis in axes.flat[len(records) :]:
             axis.set_axis_off()
         axes[0, 0].legend()

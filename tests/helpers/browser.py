@@ -77,6 +77,7 @@ class Tab:
         self.ask("Page.addScriptToEvaluateOnNewDocument", source=WATCH)
         width, height = size
         self.ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
+        self.ask("Emulation.setTouchEmulationEnabled", enabled=mobile)
 
     def ask(self, method, **parameters):
         return browser().ask(method, self.session, **parameters)
@@ -110,6 +111,13 @@ class Tab:
         for share in (0.3, 0.7, 1.0):
             self.mouse("mouseMoved", *(a + share * (b - a) for a, b in zip(start, end, strict=True)), held=True)
         self.mouse("mouseReleased", *end)
+
+    def touch(self, *points):
+        """Put a finger down at the first point, move it over the others, and lift it."""
+        for number, (x, y) in enumerate(points):
+            kind = "touchMove" if number else "touchStart"
+            self.ask("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": y}])
+        self.ask("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
 
     def click(self, selector):
         x, y = self.middle(selector)

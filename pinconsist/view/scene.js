@@ -1,0 +1,105 @@
+const replay = JSON.parse(document.getElementById("replay").textContent);
+const element = id => document.getElementById(id);
+const added = (parent, kind, properties) => Object.assign(parent.appendChild(document.createElement(kind)), properties);
+const unpacked = text => new Float32Array(Uint8Array.from(atob(text), letter => letter.charCodeAt(0)).buffer);
+const css = color => "#" + color.toString(16).padStart(6, "0");
+const short = (number, unit) => +number.toPrecision(3) + " " + unit;
+
+// The scene
+const {Vector2, Vector3, Raycaster, PerspectiveCamera, OrthographicCamera} = MeshCat.THREE;
+const pane = element("meshcat-pane"), viewer = new MeshCat.Viewer(pane);
+for (const command of replay.commands) viewer.handle_command(command);
+viewer.set_3d_pane_size = () =>  // the window's by default
+  MeshCat.Viewer.prototype.set_3d_pane_size.call(viewer, wide, high);
+const object = path => viewer.scene_tree.find(path.split("/").filter(Boolean)).object;
+const parts = {force: [], loop: [], trace: [], ground: [object("/Axes")], body: []};
+viewer.scene.traverse(thing => parts[thing.userData.part]?.push(thing));
+
+// The camera shows all points of the outline; margins in shares of the pane
+const VIEW = 40, MARGIN = 1.12;  // degrees
+const {planar, size} = replay.view, points = replay.view.points.map(place => new Vector3(...place));
+const [right, up, back] = replay.view.axes.map(axis => new Vector3(...axis));
+viewer.controls.dispose();
+viewer.set_camera(planar ? new OrthographicCamera() : new PerspectiveCamera(VIEW));
+const camera = viewer.camera, target = viewer.controls.target;
+let moved = false, wide, high;  // of the pane, pixels
+viewer.controls.addEventListener("start", () => moved = true);
+function fit() {
+  const aspect = wide / high;
+  const slope = planar ? 0 : Math.tan(VIEW / 360 * Math.PI) / MARGIN;
+  const ends = (axis, slope) => [1, -1].map(way =>
+    Math.max(...points.map(point => way * point.dot(axis) + slope * (point.dot(back) - depth))));
+  const depths = points.map(point => point.dot(back)), depth = (Math.max(...depths) + Math.min(...depths)) / 2;
+  const [east, west] = ends(right, slope * aspect), [north, south] = ends(up, slope);
+  const half = Math.max((east + west) / aspect, north + south, 0.05 * size) / 2;
+  const away = planar ? 10 * size : half / slope;
+  target.copy(right).multiplyScalar((east - west) / 2).addScaledVector(up, (north - south) / 2).addScaledVector(back, depth);
+  camera.up.set(0, 1, 0);
+  camera.position.copy(target).addScaledVector(back, away);
+  Object.assign(camera, {near: away / 1000, far: away * 100, zoom: 1});
+  if (planar) Object.assign(camera, {top: half * MARGIN, bottom: -half * MARGIN, left: -half * MARGIN * aspect});
+  viewer.set_3d_pane_size();
+  moved = false;
+}
+let before = null;  // where a finger began to turn the view: what turns out to scroll the page turns nothing
+pane.addEventListener("pointerdown", () => before = camera.position.clone());
+pane.addEventListener("pointercancel", () => {
+  camera.position.copy(before);
+  viewer.controls.update();
+  viewer.set_dirty();
+});
+const pixels = () => high / 2 * (planar  // of a metre
+  ? camera.zoom / camera.top : 1 / (Math.tan(VIEW / 360 * Math.PI) * camera.position.distanceTo(target)));
+function measure() {
+  [wide, high] = [pane.clientWidth, pane.clientHeight];
+  if (moved) viewer.set_3d_pane_size(); else fit();
+}
+new ResizeObserver(measure).observe(pane);
+
+// Words over the scene
+const labels = [];
+function label(text, kind, place, shown = () => true) {
+  labels.push({word: added(pane, "div", {className: "label " + kind, textContent: text}), place, shown});
+}
+for (const {text, at} of replay.titles) label(text, "title", () => new Vector3(...at));
+const named = new Set();
+for (const part of [...parts.loop, ...parts.body]) {
+  const {name, run} = part.userData;
+  if (named.size == named.add(run + name).size) continue;
+  label(name, "name", () => part.getWorldPosition(new Vector3()), () => switches.names.checked);
+}
+for (const cut of replay.cuts) {
+  const head = object(cut.path), values = unpacked(cut.values), tip = parts.force.filter(part => within(part, head.parent));
+  const own = tip[0].material.color.getHex(), value = () => values[Math.round(now / duration * (values.length - 1)) || 0];
+  const shown = () => {
+    const large = value() > cut.most * (1 + 1e-6);
+    for (const part of tip) part.material.color.setHex(large ? 0xF57C00 : own);
+    labels[number].word.textContent = short(value(), cut.unit);
+    return large && switches.forces.checked;
+  };
+  const number = labels.length;
+  label("", "size", () => head.getWorldPosition(new Vector3()), shown);
+}
+function within(thing, parent) {
+  while (thing && thing != parent) thing = thing.parent;
+  return thing;
+}
+
+// Switches, for what there is
+const switches = {};
+for (const [name, part] of Object.entries({forces: "force", names: "", loops: "loop", traces: "trace", ground: "ground"})) {
+  if (part && !parts[part].length) continue;
+  const choice = added(element("switches"), "label", {});
+  switches[name] = added(choice, "input", {type: "checkbox", id: name, checked: Boolean(part)});
+  choice.append(name);
+  switches[name].addEventListener("change", () => {
+    for (const thing of parts[part] ?? []) thing.visible = switches[name].checked;
+    viewer.set_dirty();
+  });
+}
+for (const {color, text, bar} of replay.legend) {
+  const entry = added(element("legend"), "div", {});
+  added(entry, bar ? "b" : "i", {}).style.background = css(color);
+  if (bar) bar.line = entry.firstChild;
+  entry.append(bar ? bar.text + ": " + text : text);
+}
