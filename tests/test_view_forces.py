@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -283,3 +284,21 @@ def test_forces_paths_and_two_runs_move_in_a_browser(tmp_path):
                 np.testing.assert_allclose(matrix[:3, 3], placed, atol=1e-4)
         for x, y, x1, y1, x2, y2 in tab.run(PIXELS):
             assert x1 < x < x2 and max(y1, y2) < y < max(y1, y2) + 100  # each under its own linkage
+
+
+def test_a_small_force_is_seen_before_its_loop():
+    """One of a thirtieth of the largest: drawn later than the loop's core, out of which it reaches, and not a hair."""
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 1.0), t_eval=np.linspace(0.0, 1.0, 51))
+    sol = replace(sol, lam=sol.lam / np.linalg.norm(sol.reaction("coupler_rocker").force, axis=1)[:, None])
+    sol.lam[-1] *= 30.0
+    page = shown(mech, sol, forces=True)
+    _, vector = arrow(page, "/forces/coupler_rocker")
+    objects = {each["path"]: each["object"] for each in drawn(page, "/")}
+    core = min(
+        each["geometries"][0]["radius"] for each in objects.values() if each["object"]["userData"].get("part") == "loop"
+    )
+    (tip,) = [each["object"] for each in drawn(page, "/forces/coupler_rocker/head")]
+    assert np.linalg.norm(vector[0]) > core and tip["object"]["renderOrder"] == 2
+    width = tip["geometries"][0]["radiusBottom"] * track(page, "/forces/coupler_rocker/head", ".scale")[0, 0]
+    assert width > 0.5 * core

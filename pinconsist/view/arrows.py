@@ -20,6 +20,7 @@ UNITS = {FORCE: "N", MOMENT: "N·m"}
 LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # the longest arrow, in sizes of the picture, or less where parts are small
 PARTS = 0.4, 2.0  # sizes of the picture, at least; sizes of the parts that the arrows act on
 RADIUS, HEAD = 0.011, 0.1  # of a shaft; length of a head; of the longest arrow
+THINNEST = 0.55  # of their widths: a short arrow is seen before the loop that it acts on
 ARC = 1.5 * np.pi  # of a ring, rad
 TUBE, TIP = 0.04, 0.35  # thickness of a ring and length of its head, in its radii
 ROUNDING = 1e-9  # of the largest: below it a moment is rounding, such as a hinge's tilts in a planar loop
@@ -153,11 +154,11 @@ def arrow(path: str, action: Action, scale: Scale) -> tuple[list[tuple[Node, lis
     turns = np.array([rotation_to(each, axis).coeffs() for each in along])
     if action.kind == FORCE:
         radius, head = wide * RADIUS * scale.longest, HEAD * scale.longest
-        thin = np.minimum(1.0, reach / (2 * head))  # a short arrow is thinner: its head is half of it at most
-        length = reach - head * thin
+        short = np.minimum(1.0, reach / (2 * head))  # its head is half of it at most
+        thin, length = np.minimum(short.clip(THINNEST), 5 * short), reach - head * short
         shaft = Node(f"{path}/shaft", np.hstack((points, turns)), np.column_stack((thin, length, thin)).clip(SMALLEST))
         necks = np.hstack((points + along * length[:, None], turns))
-        pointed = Node(f"{path}/head", necks, np.repeat(thin[:, None], 3, axis=1).clip(SMALLEST))
+        pointed = Node(f"{path}/head", necks, np.column_stack((thin, short, thin)).clip(SMALLEST))
         tip = cylinder(0, np.zeros(3), (0.0, head, 0.0), 2.8 * radius, tip=0.0, **look)
         parts = [(shaft, [cylinder(0, np.zeros(3), (0.0, 1.0, 0.0), radius, **look)]), (pointed, [tip])]
         return parts, (points + along * reach[:, None])[:, None]

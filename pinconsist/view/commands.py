@@ -116,14 +116,13 @@ def view_axes(skeletons) -> tuple[np.ndarray, bool]:
 
 
 def stage(axes: np.ndarray, size: float) -> list[dict]:
-    """Light and background for a viewer's axes."""
+    """Light for a viewer's axes, and no background."""
     right, up, back = axes
     fill = "/Lights/FillLight/<object>"
     return [
         put("/Lights/PointLightNegativeX", "visible", False),  # these two stand at fixed places and reach 10 m
         put("/Lights/PointLightPositiveX", "visible", False),
-        put("/Background", "top_color", [0.98, 0.985, 0.99]),
-        put("/Background", "bottom_color", [0.86, 0.885, 0.91]),
+        put("/Background", "visible", False),  # the page's own costs nothing, this is most of a frame in software
         put("/Axes", "scale", [0.2 * size] * 3),
         put("/Grid", "visible", False),  # of fixed size, and seen edge-on in planar pictures
         put(fill, "position", (back + 0.6 * up - 0.5 * right).tolist()),

@@ -15,7 +15,7 @@ from .motion import anchors, bar_poses, in_world, joint_axis, on_joint, point_in
 LINK_COLORS = (0x0072B2, 0xE69F00, 0x009E73, 0x56B4E9, 0xCC79A7, 0xB8A800)  # Okabe and Ito's, without red
 JOINT, GROUND, RAIL, CLOSED, SPRING = 0x333333, 0x555555, 0xA0A4AA, 0xD50000, 0x5D4037
 LINK = 0.011  # radius of a link, in sizes of the picture
-SHELL, BALL = 2.2, 1.45  # radii of an anchor 1 and of a joint, in radii of a link
+SHELL, CORE, BALL = 2.2, 0.9, 1.45  # radii of anchors 1 and 2 and of a joint, in radii of a link
 TURNS, STRAIGHT = 9, 0.12  # of a coil; share of its length that is straight, at each end
 COIL, WIRE = 0.018, 0.003  # radius of a coil and of its wire, in sizes of the picture
 SEGMENTS, SIDES = 16, 6  # of a turn, and of the wire's section
@@ -45,7 +45,7 @@ class Shape:
 
 def ball(node: int, centre, radius: float, **look) -> Shape:
     """A sphere on a node."""
-    form = {"type": "SphereGeometry", "radius": radius, "widthSegments": 24, "heightSegments": 16}
+    form = {"type": "SphereGeometry", "radius": radius, "widthSegments": 18, "heightSegments": 12}
     return Shape(node, form, pin.SE3(np.eye(3), np.array(centre)), radius * OCTAHEDRON, **look)
 
 
@@ -56,7 +56,7 @@ def cylinder(node: int, start, end, radius: float, *, tip: float | None = None, 
     form = {"type": "CylinderGeometry", "radiusTop": top, "radiusBottom": radius, "height": length}
     middle = pin.SE3(rotation_to(along).matrix(), (np.asarray(start) + np.asarray(end)) / 2)
     bounds = np.array([radius, length / 2, radius]) * [[1, 1, 1], [-1, 1, -1], [1, -1, 1], [-1, -1, -1]]
-    return Shape(node, {**form, "radialSegments": 24}, middle, bounds, **look)
+    return Shape(node, {**form, "radialSegments": 16 if radius < length else 32}, middle, bounds, **look)
 
 
 def block(node: int, centre, along, length: float, width: float, **look) -> Shape:
@@ -194,7 +194,7 @@ def _closures(mech: Mechanism, poses: np.ndarray, radius: float) -> list[Shape]:
     for loop in mech.anchored_loops:
         (joint1, place1), (joint2, place2) = anchors(mech.model, loop)
         shell = ball(joint1, place1.translation, SHELL * radius, color=CLOSED, opacity=0.35)
-        core = ball(joint2, place2.translation, 0.55 * SHELL * radius, color=CLOSED)
+        core = ball(joint2, place2.translation, CORE * radius, color=CLOSED)
         parts = (shell, core, *_guide(mech, loop, poses, radius))
         out += [replace(shape, on_top=1, loop=loop.name) for shape in parts]
         if loop.kind == "distance":

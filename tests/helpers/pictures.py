@@ -25,7 +25,7 @@ def arrow(page, path):
     start, neck = track(page, f"{path}/shaft", ".position"), track(page, f"{path}/head", ".position")
     turns = [pin.Quaternion(row).matrix()[:, 1] for row in track(page, f"{path}/head", ".quaternion")]
     (head,) = [each["object"]["geometries"][0]["height"] for each in drawn(page, f"{path}/head")]
-    tip = neck + turns * (head * track(page, f"{path}/head", ".scale")[:, :1])
+    tip = neck + turns * (head * track(page, f"{path}/head", ".scale")[:, 1:2])
     np.testing.assert_allclose(
         turns, [pin.Quaternion(row).matrix()[:, 1] for row in track(page, f"{path}/shaft", ".quaternion")]
     )
