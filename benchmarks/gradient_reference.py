@@ -1,4 +1,4 @@
-"""Derivatives of reference runs: differences of fourth order of DOP853 on the index-1 equations at 1e-13."""
+"""Derivatives of reference runs: differences of DOP853 on the index-1 equations at 1e-13."""
 
 import numpy as np
 
@@ -9,7 +9,8 @@ from pinconsist.mechanism.assembly import assembled
 from pinconsist.mechanism.closing import LoopSolver
 from pinconsist.mechanism.system import MechanismSystem
 
-FOUR = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
+FOUR = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # of fourth order
+SIX = {-3: -1 / 60, -2: 3 / 20, -1: -3 / 4, 1: 3 / 4, 2: -3 / 20, 3: 1 / 60}  # of sixth: for longer steps
 PIECES = 8  # of an interval between rows, after which constraint rows may be chosen anew
 
 
@@ -30,8 +31,8 @@ def reference(mech, q0, v0, times):
     return system, tuple(map(np.array, zip(*rows, strict=True)))
 
 
-def differences(mech, names, times, q0=None, v0=None, relative=3e-4):
-    """dq, dv and dλ by parameters of these names, at `times`."""
+def differences(mech, names, times, q0=None, v0=None, relative=3e-4, weights=FOUR):
+    """dq, dv and dλ by parameters of these names, at `times`; `relative` are steps over values, of all or of each."""
     build, _, theta, q0, v0 = named_start(mech, names, q0, v0)
 
     def run(values):
@@ -40,9 +41,9 @@ def differences(mech, names, times, q0=None, v0=None, relative=3e-4):
 
     system, (middle, _, _) = run(theta)
     found = []
-    for i, value in enumerate(theta):
-        step, parts = relative * max(abs(value), 0.1), []
-        for m, weight in FOUR.items():
+    for i, step in enumerate(relative * np.maximum(np.abs(theta), 0.1)):
+        parts = []
+        for m, weight in weights.items():
             beside = theta.copy()
             beside[i] += m * step
             q, v, lam = run(beside)[1]

@@ -2,76 +2,32 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import asdict, dataclass
 from itertools import product
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from pinconsist import (
-    Actuator,
-    Drive,
-    JointDamping,
-    JointSpring,
-    Motion,
-    gradient,
-    load,
-    sensitivities,
-    simulate,
-)
+from pinconsist import Event, MissingExtraError, gradient, load, sensitivities, simulate
 from pinconsist.cli import output
 from pinconsist.gradients.adjoint import STILL
 from pinconsist.gradients.sensitivities import prepared
 from pinconsist.gradients.varied import Variants
 
 from . import report
-from .gradient_reference import differences, worst
+from .gradient_fit import fits
+from .gradient_reference import FOUR, SIX, differences, worst
+from .gradient_scenes import SCENES, long_chain, swung
 
-TOLERANCES, METHODS, MANY = (1e-6, 1e-8), ("BDF", "Radau"), 1000
-
-
-def driven():
-    """The slider-crank on a curve of time."""
-    mech = load("slider_crank")
-    return mech.with_loops(*mech.loops, Drive("motor", "crank", Motion(-1.0, 3.0, 0.4, 1.3, 0.2)))
-
-
-SCENES = {  # mechanism, parameters, end, initial velocity
-    "crank_rocker": (
-        lambda: load("crank_rocker").with_parameters({"damping:rocker": 0.1}),
-        ["mass:coupler", "anchor:rocker_ground.xyz2[0]", "damping:rocker", "crank_speed"],
-        0.6,
-        {"crank": 12.0},
-    ),
-    "andrews": (
-        lambda: load("andrews"), ["stiffness:D-stage", "torque beta.beta", "mass:beta", "E3.xyz2[0]"], 0.01, None
-    ),
-    "delta_robot": (
-        lambda: load("delta_robot"),
-        ["stiffness:leg1_arm", "servo leg1_arm.amplitude", "mass:platform_roll", "leg1_left.xyz2[1]"],
-        0.1,
-        None,
-    ),
-    "bricard": (
-        lambda: load("bricard").with_parameters({"damping:hinge0": 0.05}),
-        ["mass:hinge2", "damping:hinge0", "gravity[2]"],
-        2.5,
-        None,
-    ),
-    "slider_crank": (driven, ["motor.amplitude", "motor.frequency", "length:rod"], 0.6, None),
-    "stewart_platform": (
-        lambda: load("stewart_platform"),
-        ["mass:platform_pose", "stiffness:leg1_length", "anchor:leg2.xyz2[0]"],
-        0.05,
-        None,
-    ),
-}  # fmt: skip
+TOLERANCES, METHODS = (1e-6, 1e-8), ("BDF", "Radau")
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """The largest errors of dq, dv and dλ over their largest values, of the worst parameter."""
+    """The largest errors of dq, dv and dλ over their largest values, of the worst parameter.
+
+    `back` is by how much the derivative of a random number of the run, found backwards, differs from that found
+    forwards, relative.
+    """
 
     scene: str
     method: str
@@ -80,20 +36,92 @@ class Accuracy:
     dq: float
     dv: float
     dlam: float
+    back: float
 
 
 def accuracy(scenes=tuple(SCENES), tolerances=TOLERANCES) -> list[Accuracy]:
     """Each scene at each tolerance, against differences of reference runs."""
     rows = []
-    for scene in scenes:
-        make, names, until, v0 = SCENES[scene]
-        mech, times = make(), np.linspace(0.0, until, 9)
-        exact = differences(mech, names, times, None, v0)
+    for name in scenes:
+        scene = SCENES[name]
+        try:
+            mech, times = scene.make(), np.linspace(0.0, scene.until, 9)
+        except MissingExtraError:
+            continue
+        exact = differences(mech, scene.names, times, None, scene.v0, scene.relative, SIX)
         for method, rtol in product(METHODS, tolerances):
             run = {"t_eval": times, "method": method, "rtol": rtol, "atol": rtol}
-            found = sensitivities(mech, names, (0.0, until), None, v0, **run)
-            errors = worst((found.dq, found.dv, found.dlam), exact)
-            rows.append(Accuracy(scene, method, rtol, found.solution.nsteps, *errors))
+            found = sensitivities(mech, scene.names, (0.0, scene.until), None, scene.v0, **run)
+            parts, others = (found.dq, found.dv, found.dlam), exact
+            if scene.nearly_dependent:
+                parts, others = ((*each[:2], _forces(found, each[2])) for each in (parts, others))
+            back = _backwards(mech, scene, found, run)
+            rows.append(Accuracy(name, method, rtol, found.solution.nsteps, *worst(parts, others), back))
+    return rows
+
+
+def _forces(found, dlam):
+    """Jᵀ dλ"""
+    loops = found._legs[0].system.loop_rows
+    return np.array([loops(q)[1].T @ rows for q, rows in zip(found.solution.q, dlam, strict=True)])
+
+
+def _backwards(mech, scene, found, run):
+    """How far derivatives found backwards are from those found forwards, relative, of the worst parameter."""
+    rng, times, parts = np.random.default_rng(0), run["t_eval"], (found.dq, found.dv, found.dlam)
+    weights = [rng.normal(size=part.shape[:2]) / np.abs(part).max() for part in parts]
+
+    def by_state(t, q, v, lam):
+        return [part[np.argmin(np.abs(times - t))] for part in weights]
+
+    rows = (lambda t, q, v, lam: 0.0), by_state
+    back = gradient(mech, scene.names, (0.0, scene.until), None, scene.v0, rows=rows, **run).gradient
+    exact = sum(np.einsum("ni,nip->p", *pair) for pair in zip(weights, parts, strict=True))
+    return float((np.abs(back - exact) / np.abs(exact)).max())
+
+
+@dataclass(frozen=True)
+class Occurrences:
+    """The largest errors of derivatives of event times, and of dq after a jump, over their largest values."""
+
+    method: str
+    rtol: float
+    jump: float
+    load: float
+    dq: float
+
+
+def events(tolerances=TOLERANCES) -> list[Occurrences]:
+    """A crank-rocker whose crank loses speed at an angle, which is a parameter, and whose pin is overloaded later."""
+    mech, v0, times = load("crank_rocker"), {"crank": 12.0}, np.linspace(0.0, 0.2, 5)
+    theta, run = np.array([1.4, 2.1]), {"v0": v0, "t_eval": times}
+
+    def build(theta):
+        return mech.with_parameters({"mass:coupler": theta[0]})
+
+    def happens(theta):
+        jump = Event(lambda t, q, v, lam: q[0] - theta[1], apply=lambda t, q, v: 0.8 * v, name="jump")
+        return [jump, Event(lambda t, q, v, lam: lam[0] - 5.0, name="load")]
+
+    def beside(i, change):
+        moved = theta + change * (np.arange(2) == i)
+        sol = simulate(build(moved), (0.0, 0.2), events=happens(moved), rtol=1e-12, atol=1e-12, **run)
+        return [*sol.t_events, sol.q]
+
+    exact = []
+    for i in range(2):
+        changed = [[weight / 1e-2 * part for part in beside(i, 1e-2 * m)] for m, weight in FOUR.items()]
+        exact.append([sum(parts) for parts in zip(*changed, strict=True)])
+    rows = []
+    for method, rtol in product(METHODS, tolerances):
+        run |= {"method": method, "rtol": rtol, "atol": rtol}
+        found = sensitivities(build, theta, (0.0, 0.2), events=happens, **run)
+        parts = zip((*found.event_times, found.dq), zip(*exact, strict=True), strict=True)
+        errors = (
+            max(float(np.abs(part[..., i] - other[i]).max() / np.abs(other[i]).max()) for i in range(2))
+            for part, other in parts
+        )
+        rows.append(Occurrences(method, rtol, *errors))
     return rows
 
 
@@ -115,8 +143,11 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
     """The run, its derivatives with no parameter of the equations and with all, and all of it, in turn."""
     rows = []
     for scene, method in product(scenes, METHODS):
-        make, names, until, v0 = SCENES[scene]
-        mech, run = make(), {"rtol": rtol, "atol": 1e-2 * rtol, "method": method}
+        names, until, v0 = SCENES[scene].names, SCENES[scene].until, SCENES[scene].v0
+        try:
+            mech, run = SCENES[scene].make(), {"rtol": rtol, "atol": 1e-2 * rtol, "method": method}
+        except MissingExtraError:
+            continue
         solution, legs, variants, base, *_ = prepared(
             mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, "auto", {"method": method}
         )
@@ -150,24 +181,6 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
     return rows
 
 
-def swung():
-    """A crank-rocker swung by a torque of 1,000 values, and their names."""
-    times = np.linspace(0.0, 2.5, MANY)
-    mech = load("four_bar").with_forces(JointDamping({"crank": 0.5}), Actuator("motor", "crank"))
-    names = [f"motor.control.values[{i}]" for i in range(MANY)]
-    return mech.with_control({"motor": (times, 8.0 * np.sin(4.0 * times))}), names, 2.5
-
-
-def long_chain():
-    """A chain of 100 rods with springs and dampers in its joints, and ten numbers of each rod and its joint."""
-    mech = load("chain_100")
-    own = *(f"com:{{0}}[{i}]" for i in range(3)), *(f"inertia:{{0}}[{ij}]" for ij in ("xx", "yy", "zz", "xz"))
-    kinds = "mass:{0}", *own, "stiffness:{0}", "damping:{0}"
-    names = [kind.format(joint) for joint in mech.joints for kind in kinds]
-    springs = (JointSpring(joint, 2.0) for joint in mech.joints)
-    return mech.with_forces(JointDamping(dict.fromkeys(mech.joints, 0.5)), *springs), names, 0.5
-
-
 @dataclass(frozen=True)
 class Many:
     """Process time of a run, s, and over it that of the derivative of one number by many parameters, with the run."""
@@ -197,80 +210,6 @@ def many(scenes=(swung, long_chain), repeats=5, rtol=1e-8) -> list[Many]:
     return rows
 
 
-@dataclass(frozen=True)
-class Fit:
-    """A fit of three parameters: χ² where it ended by a run at 1e-10, standard deviations from the optimum, s."""
-
-    way: str
-    rtol: float
-    chi2: float
-    apart: float
-    runs: int
-    seconds: float
-
-
-NAMES, TRUE = ["mass:coupler", "damping:rocker", "stiffness:crank"], np.array([1.4, 0.05, 0.5])
-GUESS, TIMES, NOISE = np.array([1.8, 0.02, 0.8]), np.linspace(0.0, 2.0, 61)[1:], 2e-3
-
-
-def fits(tolerances=TOLERANCES) -> list[Fit]:
-    """The fit of examples/19_identification.py, with derivatives and with the differences that SciPy makes."""
-    mech, speed = load("crank_rocker").with_forces(JointSpring("crank", 0.5)), {"crank": 12.0}
-
-    def angles(x, rtol):
-        beside = mech.with_parameters(dict(zip(NAMES, x, strict=True)))
-        sol = simulate(beside, (0.0, 2.0), v0=speed, t_eval=TIMES, rtol=rtol, atol=1e-2 * rtol)
-        return sol.q[:, [0, 2]].ravel()
-
-    def with_derivatives(rtol, method="BDF"):
-        """Functions of x that give angles and their derivatives, by one run for both."""
-        last = {}
-
-        def at(x):
-            if last.get("x") != tuple(x):
-                beside = mech.with_parameters(dict(zip(NAMES, x, strict=True)))
-                options = {"t_eval": TIMES, "rtol": rtol, "atol": 1e-2 * rtol, "method": method}
-                last.update(x=tuple(x), found=sensitivities(beside, NAMES, (0.0, 2.0), v0=speed, **options))
-            return last["found"]
-
-        def derivatives(x):
-            return at(x).dq[:, [0, 2]].reshape(-1, len(NAMES)) / NOISE
-
-        return lambda x: at(x).solution.q[:, [0, 2]].ravel(), derivatives
-
-    noise = NOISE * np.random.default_rng(0).normal(size=2 * len(TIMES))
-    measured = angles(TRUE, 1e-11) + noise
-
-    def fitted(way, jac, **options):
-        begun, runs, last = time.process_time(), 0, None
-
-        def residuals(x):
-            nonlocal runs, last
-            runs, last = runs + (last != tuple(x)), tuple(x)
-            return (way(x) - measured) / NOISE
-
-        found = least_squares(residuals, GUESS, jac=jac, x_scale=GUESS, bounds=(0, np.inf), **options)
-        return found, runs, time.process_time() - begun
-
-    best = fitted(*with_derivatives(1e-10), xtol=1e-12, ftol=1e-14, gtol=1e-12)[0]
-    deviations = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)))
-    rows = []
-    for rtol in tolerances:
-        ways = {
-            "2-point differences": ("2-point", {}),
-            "3-point differences": ("3-point", {}),
-            "differences of 1e-4": ("2-point", {"diff_step": 1e-4}),
-        }
-        ways = {way: ((lambda x, rtol=rtol: angles(x, rtol)), *rest) for way, rest in ways.items()}
-        ways |= {f"sensitivities, {method}": (*with_derivatives(rtol, method), {}) for method in METHODS}
-        for way, (function, jac, options) in ways.items():
-            found, runs, seconds = fitted(function, jac, **options)
-            chi2 = float(np.sum(((angles(found.x, 1e-10) - measured) / NOISE) ** 2))
-            apart = float(np.abs((found.x - best.x) / deviations).max())
-            rows.append(Fit(way, rtol, chi2, apart, runs, seconds))
-    return rows
-
-
 # fmt: off
 def command(csv: report.Csv = None, as_json: output.Json = False) -> int:
     # fmt: on
@@ -279,12 +218,18 @@ def command(csv: report.Csv = None, as_json: output.Json = False) -> int:
     Example: python -m benchmarks gradients
     """
     output.require_writable(csv=csv)
-    exact, costs, backwards, fit = ([asdict(row) for row in rows()] for rows in (accuracy, cost, many, fits))
-    if report.in_files(csv, as_json, exact, accuracy=exact, cost=costs, many=backwards, fits=fit):
+    measured = accuracy(), events(), cost(), many(), fits(TOLERANCES, METHODS)
+    exact, happened, costs, backwards, fit = ([asdict(row) for row in rows] for rows in measured)
+    tables = {"accuracy": exact, "events": happened, "cost": costs, "many": backwards, "fits": fit}
+    if report.in_files(csv, as_json, exact, **tables):
         return output.FINE
     errors = [("scene", "{scene}"), ("method", "{method}"), ("rtol>", "{rtol:.0e}"), ("steps>", "{steps}")]
     errors += [(name, f"{{{key}:.0e}}") for name, key in (("dq>", "dq"), ("dv>", "dv"), ("dλ>", "dlam"))]
-    report.table(exact, errors, "errors over the largest values, of the worst parameter")
+    title = "errors over the largest values, of the worst parameter; of cassie Jᵀ dλ; backwards against forwards"
+    report.table(exact, [*errors, ("backwards>", "{back:.0e}")], title)
+    columns = [("method", "{method}"), ("rtol>", "{rtol:.0e}"), ("time of a jump>", "{jump:.0e}")]
+    columns += [("time of a load>", "{load:.0e}"), ("dq>", "{dq:.0e}")]
+    report.table(happened, columns, "\nthe same of event times, and of dq through a jump")
     columns = [("scene", "{scene}"), ("method", "{method}"), ("steps>", "{steps}")]
     columns += [("run [ms]>", report.scaled("run", 1e3, 1))]
     columns += [("fixed part>", "{fixed:.2f}"), ("a parameter>", "{parameter:.2f}"), ("backwards>", "{adjoint:.2f}")]

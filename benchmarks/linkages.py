@@ -50,6 +50,25 @@ def stiff_four_bar() -> Mechanism:
     return Mechanism(model, [pivot], [JointSpring("bushing", BUSHING)], name="stiff_four_bar", guess=angles)
 
 
+def rssr() -> Mechanism:
+    """A crank and a rocker on skew axes; the coupler has a ball at each end, one of which closes the loop."""
+    model = pin.Model()
+    model.gravity.linear = np.array([0.0, 0.0, -GRAVITY])
+    parts = {  # joint, the one before, its place there, length of the rod along x
+        "crank": (pin.JointModelRZ(), 0, (0.0, 0.0, 0.0), 0.3),
+        "coupler": (pin.JointModelSpherical(), 1, (0.3, 0.0, 0.0), 1.1),
+        "rocker": (pin.JointModelRY(), 0, (1.0, 0.4, -0.5), 0.7),
+    }
+    for name, (joint, before, place, length) in parts.items():
+        at = model.addJoint(before, joint, pin.SE3(np.eye(3), np.array(place)), name)
+        across, middle = length**3 / 12, np.array([length / 2, 0.0, 0.0])
+        body = pin.Inertia(length, middle, np.diag([0.05 * across, across, 1.1 * across]))  # 1 kg/m
+        model.appendBodyToJoint(at, body, pin.SE3.Identity())
+        add_frame(model, at, f"{name}_end", (length, 0.0, 0.0))
+    ball = Loop("ball", "point", "rocker_end", "coupler_end")
+    return Mechanism(model, [ball], name="rssr", guess={"rocker": -1.5})
+
+
 def pendulum() -> Mechanism:
     """A point mass of 1 kg on a rod of 1 m in Cartesian coordinates, from the horizontal (IFToMM A01)."""
     model = pin.Model()

@@ -47,20 +47,24 @@ public:
   bool set(const Leg &leg, int i) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
     visit(leg, i);
-    rows_.find(t_, p_, v_, lam_, F_, H);
     system_.evaluate_parts(t_, p_, v_, a_, M, f_v_, B);
     W = WE = system_.W;
+    Gt_ = system_.G_transposed();
+    rows_.find(t_, p_, v_, lam_, F_, H);
     B = c * (B - F_);
     if (!system_.curved.empty()) {
       system_.bracket(v_, E);
       E = Mat::Identity(nx, nx) + 0.5 * c * E;
-      E = E.inverse().eval();
-      B = (B * E).eval();
-      WE = W * E;
+      for (auto [first, n] : system_.curved) {
+        const Mat own = E.block(first, first, n, n).inverse();
+        E.block(first, first, n, n) = own;
+        B.middleCols(first, n) *= own;
+        WE.middleCols(first, n) *= own;
+      }
     }
     kkt_.A() = M + c * f_v_ + c * B;
     rhs_.setZero(nv + nc, 0);
-    return kkt_.solve_new(WE, system_.G_transposed(), c, rhs_, 0);
+    return kkt_.solve_new(WE, Gt_, c, rhs_, 0);
   }
 
   // s from the derivatives of ψ, a column (ξ, v, λ) for each parameter; the part of λ is not read.
@@ -109,7 +113,7 @@ private:
   RowGradients rows_;
   double t_ = 0.0;
   Vec p_, v_, a_, lam_;
-  Mat F_, f_v_, r_, phi_, rho_, rhs_, moved_;
+  Mat F_, f_v_, Gt_, r_, phi_, rho_, rhs_, moved_;
 };
 
 // The recursion over a leg: tables S, (ROWS, P (nx+nv+nc)) each, row by row.

@@ -9,6 +9,8 @@ namespace pinconsist {
 
 class LieGroup {
 public:
+  using Block = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>; // of one joint
+
   explicit LieGroup(const pinocchio::Model &model) : nv_(model.nv), power_(nv_), next_(nv_) {
     const double s = 1e-3;
     const Vec q = pinocchio::neutral(model);
@@ -44,6 +46,18 @@ public:
       out += weight * power_;
       if (!(std::abs(weight) * largest(power_) > EPS * largest(out))) break;
     }
+  }
+
+  // T of the joint with this ad ξ.
+  static Block chart_block(const Block &ad) {
+    const Block square = ad * ad;
+    Block T = Block::Identity(ad.rows(), ad.cols()) + 0.5 * ad, power = square;
+    for (double weight : bernoulli()) {
+      T += weight * power;
+      if (!(std::abs(weight) * largest(power) > EPS)) break;
+      power = (power * square).eval();
+    }
+    return T;
   }
 
   // B₂ₙ/(2n)!, n = 1 ... 39: the coefficients of x/2 coth(x/2).

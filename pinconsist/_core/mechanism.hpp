@@ -109,13 +109,10 @@ public:
   void chart_rate(const Vec &xi, const Vec &rate, Vec &out) const override { group_.chart_rate(xi, rate, out); }
   void bracket(const Vec &x, Mat &ad) const override { group_.bracket(x, ad); }
   void chart_matrix(const Vec &xi, Mat &T) const override {
+    Mat ad;
+    group_.bracket(xi, ad);
     T.setIdentity(nx, nx);
-    Vec column(nx);
-    for (auto [first, size] : curved)
-      for (int i = first; i < first + size; ++i) {
-        group_.chart_rate(xi, Vec::Unit(nx, i), column);
-        T.col(i) = column;
-      }
+    for (auto [first, n] : curved) T.block(first, first, n, n) = LieGroup::chart_block(ad.block(first, first, n, n));
   }
 
   void position(double, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
@@ -279,7 +276,6 @@ public:
 
   bool row_gradients(double t, const Vec &p, const Vec &v, const Vec &lam, Mat &F, Mat &H) override {
     if (!axes_stay_) return false;
-    evaluate_rows(t, p);
     return std::all_of(rows_.begin(), rows_.end(), [&](const auto &part) {
       return part.first->add_gradients(data_, p, v, lam, part.second, F, H);
     });

@@ -131,6 +131,7 @@ NB_MODULE(twin, m) {
       .def("row_gradients", // None where they are not known
            [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &lam) -> nb::object {
              Mat F = Mat::Zero(s.nv, s.nx), H = Mat::Zero(s.nc, s.nx);
+             s.constraint(t, p, v);
              return s.row_gradients(t, p, v, lam, F, H) ? nb::object(nb::make_tuple(F, H)) : nb::none();
            })
       .def("chart_points", &MechanismSystem::chart_points)

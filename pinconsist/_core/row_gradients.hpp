@@ -10,7 +10,7 @@ class RowGradients {
 public:
   explicit RowGradients(System &system) : system_(system) {}
 
-  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ.
+  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ, at the point evaluated last; it need not be that afterwards.
   void find(double t, const Vec &p, const Vec &v, const Vec &lam, Mat &F, Mat &H) {
     for (int known = 1; known >= 0; --known) {
       F.setZero(system_.nv, system_.nx);

@@ -106,7 +106,7 @@ public:
   // A -= c² ∂(G λ)/∂ξ
   virtual void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c,
                                        Eigen::Ref<Mat> A) = 0;
-  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ, of zeros; false where they are not known.
+  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ at the point evaluated last, of zeros; false where they are not known.
   virtual bool row_gradients(double, const Vec &, const Vec &, const Vec &, Mat &, Mat &) { return false; }
   // Sizes of the position coordinates.
   virtual void position_scale(const Vec &p, Eigen::Ref<Vec> scale) const {

@@ -16,12 +16,14 @@ def chart_point(system, base, xi):
     return xi if system.vector_like else system.integrate(base, xi)
 
 
-def chart_matrix(system, xi):
+def chart_matrix(system, xi, columns=slice(None)):
     """T, shape (nx, nx): ξ changes at the rate T v where base ⊕ ξ moves with the tangent velocity v.
 
-    T = ad/(1 - exp(-ad)) = 1 + ad/2 + Σ B₂ₙ/(2n)! ad²ⁿ, ad = ad ξ, whose terms fall like (turn/2π)²ⁿ.
+    T = ad/(1 - exp(-ad)) = 1 + ad/2 + Σ B₂ₙ/(2n)! ad²ⁿ, ad = ad ξ, whose terms fall like (turn/2π)²ⁿ. Also of several
+    ξ, (n, nx); or only of `columns` that others do not turn.
     """
-    ad, unit = system.bracket(xi), np.eye(system.nx)
+    ad = system.bracket(xi)[..., columns, :][..., columns]
+    unit = np.eye(ad.shape[-1])
     T, power, square = unit + 0.5 * ad, unit, ad @ ad
     with np.errstate(over="ignore", invalid="ignore"):  # beyond a full turn it diverges, and T is not finite
         for weight in BERNOULLI:

@@ -92,11 +92,17 @@ class Leg:
     def at(self, times, sign):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
         p, y, i, basis = self.states(times, sign)
-        s, nx = np.einsum("nj,njpy->npy", basis, self.tables[i, : basis.shape[1]]), self.system.nx
+        s = np.einsum("nj,njpy->npy", basis, self.tables[i, : basis.shape[1]])
         if not self.system.vector_like:
-            for row, xi in enumerate(y[:, :nx]):
-                s[row, :, :nx] = np.linalg.solve(chart_matrix(self.system, xi), s[row, :, :nx].T).T
+            turning, back = self._from_charts(y)
+            s[..., turning] = s[..., turning] @ back.transpose(0, 2, 1)
         return p, y, s
+
+    def _from_charts(self, y):
+        """The columns of joints in charts, and T⁻¹ of these at rows of ξ, (n, ·, ·)."""
+        system = self.system
+        turning = np.flatnonzero(system.bracket(np.arange(1.0, 1.0 + system.nx)).any(axis=0))
+        return turning, np.linalg.inv(chart_matrix(system, y[:, : system.nx], turning))
 
     def states(self, times, sign):
         """p, [ξ | v | λ], the tables that hold the times, 0 being that of the history, and weights of their rows."""
@@ -113,11 +119,11 @@ class Leg:
 
     def sow(self, times, derivatives, seeds, sign) -> None:
         """Add to `seeds` the derivatives of a number by s at times, (n, nx+nv+nc)."""
-        _, y, holders, basis = self.states(times, sign)
-        nx = self.system.nx
-        for i, row, weights, s in zip(holders, y, basis, np.array(derivatives), strict=True):
-            if not self.system.vector_like:
-                s[:nx] = np.linalg.solve(chart_matrix(self.system, row[:nx]).T, s[:nx])
+        (_, y, holders, basis), rows = self.states(times, sign), np.array(derivatives)
+        if not self.system.vector_like:
+            turning, back = self._from_charts(y)
+            rows[:, turning] = np.einsum("nj,nji->ni", rows[:, turning], back)
+        for i, weights, s in zip(holders, basis, rows, strict=True):
             seeds[i, : len(weights)] += np.outer(weights, s)
 
 

@@ -64,11 +64,13 @@ def test_actuation_is_timed_and_its_walk_keeps_the_branch():
 
 def test_derivatives_are_exact_and_timed():
     for row in gradients.accuracy(("andrews",), (1e-6,)):
-        assert row.dq < 1e-6 and row.dv < 1e-6 and row.dlam < 1e-5
+        assert row.dq < 1e-6 and row.dv < 1e-6 and row.dlam < 1e-5 and row.back < 1e-10
+    for row in gradients.events((1e-6,)):
+        assert max(row.jump, row.load, row.dq) < 1e-4
     for row in gradients.cost(("andrews",), repeats=1, rtol=1e-6):
         assert min(row.run, row.fixed, row.adjoint) > 0.0
     for row in gradients.many((gradients.swung,), repeats=1, rtol=1e-5):
-        assert row.parameters == gradients.MANY and min(row.run, row.gradient) > 0.0
+        assert row.parameters == 1000 and min(row.run, row.gradient) > 0.0
 
 
 def test_overhead_counts_steps_residuals_and_times():
