@@ -71,13 +71,17 @@ class GlobalError:
             about = f"of the largest, {self.force_at}"
             lines.append(figure("error of forces", self.force, "", looks or self.force > OFF, about))
         if self.tolerances is not None:
-            lines.append(figure("  in tolerances", self.tolerances, "", looks, "at most"))
+            lines.append(
+                figure(
+                    "  in tolerances", self.tolerances, "", looks, "at most", ".3g" if self.tolerances < 1000 else ".0f"
+                )
+            )
         return "\n".join(lines)
 
 
-def figure(name: str, value: float, unit: str, looks: bool, about: str = "") -> str:
+def figure(name: str, value: float, unit: str, looks: bool, about: str = "", digits: str = ".2e") -> str:
     """One line of a certificate; `looks` where a person should look at it."""
-    return f"{name:<20}{value:9.2e} {unit:<6} {'look' if looks else 'ok':<4}  {about}".rstrip()
+    return f"{name:<20}{value:9{digits}} {unit:<6} {'look' if looks else 'ok':<4}  {about}".rstrip()
 
 
 def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError | None:

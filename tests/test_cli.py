@@ -122,6 +122,8 @@ def test_joints_that_cannot_stay_are_told(run):
     code, _, err = run("simulate", "four_bar", "--at", "rocker=-1", "--until", 0)
     assert code == 0 and re.search(r"the loops do not close with rocker = -1; they do at rocker = \S{1,8}$", err)
     assert err.count("do not close") == 1
+    code, _, err = run("simulate", "four_bar", "--at", "rocker=-1", "coupler=-3", "--until", 0)
+    assert code == 0 and err.count("do not close") == 1  # nothing of where each alone would be
     code, out, err = run("check", "four_bar", "--at", "crank=-1", "coupler=0.67", "rocker=-1.41")
     assert code == 0 and "they do at crank = -0.997491, coupler = 0.671199, rocker = -1.41221\n" in err
     assert "equations of motion: regular" in out

@@ -374,6 +374,27 @@ def test_without_the_compiled_part_python_runs_and_says_so_once(monkeypatch, cap
         pc.simulate(mech, (0.0, 0.05), backend="compiled")
 
 
+def test_sources_without_their_compiled_part_say_where_they_are(tmp_path):
+    """Nor that no compiler was found: an installed pinconsist may well have its compiled part."""
+    plain = _core._absent(tmp_path)
+    (tmp_path / "CMakeLists.txt").touch()
+    sources = _core._absent(tmp_path)
+    assert "no C++ compiler was found" in plain and "no C++ compiler" not in sources
+    assert str(tmp_path) in sources and "another folder" in sources and "pip install -e ." in sources
+
+
+@needs_twin
+def test_a_compiled_part_of_another_version_is_named(monkeypatch):
+    _core.load.cache_clear()
+    monkeypatch.setattr(_core, "INTERFACE", -1)
+    try:
+        module, why = _core.load()
+    finally:
+        monkeypatch.undo()
+        _core.load.cache_clear()
+    assert module is None and "another version" in why and "twin." in why
+
+
 @needs_twin
 def test_another_pinocchio_than_it_was_built_for_is_not_touched(monkeypatch):
     _core.load.cache_clear()

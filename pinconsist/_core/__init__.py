@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from functools import cache
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pinocchio  # loads the libraries that the compiled module is linked with
@@ -15,24 +16,38 @@ import pinocchio  # loads the libraries that the compiled module is linked with
 from ..dae import tuning
 from ..dae.radau import table
 
+AGAIN = "install pinconsist again"
 INTERFACE = 19  # as in module.cpp: an editable install may hold an older build
+
+
+def _absent(folder: Path) -> str:
+    """Why there is no compiled module for the package in a folder."""
+    if (folder / "CMakeLists.txt").is_file():
+        return (
+            f"pinconsist is imported from its sources in {folder}, where its compiled part is not: work in another "
+            "folder to use an installed one, or compile it there: pip install -e . (it takes a C++ compiler)"
+        )
+    return "pinconsist was installed without its compiled part (no C++ compiler was found)"
 
 
 @cache
 def load():
     """(the compiled module, "") or (None, why there is none)."""
     if find_spec(f"{__name__}.twin") is None:
-        return None, "pinconsist was installed without its compiled part (no C++ compiler was found)"
+        return None, _absent(Path(__file__).parents[2])
     try:
         from . import twin
     except ImportError as error:
         return None, f"the compiled part of pinconsist cannot be loaded ({error})"
     if getattr(twin, "INTERFACE", 0) != INTERFACE:
-        return None, "the compiled part of pinconsist is of another version; install pinconsist again"
+        return None, (
+            f"the compiled part of pinconsist, {twin.__file__}, is of another version than its Python in "
+            f"{Path(__file__).parent}; {AGAIN}"
+        )
     if twin.PINOCCHIO_VERSION != pinocchio.__version__:
         return None, (
             f"the compiled part of pinconsist was built for Pinocchio {twin.PINOCCHIO_VERSION}, and this is "
-            f"{pinocchio.__version__}; install pinconsist again"
+            f"{pinocchio.__version__}; {AGAIN}"
         )
     from scipy.integrate import DOP853
     from scipy.linalg import cython_lapack

@@ -145,6 +145,8 @@ def assembled(mech, q0, v0=None, t=0.0):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         assembly = pc.assemble(mech, q0 or None, v0 or None, t=t)
+    with warnings.catch_warnings():  # each joint alone may close elsewhere, of which nothing is to be said
+        warnings.simplefilter("ignore")
         if len(q0) > 1 and not_kept(mech, q0, assembly.q, CLOSE_BY):
             alone = {joint: pc.assemble(mech, {joint: value}, t=t).q for joint, value in q0.items()}
             if not any(not_kept(mech, {joint: q0[joint]}, q) for joint, q in alone.items()):
