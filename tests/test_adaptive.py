@@ -73,10 +73,15 @@ def joint_forces(sol, q, lam):
     return np.array([sol.system.loop_rows(configuration)[1].T @ multipliers for configuration, multipliers in rows])
 
 
-def reduced(name, sol):
-    """q, v and Jᵀλ of the zoo's hand-derived equations at the times of a run."""
+@cache
+def motion(name, q0, rate0, T):
     linkage = zoo.FourBar() if name == "four_bar" else zoo.SliderCrank((0.6, 1.8, 1.0))
-    return zoo.reduced_solution(linkage, sol.q[0], sol.v[0, 0], sol.t)
+    return zoo.reduced_motion(linkage, np.array(q0), rate0, (0.0, T))
+
+
+def reduced(name, sol):
+    """q, v and Jᵀλ of the zoo's hand-derived equations at the times of a run; runs that start alike share them."""
+    return motion(name, tuple(sol.q[0]), sol.v[0, 0], sol.t[-1])(sol.t)
 
 
 def point(sol, frame, q):
@@ -138,21 +143,27 @@ def test_crank_rocker_over_ten_turns():
     assert min(affordable) <= 1e-4
 
 
+@cache
+def end_by_scipy(name):
+    first = run(name, FEWER[0])
+    return pc.reference_solution(first.system, 0.0, first.q[0], first.v[0], [first.t[-1]])
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["heavy_top", "spherical_chain", "four_bar"])
 def test_tight_runs_are_independent_answers(name):
     """The runs used as answers agree with scipy's DOP853 on the index-1 equations."""
-    sol = run(name, 1e-10, dense_output=True)
-    answer = pc.reference_solution(sol.system, 0.0, sol.q[0], sol.v[0], [sol.t[-1]])
+    sol, answer = run(name, 1e-10, dense_output=True), end_by_scipy(name)
     assert np.abs(pin.difference(sol.system.model, sol.q[-1], answer.q[-1])).max() < 3e-8
     np.testing.assert_allclose(sol.v[-1], answer.v[-1], atol=1e-8 * np.abs(sol.v).max())
     np.testing.assert_allclose(sol.lam[-1], answer.lam[-1], atol=1e-7 * np.abs(sol.lam).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["heavy_top", "spherical_chain"])
 def test_rotations_over_tolerances(name):
     """Joints on SO(3) and SE(3): end error against scipy, Jᵀλ at all steps against the tightest run."""
-    first, ends, velocities, forces = run(name, FEWER[0]), [], [], []
-    q_end = pc.reference_solution(first.system, 0.0, first.q[0], first.v[0], [first.t[-1]]).q[-1]
+    q_end, ends, velocities, forces = end_by_scipy(name).q[-1], [], [], []
     for tol in FEWER[:-1]:
         sol = run(name, tol)
         q, v, lam = tight(name)(sol.t)
@@ -277,6 +288,7 @@ def spikiness(errors, width=10):
     return errors / np.array([np.median(window) for window in windows])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tol", [1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("name", ["crank_rocker", "spherical_chain", "heavy_top", "andrews"])
 def test_multipliers_have_no_spikes(name, tol):

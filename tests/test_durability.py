@@ -132,13 +132,17 @@ def test_signals_save_what_was_reached(tmp_path, number):
     """Also when a supervisor or an impatient finger sends several."""
     file = tmp_path / "run.npz"
     command = [*PROGRAM, "simulate", "four_bar", "--until", "1e5", "--out", str(file), "--save-every", "2"]
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup hands on that it is ignored
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not file.exists():
         time.sleep(0.01)
     for _ in range(5):
         process.send_signal(number)
         time.sleep(0.01)
-    out, err = process.communicate(timeout=60)
+    try:
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
     sol = pc.Solution.load(file)
     assert process.returncode == 130 and "Traceback" not in err
     assert (

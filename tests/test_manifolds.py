@@ -1,5 +1,7 @@
 """Joints that turn on SO(2), SO(3), SE(2), SE(3): orders of the method, normalised positions, charts that end."""
 
+from functools import cache
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -64,14 +66,19 @@ def errors(name, k, steps, times, reference, start):
     return [np.sqrt(np.mean(np.square(part))) for part in parts]
 
 
+@cache
+def answer(name):
+    """Times, states there, and the start."""
+    build, v0, T = SCENES[name]
+    start, times = pc.assemble(build(), None, v0), np.linspace(0.0, T, 21)[1:]
+    return times, pc.reference_solution(build(), 0.0, start.q, start.v, times), start
+
+
 @pytest.mark.parametrize("k", STEPS)
 @pytest.mark.parametrize("name", SCENES)
 def test_order_in_positions_velocities_and_multipliers(name, k):
     """Halving a fixed step divides all three errors by 2ᵏ; the answer is scipy's DOP853 on the index-1 equations."""
-    build, v0, T = SCENES[name]
-    start, times = pc.assemble(build(), None, v0), np.linspace(0.0, T, 21)[1:]
-    reference = pc.reference_solution(build(), 0.0, start.q, start.v, times)
-    coarse, fine = (errors(name, k, n, times, reference, start) for n in (STEPS[k], 2 * STEPS[k]))
+    coarse, fine = (errors(name, k, n, *answer(name)) for n in (STEPS[k], 2 * STEPS[k]))
     assert np.log2(np.divide(coarse, fine)) == pytest.approx([k, k, k], abs=0.3)
 
 

@@ -78,8 +78,8 @@ class SliderCrank:
         return np.column_stack([-self.l[0] * e(x[0]) * xd[0], -self.l[1] * e(x[1]) * xd[1], [0.0, 0]])
 
 
-def reduced_solution(linkage, q0, rate0, times):
-    """(q, v, Jᵀλ) rows at `times` by scipy's DOP853 on the crank angle alone, rtol 1e-12.
+def reduced_motion(linkage, q0, rate0, span):
+    """A function of times that gives rows (q, v, Jᵀλ), by scipy's DOP853 on the crank angle alone, rtol 1e-12.
 
     The other two coordinates follow from the closed loop by Newton's method; Jᵀλ = M q'' + bias in coordinates q.
     """
@@ -110,18 +110,27 @@ def reduced_solution(linkage, q0, rate0, times):
         angular = -k @ (M @ kd * rate + b) / (k @ M @ k)
         return angular, x, xd, k * angular + kd * rate
 
-    run = solve_ivp(
+    angle_and_rate = solve_ivp(
         lambda t, y: [y[1], acceleration(*y)[0]],
-        (times[0], times[-1]), [q0[0], rate0], "DOP853", times, rtol=1e-12, atol=1e-13,
-    )  # fmt: skip
-    follow["x"] = linkage.T @ q0
-    rows = []
-    for angle, rate in run.y.T:
-        _, x, xd, xdd = acceleration(angle, rate)
-        S = np.linalg.inv(linkage.T)
-        forces = linkage.T.T @ (linkage.mass(x) @ xdd + linkage.bias(x, xd))
-        rows.append((S @ x, S @ xd, forces))
-    return tuple(np.array(column) for column in zip(*rows, strict=True))
+        span, [q0[0], rate0], "DOP853", dense_output=True, rtol=1e-12, atol=1e-13,
+    ).sol  # fmt: skip
+    S = np.linalg.inv(linkage.T)
+
+    def rows_at(times):
+        follow["x"] = linkage.T @ q0
+        rows = []
+        for angle, rate in angle_and_rate(times).T:
+            _, x, xd, xdd = acceleration(angle, rate)
+            forces = linkage.T.T @ (linkage.mass(x) @ xdd + linkage.bias(x, xd))
+            rows.append((S @ x, S @ xd, forces))
+        return tuple(np.array(column) for column in zip(*rows, strict=True))
+
+    return rows_at
+
+
+def reduced_solution(linkage, q0, rate0, times):
+    """The rows of `reduced_motion` at times from the first to the last."""
+    return reduced_motion(linkage, q0, rate0, (times[0], times[-1]))(times)
 
 
 def scaled_bead():
