@@ -15,7 +15,7 @@ from .errors import InputError, PinconsistError
 from .mechanism.assembly import assemble
 from .mechanism.checks import finite_array
 from .mechanism.mechanism import Mechanism
-from .mechanism.reactions import reaction, undetermined
+from .mechanism.reactions import reactions, undetermined
 from .mechanism.rows import LoopRows
 from .reference import reference_problem
 from .simulation import system_of
@@ -228,7 +228,7 @@ def _forces(mechanism, t, p, lam) -> dict[tuple[str, str, str], np.ndarray]:
     if mechanism is None:
         return rows
     without = undetermined(mechanism, t, p)
-    found = [reaction(mechanism, loop.name, t, p, lam) for loop in mechanism.loops if loop.name not in without]
+    found = reactions(mechanism, [loop.name for loop in mechanism.loops if loop.name not in without], t, p, lam)
     units = dict(zip((loop for loop, _ in mechanism.row_labels), LoopRows.of(mechanism).units, strict=True))
     forces = {(each.loop, f"the force in {each.loop}", "N"): each.force for each in found if each.force is not None}
     torques = {

@@ -100,21 +100,30 @@ def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world", wo
     if name not in names:
         others = near(name, names) or (f"; the loops are {', '.join(names)}" if names else "; it has none")
         raise InputError(f"{mechanism.name}: no loop {name!r}{others}")
-    model, loop = mechanism.model, mechanism.loops[names.index(name)]
-    rows, anchored, workspace = LoopRows(model, mechanism.loops), isinstance(loop, Loop), workspace or Workspace(model)
-    closure, lam = rows.closures[names.index(name)], lam[:, rows.slices[name]]
-    wrenches, joint_forces = _measured(rows, closure, t, q, lam, axes, workspace)
-    return Reaction(
-        loop=name,
-        kind=loop.kind,
-        axes=axes,
-        t=read_only(t),
-        force=read_only(wrenches[:, :3]) if anchored else None,
-        moment=read_only(wrenches[:, 3:]) if anchored else None,
-        torque=read_only(lam[:, 0].copy()) if loop.kind in ("drive", "coupling") else None,
-        joint_forces=read_only(joint_forces),
-        dependence=undetermined(mechanism, t, q, workspace.data).get(name),
-    )
+    return reactions(mechanism, [name], t, q, lam, axes, workspace)[0]
+
+
+def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", workspace=None) -> list[Reaction]:
+    """The reactions of several loops at the same states."""
+    rows, workspace, out = LoopRows.of(mechanism), workspace or Workspace(mechanism.model), []
+    doubtful = undetermined(mechanism, t, q, workspace.data)
+    for closure in (each for each in rows.closures if each.loop.name in names):
+        loop, its = closure.loop, lam[:, rows.slices[closure.loop.name]]
+        anchored = isinstance(loop, Loop)
+        wrenches, joint_forces = _measured(rows, closure, t, q, its, axes, workspace)
+        found = Reaction(
+            loop=loop.name,
+            kind=loop.kind,
+            axes=axes,
+            t=read_only(t),
+            force=read_only(wrenches[:, :3]) if anchored else None,
+            moment=read_only(wrenches[:, 3:]) if anchored else None,
+            torque=read_only(its[:, 0].copy()) if loop.kind in ("drive", "coupling") else None,
+            joint_forces=read_only(joint_forces),
+            dependence=doubtful.get(loop.name),
+        )
+        out.append(found)
+    return out
 
 
 def undetermined(mechanism: Mechanism, t, q, data=None) -> dict[str, float]:
@@ -123,7 +132,7 @@ def undetermined(mechanism: Mechanism, t, q, data=None) -> dict[str, float]:
     It is small in all of the run's rows that are looked at: at a singular position that is passed, forces are large but
     real. Rows that depend on others exactly share their load at least norm, and do not count.
     """
-    data, rows, looks = data or mechanism.model.createData(), LoopRows(mechanism.model, mechanism.loops), []
+    data, rows, looks = data or mechanism.model.createData(), LoopRows.of(mechanism), []
     if not rows.nc or not len(t):
         return {}
     for i in np.unique(np.linspace(0, len(t) - 1, LOOKS).astype(int)):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..mechanism.loops import Loop
-from ..mechanism.reactions import reaction
+from ..mechanism.reactions import reactions
 from .commands import Node
 from .motion import Run, anchors, in_world, joint_axis, motors, point_in_world, rotation_to
 from .shapes import OCTAHEDRON, SMALLEST, Shape, cylinder, link_ends, ring
@@ -55,8 +55,9 @@ def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> li
     out are the loops `without` determined forces, and moments that are rounding for a picture of this `size`, m.
     """
     out = []
-    for loop in (each for each in run.mech.loops if each.name not in without):
-        found = reaction(run.mech, loop.name, run.t, run.q, run.lam)
+    loops = {loop.name: loop for loop in run.mech.loops if loop.name not in without}
+    for found in reactions(run.mech, loops, run.t, run.q, run.lam, workspace=run.workspace()):
+        loop = loops[found.loop]
         if isinstance(loop, Loop):
             (other, _), (joint, place) = anchors(run.mech.model, loop)
             points, sign = point_in_world(poses, joint, place.translation), 1.0 if joint else -1.0

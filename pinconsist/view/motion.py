@@ -17,6 +17,7 @@ from ..mechanism.forces import Actuator, JointTorque, Servo
 from ..mechanism.forces.programmed import Replayed, replayed
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
+from ..mechanism.rows import Workspace
 
 MAX_FRAMES = 3000
 log = logging.getLogger(__name__)
@@ -65,6 +66,11 @@ class Run:
             raise InputError("the solution's times run both forward and backward")
         consistency = getattr(sol, "method", {}).get("consistency", "")
         return cls(mech, title, consistency, elapsed, t, source=sol, **found)
+
+    def workspace(self) -> Workspace:
+        """For measurements: that of the solution, which may evaluate all rows at once."""
+        of_solution = getattr(self.source, "_workspace", Workspace)
+        return of_solution(self.mech.model)
 
     def at(self, elapsed: np.ndarray) -> Run:
         """The run at other times, shape (m,), interpolated on the configuration manifold; at rest after its end."""
@@ -163,8 +169,13 @@ def in_world(pose: np.ndarray, points) -> np.ndarray:
     """Points of a body, shape (k, 3) or (n, k, 3), under its poses, shape (n, 7): shape (n, k, 3)."""
     points = np.asarray(points, float)
     axis, w = pose[:, None, 3:6], pose[:, None, 6:7]
-    turn = 2 * np.cross(axis, points)
-    return pose[:, None, :3] + points + w * turn + np.cross(axis, turn)
+    turn = 2 * _cross(axis, points)
+    return pose[:, None, :3] + points + w * turn + _cross(axis, turn)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """numpy's cross product takes longer for few points."""
+    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
 
 
 def point_in_world(poses: np.ndarray, joint: int, point) -> np.ndarray:
