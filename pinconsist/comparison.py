@@ -21,6 +21,7 @@ from .reference import reference_problem
 from .simulation import system_of
 
 TORQUES = {"m": "N", "rad": "N·m"}  # unit of a row → of what it gives to its joint
+OFF = 0.01  # of a force, above which it is wrong
 ALONG = 1.0  # degrees by which a wrong force may be turned without a word
 
 
@@ -65,6 +66,11 @@ class Run:
     v_consistent: np.ndarray
 
     @property
+    def ok(self) -> bool:
+        """Whether the first force from exact values is off by no more than 1 %, as it is from rest."""
+        return bool(self.exact[self.order] <= OFF * np.linalg.norm(self.true[self.order]))
+
+    @property
     def wrong(self) -> str:
         """How wrong the first force from exact values is: ``107 % wrong``."""
         return f"{self._share(self.exact)} wrong"
@@ -85,8 +91,8 @@ class Run:
     def verdict(self) -> str:
         """One sentence: how wrong the first force is, and how large it should be."""
         return (
-            f"h = {self.h:g} s, first step: {self.of} from exact values is {self.sizes} ({self.wrong}); "
-            f"from consistent values it is {self._share(self.consistent)} wrong"
+            f"h = {self.h:g} s, first step: {self.of} from exact initial values is {self.sizes} ({self.wrong}); "
+            f"from consistent ones it is {self._share(self.consistent)} wrong"
         )
 
     def _share(self, errors) -> str:

@@ -214,6 +214,7 @@ def test_the_page_of_a_comparison_stops_at_the_first_step(run):
                 assert tab.run("now") == pytest.approx(row, abs=1e-6)
         tab.run("seek(1)")
         size = "parseFloat(getComputedStyle(header.querySelector('strong')).fontSize)"
+        assert tab.run("header.querySelector('strong').className") == "look"
         assert tab.run(size) > 2 * tab.run("parseFloat(getComputedStyle(document.body).fontSize)")
         tab.key(" ")
         tab.wait("now > 1.5")  # and then goes on

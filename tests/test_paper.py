@@ -165,6 +165,11 @@ def test_what_is_wrong_is_the_force_that_is_seen():
     assert share == pytest.approx(100 * np.linalg.norm(wrong - true) / np.linalg.norm(true), rel=2e-2)
 
 
+def test_from_rest_the_first_force_is_not_far_off():
+    start = {"crank": 0.0}, {"crank": 12.0}
+    assert [pc.compare(pc.load("crank_rocker"), [1e-4], count=1, v0=v0).runs[0].ok for v0 in start] == [True, False]
+
+
 def test_constraints_without_anchors_and_general_problems_tell_their_own():
     drive = pc.load("double_pendulum")
     drive = drive.with_loops(pc.Drive("motor", drive.joints[0], lambda t: 0.1 * t))

@@ -95,7 +95,7 @@ def _show(what, file, run, order, q0, v0):
         for title, mode in (("from exact values", "exact"), ("from consistent values", "initial"))
     }
     speed = max(run.h, (run.t[-1] - run.t[0]) / LONGEST)
-    first = FirstStep(f"{run.wrong}: {run.sizes}", run.verdict, order * run.h, run.loop, run.q, run.lam)
+    first = FirstStep(f"{run.wrong}: {run.sizes}", run.ok, run.verdict, order * run.h, run.loop, run.q, run.lam)
     output.written(file, lambda: write_page(file, mech, sols, speed=speed, forces=True, first=first))
 
 

@@ -112,7 +112,8 @@ def longest_arrows(mechs, actions: list[Action], size: float) -> dict[str, float
     for mech in mechs:
         ends = zip(mech.joints, link_ends(mech).values(), strict=True)
         of_parts = {name: max(map(np.linalg.norm, its), default=0.0) for name, its in ends}
-        lengths += [of_parts[each.bodies[0]] for each in actions if each.bodies and each.bodies[0] in of_parts]
+        found = [of_parts.get(each.bodies[0], 0.0) for each in actions if each.bodies]
+        lengths += [length for length in found if length > 0]  # a point is of no size
     least, times = PARTS
     share = float(np.clip(times * np.median(lengths or [size]) / size, least, 1.0))
     return {kind: share * size * length for kind, length in LONGEST.items()}

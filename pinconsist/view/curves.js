@@ -4,6 +4,7 @@ const panel = element("panel"), plot = element("plot"), cursor = element("cursor
 const curves = [];
 let group = null;
 for (const each of replay.panel?.groups ?? []) {
+  if (first) each.curves.sort((a, b) => (b.of == first.of) - (a.of == first.of));  // what the header is about
   each.curves.forEach((curve, k) => {
     const values = unpacked(curve.y).map(each.name == "step" ? Math.log10 : x => x);
     const at = times[curve.run], finite = values.filter(Number.isFinite).sort();

@@ -3,7 +3,7 @@ const header = document.querySelector("header");
 header.hidden = !replay.panel;
 for (const {text, ok} of replay.verdicts) added(header, "span", {textContent: text, className: ok ? "ok" : "look"});
 if (first) {
-  added(header, "strong", {textContent: first.wrong, className: "look"});
+  added(header, "strong", {textContent: first.wrong, className: first.ok ? "ok" : "look"});
   added(header, "span", {textContent: first.verdict});
 }
 

@@ -46,6 +46,7 @@ class FirstStep:
     """What is wrong with a force of the first run at its first step, where the page stops; and the truth."""
 
     wrong: str  # in large type
+    ok: bool
     verdict: str
     elapsed: float  # s
     loop: str
@@ -182,7 +183,7 @@ def picture(
         "panel": panel(runs, size, not_drawn, planar) if beside else None,
         "verdicts": verdicts(runs) if beside and not first else [],
         "first": first
-        and {"wrong": first.wrong, "verdict": first.verdict, "stop": first.elapsed / speed}
+        and {"wrong": first.wrong, "ok": first.ok, "verdict": first.verdict, "stop": first.elapsed / speed}
         | {"of": first.loop, "colors": [WRONG, COLORS[FORCE]]},
     }
 
