@@ -17,7 +17,7 @@ from pinconsist import _core
 # Subjects whose tests rounding could change, and those that depend on who makes the steps: for the markers.
 KERNELS = "adaptive dense drive energy long_chains manifolds mechanism one_step order paper rank reactions".split()
 KERNELS += "statics stepper stress twin".split()
-INTEGRATOR = "bad_input durability events explain forces lock loop_kinds models robots signals solution".split()
+INTEGRATOR = "bad_input events explain forces lock loop_kinds models robots signals solution".split()
 INTEGRATOR += [name for name in KERNELS if name != "twin"]  # which runs both methods anyway
 
 
@@ -38,11 +38,19 @@ def pytest_configure(config):
         raise pytest.UsageError(_core.load()[1])
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """A worker has tests that follow each other: what a module keeps for its tests is made once, not by each worker."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log) if config.getoption("dist") == "load" else None
+
+
 def pytest_collection_modifyitems(items):
     for item in items:
         subject = item.path.stem.removeprefix("test_")
         for marker, subjects in (("kernels", KERNELS), ("integrator", INTEGRATOR)):
-            if subject in subjects:
+            if subject in subjects and not (marker == "integrator" and item.get_closest_marker("compiled")):
                 item.add_marker(marker)
 
 

@@ -176,6 +176,7 @@ def test_rotations_over_tolerances(name):
     assert run(name, FEWER[-1]).success
 
 
+@pytest.mark.compiled
 def test_heavy_top_points_where_it_should():
     for tol, bound in ((1e-6, 2e-3), (1e-9, 1e-5), (1e-11, 3e-7)):
         sol = run("heavy_top", tol)
@@ -183,6 +184,7 @@ def test_heavy_top_points_where_it_should():
         np.testing.assert_allclose(rotation[:, 1], (0.173343964098, 0.640088592070, -0.748490791134), atol=bound)
 
 
+@pytest.mark.compiled
 def test_andrews_over_all_tolerances():
     """The benchmark's angles, rates and multipliers at the end; its rates are published to 5e-8, λ to 1.3e-6."""
     mech, errors = pc.load("andrews"), []
@@ -226,6 +228,7 @@ def test_bricard_over_all_tolerances():
     falls_with_tolerance(TOLERANCES, errors, bound=10.0)
 
 
+@pytest.mark.compiled
 def test_car_axis_over_all_tolerances():
     """A constraint that moves, in the general form."""
     problem, p0, v0 = scenes.car_axis()
@@ -239,6 +242,7 @@ def test_car_axis_over_all_tolerances():
         falls_with_tolerance(FEWER[:-1], error, bound=100.0)
 
 
+@pytest.mark.compiled
 def test_double_four_bar_through_its_singular_positions():
     """Thirteen times in 10 s the degrees of freedom jump from 1 to 3; the true branch is the parallelogram's."""
     errors, energies = [], []
@@ -257,6 +261,7 @@ def test_double_four_bar_through_its_singular_positions():
     assert abs(angle - 6.341033361312) < 1e-7 and abs(rate - 1.018964591438) < 1e-6
 
 
+@pytest.mark.compiled
 def test_runs_at_rounding_pass_singular_positions_or_name_them():
     """Where rounding fails the error test shorter steps fail it more, and are not tried without end. A step that ends
     within 1e-6 of a singular position, where velocities are known to 1e-4, cannot be helped: one run in twenty.
@@ -288,7 +293,7 @@ def spikiness(errors, width=10):
     return errors / np.array([np.median(window) for window in windows])
 
 
-@pytest.mark.slow
+@pytest.mark.compiled
 @pytest.mark.parametrize("tol", [1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("name", ["crank_rocker", "spherical_chain", "heavy_top", "andrews"])
 def test_multipliers_have_no_spikes(name, tol):

@@ -109,6 +109,7 @@ def test_simulate_returns_what_ctrl_c_came_too_late_for(monkeypatch, place):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.compiled
 def test_ctrl_c_at_random_times_loses_no_solution():
     """Sent while a run of half a second is on its way or ends."""
     script = """if True:
@@ -120,9 +121,9 @@ def test_ctrl_c_at_random_times_loses_no_solution():
         began = time.perf_counter()
         pc.simulate(mech, span)
         whole = time.perf_counter() - began
-        for k in range(60):
+        for k in range(30):
             sol = None
-            timer = threading.Timer(whole * (0.5 + 0.01 * k), os.kill, (os.getpid(), signal.SIGINT))
+            timer = threading.Timer(whole * (0.5 + 0.02 * k), os.kill, (os.getpid(), signal.SIGINT))
             try:
                 timer.start()
                 sol = pc.simulate(mech, span)
