@@ -75,6 +75,12 @@ def test_playing_stepping_and_keys(tab):
     assert tab.run(WORDS.format("time")) == f"t = {SPEED / 50:.2f} s"
 
 
+@pytest.mark.parametrize(("step", "places"), [(0.02, 2), (0.01, 2), (0.0125, 4), (2e-5, 5), (1 / 30, 3), (3.0, 0)])
+def test_the_time_has_the_decimals_of_its_steps(tab, step, places):
+    """All of a round step, two of another."""
+    assert tab.run(f"decimals({step})") == places
+
+
 def test_speed_and_loop(tab):
     tab.run("speed.value = 4; speed.dispatchEvent(new Event('change')); seek(duration - 0.1)")
     assert tab.run("speed.selectedOptions[0].text") == f"× {4 * SPEED:g}"
