@@ -45,7 +45,7 @@ def accuracy(scenes=tuple(SCENES), tolerances=TOLERANCES) -> list[Accuracy]:
     for name in scenes:
         scene = SCENES[name]
         try:
-            mech, times = scene.make(), np.linspace(0.0, scene.until, 9)
+            mech, times = scene.make(), np.linspace(0.0, scene.until, scene.rows)
         except MissingExtraError:
             continue
         exact = differences(mech, scene.names, times, None, scene.v0, scene.relative, SIX)
@@ -70,6 +70,10 @@ def _backwards(mech, scene, found, run):
     """How far derivatives found backwards are from those found forwards, relative, of the worst parameter."""
     rng, times, parts = np.random.default_rng(0), run["t_eval"], (found.dq, found.dv, found.dlam)
     weights = [rng.normal(size=part.shape[:2]) / np.abs(part).max() for part in parts]
+    if scene.nearly_dependent:
+        forces, loops = _forces(found, found.dlam), found._legs[0].system.loop_rows
+        ways = rng.normal(size=forces.shape[:2]) / np.abs(forces).max()
+        weights[2] = np.array([loops(q)[1] @ way for q, way in zip(found.solution.q, ways, strict=True)])
 
     def by_state(t, q, v, lam):
         return [part[np.argmin(np.abs(times - t))] for part in weights]

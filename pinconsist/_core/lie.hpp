@@ -9,8 +9,6 @@ namespace pinconsist {
 
 class LieGroup {
 public:
-  using Block = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>; // of one joint
-
   explicit LieGroup(const pinocchio::Model &model) : nv_(model.nv), power_(nv_), next_(nv_) {
     const double s = 1e-3;
     const Vec q = pinocchio::neutral(model);
@@ -49,7 +47,7 @@ public:
   }
 
   // T of the joint with this ad ξ.
-  static Block chart_block(const Block &ad) {
+  template <class Block> static Block chart_block(const Block &ad) {
     const Block square = ad * ad;
     Block T = Block::Identity(ad.rows(), ad.cols()) + 0.5 * ad, power = square;
     for (double weight : bernoulli()) {

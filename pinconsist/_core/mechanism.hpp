@@ -112,7 +112,11 @@ public:
     Mat ad;
     group_.bracket(xi, ad);
     T.setIdentity(nx, nx);
-    for (auto [first, n] : curved) T.block(first, first, n, n) = LieGroup::chart_block(ad.block(first, first, n, n));
+    for (auto [first, n] : curved) {
+      if (n == 6) T.block<6, 6>(first, first) = LieGroup::chart_block<Eigen::Matrix<double, 6, 6>>(ad.block<6, 6>(first, first));
+      else if (n == 3) T.block<3, 3>(first, first) = LieGroup::chart_block<Matrix3d>(ad.block<3, 3>(first, first));
+      else T.block(first, first, n, n) = LieGroup::chart_block<Mat>(ad.block(first, first, n, n));
+    }
   }
 
   void position(double, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const override {
