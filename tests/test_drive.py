@@ -59,8 +59,8 @@ def test_fixed_step_orders_of_the_motor_torque():
 
 def test_energy_counts_what_the_motor_puts_in():
     sol = pc.simulate(driven(), (0.0, 1.0), rtol=1e-8, atol=1e-8)
-    assert np.ptp(sol.check().energy) > 0.1 * np.abs(sol.check().energy).max()
-    assert sol.check().energy_error < 1e-5
+    assert np.ptp(sol.check(error=False).energy) > 0.1 * np.abs(sol.check(error=False).energy).max()
+    assert sol.check(error=False).energy_error < 1e-5
 
 
 def test_assembly_starts_on_the_curve_with_its_velocity():

@@ -59,7 +59,7 @@ def test_a_run_without_checkpoints_is_that_of_simulate(tmp_path):
     options = {"v0": {"crank": 2.0}, "forces": [{"crank": 0.3}], "rtol": (1e-7, 1e-5)}
     kept = pc.record("four_bar", (0.0, 1.0), tmp_path / "run", **options)
     assert same(kept, pc.simulate(pc.load("four_bar"), (0.0, 1.0), **options))
-    assert same(pc.Solution.load(tmp_path / "run.npz"), kept) and kept.check().position < 1e-12
+    assert same(pc.Solution.load(tmp_path / "run.npz"), kept) and kept.check(error=False).position < 1e-12
 
 
 def test_at_checkpoints_the_integration_begins_anew(tmp_path):
@@ -74,7 +74,7 @@ def test_at_checkpoints_the_integration_begins_anew(tmp_path):
         np.testing.assert_array_equal(getattr(kept, name), np.concatenate(rows))
     assert kept.nsteps == sum(part.nsteps for part in parts) == len(kept.h)
     np.testing.assert_allclose(np.cumsum(kept.h), kept.t[1:], atol=1e-14)
-    assert kept.check().force < 1e-3
+    assert kept.check(error=False).force < 1e-3
 
 
 CASES = {

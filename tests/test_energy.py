@@ -48,8 +48,8 @@ def test_the_balance_with_everything_acting_holds_to_the_order_of_the_method(sce
         errors.append(energy.balance_error)
     assert errors[1] < 1e-4 and np.log2(errors[0] / errors[1]) > 3.5, errors
     assert len(energy.power) == 9 + (scene == "driven")
-    assert sol.check().energy_error == energy.balance_error
-    np.testing.assert_array_equal(sol.check().energy, energy.total)
+    assert sol.check(error=False).energy_error == energy.balance_error
+    np.testing.assert_array_equal(sol.check(error=False).energy, energy.total)
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -88,7 +88,7 @@ def test_impacts_on_a_closed_chain_restart_with_right_multipliers(options):
     np.testing.assert_allclose(sol.lam[after, 0], -1.0, atol=tol)
     angle = np.arctan2(sol.q[-1, 1], sol.q[-1, 0])
     assert angle == pytest.approx(np.radians(60.0) - (1.5 - sol.t_events[0][0]), abs=tol)
-    assert sol.check().position < 1e-7  # the row before the impact is interpolated
+    assert sol.check(error=False).position < 1e-7  # the row before the impact is interpolated
 
 
 def test_terminal_as_a_truth_and_as_a_count():
@@ -217,7 +217,7 @@ def test_what_apply_returns_is_put_on_the_constraints():
     jump = int(np.flatnonzero(np.diff(sol.t) == 0.0)[0])
     np.testing.assert_allclose(sol.q[jump + 1], sol.q[jump], atol=1e-12)
     np.testing.assert_allclose(sol.v[jump + 1], sol.v[jump], atol=1e-12)
-    assert sol.check().velocity < 1e-9 and np.abs(sol.lam + 4.0).max() < 1e-4  # a twentieth of rtol |v|
+    assert sol.check(error=False).velocity < 1e-9 and np.abs(sol.lam + 4.0).max() < 1e-4  # a twentieth of rtol |v|
 
 
 @pytest.mark.parametrize("returned", [(1.0, 2.0, 3.0), np.array([np.nan, 0.0]), (np.zeros(2), np.zeros(3)), "stop"])
@@ -336,7 +336,7 @@ def test_an_interrupt_in_a_callback_returns_what_was_reached(options):
     sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), callback=callback, **options)
     assert (sol.status, sol.success) == (1, True) and "interrupted" in sol.message
     assert (0.19 if "t_eval" in options else 0.3) < sol.t[-1] < 0.9 and sol.q.shape == (len(sol.t), 3)
-    assert sol.check().position < 1e-7 and "interrupted" in sol.summary()
+    assert sol.check(error=False).position < 1e-7 and "interrupted" in sol.summary()
 
 
 @pytest.mark.parametrize("call", [1, 2, 4, 30, 300])

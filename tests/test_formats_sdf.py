@@ -637,7 +637,7 @@ def test_cassie_swings_from_a_fixed_pelvis(name, speed):
     assert len([force for force in mech.forces if isinstance(force, pc.JointSpring)]) == 4
     sol = pc.simulate(mech, (0.0, 1.0), rtol=1e-5, atol=1e-5)
     assert sol.success and sol.t[-1] == 1.0 and np.abs(sol.v).max() > speed
-    certificate = sol.check()
+    certificate = sol.check(error=False)
     assert certificate.position < 1e-10 and certificate.energy_error < 1e-3
     assert max(gap(mech, q) for q in sol.q) < 1e-8
 

@@ -196,7 +196,7 @@ def test_cam_of_higher_degree_against_its_reduced_equation():
     np.testing.assert_allclose(sol.q[:, 0], law(phi), atol=1e-7)
     lift = slope(phi) * reduced(0, (phi, w))[1] + bend(phi) * w**2
     np.testing.assert_allclose(sol.lam[:, 0], m * (lift + G), atol=2e-6)
-    assert sol.check().force < 1e-5 and sol.energy().balance_error < 1e-7
+    assert sol.check(error=False).force < 1e-5 and sol.energy().balance_error < 1e-7
 
 
 COUPLINGS = {
@@ -305,7 +305,7 @@ def test_bead_on_a_wire_of_ones_own(given):
     np.testing.assert_allclose(sol.v, np.column_stack((u, z_rate)), atol=1e-6)
     bend = K * u**2 + K * x * reduced(sol.t, (x, u))[1] - amplitude * OMEGA**2 * np.sin(OMEGA * sol.t)
     np.testing.assert_allclose(sol.lam[:, 0], 0.8 * (G + bend), atol=1e-5)
-    assert sol.check().position < 1e-9 and sol.energy().balance_error < 1e-5
+    assert sol.check(error=False).position < 1e-9 and sol.energy().balance_error < 1e-5
     joint_forces = sol.reaction("wire").joint_forces
     np.testing.assert_allclose(joint_forces, sol.lam * np.column_stack((-K * sol.q[:, 0], 0 * x + 1)), atol=1e-9)
 

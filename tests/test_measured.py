@@ -75,7 +75,7 @@ def test_python_evaluates_a_few_rows_however_many_there_are(monkeypatch):
     sol = pc.simulate(pc.load("four_bar"), (0.0, 2.0))
     calls, evaluate = [], rows.AnchoredRows.evaluate
     monkeypatch.setattr(rows.AnchoredRows, "evaluate", lambda *args: calls.append(1) or evaluate(*args))
-    assert sol.check().position < 1e-12 and np.abs(sol.reaction("coupler_rocker").force).max() > 1.0
+    assert sol.check(error=False).position < 1e-12 and np.abs(sol.reaction("coupler_rocker").force).max() > 1.0
     assert len(sol.t) > 200 and len(calls) < 20
 
 
@@ -84,7 +84,7 @@ def test_drives_and_moving_constraints_are_in_the_balance():
         *pc.load("four_bar").loops, pc.Drive("motor", "crank", pc.Motion(speed=2.0, amplitude=0.3, frequency=1.0))
     )
     sol = pc.simulate(mech, (0.0, 0.5), v0={"crank": 2.0 + 0.6 * np.pi})
-    assert sol.check().energy_error < 1e-4 and np.abs(sol.energy().work["motor"]).max() > 0.1
+    assert sol.check(error=False).energy_error < 1e-4 and np.abs(sol.energy().work["motor"]).max() > 0.1
 
 
 def test_a_chain_of_bodies_in_free_fall_has_forces_that_are_right():

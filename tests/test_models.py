@@ -76,7 +76,7 @@ def test_runs_at_the_default_tolerances(name):
     v0 = {"crank0": 1.0} if name.startswith("n_four_bar") else None
     sol = pc.simulate(pc.load(name), (0.0, UNTIL.get(name, 1.0)), v0=v0)
     assert sol.success, sol.message
-    certificate = sol.check()
+    certificate = sol.check(error=False)
     assert certificate.position < 1e-12 and certificate.velocity < 1e-6
     if name != "chain_2":  # that does not move
         assert certificate.energy_error < 1e-4 and certificate.force < 1e-3

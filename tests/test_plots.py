@@ -84,7 +84,7 @@ def test_multipliers_are_magnified_and_zero_rows_are_no_clutter(sol):
 
 def test_drift_is_that_of_the_certificate(sol, rocker):
     gaps, rates = (axis.lines[0].get_ydata() for axis in pc.plot_drift(sol).axes)
-    certificate = sol.check()
+    certificate = sol.check(error=False)
     assert np.nanmax(gaps) == pytest.approx(certificate.position, rel=1e-6)
     assert np.nanmax(rates) == pytest.approx(certificate.velocity, rel=1e-6)
     for axis in pc.plot_drift(sol).axes:

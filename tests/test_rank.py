@@ -76,7 +76,8 @@ def test_a_turning_bennett_linkage_is_the_same_at_every_size(size):
     """Time goes with the root of the size; the kept rows change on the way, and the loop stays closed."""
     unit = np.sqrt(size)
     sol = pc.simulate(bennett(size), (0.0, 4 * unit), v0={"j0": 6.0 / unit}, rtol=1e-8, atol=(1e-8, 1e-8 / unit))
-    assert sol.success and sol.check().position < 1e-9  # tilts of micrometre links are known to eps over their size
+    assert sol.success
+    assert sol.check(error=False).position < 1e-9  # tilts of micrometre links are known to eps over their size
     np.testing.assert_allclose(sol.q[-1], turned(), atol=2e-5)
 
 
@@ -87,7 +88,8 @@ def test_rows_are_chosen_again_on_the_way_and_nothing_jumps():
     assert (sol.system.kept != MechanismSystem(mech, sol.q[0]).kept).any()
     p3 = on_stage(mech.model, sol.q[-1], "P3").translation
     np.testing.assert_allclose(p3, (0.9999999638063, -1.0002690126962, 0.9997309511199), atol=1e-5)
-    assert sol.check().force < 1e-5 and sol.check().energy_error < 1e-5 and sol.check().position < 1e-12
+    found = sol.check(error=False)
+    assert found.force < 1e-5 and found.energy_error < 1e-5 and found.position < 1e-12
     for i in range(10, len(sol.t), 25):  # multipliers of all rows do not know which were kept
         q, _, lam = sol.sol(sol.t[i])
         np.testing.assert_allclose(q, sol.q[i], atol=1e-12)

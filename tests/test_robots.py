@@ -114,7 +114,7 @@ def test_falls_from_rest_with_closed_loops_and_constant_energy(name, h, drift):
         assert openings.max() < 1e-12
         total, kinetic = energies(mech, sol)
         errors.append(np.abs(total - total[0]).max() / kinetic.max())
-        certificate = sol.check()
+        certificate = sol.check(error=False)
         assert certificate.position < 1e-12 and certificate.velocity < 1e-10 and certificate.force < 1e-4
         exchanged = kinetic.max() + np.ptp(total - kinetic)
         assert certificate.energy_error == pytest.approx(errors[-1] * kinetic.max() / exchanged, rel=1e-6)

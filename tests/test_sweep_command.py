@@ -59,7 +59,7 @@ def test_the_table_has_the_numbers_of_simulate_to_the_last_bit(run):
     rows, mech = table("table.csv"), pc.load("crank_rocker")
     for k, (speed, crank) in enumerate(itertools.product((5.0, 5.5, 6.0), (0.1, pi / 4))):
         row, sol = rows[k], pc.simulate(mech, (0.0, 0.2), {"crank": crank}, {"crank": speed})
-        certificate = sol.check()
+        certificate = sol.check(error=False)
         assert (row["case"], float(row["crank_speed"]), float(row["crank"])) == (str(k), speed, crank)
         assert (row["status"], float(row["t"]), int(row["steps"]), row["message"]) == ("done", 0.2, sol.nsteps, "")
         assert float(row["gap"]) == certificate.position and float(row["energy_error"]) == certificate.energy_error

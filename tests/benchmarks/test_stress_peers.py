@@ -45,7 +45,8 @@ def fail():
 
 def simulated(by, **options):
     sol = completed(by.simulate(four_bar(), (0.0, 0.1), START, rtol=1e-7, atol=1e-7, max_steps=1000, **options))
-    return [Figure("loop gap [m]", sol.check().position, 1e-9), Figure("energy error", sol.check().energy_error, 1e-3)]
+    found = sol.check(error=False)
+    return [Figure("loop gap [m]", found.position, 1e-9), Figure("energy error", found.energy_error, 1e-3)]
 
 
 def case(check=simulated, expected=HELD, family="family"):

@@ -23,7 +23,8 @@ def mechanism(name):
 def turning(speed):
     """All numbers of a run that is certified, too, and two random numbers of the case's own."""
     sol = pc.simulate(mechanism("crank_rocker"), (0.0, 0.3), v0={"crank": speed})
-    return sol.t.tobytes() + sol.q.tobytes() + sol.v.tobytes() + sol.lam.tobytes() + repr(sol.check().force).encode()
+    rows = b"".join(part.tobytes() for part in (sol.t, sol.q, sol.v, sol.lam))
+    return rows + repr(sol.check(error=False).force).encode()
 
 
 def drawn(case):
