@@ -45,7 +45,7 @@ class Shape:
 
 def ball(node: int, centre, radius: float, **look) -> Shape:
     """A sphere on a node."""
-    form = {"type": "SphereGeometry", "radius": radius, "widthSegments": 18, "heightSegments": 12}
+    form = {"type": "SphereGeometry", "radius": radius, "widthSegments": 16, "heightSegments": 10}
     return Shape(node, form, pin.SE3(np.eye(3), np.array(centre)), radius * OCTAHEDRON, **look)
 
 
@@ -68,9 +68,9 @@ def block(node: int, centre, along, length: float, width: float, **look) -> Shap
 
 def ring(node: int, arc: float, tube: float, **look) -> Shape:
     """A part of a ring of radius 1 about a node's z axis, from its x axis on; `arc` in rad."""
-    form = {"type": "TorusGeometry", "radius": 1.0, "tube": tube, "arc": arc, "radialSegments": 10}
+    form = {"type": "TorusGeometry", "radius": 1.0, "tube": tube, "arc": arc, "radialSegments": 8}
     bounds = (1 + tube) * np.array([[1, 1, 0], [-1, 1, 0], [1, -1, 0], [-1, -1, 0]])
-    return Shape(node, {**form, "tubularSegments": 48}, bounds=bounds, **look)
+    return Shape(node, {**form, "tubularSegments": 36}, bounds=bounds, **look)
 
 
 def buffer(points: np.ndarray, triangles: np.ndarray | None = None) -> dict:
