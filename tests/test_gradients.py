@@ -330,6 +330,16 @@ def test_rows_at_a_jump_and_between_steps(method):
 
 
 @needs_twin
+def test_steps_of_differences_are_short_enough_at_the_end_of_the_run():
+    """By the frequency of a curve, the longer it has run the more it bends."""
+    mech, _, _, _ = slider_crank()
+    found = pc.sensitivities(mech, ["motor.frequency"], (0.0, 0.6), method="Radau", rtol=1e-9, atol=1e-9)
+    t = found.solution.t
+    exact = 0.4 * 2.0 * np.pi * t * np.cos(2.0 * np.pi * 1.3 * t + 0.2)
+    assert np.abs(found.dq[:, 0, 0] - exact).max() < 5e-9 * np.abs(exact).max()
+
+
+@needs_twin
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 def test_backwards_in_time(method):
     mech, names, _, v0 = crank_rocker()

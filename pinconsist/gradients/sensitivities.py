@@ -213,7 +213,8 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     legs = legs_of(solution.sol, base.index1)
     first = legs[0].start
     state, parameters = first(first.t_old)[:2], getattr(build, "parameters", ())
-    variants = variants_of(make, theta, names, steps, base, first.system, first.t_old, *state, parameters)
+    end = legs[-1].span[1]  # where what depends on t has changed most
+    variants = variants_of(make, theta, names, steps, base, first.system, end, *state, parameters)
     return solution, legs, variants, base, names, theta
 
 
