@@ -181,7 +181,7 @@ def plot_comparison(rows, file=None) -> Figure:
             for name, error in errors.items():
                 k, what = STARTS[name]
                 axis.plot(times, positive(error[first:]), label=what, markevery=sparse(times.size, 10), **style(k))
-            wrong = f"\n{row.wrong} at the first step" if hasattr(row, "wrong") else ""
+            wrong = f"\nexact start: {row.wrong} at the first step" if hasattr(row, "wrong") else ""
             axis.set(yscale="log", title=f"step size h = {h:g} s{wrong}", xlabel=label)
         of = dict.fromkeys((record.get("of", "λ"), record.get("unit", "N, N·m")) for record in records)
         what, unit = next(iter(of)) if len(of) == 1 else ("the most wrong force", "N, N·m")
