@@ -82,7 +82,7 @@ LATE = {  # between the last step and the file
 }
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.compiled)])
 @pytest.mark.parametrize("place", LATE)
 def test_signals_after_the_last_step_lose_nothing(tmp_path, monkeypatch, place, number):
     owner, name = LATE[place]
