@@ -12,7 +12,7 @@ from .dae import integrate as dae
 from .dae.control import ErrorControl, FixedStep
 from .dae.radau_control import RadauControl
 from .dae.rounding import shortest_step
-from .dae.tuning import FIRST_STAGES, MAX_ADAPTIVE_ORDER, MAX_ORDER, MOST_STAGES, NOISE, STAGES
+from .dae.tuning import FIRST_STAGES, MAX_ADAPTIVE_ORDER, MAX_ORDER, MOST_STAGES, STAGES
 from .errors import InputError
 from .mechanism.checks import finite_array
 
@@ -56,7 +56,7 @@ def method_of(
     first_step = None if first_step is None else positive_time(first_step, "first_step")
     max_step = np.inf if max_step == np.inf else positive_time(max_step, "max_step")
     tolerances = _pair(rtol, "rtol"), _pair(atol, "atol")
-    control = ErrorControl(*tolerances, order, max_step, NOISE if consistency == "every-step" else 0.0)
+    control = ErrorControl(*tolerances, order, max_step, consistency == "every-step")
     if stages is not None:
         control = RadauControl(*tolerances, order, max_step, stages=stages)
     if min(part.min() for part in control.rtol) < 1e-13:

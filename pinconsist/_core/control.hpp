@@ -18,7 +18,8 @@ public:
   Vec rtol, atol;
   Vec sizes;   // the largest that [ξ | v] have been
   Vec sums_up; // to how many tolerances of a step the errors of all steps come, at most; or empty
-  double max_step = INF, noise = NOISE;
+  double max_step = INF;
+  bool noise = true; // whether errors may pass for rounding
   long rejected_by_error = 0, rejected_by_newton = 0;
 
   bool fixed() const { return !rtol.size(); }
@@ -35,11 +36,11 @@ protected:
     magnitudes(system, p, v, weight);
     weight = weight.cwiseMax(sizes);
     weight = weight.cwiseProduct(rtol) + atol;
-    const double rounding = noise * EPS * (1.0 + largest(p));
-    weight.head(system.nx).array() += rounding;
+    const double rounding = noise ? EPS * (1.0 + largest(p)) : 0.0;
+    weight.head(system.nx).array() += NOISE * rounding;
     if (sums_up.size()) {
       auto allowed = weight.tail(system.nv);
-      allowed += (sums_up.tail(system.nv).cwiseProduct(allowed)).cwiseMin(rounding / std::abs(h));
+      allowed += (sums_up.tail(system.nv).cwiseProduct(allowed)).cwiseMin(STIRRED * rounding / std::abs(h));
     }
     weight = weight.cwiseInverse();
   }
@@ -57,7 +58,7 @@ private:
 class Control : public Tolerances {
 public:
   int max_order = 1, equal_steps = 0;
-  int noisy_steps = 0; // whose errors were rounding, since a longer step was tried for that
+  int noisy_steps = 0; // that passed by rounding alone, since a longer step was tried for that
   bool keep_weights = true;
 
   // Fills the weights; returns Newton's stopping size.
@@ -121,11 +122,12 @@ public:
     return {h * std::min(std::max(factor, MIN_FACTOR), max_step / std::abs(h)), best};
   }
 
-  // The step after one whose error is rounding: a longer one that was tried is as good; now and then, twice the length.
-  double after_rounding(double h, double tried) {
+  // The step after one whose error is rounding: a longer one that was tried is as good; now and then, where
+  // the error would not have passed, twice the length.
+  double after_rounding(double h, double tried, double error) {
     restart();
     double length = std::max(std::abs(h), tried);
-    if (++noisy_steps > static_cast<int>(PROBING)) {
+    if (error > 1.0 && ++noisy_steps > static_cast<int>(PROBING)) {
       noisy_steps = 0;
       length = std::min(2.0 * length, std::max(length, max_step));
     }

@@ -28,7 +28,7 @@ Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] !=
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 19; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 20; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -230,7 +230,7 @@ NB_MODULE(twin, m) {
            })
       .def("control_error",
            [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step,
-              double noise) {
+              bool noise) {
              s.control.rtol = rtol;
              s.control.atol = atol;
              s.control.sizes = sizes;

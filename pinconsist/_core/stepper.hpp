@@ -79,7 +79,7 @@ private:
     ++taken;
     newton.largest_force = std::max(newton.largest_force, attempt_.force);
     if (rounding) {
-      choice = {control.after_rounding(h, tried_h), k};
+      choice = {control.after_rounding(h, tried_h, error), k};
     } else {
       choice = control.next_step(system_, Z, k, h, error, weight_);
     }

@@ -14,7 +14,18 @@ from ..errors import InputError
 from . import bdf
 from .norms import EPS, largest, weighted_norm
 from .rounding import rounding_weights
-from .tuning import ACCURACY, AFTER_FAILURE, MAX_FACTOR, MIN_FACTOR, NEARLY, NEWTON_FACTOR, NOISE, PROBING, SAFETY
+from .tuning import (
+    ACCURACY,
+    AFTER_FAILURE,
+    MAX_FACTOR,
+    MIN_FACTOR,
+    NEARLY,
+    NEWTON_FACTOR,
+    NOISE,
+    PROBING,
+    SAFETY,
+    STIRRED,
+)
 
 
 @dataclass
@@ -64,9 +75,9 @@ class ErrorControl:
     atol: tuple
     max_order: int
     max_step: float
-    noise: float = NOISE  # 0 where errors that raw BDF makes at a change of step are not to pass for rounding
+    noise: bool = True  # False where errors that raw BDF makes at a change of step are not to pass for rounding
     equal_steps: int = 0
-    noisy_steps: int = 0  # whose errors were rounding, since a longer step was tried for that
+    noisy_steps: int = 0  # that passed by rounding alone, since a longer step was tried for that
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
     _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns, set by `fit`
     _atol: np.ndarray = field(init=False, repr=False, compare=False)
@@ -132,9 +143,9 @@ class ErrorControl:
         It shows as eps/h in the velocities, and may come to what the errors of all steps sum up to.
         """
         size = np.maximum(self.sizes, self._magnitudes(system, predicted, p))
-        allowed, noise = self._rtol * size + self._atol, self.noise * EPS * (1.0 + largest(p))
-        allowed[: system.nx] += noise
-        allowed[system.nx :] += np.minimum(noise / abs(h), (self._sums_up * allowed)[system.nx :])
+        allowed, noise = self._rtol * size + self._atol, EPS * (1.0 + largest(p)) if self.noise else 0.0
+        allowed[: system.nx] += NOISE * noise
+        allowed[system.nx :] += np.minimum(STIRRED * noise / abs(h), (self._sums_up * allowed)[system.nx :])
         return 1.0 / allowed, NEWTON_FACTOR
 
     def reached(self, system, y, p):
@@ -173,10 +184,13 @@ class ErrorControl:
                 factor, k = lower, k - 1
         return h * min(1.0, max(MIN_FACTOR, SAFETY * factor)), k
 
-    def after_rounding(self, h, tried) -> float:
-        """The step after one whose error is rounding: one that was `tried` is as good; now and then, twice as long."""
+    def after_rounding(self, h, tried, error) -> float:
+        """The step after one whose error is rounding: a longer one that was `tried` is as good.
+
+        Now and then, where the error would not have passed, it is twice as long.
+        """
         self.restart()
-        self.noisy_steps += 1
+        self.noisy_steps += error > 1.0
         length = max(abs(h), tried)
         if self.noisy_steps > PROBING:
             self.noisy_steps, length = 0, min(2.0 * length, max(length, self.max_step))

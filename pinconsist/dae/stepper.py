@@ -177,7 +177,7 @@ class Stepper:
         self._changed, self._changes = bdf.UNCHANGED, self._changed
         self._taken += 1
         if rounding:
-            self._choice = control.after_rounding(h, tried[0]), k
+            self._choice = control.after_rounding(h, tried[0], error), k
         else:
             self._choice = control.next_step(system, Z, k, h, error, weight)
         self.rounding.accepted()

@@ -30,7 +30,7 @@ SMALLEST_STEP = 16.0  # spacings of t: a step below this cannot be told from zer
 MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
 
 # Rounding, and no headway
-NOISE = 5.0  # eps of the positions: what rounding leaves in the error of a step
+NOISE, STIRRED = 5.0, 0.02  # eps of the positions: what rounding leaves in them and, over h, in velocities
 HALF = 1e-8  # of the velocities, half their digits: more of them is never believed to be rounding
 BESIDE = 3e-10  # of the velocities: rounding may take as many digits beside singular positions alone
 SLOW = 0.5  # of the order: errors that fall more slowly with the step are rounding
@@ -38,7 +38,7 @@ SUDDEN = 0.5  # of an error: so much of it is new in a step where it is rounding
 SURE = 200.0  # times one rounding: what all roundings of a step may come to
 TURNED = 1e-6  # of the positions, by which they are moved to see how the constraint rows turn
 UNNOTICED = 0.1  # errors below this do not shorten the next step
-PROBING = 500  # steps whose errors are rounding, after which one twice as long is tried
+PROBING = 500  # steps that pass by rounding alone, after which one twice as long is tried
 SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it advanced by less than this part meanwhile
 
 # Radau IIA
