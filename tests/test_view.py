@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 from helpers.browser import needs_browser, opened
 
-from pinconsist import assemble, export_html, load, plot_comparison, plot_solution, replay, simulate
+from pinconsist import assemble, export_html, load, plot_comparison, plot_solution, replay
 from pinconsist.errors import InputError, MissingExtraError
 from pinconsist.mechanism.forces import SpringDamper
 from pinconsist.mechanism.loops import Loop
@@ -95,14 +95,6 @@ def test_page_is_whole_and_needs_nothing_from_elsewhere(tmp_path, capfd):
     assert commands.count(("set_animation", "")) == commands.count(("set_object", "/traces/tip")) == 1
     assert capfd.readouterr() == ("", "")
     assert '"set_animation"' not in json.dumps(read(export_html(mech, swing([0.0]), page)))
-
-
-def test_a_page_gives_the_verdict_that_was_given_before(tmp_path):
-    """With the error of q, once it has been estimated; a page by itself runs nothing again."""
-    sol, page = simulate(load("four_bar"), (0.0, 0.2)), tmp_path / "a.html"
-    alone = read(export_html(sol.system.mechanism, sol, page))["verdicts"]
-    verdict = sol.check(error=True).verdict
-    assert read(export_html(sol.system.mechanism, sol, page))["verdicts"] == [{"text": verdict, "ok": True}] != alone
 
 
 def test_frames_are_the_forward_kinematics(tmp_path):
