@@ -300,7 +300,7 @@ def test_multipliers_have_no_spikes(name, tol):
     sol = run(name, tol)
     q, _, lam = tight(name)(sol.t)
     error = np.abs(joint_forces(sol, sol.q, sol.lam) - joint_forces(sol, q, lam)).max(axis=1)
-    assert (np.diff(sol.h) != 0).sum() > 20  # there was something to see
+    assert (np.diff(sol.h) != 0).sum() > 10  # there was something to see
     assert spikiness(error[6:]).max() < 20  # after the six rows of the start, which are better than the method
 
 

@@ -58,7 +58,7 @@ private:
 class Control : public Tolerances {
 public:
   int max_order = 1, equal_steps = 0;
-  int noisy_steps = 0; // that passed by rounding alone, since a longer step was tried for that
+  int noisy_steps = 0; // whose errors were rounding, since a longer step was tried for that
   bool keep_weights = true;
 
   // Fills the weights; returns Newton's stopping size.
@@ -122,12 +122,11 @@ public:
     return {h * std::min(std::max(factor, MIN_FACTOR), max_step / std::abs(h)), best};
   }
 
-  // The step after one whose error is rounding: a longer one that was tried is as good; now and then, where
-  // the error would not have passed, twice the length.
-  double after_rounding(double h, double tried, double error) {
+  // The step after one whose error is rounding: a longer one that was tried is as good; now and then, twice the length.
+  double after_rounding(double h, double tried) {
     restart();
     double length = std::max(std::abs(h), tried);
-    if (error > 1.0 && ++noisy_steps > static_cast<int>(PROBING)) {
+    if (++noisy_steps > static_cast<int>(PROBING)) {
       noisy_steps = 0;
       length = std::min(2.0 * length, std::max(length, max_step));
     }

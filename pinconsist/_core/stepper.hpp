@@ -31,6 +31,7 @@ public:
     control.restart();
     newton.forget();
     rounding_.restart();
+    on_trial_ = false;
     headway_.restart(start, t);
   }
 
@@ -57,7 +58,8 @@ private:
         smaller = control.after_failure(h);
       } else {
         error = control.error(attempt_, k);
-        rounding = error > (tried_h != 0.0 ? 1.0 : UNNOTICED) && is_rounding(t_next, error, tried_h, tried_error);
+        const bool noisy = error > (tried_h != 0.0 ? 1.0 : UNNOTICED) && (tried_h != 0.0 || !on_trial_);
+        rounding = noisy && is_rounding(t_next, error, tried_h, tried_error);
         if (error <= 1.0 || rounding) break;
         tried_h = std::abs(h);
         tried_error = error;
@@ -79,10 +81,12 @@ private:
     ++taken;
     newton.largest_force = std::max(newton.largest_force, attempt_.force);
     if (rounding) {
-      choice = {control.after_rounding(h, tried_h, error), k};
+      choice = {control.after_rounding(h, tried_h), k};
     } else {
       choice = control.next_step(system_, Z, k, h, error, weight_);
     }
+    // A longer step that is tried after one that would have passed must pass by itself.
+    on_trial_ = rounding && error <= 1.0 && std::abs(choice.h) > std::max(std::abs(used_h), tried_h);
     rounding_.accepted();
     headway_.reached(t);
     return Failure::none;
@@ -161,6 +165,7 @@ private:
   }
 
   RoundingTest rounding_;
+  bool on_trial_ = false; // the next step is longer than rounding lets expect
   KKT kkt_; // of the rounding test
   Attempt attempt_;
   Vec predicted_, psi_, weight_;

@@ -77,7 +77,7 @@ class ErrorControl:
     max_step: float
     noise: bool = True  # False where errors that raw BDF makes at a change of step are not to pass for rounding
     equal_steps: int = 0
-    noisy_steps: int = 0  # that passed by rounding alone, since a longer step was tried for that
+    noisy_steps: int = 0  # whose errors were rounding, since a longer step was tried for that
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
     _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns, set by `fit`
     _atol: np.ndarray = field(init=False, repr=False, compare=False)
@@ -184,13 +184,10 @@ class ErrorControl:
                 factor, k = lower, k - 1
         return h * min(1.0, max(MIN_FACTOR, SAFETY * factor)), k
 
-    def after_rounding(self, h, tried, error) -> float:
-        """The step after one whose error is rounding: a longer one that was `tried` is as good.
-
-        Now and then, where the error would not have passed, it is twice as long.
-        """
+    def after_rounding(self, h, tried) -> float:
+        """The step after one whose error is rounding: one that was `tried` is as good; now and then, twice as long."""
         self.restart()
-        self.noisy_steps += error > 1.0
+        self.noisy_steps += 1
         length = max(abs(h), tried)
         if self.noisy_steps > PROBING:
             self.noisy_steps, length = 0, min(2.0 * length, max(length, self.max_step))

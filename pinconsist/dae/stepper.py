@@ -108,6 +108,7 @@ class Stepper:
         self.t_old, self.y, self.used = states[0][0], self.Z[0].copy(), (self.h, 0)
         self._points, self._choice, self._begun = len(states), (self.h, self.k), True
         self._changed, self._changes = bdf.UNCHANGED if len(states) > 1 else None, None
+        self._on_trial = False
         return states
 
     def forget_from(self, step) -> None:
@@ -163,7 +164,8 @@ class Stepper:
                 y = step.y
                 d = y - predicted
                 error = control.error(system, d, k, weight)
-                rounding = error > (1.0 if tried[0] else UNNOTICED) and self._is_rounding(step, d, weight, tried)
+                noisy = error > (1.0 if tried[0] else UNNOTICED) and (tried[0] or not self._on_trial)
+                rounding = noisy and self._is_rounding(step, d, weight, tried)
                 if error <= 1.0 or rounding:
                     break
                 tried = abs(h), error
@@ -177,9 +179,11 @@ class Stepper:
         self._changed, self._changes = bdf.UNCHANGED, self._changed
         self._taken += 1
         if rounding:
-            self._choice = control.after_rounding(h, tried[0], error), k
+            self._choice = control.after_rounding(h, tried[0]), k
         else:
             self._choice = control.next_step(system, Z, k, h, error, weight)
+        # A longer step that is tried after one that would have passed must pass by itself.
+        self._on_trial = rounding and error <= 1.0 and abs(self._choice[0]) > max(abs(h), tried[0])
         self.rounding.accepted()
         self.headway.reached(self.t)
         return ""

@@ -38,7 +38,7 @@ SUDDEN = 0.5  # of an error: so much of it is new in a step where it is rounding
 SURE = 200.0  # times one rounding: what all roundings of a step may come to
 TURNED = 1e-6  # of the positions, by which they are moved to see how the constraint rows turn
 UNNOTICED = 0.1  # errors below this do not shorten the next step
-PROBING = 500  # steps that pass by rounding alone, after which one twice as long is tried
+PROBING = 500  # steps whose errors are rounding, after which one twice as long is tried
 SETBACKS, PROGRESS = 100, 1e-6  # failed tries that end a run, if it advanced by less than this part meanwhile
 
 # Radau IIA
