@@ -70,7 +70,7 @@ def _parameters(mechanism, names: Mapping[int, str]) -> list:
         if kind == "nodes":
             found.append((np.array(members), _together(mechanism, each, *where[:2])))
         else:
-            found += [(i, parameter(mechanism, name)) for i, name in zip(members, each, strict=True)]
+            found += zip(members, (first, *(parameter(mechanism, name) for name in each[1:])), strict=True)
     return found
 
 
