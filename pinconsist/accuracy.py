@@ -71,11 +71,8 @@ class GlobalError:
             about = f"of the largest, {self.force_at}"
             lines.append(figure("error of forces", self.force, "", looks or self.force > OFF, about))
         if self.tolerances is not None:
-            lines.append(
-                figure(
-                    "  in tolerances", self.tolerances, "", looks, "at most", ".3g" if self.tolerances < 1000 else ".0f"
-                )
-            )
+            digits = ".3g" if self.tolerances < 1000 else ".0f"
+            lines.append(figure("  in tolerances", self.tolerances, "", looks, "at most", digits))
         return "\n".join(lines)
 
 

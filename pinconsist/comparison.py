@@ -15,12 +15,11 @@ from .errors import InputError, PinconsistError
 from .mechanism.assembly import assemble
 from .mechanism.checks import finite_array
 from .mechanism.mechanism import Mechanism
-from .mechanism.reactions import reactions, undetermined
+from .mechanism.reactions import reactions
 from .mechanism.rows import LoopRows
 from .reference import reference_problem
 from .simulation import system_of
 
-TORQUES = {"m": "N", "rad": "N·m"}  # unit of a row → of what it gives to its joint
 OFF = 0.01  # of a force, above which it is wrong
 ALONG = 1.0  # degrees by which a wrong force may be turned without a word
 
@@ -233,12 +232,12 @@ def _forces(mechanism, t, p, lam) -> dict[tuple[str, str, str], np.ndarray]:
     rows = {("", f"multiplier {k}", ""): column[:, None] for k, column in enumerate(lam.T, start=1)}
     if mechanism is None:
         return rows
-    without = undetermined(mechanism, t, p)
-    found = reactions(mechanism, [loop.name for loop in mechanism.loops if loop.name not in without], t, p, lam)
-    units = dict(zip((loop for loop, _ in mechanism.row_labels), LoopRows.of(mechanism).units, strict=True))
+    every = reactions(mechanism, [loop.name for loop in mechanism.loops], t, p, lam)
+    found = [each for each in every if each.dependence is None]  # the others are not determined
+    units = dict(zip((loop for loop, _ in mechanism.row_labels), LoopRows.of(mechanism).multiplier_units, strict=True))
     forces = {(each.loop, f"the force in {each.loop}", "N"): each.force for each in found if each.force is not None}
     torques = {
-        (each.loop, f"the torque of {each.loop}", TORQUES.get(units[each.loop], "")): each.torque[:, None]
+        (each.loop, f"the torque of {each.loop}", units[each.loop]): each.torque[:, None]
         for each in found
         if each.torque is not None
     }

@@ -245,7 +245,7 @@ class ByName:
         names += [f"{part}.{name}" for part in "va" for name in velocity_names(model)]
         units = velocity_units(model)
         units = ["s", *position_units(model), *(f"{u}/s" for u in units), *(f"{u}/s²" for u in units)]
-        units += [{"rad": "N·m", "m": "N"}.get(unit, "") for unit in LoopRows.of(mechanism).units]
+        units += LoopRows.of(mechanism).multiplier_units
         return names + [f"lam.{loop}.{row}" for loop, row in rows], units, np.hstack(values)
 
 

@@ -52,8 +52,8 @@ class Parameter:
 
     If it changes neither loops nor lengths, ``part(value)`` is what it changes: ``("inertia", joint, numbers)``, mass,
     first moments and inertias about the joint as in Pinocchio's regressor, ``("gravity", numbers)``, ``("force",
-    record)``, or of values of a table ``("nodes", record, path of the table, indices)``. What
-    stands for several values of a table has an array of them.
+    record)``, or of values of a table ``("nodes", record, path of the table, indices)``. What stands for several values
+    of a table has an array of them.
     """
 
     name: str

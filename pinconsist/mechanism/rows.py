@@ -88,6 +88,11 @@ class LoopRows:
                 units[part] = [""] * (part.stop - part.start)
         return units
 
+    @property
+    def multiplier_units(self) -> list[str]:
+        """``N·m`` or ``N`` for the multiplier of each row; nothing for constraints of the user's own."""
+        return [{"rad": "N·m", "m": "N"}.get(unit, "") for unit in self.units]
+
     def evaluate(self, data: pin.Data, q=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Φ and J, (nc,) and (nc, nv), after ``pin.computeJointJacobians`` on `data`; anchors need no `q` and `t`."""
         return _stacked([closure.evaluate(data, q, t) for closure in self.closures], self.model.nv)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,13 +29,11 @@ def panel(runs: list[Run], size: float, without, planar: bool) -> dict:
     groups: dict[str, dict] = {}
     times = []
     for number, run in enumerate(runs):
+        run = replace(run, true=None) if number else run  # the truth is the same for all
         rows = _telling(run)
         times.append(packed(run.elapsed[rows]))
         for group, unit, name, values, about in _curves(run, rows, size, without, planar):
-            true = "color" in about
-            if true and number:
-                continue  # the truth is the same for all
-            label = f"{run.title}: {name}" if run.title and not true else name
+            label = f"{run.title}: {name}" if run.title and "color" not in about else name
             curve = {"name": label, "run": number, "y": packed(values), **about}
             groups.setdefault(group, {"name": group, "unit": unit, "curves": []})["curves"].append(curve)
     whole = all(len(run.t) <= ROWS for run in runs)
