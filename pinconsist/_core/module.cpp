@@ -1,7 +1,9 @@
-// What Python sees: a system to which rows and forces are added, and a stepper that makes batches of steps.
+// What Python sees: a system to which rows and forces are added, and what works on it.
+#include "bindings.hpp"
 #include "closure.hpp"
+#include "collocation.hpp"
+#include "index1.hpp"
 #include "measured.hpp"
-#include "gradient_bindings.hpp"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
@@ -206,42 +208,6 @@ NB_MODULE(twin, m) {
       .def("step", &OneStep::step)
       .def("sample", [](const OneStep &s, const Vec &times) { return array(s.sample(times)); });
 
-  nb::class_<Stepper> stepper(m, "Stepper");
-  bind_run<TableCurve>(stepper);
-  stepper
-      .def(
-          "__init__",
-          [](Stepper *self, System &system, bool correct, nb::object switches) {
-            new (self) Stepper(system, correct, switches_of(switches));
-          },
-          "system"_a, "correct"_a, "switches"_a, nb::keep_alive<1, 2>())
-      .def_ro("k", &Stepper::k)
-      .def_prop_ro("y", [](const Stepper &s) { return array(s.y); })
-      .def("begin",
-           [](Stepper &s, double start, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base,
-              const Table &Z) {
-             s.t = t;
-             s.choice = {s.h = h, s.k = k};
-             s.p = p;
-             s.y = y;
-             s.base = base;
-             s.Z = Z;
-             s.begin_anew(start);
-           })
-      .def("control_error",
-           [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step,
-              bool noise) {
-             s.control.rtol = rtol;
-             s.control.atol = atol;
-             s.control.sizes = sizes;
-             s.control.max_order = max_order;
-             s.control.max_step = max_step;
-             s.control.noise = noise;
-             s.control.sums_up = rtol.cwiseMax(atol).array().pow(-1.0 / (max_order + 1));
-             s.newton.rtol_force = FORCES * std::pow(rtol.minCoeff(), max_order / (max_order + 1.0));
-           });
-
-  bind_radau(m);
+  bind_steppers(m);
   bind_gradients(m);
-  bind_stage_gradients(m);
 }

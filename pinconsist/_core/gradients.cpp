@@ -1,17 +1,17 @@
 // What Python sees of gradients.
-#pragma once
-
+#include "bindings.hpp"
 #include "gradient.hpp"
-#include "radau_bindings.hpp"
 #include "rates.hpp"
 #include "stage_follow.hpp"
 
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 
 namespace pinconsist {
 namespace {
 
+using namespace nb::literals;
 template <class T, int N> using Array = nb::ndarray<T, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
 
 // The arrays of a leg; they must outlive it.
@@ -36,7 +36,7 @@ template <class Holder, class Class, class Of> void bind_parameters(Class &bound
       .def("use_known", [of](Holder &h, Rates &known) { of(h).known = &known; }, nb::keep_alive<1, 2>());
 }
 
-void bind_gradients(nb::module_ &m) {
+void bind_table_gradients(nb::module_ &m) {
   nb::class_<Derivatives> derivatives(m, "Derivatives");
   bind_parameters<Derivatives>(derivatives, [](Derivatives &d) -> Parameters & { return d.step.parameters; });
   derivatives
@@ -121,4 +121,10 @@ void bind_stage_gradients(nb::module_ &m) {
 }
 
 } // namespace
+
+void bind_gradients(nb::module_ &m) {
+  bind_table_gradients(m);
+  bind_stage_gradients(m);
+}
+
 } // namespace pinconsist

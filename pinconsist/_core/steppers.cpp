@@ -1,6 +1,5 @@
-// What Python sees of Radau IIA, and what the bindings of both steppers share.
-#pragma once
-
+// What Python sees of BDF and Radau IIA: steppers that make batches of steps.
+#include "bindings.hpp"
 #include "radau_stepper.hpp"
 #include "stepper.hpp"
 
@@ -80,6 +79,43 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
                                    array(out.h, {n}), array(out.order, {n}), in_python(out.curve),
                                    array(out.jumps, {jumped}), array(out.lam_after, {jumped, nc}));
            }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "sees"_a.none(), "forces"_a.none());
+}
+
+void bind_bdf(nb::module_ &m) {
+  nb::class_<Stepper> stepper(m, "Stepper");
+  bind_run<TableCurve>(stepper);
+  stepper
+      .def(
+          "__init__",
+          [](Stepper *self, System &system, bool correct, nb::object switches) {
+            new (self) Stepper(system, correct, switches_of(switches));
+          },
+          "system"_a, "correct"_a, "switches"_a, nb::keep_alive<1, 2>())
+      .def_ro("k", &Stepper::k)
+      .def_prop_ro("y", [](const Stepper &s) { return array(s.y); })
+      .def("begin",
+           [](Stepper &s, double start, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base,
+              const Table &Z) {
+             s.t = t;
+             s.choice = {s.h = h, s.k = k};
+             s.p = p;
+             s.y = y;
+             s.base = base;
+             s.Z = Z;
+             s.begin_anew(start);
+           })
+      .def("control_error",
+           [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step,
+              bool noise) {
+             s.control.rtol = rtol;
+             s.control.atol = atol;
+             s.control.sizes = sizes;
+             s.control.max_order = max_order;
+             s.control.max_step = max_step;
+             s.control.noise = noise;
+             s.control.sums_up = rtol.cwiseMax(atol).array().pow(-1.0 / (max_order + 1));
+             s.newton.rtol_force = FORCES * std::pow(rtol.minCoeff(), max_order / (max_order + 1.0));
+           });
 }
 
 void bind_radau(nb::module_ &m) {
@@ -163,4 +199,10 @@ void bind_radau(nb::module_ &m) {
 }
 
 } // namespace
+
+void bind_steppers(nb::module_ &m) {
+  bind_bdf(m);
+  bind_radau(m);
+}
+
 } // namespace pinconsist
