@@ -23,12 +23,18 @@ from pinconsist.files import written_whole
 
 ROOT = Path(pc.__file__).resolve().parents[1]
 PROGRAM = [sys.executable, "-m", "pinconsist.cli"]
+UNHURRIED = """
+import sys, time
+time.monotonic = lambda: 0.0  # a stop watch that stands: no checkpoint is passed over
+from pinconsist.cli import main
+sys.exit(main())
+"""
 
 
 def command(*arguments, **options):
     """Exit code, stdout and stderr of the program in a process of its own."""
     done = subprocess.run(
-        [*options.pop("before", ()), *PROGRAM, *map(str, arguments)],
+        [*options.pop("before", ()), *options.pop("program", PROGRAM), *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=120,
@@ -116,6 +122,7 @@ def test_the_command_that_can_save_nowhere_says_so(tmp_path):
         "run.npz",
         cwd=tmp_path,
         preexec_fn=small_files,
+        program=[sys.executable, "-c", UNHURRIED],
     )
     assert code == 2 and "warning: run.npz cannot be written: File too large, at t = " in err
     assert "run.npz cannot be written: File too large; the run is lost: no other folder is writable" in err
