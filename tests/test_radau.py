@@ -226,9 +226,9 @@ def test_stages_follow_newton():
     system = problem.system.at(problem.t0, problem.p0, problem.v0)
     control.fit(system)
     assert [control.chosen_after_step(1e-3) for _ in range(10)] == [5] * 9 + [7]
-    control.use(7, system)
+    control.use(7)
     assert [control.chosen_after_failure() for _ in range(2)] == [7, 5]
-    control.use(5, system)
+    control.use(5)
     assert [control.chosen_after_failure() for _ in range(2)] == [5, 3]
 
 

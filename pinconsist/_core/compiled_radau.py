@@ -86,7 +86,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         chooses = self.method.stages == 0
         if isinstance(control, RadauControl):
             for s in (FEWEST_STAGES, FIRST_STAGES, MOST_STAGES) if chooses else (self.method.stages,):
-                self._core.add_tolerances(s, *control.for_stages(s, system))
+                self._core.add_tolerances(s, *control.for_stages(s))
             sizes = control.sizes if before is None else before.sizes
             self._core.control_error(sizes, control.max_step, chooses, control.worth_most)
 

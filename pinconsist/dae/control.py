@@ -79,16 +79,23 @@ class ErrorControl:
     equal_steps: int = 0
     noisy_steps: int = 0  # whose errors were rounding, since a longer step was tried for that
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
-    _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns, set by `fit`
+    _wanted: tuple = field(init=False, repr=False, compare=False)  # rtol, atol of the columns, set by `fit`
+    _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns
     _atol: np.ndarray = field(init=False, repr=False, compare=False)
     sizes: np.ndarray = field(init=False, repr=False, compare=False)  # the largest that the columns have been
 
     def fit(self, system) -> None:
-        """Tolerances of a step for the columns [ξ | v] of a system."""
-        rtol, atol = (self._columns(system, name) for name in ("rtol", "atol"))
+        """Tolerances for the columns [ξ | v] of a system."""
+        self._wanted = self._columns(system, "rtol"), self._columns(system, "atol")
+        self.sizes = np.zeros(system.nx + system.nv)
+        self._hold_steps()
+
+    def _hold_steps(self):
+        """Tolerances of a step from those of the run."""
+        rtol, atol = self._wanted
         tol = np.maximum(rtol, atol)
         share = self.step_tolerance(tol) / tol
-        self._rtol, self._atol, self.sizes = share * rtol, share * atol, np.zeros(len(tol))
+        self._rtol, self._atol = share * rtol, share * atol
 
     def step_tolerance(self, tol):
         """The tolerance τ of one step's error with which a run is as accurate as `tol`.
@@ -114,13 +121,13 @@ class ErrorControl:
         return 3.0 * EPS ** ((self.max_order + 1) / (self.max_order + 2))
 
     def _columns(self, system, name) -> np.ndarray:
-        sizes = (system.nx, system.nv)
+        sizes, columns = (system.nx, system.nv), np.empty(system.nx + system.nv)
         try:
-            parts = [np.broadcast_to(part, size) for part, size in zip(getattr(self, name), sizes, strict=True)]
+            columns[: system.nx], columns[system.nx :] = getattr(self, name)
         except ValueError:
             shapes = [np.shape(part) for part in getattr(self, name)]
             raise InputError(f"{name} for q and v: needs scalars or {sizes} numbers, got shapes {shapes}") from None
-        return np.concatenate(parts)
+        return columns
 
     @property
     def _sums_up(self) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,16 +37,15 @@ class RadauControl(ErrorControl):
     def __post_init__(self):
         self.s = self.stages or tuning.FIRST_STAGES
 
-    def use(self, s, system) -> None:
+    def use(self, s) -> None:
         """Go on with `s` stages, with the tolerance of a step that belongs to them."""
-        self.s, self._calm, self._failures, self._last, sizes = s, 0, 0, None, self.sizes
-        self.fit(system)
-        self.sizes = sizes
+        self.s, self._calm, self._failures, self._last = s, 0, 0, None
+        self._hold_steps()
 
-    def for_stages(self, s, system):
+    def for_stages(self, s):
         """rtol and atol of the columns, and Newton's factor, with `s` stages."""
-        other = replace(self, stages=s)
-        other.fit(system)
+        other = copy(self)
+        other.use(s)
         return *other.spread, other.newton_factor
 
     def step_tolerance(self, tol):

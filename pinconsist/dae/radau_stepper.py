@@ -167,7 +167,7 @@ class RadauStepper(Stepper):
         """Go on with `s` stages."""
         if s != self.s:
             self.s = s
-            self.control.use(s, self.system)
+            self.control.use(s)
 
     def _solved(self, t_next) -> Stages:
         """The stages of a step to `t_next`."""
