@@ -59,11 +59,12 @@ def method_of(
     control = ErrorControl(*tolerances, order, max_step, consistency == "every-step")
     if stages is not None:
         control = RadauControl(*tolerances, order, max_step, stages=stages)
-    if min(part.min() for part in control.rtol) < 1e-13:
+    asked = control.asked[0]
+    if asked < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
     if max(part.max() for part in control.rtol) >= 1.0:
         raise InputError(f"rtol = {rtol!r} allows errors as large as the solution; take less than 1, such as 1e-3")
-    if (asked := min(part.min() for part in control.rtol)) < control.best:
+    if asked < control.best:
         better = "" if order >= MAX_ADAPTIVE_ORDER else f"; order 5 gives {ErrorControl((), (), 5, 1.0).best:.1g}"
         log.warning("rtol = %g: order %d gives about %.1g in double precision%s", asked, order, control.best, better)
     return dae.Method(order, consistency, control, None, first_step, max_steps, stages=stages)

@@ -8,6 +8,8 @@ import pytest
 from helpers.scenes import on_stage
 
 import pinconsist as pc
+from pinconsist.mechanism import rank
+from pinconsist.mechanism.closing import LoopSolver
 from pinconsist.mechanism.rank import independent_rows, row_scales
 from pinconsist.mechanism.rows import LoopRows
 from pinconsist.mechanism.system import MechanismSystem
@@ -100,3 +102,42 @@ def test_rows_are_built_once_and_evaluated_apart():
     """Two threads may evaluate the rows of one mechanism."""
     (one,), (other,) = (LoopRows.of(mech).closures for mech in [pc.load("four_bar")] * 2)
     assert one.constraint is other.constraint and one.constraint_data is not other.constraint_data
+
+
+def test_a_start_is_closed_and_ranked_once(monkeypatch):
+    """A second run from one place finds the loops closed there; another place, another time, another guess do not."""
+    closed, ranked = [], []
+    solved, pivoted = LoopSolver._closed, rank.dgeqp3
+    monkeypatch.setattr(LoopSolver, "_closed", lambda solver, *args: closed.append(args) or solved(solver, *args))
+    monkeypatch.setattr(rank, "dgeqp3", lambda J: ranked.append(J) or pivoted(J))
+    mech = pc.load("four_bar").with_forces()
+    mech = mech.with_loops(*mech.loops)  # nothing is known of it
+    first = pc.simulate(mech, (0.0, 0.1))
+    assert len(closed) == len(ranked) == 1
+    again = pc.simulate(mech, (0.0, 0.1))
+    assert len(closed) == 1 and len(ranked) == 2
+    np.testing.assert_array_equal(again.q, first.q)
+    turned = pc.assemble(mech, {"crank": 1.0})
+    assert len(closed) > 1 and turned.q[0] == pytest.approx(1.0)
+    driven = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", lambda t: 0.3 + t))
+    for t in (0.0, 0.5):
+        assert pc.assemble(driven, t=t).q[0] == pytest.approx(0.3 + t, abs=1e-12)
+
+
+def test_loops_that_have_changed_are_closed_anew():
+    """A user's constraint may depend on something that changes between two runs."""
+    length = [1.0]
+    mech = pc.load("double_pendulum")
+    mech = mech.with_loops(pc.Constraint("held", lambda t, q: np.array([q[0] - length[0]]), 1))
+    for length[0] in (1.0, 0.5):
+        assert pc.assemble(mech).q[0] == pytest.approx(length[0], abs=1e-12)
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+def test_a_run_makes_one_workspace(monkeypatch, method):
+    """Large models take seconds for it."""
+    made, make = [], pin.Model.createData
+    monkeypatch.setattr(pin.Model, "createData", lambda model: made.append(model) or make(model))
+    mech = pc.load("crank_rocker")
+    pc.simulate(mech, (0.0, 0.1), {"crank": 0.3}, {"crank": 2.0}, method=method)
+    assert len(made) == 1

@@ -22,7 +22,6 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
     """
     from ..mechanism.closing import LoopSolver
     from ..mechanism.correction import rounding_of
-    from ..mechanism.rank import weak_rows
     from ..mechanism.singularity import held_motors, require_nonsingular
     from ..mechanism.system import MechanismSystem
 
@@ -36,7 +35,7 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
         return _report_open(mech, before, gaps(error.q), error, as_json)
     singular, warnings = "", scene.scene_warnings(mech, assembly)
     held, solver = held_motors(mech, assembly.q), LoopSolver(mech)
-    weak = weak_rows(solver.loop_rows, solver.rows(assembly.q)[1])
+    weak = solver.ranking(assembly.q).weak(mech.row_labels)
     better = rounding_of(mech) if weak or not assembly.mobility else None
     without = better.mobility if better else assembly.mobility + len(weak)
     try:

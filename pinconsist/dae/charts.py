@@ -82,7 +82,7 @@ def turning_coordinates(system, p):
 
 def fastest_turn(turns, rate) -> float:
     """Largest angular speed (or angle) of the joints that turn, from the tangent velocity (or vector), or its rows."""
-    return float(np.sqrt((rate**2 @ turns.T).max(initial=0.0)))
+    return float(np.sqrt((rate**2 @ turns.T).max(initial=0.0))) if len(turns) else 0.0
 
 
 def longest_step(turns, rate, k) -> float:

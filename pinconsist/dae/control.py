@@ -7,6 +7,7 @@ corrected, and a test on them would only react to their rounding floor.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -109,6 +110,12 @@ class ErrorControl:
         """The largest difference of rows [ξ | v], over the accuracy that the run is to have."""
         rtol, atol = (np.maximum(self._columns(system, name), self.best) for name in ("rtol", "atol"))
         return float((np.abs(rows - others) / (atol + rtol * np.abs(rows).max(axis=0))).max())
+
+    @cached_property
+    def asked(self) -> tuple[float, float]:
+        """The smallest rtol and atol of the run."""
+        rtol, atol = (min(float(part.min()) for part in parts) for parts in (self.rtol, self.atol))
+        return rtol, atol
 
     @property
     def best(self) -> float:

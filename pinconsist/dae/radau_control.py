@@ -5,8 +5,6 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from . import tuning
 from .control import ErrorControl
 
@@ -53,18 +51,18 @@ class RadauControl(ErrorControl):
 
         The estimate falls like hᵉ, e = :func:`exponent`, the error of the run like h²ˢ⁻¹.
         """
-        return (tuning.STAGE_ACCURACY * np.asarray(tol)) ** (exponent(self.s) / (2 * self.s - 1))
+        return (tuning.STAGE_ACCURACY * tol) ** (exponent(self.s) / (2 * self.s - 1))
 
     @property
     def newton_factor(self) -> float:
         """Newton's stopping size, as part of τ: what it leaves adds up, and does not fall with the order."""
-        tol = max(min(part.min() for part in self.rtol), min(part.min() for part in self.atol))
-        return min(tuning.STAGE_NEWTON_FACTOR[self.s], tuning.STAGE_LEFT * tol / float(self.step_tolerance(tol)))
+        tol = max(self.asked)
+        return min(tuning.STAGE_NEWTON_FACTOR[self.s], tuning.STAGE_LEFT * tol / self.step_tolerance(tol))
 
     @property
     def worth_most(self) -> bool:
         """Whether the tolerance is one for most stages."""
-        return bool(min(part.min() for part in self.rtol) <= tuning.MOST_STAGES_BELOW)
+        return self.asked[0] <= tuning.MOST_STAGES_BELOW
 
     def chosen_after_step(self, rate) -> int:
         """Stages after an accepted step in which Newton contracted by `rate`: more where that was quick for a while."""

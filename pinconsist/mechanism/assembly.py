@@ -13,7 +13,7 @@ from ..errors import AssemblyError, InputError
 from .checks import coordinates, finite_array, require_mechanism, warn
 from .closing import CLOSED, NEARLY, LoopSolver
 from .correction import hint
-from .rank import dependencies, weak_rows, weak_text
+from .rank import dependencies, weak_text
 
 KEPT = 1e-9  # rad or m: a joint that is farther from its value has not kept it
 MOST_SHOWN = 6  # joints in one warning
@@ -139,9 +139,9 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
         at = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, best))}" for joint in shown)
         loops = "loops and drives" if solver.loop_rows.moving else "loops"
         warn(f"{mechanism.name}: the {loops} do not close with {asked}; they do at {at}")
-    J = solver.rows(best)[1]
-    kept = solver.kept(best)
-    weak, mobility = weak_rows(solver.loop_rows, J), mechanism.nv - len(kept)
+    J, ranking = solver.rows(best)[1], solver.ranking(best)
+    kept, weak = ranking.kept, ranking.weak(solver.loop_rows.labels)
+    mobility = mechanism.nv - len(kept)
     immobile = not (mobility or solver.loop_rows.moving) and bool(mechanism.anchored_loops)
     if advises and (weak or immobile) and (advice := hint(mechanism)):
         why = f"rank {len(kept)} and mobility {mobility} rest on less than 1e-6: {weak_text(weak)}" if weak else ""
@@ -189,15 +189,16 @@ def _text(values) -> str:
 
 def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None) -> np.ndarray:
     """A velocity with J v + Φ_t = 0 at a closed configuration, as :func:`assemble` takes it; of the rows `kept`."""
-    mechanism, model, t = solver.mechanism, solver.model, solver.t
-    _, J = solver.rows(q)
-    kept = solver.kept(q) if kept is None else kept
-    J = J[kept]
+    mechanism, model, t, moving = solver.mechanism, solver.model, solver.t, solver.loop_rows.moving
     start = mechanism.velocity({} if v is None else v)
+    if not (moving or start.any()):  # rest
+        return start
+    kept = solver.kept(q) if kept is None else kept
+    J = solver.rows(q)[1][kept]
     held = ~solver.free_columns(v if isinstance(v, Mapping) else {})
     E = np.vstack((J, np.eye(mechanism.nv)[held]))
     target = np.concatenate((-solver.loop_rows.time_rate(t, q)[kept], start[held]))
-    if not (start.any() or target.any()):  # rest
+    if not (start.any() or target.any()):
         return start
     M = pin.crba(model, solver.data, q)
     U, sizes, Vt = np.linalg.svd(E)

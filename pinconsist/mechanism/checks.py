@@ -62,6 +62,8 @@ def triple(values, what: str) -> tuple[float, float, float]:
 
 def finite_array(value, what: str) -> np.ndarray:
     """A float array copied from user input, or InputError."""
+    if isinstance(value, float) and isfinite(value):  # most often
+        return np.array(value, dtype=float)
     try:
         if np.asarray(value).dtype.kind not in "biufO":  # numpy would read "0.1" and drop imaginary parts
             raise TypeError
@@ -211,6 +213,8 @@ def require_mechanism(mechanism, caller: str) -> None:
 
 def normalized(model, q, who: str) -> np.ndarray:
     """A configuration with its quaternions and (cos, sin) pairs at unit length; InputError where one has none."""
+    if model.nq == model.nv:  # no joint has an orientation
+        return np.array(q)
     q = pin.normalize(model, q)
     for joint in range(1, model.njoints if not pin.isNormalized(model, q, UNIT) else 0):
         part = slice(i := model.idx_qs[joint], i + model.nqs[joint])

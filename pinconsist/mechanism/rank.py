@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 from scipy.linalg.lapack import dgeqp3
 
@@ -13,29 +15,35 @@ NO_LENGTH = 1e-13  # m; rows that are all shorter are rounding
 
 def row_scales(J, turns) -> np.ndarray:
     """Natural size of each row: 1 where `turns` (rad), else the largest norm of the rows in m, the loops' size."""
-    norms, scales = np.linalg.norm(J, axis=1), np.ones(len(J))
-    lengths = norms[~turns]
-    if lengths.max(initial=0.0) > NO_LENGTH:
-        scales[~turns] = lengths.max()
-    return scales
+    longest = sqrt(np.einsum("ij,ij->i", J, J).max(where=~turns, initial=0.0))
+    return np.where(turns, 1.0, longest) if longest > NO_LENGTH else np.ones(len(J))
+
+
+class Ranking:
+    """The rows of J in the order in which pivoted QR of Jᵀ takes them, and by how much each one is independent.
+
+    `turns` marks the rows in rad; they and the rows in m are brought to one scale first, so that the choice does not
+    depend on the size of the mechanism. ``kept`` has the indices, ascending, of a largest set of well-conditioned
+    independent rows.
+    """
+
+    def __init__(self, J, turns):
+        self.scales, self._pivots, self._by = row_scales(J, turns), np.zeros(0, int), np.zeros(0)
+        if J.size:  # qr(J.T, mode="r", pivoting=True) checks and copies for longer than it works
+            R, pivots, *_ = dgeqp3((J / self.scales[:, None]).T)
+            self._pivots, self._by = pivots - 1, np.abs(R.diagonal())
+        self._rank = np.count_nonzero(self._by > RANK_TOLERANCE * self._by.max(initial=0.0))
+        self.kept = np.sort(self._pivots[: self._rank])
+
+    def weak(self, labels) -> dict[tuple[str, str], float]:
+        """The rows that are independent of the others by less than 1e-6, and by how much, m or rad."""
+        by = zip(self._pivots.tolist(), self._by[: self._rank].tolist(), strict=False)
+        return {labels[row]: size for row, pivot in by if (size := pivot * float(self.scales[row])) < ROUNDED}
 
 
 def independent_rows(J, turns) -> np.ndarray:
-    """Indices, ascending, of a largest set of well-conditioned independent rows of J, by pivoted QR of Jᵀ.
-
-    `turns` marks the rows in rad; they and the rows in m are brought to one scale first, so that the choice does not
-    depend on the size of the mechanism.
-    """
-    if not J.size:
-        return np.zeros(0, dtype=int)
-    pivots, diagonal = _pivoted(J / row_scales(J, turns)[:, None])
-    return np.sort(pivots[: np.count_nonzero(diagonal > RANK_TOLERANCE * diagonal[0])])
-
-
-def _pivoted(J):
-    """The rows of J in the order in which pivoted QR of Jᵀ takes them, and by how much each one is independent."""
-    R, pivots, *_ = dgeqp3(J.T)  # qr(J.T, mode="r", pivoting=True) checks and copies for longer than it works
-    return pivots - 1, np.abs(np.diagonal(R))
+    """Indices, ascending, of a largest set of well-conditioned independent rows of J, see :class:`Ranking`."""
+    return Ranking(J, turns).kept
 
 
 def free_motions(J, turns) -> np.ndarray:
@@ -61,16 +69,7 @@ def dependencies(J, kept) -> dict[int, dict[int, float]]:
     }
 
 
-def weak_rows(rows, J) -> dict[tuple[str, str], float]:
-    """The rows of J that are independent of the others by less than 1e-6, and by how much, m or rad."""
-    scales = row_scales(J, rows.turns)
-    pivots, diagonal = _pivoted(J / scales[:, None]) if J.size else (np.zeros(0, int), np.zeros(0))
-    apart = [(row, pivot * scales[row], pivot) for row, pivot in zip(pivots, diagonal, strict=False)]
-    least = RANK_TOLERANCE * diagonal[0] if len(diagonal) else 0.0
-    return {rows.labels[row]: float(by) for row, by, pivot in apart if pivot > least and by < ROUNDED}
-
-
 def weak_text(weak) -> str:
-    """Rows of :func:`weak_rows` in words."""
+    """Rows of :meth:`Ranking.weak` in words."""
     rows = [f"{loop} {row}" for loop, row in list(weak)[:4]] + ["…"] * (len(weak) > 4)
     return f"{', '.join(rows)} are independent of the other rows by {max(weak.values()):.1e} m or rad at most"

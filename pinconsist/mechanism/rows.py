@@ -6,6 +6,7 @@ This is the only file that names Pinocchio's constraint classes. What each row m
 from __future__ import annotations
 
 from copy import copy
+from functools import cached_property
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -66,6 +67,7 @@ class LoopRows:
         self.moving = any(closure.moving for closure in self.closures)
         self._last: tuple | None = None  # (t, q, Φ, J): the same place is asked for again and again where a run starts
         self.vanishing: dict[bytes, bool] = {}  # indices of rows → whether they vanish everywhere
+        self.closed: dict[tuple, tuple] = {}  # what was closed last, see LoopSolver.close
 
     @staticmethod
     def of(mechanism) -> LoopRows:
@@ -133,25 +135,25 @@ class KeptRows:
     """
 
     def __init__(self, model: pin.Model, rows: LoopRows, kept):
-        self.model, self._closures = model, []
+        self.model, self._closures, kept = model, [], [int(row) for row in kept]
         for closure in rows.closures:
             start = rows.slices[closure.loop.name].start
             if local := [row - start for row in kept if 0 <= row - start < len(closure.turns)]:
                 parts = near_closed(closure, local) if isinstance(getattr(closure, "place", None), Place) else []
-                pinocchios = [(*_constraint(model, closure, shift), matrix) for shift, matrix in parts]
-                self._closures.append((closure, local, parts, pinocchios))
+                self._closures.append((closure, local, parts))
 
-    @property
-    def constraints(self) -> list:
-        """Pairs of Pinocchio's constraint models and data."""
-        return [(model, data) for *_, pinocchios in self._closures for model, data, _ in pinocchios]
+    @cached_property
+    def pinocchios(self) -> list:
+        """Of each loop Pinocchio's constraint models, their data and matrices; the compiled system has its own."""
+        return [[(*_constraint(self.model, each, shift), A) for shift, A in parts] for each, _, parts in self._closures]
 
     def evaluate(self, data, q, t):
         """Φ and J, shapes (n,) and (n, nv), after ``pin.computeJointJacobians`` on `data`."""
-        return _stacked([self._rows(*each, data, q, t) for each in self._closures], self.model.nv)
+        loops = zip(self._closures, self.pinocchios, strict=True)
+        return _stacked([self._rows(*each[:2], own, data, q, t) for each, own in loops], self.model.nv)
 
-    def _rows(self, closure, local, parts, pinocchios, data, q, t):
-        if not parts:
+    def _rows(self, closure, local, pinocchios, data, q, t):
+        if not pinocchios:
             phi, J = closure.evaluate(data, q, t)
             return phi[local], J[local]
         rows = [_scaled(self.model, data, *each) for each in pinocchios]
@@ -159,9 +161,9 @@ class KeptRows:
 
     def hand_over(self, twin) -> None:
         """Add these rows to the compiled system; it calls Python for those that it does not have."""
-        for closure, local, parts, _ in self._closures:
+        for closure, local, parts in self._closures:
             for i, (shift, matrix) in enumerate(parts):
-                place2 = closure.place2 if shift is POSE else closure.place2 * pin.SE3(np.eye(3), shift)
+                place2 = shifted(closure.place2, shift)
                 ends = closure.joint1, closure.place1.homogeneous, closure.joint2, place2.homogeneous
                 twin.add_anchored(*ends, matrix, i == 0)
             if not (parts or closure.hand_over(twin)):
@@ -245,12 +247,17 @@ def near_closed(closure, local):
     return [(here, matrix[0][local]), (shift, matrix[1][local])]
 
 
+def shifted(place, shift):
+    """The placement of the point at `shift` from an anchor, or of the anchor where that is POSE."""
+    return pin.SE3(place.rotation, place.act(shift)) if shift is not POSE and shift.any() else place
+
+
 def _constraint(model, closure, shift):
     """Pinocchio's constraint between the anchors of a closure, of the pose or of the point at `shift` from anchor 2.
 
     Error and Jacobian of a point, seen from anchor 1, are exact also while the loop is open.
     """
-    place2 = closure.place2 if shift is POSE else closure.place2 * pin.SE3(np.eye(3), shift)
+    place2 = shifted(closure.place2, shift)
     record = pin.FrameAnchorConstraintModel if shift is POSE else pin.PointAnchorConstraintModel
     constraint = record(model, closure.joint1, closure.place1, closure.joint2, place2)
     return constraint, constraint.createData()

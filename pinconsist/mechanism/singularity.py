@@ -22,16 +22,18 @@ def require_nonsingular(system, q) -> None:
     There are more drives than free motions; or some motion that the loops allow has no inertia; or `q` is a singular
     position: rows that depend on others here do not in closed configurations nearby, and the motion branches.
     """
-    rows, name, J = system.rows, system.mechanism.name, system.loop_rows(q)[1]
+    rows, name = system.rows, system.mechanism.name
     drives = [loop.name for loop in rows.loops if loop.kind == "drive"]
     anchored = [row for row, (loop, _) in enumerate(rows.labels) if loop not in drives]
-    if drives and system.nc < len(independent_rows(J[anchored], rows.turns[anchored])) + len(drives):
+    if drives and system.nc < _rank(system, q, anchored) + len(drives):
         raise SingularSystemError(
             f"{name}: the drives {', '.join(drives)} are more than the loops leave free (or a dead centre, where they "
             "cannot move it): their motions contradict each other. Drive fewer joints",
             names=tuple(drives),
         )
-    free = null_space(J[system.kept])
+    if system.dropped_are_zero and _has_inertia(system.mass_matrix(q)):
+        return
+    free = null_space(system.loop_rows(q)[1][system.kept])
     inertia, motions = np.linalg.eigh(free.T @ system.mass_matrix(q) @ free)
     weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
     if weightless.any():
@@ -46,6 +48,17 @@ def require_nonsingular(system, q) -> None:
             "running through one is no problem",
             names=loops,
         )
+
+
+def _has_inertia(M) -> bool:
+    """Whether every motion has inertia: then that of those that the loops leave free is within the same bounds."""
+    inertia = np.linalg.eigvalsh(M)
+    return inertia[0] > MASSLESS * inertia[-1]
+
+
+def _rank(system, q, which) -> int:
+    """How many of some rows of the loops are independent."""
+    return len(independent_rows(system.loop_rows(q)[1][which], system.rows.turns[which]))
 
 
 def without_inertia(mechanism, motions, why) -> SingularSystemError:

@@ -6,6 +6,8 @@ that the KKT matrix is regular. Multipliers of all rows come back, at minimum no
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import pinocchio as pin
 
@@ -16,7 +18,6 @@ from .forces import bound_forces
 from .forces.held import BoundHeld
 from .lie import PlanarJoints, structure_constants
 from .mechanism import Mechanism
-from .rank import row_scales
 from .rows import KeptRows
 
 OPEN = 1e-6  # gap, relative to the mechanism's size, at which a row that left the system has been needed
@@ -41,18 +42,18 @@ class MechanismSystem(Index3System):
         self.data, self.rows = solver.data, solver.loop_rows
         self.vector_like = self.model.nq == self.model.nv  # else some joint turns on SO(2), SO(3), SE(2) or SE(3)
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
-        J = self.loop_rows(q)[1]
-        self.kept, self._sizes = solver.kept(q) if kept is None else kept, row_scales(J, self.rows.turns)
+        ranking = solver.ranking(q)
+        self.kept, self._sizes = ranking.kept if kept is None else kept, ranking.scales
         self.nc = len(self.kept)
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self._kept_rows = self.kept_rows.evaluate
-        self.dropped_are_zero = self._zero_everywhere(np.delete(np.arange(self.rows.nc), self.kept), q)
+        dropped = np.ones(self.rows.nc, bool)
+        dropped[self.kept] = False
+        self.dropped_are_zero = self._zero_everywhere(np.flatnonzero(dropped), q)
         self._take(bound_forces(self.model, mechanism.forces))
         # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
-        self._planar = PlanarJoints(self.model)
         self.moving, self._J = self.rows.moving, None
-        self._structure = None if self.vector_like else structure_constants(self.model)
 
     def _take(self, forces):
         self._forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
@@ -78,6 +79,14 @@ class MechanismSystem(Index3System):
 
     def change(self, t, p, v):
         return any([force.change(t, p, v) for force in self.changing])
+
+    @cached_property
+    def _planar(self):
+        return PlanarJoints(self.model)
+
+    @cached_property
+    def _structure(self):
+        return structure_constants(self.model)
 
     def integrate(self, p, xi):
         if self.vector_like:
