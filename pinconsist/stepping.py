@@ -104,7 +104,7 @@ class Simulation:
         system.start(t, q, v, False)
         self._changing = system if len(system.changing) > 1 + len(self._actuators) else None  # besides by `control`
         plain = not self._events and self._step is None and system.dropped_are_zero
-        self._quick, self._made = plain and isinstance(self._stepper, CompiledRadauStepper), []
+        self._quick = plain and isinstance(self._stepper, CompiledRadauStepper)
 
     def step(self, dt, control=None) -> State:
         """Advance the run by a time.
@@ -142,10 +142,12 @@ class Simulation:
             self._begin()
             jumped = False
         if self._resumes and self._quick:
-            if self._quickly(t_end, jumped):
-                return self.state
+            reached = self._stepper.reach(t_end, jumped, self._changing)  # what `march` does, with nothing to look at
+            if reached is not None:
+                self._place = reached
+                return State(*reached)
             self._keep()
-            (t, q, v), jumped = self._place, False
+            (t, q, v), jumped = self._record.last()[:3], False
         span, resumes, self._resumes = (t, t_end), self._resumes, False
         try:
             march(self._stepper, span, q, v, self._method, self._record, self._watch, bool, resumes, jumped)
@@ -158,20 +160,6 @@ class Simulation:
             self._place = self._record.last()[:3]
         return self.state
 
-    def _quickly(self, t_end, jumped) -> bool:
-        """What `march` does, where there is nothing to look at between steps; False if it did not reach the end."""
-        stepper = self._stepper
-        if jumped:
-            stepper.jump()
-            self._made.append((*self._place, stepper.lam))
-        made = stepper.made(t_end, stepper.batch, False, None, self._changing)
-        self._made.append(made)
-        t, q, v = made[2:5]
-        if len(t):
-            q.flags.writeable = v.flags.writeable = False
-            self._place = float(t[-1]), q[-1], v[-1]
-        return self._place[0] == t_end
-
     def _up_to_date(self):
         """Everything is recorded."""
         if not self._record.begun:
@@ -180,12 +168,12 @@ class Simulation:
 
     def _keep(self):
         """Record what was made quickly."""
-        for made in self._made:
-            if len(made) == 4:
-                self._record.jump(*made)
-            else:
-                self._record.add(self._stepper.batch_of(made, False))
-        self._made = []
+        if self._quick:
+            batch = self._stepper.unread()
+            if len(batch.jumps[0]) and batch.jumps[0][0] == 0:  # there is no row before it
+                self._record.jump(*self._record.last()[:3], batch.jumps[1][0])
+                batch.jumps = tuple(each[1:] for each in batch.jumps)
+            self._record.add(batch)
 
     def _begin(self):
         t, q, v = self._place
@@ -195,40 +183,51 @@ class Simulation:
 
     def _hold(self, t, control) -> bool:
         """Hold commands and torques from now on; whether they are others than before."""
-        commands, torque = {}, self._torque
         if isinstance(control, Mapping):
-            torque = np.zeros(len(torque))
-            for name, value in control.items():
-                if name in self._actuators:
-                    commands[name] = number(value, f"the command of {name!r}")
-                    continue
-                if name not in self._columns:
-                    if name not in self.mechanism.joints:
-                        known = [*self._actuators, *self.mechanism.joints]
-                        raise InputError(f"control: no actuator or joint {name!r}{near(name, known)}")
-                    self._columns[name] = self.mechanism.columns(name)
-                here = torque[self._columns[name]]
-                if not (isinstance(value, float) and isfinite(value)):
-                    value = finite_array(value, f"the torque of {name!r}")
-                    if value.size not in (1, here.size):
-                        raise InputError(f"the torque of {name!r} needs {here.size} number(s), got shape {value.shape}")
-                here[:] = value
+            commands, torque = self._of_names(control)
         else:
-            torque = finite_array(control, "control")
-        if torque.shape != self._torque.shape:
-            raise InputError(
-                f"control must map actuators to commands, joints to torques, or have {len(self._torque)} torques, got "
-                f"{control!r}"
-            )
-        changed = {name: value for name, value in commands.items() if self._commands.get(name) != value}
-        for name, value in changed.items():
-            self._actuators[name].hold(t, np.array([float(value)]))
-        self._commands |= changed
-        if torque.tobytes() == self._torque.tobytes():
-            return bool(changed)
-        self._torque = torque
-        self._control.hold(t, torque)
-        return True
+            commands, torque = {}, finite_array(control, "control")
+            if torque.shape != self._torque.shape:
+                raise InputError(
+                    f"control must map actuators to commands, joints to torques, or have {len(self._torque)} torques, "
+                    f"got {control!r}"
+                )
+        changed = False
+        for name, value in commands.items():
+            if self._commands.get(name) != value:
+                self._actuators[name].hold(t, np.array([float(value)]))
+                self._commands[name] = value
+                changed = True
+        if torque.tobytes() != self._torque.tobytes():
+            self._torque, changed = torque, True
+            self._control.hold(t, torque)
+        return changed
+
+    def _of_names(self, control):
+        """Commands by name, and the torques of all velocities."""
+        commands, torque, columns = {}, np.zeros(len(self._torque)), self._columns
+        for name, value in control.items():
+            if name not in columns:
+                columns[name] = self._place_of(name)
+            if (here := columns[name]) is None:
+                commands[name] = number(value, f"the command of {name!r}")
+            elif isinstance(value, float) and isfinite(value):
+                torque[here] = value
+            else:
+                value, size = finite_array(value, f"the torque of {name!r}"), here.stop - here.start
+                if value.size not in (1, size):
+                    raise InputError(f"the torque of {name!r} needs {size} number(s), got shape {value.shape}")
+                torque[here] = value
+        return commands, torque
+
+    def _place_of(self, name):
+        """The columns of a joint; None for an actuator."""
+        if name in self._actuators:
+            return None
+        if name not in self.mechanism.joints:
+            known = [*self._actuators, *self.mechanism.joints]
+            raise InputError(f"control: no actuator or joint {name!r}{near(name, known)}")
+        return self.mechanism.columns(name)
 
     @property
     def state(self) -> State:

@@ -62,6 +62,20 @@ def test_controllers_and_steps_of_one_rate_keep_step(mech, backend):
     assert found.check(error=False).force < 1e-8
 
 
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"step": 1e-3}])
+def test_what_is_asked_between_steps_changes_nothing(mech, options):
+    """The rows are the same, those where torques jump as well, whether they are asked for once or after each step."""
+    plain, asked = stepped(pc.Simulation(mech, **options), 5).solution(), pc.Simulation(mech, **options)
+    for _ in range(5):
+        stepped(asked, 1)
+        assert asked.lam.shape == (mech.nc,)
+        assert not asked.state.q.flags.writeable
+    asked = asked.solution()
+    assert np.count_nonzero(np.diff(plain.t) == 0.0) == 4
+    for name in ("t", "q", "v", "lam", "order"):
+        np.testing.assert_array_equal(getattr(asked, name), getattr(plain, name))
+
+
 def test_a_copy_goes_on_alike_and_leaves_the_first_alone(mech):
     sim = stepped(pc.Simulation(mech), 5)
     before, other = sim.state, sim.copy()

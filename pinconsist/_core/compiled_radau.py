@@ -109,6 +109,18 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
     def retake(self, segment, t):
         return self._core.retake(segment.curve._core, segment.i, t) or segment(t)
 
+    def reach(self, t_end, jumped, forces):
+        """Go on to a time, where nothing looks at the steps: (t, p, v) there, or None; see :meth:`unread`."""
+        reached = self._core.reach(self._compiled, t_end, self.batch, jumped, forces)
+        if reached is not None:
+            for state in reached[1:]:
+                state.setflags(write=False)
+        return reached
+
+    def unread(self) -> StepBatch:
+        """The steps of :meth:`reach` since this was called last; the run stands at their end."""
+        return self.batch_of(self._core.unread(self._compiled), False)
+
     def resume(self, t_end):
         states = super().resume(t_end)
         self._core.divide(self.method.step or 0.0, t_end)

@@ -91,6 +91,8 @@ public:
     return true;
   }
 
+  const Vec &velocity() const { return v; }
+
 private:
   friend class Run<RadauStepper, Collocations>;
 
@@ -244,7 +246,6 @@ private:
   }
   void shorten(double wanted) { h = wanted; }
 
-  const Vec &velocity() const { return v; }
   const Vec &multipliers() const { return lam; }
   int order() const { return 2 * used_s - 1; }
   void reserve(long, Collocations &) const {}

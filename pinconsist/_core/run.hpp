@@ -30,8 +30,17 @@ public:
   double start = 0.0;
   long taken = 0, steps = 0;
 
-  // Accepted steps towards t_end, at most `most`. `sees`, if it is not None, looks at each and may end them; `forces`
-  // says at which times before t_end forces jump.
+  // What Python has not asked for yet.
+  StepBatch<Curve> unread;
+
+  // Go on to t_end at once, from where forces have just `jumped` or not; the steps are `unread`.
+  Failure reach(double t_end, long most, bool jumped, const nb::object &forces) {
+    const Failure failure = jumped ? jump_here(unread) : Failure::none;
+    return failure != Failure::none ? failure : run(t_end, unread.steps + most, false, nb::none(), forces, unread);
+  }
+
+  // Accepted steps towards t_end, until there are `most`. `sees`, if it is not None, looks at each and may end them;
+  // `forces` says at which times before t_end forces jump.
   Failure run(double t_end, long most, bool with_curve, const nb::object &sees, const nb::object &forces,
               StepBatch<Curve> &out) {
     sizes_.clear();
@@ -99,7 +108,11 @@ private:
   // Forces may jump here: the state stays, and the multipliers jump with them.
   Failure change(const nb::object &forces, StepBatch<Curve> &out) {
     nb::gil_scoped_acquire holds;
-    if (!nb::cast<bool>(forces.attr("change")(t, array(p), array(self().velocity())))) return Failure::none;
+    const bool jumped = nb::cast<bool>(forces.attr("change")(t, array(p), array(self().velocity())));
+    return jumped ? jump_here(out) : Failure::none;
+  }
+
+  Failure jump_here(StepBatch<Curve> &out) {
     const Failure failure = self().jump();
     if (failure != Failure::none) return failure;
     out.jumps.push_back(out.steps);

@@ -35,6 +35,8 @@ public:
     headway_.restart(start, t);
   }
 
+  Vec velocity() const { return y.segment(system_.nx, system_.nv); }
+
 private:
   friend class Run<Stepper, TableCurve>;
 
@@ -148,7 +150,6 @@ private:
     control.restart();
   }
 
-  Vec velocity() const { return y.segment(system_.nx, system_.nv); }
   Vec multipliers() const { return y.tail(system_.nc); }
   int order() const { return used_k; }
   void reserve(long steps, TableCurve &curve) const {

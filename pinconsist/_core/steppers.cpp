@@ -48,6 +48,14 @@ nb::object in_python(TableCurve &curve) {
 }
 nb::object in_python(Collocations &curve) { return curve.empty() ? nb::none() : nb::cast(StageCurve{std::move(curve)}); }
 
+// A batch: why it ended, an exception of Python's, its rows, its polynomials, and where forces jumped.
+template <class Curve> nb::object in_python(const char *failure, nb::object error, StepBatch<Curve> &made, const System &system) {
+  const size_t n = made.steps, npos = system.npos, nv = system.nv, nc = system.nc, jumped = made.jumps.size();
+  return nb::make_tuple(failure, error, array(made.t, {n}), array(made.p, {n, npos}), array(made.v, {n, nv}), array(made.lam, {n, nc}),
+                        array(made.h, {n}), array(made.order, {n}), in_python(made.curve), array(made.jumps, {jumped}),
+                        array(made.lam_after, {jumped, nc}));
+}
+
 // What both steppers have.
 template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) {
   bound.def_ro("t", &Stepper::t)
@@ -69,16 +77,23 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
                                    taken(s.control.rejected_by_error), taken(s.control.rejected_by_newton));
            })
       .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, array(s.newton.culprit_p), array(s.newton.culprit_v)); })
-      .def("run", // a batch: why it ended, an exception of Python's, its rows, its polynomials, and where forces jumped
+      .def("run",
            [](Stepper &s, const System &system, double t_end, long most, bool with_curve, nb::object sees, nb::object forces) {
              StepBatch<Curve> out;
              const auto [failure, error] = attempted(system.calls_python() || !sees.is_none(), [&] { return s.run(t_end, most, with_curve, sees, forces, out); });
-             const size_t n = out.steps, npos = system.npos, nv = system.nv, nc = system.nc, jumped = out.jumps.size();
-             return nb::make_tuple(failure, error, array(out.t, {n}), array(out.p, {n, npos}),
-                                   array(out.v, {n, nv}), array(out.lam, {n, nc}),
-                                   array(out.h, {n}), array(out.order, {n}), in_python(out.curve),
-                                   array(out.jumps, {jumped}), array(out.lam_after, {jumped, nc}));
-           }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "sees"_a.none(), "forces"_a.none());
+             return in_python(failure, error, out, system);
+           }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "sees"_a.none(), "forces"_a.none())
+      .def("reach", // (t, p, v); None where the steps end before, and where they are of no use to Python
+           [](Stepper &s, const System &system, double t_end, long most, bool jumped, nb::object forces) -> nb::object {
+             attempted(system.calls_python(), [&] { return s.reach(t_end, most, jumped, forces); });
+             if (s.t != t_end) return nb::none();
+             return nb::make_tuple(t_end, array(s.p), array(s.velocity()));
+           }, "system"_a, "t_end"_a, "most"_a, "jumped"_a, "forces"_a.none())
+      .def("unread", // the batch of all steps of `reach` since it was asked for last
+           [](Stepper &s, const System &system) {
+             StepBatch<Curve> made = std::exchange(s.unread, {});
+             return in_python("", nb::none(), made, system);
+           });
 }
 
 void bind_bdf(nb::module_ &m) {
