@@ -29,7 +29,8 @@ class PlanarJoints:
     """
 
     def __init__(self, model: pin.Model):
-        planar = [joint for joint in model.joints if joint.shortname() == "JointModelPlanar"]
+        joints = [] if model.nq == model.nv else model.joints  # where no joint is planar
+        planar = [joint for joint in joints if joint.shortname() == "JointModelPlanar"]
         self._places = [(slice(joint.idx_q, joint.idx_q + 4), slice(joint.idx_v, joint.idx_v + 3)) for joint in planar]
 
     def integrate(self, q, xi, out) -> None:

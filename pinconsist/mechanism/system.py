@@ -6,8 +6,6 @@ that the KKT matrix is regular. Multipliers of all rows come back, at minimum no
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 import pinocchio as pin
 
@@ -53,7 +51,9 @@ class MechanismSystem(Index3System):
         self._take(bound_forces(self.model, mechanism.forces))
         # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
+        self._planar = PlanarJoints(self.model)
         self.moving, self._J = self.rows.moving, None
+        self._structure = None if self.vector_like else structure_constants(self.model)
 
     def _take(self, forces):
         self._forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
@@ -79,14 +79,6 @@ class MechanismSystem(Index3System):
 
     def change(self, t, p, v):
         return any([force.change(t, p, v) for force in self.changing])
-
-    @cached_property
-    def _planar(self):
-        return PlanarJoints(self.model)
-
-    @cached_property
-    def _structure(self):
-        return structure_constants(self.model)
 
     def integrate(self, p, xi):
         if self.vector_like:
