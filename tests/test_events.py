@@ -6,6 +6,7 @@ import pytest
 from helpers import scenes
 
 import pinconsist as pc
+from pinconsist.dae import events
 
 G = 9.81
 FIXED_AND_ADAPTIVE = [{}, {"step": 0.013}, {"rtol": 1e-4, "atol": 1e-4}, {"step": 0.01, "max_order": 2}]
@@ -163,6 +164,73 @@ def test_two_impacts_at_the_same_moment_both_happen():
     for times in sol.t_events:
         np.testing.assert_allclose(times, expected, rtol=1e-10)
     assert sol.q.min() > -1e-12
+
+
+@pytest.mark.parametrize(("method", "end"), [("Radau", 0.5), ("Radau", -0.5), ("BDF", 0.1)])
+def test_impacts_in_close_succession_are_all_found(method, end):
+    """A bead loses 0.2 % of its speed at each of 52 marks a half turn; several lie in what would be one step."""
+    seen = []
+
+    def slower(t, q, v):
+        seen.append(np.linalg.norm(v))
+        return 0.998 * v
+
+    marks = pc.Event(lambda t, q, v, lam: np.sin(52 * np.arctan2(q[1], q[0])), apply=slower)
+    sol = pc.simulate(bead(), (0.0, end), v0=(0.0, 12.0), events=marks, method=method)
+    times = np.cumsum(np.pi / 52 / (12.0 * 0.998 ** np.arange(200)))
+    times = times[times < abs(end)]
+    np.testing.assert_allclose(np.abs(sol.t_events[0]), times, rtol=1e-6)
+    speeds = 12.0 * 0.998 ** np.arange(len(times))
+    np.testing.assert_allclose(seen, speeds, rtol=1e-6)
+    angles = np.arctan2(sol.q_events[0][:, 1], sol.q_events[0][:, 0]) * np.sign(end)
+    np.testing.assert_allclose(np.sin(52 * angles), 0.0, atol=1e-8)
+    np.testing.assert_allclose(sol.lam[:-1][np.diff(sol.t) == 0.0][:, 0], -(speeds**2), rtol=1e-5)
+    if method == "Radau":  # it goes on with the step that it had
+        assert sol.nsteps <= len(times) + 20
+
+
+@pytest.mark.parametrize("multipliers", [False, True])
+def test_both_backends_look_at_the_same_states_and_find_the_same_events(multipliers):
+    """At the looks into a step, and at the impact that is located between two of them."""
+    mech, sols, looks = pc.load("four_bar"), [], []
+    level = np.median(pc.simulate(mech, (0.0, 0.5)).lam[:, 0])
+    for backend in ("auto", "python"):
+        seen = []
+
+        def g(t, q, v, lam, seen=seen):
+            seen.append((t, *q, *v, *lam))
+            return lam[0] - level
+
+        def h(t, q, v, lam, seen=seen):
+            seen.append((t, *q, *v))
+            return np.sin(20.0 * q[0])
+
+        event = pc.Event(g if multipliers else h, apply=lambda t, q, v: 0.9 * v)
+        options = {"events": event, "method": "Radau", "max_order": 5, "step": 0.05, "backend": backend}
+        sols.append(pc.simulate(mech, (0.0, 0.5), **options))
+        looks.append(np.array(seen))
+    assert len(sols[0].t_events[0]) > 0
+    np.testing.assert_allclose(*(sol.t_events[0] for sol in sols), rtol=1e-10)
+    np.testing.assert_allclose(*(sol.lam for sol in sols), rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(*looks, rtol=1e-7, atol=1e-7)
+
+
+def test_zeros_are_found_in_few_tries():
+    for g, zero in [
+        (lambda t: t**3 - 0.2, 0.2 ** (1 / 3)),
+        (lambda t: np.expm1(30 * (t - 0.7)), 0.7),
+        (lambda t: (t - 0.3) ** 9, 0.3),
+        (lambda t: 1.0 if t > 1 / 3 else -1.0, 1 / 3),
+        (lambda t: np.cbrt(t - 0.9), 0.9),
+    ]:
+        tries = []
+
+        def counted(t, g=g, tries=tries):
+            tries.append(t)
+            return g(t)
+
+        found, value = events.zero(counted, 0.0, g(0.0), 1.0, g(1.0), 1e-15)
+        assert abs(found - zero) < 2e-15 and value == g(found) and len(tries) <= 75
 
 
 def test_an_event_at_the_start_is_not_found_but_the_next_one_is():

@@ -1,4 +1,4 @@
-// The collocation polynomial of a step: led on to the next one, and RadauSegment of dae/dense.py at many times.
+// The collocation polynomial of a step: led on to the next one, and RadauSegment of dae/segments.py at many times.
 #pragma once
 
 #include "index1.hpp"
@@ -38,7 +38,7 @@ inline Vec integrals(const RadauTable &table, double theta) {
   const Vec P = legendre(theta, table.s + 1);
   Vec of_modes(table.s);
   for (int k = 0; k < table.s; ++k) of_modes[k] = 0.5 * (P[k + 1] - (k ? P[k - 1] : -1.0)) / (2 * k + 1);
-  return table.modes.transpose() * of_modes;
+  return table.modes.transpose().lazyProduct(of_modes);
 }
 
 // The collocation polynomial of a step, led to its projected end.
@@ -49,13 +49,51 @@ struct Collocation {
 };
 using Collocations = std::vector<std::shared_ptr<const Collocation>>; // of successive steps
 
+// dae/events.py: where g passes zero between a and b, whose values differ in sign, and its value there.
+template <class G> std::pair<double, double> zero(const G &g, double a, double fa, double b, double fb, double near) {
+  double part = fa / (fa - fb);
+  for (int tries = 1;; ++tries) {
+    const double least = 0.5 * near / std::abs(b - a);
+    const double t = a + std::min(std::max(part, least), 1.0 - least) * (b - a), f = g(t);
+    double c = a, fc = fa;
+    if (!(f * fa > 0.0)) {
+      std::swap(c, b);
+      std::swap(fc, fb);
+    }
+    a = t;
+    fa = f;
+    if (fa == 0.0 || std::abs(b - a) <= near) break;
+    const double x = (a - b) / (c - b), y = (fa - fb) / (fc - fb);
+    part = tries < 20 && y * y < x && (1.0 - y) * (1.0 - y) < 1.0 - x
+               ? fa / (fa - fb) * fc / (fc - fb) - (c - a) / (b - a) * fa / (fc - fa) * fb / (fb - fc)
+               : 0.5;
+  }
+  return std::abs(fa) < std::abs(fb) ? std::pair{a, fa} : std::pair{b, fb};
+}
+
 // States inside steps, put on the constraints, while the equations are there.
 class Sampler {
 public:
   explicit Sampler(System &system) : system_(system), index1_(system) {}
 
-  // p, v and, if wanted, λ at a time of a step; false where the equations are singular.
-  bool sample(const Collocations::value_type &of, double t, bool with_multipliers = true) {
+  const System &system() const { return system_; }
+
+  // p, v and λ at a time of a step; false where the equations are singular.
+  bool sample(const Collocations::value_type &of, double t) {
+    interpolate(of, t);
+    return index1_.settle(t, p, v, lam);
+  }
+
+  // The same of the polynomial as it is, with λ only where it is wanted.
+  bool look(const Collocations::value_type &of, double t, bool with_multipliers) {
+    interpolate(of, t);
+    return !with_multipliers || index1_.acceleration(t, p, v, a_, lam);
+  }
+
+  Vec p, v, lam;
+
+private:
+  void interpolate(const Collocations::value_type &of, double t) {
     const Collocation &step = *of;
     const Shape &shape = step.shape;
     const RadauTable &table = *shape.table;
@@ -69,16 +107,11 @@ public:
     }
     const double theta = (t - shape.t) / shape.h;
     const Vec here = shape.h * integrals(table, theta);
-    xi_ = step.U * here + theta * theta * (3.0 - 2.0 * theta) * missing_;
+    xi_ = theta * theta * (3.0 - 2.0 * theta) * missing_ + step.U.lazyProduct(here);
     system_.integrate(step.p0, xi_, p);
-    v = step.v0 + shape.W * here + theta * theta * missing_v_;
-    const bool regular = index1_.settle(t, p, v);
-    return !with_multipliers || (regular && index1_.acceleration(t, p, v, a_, lam));
+    v = step.v0 + theta * theta * missing_v_ + shape.W.lazyProduct(here);
   }
 
-  Vec p, v, lam;
-
-private:
   System &system_;
   Projection index1_;
   Collocations::value_type last_; // whose `missing` are at hand

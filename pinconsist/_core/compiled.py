@@ -59,8 +59,8 @@ class CompiledStepper(CompiledRun):
             sizes = control.sizes if before is None else before.sizes
             self._core.control_error(*control.spread, sizes, control.max_order, control.max_step, control.noise)
 
-    def begin(self, t, p, v, t_end):
-        states = super().begin(t, p, v, t_end)
+    def begin(self, t, p, v, t_end, known=None):
+        states = super().begin(t, p, v, t_end, known)
         self._core.turns = np.zeros((0, self.system.nx)) if self._turns is None else self._turns
         self._core.begin(t, self.t, self.h, self.k, self.p, self.y, self.base, self.Z)
         if self.method.step is not None:

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..dae.dense import Curve, RadauSegment, StepBatch
+from ..dae.dense import Curve, StepBatch
+from ..dae.events import BESIDE, nearness
 from ..dae.radau import table
 from ..dae.radau_control import RadauControl
 from ..dae.radau_stepper import RadauStepper
+from ..dae.segments import RadauSegment
 from ..dae.tuning import FEWEST_STAGES, FIRST_STAGES, LOOKS, MOST_STAGES
 from . import load
 from .compiled_system import CompiledRun
@@ -27,7 +29,7 @@ class StageCurve(Curve):
         self._core, self.start, self.ends, self.system, self._sampler = core, start, ends, system, sampler
 
     def segment(self, i):
-        return StageSegment(self, i, self._core.step(i)[0], self.ends[i])
+        return StageSegment(self, i, self.ends[i - 1] if i else self.start, self.ends[i])
 
     def plain(self, i) -> RadauSegment:
         t, h, s, *arrays = self._core.step(i)
@@ -38,17 +40,23 @@ class StageCurve(Curve):
         ends = np.append(self.ends[:last], end)
         return StageCurve(self._core.first(last + 1), self.start, ends, self.system, self._sampler)
 
-    def __call__(self, times, with_multipliers=True):
-        found = None
-        if self._sampler:
-            sizes = self.system.npos, self.system.nv, self.system.nc
-            found = self._sampler[0].rows(self._core, self.holders(times), times, *sizes, with_multipliers)
-        return super().__call__(times) if found is None else found
+    def __call__(self, times):
+        found = self._sampler[0].rows(self._core, self.holders(times), times) if self._sampler else None
+        return found or super().__call__(times)
 
-    def row(self, i, t, with_multipliers):
+    def all_looks(self, with_multipliers):
+        found = self._sampler[0].looks(self._core, self.ends, LOOKS, with_multipliers) if self._sampler else None
+        return found or super().all_looks(with_multipliers)
+
+    def row(self, i, t):
         """(p, v, λ) at a time of a step."""
-        found = self._sampler[0].row(self._core, i, t, with_multipliers) if self._sampler else None
+        found = self._sampler[0].row(self._core, i, t) if self._sampler else None
         return found or self.plain(i)(t)
+
+    def look(self, i, t, with_multipliers):
+        """The same, for events that look at it."""
+        found = self._sampler[0].look(self._core, i, t, with_multipliers) if self._sampler else None
+        return found or self.plain(i).look(t, with_multipliers)
 
     def with_others(self, curves):
         core, ends = self._core.joined([each._core for each in curves]), [each.ends for each in (self, *curves)]
@@ -64,8 +72,12 @@ class StageSegment:
     t_old: float
     end: float
 
-    def __call__(self, t, with_multipliers=True):
-        return self.curve.row(self.i, t, with_multipliers)
+    def __call__(self, t):
+        return self.curve.row(self.i, t)
+
+    def look(self, t, with_multipliers):
+        """For events, as that of :class:`RadauSegment`."""
+        return self.curve.look(self.i, t, with_multipliers)
 
 
 class CompiledRadauStepper(CompiledRun, RadauStepper):
@@ -90,10 +102,12 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
             sizes = control.sizes if before is None else before.sizes
             self._core.control_error(sizes, control.max_step, chooses, control.worth_most)
 
-    def begin(self, t, p, v, t_end):
-        states = super().begin(t, p, v, t_end)
-        self._hand_state()
-        self._core.turns, self._core.h = self._turns, self.h
+    def begin(self, t, p, v, t_end, known=None):
+        first = self._turns is None
+        states = super().begin(t, p, v, t_end, known)
+        if first:
+            self._core.turns = self._turns
+        self._core.h = self.h
         self._core.divide(self.method.step or 0.0, t_end)
         return states
 
@@ -106,8 +120,20 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         if not self.ahead:
             self._sampler.clear()
 
-    def retake(self, segment, t):
-        return self._core.retake(segment.curve._core, segment.i, t) or segment(t)
+    def locate(self, segment, value, with_multipliers, begin, end):
+        curve, found = segment.curve, None
+        if end[1] and self._sampler:
+            near = nearness(begin, end, True)
+            found = self._core.locate(
+                self._sampler[0], curve._core, segment.i, value, with_multipliers, *begin, *end, near, BESIDE
+            )
+        return found or super().locate(segment, value, with_multipliers, begin, end)
+
+    def _retake(self, segment, t):
+        again, curve = self._core.retake(segment.curve._core, segment.i, t), segment.curve
+        if again is None:
+            return segment
+        return StageSegment(StageCurve(again, segment.t_old, [t], curve.system, self._sampler), 0, segment.t_old, t)
 
     def reach(self, t_end, jumped, forces):
         """Go on to a time, where nothing looks at the steps: (t, p, v) there, or None; see :meth:`unread`."""
@@ -137,7 +163,6 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
     def _first_step(self, t_end):
         if self.method.first_step is not None:
             return super()._first_step(t_end)
-        self._hand_state()
         return self._core.first_step(t_end)
 
     def batch_of(self, made, with_curve) -> StepBatch:

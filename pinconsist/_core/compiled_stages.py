@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..dae.dense import not_made_again
 from ..dae.kkt import singular_message
+from ..dae.segments import not_made_again
 from ..errors import SingularSystemError
 from . import load
 from .compiled_gradient import use_parameters

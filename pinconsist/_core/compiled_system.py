@@ -118,8 +118,8 @@ class CompiledIndex1(Index1):
             raise NotFiniteError(not_finite_message(self.system, t, p, v))
         return a, lam
 
-    def state(self, t, p, v):
-        """(t, p, v, λ) with p and v put on the constraints."""
+    def projected(self, t, p, v):
+        """(p, v) put on the constraints."""
         p, v, failure, gap = self._projection.project(t, p, v)
         if failure:
             raise (
@@ -127,7 +127,7 @@ class CompiledIndex1(Index1):
                 if failure == "singular"
                 else AssemblyError(not_closed_message(gap))
             )
-        return t, p, v, self.acceleration(t, p, v)[1]
+        return p, v
 
     def one_step(self, base, t0, p0, v0, t_end, rtol, atol, max_step=np.inf, dense=False):
         """A run of DOP853."""

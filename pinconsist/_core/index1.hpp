@@ -37,39 +37,46 @@ public:
     if (system_.nc && !position(t, state)) return state;
     for (int turn = 0; turn < 2 && system_.nc; ++turn) {
       system_.constraint(t, state.p, state.v);
-      if (!shift(t, state, system_.rho)) return singular(state);
+      if (turn == 0 && !shift(t, state.p, state.v, system_.rho)) return singular(state);
+      if (turn == 1) shift_again(system_.rho);
       state.v -= rhs_.col(0).head(system_.nv);
     }
     return state;
   }
 
-  // p and v, near both constraints, put on them by one factorisation; false where it is singular.
-  bool settle(double t, Vec &p, Vec &v) {
+  // p and v, near both constraints, put on them, and λ there, by one factorisation; false where it is singular.
+  bool settle(double t, Vec &p, Vec &v, Vec &lam) {
     const int nv = system_.nv, nc = system_.nc;
+    lam.resize(nc);
     if (!nc) return true;
     system_.constraint(t, p, v);
-    if (!shift(t, {p, v}, system_.phi)) return false;
-    moved_.resize(system_.npos);
+    if (!shift(t, p, v, system_.phi)) return false;
     system_.integrate(p, -system_.moved_by(t, p, v, rhs_.col(0).head(nv)), moved_);
-    p = moved_;
+    std::swap(p, moved_);
     system_.constraint(t, p, v);
-    rhs_.setZero();
-    rhs_.col(0).tail(nc) = system_.rho;
-    kkt_.solve(rhs_, 1.0, 0);
+    shift_again(system_.rho);
     v -= rhs_.col(0).head(nv);
+    system_.evaluate_after_constraint(t, p, v, zero_);
+    negative_forces(t, p, v);
+    kkt_.solve(rhs_, 1.0, 1);
+    lam = rhs_.col(0).tail(nc);
     return true;
   }
 
 private:
   bool solve_acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
-    const int nv = system_.nv, nc = system_.nc;
-    rhs_.col(0).head(nv) = -system_.f;
-    system_.acceleration_bias(t, p, v, bias_);
-    rhs_.col(0).tail(nc) = -bias_;
+    negative_forces(t, p, v);
     if (!solve(t, p, v)) return false;
-    a = rhs_.col(0).head(nv);
-    lam = rhs_.col(0).tail(nc);
+    a = rhs_.col(0).head(system_.nv);
+    lam = rhs_.col(0).tail(system_.nc);
     return true;
+  }
+
+  // The right-hand side of accelerations, after `evaluate` without them.
+  void negative_forces(double t, const Vec &p, const Vec &v) {
+    rhs_.col(0).head(system_.nv) = -system_.f;
+    system_.acceleration_bias(t, p, v, bias_);
+    rhs_.col(0).tail(system_.nc) = -bias_;
   }
 
   bool solve(double t, const Vec &p, const Vec &v) {
@@ -78,10 +85,17 @@ private:
   }
 
   // The smallest velocity, in the mass metric, that carries the residual; W is the one at p.
-  bool shift(double t, const State &state, const Vec &residual) {
+  bool shift(double t, const Vec &p, const Vec &v, const Vec &residual) {
     rhs_.setZero();
     rhs_.col(0).tail(system_.nc) = residual;
-    return solve(t, state.p, state.v);
+    return solve(t, p, v);
+  }
+
+  // The same of another residual at this position or very near it.
+  void shift_again(const Vec &residual) {
+    rhs_.setZero();
+    rhs_.col(0).tail(system_.nc) = residual;
+    kkt_.solve(rhs_, 1.0, 0);
   }
 
   bool position(double t, State &state) {
@@ -90,7 +104,7 @@ private:
       system_.constraint(t, state.p, state.v);
       const double size = largest(system_.phi);
       if (size <= EPS || (size <= rounding_gap(state.p, system_.W) && size >= 0.5 * last)) return true;
-      if (!shift(t, state, system_.phi)) return singular(state), false;
+      if (!shift(t, state.p, state.v, system_.phi)) return singular(state), false;
       Vec moved;
       system_.integrate(state.p, -system_.moved_by(t, state.p, state.v, rhs_.col(0).head(system_.nv)), moved);
       state.p = moved;

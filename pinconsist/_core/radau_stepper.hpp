@@ -75,20 +75,17 @@ public:
     h = (t_end - t) / steps;
   }
 
-  // The state at t_end of a step that is made again up to there; false where it fails.
-  bool retake(const Collocation &step, double t_end, Vec &p1, Vec &v1, Vec &lam1) {
+  // A step made again up to another end; none where it fails.
+  Collocations::value_type retake(const Collocation &step, double t_end) {
     place(step.shape.table->s, step.shape.t, t_end - step.shape.t, step.p0, step.v0);
     step.shape.predict(newton.stages);
     newton.forget(); // derivatives at the end of the last step are not those at the start of this one
     const double tol = control.weights(system_, step.p0, step.v0, weight_);
     double error;
-    if (newton.solve(weight_, tol) != Failure::none) return false;
-    if (land(t_end, error, false) != Failure::none) return false;
+    if (newton.solve(weight_, tol) != Failure::none) return nullptr;
+    if (land(t_end, error, false) != Failure::none) return nullptr;
     newton.forget();
-    p1 = p1_;
-    v1 = v1_;
-    lam1 = lam1_;
-    return true;
+    return made(solved_shape(), p1_, v1_);
   }
 
   const Vec &velocity() const { return v; }
@@ -159,9 +156,19 @@ private:
     newton.stages.v = v0;
   }
 
+  Shape solved_shape() const {
+    const Stages &of = newton.stages;
+    return {of.table, of.t, of.h, of.W};
+  }
   void keep_shape() {
     shaped_ = true;
-    shape_ = {newton.stages.table, newton.stages.t, newton.stages.h, newton.stages.W};
+    shape_ = solved_shape();
+  }
+
+  // What a step leaves that ends in this state.
+  Collocations::value_type made(const Shape &shape, const Vec &p1, const Vec &v1) const {
+    const Stages &of = newton.stages;
+    return std::make_shared<Collocation>(Collocation{shape, of.U(), of.p, of.v, p1, v1});
   }
 
   double weights() { return control.weights(system_, p, v, weight_); }
@@ -203,7 +210,7 @@ private:
       if (largest(system_.phi) > rounding_gap(p1_, system_.G_transposed())) return Failure::not_converged;
     }
     error = modes ? error_of(modes) : 0.0;
-    if (error > 1.0) return Failure::none; // a and λ of a rejected step are of no use
+    if (error > 1.0 || !with_error) return Failure::none; // nobody looks at a and λ
     return index1_.acceleration_after_constraint(t_next, p1_, v1_, a1_, lam1_) ? Failure::none : Failure::singular;
   }
 
@@ -249,10 +256,7 @@ private:
   const Vec &multipliers() const { return lam; }
   int order() const { return 2 * used_s - 1; }
   void reserve(long, Collocations &) const {}
-  void keep(Collocations &curve) const {
-    const Stages &of = newton.stages;
-    curve.push_back(std::make_shared<Collocation>(Collocation{shape_, of.U(), of.p, of.v, p, v}));
-  }
+  void keep(Collocations &curve) const { curve.push_back(made(shape_, p, v)); }
 
   KKT kkt_;
   Projection index1_;

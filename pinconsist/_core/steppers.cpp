@@ -145,9 +145,27 @@ void bind_radau(nb::module_ &m) {
       .def_prop_ro("lam", [](const RadauStepper &s) { return array(s.lam); })
       .def("retake", // None where it fails
            [](RadauStepper &s, const StageCurve &curve, size_t i, double t) -> nb::object {
-             Vec p, v, lam;
-             if (!s.retake(*curve.steps.at(i), t, p, v, lam)) return nb::none();
-             return nb::make_tuple(array(p), array(v), array(lam));
+             const auto again = s.retake(*curve.steps.at(i), t);
+             return again ? nb::cast(StageCurve{{again}}) : nb::none();
+           })
+      .def("locate", // as in dae/events.py, with value(t, p, v, λ); None where states cannot be had
+           [](RadauStepper &s, Sampler &sampler, const StageCurve &curve, size_t i, nb::object value, bool with_multipliers,
+              double begin, double g_begin, double end, double g_end, double near, double beside) -> nb::object {
+             bool regular = true;
+             const auto g = [&](const Collocations::value_type &step, double t) {
+               regular = regular && sampler.look(step, t, with_multipliers);
+               const nb::object lam = with_multipliers ? array(sampler.lam) : nb::none();
+               return regular ? nb::cast<double>(value(t, array(sampler.p), array(sampler.v), lam)) : 0.0;
+             };
+             const auto &step = curve.steps.at(i);
+             auto [root, left] = zero([&](double t) { return g(step, t); }, begin, g_begin, end, g_end, near);
+             const auto again = regular ? s.retake(*step, root) : nullptr;
+             if (!again) return nb::none();
+             const double near_by = root - beside * (root - begin), there = g(again, root);
+             const double moved = root - there * (root - near_by) / (left - g(step, near_by));
+             if ((moved - begin) * (moved - end) < 0.0) root = moved;
+             if (!regular || !sampler.sample(again, root)) return nb::none();
+             return nb::make_tuple(root, nb::make_tuple(array(sampler.p), array(sampler.v), array(sampler.lam)));
            })
       .def("first_step", &RadauStepper::first_step)
       .def("jump", [](RadauStepper &s) { return s.jump() == Failure::none; })
@@ -195,21 +213,46 @@ void bind_radau(nb::module_ &m) {
   nb::class_<Sampler>(m, "Sampler")
       .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())
       .def("row", // None where the equations are singular
-           [](Sampler &sampler, const StageCurve &curve, size_t i, double t, bool with_multipliers) -> nb::object {
-             if (!sampler.sample(curve.steps.at(i), t, with_multipliers)) return nb::none();
+           [](Sampler &sampler, const StageCurve &curve, size_t i, double t) -> nb::object {
+             if (!sampler.sample(curve.steps.at(i), t)) return nb::none();
              return nb::make_tuple(array(sampler.p), array(sampler.v), array(sampler.lam));
            })
+      .def("look", // λ is None where it is not wanted
+           [](Sampler &sampler, const StageCurve &curve, size_t i, double t, bool with_multipliers) -> nb::object {
+             if (!sampler.look(curve.steps.at(i), t, with_multipliers)) return nb::none();
+             return nb::make_tuple(array(sampler.p), array(sampler.v), with_multipliers ? array(sampler.lam) : nb::none());
+           })
       .def("rows", // at times of the steps with these indices
-           [](Sampler &sampler, const StageCurve &curve, const std::vector<size_t> &steps, const Vec &times, int npos, int nv, int nc,
-              bool with_multipliers) -> nb::object {
-             Table p(times.size(), npos), v(times.size(), nv), lam = Table::Constant(times.size(), nc, NOT_A_NUMBER);
+           [](Sampler &sampler, const StageCurve &curve, const std::vector<size_t> &steps, const Vec &times) -> nb::object {
+             const System &of = sampler.system();
+             Table p(times.size(), of.npos), v(times.size(), of.nv), lam(times.size(), of.nc);
              for (Eigen::Index i = 0; i < times.size(); ++i) {
-               if (!sampler.sample(curve.steps.at(steps[i]), times[i], with_multipliers)) return nb::none();
+               if (!sampler.sample(curve.steps.at(steps[i]), times[i])) return nb::none();
                p.row(i) = sampler.p.transpose();
                v.row(i) = sampler.v.transpose();
-               if (with_multipliers) lam.row(i) = sampler.lam.transpose();
+               lam.row(i) = sampler.lam.transpose();
              }
              return nb::make_tuple(array(p), array(v), array(lam));
+           })
+      .def("looks", // at so many times in each step, its end the last, for which λ is left out; as `look`
+           [](Sampler &sampler, const StageCurve &curve, const Vec &ends, int looks, bool with_multipliers) -> nb::object {
+             const System &of = sampler.system();
+             const Eigen::Index n = ends.size() * looks;
+             Vec t(n);
+             Table p(n, of.npos), v(n, of.nv), lam(with_multipliers ? n : 0, of.nc);
+             for (Eigen::Index i = 0, row = 0; i < ends.size(); ++i) {
+               const auto &step = curve.steps.at(i);
+               const double start = step->shape.t;
+               for (int look = 1; look <= looks; ++look, ++row) {
+                 const bool end = look == looks;
+                 t[row] = end ? ends[i] : start + (ends[i] - start) * look / looks;
+                 if (!end && !sampler.look(step, t[row], with_multipliers)) return nb::none();
+                 p.row(row) = (end ? step->p1 : sampler.p).transpose();
+                 v.row(row) = (end ? step->v1 : sampler.v).transpose();
+                 if (with_multipliers && !end) lam.row(row) = sampler.lam.transpose();
+               }
+             }
+             return nb::make_tuple(array(t), array(p), array(v), with_multipliers ? array(lam) : nb::none());
            });
 }
 

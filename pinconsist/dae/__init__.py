@@ -8,7 +8,8 @@ To be read in this order, from the problem to its integration:
 4. :mod:`consistency`: numerically consistent initial values, and the correction of every step.
 5. :mod:`control` and :mod:`rounding`: step and order; when an error is rounding, and when a run makes no headway.
 6. :mod:`index1` and :mod:`start`: the equations of index 1, and the history with which a run begins.
-7. :mod:`stepper`, :mod:`events`, :mod:`dense`, :mod:`output`: one accepted step; what is found and kept along the way.
+7. :mod:`stepper`, :mod:`segments`, :mod:`events`, :mod:`dense`, :mod:`output`: one accepted step and its polynomial;
+   what is found and kept along the way.
 8. :mod:`radau` and :mod:`radau_stepper`: the one-step method, its stage equations and its run.
 9. :mod:`integrate`: the loop. :mod:`tuning` holds the numbers, :mod:`failure` what a run that could not go on reports.
 """

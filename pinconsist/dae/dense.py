@@ -7,92 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError, PinconsistError
+from ..errors import InputError
 from . import bdf
-from .charts import chart_point
-from .index1 import Index1, settled
 from .problem import Index3System
-from .radau import Table
-from .tuning import LOOKS
-
-
-@dataclass(frozen=True)
-class Segment:
-    """The polynomial of degree k over one step from `t_old` to `end`, in [ξ | v | λ], exact at both of its ends.
-
-    Positions on a manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between
-    to the order of the method. `changes` mapped the table of the step before to this step's size, including rejected
-    tries; None where a run starts, with k+1 points.
-    """
-
-    t_old: float
-    end: float
-    t: float
-    h: float
-    k: int
-    base: np.ndarray
-    Z: np.ndarray
-    changes: np.ndarray | None
-    system: Index3System
-
-    looks = 1
-
-    def __call__(self, t: float, with_multipliers=True):
-        """(p, v, λ) at a time inside the step; what λ is has no meaning where it is not wanted."""
-        y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z[: self.k + 1])
-        nx, nv = self.system.nx, self.system.nv
-        return chart_point(self.system, self.base, y[:nx]), y[nx : nx + nv], y[nx + nv :]
-
-
-@dataclass(frozen=True)
-class RadauSegment:
-    """The collocation polynomial of a step from (p0, v0), bent to its projected end (p, v); λ by the index-1 equations.
-
-    Between the ends it is put on both constraints: off them lies most of its error.
-    `W` and `U` have the accelerations and the rates of ξ at the stages of the formula `table`, a row for each.
-    """
-
-    t_old: float
-    end: float
-    h: float
-    table: Table
-    p0: np.ndarray
-    v0: np.ndarray
-    W: np.ndarray
-    U: np.ndarray
-    p: np.ndarray
-    v: np.ndarray
-    system: Index3System
-
-    looks = LOOKS  # steps are long
-
-    def __call__(self, t: float, with_multipliers=True):
-        """(p, v, λ) at a time inside the step."""
-        system, theta = self.system, (t - self.t_old) / self.h
-        here, last = self.h * self.table.integrals([theta])[0], self.h * self.table.A[-1]
-        missing = system.difference(self.p0, self.p) - last @ self.U
-        p = system.integrate(self.p0, here @ self.U + theta**2 * (3.0 - 2.0 * theta) * missing)
-        v = self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
-        p, v = settled(system, t, p, v)
-        return p, v, Index1(system).acceleration(t, p, v)[1]
-
-    def led_to(self, t: float) -> RadauSegment:
-        """The step to another time, with accelerations from its polynomial, which are to be iterated."""
-        h = t - self.t_old
-        W = self.table.values(h / self.h * self.table.c) @ self.W
-        return replace(self, end=t, h=h, W=W)
-
-
-def not_made_again(t) -> PinconsistError:
-    """The error of a step that fails where it is led to another time."""
-    return PinconsistError(f"the step of Radau IIA could not be made again up to t = {t:.6g}")
+from .segments import Segment
 
 
 class Curve:
     """The polynomials of successive steps of one system, from `start` on up to their `ends`.
 
-    A segment is a dataclass with ``t_old``, ``end`` and ``system``; called with a time it gives (p, v, λ). Events are
-    looked for at ``looks`` times in each step.
+    A segment is a dataclass with ``t_old``, ``end`` and ``system``; called with a time it gives (p, v, λ). Events look
+    at ``looks`` times in each step, its end the last, at what ``look(t, with_multipliers)`` of the segment gives.
     """
 
     def __init__(self, segments):
@@ -124,10 +49,19 @@ class Curve:
     def _cut(self, last, end):
         return Curve([*self.segments[:last], replace(self.segments[last], end=end)])
 
-    def __call__(self, times, with_multipliers=True):
-        """(p, v, λ) at several times, as arrays; what λ is has no meaning where it is not wanted."""
+    def __call__(self, times):
+        """(p, v, λ) at several times, as arrays."""
         rows = [self.segment(i)(t) for i, t in zip(self.holders(times), times, strict=True)]
         return tuple(map(np.array, zip(*rows, strict=True)))
+
+    def all_looks(self, with_multipliers: bool):
+        """t, p, v and λ, or None where it is not wanted, at all times at which events look; without λ at the ends."""
+        begin, parts = np.concatenate(([self.start], self.ends[:-1]))[:, None], np.arange(1, self.looks + 1)
+        t = begin + (self.ends[:, None] - begin) * parts / self.looks
+        t[:, -1] = self.ends
+        rows = [self.segment(i).look(time, with_multipliers) for i, times in enumerate(t) for time in times]
+        p, v, lam = zip(*rows, strict=True)
+        return t.reshape(-1), np.array(p), np.array(v), np.array(lam) if with_multipliers else None
 
     def with_others(self, curves) -> Curve:
         """One curve of this and those that follow."""
@@ -169,7 +103,7 @@ class Tables(Curve):
         t_old, ends, *others = (column[: last + 1] for column in self._columns())
         return Tables(t_old, np.append(ends[:last], end), *others, self.system, self.chart_points)
 
-    def __call__(self, times, with_multipliers=True):
+    def __call__(self, times):
         i, nx, nv = self.holders(times), self.system.nx, self.system.nv
         highest = int(self.k[i].max(initial=0))
         basis = bdf.interpolate(highest, (times - self.t[i]) / self.h[i])
@@ -232,23 +166,23 @@ class StepBatch:
         t, p, v = (np.insert(each, at, each[at - 1], axis=0) for each in (self.t, self.p, self.v))
         return t, p, v, np.insert(self.lam, at, lam, axis=0), np.insert(self.order, at, 0)
 
-    def looked_into(self, looks: int, with_multipliers: bool):
-        """t, p, v and λ at so many times in each step, its end the last."""
+    def looked_into(self, with_multipliers: bool):
+        """t, p, v and λ, or None where it is not wanted, at all times at which events look."""
+        looks = self.curve.looks
         if looks == 1:
             return self.t, *self.states
-        before = np.concatenate(([self.curve.start], self.t[:-1]))[:, None]
-        t = (before + (self.t[:, None] - before) * (np.arange(1, looks + 1) / looks)).reshape(-1)
-        t[looks - 1 :: looks] = self.t
-        states = self.curve(t, with_multipliers)
-        for inside, ends in zip(states, self.states, strict=True):
-            inside[looks - 1 :: looks] = ends
-        return t, *states
+        t, p, v, lam = self.curve.all_looks(with_multipliers)
+        if lam is not None:
+            lam[looks - 1 :: looks] = self.lam
+        return t, p, v, lam
 
     def cut(self, n, with_curve, t, p, v, lam) -> StepBatch:
         """The first `n` steps, and the part up to a time, where an event happens, of the one after them."""
-        rows = (np.concatenate((each[:n], row[None])) for each, row in zip(self.states, (p, v, lam), strict=True))
-        curve = self.curve.until(t) if with_curve else None
-        return StepBatch(np.append(self.t[:n], t), *rows, self.order[: n + 1], curve)
+        curve, rows = self.curve.until(t) if with_curve else None, (np.array([t]), p[None], v[None], lam[None])
+        if n:
+            before = self.t, *self.states
+            rows = tuple(np.concatenate((each[:n], row)) for each, row in zip(before, rows, strict=True))
+        return StepBatch(*rows, self.order[: n + 1], curve)
 
 
 def joined(curves) -> list[Curve]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from dis import get_instructions
+from functools import partial
 from types import FunctionType
-
-from scipy.optimize import brentq
 
 from ..errors import InputError, UserFunctionError
 
@@ -16,7 +15,7 @@ NUDGE = 1e-6  # of a step
 BESIDE = 1e-3  # of a step, for a slope
 ROUGHLY = 1e-7  # of a step, where a secant follows
 LOOKING = {"locals", "vars", "dir", "eval", "exec"}  # functions that see all variables
-MOST_TRIES = 3000  # Brent's method needs 135 for a triple zero, and never more than 52² for any
+QUICK = 20  # tries after which a zero is found by halving
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ def as_events(events) -> tuple[Event, ...]:
 class EventWatch:
     """Finds the events of each step, in the order of time.
 
-    ``retake(segment, t)``, if not None, makes the step of a segment again up to a time: its (p, v, λ) there.
+    `locate` is that of a :class:`~pinconsist.dae.stepper.Stepper`.
 
     Attributes
     ----------
@@ -76,24 +75,25 @@ class EventWatch:
         Occurrences of each event.
     """
 
-    def __init__(self, events, finish, interrupted, retake):
-        self.events, self.finish, self.interrupted, self.retake = events, finish, interrupted, retake
+    def __init__(self, events, finish, interrupted, locate):
+        self.events, self.finish, self.interrupted, self.locate = events, finish, interrupted, locate
         self.found = [[] for _ in events]
         self._values, self._seen = [0.0] * len(events), []  # of each event: at the last look, and ahead of the search
         self._multipliers = any(reads_multipliers(event.function) for event in events)
-        self._there = None, 0.0, ()  # the state made last: of a segment, at a time
 
     def restart(self, t, p, v, lam, fired=()) -> None:
         """Take the signs at a new start; an event that is zero there, as those that just fired, is not found again."""
         if not self.events:
             return
-        self._values, self._seen = self._signs(t, p, v, lam), []
+        self._seen = []
+        if len(fired) < len(self.events):
+            self._values = self._at_row(t, p, v, lam)
         for i in fired:
             self._values[i] = 0.0  # what rounding leaves of it has no meaning
 
     def sees(self, t, p, v, lam, order) -> bool:
         """Look at a step before the batch it belongs to is searched; whether something may have happened in it."""
-        before, values = self._seen[-1] if self._seen else self._values, self._signs(t, p, v, lam)
+        before, values = self._seen[-1] if self._seen else self._values, self._at_row(t, p, v, lam)
         self._seen.append(values)
         return any(not a * b > 0.0 for a, b in zip(before, values, strict=True))
 
@@ -107,15 +107,16 @@ class EventWatch:
         (indices of the events at that time, t, (p, v, λ), whether to stop) or None
         """
         begin, left, looks, self.looked = batch.curve.start, batch.curve.looks, batch.curve.looks, 0
-        t, p, v, lam = batch.looked_into(looks, self._multipliers)
-        rows = p, v, self._given(p, lam)
-        for end, p, v, lam in zip(t.tolist(), *rows, strict=True):  # at every step: plain loops are fastest
-            values = self._values
-            self._values = self._seen.pop(0) if self._seen else [_value(each, end, p, v, lam) for each in self.events]
-            for before, after in zip(values, self._values, strict=True):
+        events, seen, values = self.events, self._seen, self._values
+        t, p, v, lam = batch.looked_into(self._multipliers)
+        lam = [None] * len(t) if lam is None else self._given(p, lam)
+        for end, *state in zip(t.tolist(), p, v, lam, strict=True):  # at every step: plain loops are fastest
+            last, values = values, seen.pop(0) if seen else _values(events, end, *state)
+            self._values = values
+            for before, after in zip(last, values):  # noqa: B905 - strict takes time
                 if not before * after > 0.0:
                     segment = batch.curve.segment(min(self.looked, len(batch.curve.ends) - 1))  # a start is one
-                    if change := self._happen(segment, self._hits(segment, begin, end, values)):
+                    if change := self._happen(self._hits(segment, begin, end, last)):
                         return change
                     break
             begin, left = end, left - 1
@@ -130,72 +131,100 @@ class EventWatch:
         late = (lambda time: time > t) if forward else (lambda time: time < t)
         return [[row for row in rows if _at_once(row[0], t) or not late(row[0])] for rows in self.found]
 
-    def _hits(self, segment, begin, end, values):
-        """(t, index) of the events between two times, in their order."""
-        beside = begin + NUDGE * (end - begin)
-        leaving = self._signs(beside, *segment(beside, self._multipliers)) if 0.0 in values else values
+    def _hits(self, segment, begin, end, last):
+        """(t, index, (p, v, λ)) of events between two looks, in the order of time; `last`: values at the first one."""
+        leaving, beside = last, begin
+        if 0.0 in last:
+            beside = begin + NUDGE * (end - begin)
+            p, v, lam = segment.look(beside, self._multipliers)
+            leaving = _values(self.events, beside, p, v, self._given(p, lam))
         hits = []
         for i, event in enumerate(self.events):
-            g0, g1 = values[i] or leaving[i], self._values[i]
+            g0, g1 = leaving[i], self._values[i]
             rises, falls = g0 < 0 <= g1 and event.direction >= 0, g0 > 0 >= g1 and event.direction <= 0
             if rises or falls:
-                hits.append((self._locate(event, segment, begin if values[i] else beside, end, g1), i))
+                between = (begin if last[i] else beside, g0), (end, g1)
+                t, state = self.locate(segment, self._value_of(event), self._multipliers, *between)
+                hits.append((t, i, state))
         return sorted(hits, key=lambda hit: (abs(hit[0] - begin), hit[1]))
 
-    def _happen(self, segment, hits):
-        """Record `hits`, (t, index) in the order of time, up to the first that changes the run."""
-        stop_at, final = None, False
-        for t, i in hits:
-            if stop_at is not None and not _at_once(t, stop_at):
+    def _happen(self, hits):
+        """Record `hits` up to the first that changes the run."""
+        stop, final = None, False
+        for t, i, (p, v, lam) in hits:
+            if stop is not None and not _at_once(t, stop[0]):
                 break
             event = self.events[i]
-            p, v, lam = self._state(segment, t)
             self.found[i].append((t, p, v, self.finish(p, lam)))
             enough = bool(event.terminal) and len(self.found[i]) >= int(event.terminal)
             if enough or event.apply is not None:
-                stop_at, final = t if stop_at is None else stop_at, final or enough
-        if stop_at is None:
+                stop, final = stop or (t, (p, v, lam)), final or enough
+        if stop is None:
             return None
-        return [i for t, i in hits if _at_once(t, stop_at)], stop_at, self._state(segment, stop_at), final
+        return [i for t, i, _ in hits if _at_once(t, stop[0])], *stop, final
 
-    def _state(self, segment, t):
-        """(p, v, λ) at a time inside a step, which is wanted repeatedly."""
-        if self._there[0] is not segment or self._there[1] != t:
-            self._there = segment, t, segment(t) if self.retake is None else self.retake(segment, t)
-        return self._there[2]
+    def _value_of(self, event):
+        return lambda t, p, v, lam: _values((event,), t, p, v, self._given(p, lam))[0]
 
     def _given(self, p, lam):
         """λ as events are given it."""
         return self.finish(p, lam) if self._multipliers else lam
 
-    def _signs(self, t, p, v, lam):
-        state = [read_only(each) for each in (p, v, self._given(p, lam))]
-        return [_value(event, t, *state) for event in self.events]
+    def _at_row(self, t, p, v, lam):
+        """The events' values at a state that is recorded."""
+        return _values(self.events, t, *(read_only(each) for each in (p, v, self._given(p, lam))))
 
-    def _locate(self, event, segment, begin, end, g_end) -> float:
-        if g_end == 0.0:
-            return end
 
-        known = {end: g_end}
+def located(segment, value, with_multipliers, begin, end, retake=None):
+    """The time at which ``value(t, p, v, λ)`` passes zero between two looks into a step, and (p, v, λ) there.
 
-        def g(t):
-            if t not in known:
-                p, v, lam = segment(t, self._multipliers)
-                known[t] = _value(event, t, p, v, self._given(p, lam))
-            return known[t]
+    `begin` and `end` are (time, value) of the looks. ``retake(segment, t)``, if not None, makes the step again up to a
+    time inside it: a segment that is exact there, or the old one where that fails.
+    """
 
-        if g(begin) == 0.0 or g(begin) * g_end > 0:
-            return end  # the interpolant's sign at its old end is lost in rounding
-        exact = 4e-16 * max(1.0, abs(end))
-        near = exact if self.retake is None else max(exact, ROUGHLY * abs(end - begin))
-        root = brentq(g, begin, end, xtol=near, rtol=1e-14, maxiter=MOST_TRIES)
-        if self.retake is None:
-            return root
-        p, v, lam = self._state(segment, root)
-        missing, beside = _value(event, root, p, v, self._given(p, lam)) - g(root), root - BESIDE * (root - begin)
-        slope = (g(root) - g(beside)) / (root - beside) if root != beside else 0.0
-        moved = root - missing / slope if slope else root  # one secant takes out what the interpolant is wrong by
-        return moved if (moved - begin) * (moved - end) < 0 else root
+    def g(segment, t):
+        return value(t, *segment.look(t, with_multipliers))
+
+    (t_begin, _), (t_end, g_end) = begin, end
+    if g_end == 0.0:
+        return t_end, (segment if retake is None or t_end == segment.end else retake(segment, t_end))(t_end)
+    root, left = zero(partial(g, segment), *begin, *end, nearness(begin, end, retake is not None))
+    again = segment if retake is None else retake(segment, root)
+    if again is not segment:  # one step of Newton's takes out how wrong the interpolant is
+        there, beside = g(again, root), root - BESIDE * (root - t_begin)
+        slope = (left - g(segment, beside)) / (root - beside) if root != beside else 0.0
+        moved = root - there / slope if slope else root
+        root = moved if (moved - t_begin) * (moved - t_end) < 0 else root
+    return root, again(root)
+
+
+def nearness(begin, end, roughly) -> float:
+    """How near to an event the search between two looks comes."""
+    exact = 4e-16 * max(1.0, abs(end[0]))
+    return max(exact, ROUGHLY * abs(end[0] - begin[0])) if roughly else exact
+
+
+def zero(g, a, fa, b, fb, near):
+    """Where `g` passes zero between `a` and `b`, whose values differ in sign, and its value there.
+
+    By inverse quadratic interpolation or halving, as Chandrupatla (Adv. Eng. Softw. 28, 1997) chooses between them;
+    where that takes long, by halving alone.
+    """
+    part, tries = fa / (fa - fb), 0
+    while True:
+        least, tries = 0.5 * near / abs(b - a), tries + 1
+        t = a + min(max(part, least), 1.0 - least) * (b - a)
+        f = g(t)
+        c, fc = a, fa
+        if not f * fa > 0.0:
+            b, fb, c, fc = a, fa, b, fb
+        a, fa = t, f
+        if fa == 0.0 or abs(b - a) <= near:
+            return (a, fa) if abs(fa) < abs(fb) else (b, fb)
+        x, y = (a - b) / (c - b), (fa - fb) / (fc - fb)
+        part = 0.5
+        if tries < QUICK and y * y < x and (1.0 - y) ** 2 < 1.0 - x:
+            part = fa / (fa - fb) * fc / (fc - fb) - (c - a) / (b - a) * fa / (fc - fa) * fb / (fb - fc)
 
 
 def reads_multipliers(function) -> bool:
@@ -212,15 +241,18 @@ def _at_once(t1, t2) -> bool:
     return abs(t1 - t2) <= SAME_TIME * max(1.0, abs(t1))
 
 
-def _value(event, t, p, v, lam) -> float:
-    """The event's function at a state, as a number that can have a sign."""
+def _values(events, t, p, v, lam) -> list[float]:
+    """The events' functions at a state, as numbers that can have a sign."""
+    values: list[float] = []
     try:
-        value = float(event.function(t, p, v, lam))
-        if value != value:
-            raise ValueError("it returned NaN")
+        for event in events:
+            value = float(event.function(t, p, v, lam))
+            if value != value:
+                raise ValueError("it returned NaN")
+            values.append(value)
     except Exception as error:
-        raise UserFunctionError(f"the event {event.name!r}", t, error) from error
-    return value
+        raise UserFunctionError(f"the event {events[len(values)].name!r}", t, error) from error
+    return values
 
 
 def read_only(array):

@@ -74,15 +74,17 @@ def moved_by(system, t, p, v, change):
 
 
 def settled(system, t, p, v):
-    """(p, v), near both constraints, put on them by one factorisation."""
+    """(p, v), near both constraints, put on them, and λ there, by one factorisation."""
     if not system.nc:
-        return p, v
+        return p, v, np.zeros(0)
     kkt, zero = kkt_at(system, t, p, v)[0], np.zeros(system.nv)
     phi = system.constraint(t, p, system.rate(t, p, v))[0]
     shift = kkt.solve(np.concatenate((zero, phi)))[: system.nv]
     p = system.integrate(p, -moved_by(system, t, p, v, shift))
     rho = system.constraint(t, p, system.rate(t, p, v))[1]
-    return p, v - kkt.solve(np.concatenate((zero, rho)))[: system.nv]
+    v = v - kkt.solve(np.concatenate((zero, rho)))[: system.nv]
+    f0 = system.evaluate(t, p, v, zero)[0]
+    return p, v, kkt.solve(-np.concatenate((f0, system.acceleration_bias(t, p, v))))[system.nv :]
 
 
 def project_position(system, t, p, v):
@@ -110,10 +112,14 @@ class Index1:
         """See :func:`solve_acceleration`."""
         return solve_acceleration(self.system, t, p, v)
 
+    def projected(self, t, p, v):
+        """(p, v) put on the constraints."""
+        p = project_position(self.system, t, p, v)
+        return p, project_velocity(self.system, t, p, v)
+
     def state(self, t, p, v):
         """(t, p, v, λ) with p and v put on the constraints and λ the one of the differential equation."""
-        p = project_position(self.system, t, p, v)
-        v = project_velocity(self.system, t, p, v)
+        p, v = self.projected(t, p, v)
         return t, p, v, self.acceleration(t, p, v)[1]
 
     def one_step(self, *arguments, **options):

@@ -113,7 +113,7 @@ def integrate(
     interrupted = interrupted or (lambda: False)
     with closing(stepper):
         record = Record(output, t_span, stepper.full_multipliers, interrupted)
-        watch = EventWatch(output.events, stepper.full_multipliers, interrupted, stepper.retake)
+        watch = EventWatch(output.events, stepper.full_multipliers, interrupted, stepper.locate)
         status, message = SUCCESS, "the end of the interval was reached"
         try:
             stepper.system.start(t_span[0], p0, v0, t_span[1] < t_span[0])
@@ -161,7 +161,7 @@ def _ending(error, t):
 
 def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=False, jumped=False):
     """Integrate from (p, v); or the run `resumes` where the stepper stands, and forces have `jumped` there."""
-    (t, t_end), with_curve = t_span, bool(watch.events) or record.needs_curve
+    (t, t_end), with_curve, known = t_span, bool(watch.events) or record.needs_curve, None
     passes = stepper.passes_changes and stepper.system.changes and not watch.events
     pace, sees = Pace(method.control, t, record.nsteps), _seen_at_once(stepper, record, watch, passes)
 
@@ -173,11 +173,11 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
         _stop_if(interrupted)
         stop, begun = record.next_stop(t, t_end), record.nsteps
         until = stepper.system.next_change(t, stop)
-        first, *states = stepper.resume(until) if resumes else stepper.begin(t, p, v, until)
+        first, *states = stepper.resume(until) if resumes else stepper.begin(t, p, v, until, known)
         if jumped:
             record.jump(*first)
             watch.restart(*first)
-        resumes, jumped, until = False, False, stop if passes else until
+        resumes, jumped, known, until = False, False, None, stop if passes else until
         batch = _started(stepper, method, record, states, with_curve) if states else more(until, begun)
         while True:
             hit = _look(watch, batch, record)
@@ -192,9 +192,9 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
                 for event in (event for event in events if event.apply is not None):
                     p, v = _after_event(stepper, event, t, p, v)
                 stepper.system.change(t, p, v)
-                lam = stepper.index1.acceleration(t, p, v)[1]
-                record.jump(t, p, v, lam)
-                watch.restart(t, p, v, lam, fired)
+                known = stepper.index1.acceleration(t, p, v)
+                record.jump(t, p, v, known[1])
+                watch.restart(t, p, v, known[1], fired)
                 break
             record.add(batch)
             if batch.error is not None:
@@ -289,7 +289,7 @@ def _after_event(stepper, event, t, p, v):
         p, v = changed if isinstance(changed, tuple) and len(changed) == 2 else (p, changed)
     try:
         p, v = np.array(p, float), np.array(v, float)
-        good = p.shape == (system.npos,) and v.shape == (system.nv,) and np.isfinite(np.concatenate((p, v))).all()
+        good = p.shape == (system.npos,) and v.shape == (system.nv,) and np.isfinite(p.dot(p) + v.dot(v))
     except (TypeError, ValueError):
         good = False
     if not good:
@@ -297,4 +297,4 @@ def _after_event(stepper, event, t, p, v):
             f"apply of the event {event.name!r} must return v, shape ({system.nv},), or (q, v), all finite; "
             f"it returned {changed!r} at t = {t:.6g}"
         )
-    return stepper.index1.state(t, p, v)[1:3]
+    return stepper.index1.projected(t, p, v)

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import AssemblyError, PinconsistError
 from . import tuning
 from .charts import fastest_turn, turning_coordinates
-from .dense import RadauSegment
+from .events import located
 from .index1 import moved_by, not_closed_message
 from .kkt import kkt_at
 from .norms import EPS, largest, weighted_norm
 from .radau import StageNewton, Stages, table
 from .radau_control import exponent
 from .rounding import rounding_gap, shortest_step
+from .segments import RadauSegment
 from .stepper import Stepper
 
 TINY = 1e-300  # instead of zero in a denominator
@@ -59,12 +60,13 @@ class RadauStepper(Stepper):
     k = property(lambda self: 2 * self.s - 1)
     y = property(lambda self: np.concatenate((np.zeros(self.system.nx), self.v, self.lam)))
 
-    def begin(self, t, p, v, t_end):
+    def begin(self, t, p, v, t_end, known=None):
         """Start, or start again, at a state, which is put on the constraints; nothing else is needed."""
         system, method = self.system, self.method
-        self.t_old = t
-        self.t, self.p, self.v, self.lam = self.index1.state(t, p, v)
-        self.a = self.index1.acceleration(t, self.p, self.v)[0]
+        self.t = self.t_old = t
+        self.p, self.v = self.index1.projected(t, p, v) if known is None else (p, v)
+        self.a, self.lam = known or self.index1.acceleration(t, self.p, self.v)
+        self._hand_state()
         self.control.restart()
         self.headway.restart(t, t)
         if self._turns is None:
@@ -74,9 +76,13 @@ class RadauStepper(Stepper):
         if method.step is not None:
             self._divide(t_end)
         else:
-            self.h = self._first_step(t_end)
+            first, before = self._first_step(t_end), abs(self.h) if self._begun else 0.0
+            self.h = np.copysign(min(max(abs(first), before), tuning.FORESEEN * abs(first)), first)
         self.used, self._begun = (self.h, 0), True
         return [(t, self.p, self.v, self.lam)]
+
+    def _hand_state(self):
+        """Give the state to what makes the steps, if that is another."""
 
     def _divide(self, t_end):
         """The fixed step from here to an end."""
@@ -241,15 +247,17 @@ class RadauStepper(Stepper):
         of, end = self.stages, self.landing
         return RadauSegment(of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, self.system)
 
-    def retake(self, segment, t):
-        """(p, v, λ) at a time inside the step of a segment: the step is made again up to there."""
+    def locate(self, segment, value, with_multipliers, begin, end):
+        return located(segment, value, with_multipliers, begin, end, self._retake)
+
+    def _retake(self, segment, t):
         of, nodes = segment, (t - segment.t_old) / segment.h * segment.table.c
         W = of.table.values(nodes) @ of.W
         stages = self._iterated(Stages(of.system, of.table, of.t_old, of.p0, of.v0, t - of.t_old, W))
         if stages.failure:
-            return segment(t)
-        landing = self.landed(stages)
-        return landing.p, landing.v, landing.lam
+            return segment
+        end = self.landed(stages)
+        return replace(segment, end=t, h=stages.h, W=stages.W, U=stages.U, p=end.p, v=end.v)
 
     def velocity_and_multipliers(self):
         return self.v, self.lam

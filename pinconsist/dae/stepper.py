@@ -9,10 +9,12 @@ import numpy as np
 from ..errors import PinconsistError
 from . import bdf, start
 from .charts import longest_step, turning_coordinates
-from .dense import Curve, Segment, StepBatch
+from .dense import Curve, StepBatch
+from .events import located
 from .index1 import Index1
 from .newton import Newton
 from .rounding import Headway, RoundingTest, shortest_step, velocity_rounding
+from .segments import Segment
 from .tuning import FAILURES, PATIENCE, UNNOTICED
 
 
@@ -42,13 +44,10 @@ class Stepper:
         Steps after which the choice of constraint rows is looked at.
     looks : int
         Times in a step at which events are looked for.
-    retake : callable or None
-        ``retake(segment, t)`` gives (p, v, λ) at a time inside a step as exactly as at its end; None: interpolants do.
     backend : str
         Name of the method, for the record.
     """
 
-    retake = None
     batch, ahead, passes_changes, rows_watched, looks, backend = 50, False, False, 5, 1, "python"
 
     def __init__(self, system, method):
@@ -73,8 +72,10 @@ class Stepper:
         """The first row at which a constraint that was left out is violated, see :meth:`Index3System.opened`."""
         return self.system.opened(times, positions)
 
-    def begin(self, t, p, v, t_end):
+    def begin(self, t, p, v, t_end, known=None):
         """Start, or start again after a discontinuity, with a full-order history.
+
+        `known` are acceleration and multipliers there, if (p, v) is on the constraints already.
 
         Returns
         -------
@@ -110,6 +111,10 @@ class Stepper:
         self._changed, self._changes = bdf.UNCHANGED if len(states) > 1 else None, None
         self._on_trial = False
         return states
+
+    def locate(self, segment, value, with_multipliers, begin, end):
+        """When an event happens between two looks into a step, see :func:`~pinconsist.dae.events.located`."""
+        return located(segment, value, with_multipliers, begin, end)
 
     def forget_from(self, step) -> None:
         """The steps of the last batch, from one on, have been made in vain."""

@@ -14,8 +14,9 @@ import numpy as np
 from .._core.compiled_gradient import follower
 from ..dae import bdf
 from ..dae.charts import chart_matrix
-from ..dae.dense import Segment, Tables
+from ..dae.dense import Tables
 from ..dae.index1 import Index1
+from ..dae.segments import Segment
 from .history import History
 from .linear import Step
 from .stage_leg import StageLeg, stage_legs

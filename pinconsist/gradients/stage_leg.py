@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..dae.dense import RadauSegment
+from ..dae.segments import RadauSegment
 from .stage_way import way_along
 
 AT_ONCE = 1e-6  # of a step: times so near to its end are there, as shorter steps would be rounding

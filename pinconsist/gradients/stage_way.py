@@ -8,17 +8,17 @@ import numpy as np
 
 from .._core.compiled_stages import CompiledStageWay
 from .._core.compiled_system import CompiledIndex1
-from ..dae.dense import not_made_again
 from ..dae.index1 import project_position, project_velocity
 from ..dae.radau import StageNewton, Stages
 from ..dae.rounding import rounding_weights
+from ..dae.segments import not_made_again
 from .stages import Motion, Multipliers
 
 
 class StageWay:
     """In Python, one step after another.
 
-    Steps are :class:`~pinconsist.dae.dense.RadauSegment`. `parameters` are lists of (weight, Index1), whose weighted
+    Steps are :class:`~pinconsist.dae.segments.RadauSegment`. `parameters` are lists of (weight, Index1), whose weighted
     residuals are those by the parameter.
     """
 

@@ -39,7 +39,7 @@ class Point:
 
 
 class Motion(Point):
-    """The derivatives of the end of a step, a :class:`~pinconsist.dae.dense.RadauSegment`, by those of its start."""
+    """The derivatives of the end of a step, a :class:`~pinconsist.dae.segments.RadauSegment`, by those of its start."""
 
     def __init__(self, step):
         self.system = system = step.system

@@ -1,0 +1,98 @@
+"""The interpolating polynomial of one accepted step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import PinconsistError
+from . import bdf
+from .charts import chart_point
+from .index1 import Index1, settled
+from .problem import Index3System
+from .radau import Table
+from .tuning import LOOKS
+
+
+@dataclass(frozen=True)
+class Segment:
+    """The polynomial of degree k over one step from `t_old` to `end`, in [ξ | v | λ], exact at both of its ends.
+
+    Positions on a manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between
+    to the order of the method. `changes` mapped the table of the step before to this step's size, including rejected
+    tries; None where a run starts, with k+1 points.
+    """
+
+    t_old: float
+    end: float
+    t: float
+    h: float
+    k: int
+    base: np.ndarray
+    Z: np.ndarray
+    changes: np.ndarray | None
+    system: Index3System
+
+    looks = 1
+
+    def __call__(self, t: float):
+        """(p, v, λ) at a time inside the step."""
+        y = bdf.interpolate(self.k, (t - self.t) / self.h).dot(self.Z[: self.k + 1])
+        nx, nv = self.system.nx, self.system.nv
+        return chart_point(self.system, self.base, y[:nx]), y[nx : nx + nv], y[nx + nv :]
+
+    def look(self, t: float, with_multipliers: bool):
+        """The same, for events that look at it."""
+        return self(t)
+
+
+@dataclass(frozen=True)
+class RadauSegment:
+    """The collocation polynomial of a step from (p0, v0), bent to its projected end (p, v); λ by the index-1 equations.
+
+    Between the ends it is put on both constraints: off them lies most of its error. Events look at it as it is, and the
+    step is made again up to where one is found.
+    `W` and `U` have the accelerations and the rates of ξ at the stages of the formula `table`, a row for each.
+    """
+
+    t_old: float
+    end: float
+    h: float
+    table: Table
+    p0: np.ndarray
+    v0: np.ndarray
+    W: np.ndarray
+    U: np.ndarray
+    p: np.ndarray
+    v: np.ndarray
+    system: Index3System
+
+    looks = LOOKS  # steps are long
+
+    def __call__(self, t: float):
+        """(p, v, λ) at a time inside the step."""
+        return settled(self.system, t, *self._polynomials(t))
+
+    def look(self, t: float, with_multipliers: bool):
+        """The same, off the constraints by what the polynomials are; λ is None where it is not wanted."""
+        p, v = self._polynomials(t) if t != self.end else (self.p, self.v)
+        return p, v, Index1(self.system).acceleration(t, p, v)[1] if with_multipliers else None
+
+    def _polynomials(self, t):
+        system, theta = self.system, (t - self.t_old) / self.h
+        here, last = self.h * self.table.integrals([theta])[0], self.h * self.table.A[-1]
+        missing = system.difference(self.p0, self.p) - last @ self.U
+        p = system.integrate(self.p0, here @ self.U + theta**2 * (3.0 - 2.0 * theta) * missing)
+        return p, self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
+
+    def led_to(self, t: float) -> RadauSegment:
+        """The step to another time, with accelerations from its polynomial, which are to be iterated."""
+        h = t - self.t_old
+        W = self.table.values(h / self.h * self.table.c) @ self.W
+        return replace(self, end=t, h=h, W=W)
+
+
+def not_made_again(t) -> PinconsistError:
+    """The error of a step that fails where it is led to another time."""
+    return PinconsistError(f"the step of Radau IIA could not be made again up to t = {t:.6g}")
