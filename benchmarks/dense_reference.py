@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from pinconsist import InputError, PinconsistError
+from pinconsist import PinconsistError
+from pinconsist.dae.charts import chart_point, fastest_turn, turning_coordinates
 from pinconsist.dae.index1 import RightHandSide, chart_state, solve_acceleration
 
 from .peers.problem import Problem
@@ -18,19 +19,20 @@ WORTH_IT = 10
 it is then below the noise of the accelerations, as in long chains."""
 FEW = 500
 """Evaluations that are always granted."""
+FARTHEST = 3.0
+"""rad that a body may turn from its start; the chart there ends at half a turn."""
 
 
 class DenseReference:
     """The solution of a problem at any time.
 
     `dense` is t → (q, v) at the finest tolerance that rounding allows, `uncertainty` its largest difference in q to the
-    tolerance before it. Raises InputError for configurations that are not vectors, and PinconsistError where scipy
-    fails, for instance where the rows of the loops that are kept at the start become dependent on the way.
+    tolerance before it. Configurations that are not vectors are followed in the chart at the start. Raises
+    PinconsistError where scipy fails, for instance where the rows of the loops that are kept at the start become
+    dependent on the way, and where a body turns out of that chart.
     """
 
     def __init__(self, problem: Problem):
-        if not problem.system.vector_like:
-            raise InputError(f"{problem.name}: no reference for configurations that are not vectors")
         self.problem, self.system = problem, problem.system
         found, most = [], MOST
         for tol in TOLERANCES:
@@ -48,6 +50,9 @@ class DenseReference:
         coarse, self.dense = found[-2:]
         n, times = self.system.nx, np.linspace(*problem.span, 200)
         self.uncertainty = float(np.abs(self.dense(times)[:n] - coarse(times)[:n]).max())
+        turned = fastest_turn(turning_coordinates(self.system, problem.q0), self.dense(times)[:n].T)
+        if turned > FARTHEST:
+            raise PinconsistError(f"{problem.name}: no reference: a body turns by {turned:.3g} rad; try an earlier end")
         _, v, lam = self.at(times)
         self._largest_v, self._largest_lam = (_size(part) for part in (v, lam))
 
@@ -75,7 +80,8 @@ class DenseReference:
     def at(self, times):
         """(q, v, λ of all rows) at times."""
         y = self.dense(times).T
-        q, v = y[:, : self.system.nx], y[:, self.system.nx :]
+        q = np.array([chart_point(self.system, self.problem.q0, xi) for xi in y[:, : self.system.nx]])
+        v = y[:, self.system.nx :]
         kept = np.array([solve_acceleration(self.system, *row)[1] for row in zip(times, q, v, strict=True)])
         return q, v, self.problem.multipliers(q, kept)
 
@@ -85,7 +91,8 @@ class DenseReference:
         The first three the largest; v and λ in parts of their largest in the run.
         """
         q, v, lam = self.at(np.clip(rows.t, *self.problem.span))
-        by_q, by_v, by_lam = (np.abs(a - b).max(axis=1) for a, b in ((rows.q, q), (rows.v, v), (rows.lam, lam)))
+        off = np.array([self.system.difference(*pair) for pair in zip(q, rows.q, strict=True)])
+        by_q, by_v, by_lam = (np.abs(part).max(axis=1) for part in (off, rows.v - v, rows.lam - lam))
         relative = by_lam / self._largest_lam  # the start is given, not computed
         first = relative[1], relative[rows.first]
         return (by_q.max(), by_v.max() / self._largest_v, relative[1:].max(), by_q[-1], *first)

@@ -1,6 +1,9 @@
 """Every peer that is installed solves what it is measured on, to what its setting promises; no timings."""
 
+from dataclasses import replace
+
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import null_space
@@ -9,7 +12,7 @@ import pinconsist as pc
 from benchmarks.dense_reference import DenseReference
 from benchmarks.peers import OWN, peers
 from benchmarks.peers.dae_solvers import Equations
-from benchmarks.peers.problem import Peer, SolverFailed
+from benchmarks.peers.problem import Peer, Problem, SolverFailed
 from benchmarks.peers.scenes import problem_of
 from benchmarks.peers.scipy_index1 import accelerations
 from benchmarks.work_precision import FEWEST, Point, _chosen, at_equal_error, work_precision
@@ -235,3 +238,17 @@ def test_bad_input():
         work_precision(problem, methods=["nonsense"])
     with pytest.raises(InputError, match="positive"):
         problem_of("crank_rocker", -1.0)
+
+
+def test_reference_of_a_body_that_turns_freely():
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "body")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.diag([1.0, 2.0, 3.0])), pin.SE3.Identity())
+    model.gravity = pin.Motion.Zero()
+    q0, v0 = pin.neutral(model), np.array([1.0, 0.0, 0.0, 0.0, 0.0, 2.0])  # about a principal axis
+    problem = Problem("spin", "", pc.Mechanism(model), (0.0, 1.0), q0, v0)
+    q, v, _ = DenseReference(problem).at([0.5, 1.0])
+    np.testing.assert_allclose(q[1], [1.0, 0.0, 0.0, 0.0, 0.0, np.sin(1.0), np.cos(1.0)], atol=1e-9)
+    np.testing.assert_allclose(v[1], [np.cos(2.0), -np.sin(2.0), 0.0, 0.0, 0.0, 2.0], atol=1e-9)  # in its own axes
+    with pytest.raises(PinconsistError, match="turns by 4 rad; try an earlier end"):
+        DenseReference(replace(problem, span=(0.0, 2.0)))
