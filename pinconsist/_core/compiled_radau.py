@@ -120,14 +120,14 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         if not self.ahead:
             self._sampler.clear()
 
-    def locate(self, segment, value, with_multipliers, begin, end):
+    def locate(self, segment, event, with_multipliers, begin, end):
         curve, found = segment.curve, None
         if end[1] and self._sampler:
             near = nearness(begin, end, True)
             found = self._core.locate(
-                self._sampler[0], curve._core, segment.i, value, with_multipliers, *begin, *end, near, BESIDE
+                self._sampler[0], curve._core, segment.i, event.function, with_multipliers, *begin, *end, near, BESIDE
             )
-        return found or super().locate(segment, value, with_multipliers, begin, end)
+        return found or super().locate(segment, event, with_multipliers, begin, end)
 
     def _retake(self, segment, t):
         again, curve = self._core.retake(segment.curve._core, segment.i, t), segment.curve

@@ -148,24 +148,33 @@ void bind_radau(nb::module_ &m) {
              const auto again = s.retake(*curve.steps.at(i), t);
              return again ? nb::cast(StageCurve{{again}}) : nb::none();
            })
-      .def("locate", // as in dae/events.py, with value(t, p, v, λ); None where states cannot be had
+      .def("locate", // as in dae/events.py, of a user's function; None where it or states have no value
            [](RadauStepper &s, Sampler &sampler, const StageCurve &curve, size_t i, nb::object value, bool with_multipliers,
               double begin, double g_begin, double end, double g_end, double near, double beside) -> nb::object {
              bool regular = true;
              const auto g = [&](const Collocations::value_type &step, double t) {
                regular = regular && sampler.look(step, t, with_multipliers);
+               if (!regular) return 0.0;
                const nb::object lam = with_multipliers ? array(sampler.lam) : nb::none();
-               return regular ? nb::cast<double>(value(t, array(sampler.p), array(sampler.v), lam)) : 0.0;
+               const double found = PyFloat_AsDouble(value(t, array(sampler.p), array(sampler.v), lam).ptr());
+               if (PyErr_Occurred()) throw nb::python_error();
+               regular = !std::isnan(found);
+               return regular ? found : 0.0;
              };
-             const auto &step = curve.steps.at(i);
-             auto [root, left] = zero([&](double t) { return g(step, t); }, begin, g_begin, end, g_end, near);
-             const auto again = regular ? s.retake(*step, root) : nullptr;
-             if (!again) return nb::none();
-             const double near_by = root - beside * (root - begin), there = g(again, root);
-             const double moved = root - there * (root - near_by) / (left - g(step, near_by));
-             if ((moved - begin) * (moved - end) < 0.0) root = moved;
-             if (!regular || !sampler.sample(again, root)) return nb::none();
-             return nb::make_tuple(root, nb::make_tuple(array(sampler.p), array(sampler.v), array(sampler.lam)));
+             try {
+               const auto &step = curve.steps.at(i);
+               auto [root, left] = zero([&](double t) { return g(step, t); }, begin, g_begin, end, g_end, near);
+               const auto again = regular ? s.retake(*step, root) : nullptr;
+               if (!again) return nb::none();
+               const double near_by = root - beside * (root - begin), there = g(again, root);
+               const double moved = root - there * (root - near_by) / (left - g(step, near_by));
+               if ((moved - begin) * (moved - end) < 0.0) root = moved;
+               if (!regular || !sampler.sample(again, root)) return nb::none();
+               return nb::make_tuple(root, nb::make_tuple(array(sampler.p), array(sampler.v), array(sampler.lam)));
+             } catch (nb::python_error &raised) { // another search says what it was
+               if (!raised.matches(PyExc_Exception)) throw;
+               return nb::none();
+             }
            })
       .def("first_step", &RadauStepper::first_step)
       .def("jump", [](RadauStepper &s) { return s.jump() == Failure::none; })

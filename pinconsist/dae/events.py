@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dis import get_instructions
 from functools import partial
 from types import FunctionType
@@ -71,7 +71,7 @@ class EventWatch:
 
     Attributes
     ----------
-    found : list of list of (t, p, v, λ)
+    found : list of list of (t, p, v)
         Occurrences of each event.
     """
 
@@ -80,6 +80,7 @@ class EventWatch:
         self.found = [[] for _ in events]
         self._values, self._seen = [0.0] * len(events), []  # of each event: at the last look, and ahead of the search
         self._multipliers = any(reads_multipliers(event.function) for event in events)
+        self._inside = [_of_kept_rows(event, finish) for event in events] if self._multipliers else events
 
     def restart(self, t, p, v, lam, fired=()) -> None:
         """Take the signs at a new start; an event that is zero there, as those that just fired, is not found again."""
@@ -110,8 +111,8 @@ class EventWatch:
         events, seen, values = self.events, self._seen, self._values
         t, p, v, lam = batch.looked_into(self._multipliers)
         lam = [None] * len(t) if lam is None else self._given(p, lam)
-        for end, *state in zip(t.tolist(), p, v, lam, strict=True):  # at every step: plain loops are fastest
-            last, values = values, seen.pop(0) if seen else _values(events, end, *state)
+        for end, at, speed, force in zip(t.tolist(), p, v, lam, strict=True):  # at every step: plain loops are fastest
+            last, values = values, seen.pop(0) if seen else _values(events, end, at, speed, force)
             self._values = values
             for before, after in zip(last, values):  # noqa: B905 - strict takes time
                 if not before * after > 0.0:
@@ -144,27 +145,24 @@ class EventWatch:
             rises, falls = g0 < 0 <= g1 and event.direction >= 0, g0 > 0 >= g1 and event.direction <= 0
             if rises or falls:
                 between = (begin if last[i] else beside, g0), (end, g1)
-                t, state = self.locate(segment, self._value_of(event), self._multipliers, *between)
+                t, state = self.locate(segment, self._inside[i], self._multipliers, *between)
                 hits.append((t, i, state))
         return sorted(hits, key=lambda hit: (abs(hit[0] - begin), hit[1]))
 
     def _happen(self, hits):
         """Record `hits` up to the first that changes the run."""
         stop, final = None, False
-        for t, i, (p, v, lam) in hits:
+        for t, i, state in hits:
             if stop is not None and not _at_once(t, stop[0]):
                 break
             event = self.events[i]
-            self.found[i].append((t, p, v, self.finish(p, lam)))
+            self.found[i].append((t, *state[:2]))
             enough = bool(event.terminal) and len(self.found[i]) >= int(event.terminal)
             if enough or event.apply is not None:
-                stop, final = stop or (t, (p, v, lam)), final or enough
+                stop, final = stop or (t, state), final or enough
         if stop is None:
             return None
         return [i for t, i, _ in hits if _at_once(t, stop[0])], *stop, final
-
-    def _value_of(self, event):
-        return lambda t, p, v, lam: _values((event,), t, p, v, self._given(p, lam))[0]
 
     def _given(self, p, lam):
         """λ as events are given it."""
@@ -175,15 +173,20 @@ class EventWatch:
         return _values(self.events, t, *(read_only(each) for each in (p, v, self._given(p, lam))))
 
 
-def located(segment, value, with_multipliers, begin, end, retake=None):
-    """The time at which ``value(t, p, v, λ)`` passes zero between two looks into a step, and (p, v, λ) there.
+def _of_kept_rows(event, finish):
+    """The event as a function of the multipliers of the rows that are kept."""
+    return replace(event, function=lambda t, p, v, lam: event.function(t, p, v, finish(p, lam)))
+
+
+def located(segment, event, with_multipliers, begin, end, retake=None):
+    """The time of an event, a function of kept multipliers, between two looks into a step, and (p, v, λ) there.
 
     `begin` and `end` are (time, value) of the looks. ``retake(segment, t)``, if not None, makes the step again up to a
     time inside it: a segment that is exact there, or the old one where that fails.
     """
 
     def g(segment, t):
-        return value(t, *segment.look(t, with_multipliers))
+        return _values((event,), t, *segment.look(t, with_multipliers))[0]
 
     (t_begin, _), (t_end, g_end) = begin, end
     if g_end == 0.0:
@@ -246,7 +249,9 @@ def _values(events, t, p, v, lam) -> list[float]:
     values: list[float] = []
     try:
         for event in events:
-            value = float(event.function(t, p, v, lam))
+            value = event.function(t, p, v, lam)
+            if type(value) is not float:
+                value = float(value)
             if value != value:
                 raise ValueError("it returned NaN")
             values.append(value)

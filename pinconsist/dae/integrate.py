@@ -77,7 +77,7 @@ class Trajectory:
     h: np.ndarray = field(default_factory=lambda: np.zeros(0))
     order: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     dense: DenseOutput | None = None
-    events: list = field(default_factory=list)  # occurrences (t, p, v, λ) of each event
+    events: list = field(default_factory=list)  # occurrences (t, p, v) of each event
     opened: tuple | None = None  # where a constraint that was left out is violated, see Index3System.opened
 
 

@@ -247,8 +247,8 @@ class RadauStepper(Stepper):
         of, end = self.stages, self.landing
         return RadauSegment(of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, self.system)
 
-    def locate(self, segment, value, with_multipliers, begin, end):
-        return located(segment, value, with_multipliers, begin, end, self._retake)
+    def locate(self, segment, event, with_multipliers, begin, end):
+        return located(segment, event, with_multipliers, begin, end, self._retake)
 
     def _retake(self, segment, t):
         of, nodes = segment, (t - segment.t_old) / segment.h * segment.table.c

@@ -112,9 +112,9 @@ class Stepper:
         self._on_trial = False
         return states
 
-    def locate(self, segment, value, with_multipliers, begin, end):
+    def locate(self, segment, event, with_multipliers, begin, end):
         """When an event happens between two looks into a step, see :func:`~pinconsist.dae.events.located`."""
-        return located(segment, value, with_multipliers, begin, end)
+        return located(segment, event, with_multipliers, begin, end)
 
     def forget_from(self, step) -> None:
         """The steps of the last batch, from one on, have been made in vain."""

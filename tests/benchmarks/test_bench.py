@@ -83,7 +83,7 @@ def test_overhead_counts_steps_residuals_and_times():
 
 def test_what_stands_around_a_run_is_timed():
     rows = around(repeats=1)
-    assert len({(row.method, row.what) for row in rows}) == len(rows) == 32 and all(row.seconds > 0.0 for row in rows)
+    assert len({(row.method, row.what) for row in rows}) == len(rows) == 34 and all(row.seconds > 0.0 for row in rows)
     assert [row.what for row in rows if row.ratio == 1.0] == 2 * ["plain run"]
     seconds = {(row.method, row.what): row.seconds for row in rows}
     for row in rows:
