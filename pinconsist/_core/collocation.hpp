@@ -8,10 +8,12 @@
 
 namespace pinconsist {
 
+using FewNumbers = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 16, 1>; // one a stage, without memory of the heap
+
 // Shifted Legendre polynomials of degree below n at a part of the step.
-inline Vec legendre(double theta, int n) {
+inline FewNumbers legendre(double theta, int n) {
   const double x = 2.0 * theta - 1.0;
-  Vec values(n);
+  FewNumbers values(n);
   values[0] = 1.0;
   if (n > 1) values[1] = x;
   for (int j = 2; j < n; ++j) values[j] = ((2 * j - 1) * x * values[j - 1] - (j - 1) * values[j - 2]) / j;
@@ -34,9 +36,9 @@ struct Shape {
 };
 
 // Weights b with which values at the nodes become the integral of their polynomial up to a part of the step.
-inline Vec integrals(const RadauTable &table, double theta) {
-  const Vec P = legendre(theta, table.s + 1);
-  Vec of_modes(table.s);
+inline FewNumbers integrals(const RadauTable &table, double theta) {
+  const FewNumbers P = legendre(theta, table.s + 1);
+  FewNumbers of_modes(table.s);
   for (int k = 0; k < table.s; ++k) of_modes[k] = 0.5 * (P[k + 1] - (k ? P[k - 1] : -1.0)) / (2 * k + 1);
   return table.modes.transpose().lazyProduct(of_modes);
 }
@@ -106,7 +108,7 @@ private:
       missing_v_ = step.v1 - step.v0 - shape.W * whole;
     }
     const double theta = (t - shape.t) / shape.h;
-    const Vec here = shape.h * integrals(table, theta);
+    const FewNumbers here = shape.h * integrals(table, theta);
     xi_ = theta * theta * (3.0 - 2.0 * theta) * missing_ + step.U.lazyProduct(here);
     system_.integrate(step.p0, xi_, p);
     v = step.v0 + theta * theta * missing_v_ + shape.W.lazyProduct(here);

@@ -232,7 +232,7 @@ void bind_radau(nb::module_ &m) {
              return nb::make_tuple(array(sampler.p), array(sampler.v), with_multipliers ? array(sampler.lam) : nb::none());
            })
       .def("rows", // at times of the steps with these indices
-           [](Sampler &sampler, const StageCurve &curve, const std::vector<size_t> &steps, const Vec &times) -> nb::object {
+           [](Sampler &sampler, const StageCurve &curve, const Eigen::VectorX<std::int64_t> &steps, const Vec &times) -> nb::object {
              const System &of = sampler.system();
              Table p(times.size(), of.npos), v(times.size(), of.nv), lam(times.size(), of.nc);
              for (Eigen::Index i = 0; i < times.size(); ++i) {

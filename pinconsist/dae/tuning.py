@@ -58,6 +58,7 @@ FORESEEN = 3.0  # times the last step: a longer one does not begin with the poly
 STAGE_AFTER_FAILURE = 0.5  # by which a step changes where Newton failed
 FELT = 3.0  # eps in stage positions, felt by the error estimate
 FIRST_ERROR = 1e-4  # of the tolerance, of the first step
+RESTARTED = 3.0  # times such a step: the longest with which a run goes on after an event, if it was so long before
 FIRST_REACH, FIRST_CHANGE = 1e-2, 0.1  # relative to positions, to accelerations: of the trial that measures both
 FIRST_TRIALS = 20  # each a quarter of the one before
 LAST_MODE = 0.01  # of the highest mode in the denominator of the error estimate
