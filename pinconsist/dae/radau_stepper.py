@@ -77,9 +77,8 @@ class RadauStepper(Stepper):
         if method.step is not None:
             self._divide(t_end)
         else:
-            careful, goes_on = self._first_step(t_end), self._begun and method.first_step is None
-            size = max(abs(self.h), abs(careful)) if goes_on else abs(careful)
-            self.h = copysign(min(size, tuning.RESTARTED * abs(careful)), careful)
+            careful, before = self._first_step(t_end), abs(self.h) if self._begun else 0.0
+            self.h = copysign(min(max(abs(careful), before), tuning.RESTARTED * abs(careful)), careful)
         self.used, self._begun = (self.h, 0), True
         return [(t, self.p, self.v, self.lam)]
 
