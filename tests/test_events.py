@@ -447,6 +447,25 @@ def test_an_event_that_is_no_number_ends_the_run_with_its_name(value):
     assert not sol.success and "'latch'" in sol.message and 0.3 < sol.t[-1] <= 0.6
 
 
+@pytest.mark.parametrize("failure", [np.nan, KeyError("lost"), KeyboardInterrupt()])
+def test_an_event_that_fails_only_where_it_is_located_ends_the_run(failure):
+    """Between the looks into a step of Radau."""
+
+    def law(t, q, v, lam):
+        if abs(t - 0.5) > 1e-4:
+            return t - 0.5
+        if isinstance(failure, BaseException):
+            raise failure
+        return failure
+
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 1.0), method="Radau", events=pc.Event(law, name="latch"))
+    assert 0.0 < sol.t[-1] < 0.5 and len(sol.t_events[0]) == 0
+    if isinstance(failure, KeyboardInterrupt):
+        assert sol.status == 1 and "interrupted" in sol.message
+    else:
+        assert sol.status == -1 and "the event 'latch'" in sol.message
+
+
 @pytest.mark.parametrize("whose", ["callback", "apply"])
 def test_what_a_users_function_raises_on_the_way_is_told_and_loses_nothing(whose):
     def late(t, *state):
