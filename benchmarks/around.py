@@ -35,7 +35,7 @@ class Around:
     ratio: float
 
 
-def around(repeats=9) -> list[Around]:
+def around(repeats=25) -> list[Around]:
     """Time, in turn, the crank-rocker for 5 s at the default tolerances with what people ask for besides."""
     return [row for method in METHODS for row in _around(repeats, method)]
 
