@@ -41,6 +41,9 @@ public:
     const double floor = 20.0 * EPS * s * s / std::abs(stages.h);
     double last = 0.0;
     rate = 0.0;
+    const double longer = std::max(1.0, std::abs(stages.h / h_before_));
+    contraction_ *= longer * longer; // it grows like h² at most, where the start values are those of shorter steps
+    h_before_ = stages.h;
     stages.xi.setZero();
     stages.move();
     for (int iteration = 1; iteration <= MAX_STAGE_ITERATIONS; ++iteration) {
@@ -102,7 +105,7 @@ private:
   System &system_;
   StageMatrix matrix_;
   bool eager_;
-  double contraction_ = 0.0; // of the iterations of the last steps
+  double contraction_ = 0.0, h_before_ = INF; // of the iterations of the last steps; the step tried before
   Mat dP_, dV_, dW_;
 };
 

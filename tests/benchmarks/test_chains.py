@@ -15,6 +15,7 @@ from benchmarks.chains.reference import Equations, Reference
 from benchmarks.chains.scenes import random_chain
 from benchmarks.chains_command import distribution
 from benchmarks.linkages import pendulum
+from helpers.twin import needs_twin
 
 UNTIL = 0.05
 RUN = Run(2, "", "compiled", "BDF", 1e-5, HUNG)
@@ -89,6 +90,13 @@ def raising(error):
 def test_what_is_a_failure(monkeypatch, simulate, outcome):
     monkeypatch.setattr(campaign, "simulate", simulate)
     assert judged(RUN, UNTIL).outcome == outcome
+
+
+@needs_twin
+def test_radau_iterates_in_steps_that_grow():
+    """How fast the shorter ones before converged says little; the error's estimate was 70 times too large for it."""
+    run = judged(Run(40022, "", "compiled", "Radau", 1e-3, HUNG), 0.4)
+    assert run.outcome == FINE and 1 / 3 < run.estimate / max(run.q, run.v) < 3
 
 
 def test_an_error_is_measured_in_tolerances(monkeypatch):
