@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pinocchio as pin
 import pytest
+from helpers.twin import needs_twin
 
 import pinconsist as pc
 from benchmarks.app import main
@@ -15,7 +16,6 @@ from benchmarks.chains.reference import Equations, Reference
 from benchmarks.chains.scenes import random_chain
 from benchmarks.chains_command import distribution
 from benchmarks.linkages import pendulum
-from helpers.twin import needs_twin
 
 UNTIL = 0.05
 RUN = Run(2, "", "compiled", "BDF", 1e-5, HUNG)
