@@ -147,15 +147,18 @@ def _rows(solution, most):
 
 def _finer(system, method, t, start, events, interrupted):
     """(p, v, λ) at the times and the times of the events; None where the run does not reach the end."""
-    # between steps Radau has velocities of a lower order
-    output = Output(t_eval=t, exact=method.name == "Radau", events=events)
+    # between steps Radau has velocities of a lower order; and in the steps of the other run it would err as that did
+    exact = method.name == "Radau"
+    asked = np.insert(t, slice(1, None), 0.5 * (t[1:] + t[:-1])) if exact else t
+    output = Output(t_eval=asked, exact=exact, events=events)
     try:
         run = integrate(system, (t[0], t[-1]), *start, method, output, stepper_for(system, method), interrupted)
     except PinconsistError:
         return None
-    if run.status < 0 or len(run.t) < len(t):
+    if run.status < 0 or len(run.t) < len(asked):
         return None
-    return (run.p, run.v, run.lam), [np.array([row[0] for row in found]) for found in run.events]
+    every = slice(None, None, 1 + exact)
+    return (run.p[every], run.v[every], run.lam[every]), [np.array([row[0] for row in found]) for found in run.events]
 
 
 def _apart(ours, theirs, t):

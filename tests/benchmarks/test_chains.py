@@ -93,9 +93,12 @@ def test_what_is_a_failure(monkeypatch, simulate, outcome):
 
 
 @needs_twin
-def test_radau_iterates_in_steps_that_grow():
-    """How fast the shorter ones before converged says little; the error's estimate was 70 times too large for it."""
-    run = judged(Run(40022, "", "compiled", "Radau", 1e-3, HUNG), 0.4)
+@pytest.mark.parametrize(("seed", "tol"), [
+    (40022, 1e-3),  # where steps grow, how fast shorter ones converged says little
+    (50018, 1e-7),  # a finer run in the same steps has the same errors
+])  # fmt: skip
+def test_radau_knows_its_error(seed, tol):
+    run = judged(Run(seed, "", "compiled", "Radau", tol, HUNG), 0.4)
     assert run.outcome == FINE and 1 / 3 < run.estimate / max(run.q, run.v) < 3
 
 
