@@ -22,6 +22,7 @@ from .residuals import loop_forces
 FINER = 0.1  # of the tolerance
 ENDS = 100  # steps of Radau between rows that are compared
 PATIENCE = 3.0  # s that the finer run may take where it was not asked for
+MOST_STEPS = 20  # of the finer run, for each of the run: order 1 takes ten, and more only noise
 AMPLIFIED = 100.0  # tolerances: a larger error is worth a warning
 OFF = 0.01  # of velocities, forces and energies
 
@@ -130,7 +131,8 @@ def _case(solution, mechanism):
             name, order, rtol = "Radau", None, tuple(np.maximum(part, 1e-12) for part in rtol)  # less rounding
     span = float(solution.t[0]), float(solution.t[-1])
     order = None if name == "Radau" and step is None else order
-    return system, method_of(span, name, step, order, rtol, atol, about["consistency"], None, np.inf, None, "auto")
+    most = MOST_STEPS * (solution.nsteps + 100)
+    return system, method_of(span, name, step, order, rtol, atol, about["consistency"], None, np.inf, most, "auto")
 
 
 def _rows(solution, most):
