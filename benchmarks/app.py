@@ -11,6 +11,7 @@ from pinconsist.cli import app as package
 from . import (
     ablate,
     actuation,
+    cases,
     chains_command,
     gradients,
     overhead,
@@ -26,6 +27,7 @@ COMMANDS: dict[str, tuple[Callable, str]] = {
     "robots": (robots.command, WRONG_INPUT),
     "overhead": (overhead.command, WRONG_INPUT),
     "sampled": (sampled.command, WRONG_INPUT),
+    "sweep": (cases.command, WRONG_INPUT),
     "actuation": (actuation.command, WRONG_INPUT),
     "ablate": (ablate.command, WRONG_INPUT),
     "gradients": (gradients.command, WRONG_INPUT),

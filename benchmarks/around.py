@@ -42,6 +42,7 @@ def around(repeats=25) -> list[Around]:
 
 def _around(repeats, method):
     mech, (span, q0, v0) = load("crank_rocker"), START
+    rest = load("four_bar")
     loop, sol = mech.loops[0].name, simulate(mech, *START, method=method)
     still = np.zeros(mech.nv)
     force = {"forces": [Torque(lambda t, q, v: still)]}
@@ -54,7 +55,8 @@ def _around(repeats, method):
     with TemporaryDirectory() as folder:
         work = {
             "plain run": run(),
-            "start alone, to 1 µs": lambda: simulate(mech, (0.0, 1e-6), q0, v0, first_step=1e-6, method=method),
+            "start alone, to 1 µs": lambda: simulate(mech, (0.0, 1e-6), q0, v0, method=method),
+            "start of four_bar, from rest": lambda: simulate(rest, (0.0, 1e-6), method=method),
             "on a terminal": run(callback=RunProgress(*span)),
             "empty callback": run(**empty),
             "event that never fires": run(**never),

@@ -62,7 +62,7 @@ def method_of(
     asked = control.asked[0]
     if asked < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
-    if max(part.max() for part in control.rtol) >= 1.0:
+    if max(max(part.ravel().tolist()) for part in control.rtol) >= 1.0:
         raise InputError(f"rtol = {rtol!r} allows errors as large as the solution; take less than 1, such as 1e-3")
     if asked < control.best:
         better = "" if order >= MAX_ADAPTIVE_ORDER else f"; order 5 gives {ErrorControl((), (), 5, 1.0).best:.1g}"
@@ -108,6 +108,6 @@ def _pair(value, what) -> tuple:
     """(position part, velocity part) of a tolerance."""
     parts = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
     parts = tuple(finite_array(part, what) for part in parts)
-    if any(part.ndim > 1 or part.size == 0 or (part <= 0).any() for part in parts):
+    if any(part.ndim > 1 or part.size == 0 or min(part.ravel().tolist()) <= 0.0 for part in parts):
         raise InputError(f"{what} must be a positive number, or (for q, for v), got {value!r}")
     return parts

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ._core.compiled import stepper_for
-from ._core.compiled_radau import CompiledRadauStepper
 from .dae.events import EventWatch, as_events
 from .dae.integrate import march, trajectory_of
 from .dae.output import STOPPED, SUCCESS, Output, Record, Stop
@@ -104,7 +103,7 @@ class Simulation:
         system.start(t, q, v, False)
         self._changing = system if len(system.changing) > 1 + len(self._actuators) else None  # besides by `control`
         plain = not self._events and self._step is None and system.dropped_are_zero
-        self._quick = plain and isinstance(self._stepper, CompiledRadauStepper)
+        self._quick = plain and self._stepper.passes_changes(False)
 
     def step(self, dt, control=None) -> State:
         """Advance the run by a time.
@@ -142,12 +141,16 @@ class Simulation:
             self._begin()
             jumped = False
         if self._resumes and self._quick:
-            reached = self._stepper.reach(t_end, jumped, self._changing)  # what `march` does, with nothing to look at
+            reached = None
+            try:  # what `march` does, where there is nothing to look at
+                reached = self._stepper.reach(t_end, jumped, self._changing)
+            finally:
+                if reached is None:
+                    self._keep()
+                self._place = reached or self._record.last()[:3]
             if reached is not None:
-                self._place = reached
                 return State(*reached)
-            self._keep()
-            (t, q, v), jumped = self._record.last()[:3], False
+            (t, q, v), jumped = self._place, False
         span, resumes, self._resumes = (t, t_end), self._resumes, False
         try:
             march(self._stepper, span, q, v, self._method, self._record, self._watch, bool, resumes, jumped)
@@ -169,11 +172,7 @@ class Simulation:
     def _keep(self):
         """Record what was made quickly."""
         if self._quick:
-            batch = self._stepper.unread()
-            if len(batch.jumps[0]) and batch.jumps[0][0] == 0:  # there is no row before it
-                self._record.jump(*self._record.last()[:3], batch.jumps[1][0])
-                batch.jumps = tuple(each[1:] for each in batch.jumps)
-            self._record.add(batch)
+            self._record.add(self._stepper.unread())
 
     def _begin(self):
         t, q, v = self._place

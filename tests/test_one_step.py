@@ -7,11 +7,14 @@ from scipy.integrate import solve_ivp
 
 import pinconsist as pc
 from pinconsist import _core
+from pinconsist._core.compiled import stepper_for
 from pinconsist._core.compiled_system import CompiledIndex1, compiled_system
 from pinconsist.dae.index1 import Index1
+from pinconsist.dae.stepper import Stepper
 from pinconsist.errors import PinconsistError, SingularSystemError
 from pinconsist.mechanism.assembly import assemble
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.options import method_of
 
 needs_twin = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
 SCENES = {"crank_rocker": {"crank": 12.0}, "stewart_platform": None, "planar_pendulum": None}
@@ -42,6 +45,23 @@ def test_the_compiled_one_is_scipys(scene, t_end):
     times = np.linspace(0.0, t_end, 17)
     samples = scipys.sample(times)
     np.testing.assert_allclose(ours.sample(times), samples, atol=1e-10 * (1.0 + np.abs(samples).max()))
+
+
+@needs_twin
+@pytest.mark.parametrize("first_step", [None, 1e-5])
+@pytest.mark.parametrize("t_end", [1.0, -0.01])
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_compiled_history_is_the_one_of_python(scene, t_end, first_step):
+    mech = pc.load(scene)
+    at = assemble(mech, None, SCENES[scene])
+    method = method_of((0.0, t_end), "BDF", None, None, 1e-6, 1e-8, "every-step", first_step, np.inf, None, "auto")
+    stepper = stepper_for(MechanismSystem(mech, at.q), method, "compiled")
+    states = stepper.begin(0.0, at.q, at.v, t_end)
+    h, plain = Stepper._history(stepper, 0.0, at.q, at.v, t_end)
+    assert stepper.h == pytest.approx(h, rel=1e-6) and len(states) == len(plain) == 7
+    for one, other in zip(states, plain, strict=True):
+        for mine, theirs in zip(one, other, strict=True):
+            np.testing.assert_allclose(mine, theirs, atol=1e-6 * (1.0 + np.abs(theirs).max(initial=0.0)))
 
 
 @needs_twin

@@ -9,6 +9,8 @@ from scipy.integrate import solve_ivp
 
 import pinconsist as pc
 from pinconsist.dae.index1 import solve_acceleration
+from pinconsist.dae.radau_stepper import RadauStepper
+from pinconsist.dae.stepper import Stepper
 from pinconsist.mechanism.system import MechanismSystem
 
 PERIOD = 5e-3
@@ -99,13 +101,14 @@ def test_the_compiled_loop_goes_on_as_the_python_one(options, late):
     np.testing.assert_allclose(fast.lam, plain.lam, atol=1e-4 * np.abs(plain.lam).max())
 
 
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
 @pytest.mark.parametrize("backend", ["compiled", "python"])
-def test_a_callback_sees_each_step_before_the_next_sample(backend):
+def test_a_callback_sees_each_step_before_the_next_sample(backend, method):
     calls = []
     controller = pc.Sampled(PERIOD, lambda t, q, v: calls.append(("law", t)) or 1.0, "crank")
     sol = pc.simulate(
-        crank_rocker(), (0.0, 3 * PERIOD), forces=[controller], method="Radau", backend=backend,
-        callback=lambda t, *state: calls.append(("row", t)) or len(calls) > 7,
+        crank_rocker(), (0.0, 3 * PERIOD), forces=[controller], method=method, backend=backend,
+        callback=lambda t, *state: calls.append(("row", t)) or t > 1.5 * PERIOD,
     )  # fmt: skip
     assert [t for _, t in calls] == sorted(t for _, t in calls)
     assert [what for what, t in calls if t == PERIOD] == ["row", "law"]
@@ -113,14 +116,33 @@ def test_a_callback_sees_each_step_before_the_next_sample(backend):
     assert sol.t[-1] == calls[-1][1]
 
 
-def test_a_law_that_fails_leaves_what_was_reached():
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+def test_a_law_that_fails_leaves_what_was_reached(method):
     def fails(t, q, v):
         return 1.0 / (t < 2.5 * PERIOD)
 
-    sol = pc.simulate(crank_rocker(), (0.0, 1.0), forces=[pc.Sampled(PERIOD, fails, "crank")], method="Radau")
+    sol = pc.simulate(crank_rocker(), (0.0, 1.0), forces=[pc.Sampled(PERIOD, fails, "crank")], method=method)
     assert not sol.success
     assert sol.t[-1] == 3 * PERIOD
     assert "ZeroDivisionError" in sol.message and "sampled crank" in sol.message
+
+
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+def test_the_compiled_loop_starts_again_by_itself(method, monkeypatch):
+    """Python begins the run, and no more; a torque that is not finite is named as Python names it."""
+    begun, begin = [], Stepper.begin
+    monkeypatch.setattr(Stepper, "begin", lambda *args: begun.append(args) or begin(*args))
+    monkeypatch.setattr(RadauStepper, "begin", lambda *args, of=RadauStepper.begin: begun.append(args) or of(*args))
+    sol = sampled((0.0, 8 * PERIOD), method, rtol=1e-4, max_steps=40)
+    assert len(begun) == 1 and np.count_nonzero(np.diff(sol.t) == 0.0) >= (method == "BDF") + 4
+    assert sol.nsteps <= 40 and sol.success == (method == "Radau")
+    infinite = pc.Torque(lambda t, q, v: np.array([np.nan if t > 2.1 * PERIOD else 0.0, 0.0, 0.0]))
+    held = pc.Sampled(PERIOD, law, "crank")
+    for backend in ("compiled", "python"):
+        failed = pc.simulate(
+            crank_rocker(), (0.0, 8 * PERIOD), forces=[infinite, held], method=method, backend=backend, rtol=1e-3
+        )
+        assert not failed.success and failed.t[-1] <= 2.2 * PERIOD and "not finite" in failed.message
 
 
 def test_dense_output_goes_through_samples():

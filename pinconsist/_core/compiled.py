@@ -12,10 +12,10 @@ from ..dae.control import ErrorControl
 from ..dae.dense import StepBatch, Tables
 from ..dae.integrate import python_stepper
 from ..dae.stepper import Stepper
-from ..errors import InputError
+from ..errors import InputError, PinconsistError
 from . import load
 from .compiled_radau import CompiledRadauStepper
-from .compiled_system import CompiledRun
+from .compiled_system import CompiledIndex1, CompiledRun
 
 log = logging.getLogger(__name__)
 
@@ -59,21 +59,50 @@ class CompiledStepper(CompiledRun):
             sizes = control.sizes if before is None else before.sizes
             self._core.control_error(*control.spread, sizes, control.max_order, control.max_step, control.noise)
 
+    @property
+    def _no_turns(self):
+        return np.zeros((0, self.system.nx))
+
     def begin(self, t, p, v, t_end, known=None):
         states = super().begin(t, p, v, t_end, known)
-        self._core.turns = np.zeros((0, self.system.nx)) if self._turns is None else self._turns
+        self._core.turns = self._no_turns if self._turns is None else self._turns
         self._core.begin(t, self.t, self.h, self.k, self.p, self.y, self.base, self.Z)
         if self.method.step is not None:
             self._core.fix_step(self._start, self._taken, self._steps)
         return states
 
+    def passes_changes(self, with_curve):
+        return not with_curve and self.method.first_step is None and self._starts_at_once
+
+    @property
+    def _starts_at_once(self) -> bool:
+        """Whether starts are made in one call; Python looks at those that constraints may prevent by a jump."""
+        return self.method.step is None and isinstance(self.index1, CompiledIndex1) and not self.system.moving
+
+    def _history(self, t, p, v, t_end):
+        found = None
+        if self._starts_at_once:
+            self._core.turns = self._no_turns if self._turns is None else self._turns
+            found = self._core.history(self._compiled, t, p, v, t_end, self.method.first_step or 0.0)
+        return found or super()._history(t, p, v, t_end)
+
+    def _why_no_start(self):
+        """What a start from where the run stands raises."""
+        try:
+            super()._history(self.t, self.p, self.velocity_and_multipliers()[0], self.t + self.h)
+        except PinconsistError as raised:
+            return raised
+        return None
+
     def batch_of(self, made, with_curve) -> StepBatch:
         core, system, t_old = self._core, self.system, self.t
-        failure, error, t, p, v, lam, h, k, tables, *_ = made
+        failure, error, t, p, v, lam, h, k, tables, jumps, lam_after = made
         self.t, self.h, self.k, self.p, self.y = core.t, core.h, core.k, core.p, core.y
         why, curve = self._counted(failure), None
         if failure == "turns_too_far":
             why = self._turns_too_far(self.velocity_and_multipliers()[0])
+        if failure == "no_start":
+            error = self._why_no_start()
         if with_curve and len(t):
             base, Z = tables[0].reshape(len(t), -1), tables[1].reshape(len(t), bdf.ROWS, -1)
             changes = np.full(len(t), None)
@@ -82,4 +111,4 @@ class CompiledStepper(CompiledRun):
             for i, matrix in zip(tables[2], tables[3].reshape(-1, bdf.ROWS, bdf.ROWS), strict=True):
                 changes[i] = matrix
             curve = Tables(np.append(t_old, t[:-1]), t, t, h, k, base, Z, changes, system, self._chart_points)
-        return StepBatch(t, p, v, lam, k, curve, why, error)
+        return StepBatch(t, p, v, lam, k, curve, why, error, (jumps, lam_after))

@@ -83,8 +83,6 @@ class StageSegment:
 class CompiledRadauStepper(CompiledRun, RadauStepper):
     """A :class:`~pinconsist.dae.radau_stepper.RadauStepper` that makes many steps in one call."""
 
-    passes_changes = True
-
     def __init__(self, system, method):
         self._sampler = []
         super().__init__(system, method)
@@ -135,17 +133,8 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
             return segment
         return StageSegment(StageCurve(again, segment.t_old, [t], curve.system, self._sampler), 0, segment.t_old, t)
 
-    def reach(self, t_end, jumped, forces):
-        """Go on to a time, where nothing looks at the steps: (t, p, v) there, or None; see :meth:`unread`."""
-        reached = self._core.reach(self._compiled, t_end, self.batch, jumped, forces)
-        if reached is not None:
-            for state in reached[1:]:
-                state.setflags(write=False)
-        return reached
-
-    def unread(self) -> StepBatch:
-        """The steps of :meth:`reach` since this was called last; the run stands at their end."""
-        return self.batch_of(self._core.unread(self._compiled), False)
+    def passes_changes(self, with_curve):
+        return True
 
     def resume(self, t_end):
         states = super().resume(t_end)

@@ -80,6 +80,18 @@ class CompiledRun(Stepper):
         """Steps as the compiled method returns them: its failure, an exception, t, p, v, λ, …"""
         return self._core.run(self._compiled, t_end, most, with_curve, sees, forces)
 
+    def reach(self, t_end, jumped, forces):
+        """Go on to a time, where nothing looks at the steps: (t, p, v) there, or None; see :meth:`unread`."""
+        reached = self._core.reach(self._compiled, t_end, self.batch, jumped, forces)
+        if reached is not None:
+            for state in reached[1:]:
+                state.setflags(write=False)
+        return reached
+
+    def unread(self) -> StepBatch:
+        """The steps of :meth:`reach` since this was called last; the run stands at their end."""
+        return self.batch_of(self._core.unread(self._compiled), False)
+
     def forget_from(self, step) -> None:
         self._core.forget_from(step)
 

@@ -8,11 +8,11 @@
 namespace pinconsist {
 
 // Why there is no step; the words stand in dae/tuning.py, under these names.
-enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far };
+enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far, no_start };
 
 inline const char *name_of(Failure failure) {
   static constexpr const char *names[] = {"",           "singular",   "not_finite",   "diverged", "not_converged",
-                                          "error_test", "turns_too_far"};
+                                          "error_test", "turns_too_far", "no_start"};
   return names[static_cast<int>(failure)];
 }
 

@@ -54,7 +54,7 @@ public:
     control.restart();
     newton.forget();
     headway_.restart(t, t);
-    shaped_ = false;
+    shaped_ = resumes_ = false;
   }
 
   // Forces have jumped: the accelerations that start Newton's iteration are moved by as much.
@@ -63,6 +63,11 @@ public:
     if (!index1_.acceleration(t, p, v, a, lam)) return Failure::singular;
     if (!a.allFinite() || !lam.allFinite()) return newton.not_finite(t, p, v);
     if (shaped_) shape_.W.colwise() += a - moved_;
+    return Failure::none;
+  }
+
+  template <class Leave> Failure resume(double until, const Leave &) {
+    divide(until);
     return Failure::none;
   }
 

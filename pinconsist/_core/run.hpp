@@ -46,20 +46,30 @@ public:
     sizes_.clear();
     const auto begun = std::chrono::steady_clock::now();
     double until = forces.is_none() ? t_end : next_change(forces, t_end);
+    bool ended = false;
+    const auto leave = [&](double t1, const Vec &p1, const Vec &v1, const Vec &lam1) { // whether the run goes on
+      record(t1, p1, v1, lam1, out);
+      ended = !sees.is_none() && nb::cast<bool>(sees(t1, array(p1), array(v1), array(lam1), self().order()));
+      return !ended;
+    };
     if (with_curve) self().reserve(most, out.curve);
-    while (out.steps < most && t != t_end) {
-      self().prepare_next();
-      Failure failure = self().advance(until);
-      if (failure != Failure::none) return failure;
-      if (with_curve) put(sizes_, self().control.sizes);
-      record(with_curve, out);
-      if (!sees.is_none() && nb::cast<bool>(sees(t, array(p), array(self().velocity()), array(self().multipliers()), self().order())))
-        break;
-      if (t == until && t != t_end) {
+    while (out.steps < most && t != t_end && !ended) {
+      Failure failure = Failure::none;
+      if (t == until) {
         failure = change(forces, out);
         if (failure != Failure::none) return failure;
         until = next_change(forces, t_end);
-        self().divide(until);
+      }
+      if (std::exchange(resumes_, false)) {
+        failure = self().resume(until, leave);
+        if (failure != Failure::none) return failure;
+      } else {
+        self().prepare_next();
+        failure = self().advance(until);
+        if (failure != Failure::none) return failure;
+        if (with_curve) put(sizes_, self().control.sizes);
+        if (with_curve) self().keep(out.curve);
+        leave(t, p, self().velocity(), self().multipliers());
       }
       if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;
     }
@@ -76,9 +86,7 @@ public:
 protected:
   explicit Run(System &system) : system_(system) {}
 
-  // Of methods that go on where forces jump; for the others a run ends there.
-  Failure jump() { return Failure::none; }
-  void divide(double) {}
+  bool resumes_ = false; // where the run stands forces may jump
 
   bool fixed() const { return static_cast<const Method &>(*this).control.fixed(); }
 
@@ -108,27 +116,27 @@ private:
   // Forces may jump here: the state stays, and the multipliers jump with them.
   Failure change(const nb::object &forces, StepBatch<Curve> &out) {
     nb::gil_scoped_acquire holds;
-    const bool jumped = nb::cast<bool>(forces.attr("change")(t, array(p), array(self().velocity())));
-    return jumped ? jump_here(out) : Failure::none;
+    resumes_ = true;
+    return nb::cast<bool>(forces.attr("change")(t, array(p), array(self().velocity()))) ? jump_here(out) : Failure::none;
   }
 
   Failure jump_here(StepBatch<Curve> &out) {
     const Failure failure = self().jump();
     if (failure != Failure::none) return failure;
+    resumes_ = true;
     out.jumps.push_back(out.steps);
     put(out.lam_after, self().multipliers());
     return failure;
   }
 
-  void record(bool with_curve, StepBatch<Curve> &out) {
+  void record(double t1, const Vec &p1, const Vec &v1, const Vec &lam1, StepBatch<Curve> &out) {
     ++out.steps;
-    out.t.push_back(t);
+    out.t.push_back(t1);
     out.h.push_back(used_h);
     out.order.push_back(self().order());
-    put(out.p, p);
-    put(out.v, self().velocity());
-    put(out.lam, self().multipliers());
-    if (with_curve) self().keep(out.curve);
+    put(out.p, p1);
+    put(out.v, v1);
+    put(out.lam, lam1);
   }
 };
 

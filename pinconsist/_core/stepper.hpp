@@ -2,6 +2,7 @@
 #pragma once
 
 #include "run.hpp"
+#include "start.hpp"
 
 namespace pinconsist {
 
@@ -22,8 +23,13 @@ public:
   Newton newton;
 
   Stepper(System &system, bool correct, const Switches &switches)
-      : Run(system), newton(system, correct, switches), kkt_(system.nv, system.nc) {
+      : Run(system), newton(system, correct, switches), kkt_(system.nv, system.nc), index1_(system) {
     control.keep_weights = switches.kept_weights;
+  }
+
+  // See Start.
+  bool history(double t0, const Vec &p0, const Vec &v0, double t_end, double first_step, History &out) {
+    return Start(system_, index1_, control, turns).history(t0, p0, v0, t_end, first_step, out);
   }
 
   // Nothing is known of what comes: the run starts, or starts again.
@@ -31,7 +37,7 @@ public:
     control.restart();
     newton.forget();
     rounding_.restart();
-    on_trial_ = false;
+    on_trial_ = resumes_ = false;
     headway_.restart(start, t);
   }
 
@@ -39,6 +45,44 @@ public:
 
 private:
   friend class Run<Stepper, TableCurve>;
+
+  // Forces have jumped: λ jumps with them.
+  Failure jump() {
+    Vec a, lam;
+    if (!index1_.acceleration(t, p, velocity(), a, lam)) return Failure::singular;
+    if (!a.allFinite() || !lam.allFinite()) {
+      newton.culprit_t = t, newton.culprit_p = p, newton.culprit_v = velocity();
+      return Failure::not_finite;
+    }
+    y.tail(system_.nc) = lam;
+    return Failure::none;
+  }
+
+  // The run starts again from here towards `until`; `leave` takes each state of its history.
+  template <class Leave> Failure resume(double until, const Leave &leave) {
+    History past;
+    if (!history(t, p, velocity(), until, 0.0, past)) return Failure::no_start;
+    const size_t n = past.t.size();
+    if (std::abs(past.t.back() - until) <= 1e-9 * std::abs(past.h)) past.t.back() = until;
+    begin_anew(std::exchange(t, past.t.back()));
+    p = base = past.p.back();
+    Table rows(n, system_.nx + system_.nv + system_.nc);
+    Vec xi(system_.nx);
+    for (size_t i = 0; i < n; ++i) { // the last one first
+      const size_t at = n - 1 - i;
+      if (system_.vector_like) xi = past.p[at];
+      else system_.difference(base, past.p[at], xi);
+      rows.row(i) << xi.transpose(), past.v[at].transpose(), past.lam[at].transpose();
+    }
+    Z.setZero();
+    Z.topRows(n) = bdf::differences(static_cast<int>(n) - 1) * rows;
+    y = Z.row(0).transpose();
+    choice = {h = past.h, k = control.max_order};
+    used_h = h;
+    used_k = 0;
+    for (size_t i = 1; i < n && leave(past.t[i], past.p[i], past.v[i], past.lam[i]); ++i) {}
+    return Failure::none;
+  }
 
   Failure advance(double t_end) {
     control.reached(system_, p, velocity());
@@ -168,6 +212,7 @@ private:
   RoundingTest rounding_;
   bool on_trial_ = false; // the next step is longer than rounding lets expect
   KKT kkt_; // of the rounding test
+  Projection index1_;
   Attempt attempt_;
   Vec predicted_, psi_, weight_;
   Table changed_; // by rescaling since the last step; empty where nothing did

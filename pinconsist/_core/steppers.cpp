@@ -20,17 +20,19 @@ Switches switches_of(nb::object switches) {
           on("few_derivatives"), on("kept_derivatives")};
 }
 
-// Make steps until something ends them; returns its name and an exception of Python's. Others run meanwhile if they can.
+// Run something; others run meanwhile if they can.
+template <class Run> Failure released(bool calls_python, const Run &run) {
+  if (calls_python) return run();
+  nb::gil_scoped_release release;
+  return run();
+}
+
+// Make steps until something ends them; returns its name and an exception of Python's.
 template <class Run> std::pair<const char *, nb::object> attempted(bool calls_python, const Run &run) {
   Failure failure = Failure::none;
   nb::object error = nb::none();
   try {
-    if (calls_python) {
-      failure = run();
-    } else {
-      nb::gil_scoped_release release;
-      failure = run();
-    }
+    failure = released(calls_python, run);
   } catch (nb::python_error &raised) {
     error = nb::borrow(raised.value());
   } catch (const std::exception &raised) {
@@ -85,7 +87,7 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
            }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "sees"_a.none(), "forces"_a.none())
       .def("reach", // (t, p, v); None where the steps end before, and where they are of no use to Python
            [](Stepper &s, const System &system, double t_end, long most, bool jumped, nb::object forces) -> nb::object {
-             attempted(system.calls_python(), [&] { return s.reach(t_end, most, jumped, forces); });
+             released(system.calls_python(), [&] { return s.reach(t_end, most, jumped, forces); });
              if (s.t != t_end) return nb::none();
              return nb::make_tuple(t_end, array(s.p), array(s.velocity()));
            }, "system"_a, "t_end"_a, "most"_a, "jumped"_a, "forces"_a.none())
@@ -118,6 +120,20 @@ void bind_bdf(nb::module_ &m) {
              s.base = base;
              s.Z = Z;
              s.begin_anew(start);
+           })
+      .def("history", // its step, and t, p, v, λ of each state; None where there is none
+           [](Stepper &s, const System &system, double t, const Vec &p, const Vec &v, double t_end, double first_step) -> nb::object {
+             History past;
+             bool found = false;
+             released(system.calls_python(), [&] {
+               found = s.history(t, p, v, t_end, first_step, past);
+               return Failure::none;
+             });
+             if (!found) return nb::none();
+             nb::list states;
+             for (size_t i = 0; i < past.t.size(); ++i)
+               states.append(nb::make_tuple(past.t[i], array(past.p[i]), array(past.v[i]), array(past.lam[i])));
+             return nb::make_tuple(past.h, states);
            })
       .def("control_error",
            [](Stepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, int max_order, double max_step,

@@ -114,7 +114,7 @@ class ErrorControl:
     @cached_property
     def asked(self) -> tuple[float, float]:
         """The smallest rtol and atol of the run."""
-        rtol, atol = (min(float(part.min()) for part in parts) for parts in (self.rtol, self.atol))
+        rtol, atol = (min(min(part.ravel().tolist()) for part in parts) for parts in (self.rtol, self.atol))
         return rtol, atol
 
     @property

@@ -162,12 +162,13 @@ def _ending(error, t):
 def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=False, jumped=False):
     """Integrate from (p, v); or the run `resumes` where the stepper stands, and forces have `jumped` there."""
     (t, t_end), with_curve, known = t_span, bool(watch.events) or record.needs_curve, None
-    passes = stepper.passes_changes and stepper.system.changes and not watch.events
+    passes = stepper.passes_changes(with_curve) and stepper.system.changes and not watch.events
     pace, sees = Pace(method.control, t, record.nsteps), _seen_at_once(stepper, record, watch, passes)
 
     def more(until, begun):
         most, forces = _batch_size(stepper, method, record, watch, begun), [stepper.system] * passes
-        return stepper.steps(until, most, with_curve, sees, *forces)
+        made, left = stepper.steps(until, most, with_curve, sees, *forces), (method.max_steps or np.inf) - record.nsteps
+        return made if len(made.t) <= left else made.first(left)  # a start has several
 
     while t != t_end:  # once, and again after every event that changes the state and where forces jump
         _stop_if(interrupted)
@@ -208,11 +209,10 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
                 raise Stop(FAILED, f"max_steps = {method.max_steps} used up at t = {record.reached:.6g} of {t_end:.6g}")
             if pace.lost(record.nsteps, t, t_end, partial(jumping, stepper)):
                 raise Stop(FAILED, failure_report(stepper, FAILURES["chatters"]))
-            looked_at = record.nsteps % stepper.rows_watched == 0
-            other_rows = batch.failure or (looked_at and _choose_rows(stepper, record))
+            other_rows = batch.failure or (record.nsteps % stepper.rows_watched == 0 and _choose_rows(stepper, record))
             if other_rows or t == until:
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
-                jumped = t == until and stepper.system.change(t, p, v)
+                jumped = (t == until or passes) and stepper.system.change(t, p, v)
                 resumes = not other_rows
                 break
             _stop_if(interrupted)

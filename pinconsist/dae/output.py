@@ -116,6 +116,10 @@ class Record:
         if self.output.dense:
             self._curves.append(batch.curve)
         if self._due is None:
+            at, lam = batch.jumps
+            if len(at) and at[0] == 0:  # where the steps before ended
+                self.jump(*self.last()[:3], lam[0])
+                batch.jumps = at[1:], lam[1:]
             *rows, order = batch.with_jumps()
             self._orders.append(order)
             self._blocks.append(tuple(rows))

@@ -14,10 +14,21 @@ from ..errors import PinconsistError
 from . import bdf
 from .charts import chart_point, fastest_turn, table_row, turning_coordinates
 from .rounding import shortest_step
+from .tuning import (
+    SAFETY,
+    START_AIM,
+    START_ERROR,
+    START_GROWTH,
+    START_LEAST,
+    START_SHARE,
+    START_SHORTER,
+    START_STEPS,
+    START_TRIES,
+    START_TURN,
+)
 
 log = logging.getLogger(__name__)
 
-MAX_TURN = 1.0  # rad: how far one chart is used
 JUMPED, BEFORE_JUMP = 10.0, 4.0  # accuracies by which constraints may move the start; by which it is shortened
 START_BUDGET = 400  # evaluations for each step of the history
 
@@ -40,7 +51,7 @@ def integrate_index1(index1, t0, p0, v0, times, rtol, atol, budget=None):
             stop = target
             if not system.vector_like:  # stay well inside one chart
                 turn = fastest_turn(turns, system.rate(t, p, v)) * abs(target - t)
-                stop = t + (target - t) / max(1, int(np.ceil(turn / MAX_TURN)))
+                stop = t + (target - t) / max(1, int(np.ceil(turn / START_TURN)))
                 stop = target if abs(target - stop) < 1e-14 * max(1.0, abs(target)) else stop
             run = index1.one_step(p, t, p, v, stop, rtol, atol)
             while not run.finished:
@@ -92,16 +103,16 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
     h is signed, and at most (t_end - t0)/(k+2).
     """
     system = index1.system
-    rtol, atol = max(1e-2 * control.tightest[0], 1e-13), 1e-2 * control.tightest[1]
+    rtol, atol = (START_SHARE * tightest for tightest in control.tightest)
     turns = turning_coordinates(system, p0)
     speed = fastest_turn(turns, system.rate(t0, p0, v0))
-    max_step = MAX_TURN / speed if speed else np.inf
-    run = index1.one_step(p0, t0, p0, v0, t_end, rtol, max(atol, 1e-14), max_step, dense=True)
+    max_step = START_TURN / speed if speed else np.inf
+    run = index1.one_step(p0, t0, p0, v0, t_end, max(rtol, 1e-13), max(atol, 1e-14), max_step, dense=True)
     longest = 0.0
-    for _ in range(6):  # it starts with a careful step: go on while its steps grow
+    for _ in range(START_STEPS):  # it starts with a careful step: go on while its steps grow
         run.step()
-        grows, longest = run.step_size > 1.5 * longest, run.step_size
-        if run.finished or not grows or fastest_turn(turns, run.y[: system.nx]) > MAX_TURN:
+        grows, longest = run.step_size > START_GROWTH * longest, run.step_size
+        if run.finished or not grows or fastest_turn(turns, run.y[: system.nx]) > START_TURN:
             break
 
     def sample(h):
@@ -109,16 +120,16 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
         return times, run.sample(times)
 
     reach = (run.t - t0) / (k + 1)
-    while fastest_turn(turns, run.sample(np.array([t0 + (k + 1) * reach]))[0, : system.nx]) > MAX_TURN:
-        reach *= 0.7  # from rest the one-step method may turn a joint far in one step
+    while fastest_turn(turns, run.sample(np.array([t0 + (k + 1) * reach]))[0, : system.nx]) > START_TURN:
+        reach *= START_SHORTER  # from rest the one-step method may turn a joint far in one step
     h = reach if first_step is None else np.copysign(min(abs(first_step), abs(reach)), reach)
     if first_step is None:
-        for _ in range(4):
+        for _ in range(START_TRIES):
             _, rows = sample(h)
             error = control.error_of(system, rows, k)
-            if error <= 0.5:
+            if error <= START_ERROR:
                 break
-            h *= max(0.05, 0.8 * (0.25 / error) ** (1.0 / (k + 1)))
+            h *= max(START_LEAST, SAFETY * (START_AIM / error) ** (1.0 / (k + 1)))
     shortest = shortest_step(t0, t_end)
     h = np.copysign(max(min(abs(h), control.max_step), shortest), h)
     first = (t0, p0, v0, index1.acceleration(t0, p0, v0)[1])

@@ -38,8 +38,6 @@ class Stepper:
     ahead : bool
         Whether steps may be made before events and callbacks have seen those before them: they cost little, and no
         function of the user's takes part in them, which an event or a callback might change.
-    passes_changes : bool
-        Whether :meth:`steps` takes ``forces``, to go on by itself at the times at which they jump.
     rows_watched : int
         Steps after which the choice of constraint rows is looked at.
     looks : int
@@ -48,7 +46,7 @@ class Stepper:
         Name of the method, for the record.
     """
 
-    batch, ahead, passes_changes, rows_watched, looks, backend = 50, False, False, 5, 1, "python"
+    batch, ahead, rows_watched, looks, backend = 50, False, 5, 1, "python"
 
     def __init__(self, system, method):
         self.method, self.control = method, method.control
@@ -63,6 +61,10 @@ class Stepper:
     def change_system(self, system) -> None:
         """Go on with another system of the same sizes, from the next :meth:`begin` on; the work is counted on."""
         self.system, self.index1 = system, Index1(system)
+
+    def passes_changes(self, with_curve: bool) -> bool:
+        """Whether :meth:`steps` takes ``forces``, to go on by itself at the times at which they jump."""
+        return False
 
     def full_multipliers(self, p, lam):
         """The multipliers as the user sees them, of one row or a stack of rows."""
@@ -84,6 +86,7 @@ class Stepper:
         """
         system, method = self.system, self.method
         self.control.restart()
+        self._turns = None if system.vector_like else turning_coordinates(system, p)
         if method.step is not None:
             steps = max(1, int(np.ceil(abs(t_end - t) / method.step - 1e-9)))
             if self._begun and abs(t_end - t) > 1e-3 * method.step:
@@ -93,15 +96,12 @@ class Stepper:
             self._start, self._steps, self._taken = t, steps, len(states) - 1
         else:
             self.k, self._taken = method.order, 0
-            self.h, states = start.adaptive_history(
-                self.index1, t, p, v, t_end, self.k, self.control, method.first_step
-            )
+            self.h, states = self._history(t, p, v, t_end)
         if abs(states[-1][0] - t_end) <= 1e-9 * abs(self.h):
             states[-1] = (t_end, *states[-1][1:])  # else a step of a few spacings of t would be left
         self.t, self.p = states[-1][:2]
         self.rounding.restart()
         self.headway.restart(t, self.t)
-        self._turns = None if system.vector_like else turning_coordinates(system, p)
         if self._turns is not None and (too_fast := self._turns_too_far(states[-1][2])):
             raise PinconsistError(f"no start at t = {t:.6g}: {too_fast}")
         self.base, self.Z = start.fill_table(system, states)
@@ -111,6 +111,10 @@ class Stepper:
         self._changed, self._changes = bdf.UNCHANGED if len(states) > 1 else None, None
         self._on_trial = False
         return states
+
+    def _history(self, t, p, v, t_end):
+        """Step and states of a start with variable steps."""
+        return start.adaptive_history(self.index1, t, p, v, t_end, self.k, self.control, self.method.first_step)
 
     def locate(self, segment, event, with_multipliers, begin, end):
         """When an event happens between two looks into a step, see :func:`~pinconsist.dae.events.located`."""

@@ -29,6 +29,14 @@ NEARLY = 0.92  # of the longest step: an order lower by one (from 3 on) that giv
 SMALLEST_STEP = 16.0  # spacings of t: a step below this cannot be told from zero
 MAX_CHART_TURN = 2.5  # rad that a chart may span: at π it wraps around
 
+# The first history of a run of variable step, by a one-step method
+START_SHARE = 1e-2  # of the tolerances of a step, that the one-step method has
+START_STEPS, START_GROWTH = 6, 1.5  # its steps, as long as each is longer by that
+START_TURN = 1.0  # rad: how far it uses one chart
+START_SHORTER = 0.7  # by which its reach is shortened until it turns no farther
+START_ERROR, START_AIM = 0.5, 0.25  # of the tolerance: what the first step may have, and what a shorter one aims at
+START_TRIES, START_LEAST = 4, 0.05  # how often, and how much, it is shortened
+
 # Rounding, and no headway
 NOISE, STIRRED = 5.0, 0.02  # eps of the positions: what rounding leaves in them and, over h, in velocities
 HALF = 1e-8  # of the velocities, half their digits: more of them is never believed to be rounding
@@ -86,6 +94,7 @@ FAILURES = {
     "diverged": "Newton diverged",
     "not_converged": "Newton did not converge",
     "error_test": "the error test fails at any step size",
+    "no_start": "the run could not start again where forces jump",
     "chatters": "the run hardly advances, as Newton fails again and again",
 }
 

@@ -72,10 +72,10 @@ class MechanismSystem(Index3System):
 
     def next_change(self, t, t_end):
         times = [force.next_change(t) for force in self.changing]
-        near = (1.0 + AT_ONCE) * min([abs(time - t) for time in times], default=np.inf)
-        if near >= abs(t_end - t):
-            return t_end
-        return max([time for time in times if abs(time - t) <= near], key=lambda time: abs(time - t))
+        if len(times) > 1:
+            near = (1.0 + AT_ONCE) * min([abs(time - t) for time in times])
+            times = [max([time for time in times if abs(time - t) <= near], key=lambda time: abs(time - t))]
+        return times[0] if times and (1.0 + AT_ONCE) * abs(times[0] - t) < abs(t_end - t) else t_end
 
     def change(self, t, p, v):
         return any([force.change(t, p, v) for force in self.changing])

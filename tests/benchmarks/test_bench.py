@@ -12,7 +12,7 @@ import pytest
 from helpers import command_line
 from helpers.mjcf_zoo import ZOO
 
-from benchmarks import actuation, gradients, mjcf_actuators, sampled
+from benchmarks import actuation, cases, gradients, mjcf_actuators, sampled
 from benchmarks.against import against
 from benchmarks.app import main
 from benchmarks.around import FORCE, around
@@ -28,6 +28,12 @@ def test_each_way_of_sampling_is_timed_and_right():
     rows = sampled.measured([replace(sampled.SCENES[0], periods=(0.1,))], repeats=1)
     assert {row.way for row in rows} == set(sampled.WAYS)
     assert all(row.time > 0.0 and row.q < 1e-3 and row.lam < 1.0 for row in rows)
+
+
+def test_sweeps_and_threads_are_timed():
+    assert [row.cases for row in cases.sweeps(2)] == [2, 2] and all(row.ratio > 0.0 for row in cases.sweeps(2))
+    row = cases.threads(0.05, "Radau", repeats=1, cases=2)
+    assert 0.0 < row.free < 1.0 and row.ratio > 0.0
 
 
 LAWS = (
@@ -83,7 +89,7 @@ def test_overhead_counts_steps_residuals_and_times():
 
 def test_what_stands_around_a_run_is_timed():
     rows = around(repeats=1)
-    assert len({(row.method, row.what) for row in rows}) == len(rows) == 34 and all(row.seconds > 0.0 for row in rows)
+    assert len({(row.method, row.what) for row in rows}) == len(rows) == 36 and all(row.seconds > 0.0 for row in rows)
     assert [row.what for row in rows if row.ratio == 1.0] == 2 * ["plain run"]
     seconds = {(row.method, row.what): row.seconds for row in rows}
     for row in rows:
