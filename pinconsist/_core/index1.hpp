@@ -1,7 +1,7 @@
 // dae/index1.py: accelerations, projections onto the constraints, and DOP853 with the coefficients of SciPy.
 #pragma once
 
-#include "mechanism.hpp"
+#include "kkt.hpp"
 #include "rounding.hpp"
 
 namespace pinconsist {
