@@ -125,7 +125,7 @@ class _Tree:
                 column = mechanism.columns(force.joint)
                 stiffness[column], rest[column] = force.stiffness, force.rest
             if isinstance(force, JointTorque):
-                torque += force.bind(mechanism.model).value
+                torque += force.bind(mechanism.model).torque(0.0, None, None)
         damping = np.array(mechanism.model.damping)
         values = {"jointForceVector": list(torque)} if torque.any() else {}
         if stiffness.any() or damping.any():

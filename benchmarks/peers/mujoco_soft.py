@@ -47,7 +47,7 @@ class Mujoco(Peer):
         def solve():
             data.qpos[:], data.qvel[:] = problem.q0, problem.v0
             for force in torques:
-                data.qfrc_applied[:] = force.bind(problem.mechanism.model).value
+                data.qfrc_applied[:] = force.bind(problem.mechanism.model).torque(0.0, None, None)
             rows = np.empty((steps + 1, 1 + 3 * n))
             for i in range(steps + 1):
                 mujoco.mj_forward(model, data) if i == steps else mujoco.mj_step1(model, data)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
@@ -103,8 +103,8 @@ class Peer(ABC):
         if any(system.rows.labels[row][1].startswith("tilt") for row in system.kept):
             return "hinges whose tilts count are not translated (redundant in planar loops only)"
         laws = {type(force).__name__ for force in mechanism.forces if not isinstance(force, self.forces)}
-        torques = [force.bind(mechanism.model) for force in mechanism.forces if isinstance(force, JointTorque)]
-        if not all(hasattr(torque, "value") for torque in torques):
+        torques = [force.torques for force in mechanism.forces if isinstance(force, JointTorque)]
+        if any(callable(torque) for each in torques if isinstance(each, Mapping) for torque in each.values()):
             laws.add("JointTorque of time")
         if laws:
             return f"forces {', '.join(sorted(laws))} are not translated"

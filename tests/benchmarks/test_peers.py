@@ -133,6 +133,16 @@ def test_pinocchios_accelerations_are_those_of_the_kkt_system(scene):
     assert np.abs(a(*state) - expected).max() < 1e-7 * (1.0 + np.abs(expected).max())
 
 
+@pytest.mark.parametrize("name", ["CasADi IDAS, index 1", "MuJoCo implicitfast, soft loops"])
+def test_constant_torques_are_translated_and_those_of_time_are_not(name):
+    problem = problem_of("andrews")
+    moved = replace(problem, mechanism=problem.mechanism.with_forces({"beta": lambda t: t}))
+    if PEERS[name].missing():
+        pytest.skip(PEERS[name].missing())
+    assert PEERS[name].can(problem) is None
+    assert "JointTorque of time" in PEERS[name].can(moved)
+
+
 @pytest.mark.parametrize("scene", ["bricard", "problem51"])
 def test_where_pinocchios_contacts_cannot_the_kkt_system_is_solved(scene):
     assert accelerations(problem_of(scene)).__name__ == "by_kkt"
