@@ -9,9 +9,9 @@ from helpers.twin import needs_twin
 import pinconsist as pc
 from benchmarks.gradient_reference import worst
 from pinconsist.dae import charts
-from pinconsist.gradients import stage_way, stages
+from pinconsist.gradients import stage_leg, stages
 from pinconsist.gradients.sensitivities import prepared
-from pinconsist.gradients.stage_way import StageWay, way_along
+from pinconsist.gradients.stage_leg import StageWay, way_along
 from pinconsist.mechanism.system import MechanismSystem
 
 STEPS = {1: (60, 120), 2: (20, 40), 3: (5, 10)}
@@ -53,7 +53,7 @@ class WithoutMetric(stages.Motion):
 
 
 def test_where_the_metric_of_the_projection_stays_the_order_is_lost(monkeypatch):
-    monkeypatch.setattr(stage_way, "Motion", WithoutMetric)
+    monkeypatch.setattr(stage_leg, "Motion", WithoutMetric)
     coarse, fine = errors(crank_rocker, 3, backend="python")
     assert np.log2(coarse / fine).max() < 4.0
 

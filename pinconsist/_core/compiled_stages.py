@@ -14,7 +14,7 @@ from .compiled_gradient import use_parameters
 
 
 class CompiledStageWay:
-    """Answers what :class:`~pinconsist.gradients.stage_way.StageWay` does."""
+    """Answers what :class:`~pinconsist.gradients.stage_leg.StageWay` does."""
 
     def __init__(self, index1, parameters):
         self.system, self.parameters = index1.system, parameters

@@ -7,7 +7,7 @@ To be read in this order:
    :mod:`known`: parameters that need none, as their derivatives of the equations are known.
 2. :mod:`linear`: the linear equations of one accepted step, and of its hidden constraint.
 3. :mod:`forward`: the recursion over the accepted steps, and its transpose.
-4. :mod:`stages`, :mod:`stage_way` and :mod:`stage_leg`: the same of Radau IIA, whose steps have no history.
+4. :mod:`stages` and :mod:`stage_leg`: the same of Radau IIA, whose steps have no history.
 5. :mod:`starts`: the derivatives with which a run begins, and begins again after an event; :mod:`history`: those of
    the first points of BDF.
 6. :mod:`redundant`: the multipliers of rows that depend on each other.

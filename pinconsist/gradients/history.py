@@ -13,7 +13,7 @@ from .._core.compiled_gradient import known_columns
 from ..dae import bdf
 from ..dae.charts import chart_matrix, chart_rate_gradient
 from ..dae.kkt import KKT
-from .stage_way import way_along
+from .stage_leg import way_along
 
 
 class History:

@@ -7,15 +7,88 @@ the step made again up to there; rows there have the order of the method, and ne
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from ..dae.segments import RadauSegment
-from .stage_way import way_along
+from .._core.compiled_stages import CompiledStageWay
+from .._core.compiled_system import CompiledIndex1
+from ..dae.index1 import project_position, project_velocity
+from ..dae.radau import StageNewton, Stages
+from ..dae.rounding import rounding_weights
+from ..dae.segments import RadauSegment, not_made_again
+from .stages import Motion, Multipliers
 
 AT_ONCE = 1e-6  # of a step: times so near to its end are there, as shorter steps would be rounding
+
+
+class StageWay:
+    """What is done along steps, in Python, one after another.
+
+    Steps are :class:`~pinconsist.dae.segments.RadauSegment`. `parameters` are lists of (weight, Index1), whose weighted
+    residuals are those by the parameter.
+    """
+
+    def __init__(self, system, parameters=()):
+        self.system, self.parameters = system, parameters
+
+    def again(self, steps):
+        """Steps that are not solved yet, see ``RadauSegment.led_to``, solved to rounding."""
+        return list(map(self._again, steps))
+
+    def _again(self, step):
+        system, t = step.system, step.end
+        stages = Stages(system, step.table, step.t_old, step.p0, step.v0, step.h, step.W)
+        y = np.concatenate((step.p0 if system.vector_like else np.zeros(system.nx), step.v0))
+        if StageNewton().solve(stages, *rounding_weights(system, y)).failure:
+            raise not_made_again(t)
+        p = project_position(system, t, stages.P[-1], stages.V[-1])
+        return replace(step, W=stages.W, U=stages.U, p=p, v=project_velocity(system, t, p, stages.V[-1]))
+
+    def forward(self, steps, begins, S, ends) -> None:
+        """Row i of `ends`, (n, P, nx+nv), becomes the end of step i from row begins[i] of `S`."""
+        for i, step in enumerate(steps):
+            of = Motion(step)
+            ends[i] = of.forward(S[begins[i]], of.rates(self.parameters))
+
+    def backward(self, steps, begins, given, bars):
+        """The transpose, from the last step to the first: `bars` are added to; returns what parameters change, (P,)."""
+        order = range(len(steps))[::-1]
+        return self._back((Motion(steps[i]) for i in order), given[::-1], bars, [begins[i] for i in order])
+
+    def linear(self, t, p, v):
+        """See :meth:`Multipliers.linear`."""
+        return Multipliers(self.system, t, p, v).linear()
+
+    def multipliers(self, t, p, v, s):
+        """λ at states, (n, nc), and its derivatives, (n, P, nc), from those of the states."""
+        nc = self.system.nc
+        points = list(self._points(t, p, v))
+        found = [of.forward(row, of.rates(self.parameters)) for of, row in zip(points, s, strict=True)]
+        return np.array([of.lam for of in points]).reshape(len(t), nc), np.array(found).reshape(*s.shape[:2], nc)
+
+    def multipliers_back(self, t, p, v, lam, bars):
+        """The transpose, of one number: `bars`, (n, nx+nv), are added to; returns what parameters change, (P,)."""
+        return self._back(self._points(t, p, v), lam, bars, range(len(t)))
+
+    def _points(self, t, p, v):
+        return (Multipliers(self.system, *state) for state in zip(t, p, v, strict=True))
+
+    def _back(self, points, given, bars, rows):
+        total = np.zeros(len(self.parameters))
+        for of, own, row in zip(points, given, rows, strict=True):
+            bar, weights = of.backward(own)
+            bars[row] += bar
+            total += of.rates(self.parameters) @ weights
+        return total
+
+
+def way_along(index1, parameters) -> StageWay | CompiledStageWay:
+    """The way along steps of the system of `index1`, compiled where that can be had."""
+    if isinstance(index1, CompiledIndex1):
+        return CompiledStageWay(index1, parameters)
+    return StageWay(index1.system, parameters)
 
 
 @dataclass

@@ -49,13 +49,9 @@ class Motion(Point):
         self.stages = list(zip(of.times, of.P, of.V, of.W, strict=True))
         self.size = of.table.s * (system.nv + system.nc) + 2 * system.nc + system.nv
         self.L, self.nu = [], None
-
-    def linearize(self):
-        """Find the matrices of the step; returns itself."""
         self._carry()
         self._stage_matrix()
         self._end()
-        return self
 
     def _carry(self):
         """X leads dP - Ad s_p of all stages to dV, both (s nv)."""
@@ -159,13 +155,8 @@ class Multipliers(Point):
     def __init__(self, system, t, p, v):
         self.system, self.t, self.p, self.v = system, t, p, v
         self.a, self.lam = solve_acceleration(system, t, p, v)
-        self.size = system.nv + system.nc
-
-    def linearize(self):
-        """Find the matrices at the state; returns itself."""
-        system, t, p, v, a = self.system, self.t, self.p, self.v, self.a
-        _, _, G, _ = system.evaluate(t, p, v, a)
-        G = G.copy()
+        self.size, a = system.nv + system.nc, self.a
+        G = system.evaluate(t, p, v, a)[2].copy()
         M, self.D, K = system.matrices(t, p, v, a)
         self.kkt = KKT(M, G, G.T)
         self.K = K - row_gradients(system, t, p, v, self.lam)[0]
@@ -176,7 +167,6 @@ class Multipliers(Point):
             np.array([one - other for one, other in pairs]).reshape(system.nv, system.nc).T / (2.0 * step)
             for pairs, step in ((nudged, NUDGE), (pushed, size))
         )
-        return self
 
     def linear(self):
         """a, λ and their derivatives by p and v, (nv+nc, nx+nv)."""

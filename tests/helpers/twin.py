@@ -8,7 +8,7 @@ from pinconsist._core.compiled_stages import CompiledStageWay
 from pinconsist._core.compiled_system import CompiledIndex1, compiled_system
 from pinconsist.dae.index1 import Index1, solve_acceleration
 from pinconsist.gradients.linear import row_gradients
-from pinconsist.gradients.stage_way import StageWay
+from pinconsist.gradients.stage_leg import StageWay
 from pinconsist.gradients.stages import null_space
 from pinconsist.mechanism.system import MechanismSystem
 
