@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError
 from ..mechanism.mechanism import Mechanism
-from ..mechanism.motion import CENTRAL
+from ..mechanism.motion import slope
 from ..solution import Solution
 from .adjoint import Back
 from .sensitivities import prepared
@@ -140,19 +140,10 @@ def _derivative(system, function, t, q, v, lam):
         parts = function[1](t, q, v, lam)
         return np.concatenate([np.broadcast_to(part, len(x)) for part, x in zip(parts, (v, v, lam), strict=True)])
 
-    def along(size, moved):
-        return [
-            sum(weight * _value(function, t, *moved(m * e)) for m, weight in CENTRAL.items()) / step
-            for e, step in _nudges(size)
-        ]
+    def along(sizes, moved):
+        steps = NUDGE * np.diag(sizes)
+        return [slope(lambda e, x=x: _value(function, t, *moved(e * x))) / x.max() for x in steps]
 
     by_q = along(np.ones(len(v)), lambda e: (system.integrate(q, e), v, lam))
     by_v = along(1.0 + np.abs(v), lambda e: (q, v + e, lam))
     return np.array([*by_q, *by_v, *along(1.0 + np.abs(lam), lambda e: (q, v, lam + e))])
-
-
-def _nudges(sizes):
-    for i, size in enumerate(sizes):
-        e = np.zeros(len(sizes))
-        e[i] = NUDGE * size
-        yield e, e[i]

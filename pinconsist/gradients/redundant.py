@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..mechanism.motion import CENTRAL
+from ..mechanism.motion import slope
 
 NUDGE = 1e-3  # rad or m, of differences of fourth order
 
@@ -66,8 +66,7 @@ class Completion:
         return self._range @ (self._range.T @ y)
 
     def _along(self, way):
-        there = ((weight, self._system.integrate(self._q, m * way)) for m, weight in CENTRAL.items())
-        return sum(weight * self._jacobian(self._base, q) for weight, q in there)
+        return slope(lambda e: self._jacobian(self._base, self._system.integrate(self._q, e * way)))
 
     def _jacobian(self, side, q):
         return side.jacobian(self._system, q)[self._steady]

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import AssemblyError, InputError
 from ..mechanism.assembly import not_kept
 from ..mechanism.closing import CLOSED
-from ..mechanism.motion import CENTRAL
+from ..mechanism.motion import slope
 from ..mechanism.parameters import check_closing
 
 NUDGE = 1e-3  # by which a state is moved, over its size: differences of fourth order
@@ -46,9 +46,7 @@ class Start:
         s_q = np.zeros(system.nx) if stays else by_loops(variant)
         s_v = variant.derivative(lambda side: side.velocity(q, system.kept))
         if (size := np.abs(s_q).max()) > 0.0:
-            e = NUDGE / size
-            places = ((weight / e, system.integrate(q, m * e * s_q)) for m, weight in CENTRAL.items())
-            s_v = s_v + sum(weight * base.velocity(place, system.kept) for weight, place in places)
+            s_v = s_v + slope(lambda e: base.velocity(system.integrate(q, e * s_q), system.kept), NUDGE / size)
         return np.concatenate((s_q, s_v))
 
     def _by_loops(self, variant):
@@ -95,12 +93,11 @@ def moved(function, variant, base, system, t, p, v, s, rate=0.0, scale=1.0):
     """
     s_p, s_v = s[: system.nx], s[system.nx :]
     size = max(np.abs(s_p).max(), (np.abs(s_v) / (1.0 + np.abs(v))).max(), abs(rate) / scale)
-    change = 0.0 if size > 0.0 or not variant.idle else 0.0 * function(base, t, p, v)
-    if size > 0.0:
-        e = NUDGE / size
-        for m, weight in CENTRAL.items():
-            there = t + m * e * rate, system.integrate(p, m * e * s_p), v + m * e * s_v
-            change = change + weight / e * function(base, *there)
+
+    def along(e):
+        return function(base, t + e * rate, system.integrate(p, e * s_p), v + e * s_v)
+
+    change = slope(along, NUDGE / size) if size > 0.0 else 0.0 * along(0.0) if variant.idle else 0.0
     if not variant.idle:
         change = change + variant.derivative(lambda side: function(side, t, p, v))
     return change
@@ -122,12 +119,11 @@ class Crossing:
             (q,), (y,) = leg.states(np.array([time]), sign)[:2]
             return event.function(time, q, y[nx : nx + nv], base.multipliers(system, q, y[nx + nv :]))
 
-        e = BESIDE * self.h
-        slope = sum(weight * value(t + m * e) for m, weight in CENTRAL.items()) / e
-        reach = (value(t) - value(before)) / (t - before) if t != before else slope
-        if not abs(slope) > GRAZING * abs(reach):
+        falls = slope(lambda e: value(t + e), BESIDE * self.h)
+        reach = (value(t) - value(before)) / (t - before) if t != before else falls
+        if not abs(falls) > GRAZING * abs(reach):
             raise InputError(
-                f"the event {event.name!r} at t = {t:.6g} only grazes zero (its rate there is {slope:.1e} 1/s): "
+                f"the event {event.name!r} at t = {t:.6g} only grazes zero (its rate there is {falls:.1e} 1/s): "
                 "whether it happens depends on the parameters, and its time has no derivative. Leave it out, or "
                 "shift its threshold"
             )
@@ -139,7 +135,7 @@ class Crossing:
         rest = y[nx:]
         pairs = zip(variants, s, strict=True)
         rates = [moved(at, each, base, system, t, p, rest, row) for each, row in pairs]
-        self.dt = -np.array(rates) / slope
+        self.dt = -np.array(rates) / falls
 
     def after(self, events, variants, base, leg):
         """The derivatives (P, nx+nv) of the state from which the next `leg` begins, at a fixed time."""

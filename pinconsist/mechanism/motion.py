@@ -65,6 +65,11 @@ CENTRAL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
 
 
+def slope(function, step: float = 1.0):
+    """f'(0) by central differences of fourth order."""
+    return sum(weight * function(i * step) for i, weight in CENTRAL.items()) / step
+
+
 def first(function, step: float):
     """f'(0) by central differences: error near step⁶ f⁽⁷⁾/140 and 2 eps |f|/step; exact for a constant `function`."""
     f = {i: np.asarray(function(i * step), float) for i in (-3, -2, -1, 1, 2, 3)}
