@@ -234,13 +234,14 @@ def test_known_derivatives_of_the_equations_are_those_of_differences(scene, comp
     p, (v, a) = system.integrate(leg.start(0.0)[0], 0.1 * rng.normal(size=system.nv)), rng.normal(size=(2, system.nv))
     lam = rng.normal(size=system.nc)
     nv, known = system.nv, variants.residuals(system)
-    for variant, terms, at_once in zip(variants, known, known_columns(index1, known)(0.3, p, v, a), strict=True):
+    columns = known_columns(index1, known)(0.3, p, v, a)
+    for name, variant, terms, at_once in zip(KINDS[scene], variants, known, columns, strict=True):
         assert variant.parts
         beside = variant.derivative(lambda side: residuals_of(side.index1(system).system, 0.3, p, v, a, lam))
         ours = linear._residual_rate(terms, 0.3, p, v, a, lam)
-        np.testing.assert_allclose(ours[:nv], at_once, atol=1e-9 * np.abs(at_once).max(), err_msg=variant.name)
-        assert np.abs(beside).max() > 1e-8, variant.name
-        np.testing.assert_allclose(ours, beside, atol=2e-7 * np.abs(beside).max() + 1e-11, err_msg=variant.name)
+        np.testing.assert_allclose(ours[:nv], at_once, atol=1e-9 * np.abs(at_once).max(), err_msg=name)
+        assert np.abs(beside).max() > 1e-8, name
+        np.testing.assert_allclose(ours, beside, atol=2e-7 * np.abs(beside).max() + 1e-11, err_msg=name)
 
 
 def test_the_derivative_of_the_start_by_loops_is_that_of_assembled_states():

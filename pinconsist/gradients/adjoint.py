@@ -37,17 +37,11 @@ class Back:
             if bar is not None:
                 leg.sow(np.array([leg.span[1]]), [self._through(leg, self.legs[i + 1], bar)], seeds, self.sign)
             leg.sow(times[i], self._pulled(leg, times[i]), seeds, self.sign)
-            self._steps(leg, seeds)
+            residuals = self.variants.residuals(leg.system)
+            self.total += leg.follow_back(self.base.index1(leg.system), residuals, seeds)
             bar, rates = leg.begin_back(self.variants, self.base, seeds[0])
-            self._add(rates)
-        self._add(begun(self.variants, self.base, self.legs[0].system) @ bar)
-
-    def _add(self, rates):
-        self.total = self.total + rates
-
-    def _steps(self, leg, seeds):
-        """Go back over the steps; add what the parameters change in them."""
-        self._add(leg.follow_back(self.base.index1(leg.system), self.variants.residuals(leg.system), seeds))
+            self.total += rates
+        self.total += begun(self.variants, self.base, self.legs[0].system) @ bar
 
     def _through(self, leg, following, bar):
         """The derivative by s where a leg ends, from that by the state where the `following` one begins."""
@@ -55,7 +49,7 @@ class Back:
         s = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
         both = [STILL] * n + list(self.variants)
         rates = through(leg, following, self.solution, both, self.base, self.sign, s) @ bar
-        self._add(rates[n:])
+        self.total += rates[n:]
         return rates[:n]
 
     def _pulled(self, leg, times):
@@ -77,5 +71,5 @@ class Back:
         if not bar[split:].any():
             return np.append(bar[:split], np.zeros(system.nc))
         by_q, by_lam, own = Completion(self.base, system, q, lam).backward(self.variants, bar[split:])
-        self._add(own)
+        self.total += own
         return np.concatenate((bar[: system.nx] + by_q, bar[system.nx : split], by_lam))

@@ -31,7 +31,7 @@ class Lead:
             self.work["steps"] += len(leg.t)
             self.work["evaluations"] += len(leg.t) * residuals.evaluations
             s = self._cross(leg, following)
-            self.rows.append(self.finished(leg, next(times), self.sign))
+            self.rows.append(self.finished(leg, next(times)))
 
     def close(self) -> None:
         """Let go of compiled systems: they hold users' functions where the garbage collector does not see them."""
@@ -51,10 +51,10 @@ class Lead:
         (s,) = leg.at(np.array([leg.span[1]]), self.sign)[2]
         return through(leg, following, self.solution, self.variants, self.base, self.sign, s)
 
-    def finished(self, leg, times, sign):
+    def finished(self, leg, times):
         """[dq | dv | dlam], (n, P, …), with the multipliers as the user sees them."""
         system = leg.system
-        p, y, s = leg.at(times, sign)
+        p, y, s = leg.at(times, self.sign)
         nx, nv = system.nx, system.nv
         if system.nc == system.n_multipliers:
             return s

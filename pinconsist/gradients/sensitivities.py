@@ -85,12 +85,11 @@ class Sensitivities:
         asked, (begin, end) = np.atleast_1d(times), (self._legs[0].span[0], self._legs[-1].span[1])
         if (asked < min(begin, end)).any() or (asked > max(begin, end)).any():
             raise InputError(f"the run goes from t = {begin:g} to {end:g} s, asked for {t}")
-        sign = 1.0 if end >= begin else -1.0
-        ends = np.array([leg.span[1] for leg in self._legs])
+        sign, ends = self._lead.sign, np.array([leg.span[1] for leg in self._legs])
         holders = np.minimum(np.searchsorted(sign * ends, sign * asked), len(ends) - 1)
         rows = np.empty((len(asked), len(self.names), 2 * self.dv.shape[1] + self.dlam.shape[1]))
         for i in np.unique(holders):
-            rows[holders == i] = self._lead.finished(self._legs[i], asked[holders == i], sign)
+            rows[holders == i] = self._lead.finished(self._legs[i], asked[holders == i])
         parts = _parts(rows, self.dv.shape[1])
         return parts if times.ndim else tuple(part[0] for part in parts)
 
@@ -193,16 +192,16 @@ def sensitivities(
 
 def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options):
     """(solution, legs, variants, base, names, theta): the run, and the mechanisms beside the one that was run."""
-    if (control := options.pop("control", None)) is not None:
-        build = build.with_control(control) if isinstance(build, Mechanism) else _commanded(build, control)
+    control = options.pop("control", None)
     if isinstance(build, Mechanism):
-        build, names, theta, q0, v0 = named_start(build, theta, q0, v0)
+        mechanism, control = build if control is None else build.with_control(control), None
+        build, names, theta, q0, v0 = named_start(mechanism, theta, q0, v0)
     theta = np.atleast_1d(finite_array(theta, "theta"))
     names = _names(names, theta)
     if steps is not None and len(steps) != len(theta):
         raise InputError(f"steps= needs one for each of the {len(theta)} parameters, got {len(steps)}")
     _check_options(options)
-    make = _maker(build, t_span[0], q0, v0, forces, events, backend)
+    make = _maker(build, t_span[0], q0, v0, forces, events, backend, control)
     base = make(theta)
     solution = simulate(
         base.mechanism, t_span, base.q0, base.v0, events=base.events, rtol=rtol, atol=atol, backend=backend,
@@ -216,21 +215,6 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     end = legs[-1].span[1]  # where what depends on t has changed most
     variants = variants_of(make, theta, names, steps, base, first.system, end, *state, parameters)
     return solution, legs, variants, base, names, theta
-
-
-def _commanded(build, control):
-    """``build`` with commands of actuators; the same object where it returns the same."""
-    made: dict = {}
-
-    def build_commanded(values):
-        mechanism = build(values)
-        if not isinstance(mechanism, Mechanism):
-            return mechanism
-        if id(mechanism) not in made:
-            made[id(mechanism)] = mechanism, mechanism.with_control(control)
-        return made[id(mechanism)][1]
-
-    return build_commanded
 
 
 def _parts(rows, nv):
@@ -258,7 +242,7 @@ def _check_options(options):
         )
 
 
-def _maker(build, t, q0, v0, forces, events, backend):
+def _maker(build, t, q0, v0, forces, events, backend, control=None):
     """``make(theta) -> Side``; the same mechanism for the same object that `build` returns."""
     made: dict = {}
 
@@ -267,7 +251,8 @@ def _maker(build, t, q0, v0, forces, events, backend):
         if not isinstance(mechanism, Mechanism):
             raise InputError(f"build(theta) must return a Mechanism, it returned a {type(mechanism).__name__}")
         if id(mechanism) not in made:
-            made[id(mechanism)] = mechanism, with_forces(mechanism, forces, "sensitivities")
+            commanded = mechanism if control is None else mechanism.with_control(control)
+            made[id(mechanism)] = mechanism, with_forces(commanded, forces, "sensitivities")
         acting = made[id(mechanism)][1]
         if any(isinstance(force, HeldTorque | Piecewise | Sampled) for force in acting.forces):
             raise InputError(

@@ -60,10 +60,6 @@ class Side:
         """Data for what is known of the equations."""
         return self.mechanism.model.createData()
 
-    def known(self, part, like):
-        """A known derivative as the equations of index 1 of a system."""
-        return Index1(Known(part, like, self.workspace))
-
     def multipliers(self, like, p, lam):
         """The multipliers of all rows, from those that the system `like` keeps."""
         return self.index1(like).system.full_multipliers(p, lam)
@@ -105,7 +101,6 @@ class Variant:
     near: dict[int, float]
     inert: bool
     idle: bool
-    parts = ()
 
     @property
     def keeps_rows(self) -> bool:
@@ -134,9 +129,8 @@ class KnownVariant:
     inert = idle = False
     keeps_rows = True
 
-    def __init__(self, name, step, parts, base, make_sides):
-        self.name, self.step, self.parts, self._base, self._make_sides = name, step, parts, base, make_sides
-        self._residuals: dict = {}
+    def __init__(self, parts, base, make_sides):
+        self.parts, self._base, self._make_sides = parts, base, make_sides
 
     def close(self) -> None:
         """Let go of compiled systems."""
@@ -146,21 +140,13 @@ class KnownVariant:
     def _full(self) -> Variant:
         return self._make_sides()
 
-    @property
-    def weights(self):
-        """Those of differences of fourth order."""
-        return self._full.weights
-
     def derivative(self, function: Callable):
         """That of ``function(side)``, an array."""
         return self._full.derivative(function)
 
     def residuals(self, like):
         """As of a :class:`Variant`."""
-        key = like.kept.tobytes()
-        if key not in self._residuals:
-            self._residuals[key] = [(weight, self._base.known(part, like)) for weight, part in self.parts]
-        return self._residuals[key]
+        return [(weight, Index1(Known(part, like, self._base.workspace))) for weight, part in self.parts]
 
 
 def variant_of(make, theta, i, name, step, base) -> Variant:

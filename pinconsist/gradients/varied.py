@@ -33,15 +33,16 @@ class Variants(Sequence):
 
     def __getitem__(self, i):
         if i not in self._made:
-            name, step, parts = self.names[i], self.steps[i], self._parts[i]
-            self._made[i] = KnownVariant(name, step, parts, self.base, partial(self._sides_of, i))
+            self._made[i] = KnownVariant(self._parts[i], self.base, partial(self._sides_of, i))
         return self._made[i]
 
     @cached_property
     def _parts(self):
-        single = {i: parts for i, parts in self.known if np.ndim(i) == 0}
-        tables = [(columns, part) for columns, ((_, part), *_) in self.known if np.ndim(columns)]
-        return single | {i: [(1.0, part.one(j))] for columns, part in tables for j, i in enumerate(columns.tolist())}
+        parts: list = [None] * len(self)
+        for i, own in self.known:
+            for j, column in enumerate(np.atleast_1d(i).tolist()):
+                parts[column] = own if np.ndim(i) == 0 else [(1.0, own[0][1].one(j))]
+        return parts
 
     def residuals(self, like):
         """What they change in the steps of the system `like`."""
@@ -60,12 +61,15 @@ class Residuals(Sequence):
         self._variants, self._like, self.known = variants, like, variants.known
         self.beside = {i: variant.residuals(like) for i, variant in variants.moved.items()}
         self.evaluations = sum(map(len, self.beside.values())) + sum(np.size(i) * len(parts) for i, parts in self.known)
+        self._terms = dict(self.beside)
 
     def __len__(self):
         return len(self._variants)
 
     def __getitem__(self, i):
-        return self._variants[i].residuals(self._like)
+        if i not in self._terms:
+            self._terms[i] = self._variants[i].residuals(self._like)
+        return self._terms[i]
 
     @property
     def workspace(self):
@@ -128,10 +132,7 @@ def _roughness(variant, system, t, p, v) -> tuple[float, float]:
     a = 1.0 + np.abs(v)
     sizes, values = 1e-300, {}
     for m in {*variant.near, *(2 * m for m in variant.near)}:
-        side = variant.sides[m] if m in variant.sides else None
-        if side is None:
-            continue
-        f, phi, G, rho = side.index1(system).system.evaluate(t, p, v, a)
+        f, phi, G, rho = variant.sides[m].index1(system).system.evaluate(t, p, v, a)
         values[m] = np.concatenate((f, phi, rho, (G @ np.ones(system.nc)) if system.nc else np.zeros(0)))
         sizes = max(sizes, np.abs(values[m]).max())
     one = sum(weight * values[m] for m, weight in variant.near.items())
