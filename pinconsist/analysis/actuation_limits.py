@@ -7,9 +7,8 @@ from math import inf, tau
 
 import numpy as np
 
-from ..mechanism.limits import ROUNDING
-from ..mechanism.names import joints_in, position_names, velocity_units
-from .coordinates import weakest
+from ..mechanism.limits import beyond_limits
+from ..mechanism.names import joints_in, velocity_units
 
 STRIDE = 0.05  # rad, or lengths of the mechanism, in which a motor is led
 MOST_STRIDES = 400  # for a sliding motor
@@ -65,43 +64,30 @@ def ranges(act, q) -> list[MotorRange]:
 
 def _end(act, q, k, start, stride, most):
     """(position, what ends it, condition, joints that can move there) of one motor in one direction."""
-    chosen, beyond, gone = act._chosen, _Limits(act.mechanism), 0.0
+    chosen, begun, gone = act._chosen, q, 0.0
     unit = np.zeros(len(chosen.columns))
     unit[k] = stride
-    by = beyond.joint(q)
+
+    def beyond(there):
+        """The joint that is farthest outside of its limits, or an empty string."""
+        found = beyond_limits(act.mechanism, (0.0, 1.0), np.array([begun, there]))
+        return max(found, key=lambda one: max(one.value - one.upper, one.lower - one.value)).joint if found else ""
+
+    by = beyond(q)
     while not by and abs(gone) < most and abs(gone) < MOST_STRIDES * abs(stride):
         there, share = chosen.follower.follow(q, unit)
-        if by := beyond.joint(there):
+        if by := beyond(there):
             low, high = 0.0, share
             for _ in range(HALVINGS):
                 middle = 0.5 * (low + high)
-                inside = not (joint := beyond.joint(chosen.follower.follow(q, middle * unit)[0]))
+                inside = not (joint := beyond(chosen.follower.follow(q, middle * unit)[0]))
                 by, low, high = joint or by, middle if inside else low, high if inside else middle
             there, share = chosen.follower.follow(q, low * unit)[0], low
         q, gone = there, gone + share * stride
         if share < 1.0:
             by = by or "singular"
-    sizes, motions = weakest(act._solver.rows, q, act._columns, act._solver.loop_rows.turns)
+    sizes, motions = act._weakest(q)
     n = chosen.n_motors
     moves = joints_in(act.mechanism, motions[:, n - 1]) if by == "singular" else ()
     end = start + gone if by else np.sign(stride) * inf
     return float(end), by or "nothing", float(sizes[n - 1]), moves
-
-
-class _Limits:
-    """The position limits of the joints of a mechanism."""
-
-    def __init__(self, mechanism):
-        model = mechanism.model
-        low, high = model.lowerPositionLimit, model.upperPositionLimit
-        plain = np.zeros(model.nq, bool)
-        for i in range(1, model.njoints):
-            plain[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] = model.nqs[i] == model.nvs[i]
-        self._at = np.flatnonzero(plain & (low < high))
-        self._low, self._high, self._names = low[self._at], high[self._at], position_names(model)
-
-    def joint(self, q) -> str:
-        """The joint that is farthest outside of its limits, or an empty string."""
-        beyond = np.maximum(q[self._at] - self._high, self._low - q[self._at])
-        worst = int(np.argmax(beyond)) if len(beyond) else 0
-        return self._names[self._at[worst]] if len(beyond) and beyond[worst] > ROUNDING else ""

@@ -9,7 +9,7 @@ from scipy.linalg import qr
 
 from .._core import load
 from .._core.compiled_system import compiled_system
-from ..mechanism.rank import independent_rows, null_space
+from ..mechanism.rank import null_space
 from ..mechanism.singularity import HELD
 from ..mechanism.system import MechanismSystem
 from .following import NUMBERS, Follower
@@ -77,18 +77,3 @@ class Coordinates:
 def _rows(system, q):
     phi, _ = system.constraint(0.0, q, np.zeros(system.nv))
     return phi, system.evaluate(0.0, q, np.zeros(system.nv), np.zeros(system.nv))[2].T
-
-
-def weakest(mechanism_rows, q, motors, turns):
-    """(singular values, velocities) of how the motors see what the loops leave free at `q`, the weakest last.
-
-    The values are of an orthonormal basis of the free velocities: 1 where a free motion is one of the motors alone, 0
-    where motors stand still in it. The columns of the velocities (nv, n) belong to them.
-    """
-    J = mechanism_rows(q)[1]
-    free = null_space(J[independent_rows(J, turns)])
-    moved = free[motors]
-    sizes = np.zeros(free.shape[1])
-    _, s, Vt = np.linalg.svd(moved)
-    sizes[: len(s)] = s
-    return sizes, free @ Vt.T

@@ -17,7 +17,7 @@ from ..mechanism.checks import finite_array
 from ..mechanism.motion import AHEAD, first
 from ..mechanism.parameters import check_closing, difference_step, parameter
 from ..mechanism.system import MechanismSystem
-from .variations import TangentSpace, along, along_places, bias, by_position, by_velocity
+from .variations import TangentSpace, along_places, bias, by_position, by_velocity, rates_of_loops
 
 NEUTRAL = 1e-10  # smallest stiffness over the largest
 
@@ -102,18 +102,11 @@ def of_state(varied, t, q, v, a, lam, still=True):
             )
         dq = dq - space.Z @ np.linalg.solve(stiffness, space.Z.T @ (K @ dq + r))
 
-    def hidden(x):
-        return system.loop_rows(x, t)[1] @ v + system.rows.time_rate(t, x)
-
-    def pulled(x):
-        return system.loop_rows(x, t)[1] @ a + bias(system, t, x, v)
-
-    if still:
-        dv = da = np.zeros_like(dq)
-    else:
-        dv = -space.P @ (rho + along_places(hidden, system, q, every) @ dq)
-        by_v = along(lambda dv: bias(system, t, q, v + dv), every, 1.0 + np.abs(v))
-        da = -space.P @ (gamma + along_places(pulled, system, q, every) @ dq + by_v @ dv)
+    dv = da = np.zeros_like(dq)
+    if not still:
+        hidden, closing, by_v = rates_of_loops(system, t, q, v, a, every)
+        dv = -space.P @ (rho + hidden @ dq)
+        da = -space.P @ (gamma + closing @ dq + by_v @ dv)
     load = K @ dq + by_velocity(system, t, q, v, a) @ dv + system.mass_matrix(q) @ da + r
     dlam = np.column_stack([space.multipliers(column) for column in load.T])
     if len(space.kept) < system.rows.nc:

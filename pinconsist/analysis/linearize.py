@@ -17,7 +17,7 @@ from ..mechanism.system import MechanismSystem
 from .derivatives import Derivatives, Varied, of_state
 from .equilibrium import equilibrium
 from .modes import Modes, modes
-from .variations import TangentSpace, along, along_places, bias, by_position, by_velocity, locked, step_sizes
+from .variations import TangentSpace, along, bias, by_position, by_velocity, locked, rates_of_loops, step_sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +169,7 @@ def linearize(mechanism, q0=None, v0=None, *, forces=(), t: float = 0.0) -> Line
     a, lam, scale = _acceleration(system, space, t, q, v, M)
     K = by_position(system, t, q, v, a, lam, Z)
     C = by_velocity(system, t, q, v, a)
-    velocity, from_velocity, from_position = _follow(system, space, t, q, v, a, sizes)
+    velocity, from_velocity, from_position = _follow(system, space, t, q, v, a)
     names = velocity_names(mechanism.model)
     return Linearization(
         t, q, v, a, lam,
@@ -199,7 +199,7 @@ def _acceleration(system, space, t, q, v, M):
     return a, space.multipliers(carried), float(np.max(np.abs(carried), initial=0.0))
 
 
-def _follow(system, space, t, q, v, a, sizes):
+def _follow(system, space, t, q, v, a):
     """δv = Z y' + V y and δa = Z y'' + A₁ y' + A₀ y: (V, A₁, A₀), each (nv, n).
 
     The tangent vectors of rotations at q ⊕ δq are seen from another frame than those at q: with
@@ -209,19 +209,12 @@ def _follow(system, space, t, q, v, a, sizes):
     if not (v.any() or a.any()):
         return np.zeros_like(Z), np.zeros_like(Z), np.zeros_like(Z)
 
-    def hidden(x):
-        return system.loop_rows(x, t)[1] @ v + system.rows.time_rate(t, x)
-
-    def pulled(x):
-        return system.loop_rows(x, t)[1] @ a + bias(system, t, x, v)
-
     def coordinates_of(vectors):
         return Z @ vectors[space.coordinates]
 
     turn_v, turn_a = _frame_turn(system, q, v), _frame_turn(system, q, a)
-    by_v = along(lambda dv: bias(system, t, q, v + dv), np.eye(system.nv), np.maximum(np.abs(v), sizes))
-    by_q = along_places(pulled, system, q, Z)
-    velocity = coordinates_of(turn_v @ Z) - P @ along_places(hidden, system, q, Z)
+    hidden, by_q, by_v = rates_of_loops(system, t, q, v, a, Z)
+    velocity = coordinates_of(turn_v @ Z) - P @ hidden
     from_velocity = coordinates_of(turn_v @ Z) - P @ (by_v @ Z)
     from_position = coordinates_of(turn_v @ (velocity - turn_v @ Z) + turn_a @ Z) - P @ (by_q + by_v @ velocity)
     return velocity, from_velocity, from_position

@@ -82,11 +82,15 @@ def torques_for(act, q, v, a, forces, t) -> MotorTorques:
 
 def _load(act, q, frame, force):
     """Jᵀ f of a force, or force and moment, at a frame, (nv,)."""
+    force, J = _checked(force, frame), _frame_jacobian(act, q, _frame_id(act, frame))
+    return J[: len(force)].T @ force
+
+
+def _checked(force, frame):
     force = finite_array(force, f"the force at {frame!r}")
     if force.shape not in ((3,), (6,)):
         raise InputError(f"the force at {frame!r} needs three or six numbers, got shape {force.shape}")
-    J = _frame_jacobian(act, q, _frame_id(act, frame))
-    return J[: len(force)].T @ force
+    return force
 
 
 def _frame_id(act, frame):
@@ -135,9 +139,7 @@ class MotorFrame:
 
         Three numbers, N, or six with the moment, N·m. Weights and inertia come on top: :meth:`Actuation.torques`.
         """
-        force = finite_array(force, f"the force at {self.name!r}")
-        if force.shape not in ((3,), (6,)):
-            raise InputError(f"the force at {self.name!r} needs three or six numbers, got shape {force.shape}")
+        force = _checked(force, self.name)
         return self.jacobian(q)[: len(force)].T @ force
 
     def force(self, torques, q=None, *, moment: bool = False) -> np.ndarray:

@@ -18,8 +18,9 @@ from ..mechanism.joint_constraints import Drive
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import Motion
 from ..mechanism.names import joints_in, velocity_names
+from ..mechanism.rank import free_motions
 from ..mechanism.singularity import HELD
-from .coordinates import Coordinates, weakest
+from .coordinates import Coordinates
 
 NOT_CLOSED = 1e-6  # m or rad: a configuration that is open by more is none of this mechanism to start from
 OPEN = 1e-3  # and one to be measured: rows of a run are as open as its tolerance
@@ -187,7 +188,7 @@ class Motors:
         return True
 
     def _singular(self, q) -> str:
-        sizes, motions = weakest(self._solver.rows, q, self._columns, self._solver.loop_rows.turns)
+        sizes, motions = self._weakest(q)
         n = self._chosen.n_motors
         names = ", ".join(joints_in(self.mechanism, motions[:, n - 1 : len(sizes) - len(self.free)]))
         at = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.motors, self.positions(q), strict=True))
@@ -201,8 +202,17 @@ class Motors:
         The smallest singular value of what the motors see of the motions that the loops allow: 0 in a singular
         position, where the mechanism can move with its motors held.
         """
-        turns = self._solver.loop_rows.turns
-        return float(weakest(self._solver.rows, self._closed(q), self._columns, turns)[0][self._chosen.n_motors - 1])
+        return float(self._weakest(self._closed(q))[0][self._chosen.n_motors - 1])
+
+    def _weakest(self, q):
+        """(singular values, velocities) of how the motors see what the loops leave free at `q`, the weakest last.
+
+        The values are of an orthonormal basis of the free velocities: 1 where a free motion is one of the motors alone,
+        0 where motors stand still in it. The columns of the velocities (nv, n) belong to them.
+        """
+        free = free_motions(self._solver.rows(q)[1], self._solver.loop_rows.turns)
+        _, sizes, Vt = np.linalg.svd(free[self._columns])
+        return np.append(sizes, np.zeros(len(Vt) - len(sizes))), free @ Vt.T
 
     def _q(self, q) -> np.ndarray:
         if q is None:

@@ -116,6 +116,18 @@ def _has_turning_axes(model) -> bool:
     return any(joint.shortname() in TURNING_AXES for joint in model.joints)
 
 
+def rates_of_loops(system, t, q, v, a, Z):
+    """∂(J v + Φ_t)/∂q Z and ∂(J a + γ)/∂q Z, each (nc, n), and ∂γ/∂v, (nc, nv): what the curvature of loops adds."""
+
+    def rates(x):
+        J = system.loop_rows(x, t)[1]
+        return np.concatenate((J @ v + system.rows.time_rate(t, x), J @ a + bias(system, t, x, v)))
+
+    widths = np.maximum(np.abs(v), step_sizes(system, q))  # γ is quadratic in v: exact, whatever the step
+    by_v = along(lambda dv: bias(system, t, q, v + dv), np.eye(system.nv), widths)
+    return *np.split(along_places(rates, system, q, Z), 2), by_v
+
+
 def bias(system, t, q, v) -> np.ndarray:
     """γ with J a + γ = 0 for the accelerations that the loops allow, of all rows, shape (nc,)."""
     pin.forwardKinematics(system.model, system.data, q, v, np.zeros(system.nv))
