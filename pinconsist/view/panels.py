@@ -6,7 +6,6 @@ from functools import cached_property
 from textwrap import fill
 
 import numpy as np
-import pinocchio as pin
 
 from ..errors import InputError
 from ..mechanism.names import position_names, position_units, velocity_names
@@ -61,12 +60,11 @@ class DrawnSolution:
                 return system.evaluate(t, q, v, np.zeros(len(v)))[1], rate
         else:
             mech = self.need_mechanism("constraint drift")
-            data, rows = mech.model.createData(), LoopRows(mech.model, mech.loops)
+            data, rows = mech.model.createData(), LoopRows.of(mech)
             parts = rows.slices
 
             def evaluate(t, q, v):
-                pin.computeJointJacobians(mech.model, data, q)
-                phi, J = rows.evaluate(data, q, t)
+                phi, J = rows.at(data, q, t)
                 return phi, J @ v + rows.time_rate(t, q)
 
         both = np.abs([evaluate(*state) for state in zip(self.t, self.q, self.v, strict=True)])

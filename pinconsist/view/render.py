@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from html import escape
-from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -55,20 +55,12 @@ def require_file(file, at=()) -> str:
     if len(at) and ending != ".svg":
         raise InputError(f"at= chooses times of drawings, .svg; {file} is a film, which shows all")
     needed = {".mp4": ("PIL", "imageio_ffmpeg"), ".gif": ("PIL",), ".svg": ()}[ending]
-    if missing := [name for name in needed if not _is_there(name)]:
+    if missing := [name for name in needed if find_spec(name) is None]:
         packages = {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
         raise MissingExtraError(
             f"films in {ending} need {packages[missing[0]]}; install it by: pip install 'pinconsist[render]'"
         )
     return ending
-
-
-def _is_there(name) -> bool:
-    try:
-        import_module(name)
-    except ImportError:
-        return False
-    return True
 
 
 def _frames(page, width, height, watch=None) -> Iterator:

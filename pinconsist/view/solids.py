@@ -7,7 +7,8 @@ from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 ROUND = 18  # sides of what is round
 LONG, CAP = 12, 3  # parts of a cylinder's length and of its ends: of crossing ones the right parts hide the others
@@ -134,10 +135,8 @@ def _product(matrices) -> np.ndarray:
 def _matrices(tracks) -> np.ndarray:
     """Poses, (m, 4, 4), of tracks of numbers."""
     values = {track["name"]: np.reshape(track["values"], (len(track["times"]), -1)) for track in tracks}
-    poses = np.hstack((values[".position"], values[".quaternion"]))
-    found = np.array(
-        [pin.XYZQUATToSE3(pose / [1, 1, 1, *[np.linalg.norm(pose[3:])] * 4]).homogeneous for pose in poses]
-    )
+    found = np.tile(np.eye(4), (len(values[".position"]), 1, 1))
+    found[:, :3, :3], found[:, :3, 3] = Rotation.from_quat(values[".quaternion"]).as_matrix(), values[".position"]
     if ".scale" in values:
         found[:, :3, :3] *= values[".scale"][:, None]
     return found
@@ -185,18 +184,8 @@ def _sheet(rings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
-    """The convex outline of points in a plane, shape (k, 2): Andrew's monotone chain."""
-    ordered = np.unique(points.round(12), axis=0)
-    halves = []
-    for side in (ordered, ordered[::-1]):
-        chain: list[np.ndarray] = []
-        for point in side:
-            while len(chain) > 1 and _left(chain[-2], chain[-1], point) <= 0.0:
-                chain.pop()
-            chain.append(point)
-        halves += chain[:-1]
-    return np.array(halves or ordered)
-
-
-def _left(a, b, c) -> float:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    """The convex outline of points in a plane, shape (k, 2)."""
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:  # they are seen as a line, or as a point
+        return points
