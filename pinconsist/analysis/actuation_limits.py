@@ -86,7 +86,7 @@ def _end(act, q, k, start, stride, most):
         q, gone = there, gone + share * stride
         if share < 1.0:
             by = by or "singular"
-    sizes, motions = act._weakest(q)
+    sizes, motions = chosen.weakest(q)
     n = chosen.n_motors
     moves = joints_in(act.mechanism, motions[:, n - 1]) if by == "singular" else ()
     end = start + gone if by else np.sign(stride) * inf

@@ -9,7 +9,7 @@ from scipy.linalg import qr
 
 from .._core import load
 from .._core.compiled_system import compiled_system
-from ..mechanism.rank import null_space
+from ..mechanism.rank import free_motions, null_space
 from ..mechanism.singularity import HELD
 from ..mechanism.system import MechanismSystem
 from .following import NUMBERS, Follower
@@ -26,6 +26,7 @@ class Coordinates:
     """
 
     def __init__(self, solver, motors, q):
+        self._solver, self._motors = solver, motors
         self.system = system = MechanismSystem(solver.mechanism, q, solver.t, solver)
         self.sizes = step_sizes(system, q)
         free = null_space(system.loop_rows(q)[1][system.kept])
@@ -72,6 +73,16 @@ class Coordinates:
         if self.system.dropped_are_zero:
             return float(np.abs(self.rows(q)[0]).max(initial=0.0))
         return float(np.abs(self.system.loop_rows(q)[0]).max(initial=0.0))
+
+    def weakest(self, q):
+        """(singular values, velocities) of how the motors see what the loops leave free at `q`, the weakest last.
+
+        The values are of an orthonormal basis of the free velocities: 1 where a free motion is one of the motors alone,
+        0 where motors stand still in it. The columns of the velocities (nv, n) belong to them.
+        """
+        free = free_motions(self._solver.rows(q)[1], self._solver.loop_rows.turns)
+        _, sizes, Vt = np.linalg.svd(free[self._motors])
+        return np.append(sizes, np.zeros(len(Vt) - len(sizes))), free @ Vt.T
 
 
 def _rows(system, q):

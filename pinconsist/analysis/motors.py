@@ -18,7 +18,6 @@ from ..mechanism.joint_constraints import Drive
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import Motion
 from ..mechanism.names import joints_in, velocity_names
-from ..mechanism.rank import free_motions
 from ..mechanism.singularity import HELD
 from .coordinates import Coordinates
 
@@ -40,10 +39,8 @@ class Motors:
         self._joints, self.motors = joints, tuple(names[i] for i in self._columns)
         if len(set(self.motors)) < len(self.motors):
             raise InputError(f"Actuation: a motor is named twice in {', '.join(joints)}")
-        self._single, self._plain = (
-            len(joints) == len(self._columns),
-            all(model.nqs[i] == 1 for i in map(model.getJointId, joints)),
-        )
+        self._single = len(joints) == len(self._columns)
+        self._plain = all(model.nqs[i] == 1 for i in map(model.getJointId, joints))
         self._places = np.array([model.idx_qs[model.getJointId(joint)] for joint in joints])
         self.q, self._reason = assemble(self.mechanism, q0).q, ""
         self._solver = LoopSolver(self.mechanism)
@@ -63,9 +60,11 @@ class Motors:
     def __repr__(self):
         share = f"; {len(self.motors) - self._chosen.n_motors} more than needed" if self._shared else ""
         lines = [f"Actuation of {self.mechanism.name}: mobility {self.mobility}, {self._counted()}{share}"]
-        at = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.motors, self.positions(), strict=True))
-        lines += [f"  motors  {at}"] + [f"  free    {', '.join(self.free)}"] * bool(self.free)
+        lines += [f"  motors  {self._stand()}"] + [f"  free    {', '.join(self.free)}"] * bool(self.free)
         return "\n".join(lines)
+
+    def _stand(self, q=None) -> str:
+        return ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.motors, self.positions(q), strict=True))
 
     def _counted(self) -> str:
         return "1 motor" if len(self.motors) == 1 else f"{len(self.motors)} motors"
@@ -114,12 +113,11 @@ class Motors:
                 raise InputError(
                     f"positions must map motors to numbers or have {len(self._columns)} columns, got shape {rows.shape}"
                 )
-            several, goals = rows.ndim == 2, rows if rows.ndim == 2 else rows[None]
+            several, goals = rows.ndim == 2, np.atleast_2d(rows)
             if not self._plain:
                 goals = [dict(zip(self._joints, goal, strict=True)) for goal in goals]
         else:
-            if wrong := [joint for joint in positions if joint not in self._joints]:
-                raise InputError(f"{wrong[0]!r} is no motor; the motors are {', '.join(self._joints)}")
+            self._require_motors(positions)
             several = self._single and any(np.ndim(value) == 1 and np.size(value) > 1 for value in positions.values())
             goals = _goals(positions) if several else [positions]
         found = [self._lead(self._way(goal)) for goal in goals]
@@ -133,6 +131,10 @@ class Motors:
         if self._reason is None:
             self._reason = f"the way is blocked {self._singular(self.q)}"
         return self._reason
+
+    def _require_motors(self, names, what=""):
+        if wrong := [joint for joint in names if joint not in self._joints]:
+            raise InputError(f"{what}{wrong[0]!r} is no motor; the motors are {', '.join(self._joints)}")
 
     def _way(self, goal):
         """Increments of the motors to positions by name, or to an array of them."""
@@ -188,13 +190,11 @@ class Motors:
         return True
 
     def _singular(self, q) -> str:
-        sizes, motions = self._weakest(q)
+        sizes, motions = self._chosen.weakest(q)
         n = self._chosen.n_motors
         names = ", ".join(joints_in(self.mechanism, motions[:, n - 1 : len(sizes) - len(self.free)]))
-        at = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.motors, self.positions(q), strict=True))
-        return (
-            f"at {at}: a singular position, condition {sizes[n - 1]:.1e}, where {names} can move with the motors held"
-        )
+        where = f"a singular position, condition {sizes[n - 1]:.1e}, where {names} can move with the motors held"
+        return f"at {self._stand(q)}: {where}"
 
     def condition(self, q=None) -> float:
         """How well the motors determine the motion in a configuration `q` (default: the last one): from 0 to 1.
@@ -202,17 +202,7 @@ class Motors:
         The smallest singular value of what the motors see of the motions that the loops allow: 0 in a singular
         position, where the mechanism can move with its motors held.
         """
-        return float(self._weakest(self._closed(q))[0][self._chosen.n_motors - 1])
-
-    def _weakest(self, q):
-        """(singular values, velocities) of how the motors see what the loops leave free at `q`, the weakest last.
-
-        The values are of an orthonormal basis of the free velocities: 1 where a free motion is one of the motors alone,
-        0 where motors stand still in it. The columns of the velocities (nv, n) belong to them.
-        """
-        free = free_motions(self._solver.rows(q)[1], self._solver.loop_rows.turns)
-        _, sizes, Vt = np.linalg.svd(free[self._columns])
-        return np.append(sizes, np.zeros(len(Vt) - len(sizes))), free @ Vt.T
+        return float(self._chosen.weakest(self._closed(q))[0][self._chosen.n_motors - 1])
 
     def _q(self, q) -> np.ndarray:
         if q is None:
@@ -237,8 +227,7 @@ class Motors:
         if values is None:
             return False, np.zeros(count)
         if isinstance(values, Mapping):
-            if wrong := [joint for joint in values if joint not in self._joints]:
-                raise InputError(f"{what}: {wrong[0]!r} is no motor; the motors are {', '.join(self._joints)}")
+            self._require_motors(values, f"{what}: ")
             return False, self.mechanism.velocity(values)[self._columns]
         values = finite_array(values, what)
         if values.shape not in ((count,), (nv,) if full else (count,)):
