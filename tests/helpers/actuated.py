@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 
@@ -13,18 +15,10 @@ CRANK, DISTAL, APART = 0.25, 0.3, 0.2  # of five_bar: its distal links are too s
 
 
 def five_bar() -> pc.Mechanism:
-    """Two cranks about y on the ground and two distal links that share their tips, in the plane x-z."""
-    model, ends = pin.Model(), []
-    for side, x in (("left", -APART / 2), ("right", APART / 2)):
-        crank = add_body(model, 0, pin.JointModelRY(), at(x, 0), f"{side}_crank", 0.4, (CRANK / 2, 0, 0), 2e-3)
-        distal = add_body(
-            model, crank, pin.JointModelRY(), at(CRANK, 0), f"{side}_distal", 0.5, (DISTAL / 2, 0, 0), 4e-3
-        )
-        add_point(model, distal, f"{side}_tip", DISTAL, 0)
-        ends.append(f"{side}_tip")
-    guess = five_bar_configuration(-2.0, -1.2)
-    closed = pc.Loop("tip", "hinge", *ends, axis=(0, 1, 0))
-    return pc.Mechanism(model, [closed], name="five_bar", guess=guess, actuated=("left_crank", "right_crank"))
+    """The built-in model, its distal links shorter: two cranks about y on the ground, and two links with one tip."""
+    at = (DISTAL, 0.0, 0.0)
+    tip = pc.Loop("tip", "hinge", "left_distal_bar", "right_distal_bar", xyz1=at, xyz2=at, axis=(0, 1, 0))
+    return replace(pc.load("five_bar").with_loops(tip), guess=five_bar_configuration(-2.0, -1.2))
 
 
 def elbows(left, right):

@@ -3,33 +3,24 @@
 import numpy as np
 
 import pinconsist as pc
+from benchmarks import gradient_scenes
 
 from . import scenes
 
 
-def crank_rocker():
-    names = ["mass:coupler", "anchor:rocker_ground.xyz2[0]", "damping:rocker", "crank_speed"]
-    return pc.load("crank_rocker").with_parameters({"damping:rocker": 0.1}), names, 0.3, {"crank": 12.0}
+def of_benchmark(name, until):
+    """A scene of the benchmarks, run for a shorter time."""
+
+    def scene():
+        whole = gradient_scenes.SCENES[name]
+        return whole.make(), whole.names, until, whole.v0
+
+    scene.__name__ = name
+    return scene
 
 
-def andrews():
-    return pc.load("andrews"), ["stiffness:D-stage", "torque beta.beta", "mass:beta", "E3.xyz2[0]"], 5e-3, None
-
-
-def delta_robot():
-    names = ["stiffness:leg1_arm", "servo leg1_arm.amplitude", "mass:platform_roll", "leg1_left.xyz2[1]"]
-    return pc.load("delta_robot"), names, 0.05, None
-
-
-def bricard():
-    mech = pc.load("bricard").with_parameters({"damping:hinge0": 0.05})
-    return mech, ["mass:hinge2", "damping:hinge0", "gravity[2]"], 1.5, None
-
-
-def slider_crank():
-    mech = pc.load("slider_crank")
-    driven = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", pc.Motion(-1.0, 3.0, 0.4, 1.3, 0.2)))
-    return driven, ["motor.amplitude", "motor.frequency", "length:rod"], 0.3, None
+ENDS = {"crank_rocker": 0.3, "andrews": 5e-3, "delta_robot": 0.05, "bricard": 1.5, "slider_crank": 0.3}
+crank_rocker, andrews, delta_robot, bricard, slider_crank = (of_benchmark(*row) for row in ENDS.items())
 
 
 def two_balls():
