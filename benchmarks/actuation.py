@@ -150,18 +150,16 @@ def command(
     felt = [asdict(row) for row in reflected(robot, *DIGIT)] if robot else []
     if report.in_files(None, as_json, actuation=rows, walk=walked, reflected=felt):
         return output.FINE
-    columns = [("scene", "{scene}"), ("velocities>", "{velocities}"), ("motors>", "{motors}")]
-    columns += [
-        (f"{name} [µs]>".replace("_", " "), report.scaled(name, 1e6, 1))
-        for name in ("closure", "jacobian", "reduced", "forward", "c_closure", "c_jacobian", "c_reduced")
-    ]
-    report.table(rows, columns, f"one call; closure over {STEP:g} rad or m of every motor")
+    calls = ("closure", "jacobian", "reduced", "forward", "c_closure", "c_jacobian", "c_reduced")
+    times = [(f"{name} [µs]>".replace("_", " "), report.scaled(name, 1e6, 1)) for name in calls]
+    title = f"one call; closure over {STEP:g} rad or m of every motor"
+    report.table(rows, ["scene", "velocities>", "motors>", *times], title)
     print(
         f"\nrandom walk of a five-bar: {walked['steps']} steps, {walked['blocked']} blocked by a singular position, "
         f"{walked['jumps']} changes of branch, {1e6 * walked['time']:.0f} µs a step"
     )
     if felt:
-        columns = [("motors at [rad]>", "{position:+.2f}"), ("serial>", "{serial:.4g}"), ("bodies>", "{rods:.4g}")]
+        columns = [("motors at [rad]>", "{position:+.2f}"), "serial>:.4g", ("bodies>", "{rods:.4g}")]
         columns += [(f"and rotors of {ROTOR:g}>", "{whole:.4g}")]
         report.table(felt, columns, "largest inertia that the ankle motors feel, kg·m²")
     return output.FINE
@@ -173,8 +171,7 @@ def _against_mujoco(folder, as_json) -> int:
     if as_json:
         output.print_json({"machine": report.machine(), "files": rows, "refused": refused})
         return output.FINE
-    columns = [("file", "{file}"), ("actuators>", "{actuators}"), ("acting>", "{acting}"), ("cut>", "{cut:.0%}")]
-    columns += [("largest>", "{largest:.3g}"), ("difference>", "{difference:.1e}")]
+    columns = ["file", "actuators>", "acting>", "cut>:.0%", "largest>:.3g", "difference>:.1e"]
     report.table(rows, columns, f"torques at {mjcf_actuators.STATES} random states, relative to the largest (or to 1)")
     for file, why in refused.items():
         print(f"{file}: refused: {why}")

@@ -111,11 +111,8 @@ def _why(row):
     return f"…{text[-SHORTENED:]}" if row["outcome"] == campaign.FOREIGN else f"{text[:SHORTENED]}…"
 
 
-REMARKABLE = [
-    ("seed>", "{seed}"), ("backend", "{backend}"), ("tol>", "{tol:g}"), ("outcome", "{outcome}"),
-    ("q, v, force / tol", _errors), ("why", _why),
-]  # fmt: skip
+REMARKABLE = ["seed>", "backend", "tol>:g", "outcome", ("q, v, force / tol", _errors), ("why", _why)]
 ERRORS = [
-    ("", "{quantity}"), ("backend", "{backend}"), ("tol>", "{tol:g}"), ("runs>", "{runs}"), ("median>", "{median:.2g}"),
-    ("90 %>", "{most:.2g}"), ("99 %>", "{nearly_all:.2g}"), ("worst>", "{worst:.2g}"), ("seed>", "{seed}"),
+    ("", "{quantity}"), "backend", "tol>:g", "runs>", "median>:.2g",
+    ("90 %>", "{most:.2g}"), ("99 %>", "{nearly_all:.2g}"), "worst>:.2g", "seed>",
 ]  # fmt: skip

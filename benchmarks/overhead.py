@@ -181,35 +181,19 @@ def _against(other, scenes, csv, as_json):
     rows = [asdict(row) for row in against(other, scenes)]
     if report.in_files(csv, as_json, rows, against=rows):
         return output.FINE
-    columns = [
-        ("scene", "{scene}"),
-        ("steps>", "{steps}"),
-        ("other's>", "{other_steps}"),
-        ("run [ms]>", report.scaled("time", 1e3, 2)),
-        ("other's [ms]>", report.scaled("other_time", 1e3, 2)),
-        ("ratio>", "{ratio:.3f}"),
-    ]
+    times = ("run [ms]>", report.scaled("time", 1e3, 2)), ("other's [ms]>", report.scaled("other_time", 1e3, 2))
+    columns = ["scene", "steps>", ("other's>", "{other_steps}"), *times, "ratio>:.3f"]
     report.table(rows, columns, f"compiled runs in turn with those of {other}: ratio below 1, faster than the other")
     return output.FINE
 
 
 def _print_overhead(name, rows):
-    report.table(
-        rows,
-        [
-            ("backend", "{backend}"),
-            ("rtol>", "{rtol:g}"),
-            ("steps>", "{steps}"),
-            ("residuals/step>", "{residuals:.2f}"),
-            ("step [us]>", report.scaled("step_time", 1e6, 2)),
-            ("run/steps [us]>", report.scaled("run_time", 1e6, 2)),
-            ("bare calls [us]>", report.scaled("bare_time", 1e6, 2)),
-            ("with K⁻¹ [us]>", report.scaled("least_time", 1e6, 2)),
-            ("step/bare>", "{ratio:.2f}"),
-        ],
-        title=f"{name}{', 5 s from 12 rad/s' if name == TIMED else ', from rest'}: a step, and rnea + joint Jacobians"
-        " + constraint + its Jacobian",
-    )
+    named = {"step": "step_time", "run/steps": "run_time", "bare calls": "bare_time", "with K⁻¹": "least_time"}
+    times = [(f"{heading} [us]>", report.scaled(key, 1e6, 2)) for heading, key in named.items()]
+    columns = ["backend", "rtol>:g", "steps>", ("residuals/step>", "{residuals:.2f}"), *times]
+    start = "5 s from 12 rad/s" if name == TIMED else "from rest"
+    title = f"{name}, {start}: a step, and rnea + joint Jacobians + constraint + its Jacobian"
+    report.table(rows, [*columns, ("step/bare>", "{ratio:.2f}")], title)
 
 
 def _print_chains(rows):
@@ -218,25 +202,15 @@ def _print_chains(rows):
     def growth(row, name):
         return row[name] / shortest[row["backend"]][name]
 
-    report.table(
-        rows,
-        [
-            ("backend", "{backend}"),
-            ("links>", "{links}"),
-            ("steps>", "{steps}"),
-            ("step [us]>", report.scaled("step_time", 1e6)),
-            ("over the shortest>", lambda row: f"{growth(row, 'step_time'):.1f}"),
-            ("over linear>", lambda row: f"{growth(row, 'step_time') / growth(row, 'links'):.2f}"),
-        ],
-        title="hanging chains from rest, 1 s at 1e-6: a step, the start not counted",
-    )
+    times = [
+        ("step [us]>", report.scaled("step_time", 1e6)),
+        ("over the shortest>", lambda row: f"{growth(row, 'step_time'):.1f}"),
+        ("over linear>", lambda row: f"{growth(row, 'step_time') / growth(row, 'links'):.2f}"),
+    ]
+    title = "hanging chains from rest, 1 s at 1e-6: a step, the start not counted"
+    report.table(rows, ["backend", "links>", "steps>", *times], title)
 
 
 def _print_around(rows):
-    columns = [
-        ("method", "{method}"),
-        ("", "{what}"),
-        ("[ms]>", report.scaled("seconds", 1e3, 2)),
-        ("over the run>", "{ratio:.2f}"),
-    ]
+    columns = ["method", ("", "{what}"), ("[ms]>", report.scaled("seconds", 1e3, 2)), ("over the run>", "{ratio:.2f}")]
     report.table(rows, columns, title=f"{TIMED}, 5 s from 12 rad/s, compiled: the run, and what is asked for besides")

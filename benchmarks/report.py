@@ -69,7 +69,13 @@ def _cell(value):
 
 
 def table(rows, columns, title) -> None:
-    """Print rows, mappings, in columns (heading, format string or function of a row)."""
+    """Print rows, mappings, in columns (heading, format string or function of a row); ``"name>:.2f"`` is its own."""
+
+    def whole(column):
+        heading, colon, form = column.partition(":")
+        return heading, "{" + heading.removesuffix(">") + colon + form + "}"
+
+    columns = [whole(column) if isinstance(column, str) else column for column in columns]
     cells = [[cell.format(**row) if isinstance(cell, str) else cell(row) for _, cell in columns] for row in rows]
     output.table([heading for heading, _ in columns], cells, title=title)
 

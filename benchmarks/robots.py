@@ -143,29 +143,21 @@ def command(
     flat = [row | row.pop("assembly") for row in map(dict, rows)]
     if report.in_files(csv, as_json, flat, robots=rows):
         return output.FINE
-    report.table(
-        {(row["robot"], row["closure"]): row | row["assembly"] for row in rows}.values(),
-        [
-            ("robot", "{robot}"),
-            ("loops", "{closure}"),
-            ("from q = 0", lambda row: "closed" if row["from_neutral"] else "open"),
-            ("from random guesses>", "{closed}/{tried}"),
-            ("median time [ms]>", report.scaled("time", 1e3)),
-        ],
-        title="assembly from q = 0 and from random guesses within 1 rad of it",
-    )
-    report.table(
-        rows,
-        [
-            ("robot", "{robot}"),
-            ("loops", "{closure}"),
-            ("rtol", lambda row: f"{row['rtol']:g}" if row["rtol"] else "default"),
-            ("steps>", "{steps}"),
-            ("largest gap [m]>", "{gap:.1e}"),
-            ("energy error>", "{energy_error:.1e}"),
-            ("step [us]>", report.scaled("step_time", 1e6, 0)),
-            ("outcome", "{status}"),
-        ],
-        title=f"robots released from rest, {until:g} s",
-    )
+    which = ["robot", ("loops", "{closure}")]
+    columns = [
+        ("from q = 0", lambda row: "closed" if row["from_neutral"] else "open"),
+        ("from random guesses>", "{closed}/{tried}"),
+        ("median time [ms]>", report.scaled("time", 1e3)),
+    ]
+    each = {(row["robot"], row["closure"]): row | row["assembly"] for row in rows}.values()
+    report.table(each, which + columns, "assembly from q = 0 and from random guesses within 1 rad of it")
+    columns = [
+        ("rtol", lambda row: f"{row['rtol']:g}" if row["rtol"] else "default"),
+        "steps>",
+        ("largest gap [m]>", "{gap:.1e}"),
+        ("energy error>", "{energy_error:.1e}"),
+        ("step [us]>", report.scaled("step_time", 1e6, 0)),
+        ("outcome", "{status}"),
+    ]
+    report.table(rows, which + columns, f"robots released from rest, {until:g} s")
     return output.FINE

@@ -139,10 +139,10 @@ def command(csv: report.Csv = None, as_json: output.Json = False) -> int:
         return output.FINE
     columns = [
         ("period [ms]>", report.scaled("period", 1e3, 0)),
-        ("way", "{way}"),
+        "way",
         ("sample [µs]>", report.scaled("time", 1e6, 1)),
         ("× real time>", "{ahead:.3g}"),
-        ("iterations>", "{iterations:.2f}"),
+        "iterations>:.2f",
         ("error of q>", "{q:.0e}"),
         ("of v>", "{v:.0e}"),
         ("of λ>", "{lam:.0e}"),

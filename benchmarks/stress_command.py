@@ -49,7 +49,7 @@ def command(
     counts = Counter(outcome.outcome for outcome in outcomes)
     rows = [asdict(outcome) for outcome in outcomes]
     if not report.in_files(csv, as_json, rows, counts=counts, cases=rows):
-        columns = [("case", "{family}"), ("varied", "{varied}"), ("outcome", "{outcome}"), *FIGURES]
+        columns = [("case", "{family}"), "varied", "outcome", *FIGURES]
         report.table(rows, columns, None)
         seconds = sum(outcome.seconds for outcome in outcomes)
         summary = ", ".join(f"{number} {what}" for what, number in sorted(counts.items()))
@@ -108,13 +108,13 @@ def _by_peers(sample, csv, as_json) -> int:
     if not report.in_files(csv, as_json, rows, cases=rows):
         report.table(
             methods,
-            [("method", "{method}"), *((f"{kind}>", lambda row, kind=kind: row[kind] or "") for kind in KINDS)],
+            ["method", *((f"{kind}>", lambda row, kind=kind: row[kind] or "") for kind in KINDS)],
             f"{len(sample)} cases by each method: held, or refused where that is right; FAILED; "
             f"{by_peers.CUT} after {by_peers.LIMIT:g} s; {by_peers.CANNOT}: not for it",
         )
-        columns = [("method", "{method}"), *((f"{family}>", f"{{{family}}}") for family in families)]
+        columns = ["method", *(f"{family}>" for family in families)]
         report.table(methods, columns, "held or rightly refused, of those tried")
-        columns = [("method", "{method}"), ("what did not hold", "{family}: {varied}"), *FIGURES]
+        columns = ["method", ("what did not hold", "{family}: {varied}"), *FIGURES]
         report.table([row for row in rows if row["outcome"] in (FAILED, by_peers.CUT)], columns, None)
         for reason in by_peers.missing():
             print(reason)

@@ -95,7 +95,7 @@ def _print(diagram, repeats):
         f"the reference is good to {diagram.reference:.0e} in q"
     )
     columns = [
-        ("method", "{method}"),
+        "method",
         ("tol>", lambda row: "" if row["tol"] != row["tol"] else f"{row['tol']:g}"),
         ("steps>", lambda row: row["steps"] or ""),
         ("time [ms]>", _done("time:.1f", 1e3)),
