@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from pinconsist import JointSpring, JointTorque, SpringDamper, Torque
 
-from .problem import Peer, Rows, SolverFailed, loop_ends, spring_ends
+from .problem import Peer, Rows, SolverFailed, loop_ends
 
 NEWTON_RELATIVE, NEWTON_ABSOLUTE = 1e-10, 1e-12
 
@@ -142,7 +142,7 @@ class _Tree:
         )
 
     def _add_spring(self, spring):
-        ends = [self._marker(*end) for end in spring_ends(self.problem.mechanism.model, spring)]
+        ends = [self._marker(*end) for end in spring.bind(self.problem.mechanism.model).ends]
         values = {"referenceLength": spring.length, "stiffness": spring.stiffness, "damping": spring.damping}
         self.mbs.AddObject(self.items.ObjectConnectorSpringDamper(markerNumbers=ends, **values))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pinconsist import JointSpring, JointTorque, SpringDamper
 
-from .problem import Peer, Rows, SolverFailed, loop_ends, spring_ends
+from .problem import Peer, Rows, SolverFailed, loop_ends
 
 
 class Mujoco(Peer):
@@ -86,7 +86,7 @@ def mjcf(problem, h) -> str:
         equalities.append(f'<connect site1="{one}" site2="{two}"/>')
     for force in mechanism.forces:
         if isinstance(force, SpringDamper):
-            ends = [site(*end) for end in spring_ends(model, force)]
+            ends = [site(*end) for end in force.bind(model).ends]
             path = "".join(f'<site site="{end}"/>' for end in ends)
             values = f'stiffness="{force.stiffness!r}" springlength="{force.length!r}" damping="{force.damping!r}"'
             tendons.append(f"<spatial {values}>{path}</spatial>")

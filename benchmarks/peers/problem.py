@@ -121,15 +121,6 @@ class Peer(ABC):
         """
 
 
-def spring_ends(model, spring) -> list:
-    """(joint, place on its body) of the two ends of a spring between frames."""
-    ends = []
-    for name, xyz in ((spring.frame1, spring.xyz1), (spring.frame2, spring.xyz2)):
-        frame = model.frames[model.getFrameId(name)]
-        ends.append((frame.parentJoint, frame.placement.act(np.array(xyz))))
-    return ends
-
-
 def loop_ends(closure) -> list:
     """(joint, place on its body) of the two anchors of a loop."""
     return [(closure.joint1, closure.place1.translation), (closure.joint2, closure.place2.translation)]

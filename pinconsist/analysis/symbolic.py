@@ -162,7 +162,7 @@ class Symbols:
             elif isinstance(force, JointSpring):
                 total -= self._pull(self.beyond(force.joint, force.rest), force.stiffness)
             elif isinstance(force, SpringDamper):
-                places = [(joint, pin.SE3(np.eye(3), offset)) for joint, offset in force.bind(self.model)._ends]
+                places = [(joint, pin.SE3(np.eye(3), offset)) for joint, offset in force.bind(self.model).ends]
                 one, two = self._seen(*places)
                 length = ca.norm_2(two[:3, 3] - one[:3, 3])
                 total -= self._pull(length - force.length, force.stiffness, force.damping)

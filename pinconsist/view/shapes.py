@@ -10,7 +10,7 @@ import pinocchio as pin
 from ..mechanism.forces import SpringDamper
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
-from .motion import anchors, bar_poses, in_world, joint_axis, on_joint, point_in_world, rotation_to
+from .motion import anchors, bar_poses, in_world, joint_axis, point_in_world, rotation_to
 
 LINK_COLORS = (0x0072B2, 0xE69F00, 0x009E73, 0x56B4E9, 0xCC79A7, 0xB8A800)  # Okabe and Ito's, without red
 JOINT, GROUND, RAIL, CLOSED, SPRING = 0x333333, 0x555555, 0xA0A4AA, 0xD50000, 0x5D4037
@@ -229,10 +229,7 @@ def springs(mech: Mechanism, poses: np.ndarray, size: float) -> list[tuple[np.nd
     """
     out = []
     for spring in (each for each in mech.forces if isinstance(each, SpringDamper)):
-        ends = []
-        for name, xyz in ((spring.frame1, spring.xyz1), (spring.frame2, spring.xyz2)):
-            joint, place = on_joint(mech.model, name)
-            ends.append(point_in_world(poses, joint, place.act(np.array(xyz))))
+        ends = [point_in_world(poses, *end) for end in spring.bind(mech.model).ends]
         lengths = np.linalg.norm(ends[1] - ends[0], axis=1)
         stretch = np.insert(np.ones((len(poses), 2)), 1, lengths.clip(SMALLEST), axis=1)
         out.append((bar_poses(*ends), stretch, _coil(max(lengths.mean(), SMALLEST), size), np.stack(ends, axis=1)))

@@ -33,13 +33,13 @@ class Peer:
     def joints(self):
         return self.names(mujoco.mjtObj.mjOBJ_JOINT, self.model.njnt)
 
-    def qpos(self, q, backwards=False):
-        """Our configuration in MuJoCo's order of quaternions, or back."""
+    def qpos(self, q):
+        """Our configuration in MuJoCo's order of quaternions."""
         q = np.array(q)
         for kind, start in zip(self.model.jnt_type, self.model.jnt_qposadr, strict=True):
             if kind in (FREE, BALL):
                 end = start + (7 if kind == FREE else 4)
-                q[end - 4 : end] = np.roll(q[end - 4 : end], -1 if backwards else 1)
+                q[end - 4 : end] = np.roll(q[end - 4 : end], 1)
         return q
 
     def move(self, q, v):

@@ -67,11 +67,11 @@ class _Points:
 class _BoundSpring(BoundForce):
     def __init__(self, spring, model):
         self.spring, self._points = spring, _Points(model)
-        self._ends = []
+        self.ends = []
         for frame, xyz in ((spring.frame1, spring.xyz1), (spring.frame2, spring.xyz2)):
             frame = frame_of(model, frame, spring._who)
-            self._ends.append((frame.parentJoint, frame.placement.act(np.array(xyz))))
-        if self._ends[0][0] == self._ends[1][0]:
+            self.ends.append((frame.parentJoint, frame.placement.act(np.array(xyz))))
+        if self.ends[0][0] == self.ends[1][0]:
             raise InputError(f"the {spring._who} joins a body to itself")
 
     def torque(self, t, q, v):
@@ -92,13 +92,13 @@ class _BoundSpring(BoundForce):
         return by_q - (spring.damping * along)[:, None] * v.dot(bend), -spring.damping * squared
 
     def hand_over(self, twin) -> bool:
-        spring, (end1, end2) = self.spring, self._ends
+        spring, (end1, end2) = self.spring, self.ends
         twin.add_spring(*end1, *end2, spring.stiffness, spring.length, spring.damping, SHORTEST)
         return True
 
     def hand_over_damper(self, twin) -> None:
         """Add the damper alone to the compiled system: what the spring does not store."""
-        spring, (end1, end2) = self.spring, self._ends
+        spring, (end1, end2) = self.spring, self.ends
         twin.add_spring(*end1, *end2, 0.0, spring.length, spring.damping, SHORTEST)
 
     def stored(self, q, v) -> tuple[float, float]:
@@ -113,7 +113,7 @@ class _BoundSpring(BoundForce):
     def _line(self, q):
         """Length, direction from point 1 to 2, (3,), J of their difference, (3, nv), and the two points."""
         self._points.move(q)
-        point1, point2 = (self._points.at(joint, offset) for joint, offset in self._ends)
+        point1, point2 = (self._points.at(joint, offset) for joint, offset in self.ends)
         r = point2.x - point1.x
         l = sqrt(r.dot(r) + SHORTEST**2)
         return l, r / l, point2.J - point1.J, point1, point2
