@@ -35,8 +35,8 @@ class Back:
             leg = self.legs[i]
             seeds = leg.seeds()
             if bar is not None:
-                leg.sow(np.array([leg.span[1]]), [self._through(leg, self.legs[i + 1], bar)], seeds, self.sign)
-            leg.sow(times[i], self._pulled(leg, times[i]), seeds, self.sign)
+                leg.sow(np.array([leg.span[1]]), [self._through(leg, self.legs[i + 1], bar)], seeds)
+            leg.sow(times[i], self._pulled(leg, times[i]), seeds)
             residuals = self.variants.residuals(leg.system)
             self.total += leg.follow_back(self.base.index1(leg.system), residuals, seeds)
             bar, rates = leg.begin_back(self.variants, self.base, seeds[0])
@@ -48,7 +48,7 @@ class Back:
         n = leg.system.nx + leg.system.nv + leg.system.nc
         s = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
         both = [STILL] * n + list(self.variants)
-        rates = through(leg, following, self.solution, both, self.base, self.sign, s) @ bar
+        rates = through(leg, following, self.solution, both, self.base, s) @ bar
         self.total += rates[n:]
         return rates[:n]
 
@@ -63,7 +63,7 @@ class Back:
             return bars
         if system.dropped_are_zero:
             return np.hstack((bars[:, : nx + nv], bars[:, nx + nv :][:, system.kept]))
-        p, y = leg.states(times, self.sign)[:2]
+        p, y = leg.states(times)[:2]
         return np.array([self._of_kept(system, *row) for row in zip(p, y[:, nx + nv :], bars, strict=True)])
 
     def _of_kept(self, system, q, lam, bar):

@@ -6,7 +6,8 @@ parameter: shape (ROWS, P, nx+nv+nc). Prediction, change of step and update are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,51 +17,38 @@ from ..dae import bdf
 from ..dae.charts import chart_matrix
 from ..dae.dense import Tables
 from ..dae.index1 import Index1
-from ..dae.segments import Segment
 from .history import History
 from .linear import Step
 from .stage_leg import StageLeg, stage_legs
 
+COLUMNS = ("t_old", "ends", "t", "h", "k", "base", "Z", "changes")  # of Tables
+
 
 @dataclass
 class Leg:
-    """The steps of a run from one start to the next: arrays with an entry for each step, as in ``dae.dense.Tables``.
+    """The `steps` of a run from one start to the next, as arrays, of which the history is the first.
 
-    `start` is the polynomial of the history. `tables`, (1+n, ROWS, P, nx+nv+nc), are those of S after the history and
-    after each step.
+    `tables`, (1+n, ROWS, P, nx+nv+nc), are those of S after the history and after each step.
     """
 
-    start: Segment
-    ends: np.ndarray
-    t: np.ndarray
-    h: np.ndarray
-    k: np.ndarray
-    base: np.ndarray
-    Z: np.ndarray
-    changes: np.ndarray
+    steps: Tables
     tables: Any = None
 
-    @property
-    def system(self):
-        """The system, with the constraint rows that were kept in these steps."""
-        return self.start.system
+    start = property(lambda self: self.steps.segment(0))
+    t = property(lambda self: self.steps.t[1:])
+    changes = property(lambda self: self.steps.changes[1:])
+    system = property(lambda self: self.steps.system)
+    span = property(lambda self: (float(self.steps.start), float(self.steps.ends[-1])))
 
-    @property
-    def span(self):
-        """(from, to), s."""
-        return self.start.t_old, float(self.ends[-1]) if len(self.ends) else self.start.end
-
-    def step_at(self, t, sign):
+    def step_at(self, t):
         """(start, size) of the step that holds a time."""
-        ends = np.concatenate(([self.start.end], self.ends))
-        i = min(int(np.searchsorted(sign * ends, sign * t)), len(ends) - 1)
-        return (float(ends[i - 1]), float(self.h[i - 1])) if i else (self.start.t_old, self.start.h)
+        i = int(self.steps.holders(t))
+        return float(self.steps.t_old[i]), float(self.steps.h[i])
 
     def curve(self):
         """t, h, k, chart centre and table of all, the history first."""
-        first = self.start
-        pairs = ("t", first.t), ("h", first.h), ("k", first.k), ("base", first.base), ("Z", first.Z)
-        return [np.concatenate(([value], getattr(self, name))) for name, value in pairs]
+        steps = self.steps
+        return steps.t, steps.h, steps.k, steps.base, steps.Z
 
     def close(self) -> None:
         """There is nothing compiled to let go of."""
@@ -83,16 +71,16 @@ class Leg:
 
     def seeds(self):
         """Zeros, to which :meth:`sow` adds: derivatives of a number by each of the tables S."""
-        return np.zeros((1 + len(self.t), *self.start.Z.shape))
+        return np.zeros(self.steps.Z.shape)
 
     def follow_back(self, index1, residuals, seeds):
         """What the parameters change of a number in the steps, (P,); `seeds[0]` becomes its derivative by S there."""
         compiled = follower(index1, residuals)
         return compiled.backward(self, seeds) if compiled else follow_back(self, residuals, seeds)
 
-    def at(self, times, sign):
+    def at(self, times):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
-        p, y, i, basis = self.states(times, sign)
+        p, y, i, basis = self.states(times)
         s = np.einsum("nj,njpy->npy", basis, self.tables[i, : basis.shape[1]])
         if not self.system.vector_like:
             turning, back = self._from_charts(y)
@@ -105,11 +93,10 @@ class Leg:
         turning = np.flatnonzero(system.bracket(np.arange(1.0, 1.0 + system.nx)).any(axis=0))
         return turning, np.linalg.inv(chart_matrix(system, y[:, : system.nx], turning))
 
-    def states(self, times, sign):
+    def states(self, times):
         """p, [ξ | v | λ], the tables that hold the times, 0 being that of the history, and weights of their rows."""
         t, h, k, base, Z = self.curve()
-        ends = np.concatenate(([self.start.end], self.ends))
-        i = np.minimum(np.searchsorted(sign * ends, sign * times), len(ends) - 1)
+        i = self.steps.holders(times)
         basis = bdf.interpolate(highest := int(k.max()), (times - t[i]) / h[i])
         basis[np.arange(highest + 1) > k[i, None]] = 0.0
         y = np.einsum("nj,njy->ny", basis, Z[i, : highest + 1])
@@ -118,9 +105,9 @@ class Leg:
             return xi, y, i, basis
         return np.array([self.system.integrate(*pair) for pair in zip(base[i], xi, strict=True)]), y, i, basis
 
-    def sow(self, times, derivatives, seeds, sign) -> None:
+    def sow(self, times, derivatives, seeds) -> None:
         """Add to `seeds` the derivatives of a number by s at times, (n, nx+nv+nc)."""
-        (_, y, holders, basis), rows = self.states(times, sign), np.array(derivatives)
+        (_, y, holders, basis), rows = self.states(times), np.array(derivatives)
         if not self.system.vector_like:
             turning, back = self._from_charts(y)
             rows[:, turning] = np.einsum("nj,nji->ni", rows[:, turning], back)
@@ -132,38 +119,40 @@ def legs_of(dense, index1_of=Index1) -> list[Leg] | list[StageLeg]:
     """The legs of a run from its dense output; `index1_of` gives the equations of index 1 of a system."""
     if not hasattr(dense.curves[0].plain(0), "changes"):
         return [StageLeg(steps, index1_of) for curve in dense.curves for steps in stage_legs(curve)]
-    legs: list[tuple] = []
+    legs: list[list[Tables]] = []
     for curve in dense.curves:
-        if not isinstance(curve, Tables):
-            segments = [curve.segment(i) for i in range(len(curve.ends))]
-            columns = zip(*((s.end, s.t, s.h, s.k, s.base, s.Z) for s in segments), strict=True)
-            arrays = [*map(np.array, columns), np.full(len(segments), None)]
-            for i, segment in enumerate(segments):
-                arrays[-1][i] = segment.changes
-        else:
-            arrays = [curve.ends, curve.t, curve.h, curve.k, curve.base, curve.Z, curve.changes]
-        begun = [i for i, changes in enumerate(arrays[-1]) if changes is None]
-        ends = [*begun, len(arrays[-1])]
-        if ends[0]:  # goes on from the curve before
-            legs[-1][1].append([array[: ends[0]] for array in arrays])
-        for i, end in zip(begun, ends[1:], strict=True):
-            legs.append((curve.segment(i), [[array[i + 1 : end] for array in arrays]]))
-    return [Leg(start, *map(np.concatenate, zip(*parts, strict=True))) for start, parts in legs]
+        steps = curve if isinstance(curve, Tables) else _as_tables(curve)
+        begun = [i for i, changes in enumerate(steps.changes) if changes is None]
+        for i, end in pairwise(sorted({0, *begun, len(steps.changes)})):
+            part = replace(steps, **{name: getattr(steps, name)[i:end] for name in COLUMNS})
+            if steps.changes[i] is None:
+                legs.append([part])
+            else:  # goes on from the curve before
+                legs[-1].append(part)
+    return [Leg(first.with_others(others)) for first, *others in legs]
+
+
+def _as_tables(curve):
+    """The steps of the Python method as arrays."""
+    segments = [curve.segment(i) for i in range(len(curve.ends))]
+    columns = zip(*((s.t_old, s.end, s.t, s.h, s.k, s.base, s.Z) for s in segments), strict=True)
+    changes = np.full(len(segments), None)
+    for i, segment in enumerate(segments):
+        changes[i] = segment.changes
+    return Tables(*map(np.array, columns), changes, curve.system, None)
 
 
 def follow(leg, residuals, S) -> None:
     """Fill the leg's `tables` from `S` of its history; `residuals` as in :class:`Step`."""
-    system, start = leg.system, leg.start
+    system, steps = leg.system, zip(*leg.curve(), strict=True)
     leg.tables = np.empty((1 + len(leg.t), *S.shape))
     leg.tables[0] = S
-    base, Z = start.base, start.Z
-    for i, (t, h, k) in enumerate(zip(leg.t, leg.h, leg.k, strict=True)):
+    for i, ((*_, base, Z), (t, h, k, centre, Z_new)) in enumerate(pairwise(steps)):
         S = np.tensordot(leg.changes[i], S, 1)
         if not system.vector_like:
-            recenter(system, base, leg.base[i], leg.changes[i] @ Z, S, k + 2)
-        base, Z = leg.base[i], leg.Z[i]
+            recenter(system, base, centre, leg.changes[i] @ Z, S, k + 2)
         predicted, psi = np.tensordot(bdf.predictor(k), S[: k + 1], 1)
-        S[k + 2] = Step(system, t, h, k, base, Z, residuals).forward(psi) - predicted
+        S[k + 2] = Step(system, t, h, k, centre, Z_new, residuals).forward(psi) - predicted
         S = np.tensordot(bdf.advance(k), S, 1)
         leg.tables[i + 1] = S
 

@@ -1,8 +1,9 @@
 """Derivatives of the equations that are known exactly: by numbers of bodies, by gravity, by numbers of one force.
 
 Such a parameter changes f = M a + nle - τ alone, in which masses, first moments and inertias about joints are linear,
-and so is gravity. Each is a system whose f is r_θ and whose rows are zero, so that it stands where other parameters
-have the weighted residuals of mechanisms beside.
+and so is gravity. Each part has r_θ at a state, ``force(model, data, t, q, v, a)``, and ``hand_over(rates, column,
+weight)`` adds it to compiled rates. As a system whose f it is, with rows that are zero, it stands where others have the
+weighted residuals of mechanisms beside.
 """
 
 from __future__ import annotations
@@ -30,12 +31,10 @@ class Inertial:
     rates: np.ndarray
 
     def force(self, model, data, t, q, v, a):
-        """r_θ at a state."""
         columns = slice(10 * self.joint - 10, 10 * self.joint)
         return pin.computeJointTorqueRegressor(model, data, q, v, a)[:, columns] @ self.rates
 
     def hand_over(self, rates, column, weight) -> None:
-        """Add it to a column of compiled rates."""
         rates.add_inertia(column, weight, self.joint, self.rates)
 
 
@@ -46,13 +45,11 @@ class Gravity:
     rates: np.ndarray
 
     def force(self, model, data, t, q, v, a):
-        """r_θ at a state."""
         still, there = np.zeros(model.nv), model.copy()
         there.gravity = pin.Motion(self.rates, np.zeros(3))
         return pin.rnea(there, data, q, still, still)
 
     def hand_over(self, rates, column, weight) -> None:
-        """Add it to a column of compiled rates."""
         rates.add_gravity(column, weight, self.rates)
 
 
@@ -63,11 +60,9 @@ class Pull:
     bound: Any
 
     def force(self, model, data, t, q, v, a):
-        """Its part of f at a state."""
         return -self.bound.torque(t, q, v)
 
     def hand_over(self, rates, column, weight) -> None:
-        """Add it to a column of compiled rates."""
         self.side_of(rates, column, weight)
         rates.act(column, [0], [column])
 
@@ -91,12 +86,11 @@ class Nodes:
         return replace(self, nodes=[self.nodes[i]])
 
     def force(self, model, data, t, q, v, a):
-        """r_θ at a state, of a single value."""
+        """Of a single value."""
         hat = np.interp(t, self.times, np.arange(len(self.times)) == self.nodes[0])
         return hat * sum(weight * side.force(model, data, t, q, v, a) for weight, side in self.sides)
 
     def hand_over(self, rates, columns, weight) -> None:
-        """Add it to columns of compiled rates."""
         columns = np.atleast_1d(columns).tolist()
         rates.set_times(columns[0], self.times)
         for own, side in self.sides:

@@ -43,18 +43,18 @@ class Lead:
         for i, times in enumerate(self.solution.t_events):
             for row, t in enumerate(times):
                 if self.sign * (t - leg.span[0]) > 0 and self.sign * (t - leg.span[1]) <= 0:
-                    s = leg.at(np.array([t]), self.sign)[2][0]
-                    crossing = Crossing(i, float(t), leg, self.variants, self.base, self.sign, s)
+                    s = leg.at(np.array([t]))[2][0]
+                    crossing = Crossing(i, float(t), leg, self.variants, self.base, s)
                     self.event_times[i][row] = crossing.dt
         if following is None:
             return None
-        (s,) = leg.at(np.array([leg.span[1]]), self.sign)[2]
-        return through(leg, following, self.solution, self.variants, self.base, self.sign, s)
+        (s,) = leg.at(np.array([leg.span[1]]))[2]
+        return through(leg, following, self.solution, self.variants, self.base, s)
 
     def finished(self, leg, times):
         """[dq | dv | dlam], (n, P, …), with the multipliers as the user sees them."""
         system = leg.system
-        p, y, s = leg.at(times, self.sign)
+        p, y, s = leg.at(times)
         nx, nv = system.nx, system.nv
         if system.nc == system.n_multipliers:
             return s
@@ -91,9 +91,9 @@ def applied_at(solution, end) -> list[int]:
     return [i for i, (event, times) in events if event.apply is not None and (np.abs(times - end) <= near).any()]
 
 
-def through(leg, following, solution, variants, base, sign, s):
+def through(leg, following, solution, variants, base, s):
     """The derivatives (P, nx+nv) of the state where the `following` leg begins, from those, `s`, where `leg` ends."""
     t, nx, nv = leg.span[1], leg.system.nx, leg.system.nv
     if not (applied := applied_at(solution, t)):
         return s[:, : nx + nv]
-    return Crossing(applied[0], t, leg, variants, base, sign, s).after(applied, variants, base, following)
+    return Crossing(applied[0], t, leg, variants, base, s).after(applied, variants, base, following)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..errors import InputError
+from ..mechanism.checks import coordinates
 from ..mechanism.numbers import part_at
 from ..mechanism.parameters import Parameter, parameter
 
@@ -98,11 +99,5 @@ def _value_of_start(mechanism, name, which, joint, given) -> float:
         raise InputError(f"{name} cannot be a parameter: joint {joint!r} has several degrees of freedom")
     if not (given is None or isinstance(given, Mapping)):
         raise InputError(f"{name} is a parameter: give {which}= as a mapping joint name → value, not an array")
-    value = 0.0 if which == "v0" else _guessed(mechanism, joint)
+    value = 0.0 if which == "v0" else coordinates(mechanism.model, joint, mechanism.guess)[0]
     return float((given or {}).get(joint, value))
-
-
-def _guessed(mechanism, joint) -> float:
-    model, i = mechanism.model, mechanism.joint_index(joint)
-    numbers = mechanism.guess[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]]
-    return float(numbers[0]) if len(numbers) == 1 else float(np.arctan2(numbers[1], numbers[0]))

@@ -112,31 +112,25 @@ class StageLeg:
     start = property(lambda self: self.steps[0])
     t = property(lambda self: np.array([step.end for step in self.steps]))
 
-    @property
-    def system(self):
-        """The system, with the constraint rows that were kept in these steps."""
-        return self.start.system
-
-    @property
-    def span(self):
-        """(from, to), s."""
-        return self.start.t_old, self.steps[-1].end
+    system = property(lambda self: self.start.system)
+    span = property(lambda self: (self.start.t_old, self.steps[-1].end))
 
     def close(self) -> None:
         """Let go of compiled systems."""
         self._way = None
 
-    def step_at(self, t, sign):
+    def step_at(self, t):
         """(start, size) of the step that holds a time."""
-        step = self.steps[self._holders(np.array([t]), sign)[0]]
+        step = self.steps[self._holders(np.array([t]))[0]]
         return step.t_old, step.h
 
-    def _holders(self, times, sign):
+    def _holders(self, times):
+        sign = 1.0 if self.t[-1] >= self.start.t_old else -1.0
         return np.minimum(np.searchsorted(sign * self.t, sign * times), len(self.steps) - 1)
 
-    def _placed(self, times, sign):
+    def _placed(self, times):
         """(n, inside, steps): times are after n steps, or `inside` of the next one, which is made again up to them."""
-        n = self._holders(times, sign)
+        n = self._holders(times)
         starts, sizes = np.array([(self.steps[i].t_old, self.steps[i].h) for i in n]).reshape(-1, 2).T
         part = (times - starts) / sizes
         at_end = np.abs(part - 1.0) <= AT_ONCE
@@ -157,9 +151,9 @@ class StageLeg:
     def _sizes(self):
         return (), (self.system.npos,), (self.system.nv,)
 
-    def states(self, times, sign):
+    def states(self, times):
         """p and [ξ | v | λ] at times, with ξ = 0."""
-        t, p, v = self._states(*self._placed(times, sign))
+        t, p, v = self._states(*self._placed(times))
         index1 = self.index1_of(self.system)
         lam = [index1.acceleration(*state)[1] for state in zip(t, p, v, strict=True)]
         return p, np.hstack((0.0 * v, v, np.array(lam).reshape(len(t), self.system.nc)))
@@ -174,9 +168,9 @@ class StageLeg:
         """The transpose, and what the parameters change there."""
         return seed[0], 0.0
 
-    def at(self, times, sign):
+    def at(self, times):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
-        n, inside, steps = self._placed(times, sign)
+        n, inside, steps = self._placed(times)
         t, p, v = self._states(n, inside, steps)
         s = self.tables[n, 0]
         ends = np.empty((len(inside), *s.shape[1:]))
@@ -196,17 +190,17 @@ class StageLeg:
         """What :meth:`sow` adds to: the derivative of a number by S at the start, and those by s in each place."""
         return [np.zeros((1, self.system.nx + self.system.nv)), []]
 
-    def sow(self, times, derivatives, seeds, sign) -> None:
+    def sow(self, times, derivatives, seeds) -> None:
         """Add derivatives of a number by s at times, (n, nx+nv+nc), to `seeds`."""
         if len(times):
-            seeds[1].append((times, np.array(derivatives), sign))
+            seeds[1].append((times, np.array(derivatives)))
 
     def follow_back(self, index1, residuals, seeds):
         """What the parameters change of a number in the steps, (P,); `seeds[0]` becomes its derivative by S there."""
         self._way, split = way_along(index1, residuals), self.system.nx + self.system.nv
         bars, total = np.zeros((1 + len(self.steps), split)), np.zeros(len(residuals))
-        for times, derivatives, sign in seeds[1]:
-            n, inside, steps = self._placed(times, sign)
+        for times, derivatives in seeds[1]:
+            n, inside, steps = self._placed(times)
             state, given = self._states(n, inside, steps), np.array(derivatives[:, :split])
             felt = derivatives[:, split:].any(axis=1)
             by_state = np.zeros((felt.sum(), split))

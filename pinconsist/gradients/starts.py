@@ -109,14 +109,14 @@ class Crossing:
     `s`, (P, nx+nv+nc), are the derivatives of the state at that time.
     """
 
-    def __init__(self, i, t, leg, variants, base, sign, s):
+    def __init__(self, i, t, leg, variants, base, s):
         system, event = leg.system, base.events[i]
-        (p,), (y,) = leg.states(np.array([t]), sign)[:2]
+        (p,), (y,) = leg.states(np.array([t]))[:2]
         nx, nv = system.nx, system.nv
-        self.t, self.p, self.v, self.s, (before, self.h) = t, p, y[nx : nx + nv], s, leg.step_at(t, sign)
+        self.t, self.p, self.v, self.s, (before, self.h) = t, p, y[nx : nx + nv], s, leg.step_at(t)
 
         def value(time):
-            (q,), (y,) = leg.states(np.array([time]), sign)[:2]
+            (q,), (y,) = leg.states(np.array([time]))[:2]
             return event.function(time, q, y[nx : nx + nv], base.multipliers(system, q, y[nx + nv :]))
 
         falls = slope(lambda e: value(t + e), BESIDE * self.h)

@@ -151,15 +151,15 @@ class KnownVariant:
 
 def variant_of(make, theta, i, name, step, base) -> Variant:
     """The variant of the parameter `i`, of a step."""
-    errors = []
+    errors, unit = [], np.arange(len(theta)) == i
     for weights, near, sign in ((CENTRAL, OF_STEPS, 1), (AHEAD, OF_STEPS_AHEAD, 1), (AHEAD, OF_STEPS_AHEAD, -1)):
         try:
-            sides = {sign * m: _side(make, theta, i, sign * m * step, name, base) for m in weights}
+            sides = {sign * m: make(theta + sign * m * step * unit) if m else base for m in weights}
         except (PinconsistError, ValueError) as error:
-            if isinstance(error, _Changed):
-                raise
             errors.append(error)
             continue
+        for m, side in sides.items():
+            _require_same(side.mechanism, base.mechanism, f"{name!r} is {theta[i] + m * step:.6g}")
         inert = all(side.mechanism is base.mechanism for side in sides.values())
         idle = inert and all(side.events == base.events for side in sides.values())
         weights, near = ({sign * m: sign * weight for m, weight in each.items()} for each in (weights, near))
@@ -167,23 +167,11 @@ def variant_of(make, theta, i, name, step, base) -> Variant:
     raise InputError(f"the parameter {name!r} cannot vary by {step:.1e} to either side: {errors[0]}") from errors[0]
 
 
-class _Changed(InputError):
-    """The mechanism beside is another one."""
-
-
-def _side(make, theta, i, change, name, base) -> Side:
-    if change == 0:
-        return base
-    beside = np.array(theta)
-    beside[i] += change
-    side = make(beside)
-    one, other = side.mechanism, base.mechanism
-    if one is other:
-        return side
-    for what in ("nq", "nv", "joints", "row_labels"):
-        if getattr(one, what) != getattr(other, what):
-            raise _Changed(
-                f"build() gives another kind of mechanism where {name!r} is {beside[i]:.6g}: its {what} differs. "
+def _require_same(mechanism, base, where) -> None:
+    """Refuse a mechanism beside that is another one."""
+    for what in ("nq", "nv", "joints", "row_labels") if mechanism is not base else ():
+        if getattr(mechanism, what) != getattr(base, what):
+            raise InputError(
+                f"build() gives another kind of mechanism where {where}: its {what} differs. "
                 "Joints and loops must stay the same while parameters vary"
             )
-    return side
