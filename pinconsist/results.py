@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from .errors import InputError, MissingExtraError
 from .files import write_csv
-from .mechanism.checks import frame_of, near, read_only
+from .mechanism.checks import frame_of, near, places, read_only
 from .mechanism.energy import torques_of
 from .mechanism.forces import bound_forces
 from .mechanism.forces.held import sided
@@ -261,14 +261,14 @@ def _dataframe(names, units, values):
 
 def _part(mechanism, name, positions=False) -> list[int]:
     """The columns of a joint, or of one of its numbers, in v, or in q."""
-    joint, bracket, number = name.partition("[") if name not in mechanism.joints else (name, "", "")
-    model, i = mechanism.model, mechanism.joint_index(joint)
-    start, size = (model.idx_qs[i], model.nqs[i]) if positions else (model.idx_vs[i], model.nvs[i])
-    if not bracket:
-        return list(range(start, start + size))
-    if not (number[:-1].isdigit() and number.endswith("]") and int(number[:-1]) < size):
-        raise InputError(f"{mechanism.name}: joint {joint!r} has the numbers {joint}[0] … [{size - 1}], not {name!r}")
-    return [start + int(number[:-1])]
+    joint = name if name in mechanism.joints else name.partition("[")[0]
+    part = places(mechanism.model, mechanism.joint_index(joint))[0 if positions else 1]
+    every = list(range(part.start, part.stop))
+    found = {joint: every} | {f"{joint}[{k}]": [column] for k, column in enumerate(every)}
+    if name not in found:
+        last = len(every) - 1
+        raise InputError(f"{mechanism.name}: joint {joint!r} has the numbers {joint}[0] … [{last}], not {name!r}")
+    return found[name]
 
 
 def _of(mechanism, joint, rows):

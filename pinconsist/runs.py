@@ -13,6 +13,7 @@ from .checkpoints import ROWS, STEPS, carry_out, checkpoints
 from .errors import FormatError, InputError
 from .files import require_writable
 from .interrupts import ended_like_ctrl_c
+from .mechanism.checks import several
 from .mechanism.description import digests
 from .mechanism.forces import Piecewise
 from .mechanism.forces.held import HeldRecord
@@ -230,7 +231,7 @@ def _scene(scene, load, file):
         raise InputError(f"load= maps options of load() to their values; those are {known}, got {load!r}")
     options = {name: value for name, value in load.items() if value is not None}
     for name in {"package_dirs", "ignore"} & set(options):
-        options[name] = [each] if isinstance(each := options[name], str | os.PathLike) else list(each)
+        options[name] = list(several(options[name]))
     source = SceneSource(os.fspath(scene), **options)
     mechanism, files = source.load_with_hashes()
     return mechanism, source.record(file), files

@@ -20,8 +20,7 @@ from .compare import compare
 from .models import models
 from .output import FAILED, INTERRUPTED, WRONG_INPUT, in_options, message, print_error, print_json, rescued
 from .plot import plot
-from .render import render
-from .replay import replay
+from .replay import render, replay
 from .rerun import rerun, resume
 from .sensitivity import sensitivity
 from .simulate import simulate

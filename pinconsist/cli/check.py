@@ -22,6 +22,7 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
     """
     from ..mechanism.closing import LoopSolver
     from ..mechanism.correction import rounding_of
+    from ..mechanism.names import by_joint
     from ..mechanism.singularity import held_motors, require_nonsingular
     from ..mechanism.system import MechanismSystem
 
@@ -57,7 +58,7 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
             "regular": not singular, "held_motors": held, "corrected_by": mech.corrected_by,
             "weak": [{"loop": loop, "row": row, "by": by} for (loop, row), by in weak.items()],
             "mobility_without_weak": without,
-            "guess": scene.by_joint(mech, guess), "q": scene.by_joint(mech, assembly.q),
+            "guess": by_joint(mech, guess), "q": by_joint(mech, assembly.q),
             **({"error": singular} if singular else {}), "warnings": warnings,
         })  # fmt: skip
     else:
@@ -69,10 +70,12 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
 
 def _report_open(mech, before, after, error, as_json) -> int:
     """Report loops that cannot close, and by how much they are open."""
+    from ..mechanism.names import by_joint
+
     if as_json:
         output.print_json({
             "scene": mech.name, "closed": False, "error": str(error), "gaps_before": before, "gaps": after,
-            "q": scene.by_joint(mech, error.q),
+            "q": by_joint(mech, error.q),
         })  # fmt: skip
     else:
         _print_inventory(mech)

@@ -89,10 +89,9 @@ def size(value, digits=".6g") -> str:
     return "0" if abs(value) < NOTHING else f"{value:{digits}}"
 
 
-def paragraph(text, *, indent="", hanging="", to=None):
-    """Print a text, on stdout or another stream, in lines that fit the terminal, or 80 columns; words stay whole."""
-    stream = to or sys.stdout
-    print(_filled(text, stream, indent, indent + hanging), file=stream)
+def paragraph(text, *, indent="", hanging=""):
+    """Print a text in lines that fit the terminal, or 80 columns; words stay whole."""
+    print(_filled(text, sys.stdout, indent, indent + hanging))
 
 
 def verdict(certificate):

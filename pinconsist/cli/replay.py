@@ -1,10 +1,13 @@
-"""`pinconsist replay`, and the options for how a page looks."""
+"""`pinconsist replay` and `pinconsist render`, and the options for how a picture looks."""
 
 import logging
 import time
 import webbrowser
+from contextlib import contextmanager
 from math import floor, log10
 from typing import Annotated
+
+import typer
 
 import pinconsist as pc
 
@@ -13,6 +16,7 @@ from . import options as given
 from . import output
 from .options import Text, option
 from .run import print_in_a_line, run_of
+from .terminal import bar
 
 
 def replay(
@@ -60,6 +64,46 @@ def _serve(mech, sol, options, no_browser):
             time.sleep(3600)
     except KeyboardInterrupt:
         logging.getLogger(__name__).debug("no longer served")
+
+
+def render(
+    source: given.RunOrScene,
+    out: Annotated[str, typer.Argument(
+        metavar="FILE", help="A film (.mp4 or .gif), or drawings of a planar mechanism (.svg).")],
+    at: Annotated[list[float] | None, option(
+        "--at", "SECONDS ...", "Times to draw in an .svg. Default: the start.")] = None,
+    scene_of_run: given.SceneOfRun = None,
+    until: given.Until = None,
+    forces: given.Forces = False,
+    traces: given.Traces = None,
+    speed: given.Speed = None,
+) -> int:  # fmt: skip
+    """Make a film of a saved run or a scene, or draw it at given times.
+
+    Example: pinconsist render run.npz run.mp4 --forces
+    """
+    from ..view import render as painted
+
+    output.require_writable(FILE=out)
+    painted.require_file(out, at or ())
+    mech, sol, code = run_of(source, scene_of_run, until, requirement(source, traces, speed))
+    options = look(sol, forces, traces, speed) | {"at": at or ()}
+    with _progress() as watch:
+        output.written(out, lambda: painted.render(mech, sol, out, **options, watch=watch))
+    print_in_a_line(sol)
+    output.print_written(out)
+    return code
+
+
+@contextmanager
+def _progress():
+    """A function to call after each frame, which moves a bar on a terminal."""
+    if not output.on_terminal():
+        yield None
+        return
+    with bar("{task.completed} of {task.total} frames") as shown:
+        task = shown.add_task("", total=None)
+        yield lambda done, total: shown.update(task, completed=done, total=total)
 
 
 def look(sol, forces, traces, speed) -> dict:

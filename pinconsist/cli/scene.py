@@ -111,16 +111,6 @@ def _number(text) -> float:
     return float(f"{sign}1") * float(times or 1) * pi / float(over or 1)
 
 
-def by_joint(mech, vector, *, velocity=False) -> dict:
-    """Joint → its number, or list of numbers, in a configuration or a velocity."""
-    starts, sizes = (mech.model.idx_vs, mech.model.nvs) if velocity else (mech.model.idx_qs, mech.model.nqs)
-    result = {}
-    for j, joint in enumerate(mech.joints, start=1):
-        part = [float(value) for value in vector[starts[j] : starts[j] + sizes[j]]]
-        result[joint] = part[0] if len(part) == 1 else part
-    return result
-
-
 def describe(mech, assembly) -> str:
     """The scene in one line."""
     text = f"{mech.name}: {counted(len(mech.joints), 'joint')}, {counted(len(mech.loops), 'loop')}"
@@ -168,24 +158,20 @@ def text(value, digits=4) -> str:
 
 def scene_warnings(mech, assembly) -> list[str]:
     """What looks like a mistake in a scene that closes: a sentence for each."""
-    return first(_outside_limits(mech, assembly.q), MOST_SHOWN, "and {} more") + _immobile(mech, assembly)
+    from ..mechanism.limits import beyond_limits
+
+    outside = [
+        f"{each.joint} = {size(each.value)} is outside the limits of its file, {each.lower:.6g} … {each.upper:.6g}: a "
+        "wrong anchor or guess?"
+        for each in beyond_limits(mech, [0.0], assembly.q[None, :])
+    ]
+    return first(outside, MOST_SHOWN, "and {} more") + _immobile(mech, assembly)
 
 
 def log_warnings(sentences):
     """Log what `scene_warnings` returned."""
     for sentence in sentences:
         _log.warning("%s", sentence)
-
-
-def _outside_limits(mech, q) -> list[str]:
-    """Joints that are outside of the limits of their file; whole turns do not count."""
-    from ..mechanism.limits import beyond_limits
-
-    return [
-        f"{each.joint} = {size(each.value)} is outside the limits of its file, {each.lower:.6g} … {each.upper:.6g}: a "
-        "wrong anchor or guess?"
-        for each in beyond_limits(mech, [0.0], q[None, :])
-    ]
 
 
 def _immobile(mech, assembly) -> list[str]:

@@ -76,12 +76,11 @@ def _quantity(mech, name):
     """Labels, and a function of mechanism and state: a frame's place, a joint's numbers, or a loop's multipliers."""
     import pinocchio as pin
 
-    from ..mechanism.checks import frame_of, near
+    from ..mechanism.checks import frame_of, near, places
     from ..mechanism.names import position_names
 
     if name in mech.joints:
-        joint = mech.joint_index(name)
-        numbers = slice(first := mech.model.idx_qs[joint], first + mech.model.nqs[joint])
+        numbers, _ = places(mech.model, mech.joint_index(name))
         return position_names(mech.model)[numbers], lambda mech, t, q, v, lam: q[numbers]
     rows = [i for i, (loop, _) in enumerate(mech.row_labels) if loop == name]
     if rows:

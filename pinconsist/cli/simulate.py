@@ -119,6 +119,8 @@ def _written(file, sol, out, write):
 
 
 def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
+    from ..mechanism.names import by_joint
+
     names = ("verdict", "ok", "position", "position_at", "velocity", "force", "force_first", "energy_error")
     return {
         "scene": {
@@ -134,6 +136,6 @@ def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
         "certificate": certificate and {name: getattr(certificate, name) for name in names}
         | {"beyond_limits": [asdict(each) for each in certificate.beyond_limits]}
         | {"error": certificate.error and asdict(certificate.error)},
-        "end": {"q": scene.by_joint(mech, sol.q[-1]), "v": scene.by_joint(mech, sol.v[-1], velocity=True)},
+        "end": {"q": by_joint(mech, sol.q[-1]), "v": by_joint(mech, sol.v[-1])},
         "files": files,
     }  # fmt: skip

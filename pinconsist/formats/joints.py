@@ -28,6 +28,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
+from ..mechanism.checks import places
 from ..mechanism.lock import rebuilt
 from .reading import finite, located, require_known, shown
 from .records import amount, known_keys, mapping, name
@@ -117,7 +118,7 @@ def with_values(model: pin.Model, values: dict[str, dict]) -> pin.Model:
     for joint, given in values.items():
         require_known(joint, tuple(model.names)[1:], f"the model has no joint {joint!r}", f"joints: {joint}")
         i = model.getJointId(joint)
-        part, size = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i]), model.nvs[i]
+        part, size = places(model, i)[1], model.nvs[i]
         for key, value in given.items():
             if isinstance(value, tuple) and len(value) != size:
                 reason = f"one number or {size} are needed, one for each velocity of the joint; these are {len(value)}"

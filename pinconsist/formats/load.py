@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import pinocchio as pin
 
 from ..errors import FormatError, InputError
+from ..mechanism.checks import several
 from ..mechanism.constraint_models import loops_of
 from ..mechanism.mechanism import Geometry, Mechanism
 from . import catalogue, loopfile
@@ -66,7 +66,7 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(),
     """
     if closure is not None and closure not in _CLOSURES:
         raise InputError(f"closure={closure!r} is not one of {', '.join(_CLOSURES)}")
-    package_dirs, ignore = _several(package_dirs), _several(ignore)
+    package_dirs, ignore = several(package_dirs), several(ignore)
     if not all(isinstance(folder, (str, os.PathLike)) for folder in package_dirs):
         raise InputError(f"package_dirs= needs folders, got {package_dirs!r}")
     if not all(isinstance(tag, str) for tag in ignore):
@@ -129,12 +129,6 @@ def read_scene(
             geometry=Geometry(robot.shapes, tuple(str(Path(folder).resolve()) for folder in folders)),
             duration=record.duration,
         )
-
-
-def _several(values) -> tuple:
-    """The values of an option that may also be given as one."""
-    alone = isinstance(values, (str, os.PathLike)) or not isinstance(values, Iterable)
-    return (values,) if alone else tuple(values)
 
 
 def _of_model(source, loops, closure) -> Mechanism:

@@ -22,6 +22,7 @@ from ..errors import FormatError
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
+from ..mechanism.rows import LoopRows
 from .joints import check_type, in_order, joint_settings, new_names, with_values
 from .reading import finite, located, near, read_bytes, require_known, shown
 from .records import amount, force_element, force_record, items, known_keys, loop_element, loop_record, name, numbers
@@ -58,23 +59,16 @@ class LoopFile:
 
     def check(self, model) -> None:
         """Raise FormatError for frames and joints that a model does not have, or that do not suit a record."""
-        frames, joints = [frame.name for frame in model.frames], tuple(model.names)[1:]
         for number, loop in enumerate(self.loops, start=1):
-            with located(element=loop_element(number, loop.name)):
-                for frame in (loop.frame1, loop.frame2) if isinstance(loop, Loop) else ():
-                    require_known(frame, frames, f"the model has no frame {frame!r}")
-                    if frames.count(frame) > 1:
-                        reason = "belongs to a link and to a joint that is elsewhere; rename one of them"
-                        raise FormatError(f"the name {frame!r} {reason}")
-                for key in ("joint", "other"):
-                    if joint := getattr(loop, key, None):
-                        require_known(joint, joints, f"the model has no joint {joint!r}")
+            prefix = f"{'loop' if isinstance(loop, Loop) else loop.kind} {loop.name!r}: "
+            with located(element=loop_element(number, loop.name), prefix=prefix):
+                LoopRows(model, [loop])
         for number, force in enumerate(self.forces, start=1):
             with located(element=force_element(number, force)):
                 force.bind(model)
         for element, named in (("guess", self.guess), ("actuated joints", self.actuated)):
             for joint in named:
-                require_known(joint, joints, f"the model has no joint {joint!r}", element)
+                require_known(joint, tuple(model.names)[1:], f"the model has no joint {joint!r}", element)
 
 
 def find_loop_file(path: Path) -> Path | None:

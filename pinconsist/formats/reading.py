@@ -220,25 +220,20 @@ class Node:
         return type(self)(xml, f"{self.name}: {tag}" if self.name else tag)
 
 
-def tag_of(element: Element) -> str:
-    """The tag without its namespace, which is shown as a prefix where it is Drake's."""
-    space, _, tag = str(element.tag).rpartition("}")
-    return f"drake:{tag}" if "drake" in space else tag
-
-
 def closing(elements: Iterable[Element], known: Iterable[str]) -> list[tuple[str, Element]]:
     """(tag, element) of those that close a loop elsewhere, judging by the tag, which may be a misspelt ``loop_joint``.
 
     A robot without them would come apart, see :func:`refuse`. What else is unknown in a file (sensors, plugins, contact
     parameters) has no part in the motion and is left out.
     """
-    tags = [(tag_of(element), element) for element in elements]
-    return [
-        (tag, element)
-        for tag, element in tags
-        if tag not in known
-        and (_CLOSES.search(tag) or difflib.get_close_matches(tag.lower(), ["loop_joint"], cutoff=0.8))
-    ]
+    found = []
+    for element in elements:
+        space, _, tag = str(element.tag).rpartition("}")
+        tag = f"drake:{tag}" if "drake" in space else tag  # other namespaces are not shown
+        like = _CLOSES.search(tag) or difflib.get_close_matches(tag.lower(), ["loop_joint"], cutoff=0.8)
+        if like and tag not in known:
+            found.append((tag, element))
+    return found
 
 
 def refuse(found: Iterable[tuple[str, Element]], ignore, root: Element, content, advice: str) -> None:

@@ -27,6 +27,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
+import numpy as np
+
 from ..errors import FormatError, InputError
 from ..mechanism.forces import (
     Actuator,
@@ -41,6 +43,7 @@ from ..mechanism.forces import (
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import ROW_NAMES, Loop
 from ..mechanism.motion import Motion
+from ..mechanism.names import by_joint
 from .reading import bound, finite, located, near, shown
 
 LOOPS = {kind: Loop for kind in ROW_NAMES} | {"coupling": Coupling, "drive": Drive}
@@ -108,9 +111,8 @@ def _force_entry(mechanism, force):
         raise InputError(f"{what} is a user-defined function, which a file cannot store; leave it out")
     field = next((each.name for each in dataclasses.fields(force) if each.type.startswith("Mapping")), None)
     if field and not isinstance(values := getattr(force, field), Mapping):  # a number for each velocity
-        shares = {joint: values[mechanism.columns(joint)] for joint in mechanism.joints}
-        by_joint = {joint: share[0] if len(share) == 1 else share for joint, share in shares.items() if any(share)}
-        force = dataclasses.replace(force, **{field: by_joint})
+        shares = {joint: share for joint, share in by_joint(mechanism, values).items() if np.any(share)}
+        force = dataclasses.replace(force, **{field: shares})
     return {"kind": kind} | _fields(force, what)
 
 

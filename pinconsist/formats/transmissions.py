@@ -32,7 +32,9 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
     found: dict[str, Actuator] = {}
     for number, node in enumerate(Node(robot).children("transmission"), start=1):
         node.name = f"transmission {(node.get('name') or str(number))!r}"
-        joints, actuators = (sorted(node.children(tag), key=_role) for tag in ("joint", "actuator"))
+        joints, actuators = (
+            sorted(node.children(tag), key=lambda each: _text(each, "role")) for tag in ("joint", "actuator")
+        )
         mixed = _MIXED.get(_text(node, "type").rpartition("/")[2])
         if len(joints) != (count := 2 if mixed else 1) or len(actuators) != count:
             if joints or actuators:
@@ -72,10 +74,6 @@ def _ends(model, column, reduction, unlimited) -> tuple[float, ...]:
 
 def _text(node, tag) -> str:
     return (child.xml.text or "").strip() if (child := node.child(tag)) else ""
-
-
-def _role(node) -> str:
-    return _text(node, "role")
 
 
 def _number(tags, nodes, default) -> float:

@@ -19,6 +19,7 @@ import yaml
 from ..errors import FormatError, InputError
 from ..files import written_whole
 from ..mechanism.mechanism import Mechanism
+from ..mechanism.names import by_joint
 from ..mechanism.rows import LoopRows
 from .catalogue import Source
 from .joints import VALUES
@@ -98,14 +99,12 @@ def _loop_file(mechanism, joints) -> dict:
     if np.any(model.gravity.angular):
         raise InputError(f"{mechanism.name}: gravity has an angular part, which a file cannot hold")
     gravity = model.gravity.linear.tolist()
-    shares = zip(mechanism.joints, np.split(mechanism.guess, model.idx_qs[2:]), strict=True)
-    guess = {name: share.item() if share.size == 1 else share.tolist() for name, share in shares}
     scene = {
         "gravity": gravity if tuple(gravity) != _STANDARD_GRAVITY else None,
         "joints": joints,
         "loops": loop_entries(mechanism),
         "forces": force_entries(mechanism),
-        "guess": guess,
+        "guess": by_joint(mechanism, mechanism.guess),
         "actuated": list(mechanism.actuated),
         "duration": mechanism.duration if mechanism.duration != Mechanism.duration else None,
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import sys
 import warnings
 from collections.abc import Mapping
@@ -75,6 +76,12 @@ def finite_array(value, what: str) -> np.ndarray:
     return array
 
 
+def several(values) -> tuple:
+    """The values of an argument that may also be given as one."""
+    alone = isinstance(values, str | os.PathLike) or not hasattr(values, "__iter__")
+    return (values,) if alone else tuple(values)
+
+
 def name(value, what: str) -> str:
     """The name of a joint or frame; else InputError."""
     if not isinstance(value, str) or not value:
@@ -116,23 +123,17 @@ def spread(model, values, what: str, alike: bool = False) -> np.ndarray:
         return np.array(values)
     full = np.zeros(model.nv)
     for joint, value in values.items():
-        i = joint_index(model, joint, what)
-        start, size = model.idx_vs[i], model.nvs[i]
-        if not (np.size(value) == size or (alike and np.ndim(value) == 0)):
-            raise InputError(f"{what}: joint {joint!r} needs {size} number(s), got {np.size(value)}")
-        full[start : start + size] = value
+        part = full[columns(model, joint, what)]
+        if not (np.size(value) == part.size or (alike and np.ndim(value) == 0)):
+            raise InputError(f"{what}: joint {joint!r} needs {part.size} number(s), got {np.size(value)}")
+        part[:] = value
     return full
 
 
-def similar(name, names) -> list[str]:
-    """Up to four of `names` that resemble a name."""
-    return difflib.get_close_matches(str(name), sorted(set(names)), n=4, cutoff=0.5)
-
-
 def near(name, names) -> str:
-    """``"; near it: …"`` for the end of a message; empty where nothing resembles."""
-    found = ", ".join(similar(name, names))
-    return f"; near it: {found}" if found else ""
+    """``"; near it: …"`` for the end of a message, with up to four of `names`; empty where nothing resembles."""
+    found = difflib.get_close_matches(str(name), sorted(set(names)), n=4, cutoff=0.5)
+    return f"; near it: {', '.join(found)}" if found else ""
 
 
 def joint_index(model, joint: str, what: str) -> int:
@@ -143,11 +144,22 @@ def joint_index(model, joint: str, what: str) -> int:
     return i
 
 
+def places(model, i: int) -> tuple[slice, slice]:
+    """Where the numbers of joint `i` stand in a configuration, and in a velocity."""
+    q, v = model.idx_qs[i], model.idx_vs[i]
+    return slice(q, q + model.nqs[i]), slice(v, v + model.nvs[i])
+
+
+def columns(model, joint: str, what: str) -> slice:
+    """The columns of a joint in v; InputError as by :func:`joint_index`."""
+    return places(model, joint_index(model, joint, what))[1]
+
+
 def coordinates(model, joint: str, q) -> tuple[float, ...]:
     """The numbers of a joint in a configuration as ``Mechanism.configuration`` takes them, one angle for (cos, sin)."""
-    start, size = model.idx_qs[i := model.getJointId(joint)], model.nqs[i]
-    part = tuple(float(value) for value in q[start : start + size])
-    return (atan2(part[1], part[0]),) if size == 2 and model.nvs[i] == 1 else part
+    i = model.getJointId(joint)
+    part = tuple(q[places(model, i)[0]].tolist())
+    return (atan2(part[1], part[0]),) if len(part) == 2 and model.nvs[i] == 1 else part
 
 
 def frame_of(model, frame: str, what: str):
@@ -156,7 +168,9 @@ def frame_of(model, frame: str, what: str):
     if frame not in names:
         raise InputError(f"{what}: the model has no frame {frame!r}{near(frame, names)}")
     if names.count(frame) > 1:
-        raise InputError(f"{what}: the model has several frames named {frame!r}")
+        raise InputError(
+            f"{what}: the name {frame!r} belongs to a link and to a joint that is elsewhere; rename one of them"
+        )
     return model.frames[model.getFrameId(frame)]
 
 
@@ -194,12 +208,11 @@ def checked_model(model: pin.Model) -> pin.Model:
             raise InputError(f"the placement of {what} is not finite, or its rotation matrix is not a rotation")
     if not np.isfinite(model.gravity.vector).all():
         raise InputError(f"the gravity of model {model.name!r} is not finite")
-    bad = np.flatnonzero(~(np.isfinite(model.armature) & (model.armature >= 0)))
-    if len(bad):
-        joint = next(j for j in range(1, model.njoints) if bad[0] < model.idx_vs[j] + model.nvs[j])
-        raise InputError(f"the armature of joint {model.names[joint]!r} is negative or not finite")
     named = {frame.name for frame in model.frames}
     for joint, name in enumerate(model.names):
+        armature = model.armature[places(model, joint)[1]] if joint else 0.0
+        if not np.all(np.isfinite(armature) & (armature >= 0.0)):
+            raise InputError(f"the armature of joint {name!r} is negative or not finite")
         if name not in named:
             model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.JOINT), False)
     return model
@@ -217,8 +230,7 @@ def normalized(model, q, who: str) -> np.ndarray:
         return np.array(q)
     q = pin.normalize(model, q)
     for joint in range(1, model.njoints if not pin.isNormalized(model, q, UNIT) else 0):
-        part = slice(i := model.idx_qs[joint], i + model.nqs[joint])
-        alone = pin.neutral(model)
+        part, alone = places(model, joint)[0], pin.neutral(model)
         alone[part] = q[part]
         if not pin.isNormalized(model, alone, UNIT):
             raise InputError(f"{who}: joint {model.names[joint]!r} has an orientation of length zero")
@@ -226,16 +238,20 @@ def normalized(model, q, who: str) -> np.ndarray:
 
 
 def called(function, what: str, t: float, *state):
-    """What a user's function returns; its exceptions become a UserFunctionError."""
+    """What a user's function returns for arrays that it cannot write to; exceptions become a UserFunctionError."""
     try:
-        return function(t, *state)
+        return function(t, *map(read_only, state))
     except Exception as error:
         raise UserFunctionError(what, t, error) from error
 
 
 def returned(function, what: str, shape: tuple, t: float, *state, hint: str = "") -> np.ndarray:
     """The float array of this shape that a user's function returns; InputError where it returns another."""
-    value = called(function, what, t, *state)
+    return real_array(called(function, what, t, *state), what, shape, t, hint)
+
+
+def real_array(value, what: str, shape: tuple, t: float, hint: str = "") -> np.ndarray:
+    """The float array of this shape that a user's function has returned; else InputError."""
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "biuf":

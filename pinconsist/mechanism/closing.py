@@ -19,6 +19,11 @@ MOST_STRIDES = 400
 LEAP = 0.5  # rad or m: no other joint moves farther in one step
 
 
+def steady(loops) -> list:
+    """The loops that do not depend on time."""
+    return [loop for loop in loops if not (loop.kind == "drive" or getattr(loop, "moving", False))]
+
+
 class LoopSolver:
     """The loops of one mechanism at one time, and the ways to close them. `free` marks the velocities that may move."""
 

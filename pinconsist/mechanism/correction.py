@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from .closing import LoopSolver, newton
+from .closing import LoopSolver, newton, steady
 from .description import digests
-from .rank import ROUNDED, independent_rows, row_scales
+from .rank import ROUNDED, row_scales
 
 _WEAK = (30.0, 3.0)  # how many errors may add up in a row of J, tried one after the other
 _REACH = 0.4  # rad and m, from one configuration of the walk to the next
@@ -41,20 +41,14 @@ class Correction(NamedTuple):
     mobility: int
 
 
-def corrected(mechanism, precision: float):
-    """See :meth:`Mechanism.corrected`."""
-    found = correction(mechanism, precision) if precision else None
-    return mechanism if found is None else found.mechanism
-
-
 def correction(mechanism, precision: float) -> Correction | None:
     """The smallest correction with which rows leave that errors of this size can make independent; None without any."""
     if not mechanism.anchored_loops:
         return None
-    moving = [loop for loop in mechanism.loops if loop.kind == "drive" or getattr(loop, "moving", False)]
-    steady = mechanism.with_loops(*(loop for loop in mechanism.loops if loop not in moving))
+    still = mechanism.with_loops(*steady(mechanism.loops))
+    moving = [loop for loop in mechanism.loops if loop not in still.loops]
     for weak in _WEAK:
-        walk = _Walk(steady, weak * precision)
+        walk = Walk(still, weak * precision)
         places = walk.contradictions()
         for branching in (True, False) if places else ():
             found = _corrected(walk, places, precision, branching)
@@ -117,7 +111,7 @@ def _corrected(walk, places, precision, branching) -> Correction | None:
         if np.max(np.abs(change)) > _BEYOND * precision:
             return None
         result = _changed(result, np.where(np.abs(change) > 0.1 * _AGREE, change, 0.0).reshape(-1, 6))
-        walk = _Walk(result, walk.weak, rank)
+        walk = Walk(result, walk.weak, rank)
         places = [new for place in places if (new := walk.settled(place)) is not None]
         singular = [new for place in singular if (new := walk.singular(place)) is not None]
         if not places:
@@ -135,7 +129,7 @@ def _step(equations):
     return np.linalg.lstsq(P, -left, rcond=1e-6)[0]
 
 
-class _Walk:
+class Walk:
     """Configurations in which the loops are closed apart from rows that are independent by less than `weak`.
 
     `full` is the rank of the others where the mechanism does not branch.
@@ -150,17 +144,17 @@ class _Walk:
         phi, J = self.solver.rows(q)
         scales = row_scales(J, self.turns)
         U, s, Vt = np.linalg.svd(J / scales[:, None])
-        return phi, scales, U, s, Vt, int(np.count_nonzero(s > self._least(scales) * s[0]))
+        return phi, scales, U, s, Vt, int(np.count_nonzero(s > self._least(scales) * s.max(initial=0.0)))
 
     def _least(self, scales):
-        return self.weak / min(scales.min(), 1.0)
+        return self.weak / scales.min(initial=1.0)
 
     def rank(self, q) -> int:
         return self.split(q)[-1]
 
     def hangs(self, places) -> bool:
         """Whether more rows are independent as the numbers stand."""
-        return any(len(independent_rows(self.solver.rows(place)[1], self.turns)) > self.full for place in places)
+        return any(len(self.solver.kept(place)) > self.full for place in places)
 
     def contradictions(self) -> list:
         """The first places, and ``full`` for them; none where the loops agree, or all rows are independent."""
@@ -217,20 +211,18 @@ class _Walk:
             if rank == k and (best is None or s[k] < best[0]):
                 best = s[k], q
             free, u, v = Vt[rank:], U[:, k] / scales, Vt[k]
-            slope = np.array([u @ self._jacobian(q, _STEP * z) @ v - s[k] for z in free]) / _STEP
+            near = [pin.integrate(self.solver.model, q, _STEP * z) for z in free]
+            slope = np.array([u @ self.solver.rows(each)[1] @ v - s[k] for each in near]) / _STEP
             steep = slope @ slope
             if s[k] < _VANISHES * s[0] or not steep:
                 break
             way = -s[k] * slope / steep
             way *= min(1.0, _REACH / np.linalg.norm(way))
-            near = 3.0 * s[k] / s[0]  # there what branches need not be closed
-            q = self.settled(pin.integrate(self.solver.model, q, way @ free), near if near < _NEAR else 0.0)
+            weak = 3.0 * s[k] / s[0]  # there what branches need not be closed
+            q = self.settled(pin.integrate(self.solver.model, q, way @ free), weak if weak < _NEAR else 0.0)
             if q is None:
                 break
         return best and best[1]
-
-    def _jacobian(self, q, motion):
-        return self.solver.rows(pin.integrate(self.solver.model, q, motion))[1]
 
     def equations(self, q, rank):
         """N Φ and N P at a configuration of this rank; P has six columns for each joint, then for each anchor."""
@@ -248,10 +240,9 @@ class _Walk:
         for number, closure in enumerate(rows.closures):
             if not hasattr(closure, "place1"):
                 continue
-            pose1, pose2 = data.oMi[closure.joint1] * closure.place1, data.oMi[closure.joint2] * closure.place2
-            gap, unit, R = pose1.actInv(pose2), np.eye(6), pose1.rotation.T
-            twist = np.block([[R, -R @ pin.skew(pose2.translation)], [np.zeros((3, 3)), R]])
-            A = closure.rows(gap.translation, gap.rotation, unit[:3], unit[3:])[1] @ twist
+            by_twist, pose1, pose2 = closure.by_twist(data)
+            R = pose1.rotation.T
+            A = by_twist @ np.block([[R, -R @ pin.skew(pose2.translation)], [np.zeros((3, 3)), R]])
             part = P[rows.slices[closure.loop.name]]
             for sign, joint in ((1.0, closure.joint2), (-1.0, closure.joint1)):
                 for j in (j for j in model.supports[joint] if j):

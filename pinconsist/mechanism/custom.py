@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import name, number, put, put_checked, read_only, require_functions, returned
+from .checks import name, number, put, put_checked, require_functions, returned
 from .joint_constraints import Rows
 from .motion import TIME_STEP, check_slope, first, second
 
@@ -142,7 +142,7 @@ class ConstraintRows(Rows):
     def _call(self, field, t, q, columns=()):
         what, shape = f"constraint {self.loop.name!r}: its {field}", (self.loop.size, *columns)
         hint = ", a column for each joint velocity" if columns else ""
-        value = np.array(returned(getattr(self.loop, field), what, shape, t, q := read_only(q), hint=hint))
+        value = np.array(returned(getattr(self.loop, field), what, shape, t, q, hint=hint))
         if not np.isfinite(value).all():
             raise InputError(
                 f"{what} returned a number that is not finite at t = {t:.6g}, "

@@ -12,12 +12,12 @@ from ..errors import InputError
 from .assembly import assemble, impossible_alone
 from .blocks import blocks
 from .checks import warn
-from .closing import CLOSED, LoopSolver
-from .joint_constraints import Drive
-from .rank import free_motions, independent_rows
+from .closing import CLOSED, LoopSolver, steady
+from .correction import Walk
+from .names import by_joint
+from .rank import RANK_TOLERANCE, null_space
 
 PLACES = 5  # closed configurations, besides the first, in which joints and rows are examined
-REACH = 0.4  # how far these lie from one another, rad and m in all coordinates together
 IMMOBILE = 1e-7  # share of a free motion, and displacement in rad or m, below which a joint counts as immobile
 _log = logging.getLogger(__name__)
 
@@ -25,15 +25,15 @@ _log = logging.getLogger(__name__)
 def reduced(mechanism, q=None):
     """See :meth:`Mechanism.reduced`."""
     closed = assemble(mechanism, q).q
-    solver = LoopSolver(mechanism.with_loops(*_steady(mechanism.loops)))
-    places = _places(solver, closed)
-    still = _still_joints(solver, places)
+    walk = Walk(mechanism.with_loops(*steady(mechanism.loops)), RANK_TOLERANCE)
+    places = [closed, *walk.places(1 + PLACES, closed)[1:]]
+    still = _still_joints(walk.solver, places)
     if len(still) == len(mechanism.joints):
         raise InputError(f"{mechanism.name}: the loops leave no motion at all: nothing would be left of the mechanism")
     result = mechanism.lock(still, closed) if still else replace(mechanism, guess=closed)
-    model, kept = mechanism.model, [mechanism.joint_index(joint) for joint in result.joints]
-    left = [k for i in kept for k in range(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])]
-    lighter, changes = _with_fewer_rows(result, [place[left] for place in places])
+    shares = [by_joint(mechanism, place) for place in places]
+    left = [result.configuration({joint: each[joint] for joint in result.joints}) for each in shares]
+    lighter, changes = _with_fewer_rows(result, left)
     if still:
         _log.info("%s: joints that the loops hold still are locked: %s", mechanism.name, ", ".join(still))
     for change in changes:
@@ -41,30 +41,12 @@ def reduced(mechanism, q=None):
     return lighter
 
 
-def _places(solver, closed):
-    """The closed configuration and others, along a random walk on the loops."""
-    rng, places = np.random.default_rng(0), [closed]
-    for _ in range(PLACES):
-        free = _free(solver, places[-1])
-        if not free.shape[1]:
-            break
-        motion = free @ rng.standard_normal(free.shape[1])
-        near = pin.integrate(solver.model, places[-1], REACH * motion / np.linalg.norm(motion))
-        place, _ = solver.close(near)
-        if solver.size(place) <= CLOSED:
-            places.append(place)
-    return places
-
-
-def _free(solver, q):
-    return free_motions(solver.rows(q)[1], solver.loop_rows.turns)
-
-
 def _still_joints(solver, places):
     """The joints that no free motion moves in any of the places, and that are at the same value in all of them."""
     share, mechanism = np.zeros(solver.model.nv), solver.mechanism
     for place in places[1:] or places:  # the first may be a singular position
-        share = np.maximum(share, np.abs(_free(solver, place)).max(axis=1, initial=0.0))
+        free = null_space(solver.rows(place)[1][solver.kept(place)])
+        share = np.maximum(share, np.abs(free).max(axis=1, initial=0.0))
         share = np.maximum(share, np.abs(pin.difference(solver.model, places[0], place)))
     return tuple(joint for joint in mechanism.joints if share[mechanism.columns(joint)].max() < IMMOBILE)
 
@@ -88,12 +70,8 @@ def _with_fewer_rows(mechanism, places):
 
 def _ranks(mechanism, loops, places):
     """The rank of these loops, without those that move, in each place."""
-    solver = LoopSolver(mechanism.with_loops(*_steady(loops)))
-    return [len(independent_rows(solver.rows(place)[1], solver.loop_rows.turns)) for place in places]
-
-
-def _steady(loops):
-    return [loop for loop in loops if not (isinstance(loop, Drive) or getattr(loop, "moving", False))]
+    solver = LoopSolver(mechanism.with_loops(*steady(loops)))
+    return [len(solver.kept(place)) for place in places]
 
 
 def reanchored(mechanism, q=None):

@@ -9,28 +9,19 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import function_name
+from .checks import function_name, places, several
 from .closing import CLOSED
-from .forces import (
-    Actuator,
-    JointDamping,
-    JointFriction,
-    JointSpring,
-    JointTorque,
-    Piecewise,
-    Servo,
-    SpringDamper,
-    Torque,
-    Wrench,
-)
+from .forces import Actuator, Piecewise, SpringDamper, Torque, Wrench
+from .forces.force import ForceRecord
+from .forces.held import HeldRecord
 from .joint_constraints import Coordinate, Coupling, Drive
 from .loops import Loop
 from .rows import LoopRows
 
 _LIMITS = [f"{end}{what}Limit" for what in ("DryFriction", "Effort", "Velocity") for end in ("lower", "upper")]
-_PER_JOINT = [  # what a model holds for each velocity, and for each coordinate
-    (("armature", "damping", "rotorInertia", "rotorGearRatio", *_LIMITS), "idx_vs", "nvs"),
-    (("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin"), "idx_qs", "nqs"),
+_PER_JOINT = [  # what a model holds for each coordinate, and for each velocity
+    ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin"),
+    ("armature", "damping", "rotorInertia", "rotorGearRatio", *_LIMITS),
 ]
 
 
@@ -38,8 +29,7 @@ def lock(mechanism, joints, q=None):
     """See :meth:`Mechanism.lock`."""
     if not (isinstance(joints, str) or hasattr(joints, "__iter__")):
         raise InputError(f"lock needs the name of one joint or of several, got {joints!r}")
-    joints = (joints,) if isinstance(joints, str) else tuple(joints)
-    locked = {joint: mechanism.joint_index(joint) for joint in joints}
+    locked = {joint: mechanism.joint_index(joint) for joint in several(joints)}
     if len(locked) == len(mechanism.joints):
         raise InputError(f"{mechanism.name}: with all its joints locked nothing can move")
     full = mechanism.guess if q is None else mechanism.configuration(q, base=mechanism.guess)
@@ -92,16 +82,6 @@ def _loop(loop, mechanism, smaller, locked, state):
 
 def _force(force, mechanism, smaller, locked, state):
     """The force on the smaller model; None if it has nothing left to act on."""
-    if isinstance(force, JointDamping | JointFriction | JointTorque):
-        field = "torques" if isinstance(force, JointTorque) else "coefficients"
-        left = getattr(force, field)
-        if isinstance(left, Mapping):
-            left = {joint: value for joint, value in left.items() if joint not in locked}
-        else:
-            left = tuple(left[i] for i in state.v_left)
-        return replace(force, **{field: left}) if left else None
-    if isinstance(force, JointSpring | Servo):
-        return None if force.joint in locked else force
     if isinstance(force, Actuator):
         return _actuator(force, mechanism.model, locked, state)
     if isinstance(force, SpringDamper):
@@ -111,6 +91,15 @@ def _force(force, mechanism, smaller, locked, state):
     if isinstance(force, Piecewise):
         left = _force(force.force, mechanism, smaller, locked, state)
         return left and replace(force, force=left)
+    if isinstance(force, ForceRecord) and not isinstance(force, HeldRecord):
+        left = getattr(force, force._acts_on)
+        if isinstance(left, str):
+            return None if left in locked else force
+        if isinstance(left, Mapping):
+            left = {joint: value for joint, value in left.items() if joint not in locked}
+        else:
+            left = tuple(left[i] for i in state.v_left)
+        return replace(force, **{force._acts_on: left}) if left else None
     if hasattr(force, "bind"):
         return force
     names = ("function", "gradient") if isinstance(force, Torque) else ("torque", "derivatives")
@@ -138,10 +127,10 @@ class _WholeState:
     """The whole state of a mechanism from that of the joints that are left; the locked ones are at rest."""
 
     def __init__(self, model, locked, full):
-        left = [i for i in range(1, model.njoints) if i not in set(locked)]
         self.full, self.rest = full, np.zeros(model.nv)
-        self.q_left = [k for i in left for k in range(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])]
-        self.v_left = [k for i in left for k in range(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])]
+        left = [places(model, i) for i in range(1, model.njoints) if i not in set(locked)]
+        every = zip(*left, strict=True)
+        self.q_left, self.v_left = ([k for at in part for k in range(at.start, at.stop)] for part in every)
 
     def __call__(self, *state):
         """(q,), or (q, v)."""
@@ -190,9 +179,8 @@ def rebuilt(
         replacements = parts.get(name, [(name, model.joints[old])])
         for part, joint in replacements:
             carrier, place = new.addJoint(carrier, joint, place, part), pin.SE3.Identity()
-            for fields, start, size in _PER_JOINT[: 1 if name in parts else 2]:
-                here = slice(i := getattr(model, start)[old], i + getattr(model, size)[old])
-                there = slice(i := getattr(new, start)[carrier], i + getattr(new, size)[carrier])
+            held = list(zip(_PER_JOINT, places(model, old), places(new, carrier), strict=True))
+            for fields, here, there in held[1 if name in parts else 0 :]:
                 for field in fields:
                     getattr(new, field)[there] = getattr(model, field)[here]
         if not replacements:

@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import checked_model, near, normalized, number, put, require_mechanism, triple
-from .correction import corrected
+from .checks import checked_model, near, normalized, number, places, put, require_mechanism, triple
+from .correction import correction
 from .custom import Constraint
 from .description import html_of, text_of
 from .forces import as_force, bound_forces
@@ -131,8 +131,7 @@ class Mechanism:
 
     def columns(self, joint: str) -> slice:
         """The columns of a `joint` in v, in τ and in J, as a slice; InputError where there is no such joint."""
-        start = self.model.idx_vs[i := self.joint_index(joint)]
-        return slice(start, start + self.model.nvs[i])
+        return places(self.model, self.joint_index(joint))[1]
 
     def joint_index(self, joint: str) -> int:
         """The index of a `joint` in ``model.joints``, from 1 on: the ground is 0. Its place in v is :meth:`columns`.
@@ -209,9 +208,12 @@ class Mechanism:
 
         It counts for each velocity of a joint. Raises InputError for unknown joints, and values below zero.
         """
-        from .parameters import with_armature
-
-        return with_armature(self, armature)
+        if not isinstance(armature, Mapping):
+            raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
+        model = self.model.copy()
+        for joint, value in armature.items():
+            model.armature[self.columns(joint)] += number(value, f"armature of joint {joint!r}", least=0.0)
+        return replace(self, model=model)
 
     def with_parameters(self, values: Mapping[str, float]) -> Mechanism:
         """The same mechanism with other `values`, name → number: see :mod:`pinconsist.mechanism.parameters`."""
@@ -259,7 +261,8 @@ class Mechanism:
         anchors, do so wherever the mechanism moves after the smallest change of these placements, ``corrected_by``. The
         guess is then closed. Where none within the precision is found, the mechanism stays as it is.
         """
-        return corrected(self, number(precision, "precision", least=0.0))
+        found = correction(self, precision) if (precision := number(precision, "precision", least=0.0)) else None
+        return self if found is None else found.mechanism
 
     def reanchored(self, q0=None) -> Mechanism:
         """The same mechanism with every loop's anchor 2 moved to where anchor 1 fits best.

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .checks import ROTATION, finite_array
+from .checks import ROTATION, finite_array, places
 
 
 def position_names(model) -> list[str]:
@@ -41,16 +41,25 @@ def position_units(model) -> list[str]:
     """``rad``, ``m``, or nothing (of quaternions, and of cosine and sine) for each number of a configuration."""
     of_velocities, units = velocity_units(model), []
     for i in range(1, model.njoints):
-        own = of_velocities[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]]
+        own = of_velocities[places(model, i)[1]]
         shifts = [unit for unit in own if unit == "m"]
         units += own if model.nqs[i] == model.nvs[i] else shifts + [""] * (model.nqs[i] - len(shifts))
     return units
 
 
+def by_joint(mechanism, numbers) -> dict:
+    """Joint → its number, or list of numbers, in a configuration or a velocity."""
+    model = mechanism.model
+    shares = np.split(np.asarray(numbers), (model.idx_qs if len(numbers) == model.nq else model.idx_vs)[2:])
+    return {
+        joint: share.item() if share.size == 1 else share.tolist()
+        for joint, share in zip(mechanism.joints, shares, strict=True)
+    }
+
+
 def filled(mechanism, values, full, velocity=False):
     """`full`, a configuration or a velocity, with the `values` of some joints in it; or these, if they are an array."""
     model, what = mechanism.model, "velocity" if velocity else "configuration"
-    starts, sizes = (model.idx_vs, model.nvs) if velocity else (model.idx_qs, model.nqs)
     if not isinstance(values, Mapping):
         values = finite_array(values, what)
         if values.shape != full.shape:
@@ -59,10 +68,11 @@ def filled(mechanism, values, full, velocity=False):
     for joint, value in values.items():
         i, of_joint = mechanism.joint_index(joint), f"{what} of joint {joint!r}"
         value = finite_array(value, of_joint).ravel() if velocity else _position(model, i, value, of_joint)
-        if value.size != sizes[i]:
-            also = _ALSO.get((model.nqs[i], model.nvs[i]), "") if not velocity else ""
-            raise InputError(f"{of_joint} needs {sizes[i]} number(s){also}, got {value.size}")
-        full[starts[i] : starts[i] + sizes[i]] = value
+        part = full[places(model, i)[velocity]]
+        if value.size != part.size:
+            also = "" if velocity else _ALSO.get((model.nqs[i], model.nvs[i]), "")
+            raise InputError(f"{of_joint} needs {part.size} number(s){also}, got {value.size}")
+        part[:] = value
     return full
 
 

@@ -34,11 +34,6 @@ def has_number(record, path) -> bool:
     return _is_number(part_at(record, path))
 
 
-def number_at(record, path) -> float:
-    """The number at a path."""
-    return float(part_at(record, path))
-
-
 def with_number(record, path, value):
     """The record with another number at a path."""
     if not path:

@@ -32,7 +32,7 @@ from .checks import near, number
 from .forces import JointDamping, JointFriction, bound_forces, model_forces
 from .forces.actuators import Table
 from .forces.force import ForceRecord
-from .numbers import has_number, number_at, numbers_of, part_at, path_of, with_number
+from .numbers import has_number, numbers_of, part_at, path_of, with_number
 
 AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
@@ -83,16 +83,6 @@ def with_parameters(mechanism, values: Mapping[str, float]):
     for name, value in values.items():
         mechanism = parameter(mechanism, name).put(mechanism, number(value, name))
     return mechanism
-
-
-def with_armature(mechanism, armature):
-    """See :meth:`Mechanism.with_armature`."""
-    model = mechanism.model.copy()
-    if not isinstance(armature, Mapping):
-        raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
-    for joint, value in armature.items():
-        model.armature[mechanism.columns(joint)] += number(value, f"armature of joint {joint!r}", least=0.0)
-    return replace(mechanism, model=model)
 
 
 def parameter(mechanism, name: str) -> Parameter:
@@ -194,7 +184,7 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
 def _about_joint(mass, lever, inertia):
     """The ten numbers of a body in which its equations are linear."""
     about = inertia + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
-    return np.array([mass, *(mass * lever), *(about[i] for i in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)))])
+    return np.array([mass, *(mass * lever), *(about[i] for i in OF_INERTIA.values())])
 
 
 def _of_record(mechanism, name, kind, whose) -> Parameter | None:
@@ -259,7 +249,7 @@ def _number_of(mechanism, name, place, i, path) -> Parameter:
         part = lambda value: ("nodes", record, path[:-2], [int(path[-1])])  # noqa: E731
     elif place == "forces" and isinstance(record, ForceRecord):
         part = lambda value: ("force", with_number(record, path, value))  # noqa: E731
-    return Parameter(name, number_at(record, path), put, part)
+    return Parameter(name, float(part_at(record, path)), put, part)
 
 
 @lru_cache(maxsize=1)

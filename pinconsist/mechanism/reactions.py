@@ -171,8 +171,7 @@ def _measured(rows, closure, t, q, lam, axes, workspace):
         joint_forces = twin.residuals(t, q, np.zeros((len(t), model.nv)), lam)[2]
         if not anchored:
             return np.zeros((len(t), 6)), joint_forces
-        ends = closure.joint1, closure.place1.homogeneous, closure.joint2, closure.place2.homogeneous
-        return twin.wrenches(t, q, lam, *ends, axes == "world"), joint_forces
+        return twin.wrenches(t, q, lam, *closure.ends(), axes == "world"), joint_forces
     data, wrenches, joint_forces = workspace.data, np.zeros((len(t), 6)), np.empty((len(t), model.nv))
     for i in range(len(t)):
         pin.computeJointJacobians(model, data, q[i])
@@ -184,7 +183,6 @@ def _measured(rows, closure, t, q, lam, axes, workspace):
 
 def _wrench(closure, data, lam, axes):
     """[force, moment] on body 2 at anchor 2, (∂Φ/∂twist of body 2)ᵀ λ by the rows' own derivatives."""
-    pose1, pose2 = data.oMi[closure.joint1] * closure.place1, data.oMi[closure.joint2] * closure.place2
-    gap, twist = pose1.actInv(pose2), np.eye(6)
-    wrench = closure.rows(gap.translation, gap.rotation, twist[:3], twist[3:])[1].T @ lam
+    J, pose1, _ = closure.by_twist(data)
+    wrench = J.T @ lam
     return wrench if axes == "anchor" else (wrench.reshape(2, 3) @ pose1.rotation.T).ravel()

@@ -61,7 +61,8 @@ class LoopRows:
         self.slices, start = {}, 0
         for loop in self.loops:
             self.slices[loop.name] = slice(start, start := start + len(loop.rows))
-        self.closures = [_closure(model, loop) for loop in self.loops]
+        kinds = [next(rows for record, rows in RECORDS.items() if isinstance(loop, record)) for loop in self.loops]
+        self.closures = [rows(model, loop) for rows, loop in zip(kinds, self.loops, strict=True)]
         self.turns = np.array([turns for closure in self.closures for turns in closure.turns], dtype=bool)
         self.steady = np.array([closure.steady for closure in self.closures for _ in closure.turns], dtype=bool)
         self.moving = any(closure.moving for closure in self.closures)
@@ -156,16 +157,14 @@ class KeptRows:
         if not pinocchios:
             phi, J = closure.evaluate(data, q, t)
             return phi[local], J[local]
-        rows = [_scaled(self.model, data, *each) for each in pinocchios]
-        return rows[0] if len(rows) == 1 else (rows[0][0] + rows[1][0], rows[0][1] + rows[1][1])
+        rows = [[A.dot(part) for part in _calculated(self.model, data, *each)] for *each, A in pinocchios]
+        return rows[0] if len(rows) == 1 else [one + other for one, other in zip(*rows, strict=True)]
 
     def hand_over(self, twin) -> None:
         """Add these rows to the compiled system; it calls Python for those that it does not have."""
         for closure, local, parts in self._closures:
             for i, (shift, matrix) in enumerate(parts):
-                place2 = shifted(closure.place2, shift)
-                ends = closure.joint1, closure.place1.homogeneous, closure.joint2, place2.homogeneous
-                twin.add_anchored(*ends, matrix, i == 0)
+                twin.add_anchored(*closure.ends(shift), matrix, i == 0)
             if not (parts or closure.hand_over(twin)):
                 twin.add_python_rows(closure, local, closure.moving)
 
@@ -195,12 +194,9 @@ class AnchoredRows(Rows):
         return other
 
     def evaluate(self, data, q=None, t=0.0):
-        """Φ and J of this loop."""
-        self.constraint.calc(self.model, data, self.constraint_data)
-        jacobian = self.constraint.jacobian(self.model, data, self.constraint_data)
-        jacobian = jacobian.reshape(-1, self.model.nv)  # Pinocchio gives one column flat
+        error, jacobian = _calculated(self.model, data, self.constraint, self.constraint_data)
         if self.turn is None:
-            return self.place.rows(self.constraint_data.constraint_position_error, None, jacobian, None)
+            return self.place.rows(error, None, jacobian, None)
         pose = self.constraint_data.c1Mc2
         d, R = pose.translation, pose.rotation
         angular = jacobian[3:]  # the twist of body 2 relative to body 1 in axes 1, taken at anchor 1; d is at anchor 2
@@ -211,7 +207,6 @@ class AnchoredRows(Rows):
         return _stacked([block.rows(d, R, linear, angular) for block in self._blocks], 0)
 
     def acceleration_bias(self, data, t=0.0, q=None, v=None):
-        """J̇ v of this loop, from the bodies' velocities and velocity-product accelerations."""
         p1, R1, v1, w1, a1, b1 = _anchor_motion(data, self.joint1, self.place1)
         p2, R2, v2, w2, a2, b2 = _anchor_motion(data, self.joint2, self.place2)
         r, rd, W1 = p2 - p1, v2 - v1, pin.skew(w1)
@@ -220,11 +215,20 @@ class AnchoredRows(Rows):
         motion = R1.T @ r, R1.T @ (rd - W1 @ r), R1.T @ rdd, R1.T @ R2, spin, spin_rate
         return np.concatenate([block.bias(*motion) for block in self._blocks])
 
+    def by_twist(self, data):
+        """J by the twist of body 2 at anchor 2 relative to body 1, in the axes of anchor 1; and the anchors' poses."""
+        pose1, pose2 = data.oMi[self.joint1] * self.place1, data.oMi[self.joint2] * self.place2
+        gap, unit = pose1.actInv(pose2), np.eye(6)
+        return self.rows(gap.translation, gap.rotation, unit[:3], unit[3:])[1], pose1, pose2
+
+    def ends(self, shift=POSE):
+        """Anchor 1, and anchor 2 or the point at `shift` from it, as the compiled system takes them."""
+        return self.joint1, self.place1.homogeneous, self.joint2, _shifted(self.place2, shift).homogeneous
+
     def hand_over(self, twin) -> bool:
         if not isinstance(self.place, Length):
             return False
-        ends = self.joint1, self.place1.homogeneous, self.joint2, self.place2.homogeneous
-        twin.add_distance(*ends, self.place.length)
+        twin.add_distance(*self.ends(), self.place.length)
         return True
 
 
@@ -247,7 +251,7 @@ def near_closed(closure, local):
     return [(here, matrix[0][local]), (shift, matrix[1][local])]
 
 
-def shifted(place, shift):
+def _shifted(place, shift):
     """The placement of the point at `shift` from an anchor, or of the anchor where that is POSE."""
     return pin.SE3(place.rotation, place.act(shift)) if shift is not POSE and shift.any() else place
 
@@ -257,17 +261,16 @@ def _constraint(model, closure, shift):
 
     Error and Jacobian of a point, seen from anchor 1, are exact also while the loop is open.
     """
-    place2 = shifted(closure.place2, shift)
     record = pin.FrameAnchorConstraintModel if shift is POSE else pin.PointAnchorConstraintModel
-    constraint = record(model, closure.joint1, closure.place1, closure.joint2, place2)
+    constraint = record(model, closure.joint1, closure.place1, closure.joint2, _shifted(closure.place2, shift))
     return constraint, constraint.createData()
 
 
-def _scaled(model, data, constraint, constraint_data, matrix):
-    """`matrix` times Pinocchio's position error and Jacobian."""
+def _calculated(model, data, constraint, constraint_data):
+    """Pinocchio's position error and Jacobian of a constraint."""
     constraint.calc(model, data, constraint_data)
-    jacobian = constraint.jacobian(model, data, constraint_data).reshape(-1, model.nv)
-    return matrix.dot(constraint_data.constraint_position_error), matrix.dot(jacobian)
+    jacobian = constraint.jacobian(model, data, constraint_data)  # of one velocity it is flat
+    return constraint_data.constraint_position_error, jacobian.reshape(-1, model.nv)
 
 
 def _stacked(parts, nv):
@@ -294,7 +297,3 @@ def _anchor_motion(data, joint, placement):
 _BUILT: WeakKeyDictionary[Any, LoopRows] = WeakKeyDictionary()  # by mechanism; never evaluated themselves
 RECORDS = {Loop: AnchoredRows, Drive: DriveRow, Coupling: CouplingRow, Constraint: ConstraintRows}
 """What the loops of a mechanism may be, with the class of their rows."""
-
-
-def _closure(model, loop):
-    return next(rows(model, loop) for record, rows in RECORDS.items() if isinstance(loop, record))

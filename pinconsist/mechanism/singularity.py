@@ -9,7 +9,7 @@ from scipy.linalg import qr
 from ..errors import SingularSystemError
 from .closing import LoopSolver
 from .names import joints_in
-from .rank import free_motions, independent_rows, null_space
+from .rank import independent_rows, null_space
 
 NEARBY = 1e-3  # rad and m: how far around a position with dependent rows the rank of the loops is checked
 HELD = 1e-6  # share of a motor in the free motions below which it cannot move
@@ -24,17 +24,20 @@ def require_nonsingular(system, q) -> None:
     """
     rows, name = system.rows, system.mechanism.name
     drives = [loop.name for loop in rows.loops if loop.kind == "drive"]
-    anchored = [row for row, (loop, _) in enumerate(rows.labels) if loop not in drives]
-    if drives and system.nc < _rank(system, q, anchored) + len(drives):
+    others = [row for row, (loop, _) in enumerate(rows.labels) if loop not in drives]
+    if drives and system.nc < len(independent_rows(system.loop_rows(q)[1][others], rows.turns[others])) + len(drives):
         raise SingularSystemError(
             f"{name}: the drives {', '.join(drives)} are more than the loops leave free (or a dead centre, where they "
             "cannot move it): their motions contradict each other. Drive fewer joints",
             names=tuple(drives),
         )
-    if system.dropped_are_zero and _has_inertia(system.mass_matrix(q)):
-        return
+    M = system.mass_matrix(q)
+    if system.dropped_are_zero:
+        inertia = np.linalg.eigvalsh(M)  # that of the motions that the loops leave free is within these bounds
+        if inertia[0] > MASSLESS * inertia[-1]:
+            return
     free = null_space(system.loop_rows(q)[1][system.kept])
-    inertia, motions = np.linalg.eigh(free.T @ system.mass_matrix(q) @ free)
+    inertia, motions = np.linalg.eigh(free.T @ M @ free)
     weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
     if weightless.any():
         why = ": the mass matrix is singular and the loops do not make up for it"
@@ -48,17 +51,6 @@ def require_nonsingular(system, q) -> None:
             "running through one is no problem",
             names=loops,
         )
-
-
-def _has_inertia(M) -> bool:
-    """Whether every motion has inertia: then that of those that the loops leave free is within the same bounds."""
-    inertia = np.linalg.eigvalsh(M)
-    return inertia[0] > MASSLESS * inertia[-1]
-
-
-def _rank(system, q, which) -> int:
-    """How many of some rows of the loops are independent."""
-    return len(independent_rows(system.loop_rows(q)[1][which], system.rows.turns[which]))
 
 
 def without_inertia(mechanism, motions, why) -> SingularSystemError:
@@ -76,7 +68,7 @@ def held_motors(mechanism, q) -> list[str]:
     solver = LoopSolver(mechanism.with_loops(*(loop for loop in mechanism.loops if loop.kind != "drive")))
     every = range(mechanism.nv)
     columns = [(column, joint) for joint in mechanism.actuated for column in every[mechanism.columns(joint)]]
-    free, able = free_motions(solver.rows(q)[1], solver.loop_rows.turns)[[column for column, _ in columns]], []
+    free, able = null_space(solver.rows(q)[1][solver.kept(q)])[[column for column, _ in columns]], []
     if free.size:
         R, pivots = qr(free.T, mode="r", pivoting=True)
         able = pivots[: np.count_nonzero(np.abs(np.diagonal(R)) > HELD)]
@@ -91,5 +83,5 @@ def rank_nearby(system, q, free) -> int:
     for _ in range(3):
         motion = free @ rng.standard_normal(free.shape[1])
         nearby, _ = solver.close(pin.integrate(system.model, q, NEARBY * motion / np.linalg.norm(motion)))
-        highest = max(highest, len(independent_rows(solver.rows(nearby)[1], system.rows.turns)))
+        highest = max(highest, len(solver.kept(nearby)))
     return highest

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..mechanism.checks import finite_array, number
 from ..mechanism.forces import Actuator, JointTorque, Servo
-from ..mechanism.forces.programmed import Replayed, replayed
+from ..mechanism.forces.held import Held
+from ..mechanism.forces.programmed import replayed
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.rows import Workspace
@@ -98,7 +99,7 @@ class Run:
 
 def motors(mech: Mechanism) -> list:
     """The servos, actuators and joint torques of a mechanism, whose torques depend on the velocity."""
-    return [force for force in mech.forces if isinstance(force, JointTorque | Servo | Actuator | Replayed)]
+    return [force for force in mech.forces if isinstance(force, JointTorque | Servo | Actuator | Held)]
 
 
 def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:

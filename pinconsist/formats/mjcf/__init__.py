@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError
+from ...mechanism.checks import places
 from ..reading import RobotFile, finite, text
 from ..urdf import add_visual, fixed_links
 from .model import Tree, pose
@@ -46,12 +47,9 @@ def read(path: Path, name: str, folders) -> RobotFile:
     except RecursionError:
         raise FormatError("elements are nested too deeply") from None
     start = tree.configuration(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)
-    shares = zip(tree.joints, tree.model.idx_qs[1:], tree.model.nqs[1:], strict=True)
-    guess = {joint: start[first : first + size] for joint, first, size in shares}
-    shapes, actuated = (
-        _visible(compiled, stand_ins, tree.bodies, source.meshes),
-        tuple(joint for joint, _ in actuators if joint),
-    )
+    guess = {joint: start[places(tree.model, i)[0]] for i, joint in enumerate(tree.joints, start=1)}
+    shapes = _visible(compiled, stand_ins, tree.bodies, source.meshes)
+    actuated = tuple(joint for joint, _ in actuators if joint)
     return RobotFile(tree.model, shapes, closures, forces=forces, guess=guess, actuated=actuated)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError, InputError
-from ...mechanism.checks import warn
+from ...mechanism.checks import places, warn
 from ...mechanism.forces import Actuator, JointSpring, Wrench
 from ...mechanism.joint_constraints import Coupling, Drive
 from ...mechanism.loops import GROUND, Loop
@@ -92,7 +92,7 @@ class Tree:
             along = _AXES.get(tuple(axis))
             made = getattr(pin, f"JointModel{letter}{along}")() if along else general(axis)
         joint = model.addJoint(parent, made, before, self.joints[j])
-        v, q = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint]), model.idx_qs[joint]
+        q, v = places(model, joint)
         friction = m.dof_frictionloss[v] * (not {"frictionloss", "constraint"} & self._off)
         model.armature[v], model.damping[v] = m.dof_armature[v], m.dof_damping[v] * ("damper" not in self._off)
         model.lowerDryFrictionLimit[v], model.upperDryFrictionLimit[v] = -friction, friction

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError
+from ...mechanism.checks import places
 from ..reading import shown
 from ..urdf import ROOT_JOINT
 from .document import Document
@@ -114,13 +115,12 @@ class _Tree:
 
 def _set_values(model, joint, axis):
     """Write what limits and brakes a joint."""
-    v = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
+    q, v = places(model, joint)
     model.damping[v] = axis.damping
     model.upperDryFrictionLimit[v], model.lowerDryFrictionLimit[v] = axis.friction, -axis.friction
     model.upperEffortLimit[v], model.lowerEffortLimit[v] = axis.effort, -axis.effort
     model.upperVelocityLimit[v], model.lowerVelocityLimit[v] = axis.velocity, -axis.velocity
     if model.nqs[joint] == 1:
-        q = model.idx_qs[joint]
         model.lowerPositionLimit[q], model.upperPositionLimit[q] = axis.lower, axis.upper
 
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from ...errors import InputError
-from ..checks import amounts, called, function_name, joint_index, put, read_only, require_functions, returned, spread
+from ..checks import amounts, called, columns, function_name, put, real_array, require_functions, returned, spread
 from ..motion import Motion
 
 MOST_NAMED = 3  # joints in a label
@@ -41,10 +41,10 @@ class ForceRecord:
     @property
     def label(self) -> str:
         """The name of the force in energy reports and messages: "damping crank, rocker", without joints if many."""
-        where = getattr(self, self._acts_on)
-        if isinstance(where, Mapping):
-            where = ", ".join(where) if len(where) <= MOST_NAMED else ""
-        return f"{self._kind} {where}" if where and isinstance(where, str) else self._kind
+        where = getattr(self, self._acts_on) or ()
+        names = [where] if isinstance(where, str) else list(where)
+        named = 0 < len(names) <= MOST_NAMED and isinstance(names[0], str)  # not a number for each velocity
+        return f"{self._kind} {', '.join(names)}" if named else self._kind
 
     def bind(self, model) -> Any:
         """The force on one `model`, an object with ``torque(t, q, v)`` and ``derivatives(t, q, v)``; systems call it.
@@ -77,23 +77,22 @@ class _BoundTorque(BoundForce):
             constant = {joint: torque for joint, torque in constant.items() if joint not in functions}
         self._constant, self._curves = spread(model, constant, "JointTorque"), []
         for joint, curve in functions.items():
-            i = joint_index(model, joint, "JointTorque")
-            size, start = model.nvs[i], model.idx_vs[i]
-            shape = () if size == 1 else (size,)
-            self._curves.append((curve, slice(start, start + size), shape, f"the torque of joint {joint!r}"))
+            here = columns(model, joint, "JointTorque")
+            shape = () if here.stop == here.start + 1 else (here.stop - here.start,)
+            self._curves.append((curve, here, shape, f"the torque of joint {joint!r}"))
 
     def torque(self, t, q, v):
         tau = self._constant.copy()
-        for curve, columns, shape, what in self._curves:
-            tau[columns] = returned(curve, what, shape, t)
+        for curve, here, shape, what in self._curves:
+            tau[here] = returned(curve, what, shape, t)
         return tau
 
     def hand_over(self, twin) -> bool:
         own = all(type(curve) is Motion and not shape for curve, _, shape, _ in self._curves)
         if own:
             twin.add_constant(self._constant)
-            for curve, columns, _, _ in self._curves:
-                twin.add_torque_curve(columns.start, curve.numbers)
+            for curve, here, _, _ in self._curves:
+                twin.add_torque_curve(here.start, curve.numbers)
         return own
 
 
@@ -161,7 +160,7 @@ class Torque:
         Raises InputError where that has another shape or is no real number, UserFunctionError where it raises.
         """
         what = f"the torque function {function_name(self.function)}"
-        return returned(self.function, what, v.shape, t, read_only(q), read_only(v))
+        return returned(self.function, what, v.shape, t, q, v)
 
     def derivatives(self, t, q, v) -> tuple[np.ndarray | None, np.ndarray | None]:
         """(∂τ/∂q, ∂τ/∂v) at `t`, `q`, `v`, each (nv, nv) in the tangent space, or None: what ``gradient`` returns.
@@ -190,7 +189,7 @@ class UserForce(BoundForce):
             self.stored = force.stored
 
     def torque(self, t, q, v):
-        return returned(self._force.torque, f"the torque of {self._label!r}", v.shape, t, read_only(q), read_only(v))
+        return returned(self._force.torque, f"the torque of {self._label!r}", v.shape, t, q, v)
 
     def derivatives(self, t, q, v):
         return _gradient(self._force.derivatives, f"the derivatives of {self._label!r}", t, q, v)
@@ -227,28 +226,14 @@ def bound_force(model, force, label):
 
 def _gradient(function, what, t, q, v):
     """What a user's gradient returned, checked."""
-    parts = called(function, what, t, read_only(q), read_only(v))
-    shape = (len(v), len(v))
-    if isinstance(parts, tuple | list) and len(parts) == 2:
-        parts = tuple(None if part is None else np.asarray(part) for part in parts)
-        wrong = next((wrong for part in parts if part is not None and (wrong := _wrong(part, shape))), "")
-    else:
-        wrong = repr(parts)
-    if wrong:
-        raise InputError(
-            f"{what} returned {wrong} at t = {t:.6g}; it must return two matrices of shape {shape}, "
-            "(∂τ/∂q, ∂τ/∂v), or None for either"
-        )
-    return tuple(None if part is None else part.astype(float, copy=False) for part in parts)
-
-
-def _wrong(matrix, shape) -> str:
-    """What is wrong with a user's matrix, or an empty string."""
-    if matrix.shape != shape:
-        return f"shape {matrix.shape}"
-    if matrix.dtype.kind not in "biuf":
-        return "complex numbers" if matrix.dtype.kind == "c" else "no numbers"
-    return "" if np.isfinite(matrix).all() else "a number that is not finite"
+    parts, shape = called(function, what, t, q, v), (len(v), len(v))
+    wanted = f"at t = {t:.6g}; it must return two matrices of shape {shape}, (∂τ/∂q, ∂τ/∂v), or None for either"
+    if not (isinstance(parts, tuple | list) and len(parts) == 2):
+        raise InputError(f"{what} returned {parts!r} {wanted}")
+    found = tuple(None if part is None else real_array(part, what, shape, t) for part in parts)
+    if not all(part is None or np.isfinite(part).all() for part in found):
+        raise InputError(f"{what} returned a number that is not finite {wanted}")
+    return found
 
 
 def unused(wanted: str, taken) -> str:

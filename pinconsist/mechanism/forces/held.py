@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
-from ..checks import finite_array, joint_index, number, put, read_only, require_functions, returned
+from ..checks import columns, finite_array, number, put, read_only, require_functions, returned, several
 from .force import BoundForce, ForceRecord
 
 SAME_TIME = 1e-9  # periods within which two times are one
@@ -85,13 +85,10 @@ class BoundHeld(BoundForce):
         if self._keys[before:n] != (met := [min(key, now) for key in self._keys[before:n]]):
             self._keys[before:n] = met  # `t` was added up, and is a little less
             self._fill()
-        self._enter(n)
-        return n != before and not (self._linear and before and n == before + 1)
-
-    def _enter(self, n):
         self.entered = n
         if self._table is not None:
             self._table.entered = n
+        return n != before and not (self._linear and before and n == before + 1)
 
     def hand_over(self, twin) -> bool:
         twin.add_held(self._in(twin))
@@ -119,8 +116,8 @@ def columns_of(model, joints, who) -> np.ndarray:
     """The velocity columns of some joints, all without."""
     if joints is None:
         return np.arange(model.nv)
-    places = [joint_index(model, joint, who) for joint in joints]
-    return np.concatenate([model.idx_vs[i] + np.arange(model.nvs[i]) for i in places])
+    every = np.arange(model.nv)
+    return np.concatenate([every[columns(model, joint, who)] for joint in joints])
 
 
 class HeldRecord(ForceRecord):
@@ -129,30 +126,30 @@ class HeldRecord(ForceRecord):
     joints: str | Sequence[str] | None = None
     _acts_on = "joints"
 
-    @property
-    def label(self) -> str:
-        joints = self.joints or ()
-        return f"{self._kind} {', '.join(joints)}" if 0 < len(joints) <= 3 else self._kind
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Held(HeldRecord):
-    """Torques that a program gives while the run is made."""
+    """Torques that a program gives while the run is made, or the `table` of what a run has held, by a name."""
 
     name: str
+    table: np.ndarray | None = None
+    sign: float = 1.0
+    joints: str | Sequence[str] | None = None
+    linear: bool = False
 
     label = property(lambda self: self.name)
 
     def bind(self, model):
-        return BoundHeld(model.nv)
+        table = np.zeros((0, 1 + model.nv)) if self.table is None else self.table
+        return BoundHeld(model.nv, table[:, 0], np.ascontiguousarray(table[:, 1:]), self.sign, self.linear)
 
 
 def _bound_table(record, model):
-    columns, n = columns_of(model, record.joints, "HeldTorque"), len(record.times)
-    if record.torques.shape[1] != len(columns):
-        raise InputError(f"HeldTorque: torques need {len(columns)} columns, got shape {record.torques.shape}")
+    here, n = columns_of(model, record.joints, "HeldTorque"), len(record.times)
+    if record.torques.shape[1] != len(here):
+        raise InputError(f"HeldTorque: torques need {len(here)} columns, got shape {record.torques.shape}")
     torques = np.zeros((n, model.nv))
-    torques[:, columns] = record.torques
+    torques[:, here] = record.torques
     sign = -1.0 if n > 1 and record.times[-1] < record.times[0] else 1.0
     return BoundHeld(model.nv, record.times, torques, sign, record.linear)
 
@@ -195,13 +192,7 @@ class HeldTorque(HeldRecord):
                 f"HeldTorque needs times that rise (or fall) and a row of torques for each, got shapes {times.shape} "
                 f"and {torques.shape}"
             )
-        put(self, times=read_only(times), torques=read_only(torques), joints=_names(self.joints))
-
-
-def _names(joints):
-    if joints is None:
-        return None
-    return (joints,) if isinstance(joints, str) else tuple(joints)
+        put(self, times=read_only(times), torques=read_only(torques), joints=self.joints and several(self.joints))
 
 
 class _BoundSampled(BoundHeld):
@@ -218,19 +209,15 @@ class _BoundSampled(BoundHeld):
         late = record.delay / record.period
         self._late = round(late) if abs(late - round(late)) < SAME_TIME else late  # else two times would nearly be one
 
-    def _time(self, count):
-        return self._start + self._sign * count * self._record.period
-
     def next_change(self, t):
         due = min(self._taken, self._waiting[0][0]) if self._waiting else self._taken
-        return self._time(due)
+        return self._start + self._sign * due * self._record.period
 
     def change(self, t, q, v):
         now = self._sign * (t - self._start) / self._record.period + SAME_TIME
         if self._taken <= now:
-            torque = np.zeros(self._nv)
-            shape = (len(self._columns),)
-            torque[self._columns] = returned(self._law, self._what, shape, t, read_only(q), read_only(v))
+            torque, shape = np.zeros(self._nv), (len(self._columns),)
+            torque[self._columns] = returned(self._law, self._what, shape, t, q, v)
             self._waiting.append((self._taken + self._late, torque))
             self._taken += 1
         before = self.entered
@@ -278,7 +265,7 @@ class Sampled(HeldRecord):
 
     def __post_init__(self):
         require_functions(self, "Sampled", "(t, q, v)", "law")
-        put(self, period=number(self.period, "Sampled: period", above=0.0), joints=_names(self.joints))
+        put(self, period=number(self.period, "Sampled: period", above=0.0), joints=self.joints and several(self.joints))
         put(self, delay=number(self.delay, "Sampled: delay", least=0.0))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
@@ -49,23 +48,6 @@ class HeldActuator(Actuator):
         return cls(**known, entries=entries, sign=sign)
 
 
-@dataclass(frozen=True, eq=False)
-class Replayed:
-    """What a run has held, under the label of what made it."""
-
-    label: str
-    table: np.ndarray
-    sign: float
-    joints: str | Sequence[str] | None = None
-    linear: bool = False
-
-    _acts_on: ClassVar[str] = "joints"
-
-    def bind(self, model):
-        times, torques = self.table[:, 0], np.ascontiguousarray(self.table[:, 1:])
-        return BoundHeld(model.nv, times, torques, self.sign, self.linear)
-
-
 def programmed(mechanism):
     """The mechanism with a force ``"control"`` and actuators that a program commands."""
     forces = [HeldActuator.of(force) if isinstance(force, Actuator) else force for force in mechanism.forces]
@@ -98,7 +80,7 @@ def replayed(mechanism, solution):
     forces, sign = [], 1.0 if solution.t[-1] >= solution.t[0] else -1.0
     for force in mechanism.forces:
         if isinstance(force, HeldRecord):
-            force = Replayed(force.label, next(tables), sign, force.joints, getattr(force, "linear", False))
+            force = Held(force.label, next(tables), sign, force.joints, getattr(force, "linear", False))
         elif isinstance(force, Actuator) and force.name in solution.held:
             force = HeldActuator.of(force, solution.held[force.name], sign)
         forces.append(force)
