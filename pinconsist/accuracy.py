@@ -1,7 +1,5 @@
 """The global error of a run, from a finer one."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 

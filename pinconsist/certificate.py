@@ -1,7 +1,5 @@
 """The certificate of a solution: its residuals, measured independently of how it was made."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -5,8 +5,6 @@ numbers after it depend on that state alone, and a run that is continued from it
 without interruption.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from dataclasses import replace

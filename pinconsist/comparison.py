@@ -1,7 +1,5 @@
 """Exact against numerically consistent initial values: the tables of Arévalo (2008), for any system and order."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The package's exceptions. ``str(error)`` is a message for a person; attributes hold what it is based on."""
 
-from __future__ import annotations
-
 import copyreg
 import traceback
 

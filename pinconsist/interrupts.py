@@ -1,7 +1,5 @@
 """Signals that end a run: they are recorded while it is being made, and handled between its steps."""
 
-from __future__ import annotations
-
 import signal
 import threading
 import time

@@ -1,7 +1,5 @@
 """The options of a run: its arguments, checked, as the method that the loop of dae follows."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Answers to compare with: the paper's problems in closed form, and scipy on the index-1 equations of any system."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple

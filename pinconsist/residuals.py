@@ -1,7 +1,5 @@
 """What a run is measured by: its rows in the constraints and in the differential equation."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ._core import load

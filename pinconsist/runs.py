@@ -1,7 +1,5 @@
 """Runs that are kept in a file: `record` one, `resume` it from there, `rerun` it."""
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The two main functions: `simulate` a mechanism, `integrate` any index-3 system."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ._core.compiled import stepper_for

@@ -1,7 +1,5 @@
 """The npz file of a Solution: arrays, and one JSON text with them; never a pickle."""
 
-from __future__ import annotations
-
 import json
 import platform
 import zipfile

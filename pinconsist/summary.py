@@ -1,7 +1,5 @@
 """A run in a few lines of text, and the work that it skipped."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """What `pinconsist sweep --vary` says: the cases, and what each of their numbers changes in a scene or a run."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The sweep of a scene: the run of each case, the journal of their rows, and the table."""
 
-from __future__ import annotations
-
 import csv
 import fcntl
 import hashlib

@@ -1,7 +1,5 @@
 """One function over many cases: in a loop, on any executor, or in processes of its own."""
 
-from __future__ import annotations
-
 import copy
 import multiprocessing
 import os

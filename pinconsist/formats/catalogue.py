@@ -4,8 +4,6 @@ Families are in the plane x-z, gravity along -z. A rod is slender and uniform, 1
 link frame (a crank of the four-bars along +z: upright at zero); a positive angle about +y turns +z to +x and +x to -z.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from importlib.metadata import PackageNotFoundError, distribution

@@ -20,8 +20,6 @@ robot.yaml, replaces a joint by::
     FIXED         no joint: held at zero
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

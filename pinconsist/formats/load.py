@@ -1,7 +1,5 @@
 """Files, names and Pinocchio's own objects → Mechanism."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from importlib import import_module

@@ -7,8 +7,6 @@ simulate by default, s; 5 if it is not given), and ``joints``, ``gravity`` and `
 ``closed_loop`` (pairs of frames), ``type`` (3d or 6d), ``name_mot``, ``joint_name`` and ``joint_type``.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from dataclasses import dataclass, field

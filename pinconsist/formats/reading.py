@@ -1,7 +1,5 @@
 """What all readers of files share: bounded reading, safe XML, numbers, and errors that name file and element."""
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import logging

@@ -22,8 +22,6 @@ A force has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.
 Where code takes a number or a function of time, a file takes a number or the fields of a Motion.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 

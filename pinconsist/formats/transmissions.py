@@ -9,8 +9,6 @@ their roles, have the laws of ROS: actuators and joints have a reduction each, a
 joints do so in their armature alone, which a warning says. Other transmissions exert no force, and a warning says so.
 """
 
-from __future__ import annotations
-
 from xml.etree.ElementTree import Element
 
 import numpy as np

@@ -7,8 +7,6 @@ become plain revolute joints, one angle that counts its turns (nq = nv), where P
 sine; a limit that the file does not give is infinite. What closes loops: :mod:`pinconsist.formats.urdf_loops`.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from pathlib import Path

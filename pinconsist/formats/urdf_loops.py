@@ -35,8 +35,6 @@ Frames with closing names are the two ends of a loop, read if nothing else says 
 ``load(..., closure=...)`` chooses otherwise for all of them.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 from xml.etree.ElementTree import Element

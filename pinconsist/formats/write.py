@@ -4,8 +4,6 @@ A joint's body is a link, named like the first body frame that lies on the joint
 fixed where it lies. Numbers are written in full.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import tempfile

@@ -1,7 +1,5 @@
 """Closed configurations: from any guess onto the loops, velocities onto their derivative, and a report."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property

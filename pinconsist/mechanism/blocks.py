@@ -10,8 +10,6 @@ as seen from body 1. The table of :mod:`pinconsist.mechanism.loops` says what ea
 * ``closest``: the nearest d or R with Φ = 0.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -1,7 +1,5 @@
 """Checks that the records of forces, loops and motions share: of fields, of models and their names, of functions."""
 
-from __future__ import annotations
-
 import difflib
 import os
 import sys

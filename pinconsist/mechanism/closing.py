@@ -1,7 +1,5 @@
 """Closing loops from near and from far, and leading joints while the loops stay closed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

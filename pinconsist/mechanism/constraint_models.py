@@ -1,7 +1,5 @@
 """Loops from Pinocchio's own constraint models, recognised by their class names and read by their attributes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -8,8 +8,6 @@ the placements p of all joints and anchors, N Φ + N P δp = 0 at all these conf
 second order; the δp of smallest norm is taken, and the step repeated until the loops close to rounding.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """A mechanism as text and HTML, with a small picture, and as short texts that say whether two are the same."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import hashlib

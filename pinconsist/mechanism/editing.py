@@ -1,7 +1,5 @@
 """Mechanisms made from mechanisms: redundant joints and rows left out, anchors moved to where loops close."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The energy of a solution: what is stored, what each force brings in, and whether the balance holds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Lie groups of joints where Pinocchio's formulas lose digits: brackets, and planar joints without cancellation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

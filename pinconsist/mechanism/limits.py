@@ -1,7 +1,5 @@
 """Joints outside of the position limits of their file, which do not act in a run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf, tau
 

@@ -1,7 +1,5 @@
 """Joints fixed where they are: the model without them, and what becomes of loops and forces."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

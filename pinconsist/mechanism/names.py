@@ -1,7 +1,5 @@
 """The numbers of a configuration and of a velocity: their names, their units, and what a user may give for them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from math import cos, sin
 

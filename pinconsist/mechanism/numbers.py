@@ -1,7 +1,5 @@
 """The numbers in a record, by their paths."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import replace

@@ -16,8 +16,6 @@
 =======================  ===========================================================================================
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Which constraint rows are independent: rank, kept rows, and what the others depend on."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a loop does to its bodies: multipliers read as force and moment, torque, and joint forces."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

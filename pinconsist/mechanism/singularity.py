@@ -1,7 +1,5 @@
 """Whether a mechanism's equations have one solution at a position: drives, massless motions, singular positions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import qr

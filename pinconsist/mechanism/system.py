@@ -4,8 +4,6 @@ The system integrates the *kept* rows of the loops: rows that are identically ze
 that the KKT matrix is regular. Multipliers of all rows come back, at minimum norm, by :meth:`full_multipliers`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -9,8 +9,6 @@ is refused with its name. (Pinocchio's own reader takes the first body of the wo
 whose derivatives are wrong.)
 """
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 from xml.etree.ElementTree import tostring

@@ -4,8 +4,6 @@ Several joints of one body become a chain of joints with massless bodies between
 ``qpos``: ``ref`` where its body stands as the file places it. Source: MuJoCo's "XML Reference", and mjmodel.h.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 

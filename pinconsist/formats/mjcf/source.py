@@ -5,8 +5,6 @@ folder of the scene. It is compiled with two different stand-ins for meshes, whi
 on them.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import re

@@ -17,8 +17,6 @@ The specification is that of versions 1.4 to 1.12. What a file says is carried o
   massless body between them: Pinocchio's own universal joint has wrong ``computeRNEADerivatives``.
 """
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 from xml.etree.ElementTree import tostring

@@ -5,8 +5,6 @@ derivative gains, ``JointController`` with ``<use_force_commands>`` ``<initial_v
 within cmd_min … cmd_max; the joint's effort limit counts, too. Integral gains are left out. Source: API of gz-sim.
 """
 
-from __future__ import annotations
-
 import math
 
 from ...mechanism.checks import warn

@@ -1,7 +1,5 @@
 """SDF elements → bodies, joints and frames with their places in the world, before any tree is made of them."""
 
-from __future__ import annotations
-
 import logging
 import math
 import re

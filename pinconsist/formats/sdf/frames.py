@@ -4,8 +4,6 @@ Full names join the models and the name, ``model::link``; the world is ``"world"
 semantics" and "Model composition" of sdformat.org.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import pinocchio as pin

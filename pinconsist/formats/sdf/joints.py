@@ -1,7 +1,5 @@
 """Joints of SDF: types, axes, what acts in them, gears and followers."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple

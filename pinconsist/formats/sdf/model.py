@@ -1,7 +1,5 @@
 """A net of joints → pin.Model, depth-first."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping
 

@@ -9,8 +9,6 @@ A ball that is cut becomes a point, a revolute or continuous joint a hinge, a pr
 frame, a universal joint a universal if its axes are perpendicular. Other universal joints and screws are copied.
 """
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Iterable, Sequence
 

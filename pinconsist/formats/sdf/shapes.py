@@ -1,7 +1,5 @@
 """Links of SDF in the words of URDF: one set of checks and one way to show shapes for both formats."""
 
-from __future__ import annotations
-
 import logging
 import os
 from pathlib import Path
