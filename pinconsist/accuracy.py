@@ -173,7 +173,6 @@ def _apart(ours, theirs, t):
 
 
 def _coordinates(system):
-    """The names of the velocity columns, and their units without the second."""
     mechanism = getattr(system, "mechanism", None)
     if mechanism is None:
         return [f"coordinate {i}" for i in range(system.nv)], [""] * system.nv

@@ -47,7 +47,7 @@ def carry_out(recipe, mechanism, file, *, begun=None, callback=None):
     parts, due, (_, t_end) = _Parts(recipe, mechanism, callback, begun), 0.0, recipe.t_span
     with deferred(late=False):
         try:
-            for end in parts.ends_to_come():
+            for end in parts.ends:
                 parts.add(parts.run(end), end)
                 if parts.last.status != 0:
                     break
@@ -86,10 +86,8 @@ class _Parts:
             rows, steps = at["rows"], min(len(begun.h), max(at["rows"] - 1, 0))
             self.parts = [{n: getattr(begun, n)[:rows] for n in ROWS} | {n: getattr(begun, n)[:steps] for n in STEPS}]
             self.last, self.counted, self.rejected = begun, dict(at["counted"]), dict(at["rejected"])
-
-    def ends_to_come(self):
-        ends = checkpoints(self.recipe.t_span, self.recipe.save_every)
-        return ends if self.recipe.checkpoint is None else ends[ends.index(self.recipe.checkpoint["t"]) + 1 :]
+        ends = checkpoints(recipe.t_span, recipe.save_every)
+        self.ends = ends if recipe.checkpoint is None else ends[ends.index(recipe.checkpoint["t"]) + 1 :]
 
     def run(self, end):
         """The part up to a checkpoint."""
@@ -140,7 +138,6 @@ class _Parts:
         self.last = replace(run, status=status, message=message)
 
     def _reached(self):
-        """The time of the last checkpoint."""
         return self.recipe.t_span[0] if self.recipe.checkpoint is None else self.recipe.checkpoint["t"]
 
     def _used_up(self, t):

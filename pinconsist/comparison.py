@@ -217,7 +217,6 @@ def _run(system, t0, p0, v0, exact, h, k, count):
 
 
 def _reached(system, times, p0, v0, mode, k):
-    """λ at times from initial values of one mode."""
     h = times[1] - times[0]
     trajectory = integrate(system, (times[0], times[-1]), p0, v0, Method(k, mode, FixedStep(), h))
     if trajectory.status < 0:

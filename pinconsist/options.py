@@ -69,7 +69,6 @@ def method_of(
 
 
 def _order(max_order, step) -> int:
-    """The highest order of BDF."""
     highest = MAX_ORDER if step is not None else MAX_ADAPTIVE_ORDER
     if max_order is None:
         return MAX_ADAPTIVE_ORDER

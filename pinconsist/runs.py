@@ -202,7 +202,6 @@ def _difference(name, old, new) -> str:
 
 
 def changed_files(then, now) -> list[str]:
-    """A sentence for each file of a scene that has changed."""
     changed = [f"{name} has changed" for name in then if name in now and then[name] != now[name]]
     changed += [f"{name} is not read any more" for name in then if name not in now]
     return changed + [f"{name} was not read then" for name in now if name not in then]

@@ -44,7 +44,9 @@ def npz_path(file) -> Path:
 def read(file) -> dict:
     """The fields of the solution in a file; FormatError for anything but a whole file of this format."""
     try:
-        _require_plain(file)
+        with zipfile.ZipFile(file) as archive:  # compressed, a few kB can stand for all of the memory
+            if any(member.compress_type != zipfile.ZIP_STORED for member in archive.infolist()):
+                raise ValueError("its arrays are compressed")
         with np.load(file, allow_pickle=False) as stored:
             about = json.loads(str(stored["about"]))
             if (written := about.pop("format", None)) != FORMAT:
@@ -83,13 +85,6 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:  # Pinocchio may come from elsewhere than pip
             found[package] = "unknown"
     return found
-
-
-def _require_plain(file):
-    """Raise ValueError for a zip whose members are larger than the file: a few kB can stand for all of the memory."""
-    with zipfile.ZipFile(file) as archive:
-        if any(member.compress_type != zipfile.ZIP_STORED for member in archive.infolist()):
-            raise ValueError("its arrays are compressed")
 
 
 def _check(arrays, about):

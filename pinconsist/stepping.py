@@ -164,13 +164,11 @@ class Simulation:
         return self.state
 
     def _up_to_date(self):
-        """Everything is recorded."""
         if not self._record.begun:
             self._begin()
         self._keep()
 
     def _keep(self):
-        """Record what was made quickly."""
         if self._quick:
             self._record.add(self._stepper.unread())
 

@@ -165,12 +165,10 @@ class Journal:
         self._stream.close()
 
     def add(self, case: int, row: dict) -> None:
-        """Keep the row of a case."""
         self._write([case, row])
         self.rows[case] = row
 
     def remove(self) -> None:
-        """Delete the file, once its table is there."""
         self.path.unlink(missing_ok=True)
 
     def _write(self, values):

@@ -69,7 +69,6 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
 
 
 def _report_open(mech, before, after, error, as_json) -> int:
-    """Report loops that cannot close, and by how much they are open."""
     from ..mechanism.names import by_joint
 
     if as_json:

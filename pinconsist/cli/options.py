@@ -19,7 +19,6 @@ def option(name, metavar, about, panel=None, **limits):
 
 
 def present(**values) -> dict:
-    """The options that were given."""
     return {name: value for name, value in values.items() if value is not None}
 
 

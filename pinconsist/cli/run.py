@@ -49,7 +49,6 @@ def run_of(source, scene_of_run, until, require=lambda mech: None):
 
 
 def print_in_a_line(sol):
-    """The run in one line."""
     output.paragraph(
         f"{sol.scene or 'general problem'}: t = {sol.t[0]:g} … {sol.t[-1]:g} s, {len(sol.t)} rows; "
         f"{output.in_options(sol.message)}"

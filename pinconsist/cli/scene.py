@@ -169,7 +169,6 @@ def scene_warnings(mech, assembly) -> list[str]:
 
 
 def log_warnings(sentences):
-    """Log what `scene_warnings` returned."""
     for sentence in sentences:
         _log.warning("%s", sentence)
 

@@ -249,7 +249,6 @@ def refuse(found: Iterable[tuple[str, Element]], ignore, root: Element, content,
 
 
 def _line(content, root: Element, element: Element) -> int:
-    """The line on which an element of a document starts."""
     lines, parser = [], expat.ParserCreate()
     parser.StartElementHandler = lambda *_: lines.append(parser.CurrentLineNumber)
     parser.Parse(content, True)

@@ -28,16 +28,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..errors import FormatError, InputError
-from ..mechanism.forces import (
-    Actuator,
-    JointDamping,
-    JointFriction,
-    JointSpring,
-    JointTorque,
-    Servo,
-    SpringDamper,
-    Wrench,
-)
+from ..mechanism import forces as laws
 from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import ROW_NAMES, Loop
 from ..mechanism.motion import Motion
@@ -45,8 +36,9 @@ from ..mechanism.names import by_joint
 from .reading import bound, finite, located, near, shown
 
 LOOPS = {kind: Loop for kind in ROW_NAMES} | {"coupling": Coupling, "drive": Drive}
-FORCES = {"damping": JointDamping, "friction": JointFriction, "spring": JointSpring, "spring-damper": SpringDamper}
-FORCES |= {"torque": JointTorque, "servo": Servo, "wrench": Wrench, "actuator": Actuator}
+FORCES = {"damping": laws.JointDamping, "friction": laws.JointFriction, "spring": laws.JointSpring}
+FORCES |= {"spring-damper": laws.SpringDamper, "torque": laws.JointTorque, "servo": laws.Servo}
+FORCES |= {"wrench": laws.Wrench, "actuator": laws.Actuator}
 _MOTION = tuple(each.name for each in dataclasses.fields(Motion))
 _CODE_ONLY = "Callable | None"  # annotation of fields that a file cannot hold
 
@@ -231,7 +223,6 @@ def _field(entry, key, element):
 
 
 def _kind(entry, kinds, element):
-    """The kind of a record, taken out of it."""
     kind = _field(entry, "kind", element)
     if kind not in tuple(kinds):
         raise FormatError(f"unknown kind {shown(kind)}; known are {', '.join(kinds)}", element=element)

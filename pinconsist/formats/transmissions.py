@@ -64,7 +64,6 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
 
 
 def _ends(model, column, reduction, unlimited) -> tuple[float, ...]:
-    """The limits of the motor of a joint with an effort limit."""
     effort = float(getattr(model, "upperEffortLimit", np.full(model.nv, np.inf))[column])
     limit = effort / abs(reduction)
     return (-limit, limit) if 0.0 < effort < unlimited else ()

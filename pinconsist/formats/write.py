@@ -92,7 +92,6 @@ def write(mechanism: Mechanism, path) -> Path:
 
 
 def _loop_file(mechanism, joints) -> dict:
-    """The loop file as plain data."""
     model = mechanism.model
     if np.any(model.gravity.angular):
         raise InputError(f"{mechanism.name}: gravity has an angular part, which a file cannot hold")

@@ -257,5 +257,4 @@ class CouplingRow(Rows):
 
 
 def _nearest(gap: float, period: float | None) -> float:
-    """`gap` without whole periods."""
     return gap if period is None else math.remainder(gap, period)

@@ -63,6 +63,5 @@ def dependencies(J, kept) -> dict[int, dict[int, float]]:
 
 
 def weak_text(weak) -> str:
-    """Rows of :meth:`Ranking.weak` in words."""
     rows = [f"{loop} {row}" for loop, row in list(weak)[:4]] + ["…"] * (len(weak) > 4)
     return f"{', '.join(rows)} are independent of the other rows by {max(weak.values()):.1e} m or rad at most"

@@ -155,7 +155,6 @@ def _nearly_dependent(rows: LoopRows, J) -> dict[str, float]:
 
 
 def not_determined(found: dict[str, float]) -> str:
-    """What :func:`undetermined` found, as a sentence."""
     ends = dict.fromkeys(f"{end(found.values()):.0e}" for end in (min, max))
     return f"the forces of {', '.join(found)} are not determined: their rows depend on others to {' … '.join(ends)}"
 
@@ -175,12 +174,7 @@ def _measured(rows, closure, t, q, lam, axes, workspace):
         pin.computeJointJacobians(model, data, q[i])
         joint_forces[i] = closure.evaluate(data, q[i], t[i])[1].T @ lam[i]
         if anchored:
-            wrenches[i] = _wrench(closure, data, lam[i], axes)
+            J, pose1, _ = closure.by_twist(data)
+            turn = pose1.rotation if axes == "world" else np.eye(3)
+            wrenches[i] = ((J.T @ lam[i]).reshape(2, 3) @ turn.T).ravel()
     return wrenches, joint_forces
-
-
-def _wrench(closure, data, lam, axes):
-    """[force, moment] on body 2 at anchor 2, (∂Φ/∂twist of body 2)ᵀ λ by the rows' own derivatives."""
-    J, pose1, _ = closure.by_twist(data)
-    wrench = J.T @ lam
-    return wrench if axes == "anchor" else (wrench.reshape(2, 3) @ pose1.rotation.T).ravel()

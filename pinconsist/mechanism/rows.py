@@ -274,7 +274,6 @@ def _calculated(model, data, constraint, constraint_data):
 
 
 def _stacked(parts, nv):
-    """One Φ and J from those of several parts."""
     if not parts:
         return np.zeros(0), np.zeros((0, nv))
     if len(parts) == 1:

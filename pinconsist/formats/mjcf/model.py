@@ -263,7 +263,6 @@ def _refuse(m, key, bad, reason):
 
 
 def _element(m, kind, number) -> str:
-    """The name of an element of a compiled model in messages."""
     found = getattr(m, kind, None)
     return f"{kind.replace('jnt', 'joint')} {found(number).name or int(number) + (kind != 'body')!r}" if found else ""
 

@@ -93,7 +93,6 @@ class Frames:
         return path[name]
 
     def _local(self, name):
-        """The pose of a frame in its base."""
         frame = self._frames[name]
         if frame.placement:  # it is that of the frame inside a model by which the model is placed
             place = self.resolve(name, frame.placement, f"{frame.element}: placement_frame")

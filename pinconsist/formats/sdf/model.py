@@ -105,7 +105,6 @@ class _Tree:
         return carrier
 
     def add_frame(self, name, carrier, pose, kind):
-        """Add a frame by its pose in the world."""
         place = self._poses[carrier].actInv(pose)
         parent = self.model.getFrameId(self.model.names[carrier], pin.FrameType.JOINT) if carrier else 0
         self.model.addFrame(pin.Frame(name, carrier, parent, place, kind), False)

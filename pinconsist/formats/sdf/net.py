@@ -139,7 +139,6 @@ def couplings(joints: Sequence[Joint]) -> list[Coupling]:
 
 
 def _coupled(joints):
-    """Names of the joints that gearboxes and followers couple."""
     names = {axis.follows.joint for joint in joints for axis in joint.axes if axis.follows}
     return names.union(*({j.name for j in _geared(joints, box)} for box in joints if box.kind == "gearbox"))
 

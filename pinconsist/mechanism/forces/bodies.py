@@ -35,7 +35,6 @@ class _Points:
         self._still = np.zeros((3, model.nv))
 
     def move(self, q) -> None:
-        """Go to a configuration."""
         pin.computeJointJacobians(self.model, self.data, q)
 
     def at(self, joint: int, offset) -> _Point:

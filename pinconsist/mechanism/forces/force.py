@@ -225,7 +225,6 @@ def bound_force(model, force, label):
 
 
 def _gradient(function, what, t, q, v):
-    """What a user's gradient returned, checked."""
     parts, shape = called(function, what, t, q, v), (len(v), len(v))
     wanted = f"at t = {t:.6g}; it must return two matrices of shape {shape}, (∂τ/∂q, ∂τ/∂v), or None for either"
     if not (isinstance(parts, tuple | list) and len(parts) == 2):

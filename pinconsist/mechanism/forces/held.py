@@ -95,7 +95,6 @@ class BoundHeld(BoundForce):
         return True
 
     def _in(self, twin):
-        """The compiled table."""
         if self._table is None:
             self._table = twin.held_table()
             self._fill()

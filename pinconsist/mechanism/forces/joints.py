@@ -131,7 +131,6 @@ class _BoundServo(BoundForce):
         return own
 
     def _wanted(self, t) -> tuple[float, float]:
-        """θ_d and θ̇_d."""
         if not callable(self._target):
             return self._target, 0.0
 
