@@ -3,7 +3,7 @@
 
 #include "bdf.hpp"
 #include "kkt.hpp"
-#include "rates.hpp"
+#include "parameters.hpp"
 #include "row_gradients.hpp"
 
 namespace pinconsist {

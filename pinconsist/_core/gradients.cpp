@@ -1,7 +1,6 @@
 // What Python sees of gradients.
 #include "bindings.hpp"
 #include "gradient.hpp"
-#include "rates.hpp"
 #include "stage_follow.hpp"
 
 #include <nanobind/stl/shared_ptr.h>
@@ -33,7 +32,7 @@ template <class Work> auto beside(bool calls_python, const Work &work) {
 template <class Holder, class Class, class Of> void bind_parameters(Class &bound, const Of &of) {
   bound.def("use_parameters", [of](Holder &h, int number) { of(h).use(number); })
       .def("add_term", [of](Holder &h, int column, double weight, System &system) { of(h).add_term(column, weight, system); }, nb::keep_alive<1, 4>())
-      .def("use_known", [of](Holder &h, Rates &known) { of(h).known = &known; }, nb::keep_alive<1, 2>());
+      .def("use_known", [of](Holder &h, System &rates) { of(h).known = &dynamic_cast<Known &>(rates); }, nb::keep_alive<1, 2>());
 }
 
 void bind_table_gradients(nb::module_ &m) {
@@ -55,18 +54,6 @@ void bind_table_gradients(nb::module_ &m) {
              const Leg leg = leg_of(t, h, k, base, Z, std::move(changed), changes);
              return beside(system.calls_python() || f.step.parameters.calls_python(), [&] { return f.backward(leg, seeds.data(), rates.data()); });
            });
-  nb::class_<Rates, MechanismSystem>(m, "Rates")
-      .def(nb::init<nb::object, nb::object>(), "model"_a, "data"_a)
-      .def("add_inertia", &Rates::add_inertia)
-      .def("add_gravity", &Rates::add_gravity)
-      .def("close", &Rates::close)
-      .def("set_times", &Rates::set_times)
-      .def("act", &Rates::act)
-      .def("columns", [](Rates &rates, double t, const Vec &p, const Vec &v, const Vec &a, int parameters) {
-        Mat r = Mat::Zero(rates.nv, parameters);
-        rates.add_columns(t, p, v, a, r);
-        return r;
-      });
 }
 
 // What Python hands over of steps of Radau IIA.

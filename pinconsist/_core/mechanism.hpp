@@ -113,9 +113,9 @@ public:
     group_.bracket(xi, ad);
     T.setIdentity(nx, nx);
     for (auto [first, n] : curved) {
-      if (n == 6) T.block<6, 6>(first, first) = LieGroup::chart_block<Eigen::Matrix<double, 6, 6>>(ad.block<6, 6>(first, first));
-      else if (n == 3) T.block<3, 3>(first, first) = LieGroup::chart_block<Matrix3d>(ad.block<3, 3>(first, first));
-      else T.block(first, first, n, n) = LieGroup::chart_block<Mat>(ad.block(first, first, n, n));
+      if (n == 6) T.block<6, 6>(first, first) = chart_block<Eigen::Matrix<double, 6, 6>>(ad.block<6, 6>(first, first));
+      else if (n == 3) T.block<3, 3>(first, first) = chart_block<Matrix3d>(ad.block<3, 3>(first, first));
+      else T.block(first, first, n, n) = chart_block<Mat>(ad.block(first, first, n, n));
     }
   }
 

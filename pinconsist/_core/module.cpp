@@ -4,6 +4,7 @@
 #include "collocation.hpp"
 #include "index1.hpp"
 #include "measured.hpp"
+#include "rates.hpp"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
@@ -163,6 +164,19 @@ NB_MODULE(twin, m) {
         Mat A(s.nv, s.nv);
         s.linearize(t, p, v, a, Vec(), c, A);
         return A;
+      });
+
+  nb::class_<Rates, MechanismSystem>(m, "Rates")
+      .def(nb::init<nb::object, nb::object>(), "model"_a, "data"_a)
+      .def("add_inertia", &Rates::add_inertia)
+      .def("add_gravity", &Rates::add_gravity)
+      .def("close", &Rates::close)
+      .def("set_times", &Rates::set_times)
+      .def("act", &Rates::act)
+      .def("columns", [](Rates &rates, double t, const Vec &p, const Vec &v, const Vec &a, int parameters) {
+        Mat r = Mat::Zero(rates.nv, parameters);
+        rates.add_columns(t, p, v, a, r);
+        return r;
       });
 
   nb::class_<HeldTable>(m, "HeldTable").def("clear", &HeldTable::clear).def("hold", &HeldTable::hold).def_rw("entered", &HeldTable::entered)

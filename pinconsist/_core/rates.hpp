@@ -1,7 +1,8 @@
-// gradients/known.py: the known derivatives of f by many parameters; and what all parameters change in the residuals.
+// gradients/known.py: the known derivatives of f by many parameters.
 #pragma once
 
 #include "mechanism.hpp"
+#include "parameters.hpp"
 
 #include <map>
 
@@ -9,9 +10,11 @@ namespace pinconsist {
 
 // Of parameters of bodies, of gravity and of forces, a column each. The forces of this system are those of one parameter
 // until they are closed.
-class Rates : public MechanismSystem {
+class Rates : public MechanismSystem, public Known {
 public:
   using MechanismSystem::MechanismSystem;
+
+  bool calls_python() const override { return MechanismSystem::calls_python(); }
 
   // By mass, mass times its centre, and inertia about the joint (xx, xy, yy, xz, yz, zz), at these rates.
   void add_inertia(int column, double weight, int joint, const Vec &numbers) {
@@ -37,8 +40,7 @@ public:
     }
   }
 
-  // Add r_θ to columns.
-  void add_columns(double t, const Vec &p, const Vec &v, const Vec &a, Eigen::Ref<Mat> r) {
+  void add_columns(double t, const Vec &p, const Vec &v, const Vec &a, Eigen::Ref<Mat> r) override {
     visit(
         t, p, v, a,
         [&](int column, int body, const pinocchio::Force &force) {
@@ -50,8 +52,7 @@ public:
         },
         [&](int column, double weight) { r.col(column) -= weight * pull_; });
   }
-  // Add wᵀ r_θ.
-  void contract(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &w, Eigen::Ref<Vec> rates) {
+  void contract(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &w, Eigen::Ref<Vec> rates) override {
     bool moves = false;
     const auto move = [&] { // the bodies at joint velocities w
       moves = true;
@@ -130,72 +131,6 @@ private:
   std::map<int, Pull> pulls_;
   std::vector<pinocchio::Motion> twists_;
   Vec pull_;
-};
-
-// What parameters change in the residuals: of each, weighted residuals of mechanisms beside, or what is known of f.
-class Parameters {
-public:
-  Rates *known = nullptr;
-
-  void use(int number) { size_ = number; }
-  // Those of one column one after another.
-  void add_term(int column, double weight, System &other) { terms_.push_back({column, weight, &other}); }
-  int size() const { return size_; }
-  bool calls_python() const {
-    bool any = known && known->calls_python();
-    for (const auto &term : terms_) any = any || term.other->calls_python();
-    return any;
-  }
-
-  // Add (r_θ, Φ_θ, ρ_θ) at a state to columns, r = f - G λ.
-  void add_columns(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, Eigen::Ref<Mat> r, Eigen::Ref<Mat> phi,
-                   Eigen::Ref<Mat> rho) const {
-    if (known) known->add_columns(t, p, v, a, r);
-    for (const auto &term : terms_) {
-      const int k = term.column;
-      add(term, t, p, v, a, lam, r.col(k), phi.col(k), rho.col(k));
-    }
-  }
-  // Add their products with weights.
-  void contract(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, const Vec &of_r, const Vec &of_phi,
-                const Vec &of_rho, Eigen::Ref<Vec> rates) const {
-    if (known) known->contract(t, p, v, a, of_r, rates);
-    Vec r(of_r.size()), phi(of_phi.size()), rho(of_rho.size()); // differences first, as in columns
-    for (auto term = terms_.begin(); term != terms_.end();) {
-      r.setZero();
-      phi.setZero();
-      rho.setZero();
-      const int k = term->column;
-      for (; term != terms_.end() && term->column == k; ++term) add(*term, t, p, v, a, lam, r, phi, rho);
-      rates[k] += r.dot(of_r) + phi.dot(of_phi) + rho.dot(of_rho);
-    }
-  }
-  // All mechanisms beside at a state.
-  template <class Take> void each(double t, const Vec &p, const Vec &v, const Vec &a, const Take &take) const {
-    for (const auto &term : terms_) {
-      term.other->evaluate(t, p, v, a);
-      take(term.column, term.weight, *term.other);
-    }
-  }
-
-private:
-  struct Term {
-    int column;
-    double weight;
-    System *other;
-  };
-
-  static void add(const Term &term, double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, Eigen::Ref<Vec> r, Eigen::Ref<Vec> phi,
-                  Eigen::Ref<Vec> rho) {
-    auto &other = *term.other;
-    other.evaluate(t, p, v, a);
-    r += term.weight * (other.f - other.G_transposed().transpose() * lam);
-    phi += term.weight * other.phi;
-    rho += term.weight * other.rho;
-  }
-
-  int size_ = 0;
-  std::vector<Term> terms_;
 };
 
 } // namespace pinconsist

@@ -1,6 +1,7 @@
 // gradients/stages.py: derivatives of the steps of Radau IIA, and of multipliers at a state.
 #pragma once
 
+#include "charts.hpp"
 #include "gradient.hpp"
 #include "index1.hpp"
 #include "stages.hpp"
