@@ -13,7 +13,7 @@ from .checks import warn
 from .closing import CLOSED, LoopSolver, steady
 from .correction import Walk
 from .names import by_joint
-from .rank import RANK_TOLERANCE, null_space
+from .rank import RANK_TOLERANCE, free_motions
 
 PLACES = 5  # closed configurations, besides the first, in which joints and rows are examined
 IMMOBILE = 1e-7  # share of a free motion, and displacement in rad or m, below which a joint counts as immobile
@@ -43,7 +43,7 @@ def _still_joints(solver, places):
     """The joints that no free motion moves in any of the places, and that are at the same value in all of them."""
     share, mechanism = np.zeros(solver.model.nv), solver.mechanism
     for place in places[1:] or places:  # the first may be a singular position
-        free = null_space(solver.rows(place)[1][solver.kept(place)])
+        free = free_motions(solver.rows(place)[1], solver.loop_rows.turns)
         share = np.maximum(share, np.abs(free).max(axis=1, initial=0.0))
         share = np.maximum(share, np.abs(pin.difference(solver.model, places[0], place)))
     return tuple(joint for joint in mechanism.joints if share[mechanism.columns(joint)].max() < IMMOBILE)

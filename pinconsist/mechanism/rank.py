@@ -44,6 +44,11 @@ def independent_rows(J, turns) -> np.ndarray:
     return Ranking(J, turns).kept
 
 
+def free_motions(J, turns) -> np.ndarray:
+    """Orthonormal basis of the velocities that rows with Jacobian J allow, as columns, shape (nv, n)."""
+    return null_space(J[independent_rows(J, turns)])
+
+
 def null_space(J) -> np.ndarray:
     """Orthonormal basis of the velocities that independent rows J allow, as columns, shape (nv, n)."""
     return np.linalg.svd(J)[2][len(J) :].T if len(J) else np.eye(J.shape[1])

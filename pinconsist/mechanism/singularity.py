@@ -7,7 +7,7 @@ from scipy.linalg import qr
 from ..errors import SingularSystemError
 from .closing import LoopSolver
 from .names import joints_in
-from .rank import independent_rows, null_space
+from .rank import free_motions, independent_rows, null_space
 
 NEARBY = 1e-3  # rad and m: how far around a position with dependent rows the rank of the loops is checked
 HELD = 1e-6  # share of a motor in the free motions below which it cannot move
@@ -66,7 +66,7 @@ def held_motors(mechanism, q) -> list[str]:
     solver = LoopSolver(mechanism.with_loops(*(loop for loop in mechanism.loops if loop.kind != "drive")))
     every = range(mechanism.nv)
     columns = [(column, joint) for joint in mechanism.actuated for column in every[mechanism.columns(joint)]]
-    free, able = null_space(solver.rows(q)[1][solver.kept(q)])[[column for column, _ in columns]], []
+    free, able = free_motions(solver.rows(q)[1], solver.loop_rows.turns)[[column for column, _ in columns]], []
     if free.size:
         R, pivots = qr(free.T, mode="r", pivoting=True)
         able = pivots[: np.count_nonzero(np.abs(np.diagonal(R)) > HELD)]
