@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import tempfile
 import time
 import warnings
 from dataclasses import asdict, dataclass
@@ -10,18 +13,43 @@ from typing import Annotated
 
 import numpy as np
 
-from pinconsist import Actuation, Loop, load
+from pinconsist import Actuation, Loop, PinconsistError, load
 from pinconsist.cli import output
 from pinconsist.cli.options import option
 
-from . import mjcf_actuators, motor_code, report
+from . import mjcf_actuators, report
 
 SCENES = ("double_pendulum", "four_bar", "andrews", "delta_robot", "stewart_platform")
 STEP = 1e-3  # rad or m: what a motor moves in 1 ms at 1 rad/s
-CALLS, REPEATS = 100, 15
+CALLS, CALLS_IN_C, REPEATS = 100, 300, 15
 CRANK, DISTAL, APART = 0.25, 0.3, 0.2  # m, of the five-bar that walks
 STRIDE = 0.4  # rad, standard deviation of a step of the walk
 ROTOR = 0.02  # kg·m², of each motor where the ankle is compared
+MAIN = """
+#include <stdio.h>
+#include <time.h>
+static double q[] = {%(q)s}, goals[2][MOTORS] = {{%(goals)s}, {%(start)s}};
+static double v[MOTORS], A[NV * MOTORS], M[MOTORS * MOTORS], h[MOTORS];
+static int call(int which, int i) {
+  if (which == 0) return leg_closure(goals[i %% 2], q);
+  return which == 1 ? leg_jacobian(q, A) : leg_dynamics(q, v, M, h);
+}
+int main(void) {
+  int which, repeat, i;
+  for (which = 0; which < 3; ++which) {
+    double least = 1e9;
+    for (repeat = 0; repeat < %(repeats)d; ++repeat) {
+      const clock_t begun = clock();
+      for (i = 0; i < %(calls)d; ++i)
+        if (call(which, i)) return 1;
+      const double taken = (double)(clock() - begun) / CLOCKS_PER_SEC / %(calls)d;
+      if (taken < least) least = taken;
+    }
+    printf("%%.4g\\n", least);
+  }
+  return 0;
+}
+"""
 
 
 @dataclass(frozen=True)
@@ -61,9 +89,29 @@ def measured(scenes=SCENES, calls=CALLS, repeats=REPEATS) -> list[Costs]:
             lambda act=act, q=q, zero=zero: act.forward(q, zero, zero),
         )
         times = [min(_timed(way, calls) for _ in range(repeats)) for way in ways]
-        in_c = motor_code.measured(act, STEP, repeats)
+        in_c = measured_in_c(act, repeats)
         rows.append(Costs(Path(scene).name, act.mechanism.nv, m, *times, *in_c))
     return rows
+
+
+def measured_in_c(act: Actuation, repeats: int) -> list[float]:
+    """Times of closure, Jacobian and dynamics, s; NaN where there is no compiler, no CasADi, or no C of it."""
+    if (compiler := shutil.which("cc")) is None:
+        return [float("nan")] * 3
+    start = act.positions()
+    numbers = {"q": act.q, "start": start, "goals": start + STEP}
+    texts = {key: ", ".join(map(repr, value.tolist())) for key, value in numbers.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "leg.c"
+        try:
+            act.to_c(path)
+        except PinconsistError:
+            return [float("nan")] * 3
+        with open(path, "a", encoding="utf-8") as stream:
+            stream.write(MAIN % (texts | {"repeats": repeats, "calls": CALLS_IN_C}))
+        subprocess.run([compiler, "-std=c99", "-O2", "-o", folder + "/leg", path, "-lm"], check=True)
+        done = subprocess.run([folder + "/leg"], check=True, capture_output=True, text=True)
+    return [float(line) for line in done.stdout.split()]
 
 
 def _timed(call, calls) -> float:

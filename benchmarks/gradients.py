@@ -9,7 +9,7 @@ import numpy as np
 
 from pinconsist import Event, MissingExtraError, gradient, load, sensitivities, simulate
 from pinconsist.cli import output
-from pinconsist.gradients.adjoint import STILL
+from pinconsist.gradients.gradient import STILL
 from pinconsist.gradients.sensitivities import prepared
 from pinconsist.gradients.varied import Variants
 

@@ -12,5 +12,5 @@ To be read in this order:
    the first points of BDF.
 6. :mod:`redundant`: the multipliers of rows that depend on each other.
 7. :mod:`lead`: all legs of a run; :mod:`named`: parameters by name; :mod:`sensitivities`: what users call.
-8. :mod:`adjoint`: the same backwards, for one number and many parameters; :mod:`gradient`: what users call.
+8. :mod:`gradient`: the same backwards, for one number and many parameters, and what users call.
 """

@@ -12,10 +12,14 @@ from ..errors import InputError, PinconsistError, UserFunctionError
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import slope
 from ..solution import Solution
-from .adjoint import Back
+from .lead import through, times_of
+from .redundant import Completion
 from .sensitivities import prepared
+from .starts import begun
+from .variants import Variant
 
 NUDGE = 1e-4  # of the size of a coordinate, of differences of fourth order
+STILL = Variant("", 1.0, {}, {}, {}, inert=True, idle=True)  # a direction of the state
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,30 +100,15 @@ def gradient(
     solution, legs, variants, base, names, _ = run
     if solution.status != 0:
         raise PinconsistError(f"the number is one of the whole run, and it ended early: {solution.message}")
-    number = _Number(rows, terminal, solution)
-    back = Back(solution, legs, variants, base, number.derivatives)
+
+    def row(i):  # the last is the end of the run
+        function = terminal if i == len(solution.t) - 1 else rows
+        return function, float(solution.t[i]), solution.q[i], solution.v[i], solution.lam[i]
+
+    back = Back(solution, legs, variants, base, lambda system, i: _derivative(system, *row(i)))
     back.run()
-    return Gradient(number.value(), back.total, names, solution)
-
-
-class _Number:
-    """The sum over all rows but the last, which is the end of the run, and what the end gives."""
-
-    def __init__(self, rows, terminal, solution):
-        self.rows, self.terminal, self.solution, self._seen = rows, terminal, solution, len(solution.t)
-
-    def value(self) -> float:
-        """The number."""
-        return float(sum(_value(function, *state) for function, *state in map(self._row, range(len(self.solution.t)))))
-
-    def _row(self, i):
-        sol, last = self.solution, i == len(self.solution.t) - 1
-        return self.terminal if last else self.rows, float(sol.t[i]), sol.q[i], sol.v[i], sol.lam[i]
-
-    def derivatives(self, leg, times):
-        """Those by [q | v | λ] at the rows of a leg; legs are asked for from the last to the first."""
-        first, self._seen = self._seen - len(times), self._seen - len(times)
-        return np.array([_derivative(leg.system, *self._row(first + i)) for i in range(len(times))])
+    value = sum(_value(*row(i)) for i in range(len(solution.t)))
+    return Gradient(float(value), back.total, names, solution)
 
 
 def _value(function, t, q, v, lam) -> float:
@@ -147,3 +136,65 @@ def _derivative(system, function, t, q, v, lam):
     by_q = along(np.ones(len(v)), lambda e: (system.integrate(q, e), v, lam))
     by_v = along(1.0 + np.abs(v), lambda e: (q, v + e, lam))
     return np.array([*by_q, *by_v, *along(1.0 + np.abs(lam), lambda e: (q, v, lam + e))])
+
+
+class Back:
+    """Goes back along the legs of a run; ``total`` is then the derivative of a number by all parameters.
+
+    The transpose of :mod:`forward`, step by step. What a step passes on does not depend on the parameters; each of them
+    costs the residuals of two mechanisms along the run, and what it changes at its start.
+
+    ``derivative(system, i)`` is that of the number by [q | v | λ] at row i of the run, (nx+nv+n_multipliers,).
+    """
+
+    def __init__(self, solution, legs, variants, base, derivative):
+        self.solution, self.legs, self.variants = solution, legs, variants
+        self.base, self.derivative = base, derivative
+        self.sign = 1.0 if legs[-1].span[1] >= legs[0].span[0] else -1.0
+        self.total = np.zeros(len(variants))
+
+    def run(self) -> None:
+        """Fill ``total``."""
+        times, bar, end = list(times_of(self.solution, self.legs, self.sign)), None, len(self.solution.t)
+        for i in reversed(range(len(self.legs))):
+            leg, begin = self.legs[i], end - len(times[i])
+            seeds = leg.seeds()
+            if bar is not None:
+                leg.sow(np.array([leg.span[1]]), [self._through(leg, self.legs[i + 1], bar)], seeds)
+            leg.sow(times[i], self._pulled(leg, times[i], range(begin, end)), seeds)
+            residuals = self.variants.residuals(leg.system)
+            self.total += leg.follow_back(self.base.index1(leg.system), residuals, seeds)
+            bar, rates = leg.begin_back(self.variants, self.base, seeds[0])
+            self.total, end = self.total + rates, begin
+        self.total += begun(self.variants, self.base, self.legs[0].system) @ bar
+
+    def _through(self, leg, following, bar):
+        """The derivative by s where a leg ends, from that by the state where the `following` one begins."""
+        n = leg.system.nx + leg.system.nv + leg.system.nc
+        s = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
+        both = [STILL] * n + list(self.variants)
+        rates = through(leg, following, self.solution, both, self.base, s) @ bar
+        self.total += rates[n:]
+        return rates[:n]
+
+    def _pulled(self, leg, times, rows):
+        """Derivatives by s of the rows, from those by the multipliers as the user sees them."""
+        system = leg.system
+        nx, nv = system.nx, system.nv
+        if not len(times):
+            return np.zeros((0, nx + nv + system.nc))
+        bars = np.array([self.derivative(system, i) for i in rows])
+        if system.nc == system.n_multipliers:
+            return bars
+        if system.dropped_are_zero:
+            return np.hstack((bars[:, : nx + nv], bars[:, nx + nv :][:, system.kept]))
+        p, y = leg.states(times)[:2]
+        return np.array([self._of_kept(system, *row) for row in zip(p, y[:, nx + nv :], bars, strict=True)])
+
+    def _of_kept(self, system, q, lam, bar):
+        split = system.nx + system.nv
+        if not bar[split:].any():
+            return np.append(bar[:split], np.zeros(system.nc))
+        by_q, by_lam, own = Completion(self.base, system, q, lam).backward(self.variants, bar[split:])
+        self.total += own
+        return np.concatenate((bar[: system.nx] + by_q, bar[system.nx : split], by_lam))
