@@ -14,9 +14,22 @@ LENGTHS, MASSES, SPAN = (1.0, 2.0, 1.5), (1.0, 2.0, 1.5), 2.2
 BUSHING, DAMPER = 1e7, 1e4  # N/m, N·s/m
 
 
+def at(x, y, z=0.0) -> pin.SE3:
+    """A place, not turned."""
+    return pin.SE3(np.eye(3), np.array([x, y, z], dtype=float))
+
+
+def add_body(model, parent, joint, place, name, mass, com, inertia) -> int:
+    """A joint with one body; `com` (3,) and inertia about it: a number (every axis alike) or a 3×3 matrix."""
+    index = model.addJoint(parent, joint, place, name)
+    inertia = np.diag([inertia, inertia, inertia]) if np.isscalar(inertia) else np.asarray(inertia)
+    model.appendBodyToJoint(index, pin.Inertia(mass, np.array(com, float), inertia), pin.SE3.Identity())
+    return index
+
+
 def add_frame(model, joint, name, place=(0.0, 0.0, 0.0)) -> None:
     """An operational frame of a joint's body."""
-    model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(place)), pin.FrameType.OP_FRAME))
+    model.addFrame(pin.Frame(name, joint, 0, at(*place), pin.FrameType.OP_FRAME))
 
 
 def four_bar(*, size=1.0, masses=MASSES, gravity=GRAVITY, forces=(), give=None) -> Mechanism:
@@ -60,11 +73,9 @@ def rssr() -> Mechanism:
         "rocker": (pin.JointModelRY(), 0, (1.0, 0.4, -0.5), 0.7),
     }
     for name, (joint, before, place, length) in parts.items():
-        at = model.addJoint(before, joint, pin.SE3(np.eye(3), np.array(place)), name)
-        across, middle = length**3 / 12, np.array([length / 2, 0.0, 0.0])
-        body = pin.Inertia(length, middle, np.diag([0.05 * across, across, 1.1 * across]))  # 1 kg/m
-        model.appendBodyToJoint(at, body, pin.SE3.Identity())
-        add_frame(model, at, f"{name}_end", (length, 0.0, 0.0))
+        inertia = length**3 / 12 * np.diag([0.05, 1.0, 1.1])  # 1 kg/m
+        index = add_body(model, before, joint, at(*place), name, length, (length / 2, 0.0, 0.0), inertia)
+        add_frame(model, index, f"{name}_end", (length, 0.0, 0.0))
     ball = Loop("ball", "point", "rocker_end", "coupler_end")
     return Mechanism(model, [ball], name="rssr", guess={"rocker": -1.5})
 
@@ -74,8 +85,7 @@ def pendulum() -> Mechanism:
     model = pin.Model()
     model.gravity.linear = np.array([0.0, 0.0, -GRAVITY])
     x = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
-    z = model.addJoint(x, pin.JointModelPZ(), pin.SE3.Identity(), "z")
-    model.appendBodyToJoint(z, pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))), pin.SE3.Identity())
+    z = add_body(model, x, pin.JointModelPZ(), pin.SE3.Identity(), "z", 1.0, (0, 0, 0), 0.0)
     add_frame(model, z, "mass")
     rod = Loop("rod", "distance", "universe", "mass", length=1.0)
     return Mechanism(model, [rod], name="pendulum", guess=[-1.0, 0.0])
@@ -86,10 +96,7 @@ def _rods(parts, gravity=GRAVITY):
     model, last = pin.Model(), 0
     model.gravity.linear = np.array([0.0, 0.0, -gravity])
     for name, joint, offset, length, mass in parts:
-        last = model.addJoint(last, joint, pin.SE3(np.eye(3), np.array([offset, 0.0, 0.0])), name)
-        if length:
-            across = mass * length**2 / 12
-            body = pin.Inertia(mass, np.array([length / 2, 0.0, 0.0]), np.diag([1e-3 * across, across, across]))
-            model.appendBodyToJoint(last, body, pin.SE3.Identity())
+        inertia = mass * length**2 / 12 * np.diag([1e-3, 1.0, 1.0])
+        last = add_body(model, last, joint, at(offset, 0), name, mass, (length / 2, 0.0, 0.0), inertia)
     add_frame(model, last, "end", (length, 0.0, 0.0))
     return model

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from pinconsist import JointDamping, JointSpring, Loop, Mechanism
 
-from ..linkages import GRAVITY, MASSES, NAMES, START, add_frame, four_bar
+from ..linkages import GRAVITY, MASSES, NAMES, START, add_body, add_frame, four_bar
 from .case import EITHER, HELD, RTOL, Case, Figure, certified, largest, reference, relative, should_not_be, solved
 
 UNTIL = 1.0
@@ -104,10 +104,9 @@ def _top(speed, by):
     """A free body, round about its axis, on a pivot: without gravity axis and angular momentum stand still."""
     model = pin.Model()
     model.gravity.setZero()
-    free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "top")
-    body = pin.Inertia(1.0, np.array([0.0, 0.0, 0.3]), np.diag([0.02, 0.02, 0.03]))
-    model.appendBodyToJoint(free, body, pin.SE3.Identity())
-    add_frame(model, free, "pivot")
+    inertia = np.diag([0.02, 0.02, 0.03])
+    add_body(model, 0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "top", 1.0, (0.0, 0.0, 0.3), inertia)
+    add_frame(model, 1, "pivot")
     mech = Mechanism(model, [Loop("pivot", "point", "pivot")])
     spin = np.array([0.0, 0.0, 0.0, 0.3 * speed, 0.1 * speed, speed])
     sol = solved(by, mech, 20 * np.pi / speed, None, spin, atol=(RTOL, RTOL * speed))

@@ -7,6 +7,7 @@ import pinocchio as pin
 
 import pinconsist as pc
 from helpers.bodies import frame_pose
+from helpers.scenes import add_body, add_point
 
 AXIS, AXIS2 = (0.3, -0.5, 0.8), (0.9, 0.2, -0.4)
 E, A = (np.array(axis) / np.linalg.norm(axis) for axis in (AXIS, AXIS2))
@@ -47,9 +48,9 @@ JOINTS = {  # (placement, joint) one after the other, from anchor 1 to anchor 2
 
 
 def arm(model):
-    joint = model.addJoint(0, turning(np.array([0.6, 0.0, 0.8])), pin.SE3.Identity(), "arm")
-    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.1, 0.1, 0.2]), np.diag([0.1, 0.2, 0.15])), AT_ONCE)
-    model.addFrame(pin.Frame("arm_end", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    turn, inertia = turning(np.array([0.6, 0.0, 0.8])), np.diag([0.1, 0.2, 0.15])
+    joint = add_body(model, 0, turn, AT_ONCE, "arm", 2.0, (0.1, 0.1, 0.2), inertia)
+    add_point(model, joint, "arm_end", 0, 0)
     return joint
 
 
@@ -78,7 +79,7 @@ def as_loop(kind, guess=None):
     arm(model)
     free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "body")
     model.appendBodyToJoint(free, BODY, pin.SE3.Identity())
-    model.addFrame(pin.Frame("body_end", free, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_point(model, free, "body_end", 0, 0)
     loop = pc.Loop(
         "held", kind, "arm_end", "body_end", XYZ1, RPY1, XYZ2, RPY2, **own_fields(kind, AXIS, AXIS2, LENGTH)
     )  # fmt: skip

@@ -6,6 +6,7 @@ import pinocchio as pin
 import pinconsist as pc
 from helpers.bodies import frame_pose
 from helpers.held_bodies import AXIS, AXIS2, E, own_fields
+from helpers.scenes import add_body, add_point
 from pinconsist.mechanism.loops import ROW_NAMES
 
 KINDS = tuple(ROW_NAMES)
@@ -39,12 +40,9 @@ def closed_gap(kind, rng):
 def stayed_lid(lever):
     """A lid on two balls along x, kept from turning about them by a stay that passes their line at `lever`, m."""
     model = pin.Model()
-    free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "lid")
-    model.appendBodyToJoint(
-        free, pin.Inertia(2.0, np.array([0, 0, -0.4]), np.diag([0.1, 0.2, 0.15])), pin.SE3.Identity()
-    )
-    ends = ("universe", "lid")
-    model.addFrame(pin.Frame("lid", free, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    inertia, ends = np.diag([0.1, 0.2, 0.15]), ("universe", "lid")
+    free = add_body(model, 0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "lid", 2.0, (0, 0, -0.4), inertia)
+    add_point(model, free, "lid", 0, 0)
     balls = [pc.Loop(f"ball{x}", "point", *ends, xyz1=(x, 0, 0), xyz2=(x, 0, 0)) for x in (-0.5, 0.5)]
     stay = pc.Loop("stay", "distance", *ends, xyz1=(0, 1, 0), xyz2=(0, 0, -lever), length=float(np.hypot(1, lever)))
     return pc.Mechanism(model, [*balls, stay])

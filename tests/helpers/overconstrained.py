@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinconsist as pc
+from helpers.scenes import add_body, at
 
 
 def parallelogram(longer=0.0, kind="hinge"):
@@ -15,10 +16,8 @@ def parallelogram(longer=0.0, kind="hinge"):
     model = pin.Model()
 
     def rod(parent, name, x, length):
-        joint = model.addJoint(parent, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([x, 0, 0])), name)
-        inertia = pin.Inertia(1.0, np.array([length / 2, 0, 0]), np.diag([1e-3, length**2 / 12, length**2 / 12]))
-        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-        return joint
+        inertia = np.diag([1e-3, length**2 / 12, length**2 / 12])
+        return add_body(model, parent, pin.JointModelRY(), at(x, 0), name, 1.0, (length / 2, 0, 0), inertia)
 
     first = rod(0, "a", 0.0, 1.0)
     rod(first, "coupler", 1.0, 2.0)
@@ -56,9 +55,8 @@ def wrist(off=0.0, radius=0.1):
                 continue
             e = axis(leg, *place)
             here = pin.SE3(along(e), radius / 2 * e + off * rng.uniform(-1, 1, 3))
-            parent, pose = model.addJoint(parent, pin.JointModelRX(), pose.actInv(here), f"{name}{leg + 1}"), here
-            inertia = pin.Inertia(0.2, np.array([0.0, 0.02, 0.01]), 1e-3 * np.diag([1.0, 1.2, 1.1]))
-            model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+            body = f"{name}{leg + 1}", 0.2, (0.0, 0.02, 0.01), 1e-3 * np.diag([1.0, 1.2, 1.1])
+            parent, pose = add_body(model, parent, pin.JointModelRX(), pose.actInv(here), *body), here
         ends.append(pose)
     loops = []
     for leg in (1, 2):

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 import pinconsist as pc
+from benchmarks.linkages import add_body, add_frame, at
 
 # the benchmark's angles (β, Θ, γ, Φ, δ, Ω, ε) and their rates at t = 0.03 s; multipliers there
 ANDREWS_END = (
@@ -21,20 +22,8 @@ ANDREWS_LAMBDA = (
 )  # fmt: skip
 
 
-def at(x, y, z=0.0):
-    return pin.SE3(np.eye(3), np.array([x, y, z], dtype=float))
-
-
-def add_body(model, parent, joint, place, name, mass, com, inertia):
-    """A joint with one body; `com` (3,) and inertia about it: a number (every axis alike) or a 3×3 matrix."""
-    index = model.addJoint(parent, joint, place, name)
-    inertia = np.diag([inertia, inertia, inertia]) if np.isscalar(inertia) else np.asarray(inertia)
-    model.appendBodyToJoint(index, pin.Inertia(mass, np.array(com, float), inertia), pin.SE3.Identity())
-    return index
-
-
 def add_point(model, joint, name, x, y, z=0.0):
-    model.addFrame(pin.Frame(name, joint, 0, at(x, y, z), pin.FrameType.OP_FRAME))
+    add_frame(model, joint, name, (x, y, z))
 
 
 ANDREWS_JOINTS = ("beta", "theta", "gamma", "phi", "delta", "omega", "epsilon")
