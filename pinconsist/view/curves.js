@@ -80,12 +80,8 @@ function draw() {
   element("more").hidden = group.curves.every(curve => curve.shown);
 }
 function valueAt({values, times}, time) {
-  let low = 0, high = times.length - 1;
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (times[middle] <= time) low = middle; else high = middle;
-  }
-  const share = high > low ? Math.max(0, Math.min(1, (time - times[low]) / (times[high] - times[low] || 1))) : 0;
+  const high = times.findIndex(each => each > time), low = (high < 0 ? times.length : high || 1) - 1;
+  const share = high > low ? Math.max(0, (time - times[low]) / (times[high] - times[low])) : 0;
   return share ? values[low] + share * (values[high] - values[low]) : values[low];
 }
 const amount = (curve, time) => short(curve.unit == "s" ? 10 ** valueAt(curve, time) : valueAt(curve, time), curve.unit);

@@ -83,18 +83,16 @@ class Run:
         pairs = zip(self.q[before], self.q[after], share, strict=True)
         q = np.array([pin.interpolate(self.mech.model, *pair) for pair in pairs])
 
-        def between(x):
-            return None if x is None else x[before] + (share * (x[after] - x[before]).T).T
-
-        others = {name: between(getattr(self, name)) for name in ("t", "lam", "v")}
-        return replace(self, elapsed=elapsed, q=q, true=self.true and self.true.at(elapsed), **others)
+        others = self._each(lambda x: x[before] + (share * (x[after] - x[before]).T).T)
+        return replace(self, **others | {"elapsed": elapsed, "q": q}, true=self.true and self.true.at(elapsed))
 
     def rows(self, rows: np.ndarray) -> Run:
         """The run at some of its rows."""
-        some = {
-            name: x if (x := getattr(self, name)) is None else x[rows] for name in ("elapsed", "t", "q", "lam", "v")
-        }
-        return replace(self, true=self.true and self.true.rows(rows), **some)
+        return replace(self, **self._each(lambda x: x[rows]), true=self.true and self.true.rows(rows))
+
+    def _each(self, change) -> dict:
+        names = [name for name in ("elapsed", "t", "q", "lam", "v") if getattr(self, name) is not None]
+        return {name: change(getattr(self, name)) for name in names}
 
 
 def motors(mech: Mechanism) -> list:
