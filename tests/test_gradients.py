@@ -238,7 +238,7 @@ def test_known_derivatives_of_the_equations_are_those_of_differences(scene, comp
     for name, variant, terms, at_once in zip(KINDS[scene], variants, known, columns, strict=True):
         assert variant.parts
         beside = variant.derivative(lambda side: residuals_of(side.index1(system).system, 0.3, p, v, a, lam))
-        ours = linear._residual_rate(terms, 0.3, p, v, a, lam)
+        ours = sum(weight * residuals_of(each.system, 0.3, p, v, a, lam) for weight, each in terms)
         np.testing.assert_allclose(ours[:nv], at_once, atol=1e-9 * np.abs(at_once).max(), err_msg=name)
         assert np.abs(beside).max() > 1e-8, name
         np.testing.assert_allclose(ours, beside, atol=2e-7 * np.abs(beside).max() + 1e-11, err_msg=name)

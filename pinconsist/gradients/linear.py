@@ -27,7 +27,16 @@ from ..dae.kkt import KKT
 NUDGE = 3e-5  # rad or m: of the differences of rows; exact to 2e-10 of their size
 
 
-class Step:
+class Point:
+    """A place at which residuals by θ are wanted; what a subclass calls `residuals` is one flat array."""
+
+    def rates(self, parameters):
+        """Derivatives of the residuals by each parameter, (P, size); a parameter is a list of (weight, index1)."""
+        rates = [sum((w * self.residuals(other) for w, other in terms), np.zeros(self.size)) for terms in parameters]
+        return np.array(rates).reshape(len(parameters), self.size)
+
+
+class Step(Point):
     """The linear equations of one accepted step of order `k` and size `h` to `t`, where `Z` is the table.
 
     `residuals`, for each parameter, is a list of (weight, :class:`~pinconsist.dae.index1.Index1`): r_θ, Φ_θ and ρ_θ
@@ -47,9 +56,14 @@ class Step:
         self.W, self.WE = G.T, G.T @ self.E
         self.B = c * (f_x - F) @ self.E
         self.kkt = KKT(self.M + c * f_v + c * self.B, G, self.WE, c)
-        rates = [_residual_rate(each, t, p, v, a, lam) for each in residuals]
-        rates = np.reshape(rates, (len(residuals), nv + 2 * G.shape[1]))
-        self.r, self.phi, self.rho = np.split(rates, [nv, nv + G.shape[1]], axis=1)
+        self.state, self.size = (t, p, v, a, lam), nv + 2 * len(lam)
+        self.r, self.phi, self.rho = np.split(self.rates(residuals), [nv, nv + len(lam)], axis=1)
+
+    def residuals(self, index1):
+        """(r, Φ, ρ) of the system of `index1`."""
+        *state, lam = self.state
+        f, phi, G, rho = index1.system.evaluate(*state)
+        return np.concatenate((f - G @ lam, phi, rho))
 
     def forward(self, psi):
         """(s_ξ, s_v, s_λ), shape (P, nx+nv+nc), from the derivatives `psi` of ψ, shape (P, ≥ nx+nv)."""
@@ -94,14 +108,3 @@ def row_gradients(system, t, p, v, lam):
 
     both = [(at(e) - at(-e)) / (2.0 * NUDGE) for e in NUDGE * np.eye(system.nx)]
     return np.split(np.column_stack(both), [system.nv])
-
-
-def _residual_rate(terms, t, p, v, a, lam):
-    """(r_θ, Φ_θ, ρ_θ) at fixed state."""
-    rates = [0.0, 0.0, 0.0]
-    for weight, index1 in terms:
-        f, phi, G, rho = index1.system.evaluate(t, p, v, a)
-        for i, part in enumerate((f - G @ lam, phi, rho)):
-            rates[i] = rates[i] + weight * part
-    nv, nc = len(v), len(lam)
-    return np.concatenate([np.broadcast_to(part, size) for part, size in zip(rates, (nv, nc, nc), strict=True)])

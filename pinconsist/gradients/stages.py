@@ -26,16 +26,8 @@ from ..dae.charts import chart_matrix, chart_rate_gradient
 from ..dae.index1 import solve_acceleration
 from ..dae.kkt import KKT
 from ..dae.radau import Stages
-from .linear import NUDGE, row_gradients
-
-
-class Point:
-    """A place at which residuals by θ are wanted; what a subclass calls `residuals` is one flat array."""
-
-    def rates(self, parameters):
-        """Derivatives of the residuals by each parameter, (P, m); a parameter is a list of (weight, index1)."""
-        rates = [sum((w * self.residuals(other) for w, other in terms), np.zeros(self.size)) for terms in parameters]
-        return np.array(rates).reshape(len(parameters), self.size)
+from ..mechanism.rank import null_space
+from .linear import NUDGE, Point, row_gradients
 
 
 class Motion(Point):
@@ -78,7 +70,7 @@ class Motion(Point):
         for i, (t, p, v, w) in enumerate(self.stages):
             f, _, G, _ = system.evaluate(t, p, v, w)
             rows, free, bound = (slice(i * n, (i + 1) * n) for n in (nv, nd, system.nc))
-            Z, N = null_space(G.T)
+            Z, N = null_space(G.T), np.linalg.pinv(G.T)  # J Z = 0, J N = 1
             self.Z[rows, free], self.N[rows, bound] = Z, N
             self.L.append(N.T @ f)
             M, D, K = system.matrices(t, p, v, w)
@@ -198,10 +190,3 @@ def _beta(system, t, p, v, a):
     G = system.evaluate(t, p, v, a)[2]
     change = G.T @ a
     return change + system.acceleration_bias(t, p, v)
-
-
-def null_space(J):
-    """(Z, N): Z spans the null space of J, (nc, nv), and J N = 1."""
-    Q, R = np.linalg.qr(J.T, mode="complete")
-    nc = len(J)
-    return Q[:, nc:], Q[:, :nc] @ np.linalg.inv(R[:nc]).T

@@ -9,7 +9,7 @@ from pinconsist._core.compiled_system import CompiledIndex1, compiled_system
 from pinconsist.dae.index1 import Index1, solve_acceleration
 from pinconsist.gradients.linear import row_gradients
 from pinconsist.gradients.stage_leg import StageWay
-from pinconsist.gradients.stages import null_space
+from pinconsist.mechanism.rank import null_space
 from pinconsist.mechanism.system import MechanismSystem
 
 needs_twin = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
@@ -53,7 +53,7 @@ def compare_terms(mech, q, t=0.3, seed=0):
 def compare_accelerations(system, twin, t, p, v):
     """Derivatives of accelerations and multipliers, at a state on the constraints, along them."""
     J = np.array(system.evaluate(t, p, v, v)[2]).T
-    H, Z = row_gradients(system, t, p, v, np.zeros(system.nc))[1], null_space(J)[0]
+    H, Z = row_gradients(system, t, p, v, np.zeros(system.nc))[1], null_space(J)
     ways = np.block([[Z, np.zeros_like(Z)], [-np.linalg.pinv(J) @ H @ Z, Z]])
     compiled = CompiledStageWay(CompiledIndex1(system, twin), [])
     ours, theirs = (way.linear(t, p, v)[2] @ ways for way in (StageWay(system), compiled))
