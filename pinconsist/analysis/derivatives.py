@@ -19,7 +19,7 @@ from ..mechanism.parameters import check_closing, difference_step, parameter
 from ..mechanism.system import MechanismSystem
 from .variations import TangentSpace, along_places, bias, by_position, by_velocity, rates_of_loops
 
-NEUTRAL = 1e-10  # smallest stiffness over the largest
+NEUTRAL = 1e-10  # of the stiffness: what cannot be distinguished from zero
 
 
 @dataclass(frozen=True, eq=False)

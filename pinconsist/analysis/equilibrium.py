@@ -16,20 +16,19 @@ from ..mechanism.names import joints_in
 from ..mechanism.reactions import HasReactions
 from ..mechanism.singularity import rank_nearby
 from ..mechanism.system import MechanismSystem
-from .derivatives import Derivatives, Varied, of_state
-from .variations import TangentSpace, by_position, closed_near, locked, step_sizes
+from .derivatives import NEUTRAL, Derivatives, Varied, of_state
+from .variations import Locked, TangentSpace, by_position, closed_near, step_sizes
 
 MAX_ITERATIONS = 200
 MAX_NUDGES = 20
 FLOOR = 1e-14  # of the forces that balance: rounding
 BALANCED = 1e-9  # where rounding allows no less, this is still an equilibrium
-NEUTRAL = 1e-10  # of the stiffness: what cannot be distinguished from zero
 LONGEST = 0.5  # rad, or lengths of the mechanism, in one iteration
 NUDGE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Equilibrium(HasReactions):
+class Equilibrium(Locked, HasReactions):
     """A configuration in which all forces balance.
 
     Attributes
@@ -62,9 +61,6 @@ class Equilibrium(HasReactions):
     stiffness: np.ndarray
     neutral: tuple[str, ...]
     iterations: int
-
-    def __post_init__(self):
-        locked(self.q, self.lam, self.stiffness)
 
     @property
     def stable(self) -> bool:

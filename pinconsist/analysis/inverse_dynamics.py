@@ -17,14 +17,14 @@ from ..mechanism.rank import dependencies
 from ..mechanism.reactions import HasReactions
 from ..mechanism.system import MechanismSystem
 from .derivatives import Derivatives, Varied, of_state
-from .variations import TangentSpace, bias, closed_near, locked, step_sizes
+from .variations import Locked, TangentSpace, bias, closed_near, step_sizes
 
 WIDEST = 0.05  # rad, or lengths of the mechanism, by which a prediction may miss before the way is halved
 HALVINGS = 30
 
 
 @dataclass(frozen=True, eq=False)
-class InverseDynamics(HasReactions):
+class InverseDynamics(Locked, HasReactions):
     """A motion, and the torques and multipliers that it requires. Rows are times.
 
     Attributes
@@ -48,9 +48,6 @@ class InverseDynamics(HasReactions):
     a: np.ndarray
     lam: np.ndarray
     torques: dict[str, np.ndarray]
-
-    def __post_init__(self):
-        locked(self.t, self.q, self.v, self.a, self.lam, *self.torques.values())
 
     def derivatives(self, parameters, theta=None) -> Derivatives:
         """Differentiate the motion and the torques with respect to parameters of the mechanism.

@@ -17,11 +17,11 @@ from ..mechanism.system import MechanismSystem
 from .derivatives import Derivatives, Varied, of_state
 from .equilibrium import equilibrium
 from .modes import Modes, modes
-from .variations import TangentSpace, along, bias, by_position, by_velocity, locked, rates_of_loops, step_sizes
+from .variations import Locked, TangentSpace, along, bias, by_position, by_velocity, rates_of_loops, step_sizes
 
 
 @dataclass(frozen=True, eq=False)
-class Linearization:
+class Linearization(Locked):
     """The equations mass·y'' + damping·y' + stiffness·y = 0 of small variations y about a state.
 
     The y are the variations of as many joints as the loops leave free, all others follow: δq = Z y to first order.
@@ -57,9 +57,6 @@ class Linearization:
     _sizes: np.ndarray = field(repr=False)
     _scale: float = field(repr=False)
     _about: tuple = field(repr=False)  # mechanism, q0, v0
-
-    def __post_init__(self):
-        locked(self.q, self.v, self.a, self.lam, self.Z, self.mass, self.damping, self.stiffness)
 
     @property
     def A(self) -> np.ndarray:

@@ -9,13 +9,13 @@ from scipy.linalg import eigh
 
 from ..errors import SingularSystemError
 from ..mechanism.singularity import MASSLESS
-from .variations import locked
+from .variations import Locked
 
 NOISE = 1e-10  # of the stiffness and of the forces: what cannot be distinguished from zero
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class Modes(Locked):
     """Solutions shape · exp(eigenvalue · t) of a :class:`Linearization`, the slowest first.
 
     Of a conjugate pair the one that turns forwards is given; aperiodic motions stand for themselves, a motion that
@@ -34,9 +34,6 @@ class Modes:
     eigenvalues: np.ndarray
     shapes: np.ndarray
     massless: int
-
-    def __post_init__(self):
-        locked(self.eigenvalues, self.shapes)
 
     @property
     def frequencies(self) -> np.ndarray:

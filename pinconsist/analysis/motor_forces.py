@@ -13,14 +13,14 @@ from ..mechanism.checks import finite_array, frame_of
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.names import joints_in
 from ..mechanism.reactions import HasReactions
-from .variations import locked
+from .variations import Locked
 
 UNBALANCED = 1e-8  # of the loads: what motors leave unbalanced
 AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 @dataclass(frozen=True, eq=False)
-class MotorTorques(HasReactions):
+class MotorTorques(Locked, HasReactions):
     """What motors give for a motion.
 
     Attributes
@@ -47,9 +47,6 @@ class MotorTorques(HasReactions):
     lam: np.ndarray = field(repr=False)
     tau: np.ndarray = field(repr=False)
     torques: dict[str, float]
-
-    def __post_init__(self):
-        locked(self.q, self.v, self.a, self.lam, self.tau)
 
 
 def torques_for(act, q, v, a, forces, t) -> MotorTorques:

@@ -62,10 +62,14 @@ def _coordinates(mechanism, free):
     return np.sort(pivots[: free.shape[1]])
 
 
-def locked(*arrays):
-    """Make arrays read-only, as results have them."""
-    for array in arrays:
-        array.setflags(write=False)
+class Locked:
+    """A result, whose arrays are read-only."""
+
+    def __post_init__(self):
+        for value in vars(self).values():
+            for array in value.values() if isinstance(value, dict) else (value,):
+                if isinstance(array, np.ndarray):
+                    array.setflags(write=False)
 
 
 def step_sizes(system, q) -> np.ndarray:
