@@ -40,17 +40,21 @@ def differences(mech, names, times, q0=None, v0=None, relative=3e-4, weights=FOU
         return reference(build(values), *starts, times)
 
     system, (middle, _, _) = run(theta)
+
+    def rows(values):
+        q, v, lam = run(values)[1]
+        return np.array([system.difference(*pair) for pair in zip(middle, q, strict=True)]), v, lam
+
+    return slopes(rows, theta, relative * np.maximum(np.abs(theta), 0.1), weights)
+
+
+def slopes(function, theta, steps, weights=FOUR):
+    """Derivatives of the arrays that a function of theta returns, by differences; the parameter is the last index."""
     found = []
-    for i, step in enumerate(relative * np.maximum(np.abs(theta), 0.1)):
-        parts = []
-        for m, weight in weights.items():
-            beside = theta.copy()
-            beside[i] += m * step
-            q, v, lam = run(beside)[1]
-            tangent = np.array([system.difference(*pair) for pair in zip(middle, q, strict=True)])
-            parts.append([weight / step * part for part in (tangent, v, lam)])
+    for unit in np.eye(len(theta)) * steps:
+        parts = [[weight / unit.max() * part for part in function(theta + m * unit)] for m, weight in weights.items()]
         found.append([sum(each) for each in zip(*parts, strict=True)])
-    return [np.stack(part, axis=2) for part in zip(*found, strict=True)]
+    return [np.stack(part, axis=-1) for part in zip(*found, strict=True)]
 
 
 def worst(found, exact):

@@ -53,15 +53,12 @@ class Equations:
         n, m, system = self.n, self.m, self.system
         (q, v, lam, _), a = self.split(y), yp[n : 2 * n]
         _, _, G, rho = system.evaluate(t, q, v, a)
-        A = [np.empty((n, n)) for _ in range(3)]
-        for matrix, c in zip(A, (0.0, 1.0, -1.0), strict=True):
-            system.linearize(t, q, v, a, lam, c, matrix)  # M + c ∂f/∂v + c² ∂f/∂q
-        M, plus, minus = A
+        M, by_v, by_q = system.matrices(t, q, v, a)
         by_y, by_yp = np.zeros((len(y), len(y))), np.zeros((len(y), len(y)))
         by_yp[:n, :n], by_yp[n : 2 * n, n : 2 * n] = np.eye(n), M
         by_y[:n, n : 2 * n], by_y[:n, 2 * n + m :] = -np.eye(n), -G
-        by_y[n : 2 * n, :n] = (plus + minus) / 2 - M - system.force_gradient(t, q, v, lam)
-        by_y[n : 2 * n, n : 2 * n], by_y[n : 2 * n, 2 * n : 2 * n + m] = (plus - minus) / 2, -G
+        by_y[n : 2 * n, :n] = by_q - system.force_gradient(t, q, v, lam)
+        by_y[n : 2 * n, n : 2 * n], by_y[n : 2 * n, 2 * n : 2 * n + m] = by_v, -G
         by_y[2 * n : 2 * n + m, :n] = by_y[2 * n + m :, n : 2 * n] = G.T
         step = 1e-7
         by_y[2 * n + m :, :n] = np.column_stack(
