@@ -37,7 +37,7 @@ def with_number(record, path, value):
     if not path:
         return value
     name, *rest = path
-    changed = with_number(_part(record, name), rest, value)
+    changed = with_number(_parts(record).get(name), rest, value)
     if isinstance(record, tuple):
         return (*record[: int(name)], changed, *record[int(name) + 1 :])
     return replace(record, **{name: changed}) if dataclasses.is_dataclass(record) else {**record, name: changed}
@@ -50,26 +50,15 @@ def _is_number(record) -> bool:
 def part_at(record, path):
     """What there is at a path, or None."""
     for name in path:
-        record = _part(record, name)
+        record = _parts(record).get(name)
     return record
 
 
-def _part(record, name):
-    if isinstance(record, tuple):
-        return record[int(name)] if name.isdecimal() and int(name) < len(record) else None
-    if not dataclasses.is_dataclass(record):
-        return record.get(name) if isinstance(record, Mapping) else None
-    field = record.__dataclass_fields__.get(name)
-    return None if field is None else _of_field(getattr(record, name), field)
-
-
 def _parts(record) -> dict:
+    """What a tuple, a mapping or a record holds, by name."""
     if isinstance(record, tuple):
         return {str(i): part for i, part in enumerate(record)}
     if not dataclasses.is_dataclass(record):
         return dict(record) if isinstance(record, Mapping) else {}
-    return {each.name: _of_field(getattr(record, each.name), each) for each in dataclasses.fields(record)}
-
-
-def _of_field(part, field):
-    return 0.0 if part is None and field.type == "float | None" else part
+    parts = {each.name: (getattr(record, each.name), each.type) for each in dataclasses.fields(record)}
+    return {name: 0.0 if part is None and kind == "float | None" else part for name, (part, kind) in parts.items()}
