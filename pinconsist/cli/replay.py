@@ -3,7 +3,6 @@
 import logging
 import time
 import webbrowser
-from contextlib import contextmanager
 from math import floor, log10
 from typing import Annotated
 
@@ -16,7 +15,7 @@ from . import options as given
 from . import output
 from .options import Text, option
 from .run import print_in_a_line, run_of
-from .terminal import bar
+from .terminal import counting
 
 
 def replay(
@@ -88,22 +87,11 @@ def render(
     painted.require_file(out, at or ())
     mech, sol, code = run_of(source, scene_of_run, until, requirement(source, traces, speed))
     options = look(sol, forces, traces, speed) | {"at": at or ()}
-    with _progress() as watch:
+    with counting("frames") as watch:
         output.written(out, lambda: painted.render(mech, sol, out, **options, watch=watch))
     print_in_a_line(sol)
     output.print_written(out)
     return code
-
-
-@contextmanager
-def _progress():
-    """A function to call after each frame, which moves a bar on a terminal."""
-    if not output.on_terminal():
-        yield None
-        return
-    with bar("{task.completed} of {task.total} frames") as shown:
-        task = shown.add_task("", total=None)
-        yield lambda done, total: shown.update(task, completed=done, total=total)
 
 
 def look(sol, forces, traces, speed) -> dict:

@@ -1,10 +1,9 @@
 """`pinconsist sweep`."""
 
-import itertools
 import os
 import sys
 from collections import Counter
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +13,7 @@ from ..errors import InputError
 from . import options as given
 from . import output, scene
 from .options import Count, Text, Texts, option, present
-from .terminal import bar
+from .terminal import counting
 
 CASES = "Cases"  # panel of the help
 LOGGED = 10  # cases, from which on a log gets a line for every tenth
@@ -105,7 +104,7 @@ def _run(scene_sweep, cases, workers, rows, journal=None) -> dict[int, dict]:
     from ..sweeps import sweep_in_processes
 
     missing = [i for i in range(len(cases)) if i not in rows]
-    with _progress(len(cases), len(rows)) as one_more:
+    with counting("cases", len(cases), len(rows)) as shown:
 
         def arrived(outcome):
             if not outcome.finished:
@@ -116,7 +115,7 @@ def _run(scene_sweep, cases, workers, rows, journal=None) -> dict[int, dict]:
             if journal is not None:
                 _written(journal, journal.path, lambda: journal.add(case, row))
             rows[case] = row
-            one_more()
+            shown(len(rows)) if shown else _log_tenths(len(rows), len(cases))
 
         waiting = [cases[i] for i in missing]
         if workers == 1:
@@ -126,23 +125,11 @@ def _run(scene_sweep, cases, workers, rows, journal=None) -> dict[int, dict]:
     return rows
 
 
-@contextmanager
-def _progress(total, done):
-    """A function to call after each case: it moves a bar on a terminal, or writes up to ten lines to a log."""
-    if output.on_terminal():
-        with bar("{task.completed} of {task.total} cases") as shown:
-            task = shown.add_task("", total=total, completed=done)
-            yield lambda: shown.advance(task)
-        return
-    numbers = itertools.count(done + 1)
-
-    def log_tenths():
-        number = next(numbers)
-        if total >= LOGGED and 10 * number // total > 10 * (number - 1) // total:
-            with suppress(OSError):  # a log that cannot be written does not end the sweep
-                print(f"{number} of {total} cases", file=sys.stderr, flush=True)
-
-    yield log_tenths
+def _log_tenths(number, total):
+    """Up to ten lines for a log."""
+    if total >= LOGGED and 10 * number // total > 10 * (number - 1) // total:
+        with suppress(OSError):  # a log that cannot be written does not end the sweep
+            print(f"{number} of {total} cases", file=sys.stderr, flush=True)
 
 
 def _report(scene_sweep, cases, measured, out, as_json) -> int:

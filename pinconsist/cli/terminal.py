@@ -3,7 +3,7 @@
 import os
 import sys
 import time
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from .output import on_terminal
@@ -33,6 +33,17 @@ def bar(*after):
     columns = TextColumn("{task.percentage:3.0f} %"), BarColumn(None), TimeRemainingColumn(), TextColumn("left,")
     console = Console(stderr=True)
     return Progress(*columns, *map(TextColumn, after), console=console, transient=True, expand=True)
+
+
+@contextmanager
+def counting(what: str, total=None, done=0):
+    """A function to call with how many are done, and of how many, which moves a bar; None if nobody watches."""
+    if not on_terminal():
+        yield None
+        return
+    with bar(f"{{task.completed}} of {{task.total}} {what}") as shown:
+        task = shown.add_task("", total=total, completed=done)
+        yield lambda done, total=total: shown.update(task, completed=done, total=total)
 
 
 class RunProgress:
