@@ -1,6 +1,7 @@
 """The shape of the package: arrows between its parts point one way, and a few habits hold everywhere."""
 
 import ast
+import functools
 import re
 import subprocess
 import sys
@@ -10,7 +11,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1] / "pinconsist"
 FILES = {path.relative_to(ROOT).as_posix(): path for path in sorted(ROOT.rglob("*.py"))}
-TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
 
 # Which part may import which. simulation.py and comparison.py join dae and mechanism into runs; mechanism knows of
 # dae only the protocol Index3System, the certificate only how to solve for accelerations.
@@ -68,6 +68,11 @@ TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files o
 LONGEST = 300
 
 
+@functools.cache
+def tree_of(name):
+    return ast.parse(FILES[name].read_text(encoding="utf-8"))
+
+
 def part_of(name):
     return name.split("/")[0].removesuffix(".py")
 
@@ -75,7 +80,7 @@ def part_of(name):
 def imports(name, tree=None):
     """(absolute dotted module, node) of every import, also those inside functions; imported names count."""
     package = ["pinconsist", *name.split("/")[:-1]]
-    for node in ast.walk(tree or TREES[name]):
+    for node in ast.walk(tree or tree_of(name)):
         if isinstance(node, ast.Import):
             yield from ((alias.name, node) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -187,7 +192,8 @@ def test_the_method_knows_numpy_and_scipy_only(name):
 def test_only_the_mechanism_files_of_the_loops_name_pinocchios_constraints():
     """The classes that users' kinds of loops map to are named in rows.py alone."""
     named = {}
-    for name, tree in TREES.items():
+    for name in FILES:
+        tree = tree_of(name)
         found = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute) and "Constraint" in node.attr}
         found |= {alias for module, _ in imports(name) if (alias := module.split(".")[-1]) and "Constraint" in alias}
         found -= {"Constraint", "ConstraintRows"}  # the users' own Φ, mechanism/custom.py
@@ -201,7 +207,7 @@ def test_only_the_mechanism_files_of_the_loops_name_pinocchios_constraints():
 @pytest.mark.parametrize("name", [name for name in FILES if part_of(name) != "cli"])
 def test_optional_packages_are_imported_where_they_are_used(name):
     top = {
-        module.split(".")[0] for node in at_import(TREES[name]) for module, _ in imports(name, ast.Module([node], []))
+        module.split(".")[0] for node in at_import(tree_of(name)) for module, _ in imports(name, ast.Module([node], []))
     }
     assert top & OPTIONAL <= TOP_LEVEL_ALLOWED.get(name, set())
 
@@ -223,7 +229,7 @@ def test_the_command_line_starts_without_numpy():
 
 @pytest.mark.parametrize("name", FILES)
 def test_habits(name):
-    tree, text = TREES[name], FILES[name].read_text(encoding="utf-8")
+    tree, text = tree_of(name), FILES[name].read_text(encoding="utf-8")
     asserts = [node.lineno for node in ast.walk(tree) if isinstance(node, ast.Assert)]
     assert not asserts, f"{name}: assert in lines {asserts}"
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
