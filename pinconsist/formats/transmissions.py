@@ -64,7 +64,7 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
 
 
 def _ends(model, column, reduction, unlimited) -> tuple[float, ...]:
-    effort = float(getattr(model, "upperEffortLimit", np.full(model.nv, np.inf))[column])
+    effort = float(model.upperEffortLimit[column])
     limit = effort / abs(reduction)
     return (-limit, limit) if 0.0 < effort < unlimited else ()
 

@@ -22,12 +22,12 @@ from .transmissions import transmissions
 from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-UNLIMITED = 1e300  # effort and velocity limit of joints without one
+UNLIMITED = 1e300  # limit of joints without one
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 ROOT_JOINT = "root_joint"
 
 # Pinocchio requires all four: the values for those that are missing
-_LIMIT = {"lower": (0.0,), "upper": (0.0,), "effort": (UNLIMITED,), "velocity": (UNLIMITED,)}
+_LIMIT = {"lower": (-UNLIMITED,), "upper": (UNLIMITED,), "effort": (UNLIMITED,), "velocity": (UNLIMITED,)}
 SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}, "mesh": {"scale": 3}}
 """Shape → its attributes, and how many numbers each has."""
 _log = logging.getLogger(__name__)
@@ -40,7 +40,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
     :func:`~pinconsist.formats.reading.refuse` refuses.
     """
     content = read_bytes(path) if content is None else content
-    robot, unlimited = checked(raw := parsed(content), name)
+    robot = checked(raw := parsed(content), name)
     refuse_foreign(raw, ignore, content)
     loops, followers = loop_joints(raw), couplings(raw)
     types, joints = dict(joint_types or {}), {joint.get("name"): joint for joint in robot.findall("joint")}
@@ -50,12 +50,10 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
         if types[joint] == "UNBOUNDED" and joints[joint].get("type") != "revolute":
             raise FormatError("only a revolute joint can be made unbounded", element=element)
         joints[joint].set("type", AS_WRITTEN[types.pop(joint)])
-        unlimited = [pair for pair in unlimited if pair[0] != joint]
     urdf = tostring(robot, encoding="unicode")
     model = _built(urdf, free_flyer, {name: joint.get("type") for name, joint in joints.items()})
-    for joint, side in unlimited:
-        limits = getattr(model, f"{side}PositionLimit")
-        limits[model.idx_qs[model.getJointId(joint)]] = -math.inf if side == "lower" else math.inf
+    for limits in (model.lowerPositionLimit, model.upperPositionLimit):
+        limits[:] = np.where(np.abs(limits) < UNLIMITED, limits, np.copysign(np.inf, limits))
     model = replaced(model, types) if types else model
     motors = transmissions(raw, model, UNLIMITED)
     actuated = tuple(dict.fromkeys(joint for motor in motors for joint in motor.arms))
@@ -73,17 +71,14 @@ def _built(urdf, free_flyer, kinds):
         raise FormatError(f"Pinocchio cannot build the model: {error}") from error
 
 
-def checked(raw: Element, name: str) -> tuple[Element, list[tuple[str, str]]]:
-    """A clean `<robot>` from a parsed file, and the (joint, "lower" or "upper") limits that it does not have.
-
-    FormatError for the first thing that is wrong, with its element.
-    """
+def checked(raw: Element, name: str) -> Element:
+    """A clean `<robot>` from a parsed file; FormatError for the first thing that is wrong, with its element."""
     namespace = raw.tag[: raw.tag.find("}") + 1]  # a default namespace is legal and means nothing
     for node in raw.iter():
         node.tag = node.tag.removeprefix(namespace)
     if raw.tag != "robot":
         raise FormatError(f"the root element of a URDF is <robot>, this is <{raw.tag}>")
-    top, robot, unlimited = Node(raw), Element("robot", name=name), []
+    top, robot = Node(raw), Element("robot", name=name)
     colours = {node.get("name"): _colour(node) for node in top.children("material")}
     links, joints = top.named("link"), top.named("joint")
     if not links:
@@ -99,9 +94,9 @@ def checked(raw: Element, name: str) -> tuple[Element, list[tuple[str, str]]]:
             for shape in node.children(tag):
                 _shape(out, tag, shape, colours)
     for joint, node in joints.items():
-        unlimited += [(joint, side) for side in _joint(robot, joint, node, links)]
+        _joint(robot, joint, node, links)
     _check_tree(links, robot.findall("joint"))
-    return robot, unlimited
+    return robot
 
 
 def fixed_links(names) -> tuple[Element, dict[str, Element]]:
@@ -180,7 +175,6 @@ def _colour(material):
 
 
 def _joint(robot, name, node, links):
-    """Write a joint; return the sides on which the file has no limit."""
     kind = node.get("type")
     if kind not in JOINT_TYPES:
         raise node.error(f"type {kind!r} is not one of {', '.join(JOINT_TYPES)}")
@@ -193,7 +187,7 @@ def _joint(robot, name, node, links):
     if ends[0] == ends[1]:
         raise node.error(f"parent and child are the same link {ends[0]!r}")
     if kind in ("fixed", "floating"):
-        return ()
+        return
     axis = node.child("axis").numbers("xyz", 3, X_AXIS)
     length = math.hypot(*axis)
     if length == 0:
@@ -204,11 +198,10 @@ def _joint(robot, name, node, links):
     SubElement(joint, "axis", xyz=text(*axis))
     if dynamics := node.child("dynamics"):
         _copy(joint, dynamics, "dynamics", {"damping": (0.0,), "friction": (0.0,)})
-    if kind == "planar":
-        return ()
-    limit = node.child("limit")
-    _copy(joint, limit, "limit", _LIMIT, math.inf)
-    return [side for side in ("lower", "upper") if kind == "continuous" or limit.get(side, None) is None]
+    if kind != "planar":
+        _copy(joint, node.child("limit"), "limit", _LIMIT, math.inf)
+    if kind == "continuous":
+        joint.find("limit").attrib |= {"lower": text(-UNLIMITED), "upper": text(UNLIMITED)}
 
 
 def _check_tree(links, joints):

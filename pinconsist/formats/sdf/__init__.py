@@ -46,7 +46,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> Robo
     refuse(found, ignore, raw, content, "write it as a <joint> or <mimic> of SDF")
     document = Document(raw)
     joints = read_joints(document)
-    robot, _ = checked(in_urdf(document, [Path(folder).resolve() for folder in folders]), name)
+    robot = checked(in_urdf(document, [Path(folder).resolve() for folder in folders]), name)
     net = Net(document, joints)
     if len(net.roots) > 1:
         _log.warning("%s: no joints tie %s together or to the world", path, ", ".join(map(repr, net.roots)))

@@ -40,8 +40,7 @@ __all__ = [
 
 def model_forces(model) -> tuple[JointDamping | JointFriction, ...]:
     """The forces a model carries itself: its joints' damping and dry friction, where they are not zero."""
-    friction = getattr(model, "upperDryFrictionLimit", model.friction)
-    own = (JointDamping, model.damping), (JointFriction, friction)
+    own = (JointDamping, model.damping), (JointFriction, model.upperDryFrictionLimit)
     return tuple(record(coefficients) for record, coefficients in own if np.any(coefficients))
 
 
