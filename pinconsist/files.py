@@ -46,6 +46,12 @@ def _sync_folder(folder) -> None:
             os.close(number)
 
 
+def suffixed(file, suffix: str) -> Path:
+    """The path with a suffix added to a name without it."""
+    path = Path(file)
+    return path if path.suffix == suffix else path.with_name(path.name + suffix)
+
+
 def require_writable(file) -> None:
     """Raise InputError now for a file that could not be written after a long run."""
     path = Path(file)

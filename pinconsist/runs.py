@@ -9,7 +9,7 @@ import numpy as np
 
 from .checkpoints import ROWS, STEPS, carry_out, checkpoints
 from .errors import FormatError, InputError
-from .files import require_writable
+from .files import require_writable, suffixed
 from .interrupts import ended_like_ctrl_c
 from .mechanism.checks import several
 from .mechanism.description import digests
@@ -18,7 +18,7 @@ from .mechanism.forces.held import HeldRecord
 from .mechanism.mechanism import Mechanism, with_forces
 from .run_file import LOAD_OPTIONS, Recipe, SceneSource, loaded, recipe_of
 from .solution import Solution, require_mechanism
-from .solution_file import npz_path, versions
+from .solution_file import versions
 
 _log = logging.getLogger(__name__)
 
@@ -91,7 +91,7 @@ def record(
     SavingError
         The end could not be written; the error carries the solution.
     """
-    file = npz_path(file)
+    file = suffixed(file, ".npz")
     require_writable(file)
     mechanism, where, files = _scene(scene, load, file)
     recipe = recipe_of(where, files, mechanism, t_span, q0, v0, forces, options, save_every)

@@ -10,7 +10,7 @@ import numpy as np
 
 from . import __version__
 from .errors import FormatError
-from .files import written_whole
+from .files import suffixed, written_whole
 
 FORMAT = 2
 ARRAYS = {"t": 1, "q": 2, "v": 2, "lam": 2, "h": 1, "order": 1}
@@ -25,7 +25,7 @@ _ABOUT = {
 
 def write(solution, file) -> Path:
     """Write a solution, whole or not at all; ``.npz`` is added to a name without it."""
-    path = npz_path(file)
+    path = suffixed(file, ".npz")
     about = {name: getattr(solution, name) for name in _ABOUT} | {"format": FORMAT}
     about["versions"] = about["versions"] or versions()
     with written_whole(path) as stream:
@@ -33,12 +33,6 @@ def write(solution, file) -> Path:
         held = {f"{HELD}{label}": table for label, table in solution.held.items()}
         np.savez(stream, about=np.array(json.dumps(about)), **arrays, **held)
     return path
-
-
-def npz_path(file) -> Path:
-    """The path with ``.npz`` added to a name without it."""
-    path = Path(file)
-    return path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
 
 
 def read(file) -> dict:

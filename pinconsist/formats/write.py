@@ -15,7 +15,8 @@ import pinocchio as pin
 import yaml
 
 from ..errors import FormatError, InputError
-from ..files import written_whole
+from ..files import require_writable, suffixed, written_whole
+from ..mechanism.checks import require_mechanism
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.names import by_joint
 from ..mechanism.rows import LoopRows
@@ -66,14 +67,11 @@ def write(mechanism: Mechanism, path) -> Path:
         What a file cannot hold, by name: functions of your own, joints of a kind that neither file can describe; or
         a folder that does not exist.
     """
-    if not isinstance(mechanism, Mechanism):
-        raise InputError(f"write needs a Mechanism, got {type(mechanism).__name__}")
+    require_mechanism(mechanism, "write")
     if not isinstance(path, (str, os.PathLike)):
         raise InputError(f"write needs the path of a file, got {path!r}")
-    path = Path(path)
-    path = path if path.suffix == ".urdf" else path.with_name(path.name + ".urdf")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: there is no folder {path.parent}")
+    path = suffixed(path, ".urdf")
+    require_writable(path)
     urdf, joints = _urdf(mechanism, path.stem)
     scene = _loop_file(mechanism, joints)
     try:
