@@ -3,6 +3,7 @@
 import logging
 import time
 import webbrowser
+from functools import partial
 from math import floor, log10
 from typing import Annotated
 
@@ -36,7 +37,7 @@ def replay(
     """
     output.require_writable(html=html)
 
-    mech, sol, code = run_of(source, scene_of_run, until, requirement(source, traces, speed))
+    mech, sol, code = run_of(source, scene_of_run, until, partial(require_drawable, source, traces, speed))
     if html:
         output.written(html, lambda: pc.export_html(mech, sol, html, **look(sol, forces, traces, speed)))
     print_in_a_line(sol)
@@ -85,7 +86,7 @@ def render(
 
     output.require_writable(FILE=out)
     painted.require_file(out, at or ())
-    mech, sol, code = run_of(source, scene_of_run, until, requirement(source, traces, speed))
+    mech, sol, code = run_of(source, scene_of_run, until, partial(require_drawable, source, traces, speed))
     options = look(sol, forces, traces, speed) | {"at": at or ()}
     with counting("frames") as watch:
         output.written(out, lambda: painted.render(mech, sol, out, **options, watch=watch))
@@ -102,21 +103,12 @@ def look(sol, forces, traces, speed) -> dict:
     return {"speed": speed, "traces": traces or (), "forces": forces}
 
 
-def requirement(source, traces, speed):
-    """What the mechanism of a run must be to be shown: a function for :func:`run_of`."""
-
-    def require(mech):
-        if mech is None:
-            raise InputError(
-                f"{source} holds a general problem, which has no scene to show; pinconsist plot {source} draws it"
-            )
-        require_drawable(mech, traces, speed)
-
-    return require
-
-
-def require_drawable(mech, traces, speed):
-    """Raise InputError before a long run for a --trace that is no frame, or a --speed that is not positive."""
+def require_drawable(source, traces, speed, mech):
+    """Raise InputError before a long run for what cannot be shown: no scene, a --trace that is no frame, a --speed."""
+    if mech is None:
+        raise InputError(
+            f"{source} holds a general problem, which has no scene to show; pinconsist plot {source} draws it"
+        )
     if speed is not None and not 0 < speed < float("inf"):
         raise InputError(f"--speed {speed}: needs a positive number")
     if traces:

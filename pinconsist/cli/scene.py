@@ -90,18 +90,18 @@ def joint_values(texts, option: str, kind: str = "joint") -> dict[str, list[floa
         if joint in values:
             raise InputError(f"{option} names {kind} {joint!r} twice")
         try:
-            values[joint] = [_number(each) for each in numbers.split(",")]
+            values[joint] = [number(each) for each in numbers.split(",")]
         except ValueError:
             several = "; separate several by spaces" if "=" in numbers else ""
             raise InputError(f"{option} {text}: {numbers!r} is not a number{several}") from None
     return values
 
 
-def _number(text) -> float:
+def number(text) -> float:
     """A number, which may be a multiple of pi (only exact values give a singular position), or in degrees, 30deg."""
     text = text.replace(" ", "")
     if text.endswith("deg"):
-        return _number(text.removesuffix("deg")) * pi / 180.0
+        return number(text.removesuffix("deg")) * pi / 180.0
     match = PARTS_OF_PI.fullmatch(text)
     if not match:
         return float(text)

@@ -65,7 +65,7 @@ def simulate(
 
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
     mech, hashes = source.load_with_hashes()
-    replay.require_drawable(mech, traces, speed)
+    replay.require_drawable(source.source, traces, speed, mech)
     until = start + mech.duration if until is None else until
     commands = scene.commands_of(control)
     if commands:

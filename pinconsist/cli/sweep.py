@@ -65,10 +65,7 @@ def sweep(
     from ..sweep_cases import cases_of
     from ..sweep_table import Journal, SceneSweep, loaded, write_table
 
-    def number(text):
-        return scene.joint_values([f"value={text}"], "--vary")["value"][0]
-
-    names, cases = cases_of(vary, number, count=count, seed=seed)
+    names, cases = cases_of(vary, scene.number, count=count, seed=seed)
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
     for name in names:
         if name in q0 or name.removesuffix("_speed") in v0.keys() - {name}:
