@@ -1,11 +1,9 @@
 """The results of a run by the names of joints, frames and forces, and as a table."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,13 +16,11 @@ from .mechanism.forces import bound_forces
 from .mechanism.forces.held import sided
 from .mechanism.joint_constraints import Drive
 from .mechanism.loops import Loop
+from .mechanism.mechanism import Mechanism
 from .mechanism.names import position_names, position_units, velocity_names, velocity_units
 from .mechanism.reactions import Reaction
 from .mechanism.rows import LoopRows, Workspace
 from .residuals import accelerations
-
-if TYPE_CHECKING:
-    from .mechanism.mechanism import Mechanism
 
 
 @dataclass(frozen=True, eq=False)

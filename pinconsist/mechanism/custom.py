@@ -1,7 +1,5 @@
 """A user-defined constraint Φ(t, q) = 0, with or without its Jacobian."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar

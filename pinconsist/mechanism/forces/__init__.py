@@ -21,8 +21,6 @@ They are records in plain numbers, by the names of joints and frames; ``bind(mod
 The equations are M v' + nle = τ + Jᵀλ, so that τ·v is the power that goes into the mechanism.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .actuators import Actuator

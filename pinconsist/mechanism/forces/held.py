@@ -1,7 +1,5 @@
 """Torques that are held: tables of them, and digital controllers, which make such a table while they run."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

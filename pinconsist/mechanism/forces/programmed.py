@@ -1,7 +1,5 @@
 """Runs that a program steers: actuators that it commands, and what it has held, for those who judge the run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
