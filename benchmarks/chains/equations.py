@@ -13,20 +13,7 @@ from math import atan2, cos, pi, remainder, sin, tanh
 import numpy as np
 import pinocchio as pin
 
-from pinconsist import (
-    Constraint,
-    Coupling,
-    Drive,
-    JointDamping,
-    JointFriction,
-    JointSpring,
-    JointTorque,
-    Motion,
-    Servo,
-    SpringDamper,
-    Torque,
-    Wrench,
-)
+import pinconsist as pc
 
 
 @dataclass(frozen=True)
@@ -43,7 +30,6 @@ class OnLine:
 
     @cached_property
     def data(self):
-        """The workspace."""
         return self.model.createData()
 
     def __call__(self, t, q):
@@ -55,7 +41,7 @@ class OnLine:
 class Curve:
     """A Motion as a plain function of time, which the package has to differentiate by itself."""
 
-    def __init__(self, motion: Motion):
+    def __init__(self, motion: pc.Motion):
         self.motion = motion
 
     def __call__(self, t):
@@ -180,7 +166,7 @@ class _Coordinate:
 def _motion(curve, t):
     """A Motion and its two derivatives."""
     motion = getattr(curve, "motion", curve)
-    if not isinstance(motion, Motion):
+    if not isinstance(motion, pc.Motion):
         return float(motion), 0.0, 0.0
     w, size = 2.0 * pi * motion.frequency, motion.amplitude
     angle = w * t + motion.phase
@@ -195,7 +181,7 @@ class _Joints:
         self.record, self.joint = record, _Coordinate(model, record.joint)
         self.J = np.zeros((1, model.nv))
         self.J[0, self.joint.v] = 1.0
-        self.other = _Coordinate(model, record.other) if isinstance(record, Coupling) else None
+        self.other = _Coordinate(model, record.other) if isinstance(record, pc.Coupling) else None
 
     def __call__(self, data, t, q, v):
         if self.other is None:
@@ -242,28 +228,28 @@ def _servo(record, joint, nv, data, t, q, v):
 
 def rows_of(model, record):
     """(Φ, J, Φ_t, γ) of a loop's record, as a function of (data, t, q, v) where data has moved; d²Φ/dt² = J v' + γ."""
-    if isinstance(record, Drive | Coupling):
+    if isinstance(record, pc.Drive | pc.Coupling):
         return _Joints(model, record)
-    return _Line(model, record) if isinstance(record, Constraint) else _Loop(model, record)
+    return _Line(model, record) if isinstance(record, pc.Constraint) else _Loop(model, record)
 
 
 def force_of(model, record):
     """τ of a force's record, as a function of (data, t, q, v) where data has moved."""
-    if isinstance(record, JointDamping):
+    if isinstance(record, pc.JointDamping):
         damping = _spread(model, record.coefficients)
         return lambda data, t, q, v: -damping * v
-    if isinstance(record, JointFriction):
+    if isinstance(record, pc.JointFriction):
         friction = _spread(model, record.coefficients)
         return lambda data, t, q, v: -friction * np.array([tanh(x / record.width) for x in v])
-    if isinstance(record, JointTorque):
+    if isinstance(record, pc.JointTorque):
         return lambda data, t, q, v: _spread(model, {j: _motion(curve, t)[0] for j, curve in record.torques.items()})
-    if isinstance(record, JointSpring | Servo):
+    if isinstance(record, pc.JointSpring | pc.Servo):
         return partial(_servo, record, _Coordinate(model, record.joint), model.nv)
-    if isinstance(record, Torque):
+    if isinstance(record, pc.Torque):
         return lambda data, t, q, v: record.function(t, q, v)
-    if isinstance(record, Wrench):
+    if isinstance(record, pc.Wrench):
         return partial(_wrench, record, _Anchor(model, record.frame, pin.SE3(np.eye(3), np.array(record.xyz))))
-    if isinstance(record, SpringDamper):
+    if isinstance(record, pc.SpringDamper):
         ends = (record.frame1, record.xyz1), (record.frame2, record.xyz2)
         return partial(_spring, record, [_Anchor(model, end, pin.SE3(np.eye(3), np.array(xyz))) for end, xyz in ends])
     raise TypeError(f"no equations for {record!r}")

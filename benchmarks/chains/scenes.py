@@ -5,22 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from pinconsist import (
-    Constraint,
-    Coupling,
-    Drive,
-    JointDamping,
-    JointFriction,
-    JointSpring,
-    JointTorque,
-    Loop,
-    Mechanism,
-    Motion,
-    Servo,
-    SpringDamper,
-    Torque,
-    Wrench,
-)
+import pinconsist as pc
 
 from ..linkages import add_frame
 from .equations import Curve, Drag, OnLine
@@ -93,12 +78,12 @@ class Chance:
         if not records:
             records = [self._closure("loop0", "distance", *self._frames(True))]
         forces = [make(self) for make, share in FORCES.items() if rng.random() < share]
-        return Mechanism(model, records, filter(None, forces), name=f"chain {self.seed}")
+        return pc.Mechanism(model, records, filter(None, forces), name=f"chain {self.seed}")
 
     def _rank(self, records):
         if not records:
             return 0
-        equations = Equations(Mechanism(self.model, records))
+        equations = Equations(pc.Mechanism(self.model, records))
         return len(equations.independent(equations.rows(0.0, self.q, self.v)[1]))
 
     def _frames(self, last):
@@ -141,7 +126,7 @@ class Chance:
         if kind == "universal":
             own["axis2"] = anyhow.T @ across[0]
         angles1, angles2 = (pin.rpy.matrixToRpy(anchor.rotation) for anchor in (anchor1, anchor2))
-        return Loop(name, kind, frame1, frame2, anchor1.translation, angles1, anchor2.translation, angles2, **own)
+        return pc.Loop(name, kind, frame1, frame2, anchor1.translation, angles1, anchor2.translation, angles2, **own)
 
     def _line(self, name, frame):
         rng, xyz = self.rng, self._offset()
@@ -150,7 +135,7 @@ class Chance:
         moving = bool(rng.random() < 0.5)
         sway = moving * 0.3 * self._offset()
         line = OnLine(self.model, frame, xyz, origin, across, sway, rng.uniform(1.0, 5.0))
-        return Constraint(name, line, len(across), moving=moving)
+        return pc.Constraint(name, line, len(across), moving=moving)
 
     def _one(self, *, counts=False, but=None):
         """The name of a joint of one freedom, which counts its turns where asked; None where there is none."""
@@ -169,13 +154,13 @@ class Chance:
         rng = self.rng
         speed = rng.uniform(-2.0, 2.0) if rng.random() < 0.3 else 0.0
         size, phase = rng.uniform(0.05, 0.4), rng.uniform(0.0, 6.0)
-        return Motion(value - size * np.sin(phase), speed, size, rng.uniform(0.2, 2.0), phase)
+        return pc.Motion(value - size * np.sin(phase), speed, size, rng.uniform(0.2, 2.0), phase)
 
     def _drive(self):
         if self.rng.random() > 0.3 or not (joint := self._one()):
             return None
         motion = self._motion(self._value(joint))
-        return Drive("motor", joint, Curve(motion) if self.rng.random() < 0.3 else motion)
+        return pc.Drive("motor", joint, Curve(motion) if self.rng.random() < 0.3 else motion)
 
     def _coupling(self):
         rng = self.rng
@@ -183,7 +168,7 @@ class Chance:
             return None
         ratio, higher = rng.uniform(-2.0, 2.0), [rng.normal(0.0, 0.2)] if rng.random() < 0.3 else []
         x = self._value(other)
-        return Coupling("gear", joint, other, ratio, self._value(joint) - ratio * x - sum(higher) * x**2, higher)
+        return pc.Coupling("gear", joint, other, ratio, self._value(joint) - ratio * x - sum(higher) * x**2, higher)
 
     def _some(self, low, high):
         """Joint → a number between powers of ten, for some of the joints."""
@@ -192,28 +177,28 @@ class Chance:
         return {str(name): 10.0 ** rng.uniform(low, high) for name in chosen}
 
     def _spring(self):
-        joint = self._one()
-        return joint and JointSpring(joint, 10.0 ** self.rng.uniform(0.0, 3.0), self._value(joint) + self.rng.normal())
+        rng, joint = self.rng, self._one()
+        return joint and pc.JointSpring(joint, 10.0 ** rng.uniform(0.0, 3.0), self._value(joint) + rng.normal())
 
     def _servo(self):
         rng, joint = self.rng, self._one()
         gains = 10.0 ** rng.uniform(0.0, 3.0), 10.0 ** rng.uniform(-1.0, 1.5)
-        return joint and Servo(joint, self._motion(self._value(joint)), *gains)
+        return joint and pc.Servo(joint, self._motion(self._value(joint)), *gains)
 
     def _torque(self):
-        return (joint := self._one()) and JointTorque({joint: self._motion(self.rng.normal(0.0, 10.0))})
+        return (joint := self._one()) and pc.JointTorque({joint: self._motion(self.rng.normal(0.0, 10.0))})
 
     def _between(self):
         """A spring and damper between two bodies, or a body and the ground; one in ten is stiff."""
         rng, frames = self.rng, self._frames(False)
         stiff = rng.random() < 0.1
         stiffness, damping = 10.0 ** (rng.uniform((5.0, 3.0), (7.0, 4.0)) if stiff else rng.uniform((0, -1), (4, 2)))
-        return SpringDamper(*frames, stiffness, rng.uniform(0.1, 1.0), damping, self._offset(), self._offset())
+        return pc.SpringDamper(*frames, stiffness, rng.uniform(0.1, 1.0), damping, self._offset(), self._offset())
 
     def _wrench(self):
         rng = self.rng
         loads = rng.normal(0.0, (10.0, 3.0), (3, 2)).T * ((1.0, 1.0, not self.planar), (not self.planar,) * 2 + (1.0,))
-        return Wrench(self._frames(False)[0], *loads, str(rng.choice(["world", "local"])), self._offset())
+        return pc.Wrench(self._frames(False)[0], *loads, str(rng.choice(["world", "local"])), self._offset())
 
     def _offset(self):
         return self.rng.uniform(-0.7, 0.7, 3) * (1.0, 1.0, not self.planar)
@@ -224,9 +209,9 @@ class Chance:
 
 
 FORCES = {
-    lambda scene: JointDamping(scene._some(-2.0, 1.0)): 0.3,
-    lambda scene: JointFriction(scene._some(-1.0, 1.0), 10.0 ** scene.rng.uniform(-2.0, 0.0)): 0.2,
-    lambda scene: Torque(Drag(10.0 ** scene.rng.uniform(-2.0, 0.0))): 0.1,
+    lambda scene: pc.JointDamping(scene._some(-2.0, 1.0)): 0.3,
+    lambda scene: pc.JointFriction(scene._some(-1.0, 1.0), 10.0 ** scene.rng.uniform(-2.0, 0.0)): 0.2,
+    lambda scene: pc.Torque(Drag(10.0 ** scene.rng.uniform(-2.0, 0.0))): 0.1,
     Chance._spring: 0.3,
     Chance._servo: 0.15,
     Chance._torque: 0.2,
@@ -246,7 +231,7 @@ def random_chain(seed):
 
 
 def _moves(record):
-    return isinstance(record, Drive) or (isinstance(record, Constraint) and record.moving)
+    return isinstance(record, pc.Drive) or (isinstance(record, pc.Constraint) and record.moving)
 
 
 def _direction(rng):
