@@ -154,7 +154,6 @@ class Back:
         self.total = np.zeros(len(variants))
 
     def run(self) -> None:
-        """Fill ``total``."""
         times, bar, end = list(times_of(self.solution, self.legs, self.sign)), None, len(self.solution.t)
         for i in reversed(range(len(self.legs))):
             leg, begin = self.legs[i], end - len(times[i])

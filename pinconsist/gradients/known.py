@@ -15,11 +15,14 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
+from ..mechanism.motion import AHEAD, CENTRAL
 from ..mechanism.numbers import part_at, with_number
 from ..mechanism.parameters import Parameter, difference_step
 
 OF_STEPS = {-1: -1 / 2, 1: 1 / 2}
-OF_STEPS_AHEAD = {0: -3 / 2, 1: 2.0, 2: -1 / 2}
+BEHIND, SECOND_BEHIND = {-m: -weight for m, weight in AHEAD.items()}, {0: 3 / 2, -1: -2.0, -2: 1 / 2}
+SIDES = (CENTRAL, OF_STEPS), (AHEAD, {0: -3 / 2, 1: 2.0, 2: -1 / 2}), (BEHIND, SECOND_BEHIND)
+"""Weights by offsets, of fourth order and of second: about a value, and on one side where a bound is near."""
 CLOSE = 0.1  # of the step of others: laws of forces are smooth, and most of them linear in their numbers
 
 
@@ -123,8 +126,8 @@ def parts_of(parameter: Parameter, model, step) -> list[tuple[float, Any]]:
     if kind == "nodes":
         return [(1.0, _nodes(model, *where))]
     step = CLOSE * step
-    for weights, sign in ((OF_STEPS, 1), (OF_STEPS_AHEAD, 1), (OF_STEPS_AHEAD, -1)):
-        changes = {sign * m * step: sign * weight / step for m, weight in weights.items()}
+    for _, weights in SIDES:
+        changes = {m * step: weight / step for m, weight in weights.items()}
         try:
             each = [(weight, parameter.part(parameter.value + change)) for change, weight in changes.items()]
         except InputError:  # at a bound

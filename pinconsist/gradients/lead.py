@@ -21,7 +21,6 @@ class Lead:
         self.work = {"steps": 0, "evaluations": 0}
 
     def run(self):
-        """Fill rows and event times."""
         variants, base = self.variants, self.base
         s = begun(variants, base, self.legs[0].system)
         times = times_of(self.solution, self.legs, self.sign)

@@ -46,7 +46,9 @@ class Step(Point):
     def __init__(self, system, t, h, k, base, Z, residuals):
         nx, nv = system.nx, system.nv
         self.nv, self.c = nv, (c := h / bdf.alpha(k))
-        p, v, a, lam = state_of(system, h, k, base, Z)
+        p = Z[0, :nx] if system.vector_like else system.integrate(base, Z[0, :nx])
+        v, lam = np.split(Z[0, nx:], [nv])
+        a = (1.0 / np.arange(1, k + 1)) @ Z[1 : k + 1, nx : nx + nv] / h
         _, _, G, _ = (np.array(each) for each in system.evaluate(t, p, v, a))
         self.M, f_v, f_x = system.matrices(t, p, v, a)
         F, self.H = row_gradients(system, t, p, v, lam)
@@ -88,14 +90,6 @@ class Step(Point):
         up, low = np.split(self.kkt.solve_transposed(s[nv:] + np.append(self.W.T @ hidden + c * x, 0.0 * hidden)), [nv])
         psi = np.append(x - self.B.T @ up - self.WE.T @ low / c, self.M.T @ up)
         return psi, self.rho @ hidden - c * self.r @ up - self.phi @ low / c
-
-
-def state_of(system, h, k, base, Z):
-    """(p, v, a, λ) at an accepted step."""
-    nx, nv = system.nx, system.nv
-    p = Z[0, :nx] if system.vector_like else system.integrate(base, Z[0, :nx])
-    a = (1.0 / np.arange(1, k + 1)) @ Z[1 : k + 1, nx : nx + nv] / h
-    return p, Z[0, nx : nx + nv], a, Z[0, nx + nv :]
 
 
 def row_gradients(system, t, p, v, lam):

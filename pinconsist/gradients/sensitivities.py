@@ -200,7 +200,11 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     names = _names(names, theta)
     if steps is not None and len(steps) != len(theta):
         raise InputError(f"steps= needs one for each of the {len(theta)} parameters, got {len(steps)}")
-    _check_options(options)
+    if (mode := options.get("consistency", "every-step")) != "every-step":
+        raise InputError(
+            f"sensitivities need consistency='every-step', not {mode!r}: raw BDF leaves a hidden residual, whose "
+            "derivative makes those of the multipliers wrong"
+        )
     make = _maker(build, t_span[0], q0, v0, forces, events, backend, control)
     base = make(theta)
     solution = simulate(
@@ -232,14 +236,6 @@ def _names(names, theta):
     if len(names) != len(theta):
         raise InputError(f"names= needs one for each of the {len(theta)} parameters, got {len(names)}")
     return names
-
-
-def _check_options(options):
-    if options.get("consistency", "every-step") != "every-step":
-        raise InputError(
-            f"sensitivities need consistency='every-step', not {options['consistency']!r}: raw BDF leaves a hidden "
-            "residual, whose derivative makes those of the multipliers wrong"
-        )
 
 
 def _maker(build, t, q0, v0, forces, events, backend, control=None):

@@ -58,7 +58,6 @@ class StageWay:
         return self._back((Motion(steps[i]) for i in order), given[::-1], bars, [begins[i] for i in order])
 
     def linear(self, t, p, v):
-        """See :meth:`Multipliers.linear`."""
         return Multipliers(self.system, t, p, v).linear()
 
     def multipliers(self, t, p, v, s):
@@ -116,7 +115,6 @@ class StageLeg:
     span = property(lambda self: (self.start.t_old, self.steps[-1].end))
 
     def close(self) -> None:
-        """Let go of compiled systems."""
         self._way = None
 
     def step_at(self, t):

@@ -20,9 +20,8 @@ from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assembled, velocity_on_constraints
 from ..mechanism.closing import LoopSolver
 from ..mechanism.mechanism import Mechanism
-from ..mechanism.motion import AHEAD, CENTRAL
 from ..mechanism.system import MechanismSystem
-from .known import OF_STEPS, OF_STEPS_AHEAD, Known
+from .known import SIDES, Known
 
 
 @dataclass
@@ -48,7 +47,6 @@ class Side:
 
     @cached_property
     def solver(self):
-        """The loops at the start of the run."""
         return LoopSolver(self.mechanism, self.t)
 
     def velocity(self, q, kept):
@@ -71,7 +69,6 @@ class Side:
         return self._jacobian(p)
 
     def close(self) -> None:
-        """Let go of compiled systems."""
         self._systems.clear()
         self._jacobian = None
 
@@ -108,7 +105,6 @@ class Variant:
         return self.inert
 
     def close(self) -> None:
-        """Let go of compiled systems."""
         for side in self.sides.values():
             side.close()
 
@@ -133,7 +129,6 @@ class KnownVariant:
         self.parts, self._base, self._make_sides = parts, base, make_sides
 
     def close(self) -> None:
-        """Let go of compiled systems."""
         vars(self).pop("_full", None)
 
     @cached_property
@@ -152,9 +147,9 @@ class KnownVariant:
 def variant_of(make, theta, i, name, step, base) -> Variant:
     """The variant of the parameter `i`, of a step."""
     errors, unit = [], np.arange(len(theta)) == i
-    for weights, near, sign in ((CENTRAL, OF_STEPS, 1), (AHEAD, OF_STEPS_AHEAD, 1), (AHEAD, OF_STEPS_AHEAD, -1)):
+    for weights, near in SIDES:
         try:
-            sides = {sign * m: make(theta + sign * m * step * unit) if m else base for m in weights}
+            sides = {m: make(theta + m * step * unit) if m else base for m in weights}
         except (PinconsistError, ValueError) as error:
             errors.append(error)
             continue
@@ -162,7 +157,6 @@ def variant_of(make, theta, i, name, step, base) -> Variant:
             _require_same(side.mechanism, base.mechanism, f"{name!r} is {theta[i] + m * step:.6g}")
         inert = all(side.mechanism is base.mechanism for side in sides.values())
         idle = inert and all(side.events == base.events for side in sides.values())
-        weights, near = ({sign * m: sign * weight for m, weight in each.items()} for each in (weights, near))
         return Variant(name, step, sides, weights, near, inert, idle)
     raise InputError(f"the parameter {name!r} cannot vary by {step:.1e} to either side: {errors[0]}") from errors[0]
 

@@ -49,7 +49,6 @@ class Variants(Sequence):
         return Residuals(self, like)
 
     def close(self) -> None:
-        """Let go of compiled systems."""
         for variant in self._made.values():
             variant.close()
 
