@@ -83,14 +83,6 @@ class Variant:
     concerns: Callable[[MechanismSystem], bool] = lambda system: True  # else the variant changes nothing
 
 
-def _never(*args):
-    return False
-
-
-def _far_away(t, q, v, lam):
-    return t + 1.0
-
-
 def _has_loops(system):
     return system.nc > 0
 
@@ -113,8 +105,8 @@ VARIANTS = (
     PLAIN,
     *(_switched_off(switch.name) for switch in fields(Switches)),
     Variant("dense output", output=Output(dense=True)),
-    Variant("an event", output=Output(events=(Event(_far_away),))),
-    Variant("a callback", output=Output(callback=_never)),
+    Variant("an event", output=Output(events=(Event(lambda t, q, v, lam: t + 1.0),))),
+    Variant("a callback", output=Output(callback=lambda *args: False)),
     Variant("geometry", before=visuals, concerns=lambda system: system.mechanism.geometry is not None),
     PLAIN_PYTHON,
     Variant("charts", "python", system=WithCharts, concerns=lambda system: system.vector_like),

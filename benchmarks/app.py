@@ -48,5 +48,4 @@ for name, (function, codes) in COMMANDS.items():
 
 
 def main(argv=None):
-    """Run the command line and end the process with its exit code."""
     package.main(argv, app=app, program="python -m benchmarks", studies=COMMANDS)

@@ -62,7 +62,8 @@ def command(
                 report.write_csv(csv, rows)
     counts, errors = Counter(row["outcome"] for row in rows), distribution(rows)
     if not report.in_files(csv, as_json, rows, counts=counts, errors=errors, runs=rows):
-        report.table([row for row in rows if _remarkable(row)], REMARKABLE, "failed, refused, or far off")
+        far = [row for row in rows if row["outcome"] != campaign.FINE or max(row[q] or 0.0 for q in QUANTITIES) > FAR]
+        report.table(far, REMARKABLE, "failed, refused, or far off")
         report.table(errors, ERRORS, "largest error of a run over its tolerance")
         print(estimates(rows))
         print(", ".join(f"{number} {what}" for what, number in counts.most_common()))
@@ -93,10 +94,6 @@ def estimates(rows) -> str:
     found = ", ".join(f"{np.mean(np.abs(np.log(ratios)) <= np.log(factor)):.1%} within {factor}" for factor in (3, 10))
     unnamed = sum(max(row["q"], row["v"]) > FAR and row["estimate"] < FAR / NEAR for row in known)
     return f"estimated over true error of {len(known)} runs: {found}; {unnamed} of those off by more than 100 unnoticed"
-
-
-def _remarkable(row):
-    return row["outcome"] != campaign.FINE or max(row[name] or 0.0 for name in QUANTITIES) > FAR
 
 
 def _errors(row):

@@ -39,7 +39,6 @@ class Child:
         return None, f"not done after {limit:g} s" if died is None else f"{DIED} ({died})"
 
     def end(self):
-        """Kill the process, if it is there."""
         self._process.kill()
         self._process.join()
         self._pipe.close()

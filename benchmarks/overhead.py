@@ -43,7 +43,6 @@ class Overhead:
 
 
 def backends() -> tuple[str, ...]:
-    """The methods that are installed."""
     return ("python",) if _core.load()[0] is None else ("compiled", "python")
 
 

@@ -101,7 +101,9 @@ class _Tree:
         )
         for force in mechanism.forces:
             if isinstance(force, SpringDamper):
-                self._add_spring(force)
+                ends = [self._marker(*end) for end in force.bind(model).ends]
+                values = {"referenceLength": force.length, "stiffness": force.stiffness, "damping": force.damping}
+                mbs.AddObject(items.ObjectConnectorSpringDamper(markerNumbers=ends, **values))
         self.closures = [self._add_loop(closure) for closure in problem.system.rows.closures]
         kinds = exudyn.OutputVariableType
         stored = {"storeInternal": True, "writeToFile": False}
@@ -140,11 +142,6 @@ class _Tree:
         return self.mbs.AddMarker(
             items.MarkerKinematicTreeRigid(objectNumber=self.tree, linkNumber=joint - 1, localPosition=at)
         )
-
-    def _add_spring(self, spring):
-        ends = [self._marker(*end) for end in spring.bind(self.problem.mechanism.model).ends]
-        values = {"referenceLength": spring.length, "stiffness": spring.stiffness, "damping": spring.damping}
-        self.mbs.AddObject(self.items.ObjectConnectorSpringDamper(markerNumbers=ends, **values))
 
     def _add_loop(self, closure):
         items, ends = self.items, [self._marker(*end) for end in loop_ends(closure)]

@@ -85,7 +85,6 @@ class Peer(ABC):
         return None if found else f"{self.package} is not installed: pip install --group benchmarks"
 
     def version(self) -> str:
-        """Of the package."""
         try:
             return version(self.package)
         except PackageNotFoundError:

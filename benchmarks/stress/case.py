@@ -144,7 +144,6 @@ def should_not_be(what, found=True) -> Figure:
 
 
 def largest(values) -> float:
-    """The largest magnitude in an array, 0 in an empty one."""
     return np.abs(values).max(initial=0.0)
 
 

@@ -32,7 +32,6 @@ PUSH = 20.0
 
 
 def cases():
-    """Yield the cases."""
     family = "discontinuous force"
     for size in (1.0, 1e2, 1e3):
         yield Case(family, f"crank torque jumps by {size:g} N·m in mid-run", partial(_step, size))

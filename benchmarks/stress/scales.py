@@ -20,7 +20,6 @@ GROWTH = 1e3
 
 
 def cases():
-    """Yield the cases."""
     for exponent in (2, 4, 6, 8):
         for ratio in (10.0**exponent, 10.0**-exponent):
             for part, name in enumerate(NAMES):

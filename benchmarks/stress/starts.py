@@ -19,7 +19,6 @@ DEFAULTS = {"tol": 1e-6, "atol": 1e-8}
 
 
 def cases():
-    """Yield the cases."""
     for scene in ("four_bar", "stewart_platform"):
         for off in (1e-12, 1e-9, 1e-6, 1e-3, 1e-2, 1e-1, 1.0):
             expected = HELD if off <= 1e-2 else EITHER

@@ -39,13 +39,11 @@ class Symbols:
         self.v, self.a, self.u = (ca.SX.sym(name, model.nv) for name in "vau")
         self._S, self._standing, self._on_parent = _motions(mechanism), [None], [None]  # without u, and with
         for i in range(1, model.njoints):
-            X = self._matrix(*ca.vertsplit(ca.mtimes(self._S[i], self._own(self.u, i)), 3))
+            shift, turn = ca.vertsplit(ca.mtimes(self._S[i], self._own(self.u, i)), 3)
+            X = ca.vertcat(ca.horzcat(ca.skew(turn), shift), ca.SX(1, 4))
             moved = ca.SX.eye(4) + X + 0.5 * ca.mtimes(X, X)
             self._standing.append(ca.mtimes(model.jointPlacements[i].homogeneous, self._pose(i)))
             self._on_parent.append(ca.mtimes(self._standing[i], moved))
-
-    def _matrix(self, shift, turn):
-        return self.ca.vertcat(self.ca.horzcat(self.ca.skew(turn), shift), self.ca.SX(1, 4))
 
     def _own(self, velocities, i):
         return velocities[self.model.idx_vs[i] : self.model.idx_vs[i] + self.model.nvs[i]]

@@ -43,7 +43,6 @@ class Action:
 
     @property
     def norms(self) -> np.ndarray:
-        """Euclidean norms at every frame, shape (m,)."""
         return np.linalg.norm(self.vectors, axis=1)
 
 

@@ -48,7 +48,6 @@ def _set_object(path, thing, geometry, material) -> dict:
 
 
 def put(path: str, name: str, value) -> dict:
-    """Set a property of the object at a path."""
     return {"type": "set_property", "path": path, "property": name, "value": value}
 
 

@@ -87,7 +87,6 @@ class Run:
         return replace(self, **others | {"elapsed": elapsed, "q": q}, true=self.true and self.true.at(elapsed))
 
     def rows(self, rows: np.ndarray) -> Run:
-        """The run at some of its rows."""
         return replace(self, **self._each(lambda x: x[rows]), true=self.true and self.true.rows(rows))
 
     def _each(self, change) -> dict:

@@ -90,7 +90,6 @@ class DrawnSolution:
 
     @property
     def portrait_lines(self) -> int:
-        """Lines of panels of the phase portrait."""
         return max(1, -(-min(len(self.portraits), PORTRAITS) // ABREAST))
 
 

@@ -64,7 +64,6 @@ def require_file(file, at=()) -> str:
 
 
 def _frames(page, width, height, watch=None) -> Iterator:
-    """Images of all frames."""
     from PIL import Image, ImageDraw, ImageFont
 
     stage, (start, pace, duration, count) = Stage(page), page["clock"]
@@ -83,13 +82,14 @@ def _frames(page, width, height, watch=None) -> Iterator:
             reach = place[0] * bar["metres"]
         draw.line((line / 2, row * line, line / 2 + reach, row * line), f"#{color:06x}", 3 * FINER)
         draw.text((line + reach, row * line), text, INK, font, anchor="lm")
+    digits = int(np.clip(2 - np.floor(np.log10(abs(pace) * duration or 1.0)), 2, 9))  # that show the motion
     for frame in range(count):
         image = behind.copy()
         draw = ImageDraw.Draw(image, "RGBA")
         for patch in stage.patches(frame, *place):
             draw.polygon(patch.points.ravel().tolist(), (*patch.color.astype(int).tolist(), round(255 * patch.opacity)))
         t = start + pace * duration * frame / max(count - 1, 1)
-        draw.text((line / 2, size[1] - line), f"t = {t:.{_digits(abs(pace) * duration)}f} s", INK, font, anchor="lm")
+        draw.text((line / 2, size[1] - line), f"t = {t:.{digits}f} s", INK, font, anchor="lm")
         yield image.reduce(FINER)
         if watch is not None:
             watch(frame + 1, count)
@@ -99,11 +99,6 @@ def _about(entry) -> str:
     """An entry of the page's legend; the sizes of arrows that are cut stand on pages alone."""
     text = entry["text"].removesuffix(", with their size beside them")
     return f"{entry['bar']['text']}  {text}" if "bar" in entry else text
-
-
-def _digits(span) -> int:
-    """Decimals that show a motion of so many seconds."""
-    return int(np.clip(2 - np.floor(np.log10(span or 1.0)), 2, 9))
 
 
 def _mp4(frames, size, rate) -> bytes:

@@ -62,7 +62,7 @@ class Stage:
                 moving = {each["path"]: _matrices(each["clip"]["tracks"]) for each in command["animations"]}
             elif command["type"] == "set_object":
                 self._add(command["path"], command["object"])
-        self._poses = [_product([(fixed | moving).get(path) for path in _parents(each.path)]) for each in self.solids]
+        self._poses = [_pose(each.path, fixed | moving) for each in self.solids]
 
     def _add(self, path, thing):
         (geometry,), (material,), about = thing["geometries"], thing["materials"], thing["object"]
@@ -120,15 +120,12 @@ def _z_up(point):
     return [point[0], -point[2], point[1]]
 
 
-def _parents(path: str) -> list[str]:
-    """``/a``, ``/a/b``, … of a path, and itself."""
-    return ["/" + part for part in accumulate(path.strip("/").split("/"), lambda a, b: f"{a}/{b}")]
-
-
-def _product(matrices) -> np.ndarray:
+def _pose(path, placed) -> np.ndarray:
+    """Poses, (m, 4, 4), of a path whose beginnings, ``/a`` of ``/a/b``, may be placed, too."""
     found = np.eye(4)[None]
-    for matrix in matrices:
-        found = found if matrix is None else found @ matrix
+    for start in accumulate(path.strip("/").split("/"), "{}/{}".format):
+        if (matrix := placed.get(f"/{start}")) is not None:
+            found = found @ matrix
     return found
 
 

@@ -1,6 +1,5 @@
 """A page in a real headless browser, driven over the DevTools protocol: clicks, drags, keys, and what they lead to."""
 
-import base64
 import itertools
 import json
 import os
@@ -127,9 +126,6 @@ class Tab:
         text = {"text": key} if len(key) == 1 else {}
         self.ask("Input.dispatchKeyEvent", type="keyDown", key=key, **text)
         self.ask("Input.dispatchKeyEvent", type="keyUp", key=key)
-
-    def screenshot(self, file):
-        file.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
 
 
 @contextmanager
