@@ -11,13 +11,13 @@ from pinconsist.cli import app as package
 from . import (
     ablate,
     actuation,
-    cases,
     chains_command,
     gradients,
     overhead,
     robots,
     sampled,
     stress_command,
+    sweep,
     work_precision_command,
 )
 
@@ -27,7 +27,7 @@ COMMANDS: dict[str, tuple[Callable, str]] = {
     "robots": (robots.command, WRONG_INPUT),
     "overhead": (overhead.command, WRONG_INPUT),
     "sampled": (sampled.command, WRONG_INPUT),
-    "sweep": (cases.command, WRONG_INPUT),
+    "sweep": (sweep.command, WRONG_INPUT),
     "actuation": (actuation.command, WRONG_INPUT),
     "ablate": (ablate.command, WRONG_INPUT),
     "gradients": (gradients.command, WRONG_INPUT),

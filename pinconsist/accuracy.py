@@ -125,7 +125,8 @@ def _case(solution, mechanism):
         step = 0.5 * step
     else:
         rtol, atol = (tuple(np.multiply(FINER, part) for part in about[key]) for key in ("rtol", "atol"))
-        if name == "BDF" and min(part.min() for part in rtol) < ErrorControl(rtol, atol, order, np.inf).best:
+        control = ErrorControl(rtol, atol, order, np.inf)
+        if name == "BDF" and control.asked[0] < control.best:
             name, order, rtol = "Radau", None, tuple(np.maximum(part, 1e-12) for part in rtol)  # less rounding
     span = float(solution.t[0]), float(solution.t[-1])
     order = None if name == "Radau" and step is None else order

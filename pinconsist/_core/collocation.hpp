@@ -66,7 +66,7 @@ template <class G> std::pair<double, double> zero(const G &g, double a, double f
     fa = f;
     if (fa == 0.0 || std::abs(b - a) <= near) break;
     const double x = (a - b) / (c - b), y = (fa - fb) / (fc - fb);
-    part = tries < 20 && y * y < x && (1.0 - y) * (1.0 - y) < 1.0 - x
+    part = tries < HALVING && y * y < x && (1.0 - y) * (1.0 - y) < 1.0 - x
                ? fa / (fa - fb) * fc / (fc - fb) - (c - a) / (b - a) * fa / (fc - fa) * fb / (fb - fc)
                : 0.5;
   }

@@ -59,13 +59,12 @@ class CompiledStepper(CompiledRun):
             sizes = control.sizes if before is None else before.sizes
             self._core.control_error(*control.spread, sizes, control.max_order, control.max_step, control.noise)
 
-    @property
-    def _no_turns(self):
-        return np.zeros((0, self.system.nx))
+    def _hand_turns(self):
+        self._core.turns = np.zeros((0, self.system.nx)) if self._turns is None else self._turns
 
     def begin(self, t, p, v, t_end, known=None):
         states = super().begin(t, p, v, t_end, known)
-        self._core.turns = self._no_turns if self._turns is None else self._turns
+        self._hand_turns()
         self._core.begin(t, self.t, self.h, self.k, self.p, self.y, self.base, self.Z)
         if self.method.step is not None:
             self._core.fix_step(self._start, self._taken, self._steps)
@@ -82,7 +81,7 @@ class CompiledStepper(CompiledRun):
     def _history(self, t, p, v, t_end):
         found = None
         if self._starts_at_once:
-            self._core.turns = self._no_turns if self._turns is None else self._turns
+            self._hand_turns()
             found = self._core.history(self._compiled, t, p, v, t_end, self.method.first_step or 0.0)
         return found or super()._history(t, p, v, t_end)
 

@@ -37,8 +37,7 @@ public:
     if (system_.nc && !position(t, state)) return state;
     for (int turn = 0; turn < 2 && system_.nc; ++turn) {
       system_.constraint(t, state.p, state.v);
-      if (turn == 0 && !shift(t, state.p, state.v, system_.rho)) return singular(state);
-      if (turn == 1) shift_again(system_.rho);
+      if (!shift(t, state.p, state.v, system_.rho, turn == 1)) return singular(state);
       state.v -= rhs_.col(0).head(system_.nv);
     }
     return state;
@@ -54,7 +53,7 @@ public:
     system_.integrate(p, -system_.moved_by(t, p, v, rhs_.col(0).head(nv)), moved_);
     std::swap(p, moved_);
     system_.constraint(t, p, v);
-    shift_again(system_.rho);
+    shift(t, p, v, system_.rho, true);
     v -= rhs_.col(0).head(nv);
     system_.evaluate_after_constraint(t, p, v, zero_);
     negative_forces(t, p, v);
@@ -84,18 +83,14 @@ private:
     return kkt_.solve_new(system_.W, system_.G_transposed(), 1.0, rhs_, 1);
   }
 
-  // The smallest velocity, in the mass metric, that carries the residual; W is the one at p.
-  bool shift(double t, const Vec &p, const Vec &v, const Vec &residual) {
+  // The smallest velocity, in the mass metric, that carries the residual; W is the one at p, or the last one that was
+  // `factored` very near it.
+  bool shift(double t, const Vec &p, const Vec &v, const Vec &residual, bool factored = false) {
     rhs_.setZero();
     rhs_.col(0).tail(system_.nc) = residual;
-    return solve(t, p, v);
-  }
-
-  // The same of another residual at this position or very near it.
-  void shift_again(const Vec &residual) {
-    rhs_.setZero();
-    rhs_.col(0).tail(system_.nc) = residual;
+    if (!factored) return solve(t, p, v);
     kkt_.solve(rhs_, 1.0, 0);
+    return true;
   }
 
   bool position(double t, State &state) {

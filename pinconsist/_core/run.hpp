@@ -67,8 +67,10 @@ public:
         self().prepare_next();
         failure = self().advance(until);
         if (failure != Failure::none) return failure;
-        if (with_curve) put(sizes_, self().control.sizes);
-        if (with_curve) self().keep(out.curve);
+        if (with_curve) {
+          put(sizes_, self().control.sizes);
+          self().keep(out.curve);
+        }
         leave(t, p, self().velocity(), self().multipliers());
       }
       if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;

@@ -106,9 +106,9 @@ class ErrorControl:
         k = self.max_order
         return np.maximum((ACCURACY * np.asarray(tol)) ** ((k + 1) / k), self._rounding)
 
-    def apart(self, system, rows, others) -> float:
+    def apart(self, rows, others) -> float:
         """The largest difference of rows [ξ | v], over the accuracy that the run is to have."""
-        rtol, atol = (np.maximum(self._columns(system, name), self.best) for name in ("rtol", "atol"))
+        rtol, atol = (np.maximum(wanted, self.best) for wanted in self._wanted)
         return float((np.abs(rows - others) / (atol + rtol * np.abs(rows).max(axis=0))).max())
 
     @cached_property

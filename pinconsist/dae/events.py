@@ -9,13 +9,13 @@ from functools import partial
 from types import FunctionType
 
 from ..errors import InputError, UserFunctionError
+from .tuning import HALVING
 
 SAME_TIME = 1e-13  # relative: events closer than that happen at once
 NUDGE = 1e-6  # of a step
 BESIDE = 1e-3  # of a step, for a slope
 ROUGHLY = 1e-7  # of a step, where a secant follows
 LOOKING = {"locals", "vars", "dir", "eval", "exec"}  # functions that see all variables
-QUICK = 20  # tries after which a zero is found by halving
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ def zero(g, a, fa, b, fb, near):
             return (a, fa) if abs(fa) < abs(fb) else (b, fb)
         x, y = (a - b) / (c - b), (fa - fb) / (fc - fb)
         part = 0.5
-        if tries < QUICK and y * y < x and (1.0 - y) ** 2 < 1.0 - x:
+        if tries < HALVING and y * y < x and (1.0 - y) ** 2 < 1.0 - x:
             part = fa / (fa - fb) * fc / (fc - fb) - (c - a) / (b - a) * fa / (fc - fa) * fb / (fb - fc)
 
 

@@ -92,11 +92,6 @@ def fill_table(system, states):
     return base, Z
 
 
-def rows_of(system, base, states):
-    """[ξ | v] of states in the chart at `base`."""
-    return np.array([table_row(system, base, p, v, np.zeros(0)) for _, p, v, _ in states])
-
-
 def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
     """(h, states) of k+2 states, oldest first, whose step h suits the tolerance of `control`, by a few steps of DOP853.
 
@@ -141,7 +136,8 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
             rows = run.sample(times)
         points = [chart_point(system, p0, y[: system.nx]) for y in rows]
         states = [first, *map(index1.state, times[1:], points[1:], rows[1:, system.nx :])]
-        if not system.moving or control.apart(system, rows, rows_of(system, p0, states)) <= JUMPED:
+        closed = [table_row(system, p0, p, v, np.zeros(0)) for _, p, v, _ in states]
+        if not system.moving or control.apart(rows, closed) <= JUMPED:
             return h, states
         if abs(h) < BEFORE_JUMP * shortest:
             phi, rho = system.constraint(times[-1], p := points[-1], system.rate(times[-1], p, rows[-1, system.nx :]))

@@ -71,6 +71,7 @@ FIRST_REACH, FIRST_CHANGE = 1e-2, 0.1  # relative to positions, to accelerations
 FIRST_TRIALS = 20  # each a quarter of the one before
 LAST_MODE = 0.01  # of the highest mode in the denominator of the error estimate
 LOOKS = 12  # times in a step at which events are looked for
+HALVING = 20  # tries after which a zero is found by halving
 
 WINDOW = 1000  # steps after which the pace of a run is looked at
 CHATTER, LONG, ENDLESS = 0.3, 1e5, 1e9  # Newton failures a step; steps to come at that pace where a force jumps; else

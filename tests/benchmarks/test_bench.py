@@ -12,7 +12,7 @@ import pytest
 from helpers import command_line
 from helpers.mjcf_zoo import ZOO
 
-from benchmarks import actuation, cases, gradients, mjcf_actuators, sampled
+from benchmarks import actuation, gradients, mjcf_actuators, sampled, sweep
 from benchmarks.against import against
 from benchmarks.app import main
 from benchmarks.around import FORCE, around
@@ -31,8 +31,8 @@ def test_each_way_of_sampling_is_timed_and_right():
 
 
 def test_sweeps_and_threads_are_timed():
-    assert [row.cases for row in cases.sweeps(2)] == [2, 2] and all(row.ratio > 0.0 for row in cases.sweeps(2))
-    row = cases.threads(0.05, "Radau", repeats=1, cases=2)
+    assert [row.cases for row in sweep.sweeps(2)] == [2, 2] and all(row.ratio > 0.0 for row in sweep.sweeps(2))
+    row = sweep.threads(0.05, "Radau", repeats=1, cases=2)
     assert 0.0 < row.free < 1.0 and row.ratio > 0.0
 
 
