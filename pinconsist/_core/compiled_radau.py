@@ -95,8 +95,9 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         self._sampler = [load()[0].Sampler(self._compiled)]
         chooses = self.method.stages == 0
         if isinstance(control, RadauControl):
-            for s in (FEWEST_STAGES, FIRST_STAGES, MOST_STAGES) if chooses else (self.method.stages,):
-                self._core.add_tolerances(s, *control.for_stages(s))
+            for s in (FEWEST_STAGES, MOST_STAGES, FIRST_STAGES) if chooses else (self.method.stages,):  # last, its own
+                control.use(s)
+                self._core.add_tolerances(s, *control.spread, control.newton_factor)
             sizes = control.sizes if before is None else before.sizes
             self._core.control_error(sizes, control.max_step, chooses, control.worth_most)
 

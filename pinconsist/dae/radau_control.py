@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, field
 
 from . import tuning
@@ -39,12 +38,6 @@ class RadauControl(ErrorControl):
         """Go on with `s` stages, with the tolerance of a step that belongs to them."""
         self.s, self._calm, self._failures, self._last = s, 0, 0, None
         self._hold_steps()
-
-    def for_stages(self, s):
-        """rtol and atol of the columns, and Newton's factor, with `s` stages."""
-        other = copy(self)
-        other.use(s)
-        return *other.spread, other.newton_factor
 
     def step_tolerance(self, tol):
         """The tolerance τ of the estimate with which a run is as accurate as `tol`.
