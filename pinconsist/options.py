@@ -8,9 +8,10 @@ from ._core.compiled import BACKENDS
 from .dae import consistency as paper
 from .dae import integrate as dae
 from .dae.control import ErrorControl, FixedStep
+from .dae.norms import EPS
 from .dae.radau_control import RadauControl
 from .dae.rounding import shortest_step
-from .dae.tuning import FIRST_STAGES, MAX_ADAPTIVE_ORDER, MAX_ORDER, MOST_STAGES, STAGES
+from .dae.tuning import FIRST_STAGES, MAX_ADAPTIVE_ORDER, MAX_ORDER, MOST_STAGES, STAGES, SURE
 from .errors import InputError
 from .mechanism.checks import finite_array
 
@@ -66,6 +67,14 @@ def method_of(
         better = "" if order >= MAX_ADAPTIVE_ORDER else f"; order 5 gives {ErrorControl((), (), 5, 1.0).best:.1g}"
         log.warning("rtol = %g: order %d gives about %.1g in double precision%s", asked, order, control.best, better)
     return dae.Method(order, consistency, control, None, first_step, max_steps, stages=stages)
+
+
+def warn_of_differences(system, method) -> None:
+    """Log what BDF can reach where difference quotients stand for the Jacobian of a constraint."""
+    best = 10.0 * SURE * EPS / system.difference_step
+    if method.step is None and method.stages is None and method.control.asked[0] < best:
+        why = "rtol = %g: constraints without a jacobian give about %.0g; give one, or take method='Radau'"
+        log.warning(why, method.control.asked[0], best)
 
 
 def _order(max_order, step) -> int:

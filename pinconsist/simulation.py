@@ -18,7 +18,7 @@ from .mechanism.closing import LoopSolver
 from .mechanism.mechanism import Mechanism, with_forces
 from .mechanism.singularity import require_nonsingular
 from .mechanism.system import MechanismSystem
-from .options import method_of, span_of
+from .options import method_of, span_of, warn_of_differences
 from .solution import Solution
 
 
@@ -194,6 +194,7 @@ def integrate(
 
 
 def _integrated(system, span, p0, v0, chosen, output, backend) -> Solution:
+    warn_of_differences(system, chosen)
     with deferred(late=False) as interrupted:
         stepper = stepper_for(system, chosen, backend)
         trajectory = dae.integrate(system, span, p0, v0, chosen, output, stepper, interrupted)

@@ -335,6 +335,21 @@ def test_ones_own_constraint_on_a_manifold_is_the_built_in_kind():
     np.testing.assert_allclose(sol.lam, reference.lam, atol=1e-7)
 
 
+def test_difference_quotients_do_not_make_steps_small(caplog):
+    """Where rounding in J is as large as the tolerance, steps had to pass by chance: 3000 of them and more."""
+    mech = as_loop("distance")
+    own = mech.with_loops(pc.Constraint("held", HeldDistance(mech), 1, moving=False))
+    start = pc.assemble(mech)
+    exact, sol = (
+        pc.simulate(each, (0.0, 0.1), start.q, {"arm": 2.0}, rtol=1e-10, atol=1e-12, max_steps=300)
+        for each in (mech, own)
+    )
+    assert sol.success and sol.nsteps < 1.5 * exact.nsteps
+    assert "without a jacobian give about 4e-10; give one, or take method='Radau'" in caplog.text
+    np.testing.assert_allclose(sol.q[-1], exact.q[-1], atol=1e-9)
+    np.testing.assert_allclose(sol.v[-1], exact.v[-1], rtol=0, atol=4e-9 * np.abs(exact.v).max())
+
+
 @pytest.mark.parametrize("given", ["function", "function, jacobian and rate"])
 def test_derivatives_of_ones_own_constraint(given):
     """J, Φ_t and the bias against differences taken here, for joints on manifolds too."""

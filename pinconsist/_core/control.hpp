@@ -41,6 +41,7 @@ protected:
     if (sums_up.size()) {
       auto allowed = weight.tail(system.nv);
       allowed += (sums_up.tail(system.nv).cwiseProduct(allowed)).cwiseMin(STIRRED * rounding / std::abs(h));
+      allowed.array() += SURE * rounding * largest(v) / system.difference_step;
     }
     weight = weight.cwiseInverse();
   }

@@ -65,6 +65,7 @@ public:
     const int at = fresh ? nc : nc - rows->size();
     nc = at + rows->size();
     calls_python_ |= rows->calls_python();
+    difference_step = std::min(difference_step, rows->difference_step());
     rows_.push_back({std::move(rows), at});
     size_rows();
   }

@@ -31,7 +31,7 @@ Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] !=
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 23; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 24; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -74,8 +74,8 @@ NB_MODULE(twin, m) {
              s.add_rows(std::make_unique<CouplingRow>(coordinate(joint), coordinate(other), period, law));
            })
       .def("add_python_rows",
-           [](MechanismSystem &s, nb::object closure, std::vector<int> local, bool moving) {
-             s.add_rows(std::make_unique<PythonRows>(closure, s.data_object(), std::move(local), moving));
+           [](MechanismSystem &s, nb::object closure, std::vector<int> local, bool moving, double step) {
+             s.add_rows(std::make_unique<PythonRows>(closure, s.data_object(), std::move(local), moving, step));
            })
       .def("add_constant", &MechanismSystem::add_constant)
       .def("add_damping", &MechanismSystem::add_damping)

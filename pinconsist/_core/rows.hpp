@@ -19,6 +19,7 @@ struct Rows {
   virtual bool add_gradients(const Data &, const Vec &, const Vec &, const Vec &, int, Mat &, Mat &) const { return false; }
   virtual int size() const = 0;
   virtual bool calls_python() const { return false; }
+  virtual double difference_step() const { return INF; }
 };
 
 using Six = Eigen::Matrix<double, 6, 1>; // a twist (linear, angular) or wrench (force, moment) about the origin, world axes
@@ -269,8 +270,9 @@ private:
 // Rows that only Python knows: its own closure is asked, with fresh arrays.
 class PythonRows : public Rows {
 public:
-  PythonRows(nb::object closure, nb::object data, std::vector<int> local, bool moving)
-      : closure_(std::move(closure)), data_(std::move(data)), local_(std::move(local)), moving_(moving) {}
+  PythonRows(nb::object closure, nb::object data, std::vector<int> local, bool moving, double difference_step)
+      : closure_(std::move(closure)), data_(std::move(data)), local_(std::move(local)), moving_(moving),
+        difference_step_(difference_step) {}
 
   void evaluate(const Data &, double t, const Vec &p, int at, Vec &phi, Mat &J) const override {
     const auto both = nb::cast<std::pair<Vec, Mat>>(ask(closure_, "evaluate", data_, p, t));
@@ -294,11 +296,13 @@ public:
   }
   int size() const override { return static_cast<int>(local_.size()); }
   bool calls_python() const override { return true; }
+  double difference_step() const override { return difference_step_; }
 
 private:
   nb::object closure_, data_;
   std::vector<int> local_;
   bool moving_;
+  double difference_step_;
 };
 
 } // namespace pinconsist

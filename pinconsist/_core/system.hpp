@@ -63,6 +63,7 @@ public:
   int npos = 0, nx = 0, nv = 0, nc = 0;
   bool vector_like = true;
   bool rate_is_velocity = true;
+  double difference_step = INF; // of the quotients that stand for W
   // Where dξ/dt in a chart is not the rate itself: first tangent coordinate and number, of each joint.
   std::vector<std::pair<int, int>> curved;
   // What `evaluate` and `constraint` leave: f = M a + f0, Φ and the hidden residual ρ; and W of `linearize`, which for

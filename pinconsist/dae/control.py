@@ -26,6 +26,7 @@ from .tuning import (
     PROBING,
     SAFETY,
     STIRRED,
+    SURE,
 )
 
 
@@ -154,12 +155,14 @@ class ErrorControl:
     def weights(self, system, predicted, p, h):
         """Reciprocal tolerances of [ξ | v], and Newton's stopping size. Rounding of the positions is tolerated.
 
-        It shows as eps/h in the velocities, and may come to what the errors of all steps sum up to.
+        It shows in the velocities as eps/h, and may come to what the errors of all steps sum up to; and as eps |v| over
+        the step of the difference quotients that stand for W.
         """
         size = np.maximum(self.sizes, self._magnitudes(system, predicted, p))
         allowed, noise = self._rtol * size + self._atol, EPS * (1.0 + largest(p)) if self.noise else 0.0
         allowed[: system.nx] += NOISE * noise
         allowed[system.nx :] += np.minimum(STIRRED * noise / abs(h), (self._sums_up * allowed)[system.nx :])
+        allowed[system.nx :] += SURE * noise * largest(predicted[system.nx :][: system.nv]) / system.difference_step
         return 1.0 / allowed, NEWTON_FACTOR
 
     def reached(self, system, y, p):

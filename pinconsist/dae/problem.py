@@ -29,6 +29,9 @@ class Index3System:
         The constraint may depend on time.
     changes : bool
         Forces jump at times of their own, see :meth:`next_change`.
+    difference_step : float
+        Step of the difference quotients that stand for ``W``, which rounding over this step disturbs; inf where it is
+        exact.
     dropped_are_zero : bool
         False where constraint rows were left out that may become independent of the others during a run.
     """
@@ -39,6 +42,7 @@ class Index3System:
     nc: int
     vector_like: bool = True
     changes: bool = False
+    difference_step: float = np.inf
     dropped_are_zero: bool = True
     moving: bool = True
 

@@ -52,11 +52,12 @@ class Coordinate:
 class Rows:
     """The rows of one record on a model; by default they do not depend on time and only Python can evaluate them.
 
-    ``turns`` says of each row whether it is in rad, ``moving`` whether Φ depends on time, ``steady`` that J does not.
+    ``turns`` says of each row whether it is in rad, ``moving`` whether Φ depends on time, ``steady`` that J does not;
+    ``difference_step`` is the step of the quotients that stand for J, inf where it is exact.
     Each also has ``evaluate(data, q, t)``, Φ and J, and ``acceleration_bias(data, t, q, v)``, J̇ v and the like.
     """
 
-    moving, steady = False, True
+    moving, steady, difference_step = False, True, math.inf
     turns: tuple[bool, ...] = (True,)  # a row of joint coordinates is measured as it is
 
     def rate(self, t, q):

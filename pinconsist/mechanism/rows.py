@@ -142,6 +142,7 @@ class KeptRows:
             if local := [row - start for row in kept if 0 <= row - start < len(closure.turns)]:
                 parts = near_closed(closure, local) if isinstance(getattr(closure, "place", None), Place) else []
                 self._closures.append((closure, local, parts))
+        self.difference_step = min((closure.difference_step for closure, _, _ in self._closures), default=np.inf)
 
     @cached_property
     def pinocchios(self) -> list:
@@ -166,7 +167,7 @@ class KeptRows:
             for i, (shift, matrix) in enumerate(parts):
                 twin.add_anchored(*closure.ends(shift), matrix, i == 0)
             if not (parts or closure.hand_over(twin)):
-                twin.add_python_rows(closure, local, closure.moving)
+                twin.add_python_rows(closure, local, closure.moving, closure.difference_step)
 
 
 class AnchoredRows(Rows):

@@ -42,6 +42,7 @@ class MechanismSystem(Index3System):
         self.kept, self._sizes = ranking.kept if kept is None else kept, ranking.scales
         self.nc = len(self.kept)
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
+        self.difference_step = self.kept_rows.difference_step
         self._kept_rows = self.kept_rows.evaluate
         dropped = np.ones(self.rows.nc, bool)
         dropped[self.kept] = False
