@@ -98,10 +98,10 @@ def parameter(mechanism, name: str) -> Parameter:
         found = _of_record(mechanism, name, kind, whose)
         return found or _of_tree(mechanism, name, kind, whose)
     path = whose if sign and kind == "anchor" else name
-    for label, (place, i) in records_of(mechanism).items():
+    for label, (place, i, record) in records_of(mechanism).items():
         if path.startswith(f"{label}."):
             number = re.sub(r"\[(\w+)\]", r".\1", path[len(label) + 1 :])  # xyz2[0] as xyz2.0
-            return _number_of(mechanism, name, place, i, path_of(getattr(mechanism, place)[i], label, number))
+            return _number_of(name, place, i, record, path_of(record, label, number))
     raise unknown(mechanism, name)
 
 
@@ -119,13 +119,9 @@ def names_of(mechanism, kind: str) -> list[str]:
         return [f"{kind}:{joint}" for joint in mechanism.joints if values[mechanism.columns(joint)].any()]
     if kind == "gravity":
         return [f"gravity[{i}]" for i in range(3) if mechanism.model.gravity.linear[i]]
-    labels = [(label, *place) for label, place in records_of(mechanism).items()]
-    return [
-        f"{label}.{'.'.join(path)}"
-        for label, place, i in labels
-        for path in numbers_of(getattr(mechanism, place)[i])
-        if path[-1] == kind
-    ]
+    records = {label: record for label, (*_, record) in records_of(mechanism).items()}
+    paths = [(label, path) for label, record in records.items() for path in numbers_of(record)]
+    return [f"{label}.{'.'.join(path)}" for label, path in paths if path[-1] == kind]
 
 
 def _put_gravity(axis, mechanism, value):
@@ -187,15 +183,14 @@ def _about_joint(mass, lever, inertia):
 
 def _of_record(mechanism, name, kind, whose) -> Parameter | None:
     """The number `kind` of a loop or force, by its label, or by the joint that it is of; None if there is none."""
-    for label, (place, i) in records_of(mechanism).items():
-        record = getattr(mechanism, place)[i]
+    for label, (place, i, record) in records_of(mechanism).items():
         of_joints = kind in OF_JOINTS and isinstance(record, OF_JOINTS[kind])
         if of_joints and has_number(record, ("coefficients", whose)):
             part = lambda value, record=record: ("force", replace(record, coefficients={whose: value}))  # noqa: E731
-            return replace(_number_of(mechanism, name, place, i, ("coefficients", whose)), part=part)
+            return replace(_number_of(name, place, i, record, ("coefficients", whose)), part=part)
         named = whose in (label, label.partition(" ")[2], getattr(record, "joint", label))
         if named and has_number(record, (kind,)):
-            return _number_of(mechanism, name, place, i, (kind,))
+            return _number_of(name, place, i, record, (kind,))
     return None
 
 
@@ -233,9 +228,8 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
     return Parameter(name, size, put_length)
 
 
-def _number_of(mechanism, name, place, i, path) -> Parameter:
-    """The number at a path in the record number `i` of the mechanism's loops or forces."""
-    record = getattr(mechanism, place)[i]
+def _number_of(name, place, i, record, path) -> Parameter:
+    """The number at a path in a record, number `i` of a mechanism's loops or forces."""
 
     def put(mechanism, value):
         records = list(getattr(mechanism, place))
@@ -252,11 +246,11 @@ def _number_of(mechanism, name, place, i, path) -> Parameter:
 
 @lru_cache(maxsize=1)
 def records_of(mechanism) -> dict:
-    """Name → where the record stands, of all loops and forces, the longest names first."""
+    """Name → ("loops" or "forces", place among them, record) of all loops and forces, the longest names first."""
     own = len(model_forces(mechanism.model))
     labels = list(bound_forces(mechanism.model, mechanism.forces))[own:]
-    found = {label: ("forces", i) for i, label in enumerate(labels)}
-    found |= {loop.name: ("loops", i) for i, loop in enumerate(mechanism.loops)}
+    found = {label: ("forces", i, mechanism.forces[i]) for i, label in enumerate(labels)}
+    found |= {loop.name: ("loops", i, loop) for i, loop in enumerate(mechanism.loops)}
     return dict(sorted(found.items(), key=lambda item: -len(item[0])))
 
 
@@ -266,8 +260,8 @@ def unknown(mechanism, name, also=(), listed="") -> UnknownParameterError:
     known = [*also, *AXES]
     for kind in (*OF_BODIES[:1], *OF_RECORDS, "gravity"):
         known += names_of(mechanism, kind)
-    for label, (place, i) in records.items():
-        known += [f"{label}.{path[-1]}" for path in numbers_of(getattr(mechanism, place)[i])]
+    for label, (*_, record) in records.items():
+        known += [f"{label}.{path[-1]}" for path in numbers_of(record)]
     joints, named = (", ".join([*names][:12]) + ", …" * (len(names) > 12) for names in (mechanism.joints, records))
     return UnknownParameterError(
         f"{mechanism.name} has no parameter {name!r}{near(name, known)}. There are mass:, com:, inertia:, length:, "
