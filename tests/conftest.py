@@ -46,11 +46,17 @@ def pytest_xdist_make_scheduler(config, log):
     return WorkStealingScheduling(config, log) if config.getoption("dist") == "load" else None
 
 
+def shown_elsewhere(item):
+    """For the compiled method alone, or with the Python method asked for, beside a test that takes what is at hand."""
+    asks_for = item.callspec.params.get("backend") if hasattr(item, "callspec") else None
+    return item.get_closest_marker("compiled") or asks_for == "python"
+
+
 def pytest_collection_modifyitems(items):
     for item in items:
         subject = item.path.stem.removeprefix("test_")
         for marker, subjects in (("kernels", KERNELS), ("integrator", INTEGRATOR)):
-            if subject in subjects and not (marker == "integrator" and item.get_closest_marker("compiled")):
+            if subject in subjects and not (marker == "integrator" and shown_elsewhere(item)):
                 item.add_marker(marker)
 
 

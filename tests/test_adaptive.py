@@ -211,6 +211,7 @@ def _axes(sol, frame):
     return scenes.on_stage(sol.system.model, sol.q[-1], frame).rotation
 
 
+@pytest.mark.compiled
 def test_bricard_over_all_tolerances():
     """Redundant rows at all times: the place of P3 at four instants."""
     table = {
@@ -506,7 +507,7 @@ def test_a_pendulum_comes_to_rest_in_ten_thousand_seconds():
     assert np.abs(sol.v[-1]).max() < 1e-6 and sol.check(error=False).force < 1e-3
 
 
-@pytest.mark.parametrize("tol", [1e-4, 1e-6, 1e-9])
+@pytest.mark.parametrize("tol", [1e-4, 1e-6, pytest.param(1e-9, marks=pytest.mark.compiled)])
 def test_discontinuous_forces(tol):
     """A square wave of 20 N·m with 25 jumps: the error stays at the tolerance, measured piece by piece."""
     mech = pc.load("four_bar")
@@ -560,7 +561,7 @@ def test_a_stiff_rod_moves_as_a_rigid_one():
     np.testing.assert_allclose(stiff.q[-1], rigid.q[-1], atol=3e-4)
 
 
-@pytest.mark.parametrize("mass", [1e-8, 1e-4])
+@pytest.mark.parametrize("mass", [1e-8, pytest.param(1e-4, marks=pytest.mark.compiled)])
 def test_a_nearly_massless_rod(mass):
     """A rod of 1e-8 kg beside 1 kg: the motion is that of a massless one."""
     mech = pc.load("slider_crank")

@@ -74,7 +74,7 @@ def answer(name):
     return times, pc.reference_solution(build(), 0.0, start.q, start.v, times), start
 
 
-@pytest.mark.parametrize("k", [pytest.param(1, marks=pytest.mark.compiled), 2, 3, 4, 5])
+@pytest.mark.parametrize("k", [*(pytest.param(k, marks=pytest.mark.compiled) for k in (1, 2, 4)), 3, 5])
 @pytest.mark.parametrize("name", SCENES)
 def test_order_in_positions_velocities_and_multipliers(name, k):
     """Halving a fixed step divides all three errors by 2ᵏ; the answer is scipy's DOP853 on the index-1 equations."""
@@ -182,7 +182,7 @@ def momentum_and_energy_drift(sol, inertia=(1.0, 2.0, 3.0)):
     return np.abs(np.array(turned) - turned[0]).max() / size, np.abs(energy / energy[0] - 1.0).max()
 
 
-@pytest.mark.parametrize("tol", [1e-2, 1e-3, pytest.param(1e-6, marks=pytest.mark.compiled)])
+@pytest.mark.parametrize("tol", [1e-2, *(pytest.param(tol, marks=pytest.mark.compiled) for tol in (1e-3, 1e-6))])
 @pytest.mark.parametrize("joint", [pin.JointModelSpherical, pin.JointModelFreeFlyer])
 @pytest.mark.parametrize("spin0", [(200.0, 3.0, 5.0), (3.0, 200.0, 3.0), (115.0, 115.0, 115.0)])
 def test_a_body_at_200_rad_s(joint, spin0, tol):

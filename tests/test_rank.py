@@ -73,7 +73,7 @@ def turned():
     return pc.simulate(bennett(1.0), (0.0, 4.0), v0={"j0": 6.0}, rtol=1e-9, atol=1e-9).q[-1]
 
 
-@pytest.mark.parametrize("size", [1.0, 1e-2, 1e-6])
+@pytest.mark.parametrize("size", [*(pytest.param(size, marks=pytest.mark.compiled) for size in (1.0, 1e-2)), 1e-6])
 def test_a_turning_bennett_linkage_is_the_same_at_every_size(size):
     """Time goes with the root of the size; the kept rows change on the way, and the loop stays closed."""
     unit = np.sqrt(size)
