@@ -10,12 +10,17 @@ from pinconsist.formats.catalogue import is_built_in
 from ..linkages import BUSHING, DAMPER, pendulum, stiff_four_bar
 from .problem import Problem
 
-STARTS = {  # span in s, start, velocities
+STARTS = {  # span in s, start, velocities, what it is; and what makes a scene that is none of the models
     "andrews": ((0.0, 0.03), None, None, "Andrews' squeezing mechanism"),
     "crank_rocker": ((0.0, 5.0), {"crank": 0.0}, {"crank": 12.0}, "crank at 12 rad/s"),
     "bricard": ((0.0, 1.2), None, None, "from rest, until just before the rows that are kept are a poor choice"),
-    "pendulum": ((0.0, 5.0), None, None, "point mass on a rod of constant length, from rest"),
-}
+    "pendulum": ((0.0, 5.0), None, None, "point mass on a rod of constant length, from rest", pendulum),
+    "stiff_four_bar": (  # four turns: the reference follows so far
+        (0.0, 2.0), None, {"crank": 12.0},
+        f"crank-rocker, its coupler cut by a bushing of {BUSHING:g} N/m with {DAMPER:g} N·s/m, crank at 12 rad/s",
+        stiff_four_bar,
+    ),
+}  # fmt: skip
 OTHERS = ((0.0, 1.0), None, None, "from rest")
 CHAINS = ((0.0, 0.1), None, None, "from rest")  # ever more links whip ever faster
 
@@ -29,17 +34,8 @@ def problem_of(name: str, until: float | None = None) -> Problem:
         given = reference_problem(name)
         span, about = (0.0, 1.0), "Arévalo (2008), problem 5.1"
         return Problem(name, about, given.system, (0.0, until or span[1]), given.p0, given.v0)
-    span, q0, v0, about = STARTS.get(name, CHAINS if name.startswith("chain_") else OTHERS)
-    if name == "stiff_four_bar":
-        mechanism = stiff_four_bar()
-        span, v0 = (0.0, 2.0), {"crank": 12.0}  # four turns; the reference follows so far
-        about = (
-            f"crank-rocker, its coupler cut by a bushing of {BUSHING:g} N/m with {DAMPER:g} N·s/m, crank at 12 rad/s"
-        )
-    elif name == "pendulum":
-        mechanism = pendulum()
-    else:
-        mechanism = load(name)
+    span, q0, v0, about, *build = STARTS.get(name, CHAINS if name.startswith("chain_") else OTHERS)
+    mechanism = build[0]() if build else load(name)
     try:
         assembly = assemble(mechanism, q0, v0)
     except AssemblyError:

@@ -1,4 +1,4 @@
-// gradients/stage_way.py: steps of Radau IIA made again, and derivatives led along them, forwards and back.
+// gradients/stage_leg.py: steps of Radau IIA made again, and derivatives led along them, forwards and back.
 #pragma once
 
 #include "radau.hpp"

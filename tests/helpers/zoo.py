@@ -21,61 +21,55 @@ def de(phi):
     return np.array([-np.sin(phi), -np.cos(phi)])
 
 
-class FourBar:
-    """Crank 1 m, coupler 2 m, rocker 1.5 m on 2.2 m; q = (crank, coupler relative to it, rocker)."""
+class _TwoRods:
+    """A crank and a rod in a chain, in absolute angles, and where their end has to be by a third coordinate."""
 
-    l, m, ground = (1.0, 2.0, 1.5), (1.0, 2.0, 1.5), 2.2
     T = np.array([[1.0, 0, 0], [1.0, 1.0, 0], [0, 0, 1.0]])  # absolute angles from q
 
     def mass(self, x):
-        (l1, l2, l3), (m1, m2, m3) = self.l, self.m
+        (l1, l2, *_), (m1, m2, *_) = self.l, self.m
         c = m2 * l1 * l2 / 2 * np.cos(x[0] - x[1])
-        return np.array([[m1 * l1**2 / 3 + m2 * l1**2, c, 0], [c, m2 * l2**2 / 3, 0], [0, 0, m3 * l3**2 / 3]])
+        return np.array([[m1 * l1**2 / 3 + m2 * l1**2, c, 0], [c, m2 * l2**2 / 3, 0], [0, 0, self.third_mass]])
 
     def bias(self, x, xd):
-        (l1, l2, l3), (m1, m2, m3) = self.l, self.m
+        (l1, l2, *_), (m1, m2, *_) = self.l, self.m
         s = m2 * l1 * l2 / 2 * np.sin(x[0] - x[1])
-        weight = G * np.array([m1 * l1 / 2 + m2 * l1, m2 * l2 / 2, m3 * l3 / 2])
+        weight = G * np.array([m1 * l1 / 2 + m2 * l1, m2 * l2 / 2, self.third_moment])
         return np.array([s * xd[1] ** 2, -s * xd[0] ** 2, 0]) - weight * np.cos(x)
 
     def constraint(self, x):
-        return self.l[0] * e(x[0]) + self.l[1] * e(x[1]) - self.l[2] * e(x[2]) - np.array([self.ground, 0])
+        return self.l[0] * e(x[0]) + self.l[1] * e(x[1]) - self.third(x[2])[0]
 
     def jacobian(self, x):
-        return np.column_stack([self.l[0] * de(x[0]), self.l[1] * de(x[1]), -self.l[2] * de(x[2])])
+        return np.column_stack([self.l[0] * de(x[0]), self.l[1] * de(x[1]), -self.third(x[2])[1]])
 
     def jacobian_rate(self, x, xd):
-        signed = (self.l[0], self.l[1], -self.l[2])
-        return np.column_stack([-length * e(x[i]) * xd[i] for i, length in enumerate(signed)])
+        return np.column_stack([-self.l[i] * e(x[i]) * xd[i] for i in (0, 1)] + [-self.third(x[2])[2] * xd[2]])
 
 
-class SliderCrank:
+class FourBar(_TwoRods):
+    """Crank 1 m, coupler 2 m, rocker 1.5 m on 2.2 m; q = (crank, coupler relative to it, rocker)."""
+
+    l, m, ground = (1.0, 2.0, 1.5), (1.0, 2.0, 1.5), 2.2
+    third_mass = property(lambda self: self.m[2] * self.l[2] ** 2 / 3)
+    third_moment = property(lambda self: self.m[2] * self.l[2] / 2)
+
+    def third(self, angle):
+        """The end of the rocker, and its first two derivatives."""
+        return np.array([self.ground, 0]) + self.l[2] * e(angle), self.l[2] * de(angle), -self.l[2] * e(angle)
+
+
+class SliderCrank(_TwoRods):
     """Crank 0.3 m, rod 0.9 m, piston along x; q = (crank, rod relative to it, piston)."""
 
-    T = np.array([[1.0, 0, 0], [1.0, 1.0, 0], [0, 0, 1.0]])
+    third_moment = 0.0
 
     def __init__(self, masses, lengths=(0.3, 0.9)):
-        self.m, self.l = masses, lengths
+        self.m, self.l, self.third_mass = masses, lengths, masses[2]
 
-    def mass(self, x):
-        (l1, l2), (m1, m2, m3) = self.l, self.m
-        c = m2 * l1 * l2 / 2 * np.cos(x[0] - x[1])
-        return np.array([[m1 * l1**2 / 3 + m2 * l1**2, c, 0], [c, m2 * l2**2 / 3, 0], [0, 0, m3]])
-
-    def bias(self, x, xd):
-        (l1, l2), (m1, m2, _) = self.l, self.m
-        s = m2 * l1 * l2 / 2 * np.sin(x[0] - x[1])
-        weight = G * np.array([m1 * l1 / 2 + m2 * l1, m2 * l2 / 2, 0]) * np.cos([x[0], x[1], 0])
-        return np.array([s * xd[1] ** 2, -s * xd[0] ** 2, 0]) - weight
-
-    def constraint(self, x):
-        return self.l[0] * e(x[0]) + self.l[1] * e(x[1]) - np.array([x[2], 0])
-
-    def jacobian(self, x):
-        return np.column_stack([self.l[0] * de(x[0]), self.l[1] * de(x[1]), [-1.0, 0]])
-
-    def jacobian_rate(self, x, xd):
-        return np.column_stack([-self.l[0] * e(x[0]) * xd[0], -self.l[1] * e(x[1]) * xd[1], [0.0, 0]])
+    def third(self, place):
+        """The piston, and its first two derivatives."""
+        return np.array([place, 0]), np.array([1.0, 0]), np.zeros(2)
 
 
 def reduced_motion(linkage, q0, rate0, span):
