@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import product
 
@@ -42,12 +43,8 @@ class Accuracy:
 def accuracy(scenes=tuple(SCENES), tolerances=TOLERANCES) -> list[Accuracy]:
     """Each scene at each tolerance, against differences of reference runs."""
     rows = []
-    for name in scenes:
-        scene = SCENES[name]
-        try:
-            mech, times = scene.make(), np.linspace(0.0, scene.until, scene.rows)
-        except MissingExtraError:
-            continue
+    for name, scene, mech in _made(scenes):
+        times = np.linspace(0.0, scene.until, scene.rows)
         exact = differences(mech, scene.names, times, None, scene.v0, scene.relative, SIX)
         for method, rtol in product(METHODS, tolerances):
             run = {"t_eval": times, "method": method, "rtol": rtol, "atol": rtol}
@@ -58,6 +55,13 @@ def accuracy(scenes=tuple(SCENES), tolerances=TOLERANCES) -> list[Accuracy]:
             back = _backwards(mech, scene, found, run)
             rows.append(Accuracy(name, method, rtol, found.solution.nsteps, *worst(parts, others), back))
     return rows
+
+
+def _made(names):
+    """(name, scene, mechanism) of the scenes whose files are installed."""
+    for name in names:
+        with suppress(MissingExtraError):
+            yield name, SCENES[name], SCENES[name].make()
 
 
 def _forces(found, dlam):
@@ -146,12 +150,9 @@ class Cost:
 def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
     """The run, its derivatives with no parameter of the equations and with all, and all of it, in turn."""
     rows = []
-    for scene, method in product(scenes, METHODS):
-        names, until, v0 = SCENES[scene].names, SCENES[scene].until, SCENES[scene].v0
-        try:
-            mech, run = SCENES[scene].make(), {"rtol": rtol, "atol": 1e-2 * rtol, "method": method}
-        except MissingExtraError:
-            continue
+    for (name, scene, mech), method in product(_made(scenes), METHODS):
+        names, until, v0 = scene.names, scene.until, scene.v0
+        run = {"rtol": rtol, "atol": 1e-2 * rtol, "method": method}
         solution, legs, variants, base, *_ = prepared(
             mech, names, (0.0, until), None, v0, None, None, (), None, rtol, 1e-2 * rtol, "auto", {"method": method}
         )
@@ -181,7 +182,7 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
         once, fixed = least["run"], least["fixed"]
         each = (least["all"] - fixed) / moving / once
         start = (least["whole"] - once - least["all"]) / len(names)
-        rows.append(Cost(scene, method, solution.nsteps, once, fixed / once, each, start, least["back"] / once))
+        rows.append(Cost(name, method, solution.nsteps, once, fixed / once, each, start, least["back"] / once))
     return rows
 
 
