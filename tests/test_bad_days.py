@@ -210,7 +210,7 @@ def test_permission_that_is_taken_away_during_the_run(tmp_path, unprivileged):
     arguments = ["simulate", "four_bar", "--until", "300", "--out", "fading/run.npz", "--save-every", "5"]
     process = subprocess.Popen([*unprivileged, *PROGRAM, *arguments], cwd=tmp_path, stderr=subprocess.PIPE, text=True,
                                stdout=subprocess.DEVNULL)  # fmt: skip
-    while not (folder / "run.npz").exists():
+    while process.poll() is None and not (folder / "run.npz").exists():
         time.sleep(0.001)
     folder.chmod(0o555)
     err = process.communicate(timeout=120)[1]
