@@ -134,7 +134,7 @@ def test_signals_save_what_was_reached(tmp_path, number):
     command = [*PROGRAM, "simulate", "four_bar", "--until", "1e5", "--out", str(file), "--save-every", "2"]
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup hands on that it is ignored
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while not file.exists():
+    while process.poll() is None and not file.exists():
         time.sleep(0.01)
     for _ in range(5):
         process.send_signal(number)
