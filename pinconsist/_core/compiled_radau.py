@@ -97,7 +97,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         if isinstance(control, RadauControl):
             for s in (FEWEST_STAGES, MOST_STAGES, FIRST_STAGES) if chooses else (self.method.stages,):  # last, its own
                 control.use(s)
-                self._core.add_tolerances(s, *control.spread, control.newton_factor)
+                self._core.add_tolerances(s, *control.spread, control.newton_factor, control.slack)
             sizes = control.sizes if before is None else before.sizes
             self._core.control_error(sizes, control.max_step, chooses, control.worth_most)
 

@@ -142,7 +142,7 @@ class RadauControl : public Tolerances {
 public:
   struct OfStages {
     Vec rtol, atol;
-    double newton_factor;
+    double newton_factor, slack;
   };
   std::map<int, OfStages> of_stages;
   bool chooses = false, worth_most = false; // the number of stages; and the highest where Newton allows
@@ -206,6 +206,8 @@ public:
     return h * std::min(factor, max_step / std::abs(h));
   }
 
+  // The tolerance of the estimate over that of the run.
+  double slack() const { return of_stages.at(s).slack; }
   // The power of h by which the error estimate falls.
   int exponent() const { return s >= 3 ? s + 2 : s + 1; }
 

@@ -31,7 +31,7 @@ Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] !=
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 24; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 25; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -45,7 +45,10 @@ NB_MODULE(twin, m) {
 
   m.def("use_radau", [](const Vec &c, const Mat &A, const Mat &inverse, const Mat &inverse2, const Mat &modes) {
     const int s = static_cast<int>(c.size());
-    RadauTable::of[s] = {s, c, A, inverse, inverse2, modes, (modes.row(s - 1) * inverse2).norm()};
+    const Vec signs = Vec::NullaryExpr(s, [](Eigen::Index k) { return k % 2 ? -1.0 : 1.0; });
+    const Mat at_start = signs.transpose() * modes;
+    RadauTable::of[s] = {s, c, A, inverse, inverse2, modes, at_start.transpose(), (modes.row(s - 1) * inverse2).norm(),
+                         (at_start * inverse2).norm()};
   });
   m.def("use_dop853", [](const Table &A, const Vec &B, const Vec &C, const Vec &E3, const Vec &E5, const Table &D,
                          const Table &A_extra, const Vec &C_extra) {

@@ -53,6 +53,7 @@ public:
   void begin_anew() {
     control.restart();
     newton.forget();
+    stage_a_ = a;
     headway_.restart(t, t);
     shaped_ = resumes_ = false;
   }
@@ -62,6 +63,7 @@ public:
     moved_ = a;
     if (!index1_.acceleration(t, p, v, a, lam)) return Failure::singular;
     if (!a.allFinite() || !lam.allFinite()) return newton.not_finite(t, p, v);
+    stage_a_ += a - moved_;
     if (shaped_) shape_.W.colwise() += a - moved_;
     return Failure::none;
   }
@@ -121,6 +123,7 @@ private:
       h = smaller;
     }
     keep_shape();
+    stage_a_ = newton.stages.W.rightCols(1);
     newton.accepted();
     used_h = newton.stages.h;
     used_s = control.s;
@@ -181,7 +184,7 @@ private:
   // The end of a step: one factorisation at the last stage serves the projections and the error estimate.
   Failure land(double t_next, double &error, bool with_error = true) {
     const int nv = system_.nv, nc = system_.nc, last = newton.stages.size() - 1;
-    const int modes = fixed() || !with_error ? 0 : last < 2 ? 1 : 3;
+    const int modes = fixed() || !with_error ? 0 : last < 2 ? 1 : 5;
     const double t1 = newton.stages.time(last);
     p1_ = newton.stages.P.col(last);
     v1_ = newton.stages.V.col(last);
@@ -219,17 +222,17 @@ private:
     return index1_.acceleration_after_constraint(t_next, p1_, v1_, a1_, lam1_) ? Failure::none : Failure::singular;
   }
 
-  // What the error is estimated from: the highest modes of the accelerations.
+  // What the error is estimated from: the highest modes of the accelerations, by how much they miss the acceleration at
+  // the start, and by how much the stages before it have missed it.
   void estimate(int modes) {
     const Mat &W = newton.stages.W, &of = newton.stages.table->modes;
     const int s = newton.stages.size();
     modes_.resize(system_.nv, modes);
-    if (modes == 3) {
-      for (int m = 0; m < modes; ++m) modes_.col(m) = W.lazyProduct(of.row(s - 1 - m).transpose());
-    } else if (modes == 1) { // the degree is raised by the acceleration at the start
-      modes_.col(0) = -a;
-      for (int k = 0; k < s; ++k) modes_.col(0) += (k % 2 ? -1.0 : 1.0) * W.lazyProduct(of.row(k).transpose());
-    }
+    if (!modes) return;
+    modes_.col(modes == 1 ? 0 : 3) = W.lazyProduct(newton.stages.table->at_start) - a;
+    if (modes == 1) return; // the degree is raised by it
+    for (int m = 0; m < 3; ++m) modes_.col(m) = W.lazyProduct(of.row(s - 1 - m).transpose());
+    modes_.col(4) = stage_a_ - a;
   }
 
   double error_of(int modes) {
@@ -237,9 +240,15 @@ private:
     const double middle = size_of(1), before = size_of(2), most = std::max(middle, before), step = newton.stages.h;
     const double highest = std::max(size_of(0), most > 0.0 ? middle * middle / most : 0.0); // it may pass through zero
     const double noise = FELT * EPS * (1.0 + largest(p1_)) / std::abs(step) * weight_.tail(system_.nv).maxCoeff();
-    const double felt = noise * newton.stages.table->leading;
-    const double left = std::sqrt(std::max(highest * highest - felt * felt, 0.0));
-    return left == 0.0 ? 0.0 : left * left / (before + LAST_MODE * left);
+    const RadauTable &table = *newton.stages.table;
+    const auto left = [&](double size, double felt) {
+      return std::sqrt(std::max(size * size - noise * noise * felt * felt, 0.0));
+    };
+    const double last = left(highest, table.leading), missed = left(size_of(3), table.starting);
+    const double error = last == 0.0 ? 0.0 : last * last / (before + LAST_MODE * last);
+    // Forces that turn before the first stage, as friction does at rest, hardly show in the modes. Stiff ones make the
+    // stages of the last step miss the acceleration as well.
+    return std::max(error, 0.5 * table.c[0] * (missed - size_of(4) - last) * control.slack());
   }
 
   double size_of(int mode) {
@@ -265,6 +274,7 @@ private:
 
   KKT kkt_;
   Projection index1_;
+  Vec stage_a_; // the acceleration here, by the stages of the last step
   bool shaped_ = false;
   Shape shape_;
   Mat modes_, rhs_;

@@ -12,7 +12,9 @@ struct RadauTable {
   int s = 0;
   Vec c;
   Mat A, inverse, inverse2, modes; // modes: to the coefficients of Legendre polynomials
-  double leading = 0.0;            // how far rounding of stage positions reaches the highest coefficient, times h²
+  Vec at_start;                    // weights of the stages in the value of their polynomial at the start
+  // How far rounding of stage positions reaches the highest coefficient, and this value, times h².
+  double leading = 0.0, starting = 0.0;
 
   static inline std::map<int, RadauTable> of; // by s
 };

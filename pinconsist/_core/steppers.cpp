@@ -200,8 +200,8 @@ void bind_radau(nb::module_ &m) {
              s.divide(t_end);
            })
       .def("add_tolerances",
-           [](RadauStepper &stepper, int s, const Vec &rtol, const Vec &atol, double newton_factor) {
-             stepper.control.of_stages[s] = {rtol, atol, newton_factor};
+           [](RadauStepper &stepper, int s, const Vec &rtol, const Vec &atol, double newton_factor, double slack) {
+             stepper.control.of_stages[s] = {rtol, atol, newton_factor, slack};
            })
       .def("begin",
            [](RadauStepper &s, double t, int stages, const Vec &p, const Vec &v, const Vec &a, const Vec &lam) {

@@ -47,6 +47,12 @@ class RadauControl(ErrorControl):
         return (tuning.STAGE_ACCURACY * tol) ** (exponent(self.s) / (2 * self.s - 1))
 
     @property
+    def slack(self) -> float:
+        """The tolerance of the estimate over that of the run."""
+        tol = max(self.asked)
+        return self.step_tolerance(tol) / tol
+
+    @property
     def newton_factor(self) -> float:
         """Newton's stopping size, as part of τ: what it leaves adds up, and does not fall with the order."""
         tol = max(self.asked)

@@ -72,7 +72,7 @@ class RadauStepper(Stepper):
         self.headway.restart(t, t)
         if self._turns is None:
             self._turns = turning_coordinates(system, p)
-        self.shape, self.stages = None, None
+        self.shape, self.stages, self.stage_a = None, None, self.a
         self._taken = 0
         if method.step is not None:
             self._divide(t_end)
@@ -100,6 +100,7 @@ class RadauStepper(Stepper):
         """Forces have jumped: the accelerations that start Newton's iteration jump alike."""
         before = self.a
         self.a, self.lam = self.index1.acceleration(self.t, self.p, self.v)
+        self.stage_a = self.stage_a + (self.a - before)
         if self.shape is not None:
             self.shape.W = self.shape.W + (self.a - before)
 
@@ -162,7 +163,7 @@ class RadauStepper(Stepper):
         self.used, self.stages, self.shape = (stages.h, self.k), stages, stages
         self.t_old, self.t = self.t, t_next
         self.p, self.v, self.a, self.lam = landing.p, landing.v, landing.a, landing.lam
-        self.landing = landing
+        self.landing, self.stage_a = landing, stages.W[-1]
         self._taken += 1
         if self.method.step is None:
             self.h = control.next_step(self.s, stages.h, landing.error)
@@ -231,15 +232,23 @@ class RadauStepper(Stepper):
             moved = h * moved_by(system, stages.times[-1], p, v, free)
             return abs(h) * weighted_norm(np.concatenate((moved, free)), weight, system.nv)
 
+        at_start = table.values([0.0])[0]
         if table.s < 3:  # the degree is raised by the acceleration at the start
-            return size(table.values([0.0])[0] @ stages.W - self.a)
+            return size(at_start @ stages.W - self.a)
         modes = table.modes @ stages.W
         highest, middle, before = (size(mode) for mode in modes[:-4:-1])
         highest = max(highest, middle**2 / max(middle, before, TINY))  # the highest may just pass through zero
         noise = tuning.FELT * EPS * (1.0 + largest(p)) / abs(h) * largest(weight[system.nx :])
-        felt = noise * np.linalg.norm(table.modes[-1] @ table.inverse2)
-        highest = np.sqrt(max(highest**2 - felt**2, 0.0))
-        return float(highest**2 / (before + tuning.LAST_MODE * highest)) if highest else 0.0
+
+        def left(size, row):
+            return np.sqrt(max(size**2 - (noise * np.linalg.norm(row @ table.inverse2)) ** 2, 0.0))
+
+        highest, missed = left(highest, table.modes[-1]), left(size(at_start @ stages.W - self.a), at_start)
+        error = highest**2 / (before + tuning.LAST_MODE * highest) if highest else 0.0
+        # Forces that turn before the first stage, as friction does at rest, hardly show in the modes. Stiff ones make
+        # the stages of the last step miss the acceleration as well.
+        turn = 0.5 * table.c[0] * (missed - size(self.stage_a - self.a) - highest) * self.control.slack
+        return float(max(error, turn))
 
     def segment(self):
         """The interpolant of the last step."""

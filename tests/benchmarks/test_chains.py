@@ -102,6 +102,14 @@ def test_radau_knows_its_error(seed, tol):
     assert run.outcome == FINE and 1 / 3 < run.estimate / max(run.q, run.v) < 3
 
 
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+@pytest.mark.parametrize(("seed", "tol"), [(60061, 1e-5), (60179, 1e-7)])
+def test_radau_sees_friction_that_turns_before_the_first_stage(backend, seed, tol):
+    """The errors were 1187 and 157 tolerances: all stages of a step were behind the turn, and agreed."""
+    run = judged(Run(seed, "", backend, "Radau", tol, HUNG), 0.4)
+    assert run.outcome == FINE and max(run.q, run.v, run.force) < 100.0
+
+
 def test_an_error_is_measured_in_tolerances(monkeypatch):
     monkeypatch.setattr(campaign, "simulate", broken(v=lambda v: v + 1e-2))
     found = judged(RUN, UNTIL)
