@@ -4,8 +4,6 @@ It is there where ``pip install`` found a compiler. The C++ has the names of the
 dae/newton.py does, and so on. User-defined forces and constraints are called back in Python.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path

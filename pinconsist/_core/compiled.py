@@ -1,7 +1,5 @@
 """The stepper whose accepted steps are made in C++; events and records stay in Python."""
 
-from __future__ import annotations
-
 import logging
 from functools import cache
 

@@ -1,7 +1,5 @@
 """What gradients ask of the compiled part."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..dae import bdf

@@ -1,7 +1,5 @@
 """The compiled stepper of Radau IIA."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

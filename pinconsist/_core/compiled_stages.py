@@ -1,7 +1,5 @@
 """The compiled way along steps of Radau IIA, for gradients."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

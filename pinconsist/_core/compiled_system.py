@@ -1,7 +1,5 @@
 """What the compiled steppers have in common: compiled equations, in a run and of index 1."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

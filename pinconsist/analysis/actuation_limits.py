@@ -1,7 +1,5 @@
 """How far each motor can go: to a joint's limit, or to a singular position."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf, tau
 

@@ -1,7 +1,5 @@
 """The velocity columns that describe what the loops leave free: those of motors first, then those that stay free."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -4,8 +4,6 @@ The equations that were solved are F(x, θ) = 0: loops, balance, rates of the lo
 solution, without iteration; F_θ comes from differences at the fixed state.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

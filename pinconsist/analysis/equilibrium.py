@@ -1,7 +1,5 @@
 """Equilibrium: where a mechanism rests under its forces, what its loops then carry, and whether it would stay there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 

@@ -6,8 +6,6 @@ prediction is good, Newton's corrections shrink at once, and det B keeps its sig
 positions, at which assembly modes meet, and only there. In C++: ``_core/closure.hpp``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import LinAlgError, lu_factor, lu_solve
 

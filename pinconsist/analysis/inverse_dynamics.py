@@ -1,7 +1,5 @@
 """Inverse dynamics: the motor torques that driven joints need for a motion that they determine. No integration."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

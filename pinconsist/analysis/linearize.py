@@ -1,7 +1,5 @@
 """Small motions about a state, in the coordinates that the loops leave free."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

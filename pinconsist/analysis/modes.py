@@ -1,7 +1,5 @@
 """Natural frequencies and mode shapes of a linearised mechanism, massless directions included."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ CasADi makes straight-line functions of the rows and of the equations of motion;
 factors, a fixed number of Newton steps, the projection.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

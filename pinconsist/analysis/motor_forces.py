@@ -1,7 +1,5 @@
 """Torques of motors and forces of frames: what holds or makes a motion, and one from the other."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The closure of a mechanism on a grid of motor positions, as arrays and as a file."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from itertools import product

@@ -1,7 +1,5 @@
 """The motors of a mechanism: which velocities they are, and the closed configurations that they lead to."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from math import isfinite

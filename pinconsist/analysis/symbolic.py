@@ -5,8 +5,6 @@ the joint's velocities, so that J = Φ_u, and J̇ v is the second derivative alo
 first two derivatives, of those of :mod:`pinconsist.mechanism.loops`.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ A variation δq lives in the tangent space of the configurations, as velocities 
 δq = Z y, where the y are the variations of a few joints themselves: Z has a unit row for each of them.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -13,8 +13,6 @@ References
 L. F. Shampine, M. W. Reichelt, The MATLAB ODE suite, SIAM J. Sci. Comput. 18 (1997), section 2.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from math import comb
 

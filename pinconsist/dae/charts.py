@@ -1,7 +1,5 @@
 """Positions on a manifold: coordinates ξ of p = base ⊕ ξ, and how far a chart may reach."""
 
-from __future__ import annotations
-
 from math import pi
 
 import numpy as np

@@ -13,8 +13,6 @@ S⁻¹ Σ_i d_i ρ_{n-i} = O(hᵏ⁻¹), with S = W M⁻¹ G and d_i the derivat
   the factorised matrix of the step.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import InputError, SingularSystemError

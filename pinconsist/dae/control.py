@@ -4,8 +4,6 @@ The multipliers are never in the error test: they follow with the order of the v
 corrected, and a test on them would only react to their rounding floor.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Events: zeros of functions of the solution, located on the interpolant of each step."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from dis import get_instructions

@@ -1,7 +1,5 @@
 """Why a run ended early: where, which row, the likely reason, what to try."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import PinconsistError

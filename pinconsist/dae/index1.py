@@ -4,8 +4,6 @@ A multistep run begins with them, and references and events use them. :class:`In
 compiled method has one of its own that answers the same.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.integrate import DOP853
 

@@ -1,7 +1,5 @@
 """The one loop: begin, advance, look for events, record."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, field

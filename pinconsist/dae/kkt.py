@@ -1,7 +1,5 @@
 """The block matrix of a step and of the index-1 equations."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
 

@@ -16,8 +16,6 @@ One factorisation serves two right-hand sides: (r₁, 0) for the dynamics, and (
 noise eps/c is judged only by the change of position that it makes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import isfinite, sqrt
 

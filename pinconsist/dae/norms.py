@@ -1,7 +1,5 @@
 """Norms, as tests and tolerances use them."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a run keeps: rows, step history, interpolants."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import repeat

@@ -1,7 +1,5 @@
 """What a system must answer to be integrated."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

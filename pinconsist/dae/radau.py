@@ -25,8 +25,6 @@ References
 E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, sections IV.5, IV.8, VII.4.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from math import isfinite

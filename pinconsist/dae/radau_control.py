@@ -1,7 +1,5 @@
 """Step and stages of Radau IIA: what follows from the error estimate and from how Newton went."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from . import tuning

@@ -1,7 +1,5 @@
 """A run of Radau IIA: one step after another, each from (q, v) alone."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from math import copysign
 

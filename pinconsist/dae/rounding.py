@@ -1,7 +1,5 @@
 """Rounding: to what size it is iterated, when an error is rounding, and when a run makes no headway."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import SingularSystemError

@@ -4,8 +4,6 @@ A multistep method that crawls up from order 1 needs tiny first steps, and at in
 disturbs the multipliers. Here the first step of the multistep method already has its full order.
 """
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The state of a multistep run and how it moves by one accepted step."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

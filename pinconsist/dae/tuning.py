@@ -3,8 +3,6 @@
 The compiled method reads them from here by name when it is loaded (``_core/tuning.hpp`` lists those that it uses).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 # Newton's iteration

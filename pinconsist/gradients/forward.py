@@ -4,8 +4,6 @@ A table S holds the differences of s = [s_ξ | s_v | s_λ] as the run's table ho
 parameter: shape (ROWS, P, nx+nv+nc). Prediction, change of step and update are linear, hence the same for S.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any

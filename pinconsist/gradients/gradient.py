@@ -1,7 +1,5 @@
 """The derivative of one number of a run by many parameters: its steps are gone through backwards."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

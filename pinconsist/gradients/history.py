@@ -5,8 +5,6 @@ derivatives, s' = A s + b, are put through a polynomial of the same degree: s_j 
 is exact to one order more than the steps that follow.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .._core.compiled_gradient import known_columns

@@ -6,8 +6,6 @@ weight)`` adds it to compiled rates. As a system whose f it is, with rows that a
 weighted residuals of mechanisms beside.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Leading derivatives along all legs of a run: starts, steps, events, and the rows that users see."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .redundant import Completion

@@ -17,8 +17,6 @@ derivative of the rate of chart coordinates at their centre, ½ [s, v]; it is ze
 degrees of freedom. For values it is of higher order than the method, for derivatives it is not.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..dae import bdf

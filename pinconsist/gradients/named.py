@@ -1,7 +1,5 @@
 """Parameters by name, as functions of their values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -9,8 +9,6 @@ for any motion that keeps the rank, that is, on the loops. Where the parts of dJ
 loops, only their sum has a meaning.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..mechanism.motion import slope

@@ -1,7 +1,5 @@
 """Derivatives of a run by a few parameters: the derivatives of the state are led along its accepted steps."""
 
-from __future__ import annotations
-
 import inspect
 import weakref
 from collections.abc import Callable, Sequence

@@ -4,8 +4,6 @@ A step has no history: S is [s_p | s_v] where it begins, one row for each parame
 the step made again up to there; rows there have the order of the method, and need no formulas of their own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -18,8 +18,6 @@ Without q, which is of the order of V_s, the order of the derivatives is that of
 needed; the multipliers are those of the differential equation, at any state.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..dae.charts import chart_matrix, chart_rate_gradient

@@ -4,8 +4,6 @@ Those of the assembled state follow from the loops, J s_q = -Φ_θ, where these 
 it; else they are differences of assembled states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

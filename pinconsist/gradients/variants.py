@@ -4,8 +4,6 @@ Differences of fourth order serve where they are taken once (of assembled states
 order in each step. At a bound, where `build` refuses one side, they are one-sided.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field

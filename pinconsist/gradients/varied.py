@@ -1,7 +1,5 @@
 """All parameters of a run, and what they change in its equations: checked, those of one table at once."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property, partial
 

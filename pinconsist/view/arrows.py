@@ -1,7 +1,5 @@
 """Forces as straight arrows, moments as arrows that turn about their axis: which there are, how long, how drawn."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """meshcat's commands, as plain numbers and names: shapes and lines, their motion, light and floor; the viewpoint."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

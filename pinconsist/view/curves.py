@@ -1,7 +1,5 @@
 """The curves beside the motion: forces, torques, energies, joints, steps and orders, at rows that show all peaks."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from dataclasses import replace
 

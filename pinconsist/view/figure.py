@@ -1,7 +1,5 @@
 """What figures are made of: one look, legible in grey, and curves over time."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from pathlib import Path
 

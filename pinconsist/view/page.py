@@ -4,8 +4,6 @@ The page holds meshcat's packaged viewer and its commands. meshcat's own server 
 network interface, and the pages that it writes run the commands in no certain order.
 """
 
-from __future__ import annotations
-
 import logging
 from base64 import b64encode
 from html import escape

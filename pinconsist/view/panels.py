@@ -1,7 +1,5 @@
 """A solution with named columns, and the panels of each picture of it."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from textwrap import fill
 

@@ -1,7 +1,5 @@
 """A replay as meshcat's commands: one or several runs side by side, with their traces and forces, and a legend."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import cycle, pairwise

@@ -1,7 +1,5 @@
 """Films (MP4, GIF) and drawings (SVG) of a motion, painted in the process: no browser, no graphics hardware."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from html import escape

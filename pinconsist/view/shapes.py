@@ -1,7 +1,5 @@
 """Shapes as three.js reads them, and simple ones made from joints, loops and springs: what the model knows is drawn."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

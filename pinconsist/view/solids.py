@@ -1,7 +1,5 @@
 """The shapes of a picture as polygons seen from its viewpoint: what films and drawings are painted from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import NamedTuple

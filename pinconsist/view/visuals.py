@@ -1,7 +1,5 @@
 """The shapes that a robot file itself describes. Pinocchio reads and places them, coal loads their meshes."""
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 
