@@ -93,7 +93,8 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         self._sampler = [load()[0].Sampler(self._compiled)]
         chooses = self.method.stages == 0
         if isinstance(control, RadauControl):
-            for s in (FEWEST_STAGES, MOST_STAGES, FIRST_STAGES) if chooses else (self.method.stages,):  # last, its own
+            # The control goes on with the last of them.
+            for s in (FEWEST_STAGES, MOST_STAGES, FIRST_STAGES) if chooses else (self.method.stages,):
                 control.use(s)
                 self._core.add_tolerances(s, *control.spread, control.newton_factor, control.slack)
             sizes = control.sizes if before is None else before.sizes
