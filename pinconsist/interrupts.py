@@ -3,6 +3,8 @@
 import signal
 import threading
 import time
+from _signal import getsignal  # those of `signal` make enumerations of all handlers: 30 µs a run
+from _signal import signal as handle
 from contextlib import contextmanager, nullcontext, suppress
 
 IMPATIENCE = 1.0  # s within which several signals are one: fingers bounce, and supervisors send several
@@ -22,7 +24,7 @@ def ended_like_ctrl_c(*, others=True):
         _came.clear()
     try:
         for each in changed:
-            signal.signal(each, _interrupt)
+            handle(each, _interrupt)
         yield
     finally:
         _put_back(changed, _interrupt)
@@ -61,7 +63,7 @@ class deferred:
         self.handlers = {each: handler for each, handler in before.items() if callable(handler)}
         try:
             for each in self.handlers:
-                signal.signal(each, self)
+                handle(each, self)
         except BaseException:  # raised by a handler that is still there
             _put_back(self.handlers, self)
             raise
@@ -99,14 +101,14 @@ class deferred:
 def _handlers() -> dict:
     """Signal → its handler; empty in threads other than the main one, which alone receives signals."""
     main = threading.current_thread() is threading.main_thread()
-    return {each: signal.getsignal(each) for each in SIGNALS if main}
+    return {each: getsignal(each) for each in SIGNALS if main}
 
 
 def _put_back(handlers, ours):
     try:
         for each, handler in handlers.items():
-            if signal.getsignal(each) is ours:
-                signal.signal(each, handler)
+            if getsignal(each) is ours:
+                handle(each, handler)
     except BaseException:  # raised by a handler that is back already
         _put_back(handlers, ours)
         raise

@@ -55,9 +55,10 @@ def method_of(
     first_step = None if first_step is None else positive_time(first_step, "first_step")
     max_step = np.inf if max_step == np.inf else positive_time(max_step, "max_step")
     tolerances = _pair(rtol, "rtol"), _pair(atol, "atol")
-    control = ErrorControl(*tolerances, order, max_step, consistency == "every-step")
     if stages is not None:
         control = RadauControl(*tolerances, order, max_step, stages=stages)
+    else:
+        control = ErrorControl(*tolerances, order, max_step, consistency == "every-step")
     asked = control.asked[0]
     if asked < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
@@ -112,8 +113,8 @@ def positive_time(value, what) -> float:
 
 def _pair(value, what) -> tuple:
     """(position part, velocity part) of a tolerance."""
-    parts = value if isinstance(value, tuple) and len(value) == 2 else (value, value)
-    parts = tuple(finite_array(part, what) for part in parts)
+    given = value if isinstance(value, tuple) and len(value) == 2 else (value,)
+    parts = tuple(finite_array(part, what) for part in given)
     if any(part.ndim > 1 or part.size == 0 or min(part.ravel().tolist()) <= 0.0 for part in parts):
         raise InputError(f"{what} must be a positive number, or (for q, for v), got {value!r}")
-    return parts
+    return parts if len(parts) == 2 else 2 * parts

@@ -113,9 +113,8 @@ def test_a_start_is_closed_and_ranked_once(monkeypatch):
     mech = pc.load("four_bar").with_forces()
     mech = mech.with_loops(*mech.loops)  # nothing is known of it
     first = pc.simulate(mech, (0.0, 0.1))
-    assert len(closed) == len(ranked) == 1
     again = pc.simulate(mech, (0.0, 0.1))
-    assert len(closed) == 1 and len(ranked) == 2
+    assert len(closed) == len(ranked) == 1
     np.testing.assert_array_equal(again.q, first.q)
     turned = pc.assemble(mech, {"crank": 1.0})
     assert len(closed) > 1 and turned.q[0] == pytest.approx(1.0)

@@ -55,7 +55,8 @@ class CompiledRun(Stepper):
         self._chart_points, self.ahead = None, native and not self._compiled.calls_python
         if native:
             self.index1 = CompiledIndex1(system, self._compiled)
-            self._chart_points = load()[0].MechanismSystem(system.model, system.data).chart_points
+            if not system.vector_like:
+                self._chart_points = load()[0].MechanismSystem(system.model, system.data).chart_points
         self._all_rows = None
         if native and not system.dropped_are_zero:
             self._all_rows = load()[0].MechanismSystem(system.model, system.data)

@@ -29,7 +29,6 @@ class LoopSolver:
         self.t = t
         self.model, self.data = mechanism.model, mechanism.model.createData()
         self.mechanism, self.loop_rows = mechanism, LoopRows.of(mechanism)
-        self._ranked: tuple | None = None  # (q, the ranking of the rows there)
 
     def rows(self, q):
         """Φ and J at a configuration."""
@@ -37,9 +36,11 @@ class LoopSolver:
 
     def ranking(self, q) -> Ranking:
         """Which rows are independent at a configuration."""
-        if self._ranked is None or not np.array_equal(self._ranked[0], q):
-            self._ranked = np.array(q), Ranking(self.rows(q)[1], self.loop_rows.turns)
-        return self._ranked[1]
+        J, ranked = self.rows(q)[1], self.loop_rows.ranked
+        if (known := ranked.get(place := J.tobytes())) is None:
+            ranked.clear()
+            known = ranked[place] = Ranking(J, self.loop_rows.turns)
+        return known
 
     def kept(self, q) -> np.ndarray:
         """Indices of independent rows at a configuration."""

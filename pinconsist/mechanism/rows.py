@@ -66,9 +66,10 @@ class LoopRows:
         self.turns = np.array([turns for closure in self.closures for turns in closure.turns], dtype=bool)
         self.steady = np.array([closure.steady for closure in self.closures for _ in closure.turns], dtype=bool)
         self.moving = any(closure.moving for closure in self.closures)
-        self._last: tuple | None = None  # (t, q, Φ, J): the same place is asked for again and again where a run starts
+        self._last: tuple = (None,)  # (place, Φ, J): the same place is asked for again and again where a run starts
         self.vanishing: dict[bytes, bool] = {}  # indices of rows → whether they vanish everywhere
         self.closed: dict[tuple, tuple] = {}  # what was closed last, see LoopSolver.close
+        self.ranked: dict[bytes, Any] = {}  # the last J → the ranking of its rows
 
     @staticmethod
     def of(mechanism) -> LoopRows:
@@ -102,10 +103,10 @@ class LoopRows:
 
     def at(self, data: pin.Data, q, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Copies of Φ and J at `q`; `data` is a workspace."""
-        if self._last is None or self._last[0] != t or not np.array_equal(self._last[1], q):
+        if self._last[0] != (place := (t, q.tobytes())):
             pin.computeJointJacobians(self.model, data, q)
-            self._last = t, np.array(q), *map(np.array, self.evaluate(data, q, t))
-        _, _, phi, J = self._last
+            self._last = place, *map(np.array, self.evaluate(data, q, t))
+        _, phi, J = self._last
         return phi.copy(), J.copy()
 
     def time_rate(self, t: float, q=None) -> np.ndarray:
