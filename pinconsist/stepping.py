@@ -96,7 +96,7 @@ class Simulation:
         self._method = method_of((t, t + 1.0), *self._options)
         self._stepper = stepper_for(system, self._method, self._backend)
         self._record = Record(Output(events=self._events), (t, t + 1.0), self._stepper.full_multipliers, bool)
-        self._watch = EventWatch(self._events, self._stepper.full_multipliers, bool, self._stepper.locate)
+        self._watch = EventWatch(self._events, self._stepper, bool)
         self._control, self._torque, self._commands = system.held_forces[-1], np.zeros(system.nv), {}
         self._actuators = {each.name: each for each in system.held_forces if isinstance(each, BoundHeldActuator)}
         self._place, self._resumes, self._message = (t, q, v), False, ""

@@ -83,6 +83,10 @@ class CompiledStepper(CompiledRun):
             found = self._core.history(self._compiled, t, p, v, t_end, self.method.first_step or 0.0)
         return found or super()._history(t, p, v, t_end)
 
+    def segment(self):
+        self.base, self.Z = self._core.base, self._core.Z
+        return super().segment()
+
     def _why_no_start(self):
         """What a start from where the run stands raises."""
         try:
@@ -93,9 +97,11 @@ class CompiledStepper(CompiledRun):
 
     def batch_of(self, made, with_curve) -> StepBatch:
         core, system, t_old = self._core, self.system, self.t
-        failure, error, t, p, v, lam, h, k, tables, jumps, lam_after = made
+        failure, error, t, p, v, lam, h, k, tables, jumps = made
         self.t, self.h, self.k, self.p, self.y = core.t, core.h, core.k, core.p, core.y
         why, curve = self._counted(failure), None
+        if len(t):
+            self.t_old, self.used, self._points = t[-2] if len(t) > 1 else t_old, (h[-1], k[-1]), k[-1] + 1
         if failure == "turns_too_far":
             why = self._turns_too_far(self.velocity_and_multipliers()[0])
         if failure == "no_start":
@@ -108,4 +114,4 @@ class CompiledStepper(CompiledRun):
             for i, matrix in zip(tables[2], tables[3].reshape(-1, bdf.ROWS, bdf.ROWS), strict=True):
                 changes[i] = matrix
             curve = Tables(np.append(t_old, t[:-1]), t, t, h, k, base, Z, changes, system, self._chart_points)
-        return StepBatch(t, p, v, lam, k, curve, why, error, (jumps, lam_after))
+        return StepBatch(t, p, v, lam, k, curve, why, error, jumps)

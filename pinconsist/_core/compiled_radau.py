@@ -10,7 +10,7 @@ from ..dae.radau import table
 from ..dae.radau_control import RadauControl
 from ..dae.radau_stepper import RadauStepper
 from ..dae.segments import RadauSegment
-from ..dae.tuning import FEWEST_STAGES, FIRST_STAGES, LOOKS, MOST_STAGES
+from ..dae.tuning import FEWEST_STAGES, FIRST_STAGES, MOST_STAGES
 from . import load
 from .compiled_system import CompiledRun
 
@@ -20,8 +20,6 @@ class StageCurve(Curve):
 
     `sampler` has what evaluates them, as long as that may be kept.
     """
-
-    looks = LOOKS
 
     def __init__(self, core, start, ends, system, sampler: list):
         self._core, self.start, self.ends, self.system, self._sampler = core, start, ends, system, sampler
@@ -41,10 +39,6 @@ class StageCurve(Curve):
     def __call__(self, times):
         found = self._sampler[0].rows(self._core, self.holders(times), times) if self._sampler else None
         return found or super().__call__(times)
-
-    def all_looks(self, with_multipliers):
-        found = self._sampler[0].looks(self._core, self.ends, LOOKS, with_multipliers) if self._sampler else None
-        return found or super().all_looks(with_multipliers)
 
     def row(self, i, t):
         """(p, v, λ) at a time of a step."""
@@ -118,14 +112,14 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         if not self.ahead:
             self._sampler.clear()
 
-    def locate(self, segment, event, with_multipliers, begin, end):
-        curve, found = segment.curve, None
-        if end[1] and self._sampler:
-            near = nearness(begin, end, True)
-            found = self._core.locate(
-                self._sampler[0], curve._core, segment.i, event.function, with_multipliers, *begin, *end, near, BESIDE
-            )
-        return found or super().locate(segment, event, with_multipliers, begin, end)
+    def segment(self):
+        return StageCurve(self._core.last_step, self.t_old, [self.t], self.system, self._sampler).segment(0)
+
+    def locate(self, signs, i):
+        found = None
+        if signs.values[i]:
+            found = self._core.locate(signs, i, nearness(signs.begin, signs.end, True), BESIDE)
+        return found or super().locate(signs, i)
 
     def _retake(self, segment, t):
         again, curve = self._core.retake(segment.curve._core, segment.i, t), segment.curve
@@ -156,9 +150,10 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
 
     def batch_of(self, made, with_curve) -> StepBatch:
         core, t_old = self._core, self.t
-        failure, error, t, p, v, lam, h, k, steps, jumps, lam_after = made
+        failure, error, t, p, v, lam, h, k, steps, jumps = made
         self.t, self.h, self.s = core.t, core.h, core.s
         if len(t):
+            self.t_old = t[-2] if len(t) > 1 else t_old
             self.p, self.v, self.lam, self.used = p[-1], v[-1], lam[-1], (float(h[-1]), int(k[-1]))
         curve = StageCurve(steps, t_old, t, self.system, self._sampler) if steps is not None else None
-        return StepBatch(t, p, v, lam, k, curve, self._counted(failure), error, (jumps, lam_after))
+        return StepBatch(t, p, v, lam, k, curve, self._counted(failure), error, jumps)

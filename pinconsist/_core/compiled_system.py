@@ -72,12 +72,23 @@ class CompiledRun(Stepper):
     def opened(self, times, positions):
         return self.system.opened(times, positions, self._all_rows and self._all_rows.gaps)
 
-    def steps(self, t_end, most, with_curve, sees=None, forces=None) -> StepBatch:
-        return self.batch_of(self.made(t_end, most, with_curve, sees, forces), with_curve)
+    def signs(self, *about):
+        """Compiled signs; the caller keeps what they are made of."""
+        return load()[0].Signs(*about)
 
-    def made(self, t_end, most, with_curve, sees=None, forces=None):
+    def steps(self, t_end, most, with_curve, signs=None, sees=None, forces=None) -> StepBatch:
+        return self.batch_of(self.made(t_end, most, with_curve, signs, sees, forces), with_curve)
+
+    def made(self, t_end, most, with_curve, signs=None, sees=None, forces=None):
         """Steps as the compiled method returns them: its failure, an exception, t, p, v, λ, …"""
-        return self._core.run(self._compiled, t_end, most, with_curve, sees, forces)
+        return self._core.run(self._compiled, t_end, most, with_curve, signs, sees, forces)
+
+    def watched(self, signs):
+        if super().watched(signs):
+            return True
+        if self._core.watched(signs):
+            raise SingularSystemError(singular_message(signs.end))
+        return signs.changed
 
     def reach(self, t_end, jumped, forces):
         """Go on to a time, where nothing looks at the steps: (t, p, v) there, or None; see :meth:`unread`."""
@@ -90,9 +101,6 @@ class CompiledRun(Stepper):
     def unread(self) -> StepBatch:
         """The steps of :meth:`reach` since this was called last; the run stands at their end."""
         return self.batch_of(self._core.unread(self._compiled), False)
-
-    def forget_from(self, step) -> None:
-        self._core.forget_from(step)
 
     def batch_of(self, made, with_curve) -> StepBatch:
         """The batch of what was made last; the run stands where it ends."""

@@ -18,7 +18,7 @@ public:
   StageNewton newton;
 
   RadauStepper(System &system, const Switches &switches)
-      : Run(system), newton(system, switches), kkt_(system.nv, system.nc), index1_(system) {}
+      : Run(system), newton(system, switches), sampler(system), kkt_(system.nv, system.nc), index1_(system) {}
 
   // A step with an error of FIRST_ERROR, from the time in which the acceleration changes by as much as it is.
   double first_step(double t_end) {
@@ -44,6 +44,7 @@ public:
       if (i + 1 == static_cast<int>(FIRST_TRIALS) || change <= FIRST_CHANGE * most) break;
       trial *= 0.25;
     }
+    if (std::isfinite(change)) slope_ = (a1_ - a) / std::copysign(trial, t_end - t);
     const double time = std::min(limit, trial * most / std::max(change, tiny));
     const double part = std::pow(FIRST_ERROR / std::max(most * time, tiny), 1.0 / control.exponent());
     const double least = std::max(shortest_step(t), shortest_step(t_end));
@@ -53,9 +54,11 @@ public:
   void begin_anew() {
     control.restart();
     newton.forget();
+    slope_.setZero(system_.nv);
     stage_a_ = a;
     headway_.restart(t, t);
     shaped_ = resumes_ = false;
+    unseen_ = 0;
   }
 
   // Forces have jumped: the accelerations that start Newton's iteration are moved by as much.
@@ -95,7 +98,35 @@ public:
     return made(solved_shape(), p1_, v1_);
   }
 
+  // Where an event happens between the last looks of `signs`; the state there is that of `sampler`. False where there is
+  // none.
+  bool locate(Signs &signs, size_t i, double near, double beside, double &root) {
+    bool regular = true;
+    const auto g = [&](const Collocations::value_type &of, double at) {
+      regular = regular && sampler.look(of, at, signs.with_multipliers);
+      return regular ? signs.value(i, at, sampler.p, sampler.v, sampler.lam) : 0.0;
+    };
+    const double begin = signs.begin, end = signs.end;
+    const auto step = last_step();
+    double left;
+    std::tie(root, left) = zero([&](double at) { return g(step, at); }, begin, signs.before[i], end, signs.values[i], near);
+    const auto again = regular ? retake(*step, root) : nullptr;
+    if (!again) return false;
+    const double near_by = root - beside * (root - begin), there = g(again, root);
+    const double moved = root - there * (root - near_by) / (left - g(step, near_by));
+    if ((moved - begin) * (moved - end) < 0.0) root = moved;
+    return regular && sampler.sample(again, root);
+  }
+
+  // What the last step has left.
+  const Collocations::value_type &last_step() {
+    if (!last_) last_ = made(shape_, p, v);
+    return last_;
+  }
+
   const Vec &velocity() const { return v; }
+
+  Sampler sampler;
 
 private:
   friend class Run<RadauStepper, Collocations>;
@@ -117,12 +148,14 @@ private:
         smaller = control.after_failure(h);
         control.choose_after_failure();
         shaped_ = false;
+        slope_.setZero();
       }
       if (headway_.setback() || std::abs(smaller) < shortest_step(t))
         return failure != Failure::none ? failure : Failure::error_test;
       h = smaller;
     }
     keep_shape();
+    last_.reset();
     stage_a_ = newton.stages.W.rightCols(1);
     newton.accepted();
     used_h = newton.stages.h;
@@ -146,7 +179,7 @@ private:
     const int s = control.s;
     place(s, t, t_next - t, p, v);
     if (shaped_ && std::abs(newton.stages.h) < FORESEEN * std::abs(shape_.h)) shape_.predict(newton.stages);
-    else newton.stages.W = a.replicate(1, s);
+    else newton.stages.W = a.replicate(1, s) + slope_ * (newton.stages.h * newton.stages.table->c.transpose());
     const double tol = weights();
     const Failure failure = newton.solve(weight_, tol);
     if (failure != Failure::none) return failure;
@@ -270,13 +303,23 @@ private:
   const Vec &multipliers() const { return lam; }
   int order() const { return 2 * used_s - 1; }
   void reserve(long, Collocations &) const {}
-  void keep(Collocations &curve) const { curve.push_back(made(shape_, p, v)); }
+  void keep(Collocations &curve) { curve.push_back(last_step()); }
+
+  int looks() const { return static_cast<int>(LOOKS); }
+  bool look(Signs &signs, double at) {
+    if (at == t) return signs.look(t, p, v, lam), true;
+    if (!sampler.look(last_step(), at, signs.with_multipliers)) return false;
+    signs.look(at, sampler.p, sampler.v, sampler.lam);
+    return true;
+  }
 
   KKT kkt_;
   Projection index1_;
+  Vec slope_; // of the acceleration at a start
   Vec stage_a_; // the acceleration here, by the stages of the last step
   bool shaped_ = false;
   Shape shape_;
+  Collocations::value_type last_;
   Mat modes_, rhs_;
   Vec weight_, p1_, v1_, a1_, lam1_, moved_, shift_;
 };

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "control.hpp"
+#include "signs.hpp"
 
 #include <chrono>
 
@@ -19,7 +20,7 @@ template <class Curve> struct StepBatch {
   Curve curve;
 };
 
-// Method has `advance`, `prepare_next`, `shorten`, `order`, `velocity`, `multipliers`, `keep`, `control`.
+// Method has `advance`, `prepare_next`, `shorten`, `order`, `velocity`, `multipliers`, `keep`, `looks`, `look`, `control`.
 template <class Method, class Curve> class Run {
 public:
   // The state of the run; names as in dae/stepper.py.
@@ -36,20 +37,19 @@ public:
   // Go on to t_end at once, from where forces have just `jumped` or not; the steps are `unread`.
   Failure reach(double t_end, long most, bool jumped, const nb::object &forces) {
     const Failure failure = jumped ? jump_here(unread) : Failure::none;
-    return failure != Failure::none ? failure : run(t_end, unread.steps + most, false, nb::none(), forces, unread);
+    return failure != Failure::none ? failure : run(t_end, unread.steps + most, false, nullptr, nb::none(), forces, unread);
   }
 
-  // Accepted steps towards t_end, until there are `most`. `sees`, if it is not None, looks at each and may end them;
-  // `forces` says at which times before t_end forces jump.
-  Failure run(double t_end, long most, bool with_curve, const nb::object &sees, const nb::object &forces,
+  // Accepted steps towards t_end, until there are `most`, or `signs`, if it is not null, have changed. `sees`, if it is
+  // not None, looks at each and may end them; `forces` says at which times before t_end forces jump.
+  Failure run(double t_end, long most, bool with_curve, Signs *signs, const nb::object &sees, const nb::object &forces,
               StepBatch<Curve> &out) {
-    sizes_.clear();
     const auto begun = std::chrono::steady_clock::now();
     double until = forces.is_none() ? t_end : next_change(forces, t_end);
     bool ended = false;
     const auto leave = [&](double t1, const Vec &p1, const Vec &v1, const Vec &lam1) { // whether the run goes on
       record(t1, p1, v1, lam1, out);
-      ended = !sees.is_none() && nb::cast<bool>(sees(t1, array(p1), array(v1), array(lam1), self().order()));
+      ended = ended || (!sees.is_none() && nb::cast<bool>(sees(t1, array(p1), array(v1), array(lam1), self().order())));
       return !ended;
     };
     if (with_curve) self().reserve(most, out.curve);
@@ -67,28 +67,39 @@ public:
         self().prepare_next();
         failure = self().advance(until);
         if (failure != Failure::none) return failure;
-        if (with_curve) {
-          put(sizes_, self().control.sizes);
-          self().keep(out.curve);
+        if (signs) {
+          unseen_ = self().looks();
+          failure = watched(*signs);
+          ended = signs->changed;
         }
+        if (with_curve) self().keep(out.curve);
         leave(t, p, self().velocity(), self().multipliers());
+        if (failure != Failure::none) return failure;
+        if (signs && signs->stop) interrupt();
       }
       if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;
     }
     return Failure::none;
   }
 
-  // The steps from one of the last batch on have been made in vain: an event has happened in it.
-  void forget_from(size_t step) {
-    Vec &sizes = self().control.sizes;
-    const size_t n = sizes.size();
-    if (n * (step + 1) <= sizes_.size()) sizes = Eigen::Map<Vec>(sizes_.data() + n * step, n);
+  // Look at what is unseen of the last step, until some sign has changed.
+  Failure watched(Signs &signs) {
+    signs.changed = false;
+    while (unseen_ > 0 && !signs.changed) {
+      const double at = t - used_h * (unseen_ - 1) / self().looks();
+      if (signs.at_zero() && !self().look(signs, signs.end + NUDGE * (at - signs.end))) return Failure::singular;
+      if (signs.changed) break;
+      --unseen_;
+      if (!self().look(signs, at)) return Failure::singular;
+    }
+    return Failure::none;
   }
 
 protected:
   explicit Run(System &system) : system_(system) {}
 
   bool resumes_ = false; // where the run stands forces may jump
+  int unseen_ = 0; // looks at the last step that are left
 
   bool fixed() const { return static_cast<const Method &>(*this).control.fixed(); }
 
@@ -106,9 +117,13 @@ protected:
   Headway headway_;
 
 private:
-  std::vector<double> sizes_; // that columns had reached where the steps of the last batch began
-
   Method &self() { return static_cast<Method &>(*this); }
+
+  [[noreturn]] static void interrupt() {
+    nb::gil_scoped_acquire holds;
+    PyErr_SetNone(PyExc_KeyboardInterrupt);
+    throw nb::python_error();
+  }
 
   double next_change(const nb::object &forces, double t_end) const {
     nb::gil_scoped_acquire holds;

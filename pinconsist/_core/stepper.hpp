@@ -38,6 +38,7 @@ public:
     newton.forget();
     rounding_.restart();
     on_trial_ = resumes_ = false;
+    unseen_ = 0;
     headway_.restart(start, t);
   }
 
@@ -192,6 +193,18 @@ private:
   void shorten(double wanted) {
     rescale(wanted, k);
     control.restart();
+  }
+
+  int looks() const { return 1; }
+  bool look(Signs &signs, double at) {
+    if (at == t) return signs.look(t, p, velocity(), multipliers()), true;
+    Vec inside = Z.row(0).transpose(), place = inside.head(system_.nx);
+    double basis = 1.0;
+    for (int j = 1; j <= used_k; ++j) inside += (basis *= ((at - t) / used_h + j - 1) / j) * Z.row(j).transpose();
+    if (system_.vector_like) place = inside.head(system_.nx);
+    else system_.integrate(base, inside.head(system_.nx), place);
+    signs.look(at, place, inside.segment(system_.nx, system_.nv), inside.tail(system_.nc));
+    return true;
   }
 
   Vec multipliers() const { return y.tail(system_.nc); }

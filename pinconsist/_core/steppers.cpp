@@ -53,9 +53,10 @@ nb::object in_python(Collocations &curve) { return curve.empty() ? nb::none() : 
 // A batch: why it ended, an exception of Python's, its rows, its polynomials, and where forces jumped.
 template <class Curve> nb::object in_python(const char *failure, nb::object error, StepBatch<Curve> &made, const System &system) {
   const size_t n = made.steps, npos = system.npos, nv = system.nv, nc = system.nc, jumped = made.jumps.size();
+  const nb::object jumps = jumped ? nb::make_tuple(array(made.jumps, {jumped}), array(made.lam_after, {jumped, nc}))
+                                  : nb::make_tuple(nb::tuple(), nb::tuple());
   return nb::make_tuple(failure, error, array(made.t, {n}), array(made.p, {n, npos}), array(made.v, {n, nv}), array(made.lam, {n, nc}),
-                        array(made.h, {n}), array(made.order, {n}), in_python(made.curve), array(made.jumps, {jumped}),
-                        array(made.lam_after, {jumped, nc}));
+                        array(made.h, {n}), array(made.order, {n}), in_python(made.curve), jumps);
 }
 
 // What both steppers have.
@@ -71,7 +72,7 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
              s.taken = taken;
              s.steps = steps;
            })
-      .def("forget_from", &Stepper::forget_from)
+      .def("watched", [](Stepper &s, Signs &signs) { return name_of(s.watched(signs)); })
       .def("work", // since it was asked last
            [](Stepper &s) {
              const auto taken = [](long &count) { return std::exchange(count, 0); };
@@ -80,11 +81,11 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
            })
       .def_prop_ro("culprit", [](const Stepper &s) { return nb::make_tuple(s.newton.culprit_t, array(s.newton.culprit_p), array(s.newton.culprit_v)); })
       .def("run",
-           [](Stepper &s, const System &system, double t_end, long most, bool with_curve, nb::object sees, nb::object forces) {
+           [](Stepper &s, const System &system, double t_end, long most, bool with_curve, Signs *signs, nb::object sees, nb::object forces) {
              StepBatch<Curve> out;
-             const auto [failure, error] = attempted(system.calls_python() || !sees.is_none(), [&] { return s.run(t_end, most, with_curve, sees, forces, out); });
+             const auto [failure, error] = attempted(system.calls_python() || !sees.is_none(), [&] { return s.run(t_end, most, with_curve, signs, sees, forces, out); });
              return in_python(failure, error, out, system);
-           }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "sees"_a.none(), "forces"_a.none())
+           }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "signs"_a.none(), "sees"_a.none(), "forces"_a.none())
       .def("reach", // (t, p, v); None where the steps end before, and where they are of no use to Python
            [](Stepper &s, const System &system, double t_end, long most, bool jumped, nb::object forces) -> nb::object {
              released(system.calls_python(), [&] { return s.reach(t_end, most, jumped, forces); });
@@ -96,6 +97,20 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
              StepBatch<Curve> made = std::exchange(s.unread, {});
              return in_python("", nb::none(), made, system);
            });
+}
+
+void bind_signs(nb::module_ &m) {
+  nb::class_<Signs>(m, "Signs")
+      .def(nb::init<const nb::list &, bool, nb::handle>(), "events"_a, "with_multipliers"_a, "interrupted"_a)
+      .def_ro("begin", &Signs::begin)
+      .def_ro("end", &Signs::end)
+      .def_ro("before", &Signs::before)
+      .def_ro("values", &Signs::values)
+      .def_ro("with_multipliers", &Signs::with_multipliers)
+      .def_rw("changed", &Signs::changed)
+      .def("restart", &Signs::restart)
+      .def("look", &Signs::look)
+      .def("value", &Signs::value);
 }
 
 void bind_bdf(nb::module_ &m) {
@@ -110,6 +125,8 @@ void bind_bdf(nb::module_ &m) {
           "system"_a, "correct"_a, "switches"_a, nb::keep_alive<1, 2>())
       .def_ro("k", &Stepper::k)
       .def_prop_ro("y", [](const Stepper &s) { return array(s.y); })
+      .def_prop_ro("base", [](const Stepper &s) { return array(s.base); })
+      .def_prop_ro("Z", [](const Stepper &s) { return array(s.Z); })
       .def("begin",
            [](Stepper &s, double start, double t, double h, int k, const Vec &p, const Vec &y, const Vec &base,
               const Table &Z) {
@@ -164,33 +181,12 @@ void bind_radau(nb::module_ &m) {
              const auto again = s.retake(*curve.steps.at(i), t);
              return again ? nb::cast(StageCurve{{again}}) : nb::none();
            })
-      .def("locate", // as in dae/events.py, of a user's function; None where it or states have no value
-           [](RadauStepper &s, Sampler &sampler, const StageCurve &curve, size_t i, nb::object value, bool with_multipliers,
-              double begin, double g_begin, double end, double g_end, double near, double beside) -> nb::object {
-             bool regular = true;
-             const auto g = [&](const Collocations::value_type &step, double t) {
-               regular = regular && sampler.look(step, t, with_multipliers);
-               if (!regular) return 0.0;
-               const nb::object lam = with_multipliers ? array(sampler.lam) : nb::none();
-               const double found = PyFloat_AsDouble(value(t, array(sampler.p), array(sampler.v), lam).ptr());
-               if (PyErr_Occurred()) throw nb::python_error();
-               regular = !std::isnan(found);
-               return regular ? found : 0.0;
-             };
-             try {
-               const auto &step = curve.steps.at(i);
-               auto [root, left] = zero([&](double t) { return g(step, t); }, begin, g_begin, end, g_end, near);
-               const auto again = regular ? s.retake(*step, root) : nullptr;
-               if (!again) return nb::none();
-               const double near_by = root - beside * (root - begin), there = g(again, root);
-               const double moved = root - there * (root - near_by) / (left - g(step, near_by));
-               if ((moved - begin) * (moved - end) < 0.0) root = moved;
-               if (!regular || !sampler.sample(again, root)) return nb::none();
-               return nb::make_tuple(root, nb::make_tuple(array(sampler.p), array(sampler.v), array(sampler.lam)));
-             } catch (nb::python_error &raised) { // another search says what it was
-               if (!raised.matches(PyExc_Exception)) throw;
-               return nb::none();
-             }
+      .def_prop_ro("last_step", [](RadauStepper &s) { return StageCurve{{s.last_step()}}; })
+      .def("locate", // None where states have no value there
+           [](RadauStepper &s, Signs &signs, size_t i, double near, double beside) -> nb::object {
+             double root;
+             if (!s.locate(signs, i, near, beside, root)) return nb::none();
+             return nb::make_tuple(root, nb::make_tuple(array(s.sampler.p), array(s.sampler.v), array(s.sampler.lam)));
            })
       .def("first_step", &RadauStepper::first_step)
       .def("jump", [](RadauStepper &s) { return s.jump() == Failure::none; })
@@ -258,32 +254,13 @@ void bind_radau(nb::module_ &m) {
                lam.row(i) = sampler.lam.transpose();
              }
              return nb::make_tuple(array(p), array(v), array(lam));
-           })
-      .def("looks", // at so many times in each step, its end the last, for which λ is left out; as `look`
-           [](Sampler &sampler, const StageCurve &curve, const Vec &ends, int looks, bool with_multipliers) -> nb::object {
-             const System &of = sampler.system();
-             const Eigen::Index n = ends.size() * looks;
-             Vec t(n);
-             Table p(n, of.npos), v(n, of.nv), lam(with_multipliers ? n : 0, of.nc);
-             for (Eigen::Index i = 0, row = 0; i < ends.size(); ++i) {
-               const auto &step = curve.steps.at(i);
-               const double start = step->shape.t;
-               for (int look = 1; look <= looks; ++look, ++row) {
-                 const bool end = look == looks;
-                 t[row] = end ? ends[i] : start + (ends[i] - start) * look / looks;
-                 if (!end && !sampler.look(step, t[row], with_multipliers)) return nb::none();
-                 p.row(row) = (end ? step->p1 : sampler.p).transpose();
-                 v.row(row) = (end ? step->v1 : sampler.v).transpose();
-                 if (with_multipliers && !end) lam.row(row) = sampler.lam.transpose();
-               }
-             }
-             return nb::make_tuple(array(t), array(p), array(v), with_multipliers ? array(lam) : nb::none());
            });
 }
 
 } // namespace
 
 void bind_steppers(nb::module_ &m) {
+  bind_signs(m);
   bind_bdf(m);
   bind_radau(m);
 }

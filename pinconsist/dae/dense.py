@@ -17,11 +17,11 @@ class Curve:
     """The polynomials of successive steps of one system, from `start` on up to their `ends`.
 
     A segment is a dataclass with ``t_old``, ``end`` and ``system``; called with a time it gives (p, v, λ). Events look
-    at ``looks`` times in each step, its end the last, at what ``look(t, with_multipliers)`` of the segment gives.
+    at what its ``look(t, with_multipliers)`` gives.
     """
 
     def __init__(self, segments):
-        self.segments, self.system, self.looks = list(segments), segments[0].system, segments[0].looks
+        self.segments, self.system = list(segments), segments[0].system
         self.start, self.ends = segments[0].t_old, np.array([segment.end for segment in segments])
 
     @property
@@ -54,15 +54,6 @@ class Curve:
         rows = [self.segment(i)(t) for i, t in zip(self.holders(times), times, strict=True)]
         return tuple(map(np.array, zip(*rows, strict=True)))
 
-    def all_looks(self, with_multipliers: bool):
-        """t, p, v and λ, or None where it is not wanted, at all times at which events look; without λ at the ends."""
-        begin, parts = np.concatenate(([self.start], self.ends[:-1]))[:, None], np.arange(1, self.looks + 1)
-        t = begin + (self.ends[:, None] - begin) * parts / self.looks
-        t[:, -1] = self.ends
-        rows = [self.segment(i).look(time, with_multipliers) for i, times in enumerate(t) for time in times]
-        p, v, lam = zip(*rows, strict=True)
-        return t.reshape(-1), np.array(p), np.array(v), np.array(lam) if with_multipliers else None
-
     def with_others(self, curves) -> Curve:
         """One curve of this and those that follow."""
         return Curve([segment for curve in (self, *curves) for segment in curve.segments])
@@ -85,8 +76,6 @@ class Tables(Curve):
     changes: np.ndarray  # of objects
     system: Index3System
     chart_points: Callable | None
-
-    looks = 1
 
     @property
     def start(self) -> float:
@@ -166,19 +155,14 @@ class StepBatch:
         t, p, v = (np.insert(each, at, each[at - 1], axis=0) for each in (self.t, self.p, self.v))
         return t, p, v, np.insert(self.lam, at, lam, axis=0), np.insert(self.order, at, 0)
 
-    def looked_into(self, with_multipliers: bool):
-        """t, p, v and λ, or None where it is not wanted, at all times at which events look."""
-        looks = self.curve.looks
-        if looks == 1:
-            return self.t, *self.states
-        t, p, v, lam = self.curve.all_looks(with_multipliers)
-        if lam is not None:
-            lam[looks - 1 :: looks] = self.lam
-        return t, p, v, lam
+    def before(self, t) -> int:
+        """How many of the steps end before a time that lies in one of them."""
+        return int((abs(self.t - self.t[-1]) > abs(t - self.t[-1])).sum()) if len(self.t) > 1 else 0
 
-    def cut(self, n, with_curve, t, p, v, lam) -> StepBatch:
-        """The first `n` steps, and the part up to a time, where an event happens, of the one after them."""
-        curve, rows = self.curve.until(t) if with_curve else None, (np.array([t]), p[None], v[None], lam[None])
+    def cut(self, with_curve, t, p, v, lam) -> StepBatch:
+        """The steps before a time, where an event happens, and the part up to there of the next one."""
+        n, curve = self.before(t), self.curve.until(t) if with_curve else None
+        rows = np.array([t]), p[None], v[None], lam[None]
         if n:
             before = self.t, *self.states
             rows = tuple(np.concatenate((each[:n], row)) for each, row in zip(before, rows, strict=True))

@@ -1,16 +1,17 @@
 """Events: zeros of functions of the solution, located on the interpolant of each step."""
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from dis import get_instructions
 from functools import partial
 from types import FunctionType
+from typing import NoReturn
 
 from ..errors import InputError, UserFunctionError
 from .tuning import HALVING
 
 SAME_TIME = 1e-13  # relative: events closer than that happen at once
-NUDGE = 1e-6  # of a step
 BESIDE = 1e-3  # of a step, for a slope
 ROUGHLY = 1e-7  # of a step, where a secant follows
 LOOKING = {"locals", "vars", "dir", "eval", "exec"}  # functions that see all variables
@@ -62,67 +63,89 @@ def as_events(events) -> tuple[Event, ...]:
     return tuple(result)
 
 
-class EventWatch:
-    """Finds the events of each step, in the order of time.
+class Signs:
+    """The signs of events' functions along a run, which is looked at now and then.
 
-    `locate` is that of a :class:`~pinconsist.dae.stepper.Stepper`.
+    Attributes
+    ----------
+    begin, end, before, values : float, float, list of float
+        Times of the last two looks, and the values there.
+    changed : bool
+        Whether some function has changed its sign between them. One that is zero takes its sign at the next look, so
+        that it is not found again; that is why there is one shortly after it.
+    stop : bool
+        Whether it has not, and ``interrupted()`` says that the run is to end there.
+    """
+
+    def __init__(self, events, with_multipliers, interrupted):
+        self.events, self.with_multipliers, self.interrupted = events, with_multipliers, interrupted
+        self.changed = self.stop = False
+
+    def restart(self, t, p, v, lam, fired=()) -> None:
+        """Take the signs at a new start; what rounding leaves of events that just `fired` has no meaning."""
+        self.end = t
+        self.values = [0.0 if i in fired else self.value(i, t, p, v, lam) for i in range(len(self.events))]
+
+    def look(self, t, p, v, lam) -> bool:
+        """Look at a state; whether some sign has changed."""
+        self.begin, self.end, self.before = self.end, t, self.values
+        self.values = [self.value(i, t, p, v, lam) for i in range(len(self.events))]
+        signs = zip(self.before, self.values, strict=True)
+        self.changed = any(before != 0.0 and not before * after > 0.0 for before, after in signs)
+        self.stop = not self.changed and self.interrupted()
+        return self.changed
+
+    def value(self, i, t, p, v, lam) -> float:
+        """An event's function at a state, a number that can have a sign."""
+        error, value, given = None, math.nan, read_only(lam) if self.with_multipliers else None
+        try:
+            value = float(self.events[i].function(t, read_only(p), read_only(v), given))
+        except Exception as raised:
+            error = raised
+        if value != value:
+            fail(self.events[i], t, error)
+        return value
+
+
+def fail(event, t, error) -> NoReturn:
+    """Raise the error of an event whose function has raised this one, or returned NaN."""
+    raise UserFunctionError(f"the event {event.name!r}", t, error or ValueError("it returned NaN")) from error
+
+
+class EventWatch:
+    """Finds the events of each step of a stepper, in the order of time.
 
     Attributes
     ----------
     found : list of list of (t, p, v)
         Occurrences of each event.
+    signs : Signs or None
+        What is looked at in each step, of the stepper's own type; None where there are no events.
     """
 
-    def __init__(self, events, finish, interrupted, locate):
-        self.events, self.finish, self.interrupted, self.locate = events, finish, interrupted, locate
-        self.found = [[] for _ in events]
-        self._values, self._seen = [0.0] * len(events), []  # of each event: at the last look, and ahead of the search
-        self._multipliers = any(reads_multipliers(event.function) for event in events)
-        self._inside = [_of_kept_rows(event, finish) for event in events] if self._multipliers else events
+    def __init__(self, events, stepper, interrupted):
+        self.events, self.found, self.signs = events, [[] for _ in events], None
+        if events:
+            multipliers, finish = any(reads_multipliers(event.function) for event in events), stepper.full_multipliers
+            looked_at = [_of_kept_rows(event, finish) if multipliers else event for event in events]
+            self._made_of = looked_at, multipliers, interrupted
+            self.signs = stepper.signs(*self._made_of)
 
     def restart(self, t, p, v, lam, fired=()) -> None:
-        """Take the signs at a new start; an event that is zero there, as those that just fired, is not found again."""
-        if not self.events:
-            return
-        self._seen = []
-        if len(fired) < len(self.events):
-            self._values = self._at_row(t, p, v, lam)
-        for i in fired:
-            self._values[i] = 0.0  # what rounding leaves of it has no meaning
+        """Take the signs at a new start; see :meth:`Signs.restart`."""
+        if self.events:
+            self.signs.restart(t, p, v, lam, fired)
 
-    def sees(self, t, p, v, lam, order) -> bool:
-        """Look at a step before the batch it belongs to is searched; whether something may have happened in it."""
-        before, values = self._seen[-1] if self._seen else self._values, self._at_row(t, p, v, lam)
-        self._seen.append(values)
-        return any(not a * b > 0.0 for a, b in zip(before, values, strict=True))
-
-    def first(self, batch):
-        """Record the events of steps in order of time; stop at the first that changes the run.
-
-        ``looked`` counts the steps that were seen to the end.
+    def first(self, stepper):
+        """Record the events of the last step, or of a start, in order of time, up to the first that changes the run.
 
         Returns
         -------
         (indices of the events at that time, t, (p, v, λ), whether to stop) or None
         """
-        begin, left, looks, self.looked = batch.curve.start, batch.curve.looks, batch.curve.looks, 0
-        events, seen, values = self.events, self._seen, self._values
-        t, p, v, lam = batch.looked_into(self._multipliers)
-        lam = [None] * len(t) if lam is None else self._given(p, lam)
-        for end, at, speed, force in zip(t.tolist(), p, v, lam, strict=True):  # at every step: plain loops are fastest
-            last, values = values, seen.pop(0) if seen else _values(events, end, at, speed, force)
-            self._values = values
-            for before, after in zip(last, values):  # noqa: B905 - strict takes time
-                if not before * after > 0.0:
-                    segment = batch.curve.segment(min(self.looked, len(batch.curve.ends) - 1))  # a start is one
-                    if change := self._happen(self._hits(segment, begin, end, last)):
-                        return change
-                    break
-            begin, left = end, left - 1
-            if not left:  # a step was seen to its end
-                left, self.looked = looks, self.looked + 1
-                if self.interrupted():
-                    raise KeyboardInterrupt
+        while self.signs.changed or stepper.watched(self.signs):
+            if change := self._happen(self._hits(stepper)):
+                return change
         return None
 
     def until(self, t, forward) -> list:
@@ -130,20 +153,13 @@ class EventWatch:
         late = (lambda time: time > t) if forward else (lambda time: time < t)
         return [[row for row in rows if _at_once(row[0], t) or not late(row[0])] for rows in self.found]
 
-    def _hits(self, segment, begin, end, last):
-        """(t, index, (p, v, λ)) of events between two looks, in the order of time; `last`: values at the first one."""
-        leaving, beside = last, begin
-        if 0.0 in last:
-            beside = begin + NUDGE * (end - begin)
-            p, v, lam = segment.look(beside, self._multipliers)
-            leaving = _values(self.events, beside, p, v, self._given(p, lam))
-        hits = []
-        for i, event in enumerate(self.events):
-            g0, g1 = leaving[i], self._values[i]
-            rises, falls = g0 < 0 <= g1 and event.direction >= 0, g0 > 0 >= g1 and event.direction <= 0
-            if rises or falls:
-                between = (begin if last[i] else beside, g0), (end, g1)
-                t, state = self.locate(segment, self._inside[i], self._multipliers, *between)
+    def _hits(self, stepper):
+        """(t, index, (p, v, λ)) of events between the last two looks, in the order of time."""
+        signs, hits = self.signs, []
+        begin, signs.changed = signs.begin, False
+        for i, (event, g0, g1) in enumerate(zip(self.events, signs.before, signs.values, strict=True)):
+            if (g0 < 0 <= g1 and event.direction >= 0) or (g0 > 0 >= g1 and event.direction <= 0):
+                t, state = stepper.locate(signs, i)
                 hits.append((t, i, state))
         return sorted(hits, key=lambda hit: (abs(hit[0] - begin), hit[1]))
 
@@ -162,47 +178,40 @@ class EventWatch:
             return None
         return [i for t, i, _ in hits if _at_once(t, stop[0])], *stop, final
 
-    def _given(self, p, lam):
-        """λ as events are given it."""
-        return self.finish(p, lam) if self._multipliers else lam
-
-    def _at_row(self, t, p, v, lam):
-        """The events' values at a state that is recorded."""
-        return _values(self.events, t, *(read_only(each) for each in (p, v, self._given(p, lam))))
-
 
 def _of_kept_rows(event, finish):
     """The event as a function of the multipliers of the rows that are kept."""
     return replace(event, function=lambda t, p, v, lam: event.function(t, p, v, finish(p, lam)))
 
 
-def located(segment, event, with_multipliers, begin, end, retake=None):
-    """The time of an event, a function of kept multipliers, between two looks into a step, and (p, v, λ) there.
+def located(segment, signs, i, retake=None):
+    """The time of an event between the last two looks into a step, and (p, v, λ) there.
 
-    `begin` and `end` are (time, value) of the looks. ``retake(segment, t)``, if not None, makes the step again up to a
-    time inside it: a segment that is exact there, or the old one where that fails.
+    ``retake(segment, t)``, if not None, makes the step again up to a time inside it: a segment that is exact there, or
+    the old one where that fails.
     """
 
     def g(segment, t):
-        return _values((event,), t, *segment.look(t, with_multipliers))[0]
+        return signs.value(i, t, *segment.look(t, signs.with_multipliers))
 
-    (t_begin, _), (t_end, g_end) = begin, end
-    if g_end == 0.0:
-        return t_end, (segment if retake is None or t_end == segment.end else retake(segment, t_end))(t_end)
-    root, left = zero(partial(g, segment), *begin, *end, nearness(begin, end, retake is not None))
+    begin, end = signs.begin, signs.end
+    if signs.values[i] == 0.0:
+        return end, (segment if retake is None or end == segment.end else retake(segment, end))(end)
+    near = nearness(begin, end, retake is not None)
+    root, left = zero(partial(g, segment), begin, signs.before[i], end, signs.values[i], near)
     again = segment if retake is None else retake(segment, root)
     if again is not segment:  # one step of Newton's takes out how wrong the interpolant is
-        there, beside = g(again, root), root - BESIDE * (root - t_begin)
+        there, beside = g(again, root), root - BESIDE * (root - begin)
         slope = (left - g(segment, beside)) / (root - beside) if root != beside else 0.0
         moved = root - there / slope if slope else root
-        root = moved if (moved - t_begin) * (moved - t_end) < 0 else root
+        root = moved if (moved - begin) * (moved - end) < 0 else root
     return root, again(root)
 
 
 def nearness(begin, end, roughly) -> float:
     """How near to an event the search between two looks comes."""
-    exact = 4e-16 * max(1.0, abs(end[0]))
-    return max(exact, ROUGHLY * abs(end[0] - begin[0])) if roughly else exact
+    exact = 4e-16 * max(1.0, abs(end))
+    return max(exact, ROUGHLY * abs(end - begin)) if roughly else exact
 
 
 def zero(g, a, fa, b, fb, near):
@@ -240,22 +249,6 @@ def reads_multipliers(function) -> bool:
 
 def _at_once(t1, t2) -> bool:
     return abs(t1 - t2) <= SAME_TIME * max(1.0, abs(t1))
-
-
-def _values(events, t, p, v, lam) -> list[float]:
-    """The events' functions at a state, as numbers that can have a sign."""
-    values: list[float] = []
-    try:
-        for event in events:
-            value = event.function(t, p, v, lam)
-            if type(value) is not float:
-                value = float(value)
-            if value != value:
-                raise ValueError("it returned NaN")
-            values.append(value)
-    except Exception as error:
-        raise UserFunctionError(f"the event {events[len(values)].name!r}", t, error) from error
-    return values
 
 
 def read_only(array):

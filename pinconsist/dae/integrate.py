@@ -20,8 +20,6 @@ from .rounding import Pace
 from .stepper import Stepper
 from .tuning import FAILURES, Switches
 
-FEWEST, SHARE = 1, 4  # steps made ahead of the search for events: so many, and one for each so many since the start
-
 
 @dataclass
 class Method:
@@ -111,7 +109,7 @@ def integrate(
     interrupted = interrupted or (lambda: False)
     with closing(stepper):
         record = Record(output, t_span, stepper.full_multipliers, interrupted)
-        watch = EventWatch(output.events, stepper.full_multipliers, interrupted, stepper.locate)
+        watch = EventWatch(output.events, stepper, interrupted)
         status, message = SUCCESS, "the end of the interval was reached"
         try:
             stepper.system.start(t_span[0], p0, v0, t_span[1] < t_span[0])
@@ -159,32 +157,34 @@ def _ending(error, t):
 
 def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=False, jumped=False):
     """Integrate from (p, v); or the run `resumes` where the stepper stands, and forces have `jumped` there."""
-    (t, t_end), with_curve, known = t_span, bool(watch.events) or record.needs_curve, None
-    passes = stepper.passes_changes(with_curve) and stepper.system.changes and not watch.events
-    pace, sees = Pace(method.control, t, record.nsteps), _seen_at_once(stepper, record, watch, passes)
+    (t, t_end), with_curve, known = t_span, record.needs_curve, None
+    passes = not watch.events and stepper.system.changes and stepper.passes_changes(with_curve)
+    pace, signs = Pace(method.control, t, record.nsteps), watch.signs
+    # What sees each step before the next one is made, where a user's function might change what that will be.
+    sees = record.sees if record.output.each_step and not (stepper.ahead and not passes) else None
 
-    def more(until, begun):
-        most, forces = _batch_size(stepper, method, record, watch, begun), [stepper.system] * passes
-        made, left = stepper.steps(until, most, with_curve, sees, *forces), (method.max_steps or np.inf) - record.nsteps
+    def more(until):
+        most, forces = _batch_size(stepper, method, record), [stepper.system] * passes
+        made = stepper.steps(until, most, with_curve, signs, sees, *forces)
+        left = (method.max_steps or np.inf) - record.nsteps
         return made if len(made.t) <= left else made.first(left)  # a start has several
 
     while t != t_end:  # once, and again after every event that changes the state and where forces jump
         _stop_if(interrupted)
-        stop, begun = record.next_stop(t, t_end), record.nsteps
+        stop = record.next_stop(t, t_end)
         until = stepper.system.next_change(t, stop)
-        first, *states = stepper.resume(until) if resumes else stepper.begin(t, p, v, until, known)
+        first, *stepper.unseen = stepper.resume(until) if resumes else stepper.begin(t, p, v, until, known)
         if jumped:
             record.jump(*first)
             watch.restart(*first)
         resumes, jumped, known, until = False, False, None, stop if passes else until
-        batch = _started(stepper, method, record, states, with_curve) if states else more(until, begun)
+        batch = _started(stepper, method, record, with_curve) if stepper.unseen else more(until)
         while True:
-            hit = _look(watch, batch, record)
+            hit = _look(watch, stepper, batch, record) if signs and not batch.error else None
             if hit is not None:
                 fired, t, (p, v, lam), final = hit
                 events = [watch.events[i] for i in fired]
-                stepper.forget_from(watch.looked)
-                record.add(batch.cut(watch.looked, record.needs_curve, t, p, v, lam))
+                record.add(batch.cut(record.needs_curve, t, p, v, lam))
                 if final:
                     names = " and ".join(event.name or "without a name" for event in events if event.terminal)
                     raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
@@ -214,36 +214,24 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
                 resumes = not other_rows
                 break
             _stop_if(interrupted)
-            batch = more(until, begun)
+            batch = more(until)
 
 
-def _started(stepper, method, record, states, with_curve):
+def _started(stepper, method, record, with_curve):
     """The steps of a start."""
     if method.max_steps is not None:
-        states = states[: method.max_steps - record.nsteps]
+        stepper.unseen = stepper.unseen[: method.max_steps - record.nsteps]
+    states = list(stepper.unseen)
     curve = Curve([stepper.segment()]) if with_curve and states else None
     return StepBatch.of(states, [stepper.used[1]] * len(states), curve)
 
 
-def _seen_at_once(stepper, record, watch, passes):
-    """What sees each step before the next one is made, where a user's function might change what that will be."""
-    if (stepper.ahead and not passes) or (watch.events and stepper.looks > 1):
-        return None
-    if watch.events and record.output.each_step:
-        return lambda *row: watch.sees(*row) or record.sees(*row)
-    if watch.events:
-        return watch.sees
-    return record.sees if record.output.each_step else None
-
-
-def _look(watch, batch, record):
+def _look(watch, stepper, batch, record):
     """The first event in these steps that changes the run; where a user's function fails, the steps before are kept."""
-    if not (watch.events and len(batch.t)):
-        return None
     try:
-        return watch.first(batch)
+        return watch.first(stepper)
     except BaseException:
-        record.add(batch.first(watch.looked))
+        record.add(batch.first(batch.before(watch.signs.end)))
         raise
 
 
@@ -252,13 +240,9 @@ def _stop_if(interrupted):
         raise KeyboardInterrupt
 
 
-def _batch_size(stepper, method, record, watch, begun) -> int:
+def _batch_size(stepper, method, record) -> int:
     """How many steps may be made before somebody has to look at them."""
     most = stepper.batch
-    if watch.events and stepper.ahead:  # what is made beyond an event that changes the state is made in vain
-        most = min(most, FEWEST + (record.nsteps - begun) // SHARE)
-    elif watch.events and stepper.looks > 1:
-        most = 1
     if method.max_steps is not None:
         most = min(most, method.max_steps - record.nsteps)
     if stepper.system.dropped_are_zero:

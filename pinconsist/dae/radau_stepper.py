@@ -44,7 +44,8 @@ class RadauStepper(Stepper):
     s : int
         Stages of the next step.
     shape : (Stages, ndarray) or None
-        The last step, whose accelerations, a polynomial over it, start Newton's iteration; or constant ones.
+        The last step, whose accelerations, a polynomial over it, start Newton's iteration; or linear ones, with the
+        slope that the first step was chosen by.
     """
 
     def __init__(self, system, method):
@@ -55,7 +56,7 @@ class RadauStepper(Stepper):
         super().change_system(system)
         self._turns = None
 
-    rows_watched, looks = 1, tuning.LOOKS  # steps are long
+    rows_watched = 1  # steps are long
     k = property(lambda self: 2 * self.s - 1)
     y = property(lambda self: np.concatenate((np.zeros(self.system.nx), self.v, self.lam)))
 
@@ -70,7 +71,7 @@ class RadauStepper(Stepper):
         self.headway.restart(t, t)
         if self._turns is None:
             self._turns = turning_coordinates(system, p)
-        self.shape, self.stages, self.stage_a = None, None, self.a
+        self.shape, self.stages, self.stage_a, self.slope = None, None, self.a, np.zeros(system.nv)
         self._taken = 0
         if method.step is not None:
             self._divide(t_end)
@@ -120,9 +121,9 @@ class RadauStepper(Stepper):
             p = system.integrate(self.p, h * system.rate(self.t, self.p, 0.5 * (self.v + v)))
             try:
                 a = self.index1.acceleration(self.t + h, p, v)[0]
-                change, largest_a = size(a - self.a), max(size(self.a), size(a))
+                change, largest_a, self.slope = size(a - self.a), max(size(self.a), size(a)), (a - self.a) / h
             except PinconsistError:
-                change, largest_a = np.inf, 1.0
+                change, largest_a, self.slope = np.inf, 1.0, np.zeros(system.nv)
             if change <= tuning.FIRST_CHANGE * largest_a:
                 break
             trial *= 0.25
@@ -151,7 +152,7 @@ class RadauStepper(Stepper):
                 smaller = control.after_rejection(self.s, self.h, landing.error)
                 self.shape = stages
             else:
-                smaller, self.shape = control.after_failure(self.h), None
+                smaller, self.shape, self.slope = control.after_failure(self.h), None, 0.0 * self.slope
                 if smaller is None:
                     return stages.failure
                 self._use(control.chosen_after_failure())
@@ -180,7 +181,7 @@ class RadauStepper(Stepper):
         h = t_next - self.t
         times = self.t + h * table(self.s).c
         known = self.shape is not None and abs(h) < tuning.FORESEEN * abs(self.shape.h)
-        W = accelerations(self.shape, times) if known else np.tile(self.a, (self.s, 1))
+        W = accelerations(self.shape, times) if known else self.a + np.outer(times - self.t, self.slope)
         stages = self._iterated(Stages(self.system, table(self.s), self.t, self.p, self.v, h, W))
         if not stages.failure and fastest_turn(self._turns, stages.xi) > tuning.MAX_CHART_TURN:
             stages.failure = "a joint turns half around within a step, where the charts of rotations end"
@@ -255,8 +256,13 @@ class RadauStepper(Stepper):
         of, end = self.stages, self.landing
         return RadauSegment(of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, self.system)
 
-    def locate(self, segment, event, with_multipliers, begin, end):
-        return located(segment, event, with_multipliers, begin, end, self._retake)
+    def _looks(self, state, with_multipliers):
+        segment, parts = self.segment(), np.arange(1, tuning.LOOKS) / tuning.LOOKS  # steps are long
+        times = (self.t_old + (self.t - self.t_old) * parts).tolist()
+        return [*((t, *segment.look(t, with_multipliers)) for t in times), state]
+
+    def locate(self, signs, i):
+        return located(self.segment(), signs, i, self._retake)
 
     def _retake(self, segment, t):
         of, nodes = segment, (t - segment.t_old) / segment.h * segment.table.c

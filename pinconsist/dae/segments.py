@@ -12,7 +12,6 @@ from .charts import chart_point
 from .index1 import Index1, settled
 from .problem import Index3System
 from .radau import Table
-from .tuning import LOOKS
 
 
 @dataclass(frozen=True)
@@ -33,8 +32,6 @@ class Segment:
     Z: np.ndarray
     changes: np.ndarray | None
     system: Index3System
-
-    looks = 1
 
     def __call__(self, t: float):
         """(p, v, λ) at a time inside the step."""
@@ -67,8 +64,6 @@ class RadauSegment:
     p: np.ndarray
     v: np.ndarray
     system: Index3System
-
-    looks = LOOKS  # steps are long
 
     def __call__(self, t: float):
         """(p, v, λ) at a time inside the step."""

@@ -8,12 +8,12 @@ from ..errors import PinconsistError
 from . import bdf, start
 from .charts import longest_step, turning_coordinates
 from .dense import Curve, StepBatch
-from .events import located
+from .events import Signs, located
 from .index1 import Index1
 from .newton import Newton
 from .rounding import Headway, RoundingTest, shortest_step, velocity_rounding
 from .segments import Segment
-from .tuning import FAILURES, PATIENCE, UNNOTICED
+from .tuning import FAILURES, NUDGE, PATIENCE, UNNOTICED
 
 
 class Stepper:
@@ -38,19 +38,21 @@ class Stepper:
         function of the user's takes part in them, which an event or a callback might change.
     rows_watched : int
         Steps after which the choice of constraint rows is looked at.
-    looks : int
-        Times in a step at which events are looked for.
+    unseen : list of (t, p, v, λ)
+        States of the last step, or of a start, at which events are yet to be looked for.
+    signs : type
+        What looks at them, see :class:`~pinconsist.dae.events.Signs`.
     backend : str
         Name of the method, for the record.
     """
 
-    batch, ahead, rows_watched, looks, backend = 50, False, 5, 1, "python"
+    batch, ahead, rows_watched, signs, backend = 50, False, 5, Signs, "python"
 
     def __init__(self, system, method):
         self.method, self.control = method, method.control
         self.control.fit(system)
         self.newton, self.rounding, self.headway = Newton(), RoundingTest(), Headway()
-        self._begun = False
+        self._begun, self.unseen = False, []
         self.change_system(system)
 
     def close(self) -> None:
@@ -114,21 +116,34 @@ class Stepper:
         """Step and states of a start with variable steps."""
         return start.adaptive_history(self.index1, t, p, v, t_end, self.k, self.control, self.method.first_step)
 
-    def locate(self, segment, event, with_multipliers, begin, end):
-        """When an event happens between two looks into a step, see :func:`~pinconsist.dae.events.located`."""
-        return located(segment, event, with_multipliers, begin, end)
+    def watched(self, signs) -> bool:
+        """Look at what is unseen, until some sign has changed; whether one has."""
+        while self.unseen:
+            if 0.0 in signs.values:
+                beside = signs.end + NUDGE * (self.unseen[0][0] - signs.end)
+                if signs.look(beside, *self.segment().look(beside, signs.with_multipliers)):
+                    return True
+            if signs.look(*self.unseen.pop(0)):
+                return True
+        return False
 
-    def forget_from(self, step) -> None:
-        """The steps of the last batch, from one on, have been made in vain."""
+    def locate(self, signs, i):
+        """When an event happened between the last two looks, see :func:`~pinconsist.dae.events.located`."""
+        return located(self.segment(), signs, i)
+
+    def _looks(self, state, with_multipliers):
+        """The states at which events are looked for in the last step, which led to this one."""
+        return [state]
 
     def resume(self, t_end):
         """Go on from where the run stands, after a jump of forces; returns what :meth:`begin` does."""
         return self.begin(self.t, self.p, self.velocity_and_multipliers()[0], t_end)
 
-    def steps(self, t_end, most, with_curve, sees=None) -> StepBatch:
+    def steps(self, t_end, most, with_curve, signs=None, sees=None) -> StepBatch:
         """Accepted steps towards `t_end`, at most `most`, with their polynomials where requested.
 
-        ``sees(t, p, v, λ, order)``, if not None, is called with each before the next is made; a true value ends them.
+        They end where `signs` have changed, if they are not None. ``sees(t, p, v, λ, order)``, if not None, is called
+        with each before the next is made; a true value ends them.
         """
         states, orders, segments, due = [], [], [], time.monotonic() + PATIENCE
         failure, error = "", None
@@ -138,11 +153,16 @@ class Stepper:
                 failure = self.advance(t_end)
                 if failure:
                     break
-                states.append((self.t, self.p, *self.velocity_and_multipliers()))
-                orders.append(self.used[1])
+                state, order = (self.t, self.p, *self.velocity_and_multipliers()), self.used[1]
+                self.unseen = [] if signs is None else self._looks(state, signs.with_multipliers)
+                changed = signs is not None and self.watched(signs)
+                states.append(state)
+                orders.append(order)
                 segments += [self.segment()] if with_curve else []
-                if sees is not None and sees(*states[-1], orders[-1]):
+                if changed or (sees is not None and sees(*state, order)):
                     break
+                if signs is not None and signs.stop:
+                    raise KeyboardInterrupt
         except BaseException as raised:  # what was reached is kept; the caller raises it
             error = raised
         return StepBatch.of(states, orders, Curve(segments) if segments else None, failure, error)

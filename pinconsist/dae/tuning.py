@@ -69,6 +69,7 @@ FIRST_REACH, FIRST_CHANGE = 1e-2, 0.1  # relative to positions, to accelerations
 FIRST_TRIALS = 20  # each a quarter of the one before
 LAST_MODE = 0.01  # of the highest mode in the denominator of the error estimate
 LOOKS = 12  # times in a step at which events are looked for
+NUDGE = 1e-6  # of the way to the next look, after which an event that was zero has its sign
 HALVING = 20  # tries after which a zero is found by halving
 
 WINDOW = 1000  # steps after which the pace of a run is looked at

@@ -1,0 +1,95 @@
+// dae/events.py: the signs of users' functions along a run.
+#pragma once
+
+#include "system.hpp"
+
+#include <algorithm>
+
+namespace pinconsist {
+
+// Numbers that a user's function is given, which it cannot change; an array of its own where the last one was kept.
+class Given {
+public:
+  const nb::object &operator()(const Vec &x) {
+    if (array_.is_valid() && Py_REFCNT(array_.ptr()) == 1 && x.size() == size_) {
+      std::memcpy(numbers_, x.data(), size_ * sizeof(double));
+      return array_;
+    }
+    array_ = array(x);
+    size_ = x.size();
+    Py_buffer view;
+    if (PyObject_GetBuffer(array_.ptr(), &view, PyBUF_WRITABLE)) throw nb::python_error();
+    numbers_ = view.buf;
+    PyBuffer_Release(&view);
+    array_.attr("setflags")(false);
+    return array_;
+  }
+
+private:
+  nb::object array_;
+  Eigen::Index size_ = 0;
+  void *numbers_ = nullptr;
+};
+
+class Signs {
+public:
+  double begin = 0.0, end = 0.0;
+  std::vector<double> before, values;
+  bool changed = false, stop = false;
+  const bool with_multipliers;
+
+  // The watch that has the signs keeps these functions, which the garbage collector does not see here.
+  Signs(const nb::list &events, bool with_multipliers, nb::handle interrupted)
+      : with_multipliers(with_multipliers), interrupted_(interrupted) {
+    for (const nb::handle event : events) {
+      events_.push_back(event);
+      functions_.push_back(nb::handle(nb::object(event.attr("function")).ptr()));
+    }
+    before.resize(events_.size());
+    values.resize(events_.size());
+  }
+
+  void restart(double t, const Vec &p, const Vec &v, const Vec &lam, const std::vector<size_t> &fired) {
+    end = t;
+    for (size_t i = 0; i < values.size(); ++i)
+      values[i] = std::count(fired.begin(), fired.end(), i) ? 0.0 : value(i, t, p, v, lam);
+  }
+
+  bool look(double t, const Vec &p, const Vec &v, const Vec &lam) {
+    nb::gil_scoped_acquire holds;
+    begin = std::exchange(end, t);
+    before.swap(values);
+    changed = false;
+    for (size_t i = 0; i < values.size(); ++i) {
+      values[i] = value(i, t, p, v, lam);
+      changed = changed || (before[i] != 0.0 && !(before[i] * values[i] > 0.0));
+    }
+    stop = !changed && nb::cast<bool>(interrupted_());
+    return changed;
+  }
+
+  bool at_zero() const { return std::count(values.begin(), values.end(), 0.0); }
+
+  double value(size_t i, double t, const Vec &p, const Vec &v, const Vec &lam) {
+    nb::object error = nb::none();
+    double found = NOT_A_NUMBER;
+    try {
+      const nb::object given = with_multipliers ? lam_(lam) : nb::none();
+      found = PyFloat_AsDouble(functions_[i](t, p_(p), v_(v), given).ptr());
+      if (PyErr_Occurred()) throw nb::python_error();
+    } catch (nb::python_error &raised) {
+      if (!raised.matches(PyExc_Exception)) throw;
+      error = nb::borrow(raised.value());
+      found = NOT_A_NUMBER;
+    }
+    if (std::isnan(found)) nb::module_::import_("pinconsist.dae.events").attr("fail")(events_[i], t, error);
+    return found;
+  }
+
+private:
+  std::vector<nb::handle> events_, functions_;
+  nb::handle interrupted_;
+  Given p_, v_, lam_;
+};
+
+} // namespace pinconsist
