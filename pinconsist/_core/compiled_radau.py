@@ -45,11 +45,6 @@ class StageCurve(Curve):
         found = self._sampler[0].row(self._core, i, t) if self._sampler else None
         return found or self.plain(i)(t)
 
-    def look(self, i, t, with_multipliers):
-        """The same, for events that look at it."""
-        found = self._sampler[0].look(self._core, i, t, with_multipliers) if self._sampler else None
-        return found or self.plain(i).look(t, with_multipliers)
-
     def with_others(self, curves):
         core, ends = self._core.joined([each._core for each in curves]), [each.ends for each in (self, *curves)]
         return StageCurve(core, self.start, np.concatenate(ends), self.system, self._sampler)
@@ -66,10 +61,6 @@ class StageSegment:
 
     def __call__(self, t):
         return self.curve.row(self.i, t)
-
-    def look(self, t, with_multipliers):
-        """For events, as that of :class:`RadauSegment`."""
-        return self.curve.look(self.i, t, with_multipliers)
 
 
 class CompiledRadauStepper(CompiledRun, RadauStepper):
@@ -113,19 +104,13 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
             self._sampler.clear()
 
     def segment(self):
-        return StageCurve(self._core.last_step, self.t_old, [self.t], self.system, self._sampler).segment(0)
+        return StageCurve(self._core.last_step, self.t_old, [self.t], self.system, self._sampler).plain(0)
 
     def locate(self, signs, i):
         found = None
         if signs.values[i]:
             found = self._core.locate(signs, i, nearness(signs.begin, signs.end, True), BESIDE)
         return found or super().locate(signs, i)
-
-    def _retake(self, segment, t):
-        again, curve = self._core.retake(segment.curve._core, segment.i, t), segment.curve
-        if again is None:
-            return segment
-        return StageSegment(StageCurve(again, segment.t_old, [t], curve.system, self._sampler), 0, segment.t_old, t)
 
     def passes_changes(self, with_curve):
         return True

@@ -176,11 +176,6 @@ void bind_radau(nb::module_ &m) {
       .def_prop_ro("v", [](const RadauStepper &s) { return array(s.v); })
       .def_prop_ro("a", [](const RadauStepper &s) { return array(s.a); })
       .def_prop_ro("lam", [](const RadauStepper &s) { return array(s.lam); })
-      .def("retake", // None where it fails
-           [](RadauStepper &s, const StageCurve &curve, size_t i, double t) -> nb::object {
-             const auto again = s.retake(*curve.steps.at(i), t);
-             return again ? nb::cast(StageCurve{{again}}) : nb::none();
-           })
       .def_prop_ro("last_step", [](RadauStepper &s) { return StageCurve{{s.last_step()}}; })
       .def("locate", // None where states have no value there
            [](RadauStepper &s, Signs &signs, size_t i, double near, double beside) -> nb::object {
@@ -237,11 +232,6 @@ void bind_radau(nb::module_ &m) {
            [](Sampler &sampler, const StageCurve &curve, size_t i, double t) -> nb::object {
              if (!sampler.sample(curve.steps.at(i), t)) return nb::none();
              return nb::make_tuple(array(sampler.p), array(sampler.v), array(sampler.lam));
-           })
-      .def("look", // λ is None where it is not wanted
-           [](Sampler &sampler, const StageCurve &curve, size_t i, double t, bool with_multipliers) -> nb::object {
-             if (!sampler.look(curve.steps.at(i), t, with_multipliers)) return nb::none();
-             return nb::make_tuple(array(sampler.p), array(sampler.v), with_multipliers ? array(sampler.lam) : nb::none());
            })
       .def("rows", // at times of the steps with these indices
            [](Sampler &sampler, const StageCurve &curve, const Eigen::VectorX<std::int64_t> &steps, const Vec &times) -> nb::object {

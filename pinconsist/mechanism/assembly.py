@@ -109,7 +109,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
     fixed, named = dict(fixed or {}), dict(q) if isinstance(q, Mapping) else {}
     held = {**named, **fixed}
     base = mechanism.configuration(mechanism.guess if q is None or isinstance(q, Mapping) else q)
-    start = guess = mechanism.configuration(held, base=base)
+    start = guess = mechanism.configuration(held, base=base) if held else base
     for joint in _driven(solver, held, guess):  # which have the drive's value, rounding apart
         held.pop(joint)
         fixed.pop(joint, None)
@@ -131,7 +131,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
             f"{gaps[worst]:.1e} m or rad. Most likely the numbers of the file are rounded: load(…, precision=1e-6), or "
             "mechanism.corrected(1e-6), makes them consistent"
         )
-    if moved := not_kept(mechanism, named, best):
+    if named and (moved := not_kept(mechanism, named, best)):
         shown = moved[:MOST_SHOWN] if len(named) > MOST_SHOWN else named
         asked = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, guess))}" for joint in shown)
         at = ", ".join(f"{joint} = {_text(coordinates(mechanism.model, joint, best))}" for joint in shown)
@@ -153,7 +153,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
         mobility=mobility,
         moved=float(np.max(np.abs(pin.difference(mechanism.model, guess, best)), initial=0.0)),
         iterations=iterations,
-        _rows=(J, kept, mechanism.row_labels),
+        _rows=(J, kept, solver.loop_rows.labels),
     )
 
 
