@@ -28,10 +28,10 @@ struct Shape {
 
   // Their polynomial at the stages of another step.
   void predict(Stages &stages) const {
-    Mat values(table->s, stages.size());
-    for (int i = 0; i < stages.size(); ++i)
-      values.col(i).noalias() = table->modes.transpose().lazyProduct(legendre((stages.time(i) - t) / h, table->s));
-    stages.W = W.lazyProduct(values);
+    Mat coefficients, values(stages.size(), table->s);
+    combine(W, table->modes, coefficients);
+    for (int i = 0; i < stages.size(); ++i) values.row(i) = legendre((stages.time(i) - t) / h, table->s).transpose();
+    combine(coefficients, values, stages.W);
   }
 };
 

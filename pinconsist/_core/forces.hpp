@@ -228,7 +228,7 @@ public:
   }
 
   double stored(const Data &data, const Vec &) const override {
-    const Vector3d r = placed(data, joint2_, place2_).translation() - placed(data, joint1_, place1_).translation();
+    const Vector3d r = origin(data, joint2_, place2_) - origin(data, joint1_, place1_);
     const double longer = std::sqrt(r.squaredNorm() + shortest_ * shortest_) - length_;
     return 0.5 * stiffness_ * longer * longer;
   }
@@ -236,7 +236,7 @@ public:
 private:
   // Fills length, direction, columns of the relative velocity; returns the tension.
   double line(const Data &data, const Vec &v) const {
-    const Vector3d x1 = placed(data, joint1_, place1_).translation(), x2 = placed(data, joint2_, place2_).translation();
+    const Vector3d x1 = origin(data, joint1_, place1_), x2 = origin(data, joint2_, place2_);
     const Vector3d r = x2 - x1;
     l_ = std::sqrt(r.squaredNorm() + shortest_ * shortest_);
     u_ = r / l_;

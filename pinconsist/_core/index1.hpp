@@ -26,11 +26,12 @@ public:
     return solve_acceleration(t, p, v, a, lam);
   }
 
-  // The same at a position whose constraint was evaluated last.
-  bool acceleration_after_constraint(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
+  // The same at a position whose constraint was evaluated last, and whose matrix, if it is `known`.
+  bool acceleration_after_constraint(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam, const KKT *known) {
     system_.evaluate_after_constraint(t, p, v, zero_);
-    return solve_acceleration(t, p, v, a, lam);
+    return solve_acceleration(t, p, v, a, lam, known);
   }
+
   // p and v put on the constraints, as project_position and project_velocity do.
   State project(double t, const Vec &p, const Vec &v) {
     State state{p, v};
@@ -63,9 +64,10 @@ public:
   }
 
 private:
-  bool solve_acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
+  bool solve_acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam, const KKT *known = nullptr) {
     negative_forces(t, p, v);
-    if (!solve(t, p, v)) return false;
+    if (known) known->solve(rhs_, 1.0, 1);
+    else if (!solve(t, p, v)) return false;
     a = rhs_.col(0).head(system_.nv);
     lam = rhs_.col(0).tail(system_.nc);
     return true;

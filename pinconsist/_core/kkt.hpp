@@ -68,7 +68,8 @@ public:
 
   void substitute(double *x, int columns) const {
     if (n_ < Lapack::LARGE || static_cast<double>(n_) * n_ * columns < Lapack::SLOW) {
-      for (int column = 0; column < columns; ++column) substitute(x + static_cast<long>(column) * n_);
+      for (; n_ < Lapack::LARGE && columns > 1; columns -= 2, x += 2 * n_) substitute_two(x);
+      for (; columns > 0; --columns, x += n_) substitute(x);
     } else {
       char plain = 'N';
       int n = n_, info = 0;
@@ -101,6 +102,21 @@ private:
       const double *column = &lu_(0, k);
       const double value = x[k] /= column[k];
       for (int i = 0; i < k; ++i) x[i] -= value * column[i];
+    }
+  }
+
+  // Two columns of few unknowns, side by side.
+  void substitute_two(double *x) const {
+    Eigen::Array2d rows[Lapack::LARGE];
+    for (int k = 0; k < n_; ++k) rows[k] << x[k], x[n_ + k];
+    for (int k = 0; k < n_; ++k) std::swap(rows[k], rows[pivots_[k] - 1]);
+    for (int k = 0; k < n_; ++k)
+      for (int i = k + 1; i < n_; ++i) rows[i] -= rows[k] * lu_(i, k);
+    for (int k = n_; k-- > 0;) {
+      rows[k] /= lu_(k, k);
+      for (int i = 0; i < k; ++i) rows[i] -= rows[k] * lu_(i, k);
+      x[k] = rows[k][0];
+      x[n_ + k] = rows[k][1];
     }
   }
 

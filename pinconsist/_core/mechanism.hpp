@@ -10,7 +10,7 @@
 
 namespace pinconsist {
 
-constexpr int BLOCK = 32;
+constexpr int BLOCK = 32, FEW = 10; // velocities in a block; below which products need no temporaries
 constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
 
 inline double sinc(double x) { return x == 0.0 ? 1.0 : std::sin(x) / x; }
@@ -311,7 +311,8 @@ protected:
 
 private:
   void hidden_residual(double t, const Vec &p, const Vec &v) {
-    rho.noalias() = W * v;
+    if (nv < FEW) rho = W.lazyProduct(v);
+    else rho.noalias() = W * v;
     for (const auto &[rows, at] : rows_) rows->add_rate(t, p, at, rho);
   }
 

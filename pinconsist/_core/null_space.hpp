@@ -5,32 +5,48 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 #include <vector>
 
 namespace pinconsist {
 
-// out = x weightsᵀ: combinations of a few columns.
-inline void combine(const Mat &x, const Mat &weights, Mat &out) {
-  const Eigen::Index n = x.rows(), s = weights.rows();
-  out.resize(n, s);
-  for (Eigen::Index i = 0; i < s; ++i) {
-    double *sum = out.data() + i * n;
-    for (Eigen::Index j = 0; j < s; ++j) {
-      const double weight = weights(i, j), *column = x.data() + j * n;
-      if (j == 0)
-        for (Eigen::Index k = 0; k < n; ++k) sum[k] = weight * column[k];
-      else
-        for (Eigen::Index k = 0; k < n; ++k) sum[k] += weight * column[k];
+// out = scale x weightsᵀ: combinations of a few columns.
+inline void combine(const Mat &x, const Mat &weights, Mat &out, double scale = 1.0) {
+  const Eigen::Index n = x.rows();
+  out.resize(n, weights.rows());
+  const auto product = [n, scale, x = x.data(), w = weights.data(), out = out.data()](auto rows, auto columns) {
+    for (Eigen::Index k = 0; k < n; ++k) {
+      for (int i = 0; i < rows; ++i) {
+        double sum = 0.0;
+        for (int j = 0; j < columns; ++j) sum += w[j * rows + i] * x[j * n + k];
+        out[i * n + k] = scale * sum;
+      }
     }
-  }
+  };
+  const int rows = static_cast<int>(weights.rows()), columns = static_cast<int>(weights.cols());
+  // Loops over stages are unrolled.
+  if (rows == 3 && columns == 3) product(std::integral_constant<int, 3>(), std::integral_constant<int, 3>());
+  else if (rows == 5 && columns == 5) product(std::integral_constant<int, 5>(), std::integral_constant<int, 5>());
+  else if (rows == 7 && columns == 7) product(std::integral_constant<int, 7>(), std::integral_constant<int, 7>());
+  else product(rows, columns);
 }
 
-constexpr int SMALL_PRODUCT = 10; // below which products need no temporaries
+constexpr int SMALL_PRODUCT = 10; // rows below which plain loops are faster than Eigen's
 
-// out = a b
-template <class A, class B, class Out> void multiply(const A &a, const B &b, Out &&out) {
-  if (a.cols() < SMALL_PRODUCT) out = a.lazyProduct(b);
-  else out.noalias() = a * b;
+// aᵀ b, its columns `apart` numbers from one another.
+inline void across(const Mat &a, const Mat &b, double *out, Eigen::Index apart) {
+  const Eigen::Index n = a.rows();
+  if (n >= SMALL_PRODUCT) {
+    Eigen::Map<Mat, 0, Eigen::OuterStride<>>(out, a.cols(), b.cols(), Eigen::OuterStride<>(apart)).noalias() = a.transpose() * b;
+    return;
+  }
+  for (Eigen::Index j = 0; j < b.cols(); ++j)
+    for (Eigen::Index i = 0; i < a.cols(); ++i) {
+      const double *x = a.data() + i * n, *y = b.data() + j * n;
+      double sum = 0.0;
+      for (Eigen::Index k = 0; k < n; ++k) sum += x[k] * y[k];
+      out[j * apart + i] = sum;
+    }
 }
 
 // J x = -φ by complete pivoting: all solutions are x = Z y + closing.

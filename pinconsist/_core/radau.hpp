@@ -60,8 +60,8 @@ public:
       if (iteration > 1) rate = size / last;
       const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const double before = largest(stages.V);
-      combine(dV_, stages.table->inverse, dW_);
-      stages.W += dW_ / stages.h;
+      combine(dV_, stages.table->inverse, dW_, 1.0 / stages.h);
+      stages.W += dW_;
       if (!stages.move()) return Failure::diverged;
       const double reach = 1.0 + largest(stages.P.col(s - 1)), step = largest(dV_);
       if (iteration > 1) contraction_ = std::max(rate, 0.3 * contraction_);

@@ -225,7 +225,7 @@ private:
     system_.mass_matrix(t1, p1_, v1_, kkt_.A());
     estimate(modes);
     rhs_.setZero(nv + nc, 2 + modes);
-    bool closed = false;
+    bool closed = false, moved = false;
     for (int turn = 0; turn < static_cast<int>(CLOSINGS) && !closed; ++turn) {
       system_.constraint(t1, p1_, v1_);
       closed = largest(system_.phi) <= CLOSED * (1.0 + largest(p1_));
@@ -245,6 +245,7 @@ private:
       shift_ = -system_.moved_by(t1, p1_, v1_, rhs_.col(1).head(nv));
       system_.integrate(p1_, shift_, moved_);
       std::swap(p1_, moved_);
+      moved = true;
     }
     if (!closed) {
       system_.constraint(t1, p1_, v1_);
@@ -252,7 +253,8 @@ private:
     }
     error = modes ? error_of(modes) : 0.0;
     if (error > 1.0 || !with_error) return Failure::none; // nobody looks at a and λ
-    return index1_.acceleration_after_constraint(t_next, p1_, v1_, a1_, lam1_) ? Failure::none : Failure::singular;
+    const KKT *known = moved || !system_.rate_is_velocity ? nullptr : &kkt_; // else W depends on v
+    return index1_.acceleration_after_constraint(t_next, p1_, v1_, a1_, lam1_, known) ? Failure::none : Failure::singular;
   }
 
   // What the error is estimated from: the highest modes of the accelerations, by how much they miss the acceleration at
@@ -264,7 +266,8 @@ private:
     if (!modes) return;
     modes_.col(modes == 1 ? 0 : 3) = W.lazyProduct(newton.stages.table->at_start) - a;
     if (modes == 1) return; // the degree is raised by it
-    for (int m = 0; m < 3; ++m) modes_.col(m) = W.lazyProduct(of.row(s - 1 - m).transpose());
+    combine(W, of, coefficients_);
+    for (int m = 0; m < 3; ++m) modes_.col(m) = coefficients_.col(s - 1 - m);
     modes_.col(4) = stage_a_ - a;
   }
 
@@ -288,8 +291,9 @@ private:
     const int nx = system_.nx, nv = system_.nv;
     const double step = newton.stages.h;
     double sum = modes_.col(mode).cwiseProduct(weight_.tail(nv)).squaredNorm();
-    shift_ = step * system_.moved_by(newton.stages.t + step, p1_, v1_, modes_.col(mode));
-    sum += shift_.cwiseProduct(weight_.head(nx)).squaredNorm();
+    shift_ = modes_.col(mode);
+    if (!system_.rate_is_velocity) shift_ = system_.moved_by(newton.stages.t + step, p1_, v1_, shift_);
+    sum += (step * shift_.cwiseProduct(weight_.head(nx))).squaredNorm();
     return std::abs(step) * std::sqrt(sum / nv);
   }
 
@@ -320,7 +324,7 @@ private:
   bool shaped_ = false;
   Shape shape_;
   Collocations::value_type last_;
-  Mat modes_, rhs_;
+  Mat modes_, coefficients_, rhs_;
   Vec weight_, p1_, v1_, a1_, lam1_, moved_, shift_;
 };
 

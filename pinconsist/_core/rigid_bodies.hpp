@@ -80,6 +80,11 @@ inline SE3 placed(const Data &data, int joint, const SE3 &placement) {
   return joint ? data.oMi[joint] * placement : placement;
 }
 
+// Where its origin is.
+inline Vector3d origin(const Data &data, int joint, const SE3 &placement) {
+  return joint ? Vector3d(data.oMi[joint].act(placement.translation())) : placement.translation();
+}
+
 // A point of a body with axes, moving: classical acceleration a, angular acceleration b; in world axes.
 struct Moving {
   Vector3d x = Vector3d::Zero(), v = x, w = x, a = x, b = x;

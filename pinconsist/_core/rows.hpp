@@ -63,16 +63,22 @@ public:
         columns_(columns_between(model, joint1, joint2)) {}
 
   void evaluate(const Data &data, double, const Vec &, int at, Vec &phi, Mat &J) const override {
-    const SE3 anchor1 = placed(data, joint1_, place1_), anchor2 = placed(data, joint2_, place2_);
-    const Vector3d &x1 = anchor1.translation(), &x2 = anchor2.translation();
+    const SE3 anchor1 = placed(data, joint1_, place1_);
+    const Vector3d &x1 = anchor1.translation();
     const int n = size();
     if (matrix_.cols() == 3) {
-      const Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 6, 3> seen = matrix_ * anchor1.rotation().transpose();
-      phi.segment(at, n).noalias() += seen * (x2 - x1);
-      for (const auto &column : columns_)
-        J.col(column.index).segment(at, n).noalias() += seen * (column.sign * moved(data, column.index, x2));
+      const Vector3d x2 = origin(data, joint2_, place2_), gap = x2 - x1;
+      for (int i = 0; i < n; ++i) {
+        const Vector3d seen = anchor1.rotation() * matrix_.row(i).transpose(), turn = x2.cross(seen);
+        phi[at + i] += seen.dot(gap);
+        for (const auto &column : columns_) {
+          const auto twist = data.J.col(column.index);
+          J(at + i, column.index) += column.sign * (seen.dot(twist.head<3>()) + turn.dot(twist.tail<3>()));
+        }
+      }
       return;
     }
+    const SE3 anchor2 = placed(data, joint2_, place2_);
     Eigen::Matrix<double, 6, 6> seen = Eigen::Matrix<double, 6, 6>::Zero();
     seen.topLeftCorner<3, 3>() = seen.bottomRightCorner<3, 3>() = anchor1.rotation().transpose();
     const Eigen::Matrix<double, Eigen::Dynamic, 6, 0, 6, 6> rows = matrix_ * seen;
@@ -94,7 +100,7 @@ public:
   bool add_gradients(const Data &data, const Vec &, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
     const SE3 anchor1 = placed(data, joint1_, place1_);
     const bool pose = matrix_.cols() == 6;
-    const Vector3d x = pose ? anchor1.translation() : placed(data, joint2_, place2_).translation();
+    const Vector3d x = pose ? anchor1.translation() : origin(data, joint2_, place2_);
     const Matrix3d R = anchor1.rotation();
     const Vec seen = matrix_.transpose() * lam.segment(at, size());
     const Vector3d f = R * seen.head<3>(), m = pose ? Vector3d(R * seen.tail<3>()) : Vector3d(Vector3d::Zero());
@@ -129,7 +135,7 @@ public:
     const Vec seen = matrix_.transpose() * lam;
     const bool pose = matrix_.cols() == 6;
     const Vector3d push = anchor1.rotation() * seen.head<3>();
-    const Vector3d at = pose ? anchor1.translation() : placed(data, joint2_, place2_).translation();
+    const Vector3d at = pose ? anchor1.translation() : origin(data, joint2_, place2_);
     force += push;
     moment += (at - x).cross(push);
     if (pose) moment += anchor1.rotation() * seen.tail<3>();
@@ -152,8 +158,7 @@ public:
         columns_(columns_between(model, joint1, joint2)) {}
 
   void evaluate(const Data &data, double, const Vec &, int at, Vec &phi, Mat &J) const override {
-    const Vector3d x2 = placed(data, joint2_, place2_).translation();
-    const Vector3d d = x2 - placed(data, joint1_, place1_).translation();
+    const Vector3d x2 = origin(data, joint2_, place2_), d = x2 - origin(data, joint1_, place1_);
     phi[at] = (d.squaredNorm() - length_ * length_) / (2.0 * length_);
     for (const auto &column : columns_)
       J(at, column.index) = column.sign * d.dot(moved(data, column.index, x2)) / length_;
@@ -167,7 +172,7 @@ public:
   }
 
   bool add_gradients(const Data &data, const Vec &, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
-    const Vector3d x1 = placed(data, joint1_, place1_).translation(), x = placed(data, joint2_, place2_).translation();
+    const Vector3d x1 = origin(data, joint1_, place1_), x = origin(data, joint2_, place2_);
     const Vector3d d = x - x1, f = lam[at] / length_ * d;
     const Six relative = relative_twist(data, columns_, v);
     const Vector3d rate = at_point(relative, x);
@@ -192,7 +197,7 @@ public:
   }
 
   void add_wrench(const Data &data, const Vec &lam, const Vector3d &, Vector3d &force, Vector3d &) const override {
-    force += lam[0] / length_ * (placed(data, joint2_, place2_).translation() - placed(data, joint1_, place1_).translation());
+    force += lam[0] / length_ * (origin(data, joint2_, place2_) - origin(data, joint1_, place1_));
   }
 
   int size() const override { return 1; }

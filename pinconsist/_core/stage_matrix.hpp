@@ -22,7 +22,9 @@ public:
   void use(int s) {
     const int nv = system_.nv, nc = system_.nc, nd = nv - nc;
     f_.resize(nv, s);
+    for (auto *all : {&MY_, &DY_, &KY_, &row_}) all->resize(nv, nd);
     closing_.resize(nv, s);
+    left_over_.resize(nv, 1);
     for (auto *all : {&Z_, &Y_}) all->assign(s, Mat::Zero(nv, nd));
     for (auto *all : {&M_, &D_, &K_}) all->assign(s, Mat::Zero(nv, nv));
     T_.resize(s);
@@ -74,20 +76,24 @@ public:
   bool factorise() {
     interpolate();
     turn_charts();
-    const int s = stages_.table->s, nd = system_.nv - system_.nc;
+    const int s = stages_.table->s, nv = system_.nv, nd = nv - system_.nc;
     const Mat &b = stages_.table->inverse, &b2 = stages_.table->inverse2;
+    const double h = stages_.h, *MY = MY_.data(), *DY = DY_.data();
+    double *row = row_.data();
     if (!nd) return true;
     for (int i = 0; i < s; ++i) {
-      multiply(left(i).transpose(), M_[i], YM_);
-      multiply(left(i).transpose(), D_[i], YD_);
-      YD_ *= stages_.h;
+      across(M_[i], left(i), MY_.data(), nv);
+      across(D_[i], left(i), DY_.data(), nv);
+      across(K_[i], left(i), KY_.data(), nv);
       for (int j = 0; j < s; ++j) {
-        row_ = b2(i, j) * YM_ + b(i, j) * YD_;
+        const double of_M = b2(i, j), of_D = h * b(i, j);
+        for (int k = 0; k < nv * nd; ++k) row[k] = of_M * MY[k] + of_D * DY[k];
         for (const auto &chart : charts_)
-          row_.middleCols(chart.first, chart.size) = YM_.middleCols(chart.first, chart.size) * chart.dW(i, j) +
-                                                     YD_.middleCols(chart.first, chart.size) * chart.dV(i, j);
-        if (i == j) add_stiffness(i);
-        multiply(row_, Z_[j], matrix_.block(i * nd, j * nd, nd, nd));
+          row_.middleRows(chart.first, chart.size) =
+              chart.dW(i, j).transpose() * MY_.middleRows(chart.first, chart.size) +
+              h * (chart.dV(i, j).transpose() * DY_.middleRows(chart.first, chart.size));
+        if (i == j) row_ += h * h * KY_;
+        across(row_, Z_[j], &matrix_(i * nd, j * nd), s * nd);
       }
     }
     return lu_.factorise(matrix_);
@@ -95,32 +101,30 @@ public:
 
   // dP and dV with the residuals and null spaces evaluated last.
   void solve(Mat &dP, Mat &dV) {
-    const int s = stages_.size(), nd = system_.nv - system_.nc;
+    const int s = stages_.size(), nv = system_.nv, nd = nv - system_.nc;
     const double h = stages_.h;
     dP = closing_;
     if (nd) {
-      along(closing_, along_);
-      combine(along_, stages_.table->inverse, twice_);
+      along(closing_, along_, 1.0 / h);
+      combine(along_, stages_.table->inverse, twice_, 1.0 / h);
       for (int i = 0; i < s; ++i) {
-        w_ = h * h * f_.col(i);
-        w_ += M_[i].lazyProduct(twice_.col(i));
-        w_ += h * D_[i].lazyProduct(along_.col(i));
-        w_ += h * h * K_[i].lazyProduct(closing_.col(i));
-        y_.segment(i * nd, nd) = -left(i).transpose().lazyProduct(w_);
+        const double *M = M_[i].data(), *D = D_[i].data(), *K = K_[i].data();
+        const double *dW = &twice_(0, i), *dV = &along_(0, i), *shift = &closing_(0, i);
+        for (int r = 0; r < nv; ++r) {
+          double sum = f_(r, i);
+          for (int c = 0; c < nv; ++c) sum += M[r + c * nv] * dW[c] + D[r + c * nv] * dV[c] + K[r + c * nv] * shift[c];
+          left_over_(r) = -h * h * sum;
+        }
+        across(left(i), left_over_, &y_[i * nd], nd);
       }
       lu_.substitute(y_.data(), 1);
-      for (int i = 0; i < s; ++i) dP.col(i) += Z_[i].lazyProduct(y_.segment(i * nd, nd));
+      for (int i = 0; i < s; ++i)
+        for (int k = 0; k < nd; ++k) dP.col(i) += y_[i * nd + k] * Z_[i].col(k);
     }
-    along(dP, dV);
-    dV /= h;
+    along(dP, dV, 1.0 / h);
   }
 
 private:
-  void add_stiffness(int i) {
-    multiply(left(i).transpose(), K_[i], YK_);
-    row_ += stages_.h * stages_.h * YK_;
-  }
-
   // Where derivatives are evaluated: in the middle, at the end and, if nothing is known there, near the start.
   bool has_derivatives(int i) const {
     const int last = stages_.size() - 1;
@@ -182,14 +186,15 @@ private:
     }
   }
 
-  // h dV of dP.
-  void along(const Mat &dP, Mat &out) {
-    combine(dP, stages_.table->inverse, out);
+  // dV of dP, times h and a scale.
+  void along(const Mat &dP, Mat &out, double scale) {
+    combine(dP, stages_.table->inverse, out, scale);
     for (const auto &chart : charts_)
       for (int i = 0; i < stages_.table->s; ++i) {
         auto rates = out.col(i).segment(chart.first, chart.size);
         rates.setZero();
-        for (int j = 0; j < stages_.table->s; ++j) rates += chart.dV(i, j) * dP.col(j).segment(chart.first, chart.size);
+        for (int j = 0; j < stages_.table->s; ++j)
+          rates += scale * (chart.dV(i, j) * dP.col(j).segment(chart.first, chart.size));
       }
   }
 
@@ -197,7 +202,7 @@ private:
   const Stages &stages_;
   bool few_, begun_ = false; // begun_: M, D and K are known where the step begins
   LU lu_;
-  Mat f_, closing_, along_, twice_, YM_, YD_, YK_, row_, matrix_, M_before_, D_before_, K_before_;
+  Mat f_, closing_, along_, twice_, MY_, DY_, KY_, row_, left_over_, matrix_, M_before_, D_before_, K_before_;
   std::vector<Mat> Z_, Y_, M_, D_, K_, T_, ad_;
   std::vector<Chart> charts_;
   std::vector<Elimination> right_, left_;

@@ -44,11 +44,10 @@ public:
 
   // Velocities and positions of the accelerations W; rates that depend on positions by substitution.
   bool move() {
-    combine(W, table->A, V);
-    V = (h * V).colwise() + v;
+    combine(W, table->A, V, h);
+    for (int i = 0; i < size(); ++i) V.col(i) += v;
     if (plain()) {
-      combine(V, table->A, xi);
-      xi *= h;
+      combine(V, table->A, xi, h);
       place();
       return xi.allFinite();
     }
@@ -62,8 +61,7 @@ public:
         U_.col(i) = rate_;
       }
       before_ = xi;
-      combine(U_, table->A, xi);
-      xi *= h;
+      combine(U_, table->A, xi, h);
       if (!(largest(xi - before_) > 4.0 * EPS * (1.0 + largest(xi)))) break;
     }
     place();
@@ -75,7 +73,7 @@ private:
 
   void place() {
     if (system_.vector_like) {
-      P = xi.colwise() + p;
+      for (int i = 0; i < size(); ++i) P.col(i) = xi.col(i) + p;
       return;
     }
     for (int i = 0; i < table->s; ++i) {
