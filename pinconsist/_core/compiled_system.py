@@ -74,7 +74,9 @@ class CompiledRun(Stepper):
 
     def signs(self, *about):
         """Compiled signs; the caller keeps what they are made of."""
-        return load()[0].Signs(*about)
+        system, (*about, finish) = self.system, about
+        places = getattr(system, "kept", np.arange(system.nc)).tolist()
+        return load()[0].Signs(*about, None if system.dropped_are_zero else finish, places, system.n_multipliers)
 
     def steps(self, t_end, most, with_curve, signs=None, sees=None, forces=None) -> StepBatch:
         return self.batch_of(self.made(t_end, most, with_curve, signs, sees, forces), with_curve)

@@ -31,7 +31,7 @@ Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] !=
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 26; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 27; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)

@@ -39,8 +39,11 @@ public:
   const bool with_multipliers;
 
   // The watch that has the signs keeps these functions, which the garbage collector does not see here.
-  Signs(const nb::list &events, bool with_multipliers, nb::handle interrupted)
-      : with_multipliers(with_multipliers), interrupted_(interrupted) {
+  // Functions get all multipliers: by `finish`, or, if it is None, with zeros but at these places.
+  Signs(const nb::tuple &events, bool with_multipliers, nb::handle interrupted, nb::handle finish,
+        std::vector<int> places, int number)
+      : with_multipliers(with_multipliers), interrupted_(interrupted), finish_(finish), places_(std::move(places)),
+        all_(Vec::Zero(number)) {
     for (const nb::handle event : events) {
       events_.push_back(event);
       functions_.push_back(nb::handle(nb::object(event.attr("function")).ptr()));
@@ -74,7 +77,7 @@ public:
     nb::object error = nb::none();
     double found = NOT_A_NUMBER;
     try {
-      const nb::object given = with_multipliers ? lam_(lam) : nb::none();
+      const nb::object given = with_multipliers ? all(p, lam) : nb::none();
       found = PyFloat_AsDouble(functions_[i](t, p_(p), v_(v), given).ptr());
       if (PyErr_Occurred()) throw nb::python_error();
     } catch (nb::python_error &raised) {
@@ -87,8 +90,16 @@ public:
   }
 
 private:
+  nb::object all(const Vec &p, const Vec &lam) {
+    if (!finish_.is_none()) return finish_(array(p), array(lam));
+    for (size_t i = 0; i < places_.size(); ++i) all_[places_[i]] = lam[i];
+    return lam_(all_);
+  }
+
   std::vector<nb::handle> events_, functions_;
-  nb::handle interrupted_;
+  nb::handle interrupted_, finish_;
+  std::vector<int> places_;
+  Vec all_;
   Given p_, v_, lam_;
 };
 

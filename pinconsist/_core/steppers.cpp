@@ -101,7 +101,8 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
 
 void bind_signs(nb::module_ &m) {
   nb::class_<Signs>(m, "Signs")
-      .def(nb::init<const nb::list &, bool, nb::handle>(), "events"_a, "with_multipliers"_a, "interrupted"_a)
+      .def(nb::init<const nb::tuple &, bool, nb::handle, nb::handle, std::vector<int>, int>(), "events"_a, "with_multipliers"_a, "interrupted"_a,
+           "finish"_a.none(), "places"_a, "number"_a)
       .def_ro("begin", &Signs::begin)
       .def_ro("end", &Signs::end)
       .def_ro("before", &Signs::before)

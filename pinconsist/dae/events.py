@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from dis import get_instructions
 from functools import partial
 from types import FunctionType
@@ -77,8 +77,9 @@ class Signs:
         Whether it has not, and ``interrupted()`` says that the run is to end there.
     """
 
-    def __init__(self, events, with_multipliers, interrupted):
+    def __init__(self, events, with_multipliers, interrupted, finish):
         self.events, self.with_multipliers, self.interrupted = events, with_multipliers, interrupted
+        self._finish = finish
         self.changed = self.stop = False
 
     def restart(self, t, p, v, lam, fired=()) -> None:
@@ -97,8 +98,9 @@ class Signs:
 
     def value(self, i, t, p, v, lam) -> float:
         """An event's function at a state, a number that can have a sign."""
-        error, value, given = None, math.nan, read_only(lam) if self.with_multipliers else None
+        error, value = None, math.nan
         try:
+            given = read_only(self._finish(p, lam)) if self.with_multipliers else None
             value = float(self.events[i].function(t, read_only(p), read_only(v), given))
         except Exception as raised:
             error = raised
@@ -126,9 +128,8 @@ class EventWatch:
     def __init__(self, events, stepper, interrupted):
         self.events, self.found, self.signs = events, [[] for _ in events], None
         if events:
-            multipliers, finish = any(reads_multipliers(event.function) for event in events), stepper.full_multipliers
-            looked_at = [_of_kept_rows(event, finish) if multipliers else event for event in events]
-            self._made_of = looked_at, multipliers, interrupted
+            multipliers = any(reads_multipliers(event.function) for event in events)
+            self._made_of = events, multipliers, interrupted, stepper.full_multipliers
             self.signs = stepper.signs(*self._made_of)
 
     def restart(self, t, p, v, lam, fired=()) -> None:
@@ -177,11 +178,6 @@ class EventWatch:
         if stop is None:
             return None
         return [i for t, i, _ in hits if _at_once(t, stop[0])], *stop, final
-
-
-def _of_kept_rows(event, finish):
-    """The event as a function of the multipliers of the rows that are kept."""
-    return replace(event, function=lambda t, p, v, lam: event.function(t, p, v, finish(p, lam)))
 
 
 def located(segment, signs, i, retake=None):
