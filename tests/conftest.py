@@ -19,6 +19,7 @@ KERNELS = "adaptive dense drive energy long_chains manifolds mechanism one_step 
 KERNELS += "statics stepper stress twin".split()
 INTEGRATOR = "bad_input events explain forces lock loop_kinds models robots signals solution".split()
 INTEGRATOR += [name for name in KERNELS if name != "twin"]  # which runs both methods anyway
+MARKED = {"kernels": KERNELS, "integrator": INTEGRATOR}
 
 
 def pytest_addoption(parser):
@@ -52,11 +53,21 @@ def shown_elsewhere(item):
     return item.get_closest_marker("compiled") or asks_for == "python"
 
 
+def subject_of(path):
+    return path.stem.removeprefix("test_")
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Files without the marker that is asked for are not read; most of a worker's start."""
+    marker = config.option.markexpr.removesuffix(" and not slow")
+    if marker in MARKED and collection_path.suffix == ".py" and subject_of(collection_path) not in MARKED[marker]:
+        return True
+
+
 def pytest_collection_modifyitems(items):
     for item in items:
-        subject = item.path.stem.removeprefix("test_")
-        for marker, subjects in (("kernels", KERNELS), ("integrator", INTEGRATOR)):
-            if subject in subjects and not (marker == "integrator" and shown_elsewhere(item)):
+        for marker, subjects in MARKED.items():
+            if subject_of(item.path) in subjects and not (marker == "integrator" and shown_elsewhere(item)):
                 item.add_marker(marker)
 
 

@@ -393,15 +393,15 @@ def test_exact_consistency_fails_with_variable_steps_and_says_why(name):
 
 def test_implicit_euler_with_variable_steps():
     problem, errors, steps = pc.reference_problem("problem51"), [], []
-    for tol in (1e-1, 1e-2, 1e-3):
+    for tol in (1e-1, 1e-2):
         sol = pc.integrate(
             problem.system, (0.0, 0.5), problem.p0, problem.v0, method="ImplicitEuler", rtol=tol, atol=tol
         )
         assert sol.status == 0 and set(sol.order) == {0, 1}
         errors.append(max(np.abs(lam - problem.exact(t)[2]).max() for t, lam in zip(sol.t, sol.lam, strict=True)))
         steps.append(sol.nsteps)
-    assert errors[0] / errors[2] == pytest.approx(100.0, rel=0.3)  # order 1: steps ~ 1/tol
-    assert steps[2] / steps[0] == pytest.approx(100.0, rel=0.4)
+    assert errors[0] / errors[1] == pytest.approx(10.0, rel=0.1)  # order 1: steps ~ 1/tol
+    assert steps[1] / steps[0] == pytest.approx(10.0, rel=0.1)
 
 
 @pytest.mark.parametrize("max_order", [1, 2, 3, 4, 5])
