@@ -23,6 +23,7 @@ PATIENCE = 3.0  # s that the finer run may take where it was not asked for
 MOST_STEPS = 20  # of the finer run, for each of the run: order 1 takes ten, and more only noise
 AMPLIFIED = 100.0  # tolerances: a larger error is worth a warning
 OFF = 0.01  # of velocities, forces and energies
+ROUNDING = 1e-10  # of the forces that act: loop forces that are all smaller are rounding
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class GlobalError:
     q, v : float
         Of the positions, rad or m, and of the velocities.
     force : float
-        Of Jᵀλ (G λ), over the largest of the run.
+        Of Jᵀλ (G λ), over the largest of the run, or over 1e-10 of the other forces that act where that is larger.
     q_at, v_at, force_at : str
         Where each of them is largest: coordinate and time; no force where nothing is constrained.
     tolerances : float or None
@@ -104,10 +105,11 @@ def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError | Non
     error_force = np.abs(ours - loop_forces(system, t, *finer))
     for error in (error_q, error_v, error_force):
         error[apart] = 0.0
+    others = largest(system.evaluate(t[0], q[0], v[0], np.zeros(system.nv))[0])
     names, units = _coordinates(system)
     of_q, of_v = (units[_worst(error)[1]] for error in (error_q, error_v))
     return GlobalError(
-        largest(error_q), largest(error_v), largest(error_force) / (largest(ours) or 1.0),
+        largest(error_q), largest(error_v), largest(error_force) / (max(largest(ours), ROUNDING * others) or 1.0),
         _where(error_q, names, t), _where(error_v, names, t), _where(error_force, names, t) if lam.size else "",
         _in_tolerances(solution.method, system, q, v, error_q, error_v), (of_q, of_v and f"{of_v}/s"),
     )  # fmt: skip

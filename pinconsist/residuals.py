@@ -14,10 +14,10 @@ def measured(system, states, workspace):
 
     And kinetic and potential energies, or None, and the largest of the other forces that act.
     """
-    if workspace is not None and (kept := workspace.compiled()) is not None:
-        system.hand_over(kept)
-        system.hand_over_all_rows(every := workspace.compiled())
-        *found, failed = kept.certified(every, *states)
+    if workspace is not None and (twin := workspace.compiled()) is not None:
+        system.hand_over_all_rows(twin)
+        system.hand_over_forces(twin)
+        *found, failed = twin.certified(system.kept, *states)
         if failed < 0:
             return found
     rows, acting = [], 0.0  # also where the equations have no solution, and say why

@@ -13,10 +13,13 @@ from helpers.twin import needs_twin
 import pinconsist as pc
 from pinconsist import certificate, solution
 from pinconsist._core.compiled_system import blank_system
+from pinconsist._core.compiled_system import compiled_system as twin_of
 from pinconsist.mechanism import rows
 from pinconsist.mechanism.energy import energy_of
 from pinconsist.mechanism.reactions import reaction
 from pinconsist.mechanism.rows import Workspace
+from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.residuals import measured
 
 
 def states_of(model, count=4):
@@ -51,6 +54,31 @@ def test_powers_and_stored_energy_of_every_force(name):
         np.testing.assert_allclose(found.power[label], values, rtol=1e-9, atol=1e-9 * (1 + np.abs(values).max()))
     for part in ("kinetic", "potential", "elastic"):
         np.testing.assert_allclose(getattr(found, part), getattr(expected, part), rtol=1e-12, atol=1e-11)
+
+
+@needs_twin
+@pytest.mark.parametrize("away", [0.0, 1e5])
+@pytest.mark.parametrize("without_mass", ["", "ball"])
+def test_exact_forces_of_all_joints_far_away_and_of_bodies_without_mass(without_mass, away):
+    model, rounding = mixed_tree(), 1e-13 * (1.0 + away)
+    for i in range(1, model.njoints):
+        if not model.parents[i]:
+            model.jointPlacements[i].translation += away
+        if model.names[i] == without_mass:
+            model.inertias[i] = pin.Inertia.Zero()
+    model.armature = np.linspace(0.0, 0.1, model.nv)[::-1] * (not without_mass)
+    q, v = states_of(model, 1)
+    pairs = {"frame": ("arm", "wheel"), "hinge": ("universe", "puck")}
+    loops = [loop_open_by(model, q[0], kind, *pair, pin.SE3.Identity()) for kind, pair in pairs.items()]
+    system = MechanismSystem(pc.Mechanism(model, loops), q[0])
+    states = np.zeros(1), q, v, np.random.default_rng(2).standard_normal((1, system.rows.nc))
+    expected = measured(system, states, Workspace(model))
+    found = measured(system, states, Workspace(model, blank_system))
+    for one, other in zip(found[:4], expected[:4], strict=True):
+        np.testing.assert_allclose(one, other, atol=rounding * max(1.0, np.abs(other).max()))
+    assert found[5] == pytest.approx(expected[5], rel=1e-12)
+    M = twin_of(system).dynamics(0.0, q[0], v[0])[0]
+    np.testing.assert_allclose(M, system.mass_matrix(q[0]), atol=rounding)
 
 
 @needs_twin

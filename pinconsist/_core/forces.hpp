@@ -12,12 +12,13 @@ namespace pinconsist {
 
 struct Force {
   virtual ~Force() = default;
-  // Joint Jacobians have been computed at q.
+  // Joint Jacobians have been computed at q where a force is `on_bodies`.
   virtual void add_torque(const Data &data, double t, const Vec &q, const Vec &v, Vec &tau) const = 0;
   // D -= ∂τ/∂v, K -= ∂τ/∂q
   virtual void linearize(const Data &data, double t, const Vec &q, const Vec &v, Mat &D, Mat &K) const = 0;
   // Elastic energy, of springs.
   virtual double stored(const Data &, const Vec &) const { return 0.0; }
+  virtual bool on_bodies() const { return false; }
   virtual bool calls_python() const { return false; }
 };
 
@@ -232,6 +233,7 @@ public:
     const double longer = std::sqrt(r.squaredNorm() + shortest_ * shortest_) - length_;
     return 0.5 * stiffness_ * longer * longer;
   }
+  bool on_bodies() const override { return true; }
 
 private:
   // Fills length, direction, columns of the relative velocity; returns the tension.
@@ -290,6 +292,7 @@ public:
         K(row.index, column.index) -= change;
       }
   }
+  bool on_bodies() const override { return true; }
 
 private:
   struct Load {
@@ -324,6 +327,7 @@ public:
     subtract(parts.first, K);
   }
   bool calls_python() const override { return true; }
+  bool on_bodies() const override { return true; }
 
 private:
   static void subtract(const nb::object &matrix, Mat &A) {

@@ -1,7 +1,9 @@
 // What certificates, energies and reactions are made of, at all rows of a solution: times, and states one a row.
 #pragma once
 
-#include "index1.hpp"
+#include "articulated.hpp"
+#include "kkt.hpp"
+#include "mechanism.hpp"
 
 #include <pinocchio/algorithm/kinematics.hpp>
 
@@ -44,35 +46,79 @@ struct Certified {
   Eigen::Index failed = -1;      // first row at which the equations are singular or not finite
 };
 
-// `all` has the rows that `kept` has and those that it has not, on the same workspace.
-inline Certified certified(MechanismSystem &kept, MechanismSystem &all, const Vec &t, const Table &p, const Table &v,
+// Jᵀλ of the differential equation, by rows that are independent.
+class ExactForces {
+public:
+  ExactForces(MechanismSystem &system, const std::vector<int> &kept)
+      : system_(system), kept_(kept), bodies_(system.model()), kkt_(system.nv, static_cast<int>(kept.size())) {}
+
+  // After `evaluate` without accelerations; false where the equations are singular.
+  bool find(double t, const Vec &p, const Vec &v, Eigen::Ref<Eigen::RowVectorXd> forces) {
+    const int nv = system_.nv, nc = static_cast<int>(kept_.size());
+    forces.setZero();
+    if (!nc) return true;
+    system_.acceleration_bias(t, p, v, bias_);
+    W_ = system_.W(kept_, Eigen::all);
+    if (bodies_.factorise(system_.data())) { // J M⁻¹ Jᵀ λ = J M⁻¹ f − J̇ v
+      X_.resize(nc + 1, nv);
+      X_ << W_, system_.f.transpose();
+      bodies_.solve_half(X_);
+      const auto J = X_.topRows(nc);
+      S_.setZero(nc, nc);
+      S_.selfadjointView<Eigen::Lower>().rankUpdate(J);
+      schur_.compute(S_);
+      const auto pivots = schur_.matrixLLT().diagonal();
+      if (schur_.info() == Eigen::Success && pivots.minCoeff() > ALMOST_SINGULAR * pivots.maxCoeff()) {
+        lam_ = J * X_.row(nc).transpose() - bias_(kept_);
+        schur_.solveInPlace(lam_);
+        forces.noalias() = lam_.transpose() * W_;
+        return true;
+      }
+    }
+    system_.mass_matrix(t, p, v, kkt_.A());
+    rhs_.resize(nv + nc, 1);
+    rhs_ << -system_.f, -bias_(kept_);
+    if (!kkt_.solve_new(W_, W_, 1.0, rhs_, 1)) return false;
+    lam_ = rhs_.col(0).tail(nc);
+    forces.noalias() = lam_.transpose() * W_;
+    return lam_.allFinite();
+  }
+
+private:
+  static constexpr double ALMOST_SINGULAR = 1e-4; // squared, where it costs digits that LU keeps
+
+  MechanismSystem &system_;
+  const std::vector<int> kept_;
+  ArticulatedBodies bodies_;
+  KKT kkt_;
+  Mat W_, X_, S_, rhs_;
+  Vec bias_, lam_;
+  Eigen::LLT<Mat> schur_;
+};
+
+// `kept` are the independent ones of the system's rows.
+inline Certified certified(MechanismSystem &system, const std::vector<int> &kept, const Vec &t, const Table &p, const Table &v,
                            const Table &lam) {
   const Eigen::Index n = t.size();
-  Certified result{Table(n, all.nc), Table(n, all.nc), Table(n, all.nv), Table(n, all.nv), Table(n, 2)};
-  Projection projection(kept);
-  const Model &model = kept.model();
-  Data &data = kept.data();
+  Certified result{Table(n, system.nc), Table(n, system.nc), Table(n, system.nv), Table(n, system.nv), Table(n, 2)};
+  const Model &model = system.model();
+  Data &data = system.data();
   const Vec zero = Vec::Zero(model.nv);
-  Vec q, rate, a, exact;
+  ExactForces exact(system, kept);
+  Vec q, rate;
   for (Eigen::Index i = 0; i < n; ++i) {
     q = p.row(i).transpose();
     rate = v.row(i).transpose();
-    const bool regular = projection.acceleration(t[i], q, rate, a, exact);
-    if (!regular || !a.allFinite() || !exact.allFinite()) {
+    system.evaluate(t[i], q, rate, zero);
+    result.acting = std::max({result.acting, largest(data.tau), largest(system.f)});
+    if (!exact.find(t[i], q, rate, result.exact.row(i))) {
       result.failed = i;
       break;
     }
-    result.exact.row(i).noalias() = exact.transpose() * kept.W;
-    result.acting = std::max({result.acting, largest(data.tau), largest(kept.f)});
-    if (kept.nc) {
-      all.constraint_there(t[i], q, rate);
-    } else {
-      pinocchio::forwardKinematics(model, data, q, rate, zero);
-      all.constraint(t[i], q, rate);
-    }
-    result.phi.row(i) = all.phi.transpose();
-    result.rho.row(i) = all.rho.transpose();
-    result.forces.row(i).noalias() = lam.row(i) * all.W;
+    if (!system.nc) pinocchio::forwardKinematics(model, data, q, rate);
+    result.phi.row(i) = system.phi.transpose();
+    result.rho.row(i) = system.rho.transpose();
+    result.forces.row(i).noalias() = lam.row(i) * system.W;
     result.energies.row(i) << kinetic_energy(model, data, rate), potential_energy(model, data);
   }
   return result;

@@ -71,6 +71,7 @@ public:
   }
   void add_force(std::unique_ptr<Force> force) {
     calls_python_ |= force->calls_python();
+    forces_on_bodies_ |= force->on_bodies();
     forces_.push_back(std::move(force));
   }
   void add_constant(const Vec &torque) { constant_ += torque; }
@@ -128,7 +129,7 @@ public:
 
   void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) override {
     f = pinocchio::rnea(model_, data_, p, v, a);
-    if (!rows_.empty() || !forces_.empty()) {
+    if (!nobody_needs_jacobians()) {
       find_jacobians();
       fill_rows(t, p);
     }
@@ -206,9 +207,21 @@ public:
     for (const auto &force : forces_) force->linearize(data_, t, p, v, D, K);
   }
 
+  // By composite bodies in world axes: what `constraint` leaves is at hand, and the library's `crba` would find it again.
   void mass_matrix(double, const Vec &p, const Vec &, Eigen::Ref<Mat> M) override {
-    const Eigen::Ref<const Vec> at(p); // of this kind the library holds it ready; another takes 40 s to compile
-    M = pinocchio::crba(model_, data_, at).selfadjointView<Eigen::Upper>();
+    if (nobody_needs_jacobians()) pinocchio::computeJointJacobians(model_, data_, p);
+    M.setZero();
+    auto &composite = data_.oYcrb;
+    for (int i = 1; i < model_.njoints; ++i) composite[i] = data_.oMi[i].act(model_.inertias[i]);
+    for (int i = model_.njoints - 1; i > 0; --i) {
+      for (int column = model_.idx_vs[i]; column < model_.idx_vs[i] + model_.nvs[i]; ++column) {
+        const Six momentum = (composite[i] * pinocchio::Motion(data_.J.col(column))).toVector();
+        for (int row = column; row >= 0; row = data_.parents_fromRow[row])
+          M(row, column) = M(column, row) = momentum.dot(data_.J.col(row));
+      }
+      if (const auto parent = model_.parents[i]) composite[parent] += composite[i];
+    }
+    M.diagonal() += model_.armature;
   }
 
   // Φ of several configurations, one a row.
@@ -322,8 +335,10 @@ private:
     subtract_forces(t, p, v);
   }
 
+  bool nobody_needs_jacobians() const { return rows_.empty() && !forces_on_bodies_; }
+
   void evaluate_rows(double t, const Vec &p) {
-    if (rows_.empty() && forces_.empty()) return; // nobody looks at joint Jacobians
+    if (nobody_needs_jacobians()) return;
     pinocchio::computeJointJacobians(model_, data_, p);
     fill_rows(t, p);
   }
@@ -336,7 +351,7 @@ private:
 
   LieGroup group_;
   std::vector<Planar> planar_;
-  bool calls_python_ = false, axes_stay_ = true; // in the bodies that joints move
+  bool calls_python_ = false, forces_on_bodies_ = false, axes_stay_ = true; // in the bodies that joints move
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
   Vec zero_;
   Mat by_v_, by_q_, kept_by_v_, kept_by_q_;

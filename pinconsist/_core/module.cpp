@@ -147,8 +147,8 @@ NB_MODULE(twin, m) {
              return nb::make_tuple(std::move(all[0]), std::move(all[1]), std::move(all[2]));
            })
       .def("certified",
-           [](MechanismSystem &kept, MechanismSystem &all, const Vec &t, const Table &p, const Table &v, const Table &lam) {
-             auto found = certified(kept, all, t, p, v, lam);
+           [](MechanismSystem &s, const std::vector<int> &kept, const Vec &t, const Table &p, const Table &v, const Table &lam) {
+             auto found = certified(s, kept, t, p, v, lam);
              return nb::make_tuple(std::move(found.phi), std::move(found.rho), std::move(found.forces), std::move(found.exact),
                                    std::move(found.energies), found.acting, found.failed);
            })

@@ -222,7 +222,6 @@ private:
     p1_ = newton.stages.P.col(last);
     v1_ = newton.stages.V.col(last);
     ++newton.nlu;
-    system_.mass_matrix(t1, p1_, v1_, kkt_.A());
     estimate(modes);
     rhs_.setZero(nv + nc, 2 + modes);
     bool closed = false, moved = false;
@@ -233,6 +232,7 @@ private:
       rhs_.col(0).tail(nc) = system_.rho;
       rhs_.col(1).tail(nc) = system_.phi;
       if (turn == 0) {
+        system_.mass_matrix(t1, p1_, v1_, kkt_.A());
         for (int m = 0; m < modes; ++m) rhs_.col(2 + m).tail(nc) = system_.W.lazyProduct(modes_.col(m));
         if (!kkt_.solve_new(system_.W, system_.G_transposed(), 1.0, rhs_, 0)) return Failure::singular;
         for (int m = 0; m < modes && nc < nv; ++m) modes_.col(m) -= rhs_.col(2 + m).head(nv);

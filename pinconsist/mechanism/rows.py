@@ -83,7 +83,8 @@ class LoopRows:
     @property
     def units(self) -> list[str]:
         """``rad`` or ``m`` for each row; nothing for constraints of the user's own."""
-        units, of_joints = ["rad" if turns else "m" for turns in self.turns], velocity_units(self.model)
+        units = ["rad" if turns else "m" for turns in self.turns]
+        of_joints = velocity_units(self.model) if any(isinstance(loop, Coupling | Drive) for loop in self.loops) else []
         for loop in self.loops:
             part = self.slices[loop.name]
             if isinstance(loop, Coupling | Drive):

@@ -172,6 +172,10 @@ class MechanismSystem(Index3System):
     def hand_over(self, twin) -> None:
         """Add the rows and forces to a compiled system; those that are user-defined are called back in Python."""
         self.kept_rows.hand_over(twin)
+        self.hand_over_forces(twin)
+
+    def hand_over_forces(self, twin) -> None:
+        """Add the forces to a compiled system."""
         for force in self._forces.values():
             if not (hasattr(force, "hand_over") and force.hand_over(twin)):
                 twin.add_python_force(force)

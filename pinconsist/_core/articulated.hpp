@@ -1,0 +1,68 @@
+// M⁻¹ in O(n) for each right-hand side: Featherstone, Rigid Body Dynamics Algorithms (2008), section 7.3, in world axes,
+// about a point of the mechanism: far from there inertias are differences of large numbers.
+#pragma once
+
+#include "rigid_bodies.hpp"
+
+namespace pinconsist {
+
+class ArticulatedBodies {
+public:
+  explicit ArticulatedBodies(const Model &model)
+      : model_(model), bodies_(model.njoints), axes_(6, model.nv), U_(6, model.nv), forces_(model.njoints), root_(model.nv) {}
+
+  // False where a velocity moves hardly anything. Poses and joint Jacobians have been computed.
+  bool factorise(const Data &data) {
+    const Vector3d centre = data.oMi.back().translation();
+    for (int i = 0; i < model_.njoints; ++i) {
+      const SE3 pose(data.oMi[i].rotation(), data.oMi[i].translation() - centre);
+      bodies_[i].inertia = pose.act(model_.inertias[i]).matrix();
+      bodies_[i].rigid = bodies_[i].inertia;
+    }
+    for (int k = 0; k < model_.nv; ++k) axes_.col(k) << moved(data, k, centre), spin(data, k);
+    bool regular = true;
+    for (int i = model_.njoints - 1; i > 0; --i) {
+      auto &[inertia, rigid] = bodies_[i];
+      for (int k = model_.idx_vs[i] + model_.nvs[i]; k-- > model_.idx_vs[i];) {
+        const auto axis = axes_.col(k);
+        U_.col(k).noalias() = inertia * axis;
+        const double pivot = axis.dot(U_.col(k)) + model_.armature[k];
+        regular &= pivot > HARDLY * (axis.dot(rigid * axis) + model_.armature[k]);
+        root_[k] = std::sqrt(pivot);
+        U_.col(k) /= root_[k];
+        inertia.noalias() -= U_.col(k) * U_.col(k).transpose();
+      }
+      bodies_[model_.parents[i]].inertia += inertia;
+      bodies_[model_.parents[i]].rigid += rigid;
+    }
+    return regular;
+  }
+
+  // In place of each row x of X, L⁻ᵀ x with M = Lᵀ L: the product of two of these is then xᵀ M⁻¹ y.
+  void solve_half(Mat &X) {
+    for (auto &force : forces_) force.setZero(X.rows(), 6);
+    for (int i = model_.njoints - 1; i > 0; --i) {
+      auto &force = forces_[i];
+      for (int k = model_.idx_vs[i] + model_.nvs[i]; k-- > model_.idx_vs[i];) {
+        X.col(k) = (X.col(k) - force.lazyProduct(axes_.col(k))) / root_[k];
+        force += X.col(k).lazyProduct(U_.col(k).transpose());
+      }
+      forces_[model_.parents[i]] += force;
+    }
+  }
+
+private:
+  static constexpr double HARDLY = 1e-8; // of what moves where the joints behind are locked
+
+  struct Body {
+    Eigen::Matrix<double, 6, 6> inertia, rigid; // where the joints behind are free, and locked
+  };
+
+  const Model &model_;
+  std::vector<Body> bodies_;
+  Eigen::Matrix<double, 6, Eigen::Dynamic> axes_, U_;
+  std::vector<Eigen::Matrix<double, Eigen::Dynamic, 6>> forces_;
+  Vec root_;
+};
+
+} // namespace pinconsist
