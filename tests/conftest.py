@@ -58,7 +58,7 @@ def subject_of(path):
 
 
 def pytest_ignore_collect(collection_path, config):
-    """Files without the marker that is asked for are not read; most of a worker's start."""
+    """Files without the marker that is asked for are not read; half of a worker's start."""
     marker = config.option.markexpr.removesuffix(" and not slow")
     if marker in MARKED and collection_path.suffix == ".py" and subject_of(collection_path) not in MARKED[marker]:
         return True

@@ -85,8 +85,7 @@ class LoopRows:
         """``rad`` or ``m`` for each row; nothing for constraints of the user's own."""
         units = ["rad" if turns else "m" for turns in self.turns]
         of_joints = velocity_units(self.model) if any(isinstance(loop, Coupling | Drive) for loop in self.loops) else []
-        for loop in self.loops:
-            part = self.slices[loop.name]
+        for loop, part in zip(self.loops, self.slices.values(), strict=True):
             if isinstance(loop, Coupling | Drive):
                 units[part.start] = of_joints[self.model.idx_vs[self.model.getJointId(loop.joint)]]
             elif not isinstance(loop, Loop):
