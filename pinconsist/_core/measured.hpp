@@ -59,7 +59,7 @@ public:
     if (!nc) return true;
     system_.acceleration_bias(t, p, v, bias_);
     W_ = system_.W(kept_, Eigen::all);
-    if (bodies_.factorise(system_.data())) { // J M⁻¹ Jᵀ λ = J M⁻¹ f − J̇ v
+    if (nv + nc >= Lapack::LARGE && bodies_.factorise(system_.data())) { // J M⁻¹ Jᵀ λ = J M⁻¹ f − J̇ v
       X_.resize(nc + 1, nv);
       X_ << W_, system_.f.transpose();
       bodies_.solve_half(X_);
