@@ -6,7 +6,6 @@
 #include <boost/python/converter/from_python.hpp>
 #include <boost/python/converter/registry.hpp>
 #include <boost/python/type_id.hpp>
-#include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/joint-configuration.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
