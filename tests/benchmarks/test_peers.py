@@ -189,8 +189,8 @@ def test_methods_of_fixed_step_go_on_until_the_last_target_or_the_budget():
     fixed = [point for point in diagram.points if "fixed" in point.method]
     assert fixed[0].steps == FEWEST and [point.tol == point.tol for point in fixed] == [False] * len(fixed)
     assert fixed[-1].q < 1e-6 < fixed[-2].q and all(point.status == "done" for point in fixed)
-    cut = work_precision(problem, (1e-5,), repeats=1, budget=0.2, methods=["fixed BDF-1, every"])
-    assert "0.2 s" in cut.points[-1].status and not cut.points[-1].times  # foreseen, or cut
+    cut = work_precision(problem, (1e-5,), repeats=1, budget=0.02, methods=["fixed BDF-1, every"])
+    assert "0.02 s" in cut.points[-1].status and not cut.points[-1].times  # foreseen, or cut
     assert dict(cut.equal_error)[1e-6]["pinconsist fixed BDF-1, every-step"] is None
 
 
