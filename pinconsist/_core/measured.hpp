@@ -54,38 +54,44 @@ public:
 
   // After `evaluate` without accelerations; false where the equations are singular.
   bool find(double t, const Vec &p, const Vec &v, Eigen::Ref<Eigen::RowVectorXd> forces) {
-    const int nv = system_.nv, nc = static_cast<int>(kept_.size());
+    const int nc = static_cast<int>(kept_.size());
     forces.setZero();
     if (!nc) return true;
     system_.acceleration_bias(t, p, v, bias_);
     W_ = system_.W(kept_, Eigen::all);
-    if (nv + nc >= Lapack::LARGE && bodies_.factorise(system_.data())) { // J M⁻¹ Jᵀ λ = J M⁻¹ f − J̇ v
-      X_.resize(nc + 1, nv);
-      X_ << W_, system_.f.transpose();
-      bodies_.solve_half(X_);
-      const auto J = X_.topRows(nc);
-      S_.setZero(nc, nc);
-      S_.selfadjointView<Eigen::Lower>().rankUpdate(J);
-      schur_.compute(S_);
-      const auto pivots = schur_.matrixLLT().diagonal();
-      if (schur_.info() == Eigen::Success && pivots.minCoeff() > ALMOST_SINGULAR * pivots.maxCoeff()) {
-        lam_ = J * X_.row(nc).transpose() - bias_(kept_);
-        schur_.solveInPlace(lam_);
-        forces.noalias() = lam_.transpose() * W_;
-        return true;
-      }
-    }
-    system_.mass_matrix(t, p, v, kkt_.A());
-    rhs_.resize(nv + nc, 1);
-    rhs_ << -system_.f, -bias_(kept_);
-    if (!kkt_.solve_new(W_, W_, 1.0, rhs_, 1)) return false;
-    lam_ = rhs_.col(0).tail(nc);
-    forces.noalias() = lam_.transpose() * W_;
-    return lam_.allFinite();
+    const bool found = (system_.nv + nc >= Lapack::LARGE && by_bodies(nc)) || by_matrix(t, p, v, nc);
+    if (found) forces.noalias() = lam_.transpose() * W_;
+    return found;
   }
 
 private:
-  static constexpr double ALMOST_SINGULAR = 1e-4; // squared, where it costs digits that LU keeps
+  // J M⁻¹ Jᵀ λ = J M⁻¹ f − J̇ v; false for bodies without a mass, and near singular positions, where LU keeps more digits.
+  bool by_bodies(int nc) {
+    if (!bodies_.factorise(system_.data())) return false;
+    X_.resize(nc + 1, system_.nv);
+    X_ << W_, system_.f.transpose();
+    bodies_.solve_half(X_);
+    const auto J = X_.topRows(nc);
+    S_.setZero(nc, nc);
+    S_.selfadjointView<Eigen::Lower>().rankUpdate(J);
+    schur_.compute(S_);
+    const auto pivots = schur_.matrixLLT().diagonal();
+    if (schur_.info() != Eigen::Success || !(pivots.minCoeff() > ALMOST_SINGULAR * pivots.maxCoeff())) return false;
+    lam_ = J * X_.row(nc).transpose() - bias_(kept_);
+    schur_.solveInPlace(lam_);
+    return lam_.allFinite();
+  }
+
+  bool by_matrix(double t, const Vec &p, const Vec &v, int nc) {
+    system_.mass_matrix(t, p, v, kkt_.A());
+    rhs_.resize(system_.nv + nc, 1);
+    rhs_ << -system_.f, -bias_(kept_);
+    if (!kkt_.solve_new(W_, W_, 1.0, rhs_, 1)) return false;
+    lam_ = rhs_.col(0).tail(nc);
+    return lam_.allFinite();
+  }
+
+  static constexpr double ALMOST_SINGULAR = 1e-4; // its square is what the Schur complement has
 
   MechanismSystem &system_;
   const std::vector<int> kept_;

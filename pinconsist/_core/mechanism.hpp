@@ -10,7 +10,7 @@
 
 namespace pinconsist {
 
-constexpr int BLOCK = 32, FEW = 10; // velocities in a block; below which products need no temporaries
+constexpr int BLOCK = 32;
 constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
 
 inline double sinc(double x) { return x == 0.0 ? 1.0 : std::sin(x) / x; }
@@ -138,11 +138,6 @@ public:
 
   void constraint(double t, const Vec &p, const Vec &v) override {
     evaluate_rows(t, p);
-    hidden_residual(t, p, v);
-  }
-  // The same where another system on this workspace has evaluated its rows at p.
-  void constraint_there(double t, const Vec &p, const Vec &v) {
-    fill_rows(t, p);
     hidden_residual(t, p, v);
   }
 
@@ -324,7 +319,7 @@ protected:
 
 private:
   void hidden_residual(double t, const Vec &p, const Vec &v) {
-    if (nv < FEW) rho = W.lazyProduct(v);
+    if (nv < SMALL_PRODUCT) rho = W.lazyProduct(v);
     else rho.noalias() = W * v;
     for (const auto &[rows, at] : rows_) rows->add_rate(t, p, at, rho);
   }

@@ -31,7 +31,6 @@ inline void combine(const Mat &x, const Mat &weights, Mat &out, double scale = 1
   else product(rows, columns);
 }
 
-constexpr int SMALL_PRODUCT = 10; // rows below which plain loops are faster than Eigen's
 
 // aᵀ b, its columns `apart` numbers from one another.
 inline void across(const Mat &a, const Mat &b, double *out, Eigen::Index apart) {

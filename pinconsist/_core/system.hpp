@@ -20,6 +20,8 @@ using Vec = Eigen::VectorXd;
 using Mat = Eigen::MatrixXd;
 using Table = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
+constexpr int SMALL_PRODUCT = 10; // factors below which plain loops are faster than Eigen's products
+
 template <class Derived> double largest(const Eigen::MatrixBase<Derived> &x) {
   return x.size() ? x.cwiseAbs().maxCoeff() : 0.0;
 }
