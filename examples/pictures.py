@@ -232,6 +232,13 @@ def swing_up(axes, mech, found):
     return "torque and angle of the crank"
 
 
+def unit(axes, mech, found):
+    for name, color in {"angle": BLUE, "speed": ORANGE}.items():
+        axes.plot(found["time"], found[name], color=color, label=name)
+    axes.legend(frameon=False)
+    return "crank of the unit  [rad, rad/s]"
+
+
 FIGURES = {  # curve, time of the still or None, traces in it
     "02_four_bar": (four_bar, 1.0, ("coupler_tip",)),
     "03_driven_slider_crank": (slider_crank, 0.05, ()),
@@ -255,6 +262,7 @@ FIGURES = {  # curve, time of the still or None, traces in it
     "21_swing_up": (swing_up, None, ()),
     "22_stewart_control": (stewart, 0.3, ()),
     "23_gymnasium": (episode, None, ()),
+    "24_fmu": (unit, None, ()),
 }
 
 
