@@ -5,8 +5,8 @@ A table ``Z`` holds ∇⁰y, ∇¹y, ..., ∇ᵏ⁺²y of y = [ξ | v | λ] as r
 
     ξ_{n+1} = ψ_ξ + c U,    v_{n+1} = ψ_v + c v',    (ψ = Σ_j (1 - γ_j/α_k) ∇ʲy_n,  γ_j = Σ_{i≤j} 1/i)
 
-and predicts y_{n+1} = Σ_{j≤k} ∇ʲy_n; α_k = γ_k. (Klopfenstein's and Shampine's NDF constants were measured and bring
-nothing here: they leave order 5, which does nearly all the work, as it is.)
+and predicts y_{n+1} = Σ_{j≤k} ∇ʲy_n; α_k = γ_k. (Klopfenstein's and Shampine's NDF constants were tried and gain
+nothing here: they do not change order 5, which does nearly all the work.)
 
 References
 ----------
@@ -69,7 +69,7 @@ def rescale(k: int, factor: float) -> np.ndarray:
 
 
 def interpolate(k: int, s) -> np.ndarray:
-    """(..., k+1): Newton basis at t_n + s h, s ≤ 0 inside the past; its product with Z[:k+1] interpolates."""
+    """(..., k+1): Newton basis at t_n + s h, s ≤ 0 in the past; its product with Z[:k+1] interpolates."""
     s = np.asarray(s, float)
     basis = np.ones((*s.shape, k + 1))
     for j in range(1, k + 1):
@@ -78,7 +78,7 @@ def interpolate(k: int, s) -> np.ndarray:
 
 
 def predict(system, k, base, Z):
-    """(chart centre, prediction, ψ); moves the table to the chart at the predicted position where there is one."""
+    """(chart centre, prediction, ψ); moves the table to the chart at the predicted position if there are charts."""
     predicted, psi = predictor(k).dot(Z[: k + 1])
     if system.vector_like:
         return predicted[: system.nx], predicted, psi

@@ -17,8 +17,8 @@ def chart_point(system, base, xi):
 def chart_matrix(system, xi, columns=slice(None)):
     """T, shape (nx, nx): ξ changes at the rate T v where base ⊕ ξ moves with the tangent velocity v.
 
-    T = ad/(1 - exp(-ad)) = 1 + ad/2 + Σ B₂ₙ/(2n)! ad²ⁿ, ad = ad ξ, whose terms fall like (turn/2π)²ⁿ. Also of several
-    ξ, (n, nx); or only of `columns` that others do not turn.
+    T = ad/(1 - exp(-ad)) = 1 + ad/2 + Σ B₂ₙ/(2n)! ad²ⁿ, ad = ad ξ, whose terms fall like (turn/2π)²ⁿ. `xi` may be a
+    stack (n, nx); `columns` selects coordinates that others do not turn.
     """
     ad = system.bracket(xi)[..., columns, :][..., columns]
     unit = np.eye(ad.shape[-1])
@@ -33,7 +33,7 @@ def chart_matrix(system, xi, columns=slice(None)):
 
 
 def chart_rate_gradient(system, xi, rate):
-    """∂(T rate)/∂ξ at `xi`, shape (nx, nx), where the tangent velocity `rate` stays: the series of T, term by term."""
+    """∂(T rate)/∂ξ at `xi`, shape (nx, nx), for a constant tangent velocity `rate`: the series of T, term by term."""
     ad, power, change = system.bracket(xi), rate, np.zeros((system.nx, system.nx))  # adᵏ rate, and its derivative
     total = -0.5 * system.bracket(rate)
     for weight in BERNOULLI:
@@ -58,19 +58,19 @@ def table_row(system, base, p, v, lam):
 def recenter(system, base, new_base, Z, D) -> None:
     """Move the position columns of a table Z from the chart at `base` to the chart at `new_base`, in place.
 
-    The values behind the differences, D Z, are carried over one by one, which keeps the order of the method without
-    any derivative of the exponential; D maps differences to values and values to differences.
+    The values behind the differences, D Z, are converted one by one, which keeps the order of the method without any
+    derivative of the exponential; D maps differences to values and values to differences.
     """
     past = D @ Z[:, : system.nx]
     Z[:, : system.nx] = D @ np.array([system.difference(new_base, system.integrate(base, xi)) for xi in past])
 
 
 def turning_coordinates(system, p):
-    """(joints, nx) of zeros and ones: the tangent coordinates that turn each joint, those that come back after 2π."""
+    """(joints, nx) of zeros and ones: for each joint the tangent coordinates that return after 2π."""
     joints, nx = {}, system.nx
     if system.vector_like:
         return np.zeros((0, nx))
-    p = system.integrate(p, 0.3 + 0.01 * np.arange(nx))  # where every number of a quaternion moves with each of them
+    p = system.integrate(p, 0.3 + 0.01 * np.arange(nx))  # where each of them changes every number of a quaternion
     for i, turn in enumerate(2 * np.pi * np.eye(nx)):
         if np.abs(system.difference(p, system.integrate(p, turn))).max() < 1e-6:
             moved = np.abs(system.integrate(p, 0.1 * turn) - p) > 1e-6
@@ -84,6 +84,6 @@ def fastest_turn(turns, rate) -> float:
 
 
 def longest_step(turns, rate, k) -> float:
-    """The step with which the k+2 intervals that a chart spans stay below half a turn of every joint, s."""
+    """The longest step, s, with which no joint makes half a turn in the k+2 intervals that a chart spans."""
     speed = fastest_turn(turns, rate)
     return MAX_CHART_TURN / ((k + 2) * speed) if speed else np.inf

@@ -9,7 +9,7 @@ S⁻¹ Σ_i d_i ρ_{n-i} = O(hᵏ⁻¹), with S = W M⁻¹ G and d_i the derivat
 
 * :class:`Exact`: take the values as they are and accept that;
 * :class:`Initial`: give the starting velocities the residual of the formula (Arévalo's numerically consistent values);
-* :class:`EveryStep`: take ρ out of every solution, v -= M⁻¹ G S⁻¹ ρ, λ -= d₀ S⁻¹ ρ, by one more back-substitution with
+* :class:`EveryStep`: remove ρ from every solution, v -= M⁻¹ G S⁻¹ ρ, λ -= d₀ S⁻¹ ρ, by one more back-substitution with
   the factorised matrix of the step.
 """
 
@@ -32,7 +32,7 @@ class Exact:
     name = "exact"
 
     def check(self, fixed_step: bool) -> None:
-        """Raise InputError where the mode does not suit the control of the step."""
+        """Raise InputError if the mode does not suit the step size control."""
 
     def start(self, system, h, k, base, Z, states) -> None:
         """Change the table Z of the starting `states` (t, p, v, λ), oldest first, in place."""
@@ -42,7 +42,7 @@ class Exact:
 
 
 class Initial(Exact):
-    """The paper's way: the starting velocities are made numerically consistent, nothing else."""
+    """The paper's method: only the starting velocities are made numerically consistent."""
 
     name = "initial"
 
@@ -59,14 +59,14 @@ class Initial(Exact):
 
 
 class EveryStep(Exact):
-    """Loops are closed and ρ is taken out after every step: multipliers have full order throughout."""
+    """Loops are closed and ρ is removed after every step: multipliers have full order throughout."""
 
     name = "every-step"
 
     def correct(self, system, step):
-        """Φ moves the position, ρ changes velocity and multipliers; the dynamics need no second evaluation.
+        """Φ corrects the position, ρ velocity and multipliers; the dynamics are not evaluated again.
 
-        Repeated while the matrix, which is that of the prediction, leaves a gap above rounding.
+        Repeated while a gap above rounding is left, as the matrix is that of the prediction.
         """
         nv, raw = system.nv, step.v
         for _ in range(CLOSINGS):
@@ -107,7 +107,7 @@ def consistent_initial_velocity(system, t0, p0, v0, h):
 
 
 def trial_step(system, t, h, k, base, Z):
-    """One uncorrected BDF-k step from a table, to rounding; raises SingularSystemError where Newton fails."""
+    """One uncorrected BDF-k step from a table, iterated to rounding; raises SingularSystemError if Newton fails."""
     base, predicted, psi = bdf.predict(system, k, base, Z)
     weights = rounding_weights(system, predicted)
     step = Newton().attempt(system, t + h, base, psi, predicted, h / bdf.alpha(k), *weights)

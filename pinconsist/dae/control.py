@@ -1,7 +1,7 @@
-"""Who decides about step and order: a fixed step, or an error controller on positions and velocities.
+"""Control of step and order: a fixed step, or an error controller on positions and velocities.
 
-The multipliers are never in the error test: they follow with the order of the velocities once every step is
-corrected, and a test on them would only react to their rounding floor.
+The multipliers are never in the error test: once every step is corrected they have the order of the velocities, and a
+test on them would only react to their rounding floor.
 """
 
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ from .tuning import (
 
 @dataclass
 class FixedStep:
-    """The same step and order throughout; Newton down to rounding; nothing is rejected."""
+    """The same step and order throughout; Newton iterates down to rounding; no step is rejected."""
 
     reasons: dict = field(default_factory=dict)
 
@@ -63,8 +63,8 @@ class ErrorControl:
     Parameters
     ----------
     rtol, atol : tuple
-        The accuracy that the run is to have, relative to the largest value of each coordinate and absolute: (position
-        part, velocity part), each a scalar or an array. Single steps are held to :meth:`step_tolerance`.
+        The accuracy of the run, relative to the largest value of each coordinate and absolute: (position part, velocity
+        part), each a scalar or an array. A single step has the tolerance :meth:`step_tolerance`.
     max_order : int
         1 to 5.
     max_step : float
@@ -75,9 +75,9 @@ class ErrorControl:
     atol: tuple
     max_order: int
     max_step: float
-    noise: bool = True  # False where errors that raw BDF makes at a change of step are not to pass for rounding
+    noise: bool = True  # False where errors that raw BDF makes at a change of step must not pass for rounding
     equal_steps: int = 0
-    noisy_steps: int = 0  # whose errors were rounding, since a longer step was tried for that
+    noisy_steps: int = 0  # whose errors were rounding, since a longer step was last tried
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
     _wanted: tuple = field(init=False, repr=False, compare=False)  # rtol, atol of the columns, set by `fit`
     _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns
@@ -106,7 +106,7 @@ class ErrorControl:
         return np.maximum((ACCURACY * np.asarray(tol)) ** ((k + 1) / k), self._rounding)
 
     def apart(self, rows, others) -> float:
-        """The largest difference of rows [ξ | v], over the accuracy that the run is to have."""
+        """The largest difference of rows [ξ | v], divided by the accuracy of the run."""
         rtol, atol = (np.maximum(wanted, self.best) for wanted in self._wanted)
         return float((np.abs(rows - others) / (atol + rtol * np.abs(rows).max(axis=0))).max())
 
@@ -118,7 +118,7 @@ class ErrorControl:
 
     @property
     def best(self) -> float:
-        """The smallest tolerance that can be kept in double precision."""
+        """The smallest tolerance that can be met in double precision."""
         return self._rounding ** (self.max_order / (self.max_order + 1)) / ACCURACY
 
     @property
@@ -137,7 +137,7 @@ class ErrorControl:
 
     @property
     def _sums_up(self) -> np.ndarray:
-        """To how many tolerances of a step the errors of all steps come, see :meth:`step_tolerance`."""
+        """The sum of the errors of all steps, in tolerances of one step; see :meth:`step_tolerance`."""
         return np.maximum(self._rtol, self._atol) ** (-1.0 / (self.max_order + 1))
 
     @property
@@ -153,8 +153,8 @@ class ErrorControl:
     def weights(self, system, predicted, p, h):
         """Reciprocal tolerances of [ξ | v], and Newton's stopping size. Rounding of the positions is tolerated.
 
-        It shows in the velocities as eps/h, and may come to what the errors of all steps sum up to; and as eps |v| over
-        the step of the difference quotients that stand for W.
+        It appears in the velocities as eps/h, limited to the sum of the errors of all steps, and as eps |v| divided by
+        the step of the difference quotients that replace W.
         """
         size = np.maximum(self.sizes, self._magnitudes(system, predicted, p))
         allowed, noise = self._rtol * size + self._atol, EPS * (1.0 + largest(p)) if self.noise else 0.0
@@ -175,7 +175,7 @@ class ErrorControl:
         return size
 
     def error(self, system, d, k, weight) -> float:
-        """Local error of order k over its tolerance, from d = ∇ᵏ⁺¹y or what stands for it."""
+        """Local error of order k divided by its tolerance, from d = ∇ᵏ⁺¹y or its substitute."""
         return bdf.error_constant(k) * weighted_norm(d, weight, system.nv)
 
     def error_of(self, system, rows, k) -> float:
@@ -200,7 +200,7 @@ class ErrorControl:
         return h * min(1.0, max(MIN_FACTOR, SAFETY * factor)), k
 
     def after_rounding(self, h, tried) -> float:
-        """The step after one whose error is rounding: one that was `tried` is as good; now and then, twice as long."""
+        """The step after one whose error is rounding: as long as the one `tried` before, sometimes twice as long."""
         self.restart()
         self.noisy_steps += 1
         length = max(abs(h), tried)

@@ -1,4 +1,4 @@
-"""Accepted steps with their interpolating polynomials, and the continuous solution that these make."""
+"""Accepted steps with their interpolating polynomials, and the continuous solution made of them."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .segments import Segment
 
 
 class Curve:
-    """The polynomials of successive steps of one system, from `start` on up to their `ends`.
+    """The polynomials of successive steps of one system, from `start` to their `ends`.
 
-    A segment is a dataclass with ``t_old``, ``end`` and ``system``; called with a time it gives (p, v, λ). Events look
-    at what its ``look(t, with_multipliers)`` gives.
+    A segment is a dataclass with ``t_old``, ``end`` and ``system``; called with a time it returns (p, v, λ). Events use
+    its ``look(t, with_multipliers)``.
     """
 
     def __init__(self, segments):
@@ -38,7 +38,7 @@ class Curve:
         return self.segments[i]
 
     def plain(self, i: int):
-        """The same as a dataclass with all that the step is made of."""
+        """The same, as a dataclass with all data of the step."""
         return self.segment(i)
 
     def until(self, end: float) -> Curve:
@@ -55,15 +55,15 @@ class Curve:
         return tuple(map(np.array, zip(*rows, strict=True)))
 
     def with_others(self, curves) -> Curve:
-        """One curve of this and those that follow."""
+        """One curve of this one and those that follow."""
         return Curve([segment for curve in (self, *curves) for segment in curve.segments])
 
 
 @dataclass
 class Tables(Curve):
-    """The same as arrays with an entry for each step; the fields are those of :class:`Segment`.
+    """A curve as arrays with an entry for each step; the fields are those of :class:`Segment`.
 
-    ``chart_points(bases, ξ)`` gives the positions of a stack of rows, one by one where it is None.
+    ``chart_points(bases, ξ)`` returns the positions of a stack of rows; if None, they are computed one by one.
     """
 
     t_old: np.ndarray
@@ -114,7 +114,7 @@ class Tables(Curve):
 
 @dataclass
 class StepBatch:
-    """Accepted steps that were made in one call, as arrays with one row a step, and their polynomials if wanted."""
+    """Accepted steps that were made in one call, as arrays with one row a step, and their polynomials if requested."""
 
     t: np.ndarray
     p: np.ndarray
@@ -122,12 +122,12 @@ class StepBatch:
     lam: np.ndarray
     order: np.ndarray
     curve: Curve | None
-    failure: str = ""  # why there are no more, or empty
+    failure: str = ""  # why there are no more steps, or empty
     error: BaseException | None = None  # what a user's function raised after these steps
-    jumps: tuple = ((), ())  # after how many steps forces have jumped, and λ then
+    jumps: tuple = ((), ())  # numbers of steps after which forces jumped, and λ there
 
     def __post_init__(self):
-        for array in self.states:  # users' functions look at them
+        for array in self.states:  # users' functions get them
             array.flags.writeable = False
 
     @classmethod
@@ -160,7 +160,7 @@ class StepBatch:
         return int((abs(self.t - self.t[-1]) > abs(t - self.t[-1])).sum()) if len(self.t) > 1 else 0
 
     def cut(self, with_curve, t, p, v, lam) -> StepBatch:
-        """The steps before a time, where an event happens, and the part up to there of the next one."""
+        """The steps before the time of an event, and the part of the next one up to it."""
         n, curve = self.before(t), self.curve.until(t) if with_curve else None
         rows = np.array([t]), p[None], v[None], lam[None]
         if n:
@@ -170,7 +170,7 @@ class StepBatch:
 
 
 def joined(curves) -> list[Curve]:
-    """As few curves as there are systems and kinds of curves in a row."""
+    """The curves, with successive ones of the same system and type merged."""
     groups: list[list[Curve]] = []
     for curve in curves:
         first = groups[-1][0] if groups else None
@@ -212,6 +212,6 @@ class DenseOutput:
 
     @staticmethod
     def _finished(curve, times):
-        """The rows with the multipliers as the user sees them, by the rows that were kept in these steps."""
+        """Rows with the multipliers as the user sees them, from the constraint rows kept in these steps."""
         p, v, lam = curve(times)
         return p, v, curve.system.full_multipliers(p, lam)

@@ -11,10 +11,10 @@ from typing import NoReturn
 from ..errors import InputError, UserFunctionError
 from .tuning import HALVING
 
-SAME_TIME = 1e-13  # relative: events closer than that happen at once
-BESIDE = 1e-3  # of a step, for a slope
-ROUGHLY = 1e-7  # of a step, where a secant follows
-LOOKING = {"locals", "vars", "dir", "eval", "exec"}  # functions that see all variables
+SAME_TIME = 1e-13  # relative: events closer than this are simultaneous
+BESIDE = 1e-3  # of the way to a root: how far before it the slope is measured
+ROUGHLY = 1e-7  # of a step: how well a root is located before a Newton step
+LOOKING = {"locals", "vars", "dir", "eval", "exec"}  # functions that can read all variables
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,12 @@ class Event:
     function : callable
         ``g(t, q, v, lam) -> float``; the event is where it passes zero.
     terminal : bool or int
-        Stop there; a number: stop at that many occurrences.
+        Stop there; a number: stop after that many occurrences.
     direction : float
         > 0: only where g rises, < 0: only where it falls, 0: both.
     apply : callable, optional
-        ``apply(t, q, v) -> v`` or ``-> (q, v)``: the state after the event (an impact, a latch), or ``None`` where
-        only forces change. The run then starts afresh with consistent velocity and multipliers; nothing of the
-        old history is used.
+        ``apply(t, q, v) -> v`` or ``-> (q, v)``: the state after the event (an impact, a latch), or ``None`` if only
+        forces change. The run then restarts with consistent velocity and multipliers, without the old history.
     name : str
         For messages.
     """
@@ -64,17 +63,17 @@ def as_events(events) -> tuple[Event, ...]:
 
 
 class Signs:
-    """The signs of events' functions along a run, which is looked at now and then.
+    """The signs of the event functions at successive times of a run.
 
     Attributes
     ----------
     begin, end, before, values : float, float, list of float
-        Times of the last two looks, and the values there.
+        Times of the last two evaluations, and the values there.
     changed : bool
-        Whether some function has changed its sign between them. One that is zero takes its sign at the next look, so
-        that it is not found again; that is why there is one shortly after it.
+        Whether some function has changed its sign between them. One that is zero takes its sign at the next evaluation,
+        which follows shortly after, so that the event is not found again.
     stop : bool
-        Whether it has not, and ``interrupted()`` says that the run is to end there.
+        Whether none has, and ``interrupted()`` says that the run is to end there.
     """
 
     def __init__(self, events, with_multipliers, interrupted, finish):
@@ -83,12 +82,12 @@ class Signs:
         self.changed = self.stop = False
 
     def restart(self, t, p, v, lam, fired=()) -> None:
-        """Take the signs at a new start; what rounding leaves of events that just `fired` has no meaning."""
+        """Take the signs at a new start; events that just `fired` count as zero: only rounding is left."""
         self.end = t
         self.values = [0.0 if i in fired else self.value(i, t, p, v, lam) for i in range(len(self.events))]
 
     def look(self, t, p, v, lam) -> bool:
-        """Look at a state; whether some sign has changed."""
+        """Evaluate the functions at a state; returns whether some sign has changed."""
         self.begin, self.end, self.before = self.end, t, self.values
         self.values = [self.value(i, t, p, v, lam) for i in range(len(self.events))]
         signs = zip(self.before, self.values, strict=True)
@@ -97,7 +96,7 @@ class Signs:
         return self.changed
 
     def value(self, i, t, p, v, lam) -> float:
-        """An event's function at a state, a number that can have a sign."""
+        """An event's function at a state; an error if it is not a number."""
         error, value = None, math.nan
         try:
             given = read_only(self._finish(p, lam)) if self.with_multipliers else None
@@ -110,19 +109,19 @@ class Signs:
 
 
 def fail(event, t, error) -> NoReturn:
-    """Raise the error of an event whose function has raised this one, or returned NaN."""
+    """Raise the error of an event whose function raised `error`, or returned NaN."""
     raise UserFunctionError(f"the event {event.name!r}", t, error or ValueError("it returned NaN")) from error
 
 
 class EventWatch:
-    """Finds the events of each step of a stepper, in the order of time.
+    """Finds the events of each step of a stepper, in order of time.
 
     Attributes
     ----------
     found : list of list of (t, p, v)
         Occurrences of each event.
     signs : Signs or None
-        What is looked at in each step, of the stepper's own type; None where there are no events.
+        The signs in each step, of the stepper's own type; None if there are no events.
     """
 
     def __init__(self, events, stepper, interrupted):
@@ -150,12 +149,12 @@ class EventWatch:
         return None
 
     def until(self, t, forward) -> list:
-        """What was found up to a time: steps may have been looked at beyond the end of the run."""
+        """The events up to a time: steps may have been searched beyond the end of the run."""
         late = (lambda time: time > t) if forward else (lambda time: time < t)
         return [[row for row in rows if _at_once(row[0], t) or not late(row[0])] for rows in self.found]
 
     def _hits(self, stepper):
-        """(t, index, (p, v, λ)) of events between the last two looks, in the order of time."""
+        """(t, index, (p, v, λ)) of events between the last two evaluations, in order of time."""
         signs, hits = self.signs, []
         begin, signs.changed = signs.begin, False
         for i, (event, g0, g1) in enumerate(zip(self.events, signs.before, signs.values, strict=True)):
@@ -181,10 +180,10 @@ class EventWatch:
 
 
 def located(segment, signs, i, retake=None):
-    """The time of an event between the last two looks into a step, and (p, v, λ) there.
+    """The time of an event between the last two evaluations in a step, and (p, v, λ) there.
 
-    ``retake(segment, t)``, if not None, makes the step again up to a time inside it: a segment that is exact there, or
-    the old one where that fails.
+    ``retake(segment, t)``, if not None, repeats the step up to a time inside it and returns a segment that is exact
+    there, or the old one if that fails.
     """
 
     def g(segment, t):
@@ -196,7 +195,7 @@ def located(segment, signs, i, retake=None):
     near = nearness(begin, end, retake is not None)
     root, left = zero(partial(g, segment), begin, signs.before[i], end, signs.values[i], near)
     again = segment if retake is None else retake(segment, root)
-    if again is not segment:  # one step of Newton's takes out how wrong the interpolant is
+    if again is not segment:  # a Newton step removes the error of the interpolant
         there, beside = g(again, root), root - BESIDE * (root - begin)
         slope = (left - g(segment, beside)) / (root - beside) if root != beside else 0.0
         moved = root - there / slope if slope else root
@@ -205,16 +204,16 @@ def located(segment, signs, i, retake=None):
 
 
 def nearness(begin, end, roughly) -> float:
-    """How near to an event the search between two looks comes."""
+    """The accuracy, s, with which the search between two evaluations locates an event."""
     exact = 4e-16 * max(1.0, abs(end))
     return max(exact, ROUGHLY * abs(end - begin)) if roughly else exact
 
 
 def zero(g, a, fa, b, fb, near):
-    """Where `g` passes zero between `a` and `b`, whose values differ in sign, and its value there.
+    """Where `g` passes zero between `a` and `b`, at which its signs differ, and its value there.
 
-    By inverse quadratic interpolation or halving, as Chandrupatla (Adv. Eng. Softw. 28, 1997) chooses between them;
-    where that takes long, by halving alone.
+    By inverse quadratic interpolation or bisection, chosen as by Chandrupatla (Adv. Eng. Softw. 28, 1997); if that
+    takes long, by bisection alone.
     """
     part, tries = fa / (fa - fb), 0
     while True:
@@ -234,7 +233,7 @@ def zero(g, a, fa, b, fb, near):
 
 
 def reads_multipliers(function) -> bool:
-    """Whether an event's function may look at λ, its last argument; it takes as long to compute as all the rest."""
+    """Whether an event's function may use λ, its last argument; λ takes as long to compute as all the rest."""
     code = getattr(function, "__code__", None)
     if not isinstance(function, FunctionType) or code.co_argcount != 4 or LOOKING.intersection(code.co_names):
         return True

@@ -11,14 +11,14 @@ SHARED = 0.9  # of the largest part in a dependency: a row with as much is named
 
 
 def failure_report(stepper, failure: str) -> str:
-    """A message for a person about a run that could not go on."""
+    """The message about a run that could not continue."""
     system, method = stepper.system, stepper.method
     where = f"{failure} at t = {stepper.t:.9g} with step {stepper.h:.3g} (order {stepper.k})"
     hints = []
     if method.consistency != "every-step" and method.step is None:
         hints.append(
             f"consistency={method.consistency!r} with variable steps leaves multiplier errors of order k-1 at every "
-            "change of step, which the error test then fights; take consistency='every-step'"
+            "change of step, at which the error test then fails; take consistency='every-step'"
         )
     condition, rows = _weakest_rows(stepper)
     if condition < NEARLY_DEPENDENT:
@@ -32,9 +32,8 @@ def failure_report(stepper, failure: str) -> str:
     names = jumping(stepper)
     if names or failure == FAILURES["chatters"]:
         hints.append(
-            f"{names or 'most likely a force'} jumps where the velocity changes a little, as a relay or dry friction "
-            "by its sign does; smooth it over a width, tanh(s/width) in place of sign(s), or take JointFriction, which "
-            "is smoothed"
+            f"{names or 'most likely a force'} jumps when the velocity changes slightly, as a relay or dry friction "
+            "with sign(s) does; smooth it, with tanh(s/width) in place of sign(s), or use JointFriction, a smooth one"
         )
     if not hints:
         speed = largest(stepper.y[system.nx : system.nx + system.nv])
@@ -55,7 +54,7 @@ def jumping(stepper) -> str:
 
 
 def _other(method) -> str:
-    """What makes other steps; relative tolerances below the smallest that can be kept are all alike."""
+    """An option that changes the steps; relative tolerances below the smallest that can be met all act alike."""
     if method.step is not None:
         return "step, such as one that is 10 % longer"
     rtol = max(method.control.best, *(part.min() for part in method.control.rtol))
@@ -63,7 +62,7 @@ def _other(method) -> str:
 
 
 def _weakest_rows(stepper):
-    """(σ_min/σ_max of W with rows of unit length, the row that takes the largest part in it, or two that share it)."""
+    """(σ_min/σ_max of W with rows of unit length, the row that contributes most to it, or two that share this)."""
     system, y = stepper.system, stepper.y
     if not system.nc:
         return 1.0, ""
@@ -72,7 +71,7 @@ def _weakest_rows(stepper):
     unused = np.empty((system.nv, system.nv))
     W = np.array(system.linearize(stepper.t, stepper.p, v, np.zeros(system.nv), 0.0 * lam, 0.0, unused))
     lengths = np.linalg.norm(W, axis=1, keepdims=True)
-    if lengths.min() > 1e-4 * lengths.max():  # a row that fades away is what is looked for, not a matter of units
+    if lengths.min() > 1e-4 * lengths.max():  # a vanishing row is the failure, not a matter of units
         W = W / np.maximum(lengths, 1e-300)
     if not np.isfinite(W).all():
         return 1.0, ""

@@ -13,10 +13,10 @@ from .problem import Index3System
 
 
 class HessenbergProblem(Index3System):
-    """The general index-3 form (4.1) of Arévalo (2008): p' = U, v' = F + G Λ, 0 = R, with R_p U_v G regular.
+    """The general index-3 form (4.1) of Arévalo (2008): p' = U, v' = F + G Λ, 0 = R, with R_p U_v G nonsingular.
 
-    Its methods are the method's to call, on the problem of known sizes that :meth:`at` makes; M is the identity, and
-    positions add up as vectors.
+    Its methods are called by the integrator, on the copy with known sizes that :meth:`at` returns; M is the identity,
+    and positions are vectors.
 
     Parameters
     ----------
@@ -27,19 +27,19 @@ class HessenbergProblem(Index3System):
     R : callable
         ``R(t, p) -> (nc,)``.
     R_p, R_t : callable, optional
-        ``R_p(t, p) -> (nc, np)``, ``R_t(t, p) -> (nc,)``. Without them, fourth-order central differences, good to
-        about 1e-12 of the problem's scale; the multipliers inherit that. ``R_p`` without ``R_t`` means R_t by
+        ``R_p(t, p) -> (nc, np)``, ``R_t(t, p) -> (nc,)``. Without them, fourth-order central differences, accurate to
+        about 1e-12 of the problem's scale; the multipliers inherit this error. ``R_p`` without ``R_t`` means R_t by
         differences too: give ``R_t`` for a constraint that moves.
     U_p, U_v : callable, optional
-        ``(np, np)`` and ``(np, nv)``; forward differences where missing (they steer Newton only).
+        ``(np, np)`` and ``(np, nv)``; forward differences if missing (they only affect Newton's convergence).
 
     Raises
     ------
     InputError
-        Something that is not callable; where a run starts, shapes that do not fit, numbers that are not finite, an
-        ``R_p`` that is not the derivative of ``R``.
+        Something is not callable; at the start of a run, shapes do not fit, numbers are not finite, or ``R_p`` is not
+        the derivative of ``R``.
     UserFunctionError
-        While it runs, one of the functions raised an exception.
+        During a run, one of the functions raised an exception.
 
     References
     ----------
@@ -68,10 +68,10 @@ class HessenbergProblem(Index3System):
         self.npos = self.nx = self.nv = self.nc = 0
 
     def at(self, t, p, v) -> HessenbergProblem:
-        """A copy that knows ``npos``, ``nx``, ``nv`` and ``nc`` by one evaluation at `t`, `p` (np,), `v` (nv,).
+        """A copy with ``npos``, ``nx``, ``nv`` and ``nc``, from one evaluation at `t`, `p` (np,), `v` (nv,).
 
-        A run begins with it. It checks what its functions return: InputError for shapes that do not fit each other,
-        numbers that are not finite, and an ``R_p`` that is not the derivative of ``R``; UserFunctionError where a
+        Every run begins with this call. It checks what the functions return: InputError for shapes that do not fit each
+        other, numbers that are not finite, and an ``R_p`` that is not the derivative of ``R``; UserFunctionError if a
         function raises.
         """
         if np.ndim(p) != 1 or np.ndim(v) != 1:
@@ -112,7 +112,7 @@ class HessenbergProblem(Index3System):
     def position(self, t, base, psi, c, v):
         p = psi + c * self.rate(t, base, v)
         scale = 1.0 + largest(p)
-        for _ in range(20):  # one turn where U does not depend on p
+        for _ in range(20):  # one pass if U does not depend on p
             gap = psi + c * self.rate(t, p, v) - p
             if largest(gap) <= 4e-16 * scale:
                 break
@@ -174,7 +174,7 @@ class HessenbergProblem(Index3System):
 
 
 def _called(name, function, t, *state):
-    """What the user's function returns, its exceptions raised as ours."""
+    """What the user's function returns; its exceptions become UserFunctionError."""
     try:
         return function(t, *state)
     except Exception as error:
@@ -182,7 +182,7 @@ def _called(name, function, t, *state):
 
 
 def _checked(name, function, shape):
-    """The user's function, whose values are copied, and checked at every call."""
+    """The user's function, with its values copied and checked at every call."""
 
     def checked(t, *state):
         value = _called(name, function, t, *state)

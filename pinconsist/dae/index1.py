@@ -1,7 +1,7 @@
 """The equations of index 1: accelerations, projections onto the constraints, and scipy's DOP853 on them.
 
-A multistep run begins with them, and references and events use them. :class:`Index1` gathers what a run asks for; the
-compiled method has one of its own that answers the same.
+A multistep run starts with them, and references and events use them. :class:`Index1` collects what a run needs; the
+compiled method has its own, with the same interface.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ class NotFiniteError(PinconsistError):
 
 
 def not_finite_message(system, t, p, v) -> str:
-    """What a message says of accelerations that are not finite; it names the forces that are not."""
+    """The message about accelerations that are not finite; it names the forces that are not."""
     whose = culprits(system, t, p, v)
     return (
         f"the equations of motion are not finite at t = {t:.6g}{whose}: a force or a user's function returns NaN or "
@@ -29,12 +29,12 @@ def not_finite_message(system, t, p, v) -> str:
 
 
 def not_closed_message(gap) -> str:
-    """What a message says of a position that stays off the constraint."""
-    return f"the position could not be put on the constraint: |Φ| = {gap:.3g} remains"
+    """The message about a position that cannot be projected onto the constraint."""
+    return f"the position could not be projected onto the constraint: |Φ| = {gap:.3g} remains"
 
 
 def integration_failed_message(t, cause) -> str:
-    """What a message says of a one-step method that gives up."""
+    """The message about a one-step method that fails."""
     return f"the index-1 equations could not be integrated from t = {t:.6g}: {cause}"
 
 
@@ -52,15 +52,15 @@ def solve_acceleration(system, t, p, v):
 
 
 def velocity_shift(system, t, p, v, rho):
-    """M⁻¹ G S⁻¹ ρ, shape (nv,): the smallest velocity, in the mass metric, that carries the residual ρ."""
+    """M⁻¹ G S⁻¹ ρ, shape (nv,): the smallest velocity, in the mass metric, that has the residual ρ."""
     return kkt_at(system, t, p, v)[0].solve(np.concatenate((np.zeros(system.nv), rho)))[: system.nv]
 
 
 def project_velocity(system, t, p, v):
-    """`v` put on the hidden constraint W v + Φ_t = 0 in the mass metric, shape (nv,)."""
+    """`v` projected onto the hidden constraint W v + Φ_t = 0 in the mass metric, shape (nv,)."""
     if not system.nc:
         return v
-    for _ in range(2):  # the second turn takes out what is left where U is not linear in v
+    for _ in range(2):  # the second pass removes what is left if U is not linear in v
         v = v - velocity_shift(system, t, p, v, system.constraint(t, p, system.rate(t, p, v))[1])
     return v
 
@@ -72,7 +72,7 @@ def moved_by(system, t, p, v, change):
 
 
 def settled(system, t, p, v):
-    """(p, v), near both constraints, put on them, and λ there, by one factorisation."""
+    """(p, v), near both constraints, projected onto them, and λ there, by one factorisation."""
     if not system.nc:
         return p, v, np.zeros(0)
     kkt, zero = kkt_at(system, t, p, v)[0], np.zeros(system.nv)
@@ -86,7 +86,7 @@ def settled(system, t, p, v):
 
 
 def project_position(system, t, p, v):
-    """`p`, near the manifold, put on Φ(t, p) = 0 in the mass metric; AssemblyError if 20 iterations are not enough."""
+    """`p`, near the manifold, projected onto Φ(t, p) = 0 in the mass metric; AssemblyError after 20 iterations."""
     if not system.nc:
         return p
     last = np.inf
@@ -101,7 +101,7 @@ def project_position(system, t, p, v):
 
 
 class Index1:
-    """What a run asks of the equations of index 1 of its system."""
+    """What a run needs of the index-1 equations of its system."""
 
     def __init__(self, system):
         self.system = system
@@ -111,12 +111,12 @@ class Index1:
         return solve_acceleration(self.system, t, p, v)
 
     def projected(self, t, p, v):
-        """(p, v) put on the constraints."""
+        """(p, v) projected onto the constraints."""
         p = project_position(self.system, t, p, v)
         return p, project_velocity(self.system, t, p, v)
 
     def state(self, t, p, v):
-        """(t, p, v, λ) with p and v put on the constraints and λ the one of the differential equation."""
+        """(t, p, v, λ) with p and v projected onto the constraints and λ of the differential equation."""
         p, v = self.projected(t, p, v)
         return t, p, v, self.acceleration(t, p, v)[1]
 
@@ -128,8 +128,8 @@ class Index1:
 class OneStep:
     """A run of DOP853 from (t0, p0, v0) towards `t_end` on [ξ | v] in the chart at `base`.
 
-    `t` and `y` are what is reached, `step_size` is the last step, `evaluations` counts those of the right-hand side;
-    with `dense` the interpolants are kept, for :meth:`sample`.
+    `t` and `y` are the time and state reached, `step_size` is the last step, `evaluations` counts those of the
+    right-hand side; with `dense` the interpolants are kept, for :meth:`sample`.
     """
 
     def __init__(self, system, base, t0, p0, v0, t_end, rtol, atol, max_step=np.inf, dense=False):
@@ -144,7 +144,7 @@ class OneStep:
     evaluations = property(lambda self: self._solver.nfev)
 
     def step(self) -> None:
-        """One step; raises PinconsistError where the method fails, SingularSystemError where the equations are."""
+        """One step; raises PinconsistError if the method fails, SingularSystemError if the equations are singular."""
         solver = self._solver
         with _overflow_allowed():
             reason = solver.step()
@@ -168,7 +168,7 @@ class OneStep:
 class RightHandSide:
     """f(t, [ξ | v]) of the index-1 equations in the chart at `base`, for scipy.
 
-    `failure` says why the evaluations since the last good one have no value, or is None.
+    `failure` is the error of the evaluations since the last successful one, or None.
     """
 
     def __init__(self, system, base):
@@ -182,7 +182,7 @@ class RightHandSide:
         except (NotFiniteError, SingularSystemError) as error:
             if not self._started and isinstance(error, SingularSystemError):
                 raise
-            if np.isfinite(y).all():  # the stages after it are only led on from there
+            if np.isfinite(y).all():  # if not, an earlier stage failed
                 self.failure = error
             return np.full(len(y), np.nan)  # a step far too long for a stiff force: scipy takes a shorter one
         self.failure, self._started = None, True

@@ -23,7 +23,7 @@ from .tuning import FAILURES, Switches
 
 @dataclass
 class Method:
-    """The method of one run: order, consistency and who controls the step."""
+    """The method of one run: order, consistency and step control."""
 
     order: int
     consistency: str
@@ -87,23 +87,24 @@ def integrate(
     stepper: Stepper | None = None,
     interrupted: Callable[[], bool] | None = None,
 ) -> Trajectory:
-    """Integrate an index-3 system from (p0, v0), taken as they stand.
+    """Integrate an index-3 system from (p0, v0), taken as given.
 
     Parameters
     ----------
     system, t_span, p0, v0 : Index3System, (float, float), ndarray, ndarray
-        What, from when to when (s, backwards if the end is earlier), initial position and velocity.
+        The system, the interval (s; backwards if the end is earlier), initial position and velocity.
     method, output : Method, Output
-        How, and what to record.
+        The method, and what to record.
     stepper : Stepper, optional
-        What makes the steps, of this system and method. Default: the Python method.
+        Makes the steps, for this system and method. Default: the Python method.
     interrupted : callable, optional
-        ``interrupted() -> bool``, called between batches of steps; a true value ends the run, with what was reached.
+        ``interrupted() -> bool``, called between batches of steps; a true value ends the run; what was reached is
+        returned.
 
     Returns
     -------
     Trajectory
-        ``status`` is -1, with what was reached, where the method fails.
+        If the method fails, ``status`` is -1, and the rows reached are returned.
     """
     output, stepper = output or Output(), stepper or python_stepper(system, method)
     interrupted = interrupted or (lambda: False)
@@ -130,7 +131,7 @@ def integrate(
 
 
 def trajectory_of(stepper, method, record, watch, t_span, status, message) -> Trajectory:
-    """What was recorded of the steps of a stepper so far."""
+    """The trajectory that was recorded so far."""
     rows, newton = record.arrays(stepper.system), stepper.newton
     h, order = record.steps(rows[0])
     return Trajectory(
@@ -142,12 +143,12 @@ def trajectory_of(stepper, method, record, watch, t_span, status, message) -> Tr
 
 
 def python_stepper(system, method) -> Stepper:
-    """What makes the steps of a method in Python."""
+    """The Python stepper of a method."""
     return (Stepper if method.stages is None else RadauStepper)(system, method)
 
 
 def _ending(error, t):
-    """The error that a run ends with: sys.exit() in a user's function is one of that function, and ends no program."""
+    """The error that ends a run; sys.exit() in a user's function counts as its error, and does not end the program."""
     if not isinstance(error, SystemExit):
         return error
     told = UserFunctionError("a user-defined function", t, error)
@@ -156,18 +157,18 @@ def _ending(error, t):
 
 
 def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=False, jumped=False):
-    """Integrate from (p, v); or the run `resumes` where the stepper stands, and forces have `jumped` there."""
+    """Integrate from (p, v); or continue (`resumes`) from the stepper's state, where forces may have `jumped`."""
     (t, t_end), with_curve, known = t_span, record.needs_curve, None
     passes = not watch.events and stepper.system.changes and stepper.passes_changes(with_curve)
     pace, signs = Pace(method.control, t, record.nsteps), watch.signs
-    # What sees each step before the next one is made, where a user's function might change what that will be.
+    # Called with each step before the next one is made, if a user's function might change the next one.
     sees = record.sees if record.output.each_step and not (stepper.ahead and not passes) else None
 
     def more(until):
         most, forces = _batch_size(stepper, method, record), [stepper.system] * passes
         made = stepper.steps(until, most, with_curve, signs, sees, *forces)
         left = (method.max_steps or np.inf) - record.nsteps
-        return made if len(made.t) <= left else made.first(left)  # a start has several
+        return made if len(made.t) <= left else made.first(left)  # a start makes several
 
     while t != t_end:  # once, and again after every event that changes the state and where forces jump
         _stop_if(interrupted)
@@ -218,7 +219,7 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
 
 
 def _started(stepper, method, record, with_curve):
-    """The steps of a start."""
+    """The batch of steps of a start."""
     if method.max_steps is not None:
         stepper.unseen = stepper.unseen[: method.max_steps - record.nsteps]
     states = list(stepper.unseen)
@@ -227,7 +228,7 @@ def _started(stepper, method, record, with_curve):
 
 
 def _look(watch, stepper, batch, record):
-    """The first event in these steps that changes the run; where a user's function fails, the steps before are kept."""
+    """The first event in these steps that changes the run; if a user's function fails, the steps before are kept."""
     try:
         return watch.first(stepper)
     except BaseException:
@@ -241,7 +242,7 @@ def _stop_if(interrupted):
 
 
 def _batch_size(stepper, method, record) -> int:
-    """How many steps may be made before somebody has to look at them."""
+    """How many steps may be made before the next check of their number and of the constraint rows."""
     most = stepper.batch
     if method.max_steps is not None:
         most = min(most, method.max_steps - record.nsteps)
@@ -251,7 +252,7 @@ def _batch_size(stepper, method, record) -> int:
 
 
 def _choose_rows(stepper, record) -> bool:
-    """Keep other constraint rows where the kept ones have become a poor choice; the run then begins again there."""
+    """Choose other constraint rows if the kept ones have become a poor choice; the run then restarts there."""
     fresh = stepper.system.reselected(stepper.p)
     if fresh is None:
         return False
@@ -261,7 +262,7 @@ def _choose_rows(stepper, record) -> bool:
 
 
 def _after_event(stepper, event, t, p, v):
-    """The state that an event's `apply` makes, put on the constraints."""
+    """The state that an event's `apply` returns, projected onto the constraints."""
     system = stepper.system
     try:
         changed = event.apply(t, p.copy(), v.copy())

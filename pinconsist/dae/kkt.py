@@ -13,7 +13,7 @@ class KKT:
             [ W    0  ]
 
     with A = M + c ∂f/∂v + c² ∂f/∂p in a Newton step, and A = M, c = 1 in the index-1 equations. Shapes: A (nv, nv),
-    G (nv, nc), W (nc, nv). Where ``singular``, a pivot is exactly zero, and :meth:`solve` is of no use.
+    G (nv, nc), W (nc, nv). If ``singular``, a pivot is exactly zero, and :meth:`solve` must not be used.
     """
 
     def __init__(self, A, G, W, c: float = 1.0):
@@ -42,7 +42,7 @@ def columns(nv, nc, *parts):
 
 
 def singular_message(t) -> str:
-    """What a message says of a singular position."""
+    """The message about a singular position."""
     return f"the equations of motion are singular at t = {t:.6g} ([[M, -G], [W, 0]])"
 
 

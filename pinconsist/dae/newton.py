@@ -13,7 +13,7 @@ whose condition, once its last columns are scaled, does not depend on the step s
 h⁻³); elimination with row pivots is not affected by the scale of a column.
 
 One factorisation serves two right-hand sides: (r₁, 0) for the dynamics, and (0, r₂) for the constraint, whose rounding
-noise eps/c is judged only by the change of position that it makes.
+noise eps/c is judged only by the change of position that it causes.
 """
 
 from dataclasses import dataclass
@@ -83,7 +83,7 @@ class Newton:
             if iteration == 1 or slow:
                 A = np.empty((nv, nv))
                 W = system.linearize(t, p, v, a, lam, c, A)
-                if slow:  # the turning of the constraint forces, left out at first, slows Newton down
+                if slow:  # the derivative of G λ was left out at first: without it Newton is slow
                     A -= c**2 * system.force_gradient(t, p, v, lam)
                 kkt = KKT(A, G, W, c)
                 self.njev += 1
@@ -120,7 +120,7 @@ def to_come(size, rate) -> float:
 
 
 def tolerated(rate, iteration, most) -> float:
-    """Which increments, relative to the velocities, may be noise: where the iteration stagnates, or after the last."""
+    """The increments, relative to the velocities, that count as noise if Newton stagnates or at its last iteration."""
     if iteration > 1 and rate > STAGNANT:
         return STAGNATED
     return LAST if iteration == most else 0.0
@@ -137,8 +137,8 @@ def _moved_weight(weight, nx, nv):
 
 
 def culprits(system, t, p, v) -> str:
-    """The forces that are not finite at a state, for a message, where the system can tell."""
+    """The forces that are not finite at a state, for a message, if the system knows them."""
     names, step = system.not_finite(t, p, v), 1e-9 * (1.0 + largest(p)) / (1.0 + largest(v))
-    for side in (step, -step):  # where the state is at the very edge, its neighbours tell
+    for side in (step, -step):  # at the very edge of a domain, its neighbours are tried
         names = names or system.not_finite(t, system.integrate(p, side * system.rate(t, p, v)), v)
     return f" ({', '.join(map(repr, names))} at t = {t:.9g})" if names else ""

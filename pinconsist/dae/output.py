@@ -15,7 +15,7 @@ SUCCESS, STOPPED, FAILED = 0, 1, -1
 
 @dataclass
 class Output:
-    """What to record beside the steps.
+    """What to record besides the steps.
 
     Attributes
     ----------
@@ -26,9 +26,9 @@ class Output:
     events : tuple of Event
     callback : callable or None
         ``callback(t, p, v, lam)`` after every accepted step; a true value stops the run. Its attribute ``order``,
-        if it has one, is set to the order of the step first. With an attribute ``each_step`` that is false it only
-        follows how far the run has come: ``callback(t, step, order, count)`` says now and then that so many more
-        steps were made, the last one to t.
+        if it has one, is set to the order of the step first. If its attribute ``each_step`` is false, it only reports
+        progress: ``callback(t, step, order, count)`` is called now and then, after `count` more steps, the last one to
+        t.
     exact : bool
         Steps end at the times of `t_eval`, so that no row is interpolated.
     """
@@ -41,7 +41,7 @@ class Output:
 
     @property
     def each_step(self) -> bool:
-        """Whether the callback wants to see each step."""
+        """Whether the callback is called with each step."""
         return self.callback is not None and getattr(self.callback, "each_step", True)
 
 
@@ -56,7 +56,7 @@ class Stop(Exception):
 class Record:
     """Keeps what was requested, in the order of the run.
 
-    ``finish(p, lam)`` gives the multipliers as the user sees them, of one row or a stack of rows; ``interrupted()``
+    ``finish(p, lam)`` returns the multipliers as the user sees them, of one row or a stack of rows; ``interrupted()``
     says after each call of the callback whether to end the run.
     """
 
@@ -67,9 +67,9 @@ class Record:
         self._sign = 1.0 if t_span[1] >= t_span[0] else -1.0
         self._orders, self._curves = [], []
         self._blocks, self._finished = [], []
-        self._due = output.t_eval  # times of rows that were not reached yet
+        self._due = output.t_eval  # times of rows not reached yet
         self._ordered = hasattr(output.callback, "order")
-        self._called, self._ended = 0, None  # rows of the next batch that were seen ahead, and what ends the run there
+        self._called, self._ended = 0, None  # rows of the next batch already called back, and what ends the run
 
     def first(self, t, p, v, lam) -> None:
         """The initial row."""
@@ -99,7 +99,7 @@ class Record:
         return float(rows[0]), rows[1], rows[2], lam
 
     def add(self, batch: StepBatch) -> None:
-        """Steps that were accepted; after those at which the callback stops the run no more are kept."""
+        """Add accepted steps, up to the one at which the callback stops the run."""
         if not len(batch.t):
             return
         seen, ended = self._report(batch)
@@ -115,7 +115,7 @@ class Record:
             self._curves.append(batch.curve)
         if self._due is None:
             at, lam = batch.jumps
-            if len(at) and at[0] == 0:  # where the steps before ended
+            if len(at) and at[0] == 0:  # at the end of the previous batch
                 self.jump(*self.last()[:3], lam[0])
                 batch.jumps = at[1:], lam[1:]
             *rows, order = batch.with_jumps()
@@ -128,7 +128,7 @@ class Record:
             self._due = self._due[n:]
 
     def jump(self, t, p, v, lam) -> None:
-        """The state after an event or a jump of forces: a second row at the same time; of `t_eval` the only one."""
+        """The state after an event or a jump of forces: a second row at the same time; with `t_eval` the only one."""
         if self._due is None:
             self._row(t, p, v, lam)
             self._orders.append([0])
@@ -154,7 +154,7 @@ class Record:
         return tuple(map(np.concatenate, zip(*self._finished, strict=True)))
 
     def steps(self, t):
-        """Step and order by which each of the rows at times `t` was reached; empty where rows are not steps."""
+        """Step and order by which each of the rows at times `t` was reached; empty if rows are not steps."""
         if self._due is not None:
             return np.zeros(0), np.zeros(0, int)
         return np.diff(t), np.concatenate([np.zeros(0, int), *self._orders])
@@ -172,7 +172,7 @@ class Record:
         return len(batch.t), None
 
     def sees(self, t, p, v, lam, order) -> bool:
-        """Call the user's callback with a step before the batch it belongs to is added; whether it ends the run."""
+        """Call the user's callback with a step before its batch is added; returns whether it ends the run."""
         row = p, v, self._finish(p, lam)
         for each in row:
             each.setflags(write=False)
@@ -180,7 +180,7 @@ class Record:
         return self._ended is not None
 
     def _call_back(self, times, states, orders):
-        """Call the user's callback with each row; how many rows it has seen, and what ends the run there, or None."""
+        """Call the user's callback with each row; returns the number of rows called, and what ends the run or None."""
         seen, ended, (p, v, lam) = self._called, self._ended, states
         self._called, self._ended = 0, None
         if ended is None and seen < len(times):
@@ -194,7 +194,7 @@ class Record:
         return seen, ended
 
     def _called_back(self, row, order):
-        """Call the user's callback with a row; what ends the run there, or None."""
+        """Call the user's callback with a row; returns what ends the run there, or None."""
         callback = self.output.callback
         try:
             if order is not None:

@@ -1,4 +1,4 @@
-"""What a system must answer to be integrated."""
+"""What a system must provide to be integrated."""
 
 import numpy as np
 
@@ -7,15 +7,15 @@ class Index3System:
     """An index-3 system p' = U(t,p,v), M(t,p) v' + f₀(t,p,v) = G λ, 0 = Φ(t,p).
 
     Positions may live on a manifold: they are stored in ``npos`` numbers and moved by tangent vectors of ``nx``.
-    Velocities have ``nv`` numbers, multipliers ``nc``. With ``W = Φ_p U_v`` the matrix ``W M⁻¹ G`` must be regular.
+    Velocities have ``nv`` numbers, multipliers ``nc``. With ``W = Φ_p U_v`` the matrix ``W M⁻¹ G`` must be nonsingular.
     A rigid-body system has ``U = v``, ``f₀ = nle - τ``, ``G = Jᵀ``, ``W = J``.
 
     To all methods ``t`` is the time, s; ``p``, ``p0``, ``p1`` and ``base`` are positions, shape (npos,), the last one
     the centre of a chart ξ ↦ base ⊕ ξ; ``xi`` and ``psi`` tangent vectors, ``rate`` a tangent velocity, (nx,); ``v`` a
     velocity and ``a`` its derivative, (nv,); ``lam`` multipliers, (nc,); ``c`` the step times the coefficient by which
-    a BDF formula weighs the new derivative, s. All arrays are of float; none is changed but ``A``.
+    a BDF formula weighs the new derivative, s. All arrays hold floats; only ``A`` is changed.
 
-    Methods with a body are defaults, those of positions for a vector space; a system says more where it can.
+    Methods with a body are defaults; those for positions belong to a vector space.
 
     Attributes
     ----------
@@ -26,12 +26,12 @@ class Index3System:
     moving : bool
         The constraint may depend on time.
     changes : bool
-        Forces jump at times of their own, see :meth:`next_change`.
+        Forces jump at known times, see :meth:`next_change`.
     difference_step : float
-        Step of the difference quotients that stand for ``W``, which rounding over this step disturbs; inf where it is
+        Step of the difference quotients that replace ``W``; their rounding error is divided by it. inf if ``W`` is
         exact.
     dropped_are_zero : bool
-        False where constraint rows were left out that may become independent of the others during a run.
+        False if constraint rows were left out that may become independent of the others during a run.
     """
 
     npos: int
@@ -68,7 +68,7 @@ class Index3System:
     def evaluate(self, t, p, v, a):
         """(f, Φ, G, ρ) at (`t`, `p`, `v`): f = M `a` + f₀, the constraint, force directions, the hidden residual.
 
-        Shapes (nv,), (nc,), (nv, nc), (nc,). The arrays are the caller's to change, and valid until the next call.
+        Shapes (nv,), (nc,), (nv, nc), (nc,). The caller may change the arrays, which are valid until the next call.
         """
 
     def linearize(self, t, p, v, a, lam, c, A):
@@ -79,11 +79,11 @@ class Index3System:
         t, p, v, a
             That point.
         lam : ndarray, shape (nc,)
-            Multipliers, for systems whose `A` has the part of G λ; others see :meth:`force_gradient`.
+            Multipliers, for systems whose `A` includes the derivative of G λ; for others see :meth:`force_gradient`.
         c : float
-            By which a velocity moves the position, s; 0 asks for M alone.
+            Change of the position per velocity, s; with 0 only M is computed.
         A : ndarray, shape (nv, nv)
-            Becomes M + c ∂f/∂v + c² ∂f/∂p.
+            Set to M + c ∂f/∂v + c² ∂f/∂p.
 
         Returns
         -------
@@ -94,7 +94,7 @@ class Index3System:
     def matrices(self, t, p, v, a):
         """(M, ∂f/∂v, ∂f/∂p) at (`t`, `p`, `v`, `a`), each (nv, nv), the last in velocity columns.
 
-        The parts of :meth:`linearize`, without that of G λ. The arrays are the caller's to change.
+        The parts of :meth:`linearize`, without that of G λ. The caller may change the arrays.
         """
         M, plus, minus = (np.empty((self.nv, self.nv)) for _ in range(3))
         for c, A in ((0.0, M), (1.0, plus), (-1.0, minus)):
@@ -108,7 +108,7 @@ class Index3System:
     def force_gradient(self, t, p, v, lam):
         """∂(G `lam`)/∂ξ at (`t`, `p`, `v`), (nv, nv) in velocity columns, where :meth:`linearize` leaves it out.
 
-        Else zero, as one number.
+        Otherwise the number 0.
         """
         return 0.0
 
@@ -123,18 +123,18 @@ class Index3System:
         return np.abs(p)
 
     def describe_row(self, row: int) -> str:
-        """The name by which messages speak of constraint row `row`, counted from 0."""
+        """The name of constraint row `row`, counted from 0, in messages."""
         return f"constraint row {row}"
 
     @property
     def n_multipliers(self) -> int:
-        """Number of multipliers as the user sees them, those of rows that were left out included."""
+        """Number of multipliers as the user sees them, including those of rows that were left out."""
         return self.nc
 
     def full_multipliers(self, p, lam, complete=None):
         """The multipliers as the user sees them, (n_multipliers,), from `lam` of this system at `p`; also stacks.
 
-        `complete`, if given, is the compiled way to do this for many rows.
+        `complete`, if given, is a compiled function that does this for many rows.
         """
         return lam
 
@@ -145,12 +145,12 @@ class Index3System:
     def opened(self, times, positions, gaps=None):
         """(index, gap, (loop, row)) of the first of `positions` at `times` that violates a row left out; else None.
 
-        `gaps`, if given, is the compiled way to evaluate all rows at many positions.
+        `gaps`, if given, is a compiled function that evaluates all rows at many positions.
         """
         return None
 
     def start(self, t, p, v, backwards) -> None:
-        """Set the forces that jump at times of their own to their values at the start (`t`, `p`, `v`) of a run.
+        """Set the forces that jump at known times to their values at the start (`t`, `p`, `v`) of a run.
 
         `backwards` says that the run goes back in time.
         """
@@ -160,7 +160,7 @@ class Index3System:
         return t_end
 
     def change(self, t, p, v) -> bool:
-        """Whether forces jumped: those due at `t` are evaluated at (`t`, `p`, `v`), and hold from then on."""
+        """Whether forces jumped: those due at `t` are evaluated at (`t`, `p`, `v`), and act from then on."""
         return False
 
     def jumps(self, t, p, v) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Rounding: to what size it is iterated, when an error is rounding, and when a run makes no headway."""
+"""Rounding: how far to iterate, when an error is rounding, and when a run makes no progress."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from .norms import EPS, largest
 
 
 def shortest_step(*times) -> float:
-    """A step below this cannot be told from zero at these times, s."""
+    """The shortest step, s, that can be distinguished from zero at these times."""
     return tuning.SMALLEST_STEP * float(np.spacing(max(map(abs, times))))
 
 
 def rounding_weights(system, y):
-    """Weight and tolerance with which Newton runs down to rounding: increments relative to the state's size."""
+    """Weight and tolerance with which Newton iterates down to rounding: increments relative to the state's size."""
     size_x, size_v = 1.0 + largest(y[: system.nx]), largest(y[system.nx : system.nx + system.nv]) or 1.0
     return np.repeat((1.0 / size_x, 1.0 / size_v), (system.nx, system.nv)), 2.0 * EPS
 
@@ -22,9 +22,9 @@ def rounding_weights(system, y):
 def is_noise(dv, moved, v, psi_v, p, noise, closed=False) -> bool:
     """Whether Newton's increments are what rounding leaves, so that more iterations or a smaller step cannot help.
 
-    `dv` are increments of the velocity by the dynamics, `moved` of the position by the constraint; `noise` is the size
-    relative to the velocities that may be rounding. Where the loops are `closed` to rounding and yet are moved far,
-    the position is beside a singular one.
+    `dv` are increments of the velocity by the dynamics, `moved` of the position by the constraint; `noise` is the size,
+    relative to the velocities, that may be rounding. If the loops are `closed` to rounding and the position still moves
+    far, it is near a singular one.
     """
     step = largest(dv)
     scale = largest(v) + largest(psi_v) + step  # v = ψ_v + c v' may be a small difference of larger numbers
@@ -37,10 +37,10 @@ def rounding_gap(p, W) -> float:
 
 
 def velocity_rounding(system, t, p, v) -> tuple[float, float]:
-    """What rounding may do to v: in the worst case of norms, and as it follows along the constraint rows.
+    """How much rounding may change v: a worst-case bound from norms, and an estimate along the constraint rows.
 
-    It is eps |v|, and more where eps leaves loops open and p closes them in vain. Beside singular positions p moves
-    far, by eps/σ, and v with the constraint rows, by eps/σ² where they turn most.
+    It is eps |v|, and more because loops can only be closed to eps. Near singular positions this moves p far, by eps/σ,
+    and v with the constraint rows, by eps/σ² where they turn most.
     """
     nv, nc = system.nv, system.nc
     speed, reach = largest(v), 1.0 + largest(p)
@@ -62,26 +62,26 @@ def velocity_rounding(system, t, p, v) -> tuple[float, float]:
 
 
 class RoundingTest:
-    """Whether the error of a step is rounding of the velocities, which a shorter step would have as well.
+    """Whether the error of a step is rounding of the velocities, which a shorter step would not reduce.
 
-    It has to show. Errors of the method follow from step to step and fall with the step: ∇ᵏ⁺¹y is compared with what
-    the last step lets expect of it or, after a longer step from the same point has failed, with the error of that. And
-    as forces that are not smooth show in the same way, what rounding does to v is followed along the constraint rows.
+    Truncation errors can be predicted from the last step and fall with the step size: ∇ᵏ⁺¹y is compared with this
+    prediction or, after a longer step from the same point has failed, with the error of that step. As forces that are
+    not smooth have the same effect, the change of v by rounding is estimated along the constraint rows, too.
     """
 
     def __init__(self):
         self.restart()
 
     def restart(self) -> None:
-        """Nothing is known of noise."""
+        """Forget the noise of earlier steps."""
         self._noise = 0.0  # in v of the last steps; a step's noise fades from the differences after it
 
     def passes(self, size, h, k, d, expected, tried, v, noise) -> bool:
         """Whether the error of a step h of order k is rounding.
 
-        `d` is ∇ᵏ⁺¹ of [ξ | v] and ``size(d)`` the error that belongs to it, `expected` is d as it follows from the last
-        step, `tried` are the length and the error of the step that has failed, or zeros. ``noise()`` is what
-        rounding may do to `v`; it is never believed to take more than half the digits.
+        `d` is ∇ᵏ⁺¹ of [ξ | v] and ``size(d)`` the error that belongs to it, `expected` is d as predicted by the last
+        step, `tried` are the length and the error of the step that failed, or zeros. ``noise()`` is
+        :func:`velocity_rounding`; no more than half of the digits are taken for rounding.
         """
         error, (longer, its_error) = size(d), tried
         if longer:
@@ -100,7 +100,7 @@ class RoundingTest:
             return True
         worst, likely = noise()
         if worst >= tuning.BESIDE * speed and sure <= explained(min(worst, tuning.HALF * speed)):
-            return True  # nothing has to show: the run would creep in steps that pass by chance
+            return True  # without further evidence: else only tiny steps pass, by chance
         self._noise = max(self._noise, min(likely, speed))  # infinite noise would never fade
         return shows and error <= explained(self._noise)
 
@@ -120,21 +120,21 @@ class Headway:
         self._start, self._counted_from, self._setbacks = start, t, 0
 
     def setback(self) -> bool:
-        """A try failed; whether the run has made no headway in too many of them."""
+        """Count a failed try; returns whether there were too many without progress."""
         self._setbacks += 1
         return self._setbacks > tuning.SETBACKS
 
     def reached(self, t) -> None:
-        """A step was accepted that ends at `t`."""
+        """An accepted step ended at `t`."""
         if abs(t - self._counted_from) > tuning.PROGRESS * abs(t - self._start):
             self._counted_from, self._setbacks = t, 0
 
 
 class Pace:
-    """Looks at the last steps now and then, and finds runs that would not end, as forces chatter in them.
+    """Finds runs that would not end in reasonable time because a force chatters.
 
-    A relay that switches against the motion leaves no solution to any step that is worth its name: Newton fails again
-    and again. Long runs are not stopped for being long, nor steep forces for being steep.
+    With a relay that switches against the motion no step of useful length has a solution, and Newton fails again and
+    again. Long runs and steep forces alone are no reason to stop.
     """
 
     def __init__(self, control, t, steps=0):
@@ -142,7 +142,7 @@ class Pace:
         self._failed = control.reasons.get("newton")
 
     def lost(self, steps, t, t_end, jumping) -> bool:
-        """Whether the run would not end after its `steps` until `t`; ``jumping()`` says whether a force jumps there."""
+        """Whether the run, `steps` long until `t`, would not end; ``jumping()`` says whether a force jumps there."""
         made, gone = steps - self._steps, abs(t - self._t)
         if made < tuning.WINDOW or self._failed is None:  # with a fixed step nothing fails twice
             return False

@@ -19,8 +19,8 @@ class Segment:
     """The polynomial of degree k over one step from `t_old` to `end`, in [ξ | v | λ], exact at both of its ends.
 
     Positions on a manifold are interpolated in the chart at `base`, so they stay on it; loops are closed in between
-    to the order of the method. `changes` mapped the table of the step before to this step's size, including rejected
-    tries; None where a run starts, with k+1 points.
+    to the order of the method. `changes` maps the table of the previous step to this step's size, including rejected
+    tries; None at the start of a run, with k+1 points.
     """
 
     t_old: float
@@ -40,7 +40,7 @@ class Segment:
         return chart_point(self.system, self.base, y[:nx]), y[nx : nx + nv], y[nx + nv :]
 
     def look(self, t: float, with_multipliers: bool):
-        """The same, for events that look at it."""
+        """The same, for events."""
         return self(t)
 
 
@@ -48,9 +48,9 @@ class Segment:
 class RadauSegment:
     """The collocation polynomial of a step from (p0, v0), bent to its projected end (p, v); λ by the index-1 equations.
 
-    Between the ends it is put on both constraints: off them lies most of its error. Events look at it as it is, and the
-    step is made again up to where one is found.
-    `W` and `U` have the accelerations and the rates of ξ at the stages of the formula `table`, a row for each.
+    Between the ends it is projected onto both constraints, which removes most of its error. Events use it without
+    projection; the step is repeated up to an event that is found. `W` and `U` have the accelerations and the rates of ξ
+    at the stages of the formula `table`, a row for each.
     """
 
     t_old: float
@@ -70,7 +70,7 @@ class RadauSegment:
         return settled(self.system, t, *self._polynomials(t))
 
     def look(self, t: float, with_multipliers: bool):
-        """The same, off the constraints by what the polynomials are; λ is None where it is not wanted."""
+        """The same without projection; λ is None if it is not requested."""
         p, v = self._polynomials(t) if t != self.end else (self.p, self.v)
         return p, v, Index1(self.system).acceleration(t, p, v)[1] if with_multipliers else None
 
@@ -82,12 +82,12 @@ class RadauSegment:
         return p, self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
 
     def led_to(self, t: float) -> RadauSegment:
-        """The step to another time, with accelerations from its polynomial, which are to be iterated."""
+        """The step up to another time, with accelerations from its polynomial, from which Newton starts."""
         h = t - self.t_old
         W = self.table.values(h / self.h * self.table.c) @ self.W
         return replace(self, end=t, h=h, W=W)
 
 
 def not_made_again(t) -> PinconsistError:
-    """The error of a step that fails where it is led to another time."""
-    return PinconsistError(f"the step of Radau IIA could not be made again up to t = {t:.6g}")
+    """The error of a step that fails when it is repeated up to another time."""
+    return PinconsistError(f"the step of Radau IIA could not be repeated up to t = {t:.6g}")

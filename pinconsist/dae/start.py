@@ -1,7 +1,7 @@
 """The first history: exact states at equidistant times, from the index-1 equations and an explicit one-step method.
 
-A multistep method that crawls up from order 1 needs tiny first steps, and at index 3 each of its order changes
-disturbs the multipliers. Here the first step of the multistep method already has its full order.
+A multistep method that starts at order 1 needs tiny first steps, and at index 3 each change of order disturbs the
+multipliers. Here the first step of the multistep method already has its full order.
 """
 
 import logging
@@ -27,7 +27,7 @@ from .tuning import (
 
 log = logging.getLogger(__name__)
 
-JUMPED, BEFORE_JUMP = 10.0, 4.0  # accuracies by which constraints may move the start; by which it is shortened
+JUMPED, BEFORE_JUMP = 10.0, 4.0  # accuracies by which projection may move the start; else it is shortened by
 START_BUDGET = 400  # evaluations for each step of the history
 
 
@@ -38,8 +38,8 @@ class _TooMuchWork(Exception):
 def integrate_index1(index1, t0, p0, v0, times, rtol, atol, budget=None):
     """States (t, p, v, λ) at `times` (monotone, from t0 on) by DOP853 on the index-1 equations, projected at each.
 
-    `budget` limits the evaluations of the right-hand side. Raises PinconsistError where the one-step method gives up,
-    SingularSystemError where the equations are singular on the way.
+    `budget` limits the evaluations of the right-hand side. Raises PinconsistError if the one-step method fails,
+    SingularSystemError if the equations are singular on the way.
     """
     system = index1.system
     states, t, p, v, evaluations = [], t0, p0, v0, 0
@@ -65,7 +65,7 @@ def integrate_index1(index1, t0, p0, v0, times, rtol, atol, budget=None):
 def equidistant_history(index1, t0, p0, v0, h, k):
     """States at t0, t0 + h, ..., t0 + (k-1) h for a fixed-step BDF-k; the first is (p0, v0) as given.
 
-    Down to rounding where the accelerations are that smooth; near-massless links make them noisy, and then to the
+    Accurate to rounding if the accelerations are smooth enough; if near-massless links make them noisy, to the
     tolerance that a moderate number of evaluations reaches.
     """
     first = (t0, p0, v0, index1.acceleration(t0, p0, v0)[1])
@@ -141,4 +141,4 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
             phi, rho = system.constraint(times[-1], p := points[-1], system.rate(times[-1], p, rows[-1, system.nx :]))
             row = system.describe_row(int(np.argmax(np.abs(phi) + abs(h) * np.abs(rho))))
             raise PinconsistError(f"no start at t = {t0:.6g}: {row} jumps there, or its rate does")
-        h /= BEFORE_JUMP  # a constraint jumps: the method itself has to meet that, with its error test
+        h /= BEFORE_JUMP  # a constraint jumps: leave that to the method and its error test

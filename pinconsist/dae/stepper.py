@@ -1,4 +1,4 @@
-"""The state of a multistep run and how it moves by one accepted step."""
+"""The state of a multistep run, and how it advances by one accepted step."""
 
 import time
 
@@ -34,14 +34,14 @@ class Stepper:
     batch : int
         Steps that one call of :meth:`steps` makes at most.
     ahead : bool
-        Whether steps may be made before events and callbacks have seen those before them: they cost little, and no
-        function of the user's takes part in them, which an event or a callback might change.
+        Whether steps may be made before events and callbacks have seen the previous ones: steps are cheap, and use no
+        user's function that an event or a callback might change.
     rows_watched : int
-        Steps after which the choice of constraint rows is looked at.
+        Steps after which the choice of constraint rows is checked.
     unseen : list of (t, p, v, λ)
-        States of the last step, or of a start, at which events are yet to be looked for.
+        States of the last step, or of a start, at which events have not been evaluated yet.
     signs : type
-        What looks at them, see :class:`~pinconsist.dae.events.Signs`.
+        Evaluates them, see :class:`~pinconsist.dae.events.Signs`.
     backend : str
         Name of the method, for the record.
     """
@@ -56,14 +56,14 @@ class Stepper:
         self.change_system(system)
 
     def close(self) -> None:
-        """Let go of what only a run needs."""
+        """Release what only a run needs."""
 
     def change_system(self, system) -> None:
-        """Go on with another system of the same sizes, from the next :meth:`begin` on; the work is counted on."""
+        """Continue with another system of the same sizes, from the next :meth:`begin` on; counters are kept."""
         self.system, self.index1 = system, Index1(system)
 
     def passes_changes(self, with_curve: bool) -> bool:
-        """Whether :meth:`steps` takes ``forces``, to go on by itself at the times at which they jump."""
+        """Whether :meth:`steps` takes ``forces``, to continue by itself at the times at which they jump."""
         return False
 
     def full_multipliers(self, p, lam):
@@ -117,7 +117,7 @@ class Stepper:
         return start.adaptive_history(self.index1, t, p, v, t_end, self.k, self.control, self.method.first_step)
 
     def watched(self, signs) -> bool:
-        """Look at what is unseen, until some sign has changed; whether one has."""
+        """Evaluate the signs at the unseen states until one has changed; returns whether one has."""
         while self.unseen:
             if 0.0 in signs.values:
                 beside = signs.end + NUDGE * (self.unseen[0][0] - signs.end)
@@ -128,22 +128,22 @@ class Stepper:
         return False
 
     def locate(self, signs, i):
-        """When an event happened between the last two looks, see :func:`~pinconsist.dae.events.located`."""
+        """The time of an event between the last two evaluations, see :func:`~pinconsist.dae.events.located`."""
         return located(self.segment(), signs, i)
 
     def _looks(self, state, with_multipliers):
-        """The states at which events are looked for in the last step, which led to this one."""
+        """The states at which events are evaluated in the last step, which ends at `state`."""
         return [state]
 
     def resume(self, t_end):
-        """Go on from where the run stands, after a jump of forces; returns what :meth:`begin` does."""
+        """Continue after a jump of forces at the time reached; returns what :meth:`begin` does."""
         return self.begin(self.t, self.p, self.velocity_and_multipliers()[0], t_end)
 
     def steps(self, t_end, most, with_curve, signs=None, sees=None) -> StepBatch:
         """Accepted steps towards `t_end`, at most `most`, with their polynomials where requested.
 
-        They end where `signs` have changed, if they are not None. ``sees(t, p, v, λ, order)``, if not None, is called
-        with each before the next is made; a true value ends them.
+        They end where `signs`, if not None, have changed. ``sees(t, p, v, λ, order)``, if not None, is called with each
+        step before the next is made; a true value ends the batch.
         """
         states, orders, segments, due = [], [], [], time.monotonic() + PATIENCE
         failure, error = "", None
@@ -176,7 +176,7 @@ class Stepper:
         tried = (0.0, 0.0)  # length of the step that failed the error test last, and its error
         while True:
             t_next = self._next_time(t_end)
-            if t_next == self.t:  # steps that pass have become so short, as towards a pole
+            if t_next == self.t:  # accepted steps have become this short, as near a pole
                 return FAILURES["error_test"]
             h, k, Z = self.h, self.k, self.Z
             self.base, predicted, psi = bdf.predict(system, k, self.base, Z)
@@ -228,7 +228,7 @@ class Stepper:
         return self.rounding.passes(size, h, k, d[:known], expected[:known], tried, step.v, noise)
 
     def prepare_next(self) -> None:
-        """Change to the step and order that the control chose; the last step's segment is gone after this."""
+        """Change to the step and order that the control chose; the last step's segment is no longer available."""
         h, k = self._choice
         charted = self._turns is not None and self.method.step is None
         if charted:
@@ -272,8 +272,8 @@ class Stepper:
         if self.method.step is None or abs(self.h) <= (longest := self._longest_step(v, self.k)):
             return ""
         return (
-            f"a joint turns so fast that the {self.k + 2} steps which order {self.k} looks back on make half a turn, "
-            f"and the charts of rotations end there; take step <= {longest:.3g} s"
+            f"a joint turns so fast that it makes half a turn in the {self.k + 2} steps that order {self.k} uses, "
+            f"which is the limit of a rotation chart; take step <= {longest:.3g} s"
         )
 
     def _next_time(self, t_end):
