@@ -1,5 +1,5 @@
-// M⁻¹ in O(n) for each right-hand side: Featherstone, Rigid Body Dynamics Algorithms (2008), section 7.3, in world axes,
-// about a point of the mechanism: far from there inertias are differences of large numbers.
+// M⁻¹ in O(n) for each right-hand side: Featherstone, Rigid Body Dynamics Algorithms (2008), section 7.3, in world
+// axes, about a point of the mechanism, as far from it inertias are differences of large numbers.
 #pragma once
 
 #include "rigid_bodies.hpp"
@@ -11,7 +11,7 @@ public:
   explicit ArticulatedBodies(const Model &model)
       : model_(model), bodies_(model.njoints), axes_(6, model.nv), U_(6, model.nv), forces_(model.njoints), root_(model.nv) {}
 
-  // False where a velocity moves hardly anything. Poses and joint Jacobians have been computed.
+  // False if a velocity moves almost nothing. Poses and joint Jacobians must have been computed.
   bool factorise(const Data &data) {
     const Vector3d centre = data.oMi.back().translation();
     for (int i = 0; i < model_.njoints; ++i) {
@@ -38,7 +38,7 @@ public:
     return regular;
   }
 
-  // In place of each row x of X, L⁻ᵀ x with M = Lᵀ L: the product of two of these is then xᵀ M⁻¹ y.
+  // Replaces each row x of X by L⁻ᵀ x, with M = Lᵀ L: the product of two such rows is xᵀ M⁻¹ y.
   void solve_half(Mat &X) {
     for (auto &force : forces_) force.setZero(X.rows(), 6);
     for (int i = model_.njoints - 1; i > 0; --i) {
@@ -52,10 +52,10 @@ public:
   }
 
 private:
-  static constexpr double HARDLY = 1e-8; // of what moves where the joints behind are locked
+  static constexpr double HARDLY = 1e-8; // of the inertia with the joints behind locked
 
   struct Body {
-    Eigen::Matrix<double, 6, 6> inertia, rigid; // where the joints behind are free, and locked
+    Eigen::Matrix<double, 6, 6> inertia, rigid; // with the joints behind free, and locked
   };
 
   const Model &model_;

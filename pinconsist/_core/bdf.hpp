@@ -86,7 +86,7 @@ inline void extrapolate(int k, const Table &Z, Vec &predicted, Vec &psi) {
   }
 }
 
-// Prediction and ψ; moves the table to the chart at the predicted position where there is one.
+// Prediction and ψ; moves the table to the chart at the predicted position if there are charts.
 inline void predict(System &system, int k, Vec &base, Table &Z, Vec &predicted, Vec &psi) {
   extrapolate(k, Z, predicted, psi);
   if (system.vector_like) {

@@ -1,4 +1,4 @@
-// analysis/following.py: closed configurations along a way of a few coordinates, within one mode of assembly.
+// analysis/following.py: closed configurations along a path of a few coordinates, within one assembly mode.
 #pragma once
 
 #include "kkt.hpp"
@@ -22,7 +22,7 @@ public:
     if (static_cast<int>(p_.size()) != system.nc) throw nb::value_error("coordinates and rows do not add up");
   }
 
-  // The configuration that is reached and the share of the way that was made.
+  // The configuration reached, and the share of the way covered.
   std::pair<Vec, double> follow(Vec q, const Vec &way) {
     const auto [longest, shortest, miss, shrink, aim, least, further, enough, most] = numbers_;
     double length = 0.0, share = 0.0, part = 1.0;
@@ -30,7 +30,7 @@ public:
     const bool regular = (q.size() == last_q_.size() && q == last_q_) || factorise(q, here_, J_y_);
     last_q_.resize(0);
     for (int tries = 0; regular && share < 1.0 && tries < TRIES; ++tries) {
-      const bool is_short = part < 1.0 && part * length < shortest; // made so, not the way or its rest
+      const bool is_short = part < 1.0 && part * length < shortest; // by rejections, not as a short way or its rest
       const bool last = part >= 1.0 - share;
       part = std::min(part, 1.0 - share);
       double longer = 0.5;
@@ -38,12 +38,12 @@ public:
       else if (part * length < OUTWARD * shortest) break;
       part *= longer;
     }
-    if (regular) last_q_ = q; // its factors are at hand
+    if (regular) last_q_ = q; // its factors are kept
     return {q, share};
   }
 
 private:
-  // Φ and J at a configuration, factors of J_p, and J_y; false where it is singular.
+  // Φ and J at a configuration, factors of J_p, and J_y; false if it is singular.
   bool factorise(const Vec &q, LU &lu, Mat &J_y) {
     system_.constraint(0.0, q, zero_);
     B_ = system_.W(Eigen::all, p_);
@@ -60,7 +60,7 @@ private:
     return std::isfinite(change_.sum()) ? size : INFINITY;
   }
 
-  // `longer`: by how much the next step may be longer. Steps that are short only lead away from singular positions.
+  // `longer`: factor for the next step. Steps that `is_short` marks may only lead away from singular positions.
   bool step(Vec &q, const Vec &way, bool is_short, double &longer) {
     const auto [longest, shortest, miss, shrink, aim, least, further, enough, most] = numbers_;
     change_ = zero_;

@@ -1,4 +1,4 @@
-// The collocation polynomial of a step: led on to the next one, and RadauSegment of dae/segments.py at many times.
+// The collocation polynomial of a step: extended to the next one, and RadauSegment of dae/segments.py at many times.
 #pragma once
 
 #include "index1.hpp"
@@ -8,9 +8,9 @@
 
 namespace pinconsist {
 
-using FewNumbers = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 16, 1>; // one a stage, without memory of the heap
+using FewNumbers = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 16, 1>; // one per stage, without heap memory
 
-// Shifted Legendre polynomials of degree below n at a part of the step.
+// Shifted Legendre polynomials of degree below n at a fraction of the step.
 inline FewNumbers legendre(double theta, int n) {
   const double x = 2.0 * theta - 1.0;
   FewNumbers values(n);
@@ -35,7 +35,7 @@ struct Shape {
   }
 };
 
-// Weights b with which values at the nodes become the integral of their polynomial up to a part of the step.
+// Weights b that turn values at the nodes into the integral of their polynomial up to a fraction of the step.
 inline FewNumbers integrals(const RadauTable &table, double theta) {
   const FewNumbers P = legendre(theta, table.s + 1);
   FewNumbers of_modes(table.s);
@@ -43,7 +43,7 @@ inline FewNumbers integrals(const RadauTable &table, double theta) {
   return table.modes.transpose().lazyProduct(of_modes);
 }
 
-// The collocation polynomial of a step, led to its projected end.
+// The collocation polynomial of a step, bent to its projected end.
 struct Collocation {
   Shape shape;
   Mat U; // rates of ξ at the stages
@@ -51,7 +51,7 @@ struct Collocation {
 };
 using Collocations = std::vector<std::shared_ptr<const Collocation>>; // of successive steps
 
-// dae/events.py: where g passes zero between a and b, whose values differ in sign, and its value there.
+// dae/events.py: where g passes zero between a and b, at which its signs differ, and its value there.
 template <class G> std::pair<double, double> zero(const G &g, double a, double fa, double b, double fb, double near) {
   double part = fa / (fa - fb);
   for (int tries = 1;; ++tries) {
@@ -73,20 +73,20 @@ template <class G> std::pair<double, double> zero(const G &g, double a, double f
   return std::abs(fa) < std::abs(fb) ? std::pair{a, fa} : std::pair{b, fb};
 }
 
-// States inside steps, put on the constraints, while the equations are there.
+// States inside steps, projected onto the constraints, as long as the equations exist.
 class Sampler {
 public:
   explicit Sampler(System &system) : system_(system), index1_(system) {}
 
   const System &system() const { return system_; }
 
-  // p, v and λ at a time of a step; false where the equations are singular.
+  // p, v and λ at a time of a step; false if the equations are singular.
   bool sample(const Collocations::value_type &of, double t) {
     interpolate(of, t);
     return index1_.settle(t, p, v, lam);
   }
 
-  // The same of the polynomial as it is, with λ only where it is wanted.
+  // The same without projection, and with λ only if requested.
   bool look(const Collocations::value_type &of, double t, bool with_multipliers) {
     interpolate(of, t);
     return !with_multipliers || index1_.acceleration(t, p, v, a_, lam);
@@ -116,7 +116,7 @@ private:
 
   System &system_;
   Projection index1_;
-  Collocations::value_type last_; // whose `missing` are at hand
+  Collocations::value_type last_; // whose `missing` are kept
   Vec missing_, missing_v_, xi_, a_;
 };
 

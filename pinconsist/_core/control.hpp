@@ -17,7 +17,7 @@ class Tolerances {
 public:
   Vec rtol, atol;
   Vec sizes;   // the largest that [ξ | v] have been
-  Vec sums_up; // to how many tolerances of a step the errors of all steps come, at most; or empty
+  Vec sums_up; // the sum of the errors of all steps, in tolerances of one step; or empty
   double max_step = INF;
   bool noise = true; // whether errors may pass for rounding
   long rejected_by_error = 0, rejected_by_newton = 0;
@@ -59,7 +59,7 @@ private:
 class Control : public Tolerances {
 public:
   int max_order = 1, equal_steps = 0;
-  int noisy_steps = 0; // whose errors were rounding, since a longer step was tried for that
+  int noisy_steps = 0; // whose errors were rounding, since a longer step was last tried
   bool keep_weights = true;
 
   // Fills the weights; returns Newton's stopping size.
@@ -123,7 +123,7 @@ public:
     return {h * std::min(std::max(factor, MIN_FACTOR), max_step / std::abs(h)), best};
   }
 
-  // The step after one whose error is rounding: a longer one that was tried is as good; now and then, twice the length.
+  // The step after one whose error is rounding: as long as the longer one tried before, sometimes twice as long.
   double after_rounding(double h, double tried) {
     restart();
     double length = std::max(std::abs(h), tried);
@@ -145,7 +145,7 @@ public:
     double newton_factor, slack;
   };
   std::map<int, OfStages> of_stages;
-  bool chooses = false, worth_most = false; // the number of stages; and the highest where Newton allows
+  bool chooses = false, worth_most = false; // the number of stages; and the highest if Newton allows it
   int s = 0;                                // of the next step
 
   void use(int stages) {

@@ -12,7 +12,7 @@ namespace pinconsist {
 
 struct Force {
   virtual ~Force() = default;
-  // Joint Jacobians have been computed at q where a force is `on_bodies`.
+  // If a force is `on_bodies`, joint Jacobians must have been computed at q.
   virtual void add_torque(const Data &data, double t, const Vec &q, const Vec &v, Vec &tau) const = 0;
   // D -= ∂τ/∂v, K -= ∂τ/∂q
   virtual void linearize(const Data &data, double t, const Vec &q, const Vec &v, Mat &D, Mat &K) const = 0;
@@ -42,7 +42,7 @@ private:
   double width_;
 };
 
-// τ = k (target(t) - θ) + d (target'(t) - θ'): a servo; a joint spring where the target rests and d = 0
+// τ = k (target(t) - θ) + d (target'(t) - θ'): a servo; with a constant target and d = 0, a joint spring
 class Servo : public Force {
 public:
   Servo(Coordinate joint, double period, Motion target, double stiffness, double damping)
@@ -82,14 +82,14 @@ private:
   Motion curve_;
 };
 
-// Torques that are held from one of some times to the next, in the direction of the run, or go there in straight lines;
-// see mechanism/forces/held.py.
+// Torques that are held from one time to the next, in the direction of the run, or interpolated linearly; see
+// mechanism/forces/held.py.
 struct HeldTable {
   double sign = 1.0;
   bool linear = false;
   std::vector<double> since; // times sign
   std::vector<Vec> torques;
-  size_t entered = 0; // so many of them count
+  size_t entered = 0; // number of entries in use
 
   void clear(double new_sign) {
     sign = new_sign;
@@ -102,7 +102,7 @@ struct HeldTable {
     torques.push_back(torque);
     entered = since.size();
   }
-  // What is held at a time, or nothing before the first entry.
+  // The torque held at a time, none before the first entry.
   const Vec *at(double t) const {
     const size_t i = reached(t);
     return i ? &torques[i - 1] : nullptr;
@@ -115,7 +115,7 @@ struct HeldTable {
   }
 
 private:
-  // Of the entries that count, how many a time has reached.
+  // How many of the entries in use a time has reached.
   size_t reached(double t) const {
     if (!entered || sign * t >= since[entered - 1]) return entered;
     return std::upper_bound(since.begin(), since.begin() + entered, sign * t) - since.begin();
@@ -142,7 +142,7 @@ public:
     Vector3d gain, bias;
     std::pair<double, double> control, force;
   };
-  // The command: what is held, else a table in straight lines, else a curve.
+  // The command: a held value, else a linearly interpolated table, else a curve.
   struct Command {
     Motion curve;
     std::vector<double> times, values;
@@ -175,7 +175,7 @@ public:
   }
 
 private:
-  // The force before it is limited, and its constant and factors of l and l'.
+  // The force before it is limited: its constant, and its factors of l and l'.
   std::pair<double, Vector3d> evaluate(double t, const Vec &q, const Vec &v) const {
     double length = 0.0, speed = 0.0;
     for (size_t i = 0; i < joints_.size(); ++i) {
@@ -311,7 +311,7 @@ private:
   std::vector<Column> columns_;
 };
 
-// A law that only Python knows, asked with fresh arrays.
+// A law that only Python knows, called with new arrays.
 class PythonForce : public Force {
 public:
   explicit PythonForce(nb::object law) : law_(std::move(law)) {}

@@ -1,4 +1,4 @@
-// What the last steps promise for the next one: work that cannot matter is left out, old matrices are kept.
+// Forecasts from the last steps: work that cannot matter is left out, old matrices are kept.
 #pragma once
 
 #include "tuning.hpp"
@@ -8,8 +8,8 @@
 namespace pinconsist {
 
 // Remembers how Newton's iteration contracted, and what closing the loops a second time changed. With c = h/α and s the
-// weighted size of the first increment: the increment after it is taken to be a multiple of c² s, the gap that it leaves
-// in the loops of (c s)², the hidden residual of c s.
+// weighted size of the first increment, the next increment is assumed to be a multiple of c² s, the gap that is left in
+// the loops a multiple of (c s)², and the hidden residual a multiple of c s.
 class Forecast {
 public:
   explicit Forecast(const Switches &switches)
@@ -17,7 +17,7 @@ public:
 
   void forget() { trusted_ = looks_ = 0; }
 
-  // Whether the first increment was the last that counts.
+  // Whether no increment after the first one matters.
   bool one_is_enough(double size, double c, double tol) {
     --trusted_;
     return of_iterations_ && trusted_ >= 0 && contraction_ * c * c * size <= tol;
@@ -27,8 +27,8 @@ public:
     contraction_ = std::max(rate / (c * c), 0.3 * contraction_);
     trusted_ = static_cast<int>(REMEMBERED);
   }
-  // Whether loops and hidden constraint need no second evaluation; `force` may the constraint forces be wrong by, which
-  // feel the hidden residual over c.
+  // Whether loops and hidden constraint need no second evaluation; `force` is the error allowed in the constraint
+  // forces, which the hidden residual changes in proportion to 1/c.
   bool stays_closed(double size, double c, double tol, double force) {
     --looks_;
     const double moved = std::abs(c) * size, allowed = HIDDEN * tol;
@@ -36,8 +36,8 @@ public:
     return of_loops_ && foreseen && gap_ * moved * moved <= CLOSED && hidden_ * moved <= allowed &&
            force_ * size <= force;
   }
-  // Part of the gap of the last evaluation that a correction leaves whose Jacobian is that of the prediction: a gap is
-  // half of what the Jacobian changes by on the way, times the way `moved`.
+  // The part of the last gap that a correction with the Jacobian of the prediction leaves: a gap is half of the change
+  // of the Jacobian along the way, times the way `moved`.
   double closing_rate(double size, double c, double moved) const {
     return moved != 0.0 ? std::min(1.0, 2.0 * gap_ * c * c * size * size / moved) : 0.0;
   }
@@ -58,15 +58,15 @@ private:
   int trusted_ = 0, looks_ = 0;
 };
 
-// In systems whose matrix is made anew for every step, keeps the derivatives of the forces for some of them, as long as
-// one iteration is enough; mass matrix and constraint directions, which the multipliers feel, are those of the step.
+// In systems with a new matrix for every step, keeps the derivatives of the forces for some steps, as long as one
+// iteration is enough; mass matrix and constraint directions, which affect the multipliers, are those of the step.
 class KeptDerivatives {
 public:
   explicit KeptDerivatives(bool possible) : possible_(possible) {}
 
   bool possible() const { return possible_; }
   void forget() { left_ = 0; }
-  // Whether the matrix that is made now has derivatives of its own.
+  // Whether the matrix of this step needs new derivatives.
   bool fresh(bool wanted) {
     if (wanted) left_ = 0;
     const bool fresh = --left_ < 0;
@@ -108,7 +108,7 @@ public:
     return kept_;
   }
   void made(double c) {
-    if (kept_) { // the old matrix was tried in vain, its iterations are lost
+    if (kept_) { // the old matrix failed, its iterations are lost
       cost_ += iterations_;
       iterations_ = 0;
       kept_ = false;

@@ -1,4 +1,4 @@
-// gradients/linear.py and gradients/forward.py: derivatives led along the accepted steps of a run.
+// gradients/linear.py and gradients/forward.py: derivatives propagated along the accepted steps of a run.
 #pragma once
 
 #include "bdf.hpp"
@@ -8,7 +8,7 @@
 
 namespace pinconsist {
 
-// Recorded steps from one start to the next; arrays of Python's, an entry for each step, the history first.
+// Recorded steps from one start to the next; Python's arrays, an entry for each step, the history first.
 struct Leg {
   int steps;
   const double *t, *h, *base, *Z; // (1+n), (1+n), (1+n, npos), (1+n, ROWS, nx+nv+nc)
@@ -22,7 +22,7 @@ class LinearStep {
 public:
   Parameters parameters;
   double c = 1.0;
-  // E only where joints are curved; W of the constraints.
+  // E only if joints are curved; W of the constraints.
   Mat M, B, H, E, W, WE;
 
   explicit LinearStep(System &system) : system_(system), kkt_(system.nv, system.nc, false), rows_(system) {}
@@ -43,7 +43,7 @@ public:
     for (int j = 1; j <= k; ++j) a_ += Z.row(j).segment(nx, nv).transpose() / (j * h);
   }
 
-  // At step `i` of a leg; false where the matrix is singular.
+  // At step `i` of a leg; false if the matrix is singular.
   bool set(const Leg &leg, int i) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
     visit(leg, i);
@@ -90,7 +90,7 @@ public:
     s.bottomRows(nv + nc) -= rhs_;
   }
 
-  // The transpose of `forward`, of one column: y becomes the derivative by ψ, its last part zero; `rates`, (P), is added to.
+  // The transpose of `forward`, of one column: y becomes the derivative by ψ, its last part zero; adds to `rates`, (P).
   void backward(Vec &y, Eigen::Ref<Vec> rates) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
     Vec x = y.head(nx), rest = -y.tail(nv + nc);
@@ -123,7 +123,7 @@ public:
 
   LinearStep step;
 
-  // Fill the tables (1+n) from the first; the number of the step that is singular, or -1.
+  // Fill the tables (1+n) from the first; returns the number of the singular step, or -1.
   int forward(const Leg &leg, double *tables) {
     const int P = step.parameters.size(), ny = system_.nx + system_.nv + system_.nc;
     const long size = static_cast<long>(bdf::ROWS) * P * ny;

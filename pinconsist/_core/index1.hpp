@@ -20,19 +20,19 @@ public:
 
   System &system() const { return system_; }
 
-  // Acceleration and multipliers of the differential equation itself; false where it is singular.
+  // Acceleration and multipliers of the differential equation itself; false if it is singular.
   bool acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
     system_.evaluate(t, p, v, zero_);
     return solve_acceleration(t, p, v, a, lam);
   }
 
-  // The same at a position whose constraint was evaluated last, and whose matrix, if it is `known`.
+  // The same at the position whose constraint was evaluated last; its matrix, too, if `known`.
   bool acceleration_after_constraint(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam, const KKT *known) {
     system_.evaluate_after_constraint(t, p, v, zero_);
     return solve_acceleration(t, p, v, a, lam, known);
   }
 
-  // p and v put on the constraints, as project_position and project_velocity do.
+  // Project p and v onto the constraints, as project_position and project_velocity do.
   State project(double t, const Vec &p, const Vec &v) {
     State state{p, v};
     if (system_.nc && !position(t, state)) return state;
@@ -44,7 +44,7 @@ public:
     return state;
   }
 
-  // p and v, near both constraints, put on them, and λ there, by one factorisation; false where it is singular.
+  // Project p and v, near both constraints, onto them; λ there, with the same factors; false if they are singular.
   bool settle(double t, Vec &p, Vec &v, Vec &lam) {
     const int nv = system_.nv, nc = system_.nc;
     lam.resize(nc);
@@ -73,7 +73,7 @@ private:
     return true;
   }
 
-  // The right-hand side of accelerations, after `evaluate` without them.
+  // The right-hand side for the accelerations, after `evaluate` without them.
   void negative_forces(double t, const Vec &p, const Vec &v) {
     rhs_.col(0).head(system_.nv) = -system_.f;
     system_.acceleration_bias(t, p, v, bias_);
@@ -85,8 +85,8 @@ private:
     return kkt_.solve_new(system_.W, system_.G_transposed(), 1.0, rhs_, 1);
   }
 
-  // The smallest velocity, in the mass metric, that carries the residual; W is the one at p, or the last one that was
-  // `factored` very near it.
+  // The smallest velocity, in the mass metric, that has the residual; W is that at p, or the last one `factored`, very
+  // near it.
   bool shift(double t, const Vec &p, const Vec &v, const Vec &residual, bool factored = false) {
     rhs_.setZero();
     rhs_.col(0).tail(system_.nc) = residual;
@@ -125,7 +125,7 @@ private:
 
 class OneStep {
 public:
-  // Hairer's coefficients: of the stages, the two error estimates, the stages and the matrix of the interpolant.
+  // Hairer's coefficients: for the stages, the two error estimates, and the stages and the matrix of the interpolant.
   struct Coefficients {
     Table A, A_extra, D;
     Vec B, C, E3, E5, C_extra;
@@ -136,7 +136,7 @@ public:
   bool finished = false;
   long evaluations = 0;
   Vec y;
-  // Where evaluations have been singular or not finite since the last one that came to something; empty if none was.
+  // Where evaluations were singular or not finite since the last successful one; empty if none was.
   double culprit_t = 0.0;
   Vec culprit_p, culprit_v;
 
@@ -175,7 +175,7 @@ public:
         size *= rejected ? std::min(1.0, factor) : factor;
         break;
       }
-      size *= std::max(LEAST, CAREFUL * std::pow(error, EXPONENT)); // LEAST where the error is not a number
+      size *= std::max(LEAST, CAREFUL * std::pow(error, EXPONENT)); // LEAST if the error is not a number
       rejected = true;
     }
     if (dense_) interpolate(y_new, f_new, t_new, h);
@@ -216,7 +216,7 @@ private:
     }
   };
 
-  // f(t, [ξ | v]); NaN where the equations are not finite: a shorter step then follows.
+  // f(t, [ξ | v]); NaN if the equations are not finite: a shorter step then follows.
   void evaluate(double time, const Vec &state, Vec &f) {
     const int nx = system_.nx, nv = system_.nv;
     ++evaluations;
@@ -225,7 +225,7 @@ private:
     else system_.integrate(base_, state.head(nx), p_);
     const bool regular = projection_.acceleration(time, p_, v_, a_, lam_);
     if (!regular || !a_.allFinite() || !lam_.allFinite()) {
-      if (state.allFinite()) { // the stages after it are only led on from there
+      if (state.allFinite()) { // if not, an earlier stage failed
         culprit_t = time, culprit_p = p_, culprit_v = v_;
         singular_ = !regular;
       }

@@ -9,8 +9,8 @@
 
 namespace pinconsist {
 
-// LAPACK as SciPy carries it, handed over by Python; it wins from about LARGE unknowns on. To solve with the factors it
-// wakes the threads of OpenBLAS, even for what takes a microsecond: that is for SLOW solutions only.
+// SciPy's LAPACK, handed over by Python; it is faster from about LARGE unknowns on. Its solve wakes the threads of
+// OpenBLAS even for a microsecond's work, and is used for SLOW solutions only.
 struct Lapack {
   using Factorise = void (*)(int *, int *, double *, int *, int *, int *);
   using Solve = void (*)(char *, int *, int *, double *, int *, int *, double *, int *, int *);
@@ -26,7 +26,7 @@ public:
 
   int size() const { return n_; }
 
-  // False where the matrix is singular.
+  // False if the matrix is singular.
   bool factorise(const Eigen::MatrixXd &matrix) {
     lu_ = matrix;
     if (n_ >= Lapack::LARGE) {
@@ -133,7 +133,7 @@ public:
 
   Eigen::Ref<Eigen::MatrixXd> A() { return K_.topLeftCorner(nv_, nv_); }
 
-  // Fill in c G and W, factorise and solve in place; false where the matrix is singular. Columns of the right-hand side
+  // Fill in c G and W, factorise and solve in place; false if the matrix is singular. Columns of the right-hand side
   // from `dense` on are zero above the constraints.
   bool solve_new(const Eigen::MatrixXd &W, const Eigen::MatrixXd &Gt, double c, Eigen::MatrixXd &rhs, int dense) {
     const int nc = n_ - nv_;
@@ -141,7 +141,7 @@ public:
     K_.bottomLeftCorner(nc, nv_) = W;
     c_ = c;
     if (!lu_.factorise(K_)) return false;
-    if (few_) { // what each constraint moves is solved for once, not with every right-hand side
+    if (few_) { // solve for the effect of each constraint once, not with every right-hand side
       of_constraints_.setZero();
       of_constraints_.bottomRows(nc).setIdentity();
       lu_.substitute(of_constraints_.data(), nc);
@@ -150,7 +150,7 @@ public:
     return true;
   }
 
-  // x = K⁻¹ x with the last factors. With another c than theirs, the unknowns that K multiplies with c G are scaled.
+  // x = K⁻¹ x with the last factors. If c differs from theirs, the unknowns that K multiplies with c G are scaled.
   void solve(Eigen::MatrixXd &x, double c, int dense) const {
     const int nc = n_ - nv_, columns = static_cast<int>(x.cols());
     lu_.substitute(x.data(), few_ || !nc ? dense : columns);
@@ -163,7 +163,7 @@ public:
   void solve_transposed(Eigen::VectorXd &x) const { lu_.substitute_transposed(x.data()); }
 
 private:
-  static constexpr int FEW = 8; // velocities for each constraint from which these are few
+  static constexpr int FEW = 8; // constraints are few from so many velocities per constraint on
 
   int nv_, n_;
   bool few_;

@@ -60,7 +60,7 @@ public:
   Data &data() { return data_; }
   nb::object data_object() const { return data_object_; }
 
-  // Several parts may add up in the same rows: `fresh` says whether a part begins new ones.
+  // Several parts may add up in the same rows: `fresh` says whether a part starts new rows.
   void add_rows(std::unique_ptr<Rows> rows, bool fresh = true) {
     const int at = fresh ? nc : nc - rows->size();
     nc = at + rows->size();
@@ -149,7 +149,7 @@ public:
   void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) override {
     bias.setZero(nc);
     if (rows_.empty()) return;
-    for (int i = 1; i < model_.njoints; ++i) // rnea has left velocities, and accelerations less that of gravity
+    for (int i = 1; i < model_.njoints; ++i) // rnea leaves velocities, and accelerations minus gravity
       data_.a[i] = data_.a_gf[i] + data_.oMi[i].actInv(model_.gravity);
     for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
   }
@@ -162,7 +162,7 @@ public:
         const int rows = std::min(BLOCK, nv - i), columns = std::min(BLOCK, nv - j);
         auto block = A.block(i, j, rows, columns);
         block = c * (data_.dtau_dv.block(i, j, rows, columns) + c * data_.dtau_dq.block(i, j, rows, columns));
-        if (i < j) block += data_.M.block(i, j, rows, columns); // of M the upper half is filled
+        if (i < j) block += data_.M.block(i, j, rows, columns); // only the upper half of M is filled
         else if (i > j) block += data_.M.block(j, i, columns, rows).transpose();
         else block += Mat(data_.M.block(i, i, rows, rows).selfadjointView<Eigen::Upper>());
       }
@@ -191,7 +191,7 @@ public:
   }
 
   void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) override {
-    pinocchio::computeRNEADerivatives(model_, data_, p, v, a); // oMi, J and τ are at hand after it
+    pinocchio::computeRNEADerivatives(model_, data_, p, v, a); // also computes oMi, J and τ
     f = data_.tau;
     fill_rows(t, p);
     add_the_rest(t, p, v);
@@ -202,7 +202,7 @@ public:
     for (const auto &force : forces_) force->linearize(data_, t, p, v, D, K);
   }
 
-  // By composite bodies in world axes: what `constraint` leaves is at hand, and the library's `crba` would find it again.
+  // By composite bodies in world axes: uses what `constraint` computed, which the library's `crba` would compute again.
   void mass_matrix(double, const Vec &p, const Vec &, Eigen::Ref<Mat> M) override {
     if (nobody_needs_jacobians()) pinocchio::computeJointJacobians(model_, data_, p);
     M.setZero();
@@ -229,7 +229,7 @@ public:
     return gaps;
   }
 
-  // In each row of `multipliers`, for the `steady` ones, those of smallest norm with the same joint forces Jᵀλ.
+  // Replaces the `steady` ones in each row of `multipliers` by those of smallest norm with the same joint forces Jᵀλ.
   Table complete(double t, const Table &configurations, Table multipliers, const std::vector<int> &steady) {
     Eigen::CompleteOrthogonalDecomposition<Mat> factors;
     factors.setThreshold(DEPENDENT);
@@ -264,7 +264,7 @@ public:
     for (const auto &[rows, at] : rows_) rows->add_wrench(data_, lam.segment(at, rows->size()), x, force, moment);
   }
 
-  // ∂(Jᵀλ)/∂q by forward differences: wanted only where Newton is slow.
+  // ∂(Jᵀλ)/∂q by forward differences: needed only if Newton is slow.
   void subtract_force_gradient(double t, const Vec &p, const Vec &, const Vec &lam, double c,
                                Eigen::Ref<Mat> A) override {
     const Mat kept_W = W;
@@ -324,7 +324,7 @@ private:
     for (const auto &[rows, at] : rows_) rows->add_rate(t, p, at, rho);
   }
 
-  // What is added to the inertial forces f, and ρ; rows have been evaluated.
+  // Adds the other forces to the inertial ones f, and computes ρ; rows have been evaluated.
   void add_the_rest(double t, const Vec &p, const Vec &v) {
     hidden_residual(t, p, v);
     subtract_forces(t, p, v);

@@ -7,7 +7,7 @@
 
 namespace pinconsist {
 
-// Why there is no step; the words stand in dae/tuning.py, under these names.
+// Why there is no step; the messages are in dae/tuning.py, under these names.
 enum class Failure { none, singular, not_finite, diverged, not_converged, error_test, turns_too_far, no_start };
 
 inline const char *name_of(Failure failure) {
@@ -29,8 +29,8 @@ template <class Difference> double weighted_norm(const Difference &change, const
 class Newton {
 public:
   long nfev = 0, njev = 0, nlu = 0;
-  double rtol_force = 0.0, largest_force = 0.0; // what G λ may be wrong by, relative to its largest component of the run
-  // Where an attempt found something that is not finite.
+  double rtol_force = 0.0, largest_force = 0.0; // error allowed in G λ, relative to its largest component in the run
+  // Where an attempt found a value that is not finite.
   double culprit_t = 0.0;
   Vec culprit_p, culprit_v;
 
@@ -76,7 +76,7 @@ public:
           system_.linearize_keeping(derivatives_.fresh(slow), t, step.p, v_, a_, c, kkt_.A());
         else
           system_.linearize(t, step.p, v_, a_, x_.tail(nc), c, kkt_.A());
-        if (slow && !stale) // the turning of the constraint forces, left out at first, slows Newton down
+        if (slow && !stale) // the derivative of G λ was left out at first: without it Newton is slow
           system_.subtract_force_gradient(t, step.p, v_, x_.tail(nc), c, kkt_.A());
         stale = false;
         reuse_.made(c);
@@ -121,7 +121,7 @@ public:
       if (settled || (noise > 0.0 && !stale && is_noise(psi.segment(nx, nv), step.p, noise))) {
         step.change = step.y - predicted;
         step.size = weighted_norm(step.change, weight, nv);
-        const bool always = !correct_at_once_; // nothing has been taken out yet
+        const bool always = !correct_at_once_; // nothing has been removed yet
         const double closing = iteration > 1 ? rate : 1.0;
         const bool hidden =
             (stale && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol) ||
@@ -153,8 +153,8 @@ private:
     return std::sqrt(x.squaredNorm() / x.size());
   }
 
-  // Close the loops at the new position and take ρ out: the dynamics need no second look. After several iterations the
-  // `rate` at which they contracted is known; after one it is MEASURED.
+  // Close the loops at the new position and remove ρ; the dynamics are not evaluated again. After several iterations
+  // the `rate` at which they contracted is known; after one it is MEASURED.
   void close(double t, const Vec &base, double c, const Vec &weight, const Vec &predicted, Attempt &step, double rate) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
     for (int turn = 0; turn < CLOSINGS; ++turn) {
@@ -188,8 +188,8 @@ private:
     return largest(force_);
   }
 
-  // What the kept matrix knows of the constraints: Gᵀ, with rows of unit length, and its smallest singular value, by one
-  // step of inverse iteration.
+  // Stores the constraints of the kept matrix: Gᵀ, its row lengths, and its smallest singular value with rows of unit
+  // length, by one step of inverse iteration.
   void measure_constraints(double c) {
     const int nv = system_.nv, nc = system_.nc;
     kept_ = system_.G_transposed();
@@ -202,8 +202,8 @@ private:
     least_ = force_.norm();
   }
 
-  // Whether they have changed so much since that Newton would be slow, or go astray, in some direction: beside singular
-  // positions that is a direction which its increments do not show.
+  // Whether they have changed so much since then that Newton would be slow, or diverge, in some direction: near
+  // singular positions its increments do not show that direction.
   bool constraints_changed() {
     if (!system_.nc) return false;
     return ((system_.G_transposed() - kept_).rowwise().norm().cwiseQuotient(lengths_)).norm() > FRESH_RATE * least_;

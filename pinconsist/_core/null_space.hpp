@@ -53,7 +53,7 @@ class Elimination {
 public:
   Elimination(int nc, int nv) : nc_(nc), nv_(nv), E_(nv + 1, nc) {}
 
-  // With `choose` other dependent columns may be chosen than last time. False where J loses its rank.
+  // With `choose`, other dependent columns may be chosen than last time. False if J loses its rank.
   template <class Phi> bool reduce(const Mat &J, const Phi &phi, bool choose, Mat &Z, Eigen::Ref<Vec> closing) {
     const bool kept = static_cast<int>(order_.size()) == nv_;
     if (!(kept && echelon(J, phi, false) && (!choose || steep() <= STEEPEST)) && !(choose && echelon(J, phi, true)))
@@ -71,7 +71,7 @@ public:
   }
 
 private:
-  static constexpr double STEEPEST = 10.0; // of the dependent columns by the others, from which others are chosen
+  static constexpr double STEEPEST = 10.0; // slope of the dependent columns by the others from which others are chosen
 
   double steep() const {
     double most = 0.0;
@@ -117,7 +117,7 @@ private:
   }
 
   int nc_, nv_;
-  Mat E_; // a row of J and its φ lie together
+  Mat E_; // a row of J and its φ are adjacent
   std::vector<int> order_;
 };
 

@@ -16,13 +16,14 @@ public:
   virtual void contract(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &w, Eigen::Ref<Vec> rates) = 0;
 };
 
-// What parameters change in the residuals: of each, weighted residuals of mechanisms beside, or what is known of f.
+// The effect of parameters on the residuals: for each, weighted residuals of neighbouring mechanisms, or known
+// derivatives of f.
 class Parameters {
 public:
   Known *known = nullptr;
 
   void use(int number) { size_ = number; }
-  // Those of one column one after another.
+  // Terms of one column must be added one after another.
   void add_term(int column, double weight, System &other) { terms_.push_back({column, weight, &other}); }
   int size() const { return size_; }
   bool calls_python() const {
@@ -54,7 +55,7 @@ public:
       rates[k] += r.dot(of_r) + phi.dot(of_phi) + rho.dot(of_rho);
     }
   }
-  // All mechanisms beside at a state.
+  // All neighbouring mechanisms at a state.
   template <class Take> void each(double t, const Vec &p, const Vec &v, const Vec &a, const Take &take) const {
     for (const auto &term : terms_) {
       term.other->evaluate(t, p, v, a);

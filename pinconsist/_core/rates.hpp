@@ -8,8 +8,8 @@
 
 namespace pinconsist {
 
-// Of parameters of bodies, of gravity and of forces, a column each. The forces of this system are those of one parameter
-// until they are closed.
+// For parameters of bodies, gravity and forces, a column each. Until `close`, the forces of this system are those of
+// one parameter.
 class Rates : public MechanismSystem, public Known {
 public:
   using MechanismSystem::MechanismSystem;
@@ -24,7 +24,8 @@ public:
     bodies_.push_back(body);
   }
   void add_gravity(int column, double weight, const Vector3d &rate) { gravities_.push_back({column, weight * rate}); }
-  // The forces that were added last, with a weight, are one side of those of a key; of a table with many columns, one for each node.
+  // Makes the forces added last, with a weight, one side of the difference for a key; a table has many columns, one for
+  // each node.
   void close(int key, double weight) {
     pulls_[key].sides.push_back({weight, std::move(forces_), constant_, damping_});
     forces_.clear();

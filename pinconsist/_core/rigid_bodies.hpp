@@ -1,4 +1,4 @@
-// What is used of Pinocchio: its headers, the objects behind Python's, points and axes of bodies.
+// The parts of Pinocchio that are used: its headers, the C++ objects behind Python's, points and axes of bodies.
 #pragma once
 
 #include "system.hpp"

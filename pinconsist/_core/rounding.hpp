@@ -1,4 +1,4 @@
-// dae/rounding.py: to what size it is iterated, when an error is rounding, and when a run makes no headway.
+// dae/rounding.py: how far to iterate, when an error is rounding, and when a run makes no progress.
 #pragma once
 
 #include "kkt.hpp"
@@ -9,7 +9,7 @@ namespace pinconsist {
 inline double spacing(double t) { return std::nextafter(std::abs(t), INF) - std::abs(t); }
 inline double shortest_step(double t) { return SMALLEST_STEP * spacing(t); }
 
-// Weights with which Newton runs down to rounding; returns its tolerance.
+// Weights with which Newton iterates down to rounding; returns its tolerance.
 inline double rounding_weights(const System &system, const Vec &y, Vec &weight) {
   const double size_v = largest(y.segment(system.nx, system.nv));
   weight.resize(system.nx + system.nv);
@@ -20,7 +20,7 @@ inline double rounding_weights(const System &system, const Vec &y, Vec &weight) 
 
 inline double rounding_gap(const Vec &p, const Mat &W) { return GAP * (1.0 + largest(p)) * (1.0 + largest(W)); }
 
-// What rounding may do to v: by the worst case of norms, and as it follows along the constraint rows.
+// How much rounding may change v: a worst-case bound from norms, and an estimate along the constraint rows.
 struct VelocityNoise {
   double worst, likely;
 };
@@ -48,7 +48,7 @@ inline VelocityNoise velocity_rounding(System &system, KKT &kkt, double t, const
   return {EPS * speed * (1.0 + reach * s * s * turn), SURE * EPS * (speed + turned)};
 }
 
-// Whether the error of a step is rounding of the velocities, which it may explain.
+// Whether the error of a step is rounding of the velocities.
 class RoundingTest {
 public:
   void restart() { noise_ = 0.0; }

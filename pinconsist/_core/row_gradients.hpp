@@ -1,11 +1,11 @@
-// row_gradients of gradients/linear.py, and what Multipliers of gradients/stages.py asks of the rows.
+// row_gradients of gradients/linear.py, and what Multipliers of gradients/stages.py needs from the rows.
 #pragma once
 
 #include "system.hpp"
 
 namespace pinconsist {
 
-// Derivatives of constraint rows where they are known, else by central differences; coordinates that share no row are moved together.
+// Derivatives of constraint rows, known or by central differences; coordinates that share no row are moved together.
 class RowGradients {
 public:
   explicit RowGradients(System &system) : system_(system) {}
@@ -83,8 +83,9 @@ private:
       }
   }
 
-  // Groups of coordinates no two of which change the same row, as J and its changes tell far from special positions: turning
-  // changes also rows of J that it is not in. Coordinates that change no row are in none.
+  // Groups of coordinates no two of which change the same row, found from J and its changes away from special
+  // positions: a rotation also changes rows of J in which it does not appear. Coordinates that change no row are in no
+  // group.
   void begin(double t, const Vec &p, const Vec &v) {
     const int nx = system_.nx, nc = system_.nc;
     there_.resize(system_.npos);

@@ -11,11 +11,11 @@ struct Rows {
   virtual void evaluate(const Data &data, double t, const Vec &p, int at, Vec &phi, Mat &J) const = 0;
   // Add Φ_t from row `at` on.
   virtual void add_rate(double, const Vec &, int, Vec &) const {}
-  // Write J̇ v and the like from row `at` on (add, where parts add up); forward kinematics have been computed.
+  // Write J̇ v and the like from row `at` on (add, if parts add up); forward kinematics have been computed.
   virtual void add_bias(const Data &data, double t, const Vec &p, const Vec &v, int at, Vec &bias) const = 0;
   // Add force and moment about x on the second body, of rows between two anchors, in world axes.
   virtual void add_wrench(const Data &, const Vec &, const Vector3d &, Vector3d &, Vector3d &) const {}
-  // Add F = ∂(Jᵀλ)/∂q and H = ∂(J v)/∂q from row `at` on, J as it is used; false where these are not known.
+  // Add F = ∂(Jᵀλ)/∂q and H = ∂(J v)/∂q from row `at` on, with the J in use; false if they are not known.
   virtual bool add_gradients(const Data &, const Vec &, const Vec &, const Vec &, int, Mat &, Mat &) const { return false; }
   virtual int size() const = 0;
   virtual bool calls_python() const { return false; }
@@ -24,8 +24,8 @@ struct Rows {
 
 using Six = Eigen::Matrix<double, 6, 1>; // a twist (linear, angular) or wrench (force, moment) about the origin, world axes
 
-// What rows between two bodies have in common: their forces are those of a wrench on body 2, and back on body 1, which changes
-// by change(k) where coordinate k moves; take(k, rate) gets that of Σ ± J v.
+// Common to rows between two bodies: their force is a wrench on body 2, with the opposite on body 1, which changes by
+// change(k) when coordinate k moves; take(k, rate) receives the change of Σ ± J v.
 template <class Change, class Take>
 void differentiate(const Data &data, const std::vector<Signed> &columns, const Vec &v, const Six &wrench, const Change &change,
                    const Take &take, Mat &F) {
@@ -272,7 +272,7 @@ private:
   Vec law_;
 };
 
-// Rows that only Python knows: its own closure is asked, with fresh arrays.
+// Rows that only Python knows: its function is called, with new arrays.
 class PythonRows : public Rows {
 public:
   PythonRows(nb::object closure, nb::object data, std::vector<int> local, bool moving, double difference_step)

@@ -1,4 +1,4 @@
-// What the runs of both methods share: the loop around the steps, the end of the interval, what steps leave.
+// What the runs of both methods share: the loop around the steps, the end of the interval, recorded steps.
 #pragma once
 
 #include "control.hpp"
@@ -12,7 +12,7 @@ template <class Numbers> void put(std::vector<double> &to, const Numbers &x) {
   to.insert(to.end(), x.data(), x.data() + x.size());
 }
 
-// What accepted steps leave, one entry a step, and their polynomials; after how many of them forces jumped, and λ then.
+// Accepted steps, one entry per step, with their polynomials; after how many of them forces jumped, and λ there.
 template <class Curve> struct StepBatch {
   int steps = 0;
   std::vector<double> t, h, p, v, lam, lam_after;
@@ -27,27 +27,27 @@ public:
   double t = 0.0, h = 0.0, used_h = 0.0;
   Vec p;
   Mat turns;
-  // Of fixed steps.
+  // For fixed steps.
   double start = 0.0;
   long taken = 0, steps = 0;
 
-  // What Python has not asked for yet.
+  // Steps that Python has not read yet.
   StepBatch<Curve> unread;
 
-  // Go on to t_end at once, from where forces have just `jumped` or not; the steps are `unread`.
+  // Continue to t_end in one go, after a jump of forces if `jumped`; the steps are added to `unread`.
   Failure reach(double t_end, long most, bool jumped, const nb::object &forces) {
     const Failure failure = jumped ? jump_here(unread) : Failure::none;
     return failure != Failure::none ? failure : run(t_end, unread.steps + most, false, nullptr, nb::none(), forces, unread);
   }
 
-  // Accepted steps towards t_end, until there are `most`, or `signs`, if it is not null, have changed. `sees`, if it is
-  // not None, looks at each and may end them; `forces` says at which times before t_end forces jump.
+  // Accepted steps towards t_end, until there are `most`, or until `signs`, if not null, have changed. `sees`, if not
+  // None, is called with each and may end them; `forces` gives the times before t_end at which forces jump.
   Failure run(double t_end, long most, bool with_curve, Signs *signs, const nb::object &sees, const nb::object &forces,
               StepBatch<Curve> &out) {
     const auto begun = std::chrono::steady_clock::now();
     double until = forces.is_none() ? t_end : next_change(forces, t_end);
     bool ended = false;
-    const auto leave = [&](double t1, const Vec &p1, const Vec &v1, const Vec &lam1) { // whether the run goes on
+    const auto leave = [&](double t1, const Vec &p1, const Vec &v1, const Vec &lam1) { // whether the run continues
       record(t1, p1, v1, lam1, out);
       ended = ended || (!sees.is_none() && nb::cast<bool>(sees(t1, array(p1), array(v1), array(lam1), self().order())));
       return !ended;
@@ -82,7 +82,7 @@ public:
     return Failure::none;
   }
 
-  // Look at what is unseen of the last step, until some sign has changed.
+  // Evaluate the signs in the unseen part of the last step, until one has changed.
   Failure watched(Signs &signs) {
     signs.changed = false;
     while (unseen_ > 0 && !signs.changed) {
@@ -98,8 +98,8 @@ public:
 protected:
   explicit Run(System &system) : system_(system) {}
 
-  bool resumes_ = false; // where the run stands forces may jump
-  int unseen_ = 0; // looks at the last step that are left
+  bool resumes_ = false; // forces may jump at the time reached
+  int unseen_ = 0; // evaluations in the last step that are left
 
   bool fixed() const { return static_cast<const Method &>(*this).control.fixed(); }
 
@@ -130,7 +130,7 @@ private:
     return nb::cast<double>(forces.attr("next_change")(t, t_end));
   }
 
-  // Forces may jump here: the state stays, and the multipliers jump with them.
+  // Forces may jump here: the state is kept, and the multipliers jump with the forces.
   Failure change(const nb::object &forces, StepBatch<Curve> &out) {
     nb::gil_scoped_acquire holds;
     resumes_ = true;

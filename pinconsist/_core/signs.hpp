@@ -7,7 +7,7 @@
 
 namespace pinconsist {
 
-// Numbers that a user's function is given, which it cannot change; an array of its own where the last one was kept.
+// Read-only numbers for a user's function; a new array if the function has kept the last one.
 class Given {
 public:
   const nb::object &operator()(const Vec &x) {
@@ -38,8 +38,8 @@ public:
   bool changed = false, stop = false;
   const bool with_multipliers;
 
-  // The watch that has the signs keeps these functions, which the garbage collector does not see here.
-  // Functions get all multipliers: by `finish`, or, if it is None, with zeros but at these places.
+  // The owner of the signs keeps these functions alive, which the garbage collector does not see here. Functions get
+  // all multipliers: by `finish` or, if it is None, zeros except at these places.
   Signs(const nb::tuple &events, bool with_multipliers, nb::handle interrupted, nb::handle finish,
         std::vector<int> places, int number)
       : with_multipliers(with_multipliers), interrupted_(interrupted), finish_(finish), places_(std::move(places)),

@@ -1,4 +1,4 @@
-// gradients/stage_leg.py: steps of Radau IIA made again, and derivatives led along them, forwards and back.
+// gradients/stage_leg.py: steps of Radau IIA repeated, and derivatives propagated along them, forwards and backwards.
 #pragma once
 
 #include "radau.hpp"
@@ -49,7 +49,7 @@ public:
     of_lam = -rhs.bottomRows(nc);
   }
 
-  // The transpose, of one column; `rates`, (P), is added to.
+  // The transpose, of one column; adds to `rates`, (P).
   void backward(const Vec &of_lam, Vec &s, Eigen::Ref<Vec> rates) {
     const int nv = system_.nv, nc = system_.nc;
     Vec weights = Vec::Zero(nv + nc);
@@ -75,7 +75,7 @@ private:
   Mat K_, by_p_, by_v_, rates_;
 };
 
-// Each answers the number of the step or state that is singular, or -1.
+// Each method returns the number of the step or state that is singular, or -1.
 class StageDerivatives {
 public:
   Parameters parameters;
@@ -83,7 +83,7 @@ public:
   explicit StageDerivatives(System &system)
       : system_(system), motion_(system, parameters), multipliers_(system, parameters), newton_(system, Switches{}), index1_(system) {}
 
-  // Steps solved to rounding from the accelerations W, which are renewed, with their ends (p, v).
+  // Solve steps to rounding from the accelerations W, which are updated, as are their ends (p, v).
   int again(const StageSteps &steps, double *W, double *p, double *v) {
     const int nv = system_.nv, npos = system_.npos, nx = system_.nx;
     Vec weight, y = Vec::Zero(nx + nv);
@@ -125,7 +125,7 @@ public:
     return -1;
   }
 
-  // The transpose, from the last step to the first: rows (nx+nv) of `bars` are added to, and `rates`, (P).
+  // The transpose, from the last step to the first: adds to rows (nx+nv) of `bars`, and to `rates`, (P).
   int backward(const StageSteps &steps, const double *given, double *bars, double *rates) {
     const int n = 2 * system_.nv;
     const double *W = steps.W;
@@ -153,10 +153,10 @@ public:
     return -1;
   }
 
-  // Of the equations of index 1; null where they are singular.
+  // Of the index-1 equations; null if they are singular.
   const MultiplierRates *at(double t, const Vec &p, const Vec &v) { return multipliers_.set(t, p, v) ? &multipliers_ : nullptr; }
 
-  // The transpose: `bars`, (n, nx+nv), and `rates`, (P), are added to.
+  // The transpose: adds to `bars`, (n, nx+nv), and `rates`, (P).
   int multipliers_back(int n, const double *t, const double *p, const double *v, const double *lam, double *bars, double *rates) {
     const int nv = system_.nv, nc = system_.nc;
     Vec bar;

@@ -10,7 +10,7 @@
 
 namespace pinconsist {
 
-// Recorded steps; arrays of Python's, an entry for each, of W one after another.
+// Recorded steps; Python's arrays, an entry for each step; the W are consecutive.
 struct StageSteps {
   int n;
   const double *t_old, *t, *h, *p0, *v0, *p, *v; // (n), (n), (n), (n, npos), (n, nv), (n, npos), (n, nv)
@@ -40,14 +40,14 @@ private:
   Mat rhs_;
 };
 
-// The end of a step, and what parameters change in it.
+// The end of a step, and the effect of parameters on it.
 class StageMotion {
 public:
   StageMotion(System &system, const Parameters &parameters)
       : parameters_(parameters), system_(system), stages_(system), rows_(system), end_(system), lu_(0),
         zero_(Vec::Zero(system.nv)) {}
 
-  // At step `i`, whose accelerations begin at W; false where it is singular.
+  // At step `i`, whose accelerations begin at W; false if it is singular.
   bool set(const StageSteps &steps, int i, const double *W) {
     const int nv = system_.nv, npos = system_.npos;
     stages_.use(RadauTable::of.at(static_cast<int>(steps.s[i])));
@@ -98,7 +98,7 @@ public:
     end << dP, rhs.topRows(nv);
   }
 
-  // The transpose, of one column; `rates`, (P), is added to.
+  // The transpose, of one column; adds to `rates`, (P).
   void backward(const Vec &end, Vec &start, Eigen::Ref<Vec> rates) {
     const int nv = system_.nv, nc = system_.nc, nd = nv - nc, s = stages_.size();
     Vec both = Vec::Zero(nv + nc), of_p = Vec::Zero(nv + nc);
@@ -253,7 +253,7 @@ private:
     end_q_ -= still;
   }
 
-  // Z spans the null space of J, and J N = 1; false where rows depend on each other.
+  // Z spans the null space of J, and J N = 1; false if rows depend on each other.
   static bool split(const Mat &J, Mat &Z, Mat &N) {
     const Eigen::Index nc = J.rows(), nv = J.cols();
     if (!nc) {

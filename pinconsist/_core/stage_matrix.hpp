@@ -7,7 +7,7 @@
 namespace pinconsist {
 
 class StageMatrix {
-  // What dP does to dV and dW of a joint in a chart, stage by stage.
+  // The effect of dP on dV and dW of a joint in a chart, stage by stage.
   struct Chart {
     int first, size;
     Mat h_dV, h2_dW;
@@ -37,7 +37,7 @@ public:
     y_.resize(s * nd);
   }
 
-  // Nothing is known of what comes.
+  // Forget earlier steps.
   void forget() { begun_ = false; }
 
   // The next step begins where this one ends.
@@ -48,7 +48,7 @@ public:
     begun_ = true;
   }
 
-  // Residuals and null spaces, `fresh` with derivatives; false where constraints lose their rank.
+  // Residuals and null spaces, and derivatives if `fresh`; false if constraints lose their rank.
   bool evaluate(bool fresh, long &derivatives) {
     const int s = stages_.size();
     for (int i = 0; i < s; ++i) {
@@ -61,7 +61,7 @@ public:
       if (with_derivatives) system_.evaluate_parts(t, p_, v_, w_, M_[i], D_[i], K_[i]);
       else system_.evaluate(t, p_, v_, w_);
       f_.col(i) = system_.f;
-      // Of loops closed to rounding nothing more can be asked: where rows are nearly dependent it would move far.
+      // Loops closed to rounding are not closed further: if rows are nearly dependent, the position would move far.
       if (largest(system_.phi) <= CLOSED * (1.0 + largest(p_))) system_.phi.setZero();
       const Mat &W = system_.velocity_jacobian(t, p_, v_);
       if (!right_[i].reduce(W, system_.phi, fresh, Z_[i], closing_.col(i))) return false;
@@ -72,7 +72,7 @@ public:
     return true;
   }
 
-  // With the last derivatives; false where it is singular.
+  // With the last derivatives; false if it is singular.
   bool factorise() {
     interpolate();
     turn_charts();
@@ -125,7 +125,7 @@ public:
   }
 
 private:
-  // Where derivatives are evaluated: in the middle, at the end and, if nothing is known there, near the start.
+  // Whether derivatives are evaluated: in the middle, at the end and, if the last step has none, near the start.
   bool has_derivatives(int i) const {
     const int last = stages_.size() - 1;
     return !few_ || last < 3 || i == last / 2 || i == last || (i == 0 && !begun_);
@@ -154,7 +154,7 @@ private:
   bool symmetric() const { return &system_.G_transposed() == &system_.W; }
   const Mat &left(int i) const { return symmetric() ? Z_[i] : Y_[i]; }
 
-  // h dV_i = T_i⁻¹ (Σ_j b_ij T_j dP_j - T'_i dP_i) + h [v_i, dP_i] of the joints that need it, with T' = b (T - 1).
+  // h dV_i = T_i⁻¹ (Σ_j b_ij T_j dP_j - T'_i dP_i) + h [v_i, dP_i] for the joints that need it, with T' = b (T - 1).
   void turn_charts() {
     if (charts_.empty()) return;
     const int s = stages_.table->s;

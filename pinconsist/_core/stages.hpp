@@ -13,7 +13,7 @@ struct RadauTable {
   Vec c;
   Mat A, inverse, inverse2, modes; // modes: to the coefficients of Legendre polynomials
   Vec at_start;                    // weights of the stages in the value of their polynomial at the start
-  // How far rounding of stage positions reaches the highest coefficient, and this value, times h².
+  // How much rounding of stage positions affects the highest coefficient, and this value, times h².
   double leading = 0.0, starting = 0.0;
 
   static inline std::map<int, RadauTable> of; // by s
@@ -52,7 +52,7 @@ public:
       return xi.allFinite();
     }
     for (int sweep = 0; sweep < MAX_SWEEPS; ++sweep) {
-      if (!system_.rate_is_velocity) place(); // else rates do not look at positions
+      if (!system_.rate_is_velocity) place(); // else rates do not depend on positions
       for (int i = 0; i < size(); ++i) {
         p_ = P.col(i);
         v_ = V.col(i);

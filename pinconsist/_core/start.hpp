@@ -13,14 +13,14 @@ struct History {
   std::vector<Vec> p, v, lam;
 };
 
-// The states that a run of a control's highest order begins with; `turns` as of the stepper.
+// The states with which a run of the control's highest order begins; `turns` as in the stepper.
 class Start {
 public:
   Start(System &system, Projection &index1, const Control &control, const Mat &turns)
       : system_(system), index1_(index1), control_(control), turns_(turns), k_(control.max_order) {}
 
-  // False where the equations of index 1 cannot be integrated, or where a state cannot be put on the constraints. A
-  // first step of 0 is chosen.
+  // False if the index-1 equations cannot be integrated, or a state cannot be projected onto the constraints. A first
+  // step of 0 means that it is chosen here.
   bool history(double t0, const Vec &p0, const Vec &v0, double t_end, double first_step, History &out) {
     const int nx = system_.nx;
     const double speed = bdf::fastest_turn(turns_, system_.rate(t0, p0, v0));

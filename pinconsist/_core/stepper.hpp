@@ -32,7 +32,7 @@ public:
     return Start(system_, index1_, control, turns).history(t0, p0, v0, t_end, first_step, out);
   }
 
-  // Nothing is known of what comes: the run starts, or starts again.
+  // Forget everything: the run starts, or starts again.
   void begin_anew(double start) {
     control.restart();
     newton.forget();
@@ -94,7 +94,7 @@ private:
     bool rounding;
     while (true) {
       t_next = next_time(t_end);
-      if (t_next == t) return Failure::error_test; // steps that pass have become so short, as towards a pole
+      if (t_next == t) return Failure::error_test; // accepted steps have become this short, as near a pole
       order = k;
       bdf::predict(system_, k, base, Z, predicted_, psi_);
       const double tol = control.weights(system_, predicted_, base, h, weight_);
@@ -139,7 +139,7 @@ private:
     return Failure::none;
   }
 
-  // Whether the error of the attempt is rounding of the velocities, which a shorter step would have as well.
+  // Whether the error of the attempt is rounding of the velocities, which a shorter step would not reduce.
   bool is_rounding(double t_next, double error, double longer, double its_error) {
     if (fixed()) return false;
     const auto size = [&](const auto &d) { return control.error_in(system_, d, k, weight_); };
@@ -223,12 +223,12 @@ private:
   }
 
   RoundingTest rounding_;
-  bool on_trial_ = false; // the next step is longer than rounding lets expect
+  bool on_trial_ = false; // the next step is longer than the last accepted or tried one
   KKT kkt_; // of the rounding test
   Projection index1_;
   Attempt attempt_;
   Vec predicted_, psi_, weight_;
-  Table changed_; // by rescaling since the last step; empty where nothing did
+  Table changed_; // rescaling since the last step; empty if there was none
 };
 
 } // namespace pinconsist

@@ -1,4 +1,4 @@
-// What a system must answer (dae/problem.py), and systems that answer it in Python.
+// What a system must provide (dae/problem.py), and systems that provide it in Python.
 #pragma once
 
 #include "tuning.hpp"
@@ -45,7 +45,7 @@ inline nb::object array(const Table &x) {
   return array(x.data(), {static_cast<size_t>(x.rows()), static_cast<size_t>(x.cols())});
 }
 
-// The same of many numbers, which are not copied.
+// The same for many numbers, which are not copied.
 inline nb::object array_of(std::vector<double> &&numbers) {
   auto *kept = new std::vector<double>(std::move(numbers));
   const nb::capsule owner(kept, [](void *p) noexcept { delete static_cast<std::vector<double> *>(p); });
@@ -65,11 +65,11 @@ public:
   int npos = 0, nx = 0, nv = 0, nc = 0;
   bool vector_like = true;
   bool rate_is_velocity = true;
-  double difference_step = INF; // of the quotients that stand for W
-  // Where dξ/dt in a chart is not the rate itself: first tangent coordinate and number, of each joint.
+  double difference_step = INF; // of the difference quotients that replace W
+  // Joints whose dξ/dt in a chart is not the rate itself: first tangent coordinate and number of each.
   std::vector<std::pair<int, int>> curved;
-  // What `evaluate` and `constraint` leave: f = M a + f0, Φ and the hidden residual ρ; and W of `linearize`, which for
-  // rigid bodies is J and known already after `constraint`.
+  // Results of `evaluate` and `constraint`: f = M a + f0, Φ and the hidden residual ρ; and W of `linearize`, which for
+  // rigid bodies is J and already known after `constraint`.
   Vec f, phi, rho;
   Mat W;
 
@@ -90,7 +90,7 @@ public:
   virtual void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const = 0;
   virtual void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) = 0;
   virtual void constraint(double t, const Vec &p, const Vec &v) = 0;
-  // `evaluate` at a position whose constraint was evaluated last, where its rows need no second look.
+  // `evaluate` at the position whose constraint was evaluated last, without evaluating its rows again.
   virtual void evaluate_after_constraint(double t, const Vec &p, const Vec &v, const Vec &a) { evaluate(t, p, v, a); }
   // γ with dρ/dt = W v' + γ, at the point evaluated last, with a = 0.
   virtual void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) = 0;
@@ -101,7 +101,7 @@ public:
                          Eigen::Ref<Mat> A) = 0;
   // As `evaluate`, with M, D = ∂f/∂v and K = ∂f/∂p; for Radau IIA.
   virtual void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) = 0;
-  // The same, where it is known how, with the derivatives by v and p that were found when they were `fresh` last.
+  // The same, if implemented, with the derivatives by v and p of the last call that was `fresh`.
   virtual bool keeps_derivatives() const { return false; }
   virtual void linearize_keeping(bool, double, const Vec &, const Vec &, const Vec &, double, Eigen::Ref<Mat>) {}
   // M at a point whose constraint was evaluated last; W and G belong to it afterwards.
@@ -109,7 +109,7 @@ public:
   // A -= c² ∂(G λ)/∂ξ
   virtual void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c,
                                        Eigen::Ref<Mat> A) = 0;
-  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ at the point evaluated last, of zeros; false where they are not known.
+  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ at the point evaluated last, passed as zeros; false if they are not known.
   virtual bool row_gradients(double, const Vec &, const Vec &, const Vec &, Mat &, Mat &) { return false; }
   // Sizes of the position coordinates.
   virtual void position_scale(const Vec &p, Eigen::Ref<Vec> scale) const {

@@ -1,4 +1,4 @@
-// The numbers of dae/tuning.py, read from there by name when the module is loaded, and the switches.
+// The constants of dae/tuning.py, read from there by name when the module is loaded, and the switches.
 #pragma once
 
 #include <cmath>
