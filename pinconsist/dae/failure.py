@@ -17,8 +17,8 @@ def failure_report(stepper, failure: str) -> str:
     hints = []
     if method.consistency != "every-step" and method.step is None:
         hints.append(
-            f"consistency={method.consistency!r} with variable steps leaves multiplier errors of order k-1 at every "
-            "change of step, at which the error test then fails; take consistency='every-step'"
+            f"consistency={method.consistency!r} with variable steps lets the hidden residual jump at every change of "
+            "step, and the error test fails there; take consistency='every-step'"
         )
     condition, rows = _weakest_rows(stepper)
     if condition < NEARLY_DEPENDENT:
