@@ -1,4 +1,4 @@
-"""The sweep of a scene: the run of each case, the journal of their rows, and the table."""
+"""The sweep of a scene: what its cases change, the run of each, the journal of their rows, and the table."""
 
 import csv
 import fcntl
@@ -8,7 +8,7 @@ import json
 import logging
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,12 @@ from .files import written_whole
 from .mechanism.description import digests
 from .mechanism.mechanism import Mechanism
 from .mechanism.names import position_names, velocity_names
+from .mechanism.parameters import UnknownParameterError, parameter, unknown
 from .simulation import simulate
 from .solution_file import versions
-from .sweep_cases import Run, target
 
 FORMAT = 1
+SETTINGS = ("rtol", "atol", "step", "until")
 MEASURED = ("status", "t", "steps", "gap", "energy_error")
 DONE, FAILED, ERROR = "done", "failed", "error"
 _log = logging.getLogger(__name__)
@@ -41,12 +42,52 @@ def loaded(scene, *, anew=False) -> Mechanism:
     return _loaded[repr(scene)]
 
 
+@dataclass
+class Run:
+    """What `simulate` is to be called with."""
+
+    mechanism: Mechanism
+    until: float
+    q0: dict = field(default_factory=dict)
+    v0: dict = field(default_factory=dict)
+    torques: dict = field(default_factory=dict)
+    options: dict = field(default_factory=dict)
+
+    def put(self, name: str, value: float) -> None:
+        """Change what has this name, or InputError where nothing has it.
+
+        Names are those of joints of one degree of freedom (initial position, rad or m), ``<joint>_speed`` (initial
+        velocity), ``<joint>_torque`` (constant, in addition to the scene's forces); ``until``, ``rtol``, ``atol``,
+        ``step``; and those of :mod:`pinconsist.mechanism.parameters`, such as ``gear.ratio`` and ``mass:coupler``.
+        """
+        mechanism, starts = self.mechanism, {"": self.q0, "_speed": self.v0, "_torque": self.torques}
+        for ending, values in starts.items():
+            joint = name.removesuffix(ending)
+            if joint in mechanism.joints and joint + ending == name:
+                columns = mechanism.columns(joint)
+                if columns.stop - columns.start != 1:
+                    raise InputError(f"{name} cannot be varied: joint {joint!r} has several degrees of freedom")
+                values[joint] = value
+                return
+        if name == "until":
+            self.until = value
+        elif name in SETTINGS:
+            self.options[name] = value
+        else:
+            try:
+                self.mechanism = parameter(mechanism, name).put(mechanism, value)
+            except UnknownParameterError:
+                known = [*mechanism.joints, *(f"{joint}_speed" for joint in mechanism.joints), *SETTINGS]
+                listed = f", JOINT, JOINT_speed and JOINT_torque of a joint, {', '.join(SETTINGS)}"
+                raise unknown(mechanism, name, known, listed) from None
+
+
 @dataclass(frozen=True)
 class SceneSweep:
     """How each case of a sweep is run: plain data that can be sent to any process."""
 
     scene: Any  # plain data with a method load() -> Mechanism
-    names: tuple[str, ...]  # what the numbers of a case are, by the names of `sweep_cases.target`
+    names: tuple[str, ...]  # what the numbers of a case are, as `Run.put` knows them
     start: float
     until: float
     q0: Mapping  # of the joints that are not varied
@@ -66,10 +107,9 @@ class SceneSweep:
 
     def run(self, case) -> Run:
         """What `simulate` is called with for a case; InputError where its numbers cannot be."""
-        mechanism = loaded(self.scene)
-        run = Run(mechanism, self.until, dict(self.q0), dict(self.v0), {}, dict(self.options))
+        run = Run(loaded(self.scene), self.until, dict(self.q0), dict(self.v0), {}, dict(self.options))
         for name, value in zip(self.names, case, strict=True):
-            target(mechanism, name)(run, value)
+            run.put(name, value)
         return run
 
     def check(self, case) -> None:
@@ -141,12 +181,16 @@ class Journal:
     """The rows of an unfinished table, one line each, in a file next to it, from which a killed sweep continues.
 
     The file, ``.partial`` after the table's name, is locked while it is open. InputError if it belongs to another
-    sweep, by its `about`, or another process writes it; FormatError if it is not a journal, or damaged.
+    sweep, by its `about`, or another process writes it; FormatError if it is not a journal, or damaged. Without a
+    `table` the rows are in memory alone.
     """
 
-    def __init__(self, table, about: dict):
+    def __init__(self, table, about):
         self.path = Path(f"{table}.partial")
         self.rows: dict[int, dict] = {}  # case → row
+        self._stream: Any = None
+        if not table:
+            return
         self._stream = open(self.path, "a+b", buffering=0)  # unbuffered: a line is written by one call, or not at all
         try:
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -162,10 +206,12 @@ class Journal:
         return self
 
     def __exit__(self, *_):
-        self._stream.close()
+        if self._stream:
+            self._stream.close()
 
     def add(self, case: int, row: dict) -> None:
-        self._write([case, row])
+        if self._stream:
+            self._write([case, row])
         self.rows[case] = row
 
     def remove(self) -> None:

@@ -137,7 +137,12 @@ def sweep(
         )
     if callback is not None and not callable(callback):
         raise InputError(f"callback must be a function of an outcome, got {type(callback).__name__}")
-    cases, outcomes = list(cases), dict[int, Outcome]()
+    return [*_swept(function, dict(enumerate(cases)), executor, callback).values()]
+
+
+def _swept(function, cases: dict, executor, callback) -> dict[int, Outcome]:
+    """The outcomes of cases by their indices."""
+    outcomes: dict[int, Outcome] = {}
 
     def arrived(outcome):
         outcomes[outcome.index] = outcome
@@ -149,12 +154,12 @@ def sweep(
             _in_a_loop(function, cases, arrived)
         else:
             _on(executor, function, cases, arrived)
-    return [outcomes.get(i) or _interrupted(i, case) for i, case in enumerate(cases)]
+    return {i: outcomes.get(i) or _interrupted(i, case) for i, case in cases.items()}
 
 
 def _in_a_loop(function, cases, arrived):
     with suppress(KeyboardInterrupt):  # between two calls
-        for i, case in enumerate(cases):
+        for i, case in cases.items():
             try:
                 own = copy.deepcopy(case)  # as another process gets one
             except Exception as error:
@@ -175,7 +180,7 @@ def _on(executor, function, cases, arrived):
         arrived(replace(future.result(), case=cases[i]) if error is None else _lost(i, cases[i], error))
 
     try:
-        for i, case in enumerate(cases):
+        for i, case in cases.items():
             try:
                 futures[i] = executor.submit(Attempt(function, i, case))
             except Exception as error:  # a pool that broke meanwhile takes no more
@@ -227,10 +232,10 @@ def sweep_in_processes(
     waiting, alone = list(range(len(cases))), False
     while waiting:
         tried = waiting[:workers] if alone else waiting  # begun in order, so that those that ran stand first
-        found = _in_one_pool(function, cases, tried, 1 if alone else workers, callback)
-        lost = [outcome.index for outcome in found if _is_lost(outcome)]
-        outcomes |= {outcome.index: outcome for outcome in found}
-        if any(outcome.error == INTERRUPT for outcome in found):
+        found = _in_one_pool(function, {i: cases[i] for i in tried}, 1 if alone else workers, callback)
+        lost = [i for i, outcome in found.items() if _is_lost(outcome)]
+        outcomes |= found
+        if any(outcome.error == INTERRUPT for outcome in found.values()):
             break
         if alone and lost:
             culprit = lost.pop(0)
@@ -242,25 +247,25 @@ def sweep_in_processes(
     return [outcomes.get(i) or _interrupted(i, case) for i, case in enumerate(cases)]
 
 
-def _in_one_pool(function, cases, indices, workers, callback) -> list[Outcome]:
-    """The outcomes of some of the cases in a pool that is closed afterwards, at once after Ctrl-C."""
+def _in_one_pool(function, cases, workers, callback) -> dict[int, Outcome]:
+    """The outcomes of cases in a pool that is closed afterwards, at once after Ctrl-C."""
 
     def arrived(outcome):
         if outcome.error != INTERRUPT and not _is_lost(outcome):
-            callback(replace(outcome, index=indices[outcome.index]))
+            callback(outcome)
 
     others, ended = multiprocessing.active_children(), False
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), end_with_parent)
     try:
         _start(pool, workers)
-        outcomes = sweep(function, [cases[i] for i in indices], executor=pool, callback=arrived)
-        ended = not any(outcome.error == INTERRUPT for outcome in outcomes)
+        outcomes = _swept(function, cases, pool, arrived)
+        ended = not any(outcome.error == INTERRUPT for outcome in outcomes.values())
     finally:
         pool.shutdown(wait=ended, cancel_futures=True)
         if not ended:
             for process in set(multiprocessing.active_children()) - set(others):
                 process.terminate()
-    return [replace(outcome, index=indices[outcome.index]) for outcome in outcomes]
+    return outcomes
 
 
 def _is_lost(outcome) -> bool:

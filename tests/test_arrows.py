@@ -52,10 +52,9 @@ MAY_IMPORT = {
     "reference": {"dae", "mechanism", "errors", "simulation"},
     "comparison": {"reference", "dae", "mechanism", "errors", "simulation"},
     "sweeps": {"interrupts", "errors"},
-    "sweep_cases": {"mechanism", "errors"},
-    "sweep_table": {"sweep_cases", "_core", "mechanism", "files", "solution_file", "errors", "simulation"},
+    "sweep_table": {"_core", "mechanism", "files", "solution_file", "errors", "simulation"},
     "cli": {"simulation", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
-    | {"sweeps", "sweep_cases", "sweep_table", "checkpoints", "run_file", "runs"}
+    | {"sweeps", "sweep_table", "checkpoints", "run_file", "runs"}
     | {"__init__", "files", "interrupts", "comparison", "reference"},
 }
 DAE_SEEN_BY = {"certificate": {"norms"}, "residuals": {"index1", "norms"}, "mechanism": {"problem"}, "cli": set()}

@@ -24,7 +24,8 @@ from helpers.command_line import called
 
 import pinconsist as pc
 from pinconsist.cli import main
-from pinconsist.sweep_cases import Run, cases_of, target
+from pinconsist.cli.sweep import cases_of
+from pinconsist.sweep_table import Run
 
 SWEEP = ("crank_rocker", "--vary", "crank_speed=5:8:0.1", "--until", "0.3")
 GEARED = """
@@ -316,23 +317,22 @@ def test_what_cannot_be_swept(run, arguments, message):
 
 
 def test_ranges_are_decimal_and_hold_their_end():
-    (name,), cases = cases_of(["a=b=5:15:0.1"], float)  # a name may have an equals sign
+    (name,), cases = cases_of(["a=b=5:15:0.1"])  # a name may have an equals sign
     assert name == "a=b" and len(cases) == 101 and cases[0] == (5.0,) and cases[3] == (5.3,) and cases[-1] == (15.0,)
-    assert cases_of(["a=1:0:-0.25"], float)[1] == [(1.0,), (0.75,), (0.5,), (0.25,), (0.0,)]
-    assert cases_of(["a=0:1:0.3"], float)[1] == [(0.0,), (0.3,), (0.6,), (0.9,)]
-    parts = {"0": 0.0, "pi": pi, "pi/4": pi / 4}
-    assert [value for (value,) in cases_of(["a=0:pi:pi/4"], parts.__getitem__)[1]] == [k * pi / 4 for k in range(5)]
+    assert cases_of(["a=1:0:-0.25"])[1] == [(1.0,), (0.75,), (0.5,), (0.25,), (0.0,)]
+    assert cases_of(["a=0:1:0.3"])[1] == [(0.0,), (0.3,), (0.6,), (0.9,)]
+    assert [value for (value,) in cases_of(["a=0:pi:pi/4"])[1]] == [k * pi / 4 for k in range(5)]
 
 
 def test_samples_stay_when_there_are_more_of_them_and_cross_with_lists():
     texts = ["a=normal:10:0.1", "b=uniform:-1:1", "c=1,2"]
-    names, few = cases_of(texts, float, count=40, seed=3)
+    names, few = cases_of(texts, count=40, seed=3)
     assert names == ("c", "a", "b") and len(few) == 80
     assert [case[0] for case in few] == [1.0] * 40 + [2.0] * 40 and [case[1:] for case in few[:40]] == [
         case[1:] for case in few[40:]
     ]
-    assert cases_of(texts, float, count=50, seed=3)[1][:40] == few[:40]
-    assert cases_of(texts, float, count=40, seed=4)[1] != few
+    assert cases_of(texts, count=50, seed=3)[1][:40] == few[:40]
+    assert cases_of(texts, count=40, seed=4)[1] != few
     a, b = np.array(few)[:40, 1:].T
     assert abs(a.mean() - 10) < 0.1 and 0.05 < a.std() < 0.2 and -1 <= b.min() < -0.5 and 0.5 < b.max() <= 1
     seeded = np.random.default_rng(np.random.SeedSequence(3).spawn(40)[7])
@@ -350,7 +350,7 @@ def geared(tmp_path_factory):
 
 def put(mech, name, value):
     run = Run(mech, 5.0)
-    target(mech, name)(run, value)
+    run.put(name, value)
     return run
 
 
@@ -397,10 +397,10 @@ def test_a_name_with_a_dot_is_no_number_of_a_shorter_one(geared):
 )
 def test_what_cannot_be_varied(geared, name, message):
     with pytest.raises(pc.InputError, match=re.escape(message)):
-        target(geared, name)
+        put(geared, name, 1.0)
 
 
 def test_a_joint_of_several_degrees_of_freedom_cannot_be_varied():
     floating = pc.load("planar_pendulum", free_flyer=True)
     with pytest.raises(pc.InputError, match="several degrees of freedom"):
-        target(floating, floating.joints[0])
+        put(floating, floating.joints[0], 1.0)

@@ -1,4 +1,4 @@
-"""The command line: one module for each command, :mod:`.app` puts them together."""
+"""The command line: its commands, put together by :mod:`.app`."""
 
 from .app import main
 

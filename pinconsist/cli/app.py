@@ -15,15 +15,12 @@ import pinconsist as pc
 
 from ..errors import PinconsistError, SavingError
 from ..interrupts import ended_like_ctrl_c, ignored_from_now_on, interrupted
-from .check import check
+from .check import check, models
 from .compare import compare
-from .models import models
 from .output import FAILED, INTERRUPTED, WRONG_INPUT, in_options, message, print_error, print_json, rescued
-from .plot import plot
-from .replay import render, replay
-from .rerun import rerun, resume
+from .replay import plot, render, replay
 from .sensitivity import sensitivity
-from .simulate import simulate
+from .simulate import rerun, resume, simulate
 from .sweep import sweep
 from .terminal import BrokenPipeTolerated
 

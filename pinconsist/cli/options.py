@@ -1,9 +1,11 @@
 """The options that several commands share."""
 
+from math import floor, log10
 from typing import Annotated
 
 import typer
 
+from ..errors import InputError
 from ..run_file import SceneSource
 
 SCENE, START, METHOD, RESULTS, PAGE = "Scene", "Start", "Method", "Results", "Page"  # panels of a command's help
@@ -51,3 +53,36 @@ RunOrScene = Annotated[str, typer.Argument(
     metavar="RUN.npz|SCENE", help="A saved run, or a scene, which is simulated first.")]
 SavedRun = Annotated[str, typer.Argument(metavar="RUN.npz", help="A saved run.")]
 SceneOfRun = Annotated[Text, option("--scene", "SCENE", "Scene of a saved run, where it is not the recorded one.")]
+# fmt: on
+
+
+def look(sol, forces, traces, speed) -> dict:
+    """The options of a page; without --speed it plays in real time, or slower if the run is short."""
+    length = abs(sol.t[-1] - sol.t[0])
+    if speed is None:
+        speed = 10.0 ** floor(log10(length)) if 0 < length < 1 else 1.0
+    return {"speed": speed, "traces": traces or (), "forces": forces}
+
+
+def require_drawable(source, traces, speed, mech):
+    """Raise InputError before a long run for what cannot be shown: no scene, a --trace that is no frame, a --speed."""
+    if mech is None:
+        raise InputError(
+            f"{source} holds a general problem, which has no scene to show; pinconsist plot {source} draws it"
+        )
+    if speed is not None and not 0 < speed < float("inf"):
+        raise InputError(f"--speed {speed}: needs a positive number")
+    if traces:
+        from ..formats.reading import near
+
+        names = [frame.name for frame in mech.model.frames]
+        for name in traces:
+            if name not in names:
+                raise InputError(f"{mech.name}: no frame {name!r} to trace{near(name, names)}")
+
+
+def require_page(html, forces, traces, speed):
+    """Raise InputError for options of a page without --html."""
+    for name, value in {"--forces": forces, "--trace": traces, "--speed": speed is not None}.items():
+        if value and not html:
+            raise InputError(f"{name} sets how the page of --html looks; give --html FILE.html too")

@@ -1,10 +1,11 @@
-"""`pinconsist replay` and `pinconsist render`, and the options for how a picture looks."""
+"""`pinconsist replay`, `render` and `plot`: the commands that show a run, made before or for them."""
 
 import logging
 import time
 import webbrowser
+from dataclasses import replace
 from functools import partial
-from math import floor, log10
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,10 +14,13 @@ import pinconsist as pc
 
 from ..errors import InputError
 from . import options as given
-from . import output
-from .options import Text, option
-from .run import print_in_a_line, run_of
-from .terminal import counting
+from . import output, scene
+from .options import Text, look, option, require_drawable
+from .simulate import exit_code, print_in_a_line
+from .terminal import RunProgress, counting
+
+OF_A_SCENE = ("drift", "energy")  # pictures that need the mechanism
+_log = logging.getLogger(__name__)
 
 
 def replay(
@@ -63,7 +67,7 @@ def _serve(mech, sol, options, no_browser):
         while True:
             time.sleep(3600)
     except KeyboardInterrupt:
-        logging.getLogger(__name__).debug("no longer served")
+        _log.debug("no longer served")
 
 
 def render(
@@ -95,33 +99,103 @@ def render(
     return code
 
 
-def look(sol, forces, traces, speed) -> dict:
-    """The options of a page; without --speed it plays in real time, or slower if the run is short."""
-    length = abs(sol.t[-1] - sol.t[0])
-    if speed is None:
-        speed = 10.0 ** floor(log10(length)) if 0 < length < 1 else 1.0
-    return {"speed": speed, "traces": traces or (), "forces": forces}
+def plot(
+    source: given.RunOrScene,
+    what: Annotated[str, option(
+        "--what", "NAME,NAME,...",
+        "Pictures, one under the other: trajectory, multipliers, drift, energy, steps, phase.",
+    )] = "trajectory,multipliers",
+    out: Annotated[Text, option("--out", "FILE.png", "The figure (or .pdf, .svg). Default: NAME.png here.")] = None,
+    until: given.Until = None,
+    scene_of_run: given.SceneOfRun = None,
+    as_json: output.Json = False,
+) -> int:  # fmt: skip
+    """Draw a saved run, or a scene.
 
+    Example: pinconsist plot run.npz --what multipliers,energy --out run.png
+    """
+    out = out or f"{Path(source).resolve().stem}.png"
+    output.require_writable(figure=out)
+    from ..view.plots import PICTURES, plot_solution
 
-def require_drawable(source, traces, speed, mech):
-    """Raise InputError before a long run for what cannot be shown: no scene, a --trace that is no frame, a --speed."""
-    if mech is None:
+    names = [name.strip() for name in what.split(",")]
+    for name in names:
+        if name not in PICTURES:
+            raise InputError(f"--what {what}: there is no picture {name!r}; there are {', '.join(PICTURES)}")
+    mech, sol, code = run_of(source, scene_of_run, until)
+    if mech is None and (without := [name for name in names if name in OF_A_SCENE]):
+        there = ", ".join(name for name in PICTURES if name not in OF_A_SCENE)
         raise InputError(
-            f"{source} holds a general problem, which has no scene to show; pinconsist plot {source} draws it"
+            f"--what {without[0]}: {source} holds a general problem, which has no scene; what can be drawn "
+            f"of it: {there}"
         )
-    if speed is not None and not 0 < speed < float("inf"):
-        raise InputError(f"--speed {speed}: needs a positive number")
-    if traces:
-        from ..formats.reading import near
+    output.written(out, lambda: plot_solution(sol, out, mech, names))
+    if as_json:
+        output.print_json({
+            "scene": mech and mech.name, "t": [sol.t[0], sol.t[-1]], "rows": len(sol.t), "message": sol.message,
+            "what": names, "files": {"out": out},
+        })  # fmt: skip
+    else:
+        print_in_a_line(sol)
+        print(*(f"  {name:12} {PICTURES[name][0]}" for name in names), sep="\n")
+        output.print_written(out)
+    return code
 
-        names = [frame.name for frame in mech.model.frames]
-        for name in traces:
-            if name not in names:
-                raise InputError(f"{mech.name}: no frame {name!r} to trace{near(name, names)}")
+
+def run_of(source, scene_of_run, until, require=lambda mech: None):
+    """Mechanism, solution and exit code of a saved run, or of a scene, which is simulated first.
+
+    The mechanism of a saved general problem, which has no scene, is None. `require` is called with the mechanism
+    before a long run begins.
+    """
+    if Path(source).suffix == ".npz":
+        if until is not None:
+            raise InputError("--until is for scenes; the end of a saved run (.npz) is fixed")
+        mech, sol = _saved(source, scene_of_run)
+        require(mech)
+        return mech, sol, output.FINE
+    if scene_of_run:
+        raise InputError("--scene names the scene of a saved run (.npz); a scene itself needs none")
+    mech = scene.SceneSource(source).load()
+    require(mech)
+    span = (0.0, mech.duration if until is None else until)
+    with RunProgress(*span) as progress:
+        sol = pc.simulate(mech, span, callback=progress)
+    return mech, sol, exit_code(sol)
 
 
-def require_page(html, forces, traces, speed):
-    """Raise InputError for options of a page without --html."""
-    for name, value in {"--forces": forces, "--trace": traces, "--speed": speed is not None}.items():
-        if value and not html:
-            raise InputError(f"{name} sets how the page of --html looks; give --html FILE.html too")
+def _saved(file, given):
+    """Mechanism (None for a general problem) and solution of a saved run."""
+    from ..runs import changed_files
+    from ..solution import require_mechanism
+
+    sol = pc.Solution.load(file)
+    what = _scene_of(sol, file, given)
+    if what is None:
+        return None, sol
+    mech, hashes = scene.loaded(what, file)
+    require_mechanism(sol, mech, file, "; name its scene by --scene")
+    if changed := changed_files((sol.recipe or {}).get("files", hashes), hashes):
+        _log.warning(
+            "the scene is not as it was when this run was made (%s); energies and forces are those of the "
+            "changed scene",
+            "; ".join(changed),
+        )
+    return mech, sol
+
+
+def _scene_of(sol, file, given):
+    """The scene of a saved run; None for a general problem, also where a file in the folder has its name."""
+    from ..formats.catalogue import is_built_in
+
+    about = (sol.recipe or {}).get("scene")
+    if about:
+        recorded = scene.SceneSource.recorded(about, file)
+        return replace(recorded, source=given) if given else recorded
+    name = given or sol.scene
+    if name and not given and not is_built_in(name):
+        raise InputError(
+            f"{file} holds only the name of its scene, {name!r}, because the run was made in Python; give the scene "
+            "by --scene"
+        )
+    return scene.SceneSource(name) if name else None

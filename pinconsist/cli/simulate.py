@@ -1,4 +1,4 @@
-"""`pinconsist simulate`."""
+"""`pinconsist simulate`, `rerun` and `resume`: the commands that make a run."""
 
 import time
 from dataclasses import asdict
@@ -10,9 +10,8 @@ import pinconsist as pc
 from ..errors import InputError, SavingError
 from ..interrupts import deferred
 from . import options as given
-from . import output, replay, scene
-from .options import METHOD, RESULTS, Count, Number, Text, option, present
-from .run import checked, exit_code, print_run, resume_hint
+from . import output, scene
+from .options import METHOD, RESULTS, Count, Number, Text, look, option, present, require_drawable, require_page
 from .terminal import RunProgress, doing
 
 
@@ -59,13 +58,13 @@ def simulate(
     if save_every is not None and not out:
         raise InputError("--save-every sets when the run is saved; give --out FILE.npz too")
     output.require_writable(out=out, html=html, csv=table, figure=plot)
-    replay.require_page(html, forces, traces, speed)
+    require_page(html, forces, traces, speed)
     from ..checkpoints import carry_out
     from ..run_file import recipe_of
 
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
     mech, hashes = source.load_with_hashes()
-    replay.require_drawable(source.source, traces, speed, mech)
+    require_drawable(source.source, traces, speed, mech)
     until = start + mech.duration if until is None else until
     commands = scene.commands_of(control)
     if commands:
@@ -88,8 +87,7 @@ def simulate(
     with deferred(impatient=False):  # a further Ctrl-C takes effect when the files are written and named
         try:
             if html:
-                look = replay.look(sol, forces, traces, speed)
-                _written(html, sol, out, lambda: pc.export_html(mech, sol, html, **look))
+                _written(html, sol, out, lambda: pc.export_html(mech, sol, html, **look(sol, forces, traces, speed)))
             if plot:
                 _written(plot, sol, out, lambda: pc.plot_solution(sol, plot, mech))
             if table:
@@ -139,3 +137,105 @@ def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
         "end": {"q": by_joint(mech, sol.q[-1]), "v": by_joint(mech, sol.v[-1])},
         "files": files,
     }  # fmt: skip
+
+
+def rerun(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: output.Json = False) -> int:
+    """Repeat a saved run from the settings in its file, and compare every number.
+
+    The exit code is 0 if all are the same, bit for bit, and 1 if not. Other
+    differences are named: versions of packages, files of the scene.
+
+    Example: pinconsist rerun run.npz
+    """
+    with _progress_of(run) as progress:
+        made = pc.rerun(run, scene=scene_of_run, callback=progress)
+    if as_json:
+        about = {"rows": len(made.solution.t), "message": made.solution.message}
+        output.print_json({"same": made.same, "differences": made.differences, **about})
+    else:
+        print(made)
+    return output.FINE if made.same else output.FAILED
+
+
+def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: output.Json = False) -> int:
+    """Continue a run that was interrupted, from its last checkpoint.
+
+    Checkpoints are those of simulate --save-every; a run without any starts
+    again. The numbers are those of an uninterrupted run, bit for bit. It is
+    saved at checkpoints as before, in the same file.
+
+    Example: pinconsist resume run.npz
+    """
+    before = pc.Solution.load(run)
+    at = (before.recipe or {}).get("checkpoint")
+    if before.status != 0 and before.recipe and at is None and not as_json:
+        print(f"{run} has no checkpoint (simulate --save-every), so it starts again", flush=True)
+    began = time.perf_counter()
+    with _progress_of(run) as progress:
+        sol = pc.resume(run, scene=scene_of_run, callback=progress)
+    seconds = time.perf_counter() - began
+    code, start = exit_code(sol), sol.recipe["t_span"][0] if at is None else at["t"]
+    if as_json:
+        output.print_json({
+            "success": sol.success, "message": sol.message, "from": start, "to": sol.t[-1], "steps": sol.nsteps,
+            "interrupted": code == output.INTERRUPTED, "seconds": seconds, "file": run,
+        })  # fmt: skip
+    elif before.status == 0:
+        print(f"{run} is complete: {sol.message}")
+    else:
+        certificate = checked(sol)
+        print(f"{'continued' if at else 'started again'} from t = {start:g} s")
+        print_run(sol, certificate, seconds)
+        output.print_written(run, before="\n")
+        if code == output.INTERRUPTED:
+            print(resume_hint(sol, run))
+    return code
+
+
+def _progress_of(run):
+    from ..run_file import Recipe
+
+    return RunProgress(*Recipe.read(pc.Solution.load(run), run).t_span)
+
+
+def exit_code(sol) -> int:
+    """The exit code of a run; its only callback never stops it, so a run that was stopped was interrupted."""
+    return {0: output.FINE, 1: output.INTERRUPTED, -1: output.FAILED}[sol.status]
+
+
+def resume_hint(sol, file) -> str:
+    """What `pinconsist resume` will do with a run that was interrupted."""
+    if at := sol.recipe["checkpoint"]:
+        return f"pinconsist resume {file} continues it from t = {at['t']:g} s, its last checkpoint"
+    start = f"{sol.recipe['t_span'][0]:g} s"
+    return f"pinconsist resume {file} starts again at t = {start}: without --save-every there are no checkpoints"
+
+
+def print_in_a_line(sol):
+    output.paragraph(
+        f"{sol.scene or 'general problem'}: t = {sol.t[0]:g} … {sol.t[-1]:g} s, {len(sol.t)} rows; "
+        f"{output.in_options(sol.message)}"
+    )
+
+
+def checked(sol):
+    """The certificate of a run; None where Ctrl-C skipped it."""
+    again = "again " if exit_code(sol) == output.INTERRUPTED else ""
+    try:
+        with doing(f"checking (Ctrl-C {again}skips)"):
+            return sol.check(error=False if again else None)  # who interrupts does not want another run
+    except KeyboardInterrupt:
+        return None
+
+
+def print_run(sol, certificate, seconds):
+    """How a run ended and its verdict, a line each, then the details."""
+    print_in_a_line(sol)
+    if certificate:
+        output.verdict(certificate)
+    else:
+        print("not checked: interrupted")
+    _, *details = sol.summary().splitlines()
+    print()
+    for line in (*details, f"took {seconds:.3g} s"):
+        output.paragraph(line, hanging="  ")

@@ -1,9 +1,12 @@
-"""`pinconsist sweep`."""
+"""`pinconsist sweep`: the cases that --vary describes, their runs, and the table."""
 
+import itertools
+import math
 import os
 import sys
 from collections import Counter
 from contextlib import suppress
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +21,9 @@ from .terminal import counting
 CASES = "Cases"  # panel of the help
 LOGGED = 10  # cases, from which on a log gets a line for every tenth
 MOST_SHOWN = 5  # failed cases whose messages are printed
+MOST = 1_000_000
+DISTRIBUTIONS = {"normal": "normal:MEAN:DEVIATION", "uniform": "uniform:LOW:HIGH"}
+FORMS = "FROM:TO:STEP, VALUE,VALUE,..., normal:MEAN:DEVIATION or uniform:LOW:HIGH"
 
 
 @scene.loads_scene
@@ -62,10 +68,9 @@ def sweep(
     if out and Path(out).suffix != ".csv":
         raise InputError(f"--out {out}: a table is saved as .csv")
     output.require_writable(out=out)
-    from ..sweep_cases import cases_of
     from ..sweep_table import Journal, SceneSweep, loaded, write_table
 
-    names, cases = cases_of(vary, scene.number, count=count, seed=seed)
+    names, cases = cases_of(vary, count, seed)
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
     for name in names:
         if name in q0 or name.removesuffix("_speed") in v0.keys() - {name}:
@@ -75,16 +80,98 @@ def sweep(
     settings = present(rtol=rtol, atol=atol, step=step, max_steps=max_steps)
     scene_sweep = SceneSweep(source, names, start, until, q0, v0, settings)
     scene_sweep.check(cases[0])  # an unknown name is refused before the sweep begins
-    if not out:
-        return _report(scene_sweep, cases, _run(scene_sweep, cases, workers, {}), out, as_json)
-    with output.written(f"{out}.partial", lambda: Journal(out, scene_sweep.about(cases))) as journal:
+    with output.written(f"{out}.partial", lambda: Journal(out, out and scene_sweep.about(cases))) as journal:
         if journal.rows and not as_json:
             print(f"{len(journal.rows)} of {len(cases)} cases are in {journal.path} already")
-        rows = _run(scene_sweep, cases, workers, dict(journal.rows), journal)
-        if len(rows) == len(cases):
-            _written(journal, out, lambda: write_table(out, scene_sweep, cases, rows))
+        _run(scene_sweep, cases, workers, journal)
+        if out and len(journal.rows) == len(cases):
+            _written(journal, out, lambda: write_table(out, scene_sweep, cases, journal.rows))
             journal.remove()
-    return _report(scene_sweep, cases, rows, out, as_json)
+    return _report(scene_sweep, cases, journal.rows, out, as_json)
+
+
+def cases_of(texts, count: int | None = None, seed: int | None = None):
+    """Names and cases of texts such as ``crank_speed=5:15:0.1``: tuples of str, and of numbers; or InputError.
+
+    The lists are crossed, the last one running fastest. All random names together are one more list of `count` samples,
+    crossed with the others like one; sample i comes from the i-th of ``numpy.random.SeedSequence(seed).spawn(count)``,
+    so that it stays the same when `count` grows.
+    """
+    lists, random = {}, {}
+    for text in texts:
+        name, sign, values = (part.strip() for part in text.rpartition("="))
+        if not sign or not name or not values:
+            raise InputError(f"--vary needs name=values, got {text!r}; values are {FORMS}")
+        if name in lists or name in random:
+            raise InputError(f"--vary names {name!r} twice")
+        try:
+            if values.split(":")[0] in DISTRIBUTIONS:
+                random[name] = _distribution(*values.split(":"))
+            else:
+                lists[name] = _range(values.split(":")) if ":" in values else _list(values.split(","))
+        except InputError as error:
+            raise InputError(f"--vary {text}: {error}") from None
+    if bool(random) != (count is not None):
+        raise InputError("--count is the number of samples of normal: and uniform: values; give both or neither")
+    if seed is not None and not random:
+        raise InputError("--seed is for normal: and uniform: values")
+    size = math.prod(map(len, lists.values())) * (count or 1)
+    if size > MOST:
+        raise InputError(f"{size} cases are more than a million; take larger steps, or draw samples: normal:, uniform:")
+    samples = [()] if count is None else _samples(random.values(), count, seed or 0)
+    cases = [(*values, *sample) for *values, sample in itertools.product(*lists.values(), samples)]
+    return (*lists, *random), cases
+
+
+def _samples(distributions, count, seed):
+    import numpy as np
+
+    if count < 1 or seed < 0:
+        raise InputError(f"--count must be at least 1 and --seed not negative, got {count} and {seed}")
+    generators = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(count))
+    return [tuple(float(getattr(each, kind)(*by)) for kind, *by in distributions) for each in generators]
+
+
+def _distribution(kind, *parameters):
+    if len(parameters) != 2:
+        raise InputError(f"needs {DISTRIBUTIONS[kind]}")
+    first, second = map(_number, parameters)
+    if kind == "normal" and second < 0:
+        raise InputError("the deviation is negative")
+    if kind == "uniform" and second < first:
+        raise InputError("the end is below the start")
+    return kind, first, second
+
+
+def _list(texts):
+    found = [_number(each) for each in texts]
+    if len(set(found)) < len(found):
+        raise InputError("a value is given twice")
+    return found
+
+
+def _range(texts):
+    if len(texts) != 3:
+        raise InputError("a range needs FROM:TO:STEP")
+    try:
+        start, end, step = map(Decimal, texts)  # 5.3, where floats would give 5.300000000000001
+    except InvalidOperation:
+        start, end, step = map(_number, texts)
+    if not all(map(math.isfinite, (start, end, step))) or step == 0 or (end - start) / step < 0:
+        raise InputError("the step must lead from start to end")
+    if (count := float((end - start) / step)) > MOST:
+        raise InputError("that makes more than a million cases")
+    return [float(start + k * step) for k in range(int(count + 1e-9) + 1)]
+
+
+def _number(text) -> float:
+    try:
+        value = scene.number(text)
+    except ValueError:
+        raise InputError(f"{text!r} is not a number; values are {FORMS}") from None
+    if not math.isfinite(value):
+        raise InputError(f"{text!r} is not a finite number")
+    return value
 
 
 def _written(journal, file, write):
@@ -95,13 +182,13 @@ def _written(journal, file, write):
         raise InputError(f"{error}. {saved}; the same command continues from there") from error
 
 
-def _run(scene_sweep, cases, workers, rows, journal=None) -> dict[int, dict]:
-    """The rows of all cases that ended, including those that are there already."""
+def _run(scene_sweep, cases, workers, journal):
+    """Add the rows of the cases that the journal has not."""
     from ..sweep_table import ERROR
     from ..sweeps import sweep_in_processes
 
-    missing = [i for i in range(len(cases)) if i not in rows]
-    with counting("cases", len(cases), len(rows)) as shown:
+    missing = [i for i in range(len(cases)) if i not in journal.rows]
+    with counting("cases", len(cases), len(journal.rows)) as shown:
 
         def arrived(outcome):
             if not outcome.finished:
@@ -109,17 +196,15 @@ def _run(scene_sweep, cases, workers, rows, journal=None) -> dict[int, dict]:
             case = missing[outcome.index]
             failed = {"status": ERROR, "message": f"{outcome.error}: {outcome.message}"}
             row = outcome.value if outcome.success else failed
-            if journal is not None:
-                _written(journal, journal.path, lambda: journal.add(case, row))
-            rows[case] = row
-            shown(len(rows)) if shown else _log_tenths(len(rows), len(cases))
+            _written(journal, journal.path, lambda: journal.add(case, row))
+            done = len(journal.rows)
+            shown(done) if shown else _log_tenths(done, len(cases))
 
         waiting = [cases[i] for i in missing]
         if workers == 1:
             pc.sweep(scene_sweep, waiting, callback=arrived)
         else:
             sweep_in_processes(scene_sweep, waiting, min(workers, len(waiting)), arrived)
-    return rows
 
 
 def _log_tenths(number, total):
@@ -130,7 +215,7 @@ def _log_tenths(number, total):
 
 
 def _report(scene_sweep, cases, measured, out, as_json) -> int:
-    from ..sweep_table import DONE
+    from ..sweep_table import DONE, loaded
 
     complete, partial = len(measured) == len(cases), f"{out}.partial"
     table, counts = scene_sweep.rows(cases, measured), Counter(row["status"] for row in measured.values())
@@ -138,7 +223,7 @@ def _report(scene_sweep, cases, measured, out, as_json) -> int:
     code = code if complete else output.INTERRUPTED
     if as_json:
         output.print_json({
-            "scene": scene_sweep.about(cases)["scene"]["name"], "cases": len(cases), "counts": counts,
+            "scene": loaded(scene_sweep.scene).name, "cases": len(cases), "counts": counts,
             "interrupted": not complete, "columns": scene_sweep.columns(), "rows": table,
             "files": {"out": out if complete else None, "partial": partial if out and not complete else None},
         })  # fmt: skip
