@@ -1,40 +1,154 @@
-"""A run from checkpoint to checkpoint.
+"""How a run is made, as the plain data that its file holds; and the run, made from checkpoint to checkpoint.
 
 At every checkpoint the integration starts again from the state there, whether the run was interrupted or not. So the
 numbers after it depend on that state alone, and a run that is continued from its file gives the same numbers as one
 without interruption.
 """
 
+from __future__ import annotations
+
+import inspect
+import json
 import logging
 import time
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from math import ceil
 
 import numpy as np
 
-from .errors import InputError, PinconsistError, SavingError, UserFunctionError
+from .errors import FormatError, InputError, PinconsistError, SavingError, UserFunctionError
+from .formats.records import force_entries, force_record
 from .interrupts import deferred
+from .mechanism.checks import finite_array, near
+from .mechanism.description import digests
+from .mechanism.mechanism import with_forces
+from .options import positive_time, span_of
 from .simulation import integrate, simulate
 
 STEPS = ("h", "order")
 ROWS = ("t", "q", "v", "lam")
 COUNTERS = ("nsteps", "nfev", "njev", "nlu")
 MOST = 100_000
+NOT_STORED = ("events", "dense_output")  # options of simulate whose results the file has not
+OTHERS = ("mech", "t_span", "q0", "v0", "forces", "callback", *NOT_STORED)
+OPTIONS = [name for name in inspect.signature(simulate).parameters if name not in OTHERS]
 _log = logging.getLogger(__name__)
 
 
-def checkpoints(t_span, period) -> list[float]:
-    """The ends of the parts of a run, the last one the end of the span."""
-    start, end = t_span
-    if period is None:
-        return [end]
-    count = max(1, ceil(abs(end - start) / period - 1e-9))
-    if count > MOST:
-        raise InputError(
-            f"save_every = {period:g} s makes {count} checkpoints of {abs(end - start):g} s; at most {MOST}"
-        )
-    sign = 1.0 if end >= start else -1.0
-    return [start + sign * k * period for k in range(1, count)] + [end]
+@dataclass(frozen=True)
+class Recipe:
+    """All that a run depends on, apart from the packages."""
+
+    scene: dict | None  # a SceneSource, paths as seen from the run's file; None for a mechanism in memory
+    files: dict  # of the scene → SHA-256
+    t_span: list
+    q0: object = None
+    v0: object = None
+    forces: list | None = field(default_factory=list)  # records as in a loop file; None: one was a Python function
+    options: dict = field(default_factory=dict)
+    save_every: float | None = None
+    checkpoint: dict | None = None  # the last one: state, number of rows, counters
+    mechanism: dict | None = None  # digests, without `forces`; None in files of older versions
+
+    @classmethod
+    def read(cls, solution, file) -> Recipe:
+        """The recipe of a saved run; FormatError where the file holds none."""
+        if solution.recipe is None:
+            raise FormatError(
+                "it does not say how it was made: a solution of simulate() on its own does not know from which file "
+                "its mechanism came. Make the run by pinconsist.record(scene, ...) or the command line",
+                path=file,
+            )
+        try:
+            recipe = cls(**solution.recipe)
+            options = {
+                name: tuple(each["pair"]) if isinstance(each, dict) and name != "control" else each
+                for name, each in recipe.options.items()
+            }
+            recipe = replace(recipe, options=options).checked()
+            recipe.given_forces()
+        except (TypeError, ValueError, AttributeError, KeyError) as error:
+            raise FormatError(f"its record of how it was made cannot be read ({error})", path=file) from error
+        try:
+            at = recipe.checkpoint
+            good = at is None or (
+                at["t"] in recipe.ends()
+                and 0 <= at["rows"] <= len(solution.t)
+                and (len(at["q"]), len(at["v"])) == (solution.q.shape[1], solution.v.shape[1])
+                and {"counted", "rejected"} <= set(at)
+            )
+        except (TypeError, KeyError, ValueError):
+            good = False
+        if not good:
+            raise FormatError("its record of the last checkpoint cannot be read", path=file)
+        return recipe
+
+    @classmethod
+    def of(cls, scene, files, mechanism, t_span, q0, v0, forces, options, save_every) -> Recipe:
+        """A recipe from the arguments of :func:`pinconsist.record`; InputError for what no file can hold."""
+        for name in NOT_STORED:
+            if options.get(name):
+                raise InputError(f"{name}= is not for recorded runs, whose file does not store it; use simulate()")
+        options = {name: each for name, each in options.items() if name not in NOT_STORED}
+        for name, each in options.items():
+            _option(each, name)
+        try:
+            entries = force_entries(with_forces(replace(mechanism, forces=()), forces, "record"))
+        except InputError:  # a user-defined function
+            entries = None
+        span, start = finite_array(t_span, "t_span").tolist(), (_plain(q0, "q0"), _plain(v0, "v0"))
+        made = cls(scene, files, span, *start, entries, options, save_every, mechanism=digests(mechanism))
+        return made.checked()
+
+    def checked(self) -> Recipe:
+        """The recipe, or InputError for a span, a period or options that are not valid."""
+        for name in self.options:
+            if name not in OPTIONS:
+                raise InputError(f"there is no option {name!r}{near(name, OPTIONS)}")
+        span_of(self.t_span)
+        for what, kind in (("files", dict), ("mechanism", dict | None)):
+            if not isinstance(value := getattr(self, what), kind):
+                raise InputError(f"no hashes of its {what}: {value!r}")
+        period = None if self.save_every is None else positive_time(self.save_every, "save_every")
+        return replace(self, save_every=period)
+
+    def plain(self) -> dict:
+        """For JSON."""
+        return asdict(self) | {"options": {name: _option(each, name) for name, each in self.options.items()}}
+
+    def given_forces(self) -> tuple:
+        """The forces given in addition to the scene's, from their records."""
+        return tuple(force_record(number, entry) for number, entry in enumerate(self.forces or (), start=1))
+
+    def ends(self) -> list[float]:
+        """The ends of the parts of the run, checkpoints, the last one the end of the span."""
+        (start, end), period = self.t_span, self.save_every
+        if period is None:
+            return [end]
+        count = max(1, ceil(abs(end - start) / period - 1e-9))
+        if count > MOST:
+            raise InputError(
+                f"save_every = {period:g} s makes {count} checkpoints of {abs(end - start):g} s; at most {MOST}"
+            )
+        sign = 1.0 if end >= start else -1.0
+        return [start + sign * k * period for k in range(1, count)] + [end]
+
+
+def _plain(value, name):
+    """What JSON holds exactly, or InputError."""
+    try:
+        text = json.dumps(value, default=lambda each: dict(each) if isinstance(each, Mapping) else each.tolist())
+    except (TypeError, ValueError, AttributeError):
+        raise InputError(f"{name} = {value!r} cannot be stored in a file; numbers and names can") from None
+    return json.loads(text)
+
+
+def _option(value, name):
+    """Like `_plain`; a pair (of tolerances) is kept distinct from a list."""
+    plain = _plain(value, name)
+    return {"pair": plain} if isinstance(value, tuple) and len(value) == 2 else plain
 
 
 def carry_out(recipe, mechanism, file, *, begun=None, callback=None):
@@ -81,13 +195,12 @@ class _Parts:
         control = recipe.options.get("control")
         self.recipe, self.mechanism = recipe, mechanism if control is None else mechanism.with_control(control)
         self.callback = None if callback is None else _Callback(callback)
-        self.parts, self.counted, self.rejected, self.last = [], dict.fromkeys(COUNTERS, 0), {}, None
-        if begun is not None and (at := recipe.checkpoint) is not None:
+        self.parts, self.counted, self.rejected, self.last, self.ends = [], Counter(), Counter(), None, recipe.ends()
+        if at := recipe.checkpoint:
             rows, steps = at["rows"], min(len(begun.h), max(at["rows"] - 1, 0))
             self.parts = [{n: getattr(begun, n)[:rows] for n in ROWS} | {n: getattr(begun, n)[:steps] for n in STEPS}]
-            self.last, self.counted, self.rejected = begun, dict(at["counted"]), dict(at["rejected"])
-        ends = checkpoints(recipe.t_span, recipe.save_every)
-        self.ends = ends if recipe.checkpoint is None else ends[ends.index(recipe.checkpoint["t"]) + 1 :]
+            self.last, self.counted, self.rejected = begun, Counter(at["counted"]), Counter(at["rejected"])
+            self.ends = self.ends[self.ends.index(at["t"]) + 1 :]
 
     def run(self, end):
         """The part up to a checkpoint."""
@@ -118,8 +231,8 @@ class _Parts:
         elif end not in asked and last and run.t[-1] == end:  # a row to continue from, which was not requested
             last -= 1
         self.parts.append({n: getattr(run, n)[first:last] for n in ROWS} | {n: getattr(run, n) for n in STEPS})
-        self.counted = {name: number + getattr(run, name) for name, number in self.counted.items()}
-        self.rejected |= {reason: self.rejected.get(reason, 0) + number for reason, number in run.rejected.items()}
+        self.counted.update({name: getattr(run, name) for name in COUNTERS})
+        self.rejected.update(run.rejected)
         status, message, t_end = run.status, run.message, self.recipe.t_span[1]
         if status == -1 and self.counted["nsteps"] >= (self.recipe.options.get("max_steps") or np.inf):
             message = self._used_up(run.t[-1] if len(run.t) else self.recipe.t_span[0])
@@ -132,7 +245,7 @@ class _Parts:
             at = {
                 "t": end, "q": run.q[-1].tolist(), "v": run.v[-1].tolist(),
                 "rows": sum(len(part["t"]) for part in self.parts),
-                "counted": self.counted, "rejected": dict(self.rejected),
+                "counted": dict(self.counted), "rejected": dict(self.rejected),
             }  # fmt: skip
             self.recipe = replace(self.recipe, checkpoint=at)
         self.last = replace(run, status=status, message=message)
@@ -159,7 +272,7 @@ class _Parts:
             array.setflags(write=False)
         status = 1 if self.last.status == 0 and self.recipe.checkpoint is not None else self.last.status
         return replace(
-            self.last, **arrays, **self.counted, rejected=self.rejected, status=status, success=status >= 0,
+            self.last, **arrays, **self.counted, rejected=dict(self.rejected), status=status, success=status >= 0,
             recipe=self.recipe.plain(), versions={},
         )  # fmt: skip
 

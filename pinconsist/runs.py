@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .checkpoints import ROWS, STEPS, carry_out, checkpoints
-from .errors import FormatError, InputError
+from .checkpoints import ROWS, STEPS, Recipe, carry_out
+from .errors import InputError
 from .files import require_writable, suffixed
 from .interrupts import ended_like_ctrl_c
 from .mechanism.checks import several
@@ -16,7 +16,7 @@ from .mechanism.description import digests
 from .mechanism.forces import Piecewise
 from .mechanism.forces.held import HeldRecord
 from .mechanism.mechanism import Mechanism, with_forces
-from .run_file import LOAD_OPTIONS, Recipe, SceneSource, loaded, recipe_of
+from .scene_source import LOAD_OPTIONS, SceneSource
 from .solution import Solution, require_mechanism
 from .solution_file import versions
 
@@ -94,8 +94,8 @@ def record(
     file = suffixed(file, ".npz")
     require_writable(file)
     mechanism, where, files = _scene(scene, load, file)
-    recipe = recipe_of(where, files, mechanism, t_span, q0, v0, forces, options, save_every)
-    checkpoints(recipe.t_span, recipe.save_every)
+    recipe = Recipe.of(where, files, mechanism, t_span, q0, v0, forces, options, save_every)
+    recipe.ends()  # refuses too many
     mechanism = with_forces(mechanism, forces, "record")
     if save_every is not None and any(isinstance(force, HeldRecord | Piecewise) for force in mechanism.forces):
         raise InputError(
@@ -245,7 +245,8 @@ def _again(file, scene, forces):
         raise InputError(f"{file} is a run of a mechanism in memory ({solution.scene}): give it by scene=")
     else:
         source = SceneSource.recorded(recipe.scene, file)
-        mechanism, now = loaded(source if scene is None else replace(source, source=os.fspath(scene)), file)
+        source = source if scene is None else replace(source, source=os.fspath(scene))
+        mechanism, now = source.load_for(file)
         changed = changed_files(recipe.files, now)
     if forces is None:
         if recipe.forces is None:
@@ -256,20 +257,4 @@ def _again(file, scene, forces):
         forces = recipe.given_forces()
     mechanism = with_forces(mechanism, forces, "rerun")
     require_mechanism(solution, mechanism, file)
-    _require_checkpoint(recipe, solution, file)
     return solution, recipe, mechanism, changed
-
-
-def _require_checkpoint(recipe, solution, file):
-    at = recipe.checkpoint
-    try:
-        good = at is None or (
-            at["t"] in checkpoints(recipe.t_span, recipe.save_every)
-            and 0 <= at["rows"] <= len(solution.t)
-            and (len(at["q"]), len(at["v"])) == (solution.q.shape[1], solution.v.shape[1])
-            and {"counted", "rejected"} <= set(at)
-        )
-    except (TypeError, KeyError, ValueError, InputError):
-        good = False
-    if not good:
-        raise FormatError("its record of the last checkpoint cannot be read", path=file)

@@ -20,8 +20,7 @@ from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
 from .mechanism.rows import Workspace
 from .results import ByName
-from .solution_file import read, write
-from .summary import skipped_work, summary_of
+from .solution_file import read, skipped_work, summary_of, write
 
 
 @dataclass(frozen=True, eq=False, repr=False)

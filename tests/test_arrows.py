@@ -24,14 +24,12 @@ MAY_IMPORT = {
     "residuals": {"_core", "dae", "mechanism", "errors"},
     "accuracy": {"options", "residuals", "_core", "dae", "mechanism", "errors"},
     "certificate": {"accuracy", "residuals", "_core", "dae", "mechanism", "errors"},
-    "summary": set(),
     "results": {"residuals", "mechanism", "files", "errors"},
     "solution": {
         "accuracy",
         "certificate",
         "_core",
         "results",
-        "summary",
         "mechanism",
         "solution_file",
         "errors",
@@ -44,9 +42,9 @@ MAY_IMPORT = {
     "files": {"errors"},
     "interrupts": set(),
     "solution_file": {"files", "errors"},
-    "checkpoints": {"simulation", "interrupts", "errors"},
-    "run_file": {"options", "simulation", "formats", "mechanism", "errors"},
-    "runs": {"checkpoints", "run_file", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
+    "checkpoints": {"simulation", "options", "formats", "mechanism", "interrupts", "errors"},
+    "scene_source": {"formats", "errors"},
+    "runs": {"checkpoints", "scene_source", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
     "formats": {"mechanism", "files", "errors"},
     "view": {"mechanism", "files", "errors"},
     "reference": {"dae", "mechanism", "errors", "simulation"},
@@ -54,7 +52,7 @@ MAY_IMPORT = {
     "sweeps": {"interrupts", "errors"},
     "sweep_table": {"_core", "mechanism", "files", "solution_file", "errors", "simulation"},
     "cli": {"simulation", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
-    | {"sweeps", "sweep_table", "checkpoints", "run_file", "runs"}
+    | {"sweeps", "sweep_table", "checkpoints", "scene_source", "runs"}
     | {"__init__", "files", "interrupts", "comparison", "reference"},
 }
 DAE_SEEN_BY = {"certificate": {"norms"}, "residuals": {"index1", "norms"}, "mechanism": {"problem"}, "cli": set()}

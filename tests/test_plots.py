@@ -10,7 +10,7 @@ import pytest
 from helpers.loops import stayed_lid
 
 import pinconsist as pc
-from pinconsist.view.figure import style
+from pinconsist.view.panels import style
 from pinconsist.view.plots import PICTURES
 
 pytest.importorskip("matplotlib")

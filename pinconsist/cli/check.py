@@ -116,8 +116,8 @@ def _report_open(mech, before, after, error, as_json) -> int:
     else:
         _print_inventory(mech)
         worst_first = sorted(after.items(), key=lambda item: -item[1])
-        rows = [(name, output.size(before[name], ".3g"), output.size(gap, ".3g")) for name, gap in worst_first]
-        output.table(("loop", "gap at the guess [m, rad]>", "gap left [m, rad]>"), rows)
+        rows = [(name, before[name], gap) for name, gap in worst_first]
+        output.table(("loop", "gap at the guess [m, rad]>.3g", "gap left [m, rad]>.3g"), rows)
     output.print_error(error)
     return output.WRONG_INPUT
 
@@ -150,9 +150,8 @@ def _print(mech, guess, before, assembly, singular, held, weak, without):
     print(f"equations of motion: {'singular, see below' if singular else 'regular there'}\n")
     from ..mechanism.names import position_names
 
-    columns = zip(position_names(mech.model), guess, assembly.q, strict=True)
-    rows = [(name, *(output.size(value, ".9g") for value in values)) for name, *values in columns]
-    output.table(("joint [rad, m]", "guess>", "closed>"), rows)
+    rows = list(zip(position_names(mech.model), guess, assembly.q, strict=True))
+    output.table(("joint [rad, m]", "guess>.9g", "closed>.9g"), rows)
 
 
 def _redundant_lines(redundant) -> list[str]:

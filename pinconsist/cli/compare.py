@@ -109,20 +109,14 @@ def _print(result, mech):
         output.paragraph(run.verdict, hanging="  ")
     print()
     for run in result.runs:
-        columns = zip(run.t, run.exact, run.consistent, run.every_step, strict=True)
-        rows = [
-            (k, f"{t:.9g}", *(output.size(error, ".4e") for error in errors)) for k, (t, *errors) in enumerate(columns)
-        ]
-        heads = ("row>", "t [s]>", "from exact>", "from consistent>", "every step>")
+        rows = list(zip(range(len(run.t)), run.t, run.exact, run.consistent, run.every_step, strict=True))
+        heads = ("row>", "t [s]>.9g", "from exact>.4e", "from consistent>.4e", "every step>.4e")
         unit = f", {run.unit}" if run.unit else ""
         output.table(heads, rows[order:], title=f"step size h = {run.h:g} s: error of {run.of}{unit}")
         names = [f"v{k + 1}" for k in range(len(run.v_given))]
         names = names if mech is None else velocity_names(mech.model)
-        columns = zip(names, run.v_given, run.v_consistent, strict=True)
-        rows = [
-            (name, output.size(given, ".9g"), output.size(new, ".9g"), output.size(new - given, ".4e"))
-            for name, given, new in columns
-        ]
-        output.table(("initial velocity", "given>", "consistent>", "change>"), rows)
+        change = run.v_consistent - run.v_given
+        rows = list(zip(names, run.v_given, run.v_consistent, change, strict=True))
+        output.table(("initial velocity", "given>.9g", "consistent>.9g", "change>.4e"), rows)
     if not any(run.v_given.any() for run in result.runs):
         print("from rest exact values are nearly consistent; --with-velocity JOINT=VALUE shows more\n")

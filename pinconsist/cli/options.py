@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ..errors import InputError
-from ..run_file import SceneSource
+from ..scene_source import SceneSource
 
 SCENE, START, METHOD, RESULTS, PAGE = "Scene", "Start", "Method", "Results", "Page"  # panels of a command's help
 Text = str | None

@@ -37,11 +37,13 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instea
 def table(columns, rows, *, title=None):
     """Print a table and an empty line; a column named ``...>`` holds numbers: aligned right, never broken.
 
-    It fits the terminal, or 80 columns: texts go on in further lines, words stay whole, and columns for which there is
-    no room follow below, beside the first one once more.
+    After ``>`` may stand how :func:`size` prints its floats, as in ``gap>.3g``. The table fits the terminal, or 80
+    columns: texts go on in further lines, words stay whole, and columns for which there is no room follow below, beside
+    the first one once more.
     """
-    aligned = [">" if name.endswith(">") else "<" for name in columns]
-    cells = [[name.removesuffix(">"), *(str(row[k]) for row in rows)] for k, name in enumerate(columns)]
+    parted = [name.partition(">") for name in columns]
+    aligned = [sign or "<" for _, sign, _ in parted]
+    cells = [[head, *(_cell(row[k], digits) for row in rows)] for k, (head, _, digits) in enumerate(parted)]
     whole = [
         [*head.split(), *(values if side == ">" else " ".join(values).split())]
         for (head, *values), side in zip(cells, aligned, strict=True)
@@ -61,6 +63,10 @@ def table(columns, rows, *, title=None):
             if number == 0:
                 print("─" * len(GAP.join(each)))
         print()
+
+
+def _cell(value, digits) -> str:
+    return size(value, digits) if digits and isinstance(value, float) else str(value)
 
 
 def _blocks(widths, room) -> list[list[int]]:
@@ -177,7 +183,7 @@ def require_writable(*, figure=None, **others):
             if (first := options.setdefault(Path(file).absolute(), option)) != option:
                 raise InputError(f"--{first} and --{option} name the same file")
     if figure is not None:
-        from ..view.figure import require_figure
+        from ..view.panels import require_figure
 
         require_figure(figure)
 
@@ -188,12 +194,12 @@ def print_written(*given, before=""):
         print(f"{before}written: {', '.join(filter(None, given))}")
 
 
-def written(file, write):
-    """Call `write`, which writes `file`; a disk error becomes an InputError."""
+def written(file, write, hint=""):
+    """Call `write`, which writes `file`; a disk error becomes an InputError, with a `hint`."""
     try:
         return write()
     except OSError as error:
-        raise InputError(f"{file} cannot be written: {error.strerror or error}") from error
+        raise InputError(f"{file} cannot be written: {error.strerror or error}{hint}") from error
 
 
 def rescued(solution):

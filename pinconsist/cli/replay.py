@@ -173,7 +173,7 @@ def _saved(file, given):
     what = _scene_of(sol, file, given)
     if what is None:
         return None, sol
-    mech, hashes = scene.loaded(what, file)
+    mech, hashes = what.load_for(file)
     require_mechanism(sol, mech, file, "; name its scene by --scene")
     if changed := changed_files((sol.recipe or {}).get("files", hashes), hashes):
         _log.warning(

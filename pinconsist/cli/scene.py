@@ -11,8 +11,7 @@ from typing import Annotated, get_args
 import pinconsist as pc
 
 from ..errors import InputError
-from ..run_file import SceneSource as SceneSource
-from ..run_file import loaded as loaded
+from ..scene_source import SceneSource as SceneSource
 from .options import SCENE, START, Text, Texts, option
 from .output import counted, first, size
 
@@ -49,7 +48,7 @@ def source_of(
     # fmt: on
     """The source of a scene, from the options of all commands that load one."""
     q0 = joint_values(at, "--at")
-    return SceneSource(source, loops, closure, free_flyer, package_dirs, reanchor, q0, ignore, precision)
+    return SceneSource(source, loops, closure, free_flyer, package_dirs or [], reanchor, q0, ignore or [], precision)
 
 
 def loads_scene(command):

@@ -63,9 +63,8 @@ def sensitivity(
         output.print_json({**about, "rows": rows, "refused": refused})
         return output.FINE
     rows.sort(key=lambda row: -row["percent"])
-    cells = [(r["parameter"], f"{r['value']:.6g}", *(output.size(x, ".4e") for x in r["derivatives"]),
-              output.size(r["percent"], ".2e")) for r in rows]  # fmt: skip
-    heads = ("parameter", "value>", *(f"d {label}>" for label in labels), "by 1 %>")
+    cells = [(row["parameter"], row["value"], *row["derivatives"], row["percent"]) for row in rows]
+    heads = ("parameter", "value>.6g", *(f"d {label}>.4e" for label in labels), "by 1 %>.2e")
     for name, why in refused.items():
         output.paragraph(f"left out: {name}: {why}", hanging="  ")
     output.table(heads, cells, title=f"{of} of {mech.name} at t = {until:g} s, its change by each parameter")

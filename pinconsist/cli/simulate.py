@@ -59,8 +59,7 @@ def simulate(
         raise InputError("--save-every sets when the run is saved; give --out FILE.npz too")
     output.require_writable(out=out, html=html, csv=table, figure=plot)
     require_page(html, forces, traces, speed)
-    from ..checkpoints import carry_out
-    from ..run_file import recipe_of
+    from ..checkpoints import Recipe, carry_out
 
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
     mech, hashes = source.load_with_hashes()
@@ -78,7 +77,7 @@ def simulate(
         **present(max_order=order, max_step=max_step, max_steps=max_steps, control=commands or None),
     }  # fmt: skip
     where = source.record(out or "run.npz")
-    recipe = recipe_of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)
+    recipe = Recipe.of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)
     began = time.perf_counter()
     with RunProgress(start, until) as progress:  # what was reached is saved before anything else can go wrong
         sol = carry_out(recipe, mech, out, callback=progress)
@@ -193,7 +192,7 @@ def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: 
 
 
 def _progress_of(run):
-    from ..run_file import Recipe
+    from ..checkpoints import Recipe
 
     return RunProgress(*Recipe.read(pc.Solution.load(run), run).t_span)
 

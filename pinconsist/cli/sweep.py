@@ -175,11 +175,8 @@ def _number(text) -> float:
 
 
 def _written(journal, file, write):
-    try:
-        output.written(file, write)
-    except InputError as error:
-        saved = f"{output.counted(len(journal.rows), 'row')} of the table are safe in {journal.path}"
-        raise InputError(f"{error}. {saved}; the same command continues from there") from error
+    saved = f"{output.counted(len(journal.rows), 'row')} of the table are safe in {journal.path}"
+    output.written(file, write, f". {saved}; the same command continues from there")
 
 
 def _run(scene_sweep, cases, workers, journal):
@@ -247,12 +244,8 @@ def _report(scene_sweep, cases, measured, out, as_json) -> int:
 
 def _print(names, table, done):
     """The table without velocities and messages, its floats shortened; how and when cases ended if not all are done."""
-
-    def cell(name, value):
-        digits = ".3g" if name in ("gap", "energy_error") else ".6g"
-        return output.size(value, digits) if isinstance(value, float) else "" if value is None else value
-
     without = ("message", *(("status", "t") if done else ()))
     shown = [k for k, name in enumerate(names) if not name.startswith("v.") and name not in without]
-    heads = [names[k] if names[k] == "status" else f"{names[k]}>" for k in shown]
-    output.table(heads, [[cell(names[k], row[k]) for k in shown] for row in table])
+    digits = {"status": "", "gap": ">.3g", "energy_error": ">.3g"}
+    heads = [names[k] + digits.get(names[k], ">.6g") for k in shown]
+    output.table(heads, [["" if row[k] is None else row[k] for k in shown] for row in table])

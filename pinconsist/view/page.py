@@ -16,7 +16,7 @@ from .picture import picture
 from .plots import plot_solution
 
 FPS = 50
-PARTS = ("page.html", "page.css", "scene.js", "player.js", "curves.js", "page.js")
+PARTS = ("page.html", "page.css", "scene.js", "curves.js", "page.js")
 HEIGHT, DOTS = 420, 80  # in a notebook: pixels of the page, dots per inch of the picture
 log = logging.getLogger(__name__)
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from . import panels
-from .figure import clock, legend_beside, new_figure, positive, sparse, style
-from .panels import DrawnSolution
+from .panels import DrawnSolution, clock, legend_beside, new_figure, sparse, style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -180,7 +179,8 @@ def plot_comparison(rows, file=None) -> Figure:
             times, label = clock(t[first:])
             for name, error in errors.items():
                 k, what = STARTS[name]
-                axis.plot(times, positive(error[first:]), label=what, markevery=sparse(times.size, 10), **style(k))
+                shown = np.where(error > 0, error, np.nan)[first:]
+                axis.plot(times, shown, label=what, markevery=sparse(times.size, 10), **style(k))
             wrong = f"\nexact start: {row.wrong} at the first step" if hasattr(row, "wrong") else ""
             axis.set(yscale="log", title=f"step size h = {h:g} s{wrong}", xlabel=label)
         of = dict.fromkeys((record.get("of", "λ"), record.get("unit", "N, N·m")) for record in records)
