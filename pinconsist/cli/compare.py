@@ -82,7 +82,6 @@ def _show(what, file, run, order, q0, v0):
     It stops at the first step of the method, where the wrong force stands beside the true one.
     """
     from ..view.page import write_page
-    from ..view.picture import FirstStep
 
     if isinstance(what, str):
         problem = pc.reference_problem(what)
@@ -95,8 +94,7 @@ def _show(what, file, run, order, q0, v0):
         for title, mode in (("from exact values", "exact"), ("from consistent values", "initial"))
     }
     speed = max(run.h, (run.t[-1] - run.t[0]) / LONGEST)
-    first = FirstStep(f"{run.wrong}: {run.sizes}", run.ok, run.verdict, order * run.h, run.loop, run.q, run.lam)
-    output.written(file, lambda: write_page(file, mech, sols, speed=speed, forces=True, first=first))
+    output.written(file, lambda: write_page(file, mech, sols, speed=speed, forces=True, first=run))
 
 
 def _print(result, mech):

@@ -3,6 +3,7 @@
 import logging
 import time
 import webbrowser
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -63,11 +64,9 @@ def _serve(mech, sol, options, no_browser):
         print("the page is open in your browser, and plays on without this command")
         return
     print(f"served at {address} until Ctrl-C; --html FILE writes the page to a file", flush=True)
-    try:
+    with suppress(KeyboardInterrupt):
         while True:
             time.sleep(3600)
-    except KeyboardInterrupt:
-        _log.debug("no longer served")
 
 
 def render(
@@ -166,14 +165,25 @@ def run_of(source, scene_of_run, until, require=lambda mech: None):
 
 def _saved(file, given):
     """Mechanism (None for a general problem) and solution of a saved run."""
+    from ..formats.catalogue import is_built_in
     from ..runs import changed_files
     from ..solution import require_mechanism
 
     sol = pc.Solution.load(file)
-    what = _scene_of(sol, file, given)
-    if what is None:
+    name = given or sol.scene
+    if about := (sol.recipe or {}).get("scene"):
+        source = scene.SceneSource.recorded(about, file)
+        source = replace(source, source=given) if given else source
+    elif not name:  # also where a file in the folder has its name
         return None, sol
-    mech, hashes = what.load_for(file)
+    elif given or is_built_in(name):
+        source = scene.SceneSource(name)
+    else:
+        raise InputError(
+            f"{file} holds only the name of its scene, {name!r}, because the run was made in Python; give the scene "
+            "by --scene"
+        )
+    mech, hashes = source.load_for(file)
     require_mechanism(sol, mech, file, "; name its scene by --scene")
     if changed := changed_files((sol.recipe or {}).get("files", hashes), hashes):
         _log.warning(
@@ -182,20 +192,3 @@ def _saved(file, given):
             "; ".join(changed),
         )
     return mech, sol
-
-
-def _scene_of(sol, file, given):
-    """The scene of a saved run; None for a general problem, also where a file in the folder has its name."""
-    from ..formats.catalogue import is_built_in
-
-    about = (sol.recipe or {}).get("scene")
-    if about:
-        recorded = scene.SceneSource.recorded(about, file)
-        return replace(recorded, source=given) if given else recorded
-    name = given or sol.scene
-    if name and not given and not is_built_in(name):
-        raise InputError(
-            f"{file} holds only the name of its scene, {name!r}, because the run was made in Python; give the scene "
-            "by --scene"
-        )
-    return scene.SceneSource(name) if name else None

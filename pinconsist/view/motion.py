@@ -13,7 +13,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
-from ..mechanism.checks import finite_array, number
+from ..mechanism.checks import finite_array, number, require_mechanism
 from ..mechanism.forces import Actuator, JointTorque, Servo
 from ..mechanism.forces.held import Held
 from ..mechanism.forces.programmed import replayed
@@ -43,8 +43,7 @@ class Run:
     @classmethod
     def of(cls, mech: Mechanism, sol, title: str = "", *, forces: bool = False) -> Run:
         """The run of a solution; InputError for one that does not fit its mechanism."""
-        if not isinstance(mech, Mechanism):
-            raise InputError(f"a replay needs a Mechanism, got {type(mech).__name__}")
+        require_mechanism(mech, "a replay")
         if forces or getattr(sol, "held", None):
             mech = replayed(mech, sol)
         needs, widths = f"a replay of {mech.name!r} needs", {"q": mech.nq}

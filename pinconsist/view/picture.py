@@ -1,6 +1,6 @@
 """A replay as meshcat's commands: one or several runs side by side, with their traces and forces, and a legend."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from itertools import cycle, pairwise
 
@@ -37,19 +37,6 @@ ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): 
 NAMED = 3  # bodies in a line of the legend
 POINT = 1e-12  # m; what is smaller is a point and rounding
 GAP = 0.3  # between neighbours, in sizes of the picture
-
-
-@dataclass(frozen=True, eq=False)
-class FirstStep:
-    """What is wrong with a force of the first run at its first step, where the page stops; and the truth."""
-
-    wrong: str  # in large type
-    ok: bool
-    verdict: str
-    elapsed: float  # s
-    loop: str
-    q: np.ndarray  # (n, nq), the true positions of the rows
-    lam: np.ndarray  # (n, nc)
 
 
 class DrawnRun:
@@ -118,23 +105,14 @@ class DrawnRun:
 
 
 def picture(
-    mech,
-    sol,
-    *,
-    fps: float,
-    speed=1.0,
-    traces=(),
-    forces=False,
-    loop=True,
-    beside=True,
-    first: FirstStep | None = None,
-    times=None,
+    mech, sol, *, fps, speed=1.0, traces=(), forces=False, loop=True, beside=True, first=None, times=None
 ) -> dict:
     """The replay as a page needs it, places in axes with y up; parameters as in :func:`pinconsist.export_html`.
 
     ``clock`` is the time at the start, the seconds of motion per second of playing, and the duration of playing;
-    `beside` adds the curves and verdicts beside the motion; `first` compares the first run with the truth; `times` are
-    those of the frames, s of playing, in place of even ones.
+    `beside` adds the curves and verdicts beside the motion. `first`, of :func:`pinconsist.compare`, says how wrong the
+    first run is at its first step, where the page stops, and what is true. `times` are those of the frames, s of
+    playing, in place of even ones.
     """
     from .visuals import visuals  # and with it coal, only when something is shown
 
@@ -151,7 +129,11 @@ def picture(
     for each in drawn if forces or beside else ():
         not_drawn |= undetermined(each.run.mech, each.run.t, each.run.q)
     for each in drawn if forces else ():
-        each.actions = _actions(each, size, not_drawn, WRONG if each is drawn[0] else None)
+        each.actions = actions(each.run, each.bodies, size, not_drawn)
+        if each.run.true is not None:
+            color = WRONG if each is drawn[0] else None
+            each.actions = [replace(action, color=color) for action in each.actions]
+            each.actions = true_actions(each.run, each.bodies, size, not_drawn) + each.actions
     acting = [action for each in drawn for action in each.actions]
     longest = longest_arrows([run.mech for run in runs], acting, size)
     scales = {kind: scale_of(kind, acting, longest[kind]) for kind in (FORCE, MOMENT)}
@@ -181,28 +163,26 @@ def picture(
         "panel": panel(runs, size, not_drawn, planar) if beside else None,
         "verdicts": verdicts(runs) if beside and not first else [],
         "first": first
-        and {"wrong": first.wrong, "ok": first.ok, "verdict": first.verdict, "stop": first.elapsed / speed}
-        | {"of": first.loop, "colors": [WRONG, COLORS[FORCE]]},
+        and {"wrong": f"{first.wrong}: {first.sizes}", "ok": first.ok, "verdict": first.verdict}
+        | {"stop": first.order * first.h / speed, "of": first.loop, "colors": [WRONG, COLORS[FORCE]]},
     }
-
-
-def _actions(drawn: DrawnRun, size: float, without, color: int | None) -> list[Action]:
-    """The actions of a run; where the truth is known in a `color`, on the true ones in grey."""
-    run, own = drawn.run, actions(drawn.run, drawn.bodies, size, without)
-    if run.true is None:
-        return own
-    return true_actions(run, drawn.bodies, size, without) + [replace(each, color=color) for each in own]
 
 
 def _frames(traces, runs) -> list[str]:
     if isinstance(traces, str):
         raise InputError(f"traces needs a sequence of frame names, like traces=[{traces!r}]")
     traces = list(dict.fromkeys(traces))
-    for mech in (run.mech for run in runs):
-        names = [frame.name for frame in mech.model.frames]
-        if unknown := [name for name in traces if name not in names]:
-            raise InputError(f"{mech.name}: no frame {unknown[0]!r} to trace{near(unknown[0], names)}")
+    for run in runs:
+        require_frames(run.mech, traces)
     return traces
+
+
+def require_frames(mech, traces) -> None:
+    """Raise InputError where one of the frames to trace is unknown."""
+    names = [frame.name for frame in mech.model.frames]
+    for name in traces:
+        if name not in names:
+            raise InputError(f"{mech.name}: no frame {name!r} to trace{near(name, names)}")
 
 
 def _part(name: str) -> str:
