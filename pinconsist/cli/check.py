@@ -65,14 +65,13 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
 
     mech, q0 = source.load(), source.at
     guess = mech.configuration(q0, base=mech.guess)
-    gaps = LoopSolver(mech).gaps
-    before = gaps(guess)
+    solver = LoopSolver(mech)
+    before = solver.gaps(guess)
     try:
         assembly = scene.assembled(mech, q0)
     except AssemblyError as error:
-        return _report_open(mech, before, gaps(error.q), error, as_json)
-    singular, warnings = "", scene.scene_warnings(mech, assembly)
-    held, solver = held_motors(mech, assembly.q), LoopSolver(mech)
+        return _report_open(mech, before, solver.gaps(error.q), error, as_json)
+    singular, held = "", held_motors(mech, assembly.q)
     weak = solver.ranking(assembly.q).weak(mech.row_labels)
     better = rounding_of(mech) if weak or not assembly.mobility else None
     without = better.mobility if better else assembly.mobility + len(weak)
@@ -80,7 +79,7 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
         require_nonsingular(MechanismSystem(mech, assembly.q), assembly.q)
     except SingularSystemError as error:
         singular = str(error)
-    scene.log_warnings(warnings)
+    warnings = scene.scene_warnings(mech, assembly)
     if as_json:
         output.print_json({
             "scene": mech.name, "closed": True, **_inventory(mech),

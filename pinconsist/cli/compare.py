@@ -64,7 +64,7 @@ def compare(
             result = pc.compare(what, [h], order=order, count=rows, q0=q0, v0=v0)
             runs += result.runs
     if html:
-        _show(what, html, min(runs, key=lambda run: run.h), order, q0, v0)
+        _show(what, html, min(runs, key=lambda run: run.h))
     if plot:
         output.written(plot, lambda: pc.plot_comparison(runs, plot))
     result = replace(result, runs=tuple(runs))
@@ -76,21 +76,17 @@ def compare(
     return output.FINE
 
 
-def _show(what, file, run, order, q0, v0):
+def _show(what, file, run):
     """A page of the first steps from exact next to those from consistent values: a second each, ten at most in all.
 
     It stops at the first step of the method, where the wrong force stands beside the true one.
     """
     from ..view.page import write_page
 
-    if isinstance(what, str):
-        problem = pc.reference_problem(what)
-        mech, q, v = problem.system, problem.p0, problem.v0
-    else:
-        start = pc.assemble(what, q0, v0)
-        mech, q, v = what, start.q, start.v
+    mech = pc.reference_problem(what).system if isinstance(what, str) else what
+    start, options = ((run.t[0], run.t[-1]), run.q[0], run.v_given), {"step": run.h, "max_order": run.order}
     sols = {
-        title: pc.integrate(mech, (run.t[0], run.t[-1]), q, v, consistency=mode, step=run.h, max_order=order)
+        title: pc.integrate(mech, *start, consistency=mode, **options)
         for title, mode in (("from exact values", "exact"), ("from consistent values", "initial"))
     }
     speed = max(run.h, (run.t[-1] - run.t[0]) / LONGEST)

@@ -156,7 +156,7 @@ def text(value, digits=4) -> str:
 
 
 def scene_warnings(mech, assembly) -> list[str]:
-    """What looks like a mistake in a scene that closes: a sentence for each."""
+    """Log what looks like a mistake in a scene that closes, and return it: a sentence for each."""
     from ..mechanism.limits import beyond_limits
 
     outside = [
@@ -164,12 +164,10 @@ def scene_warnings(mech, assembly) -> list[str]:
         "wrong anchor or guess?"
         for each in beyond_limits(mech, [0.0], assembly.q[None, :])
     ]
-    return first(outside, MOST_SHOWN, "and {} more") + _immobile(mech, assembly)
-
-
-def log_warnings(sentences):
+    sentences = first(outside, MOST_SHOWN, "and {} more") + _immobile(mech, assembly)
     for sentence in sentences:
         _log.warning("%s", sentence)
+    return sentences
 
 
 def _immobile(mech, assembly) -> list[str]:

@@ -69,7 +69,7 @@ def simulate(
     if commands:
         mech.with_control(commands)  # refuses unknown ones before the run
     assembly = scene.assembled(mech, q0, v0, start)
-    scene.log_warnings(scene.scene_warnings(mech, assembly))
+    scene.scene_warnings(mech, assembly)
     if not as_json:
         print(scene.describe(mech, assembly) + "\n")
     settings = {

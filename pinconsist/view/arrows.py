@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..mechanism.energy import torques_of
 from ..mechanism.loops import Loop
 from ..mechanism.reactions import reactions
 from .commands import Node
@@ -65,9 +66,8 @@ def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> li
         elif loop.kind == "drive":
             out += _on_joints(run, poses, loop.name, found.joint_forces)
     if driving := motors(run.mech):
-        bound = [force.bind(run.mech.model) for force in driving]
-        states = zip(run.t, run.q, run.v, strict=True)
-        torques = np.array([sum(each.torque(*state) for each in bound) for state in states])
+        bound, workspace = [force.bind(run.mech.model) for force in driving], run.workspace()
+        torques = sum(torques_of(force, run.t, run.q, run.v, workspace) for force in bound)
         out += _on_joints(run, poses, "motor", torques)
     largest = max((each.norms.max() / (size if each.kind == MOMENT else 1.0) for each in out), default=0.0)
     return [each for each in out if each.kind == FORCE or each.norms.max() > ROUNDING * largest * size]

@@ -10,21 +10,8 @@ import pinocchio as pin
 from ..errors import InputError
 from ..mechanism.checks import near
 from ..mechanism.reactions import not_determined, undetermined
-from .arrows import (
-    COLORS,
-    FORCE,
-    MOMENT,
-    RIGHT,
-    UNITS,
-    WRONG,
-    Action,
-    actions,
-    arrow,
-    longest_arrows,
-    round_amount,
-    scale_of,
-    true_actions,
-)
+from . import arrows
+from .arrows import COLORS, FORCE, MOMENT, RIGHT, UNITS, WRONG, Action
 from .commands import Node, animated, draw, floor, line, outline, stage, transform, view_axes, y_up
 from .curves import packed, panel, verdicts
 from .motion import Run, body_poses, in_world, on_joint, playing_times, point_in_world, runs_of
@@ -80,15 +67,15 @@ class DrawnRun:
             part = "loop" if shape.on_top and shape.loop else "body" if shape.node else "ground"
             about = {"part": part, "name": shape.loop or names[shape.node], "run": number}
             self.commands.append(draw(f"{paths[shape.node]}/{k}", shape, **about))
-        arrows = []
+        reached = []
         for action in (each for each in self.actions if scales[each.kind]):
             around = self._draw_arrow(f"{path}/forces/{_part(action.name)}", action, scales[action.kind], number)
-            arrows.append(around[some].reshape(-1, 3))
+            reached.append(around[some].reshape(-1, 3))
         self.body = np.concatenate([points.reshape(-1, 3) for points in extent])
-        self.extent = np.concatenate([self.body, *arrows])
+        self.extent = np.concatenate([self.body, *reached])
 
     def _draw_arrow(self, path: str, action: Action, scale, number: int) -> np.ndarray:
-        parts, around = arrow(path, action, scale)
+        parts, around = arrows.arrow(path, action, scale)
         self.nodes += [node for node, _ in parts]
         about = {"part": "force", "name": action.of, "run": number}  # by which the page finds its curve
         self.commands += [draw(f"{node.path}/{k}", each, **about) for node, its in parts for k, each in enumerate(its)]
@@ -129,14 +116,14 @@ def picture(
     for each in drawn if forces or beside else ():
         not_drawn |= undetermined(each.run.mech, each.run.t, each.run.q)
     for each in drawn if forces else ():
-        each.actions = actions(each.run, each.bodies, size, not_drawn)
+        each.actions = arrows.actions(each.run, each.bodies, size, not_drawn)
         if each.run.true is not None:
             color = WRONG if each is drawn[0] else None
             each.actions = [replace(action, color=color) for action in each.actions]
-            each.actions = true_actions(each.run, each.bodies, size, not_drawn) + each.actions
+            each.actions = arrows.true_actions(each.run, each.bodies, size, not_drawn) + each.actions
     acting = [action for each in drawn for action in each.actions]
-    longest = longest_arrows([run.mech for run in runs], acting, size)
-    scales = {kind: scale_of(kind, acting, longest[kind]) for kind in (FORCE, MOMENT)}
+    longest = arrows.longest_arrows([run.mech for run in runs], acting, size)
+    scales = {kind: arrows.scale_of(kind, acting, longest[kind]) for kind in (FORCE, MOMENT)}
     for number, each in enumerate(drawn):
         each.draw(number, size, traces, scales)
 
@@ -211,15 +198,12 @@ def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]
         out.append({"color": CLOSED, "text": f"loop: closed where its core sits {', '.join(seats)}"})
     for kind, scale in scales.items():
         if scale:
-            amount = round_amount(0.3 * scale.most)
+            amount = arrows.round_amount(0.3 * scale.most)
             bar = {"metres": amount * scale.metres, "text": f"{amount:g} {UNITS[kind]}"}
             cut = f"; cut at {scale.most:.3g} {UNITS[kind]}, with their size beside them" if scale.cuts else ""
             out.append({"color": COLORS[kind], "bar": bar, "text": f"{_acting(kind, acting)}{cut}"})
     if any(run.true is not None for run in runs):
-        out += [
-            {"color": WRONG, "text": "from exact values"},
-            {"color": RIGHT, "text": "true, under the others"},
-        ]
+        out += [{"color": WRONG, "text": "from exact values"}, {"color": RIGHT, "text": "true, under the others"}]
     if not_drawn:
         out.append({"color": COLORS[FORCE], "text": f"not drawn: {not_determined(not_drawn)}"})
     elif forces and not any(scales.values()):
