@@ -32,12 +32,10 @@ def method_of(
     span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend
 ) -> dae.Method:
     """The method that the arguments of :func:`pinconsist.simulate` ask for, or InputError."""
-    if method not in METHODS:
-        raise InputError(f"unknown method {method!r}; known are {', '.join(map(repr, METHODS))}")
-    if consistency not in paper.MODES:
-        raise InputError(f"unknown consistency {consistency!r}; known are {', '.join(map(repr, paper.MODES))}")
-    if backend not in BACKENDS:
-        raise InputError(f"unknown backend {backend!r}; known are {', '.join(map(repr, BACKENDS))}")
+    choices = (("method", method, METHODS), ("consistency", consistency, paper.MODES), ("backend", backend, BACKENDS))
+    for what, chosen, known in choices:
+        if chosen not in known:
+            raise InputError(f"unknown {what} {chosen!r}; known are {', '.join(map(repr, known))}")
     stages = _stages(max_order, step, consistency) if method == "Radau" else None
     paper.MODES[consistency].check(step is not None)
     if stages is not None:  # 0 where the method chooses them

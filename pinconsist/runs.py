@@ -181,24 +181,22 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
 
     cut_short = old.status != 0 and len(old.t)  # nothing after that is to be compared
     new = carry_out(replace(recipe, checkpoint=None), mechanism, None, callback=until if cut_short else callback)
-    about = _other_versions(old)
+    about, numbers = _other_versions(old), []
     if (then := old.method.get("backend")) != (now := new.method.get("backend")):
         about.append(f"the method ran {then} then, {now} now")
-    numbers = [_difference(name, getattr(old, name), getattr(new, name)) for name in (*ROWS, *STEPS)]
-    return Rerun(not any(numbers), (*about, *changed, *filter(None, numbers)), new)
+    for name in (*ROWS, *STEPS):
+        then, now = getattr(old, name), getattr(new, name)
+        if then.shape != now.shape:
+            numbers.append(f"{name}: shape {then.shape} then, {now.shape} now")
+        elif then.tobytes() != now.tobytes():
+            most = np.abs(np.subtract(now, then, dtype=float)).max()
+            numbers.append(f"{name}: differs by up to {most:.3g}")
+    return Rerun(not numbers, (*about, *changed, *numbers), new)
 
 
 def _other_versions(solution) -> list[str]:
     then, now = solution.versions, versions()
     return [f"{name} {then[name]} then, {now.get(name)} now" for name in then if then[name] != now.get(name)]
-
-
-def _difference(name, old, new) -> str:
-    if old.shape != new.shape:
-        return f"{name}: shape {old.shape} then, {new.shape} now"
-    if old.tobytes() == new.tobytes():
-        return ""
-    return f"{name}: differs by up to {np.abs(np.subtract(new, old, dtype=float)).max():.3g}"
 
 
 def changed_files(then, now) -> list[str]:

@@ -50,12 +50,7 @@ def read(file) -> dict:
                 raise FormatError(f"written by {by} in format {written!r}; {here}", path=file)
             arrays = {name: stored[name] for name in ARRAYS}
             held = {name[len(HELD) :]: stored[name] for name in stored.files if name.startswith(HELD)}
-        _check(arrays, about)
-        if any(
-            table.shape[1:] not in ((1 + arrays["v"].shape[1],), (2,)) or table.dtype.kind != "f"
-            for table in held.values()
-        ):
-            raise ValueError("a table of held torques does not fit")
+        _check(arrays, about, held)
     except FormatError:
         raise
     except FileNotFoundError:
@@ -81,7 +76,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _check(arrays, about):
+def _check(arrays, about, held):
     """Raise ValueError where shapes and types are not those of a solution."""
     if set(about) != set(_ABOUT):
         raise ValueError(f"missing or unknown entries: {', '.join(sorted(set(about) ^ set(_ABOUT)))}")
@@ -95,6 +90,9 @@ def _check(arrays, about):
             raise ValueError(f"{name} has shape {array.shape} and type {array.dtype}")
     if steps not in (0, rows - 1):
         raise ValueError(f"{steps} steps for {rows} rows")
+    widths = (1 + arrays["v"].shape[1],), (2,)
+    if any(table.shape[1:] not in widths or table.dtype.kind != "f" for table in held.values()):
+        raise ValueError("a table of held torques does not fit")
 
 
 def summary_of(solution) -> str:

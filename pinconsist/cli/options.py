@@ -73,9 +73,12 @@ def require_drawable(source, traces, speed, mech):
     if speed is not None and not 0 < speed < float("inf"):
         raise InputError(f"--speed {speed}: needs a positive number")
     if traces:
-        from ..view.picture import require_frames
+        from ..formats.reading import near
 
-        require_frames(mech, traces)
+        names = [frame.name for frame in mech.model.frames]
+        for name in traces:
+            if name not in names:
+                raise InputError(f"{mech.name}: no frame {name!r} to trace{near(name, names)}")
 
 
 def require_page(html, forces, traces, speed):

@@ -146,7 +146,7 @@ def rerun(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: o
 
     Example: pinconsist rerun run.npz
     """
-    with _progress_of(run) as progress:
+    with _progress_of(pc.Solution.load(run), run) as progress:
         made = pc.rerun(run, scene=scene_of_run, callback=progress)
     if as_json:
         about = {"rows": len(made.solution.t), "message": made.solution.message}
@@ -170,7 +170,7 @@ def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: 
     if before.status != 0 and before.recipe and at is None and not as_json:
         print(f"{run} has no checkpoint (simulate --save-every), so it starts again", flush=True)
     began = time.perf_counter()
-    with _progress_of(run) as progress:
+    with _progress_of(before, run) as progress:
         sol = pc.resume(run, scene=scene_of_run, callback=progress)
     seconds = time.perf_counter() - began
     code, start = exit_code(sol), sol.recipe["t_span"][0] if at is None else at["t"]
@@ -191,10 +191,10 @@ def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: 
     return code
 
 
-def _progress_of(run):
+def _progress_of(sol, file):
     from ..checkpoints import Recipe
 
-    return RunProgress(*Recipe.read(pc.Solution.load(run), run).t_span)
+    return RunProgress(*Recipe.read(sol, file).t_span)
 
 
 def exit_code(sol) -> int:

@@ -108,7 +108,7 @@ def cases_of(texts, count: int | None = None, seed: int | None = None):
             if values.split(":")[0] in DISTRIBUTIONS:
                 random[name] = _distribution(*values.split(":"))
             else:
-                lists[name] = _range(values.split(":")) if ":" in values else _list(values.split(","))
+                lists[name] = _list(values)
         except InputError as error:
             raise InputError(f"--vary {text}: {error}") from None
     if bool(random) != (count is not None):
@@ -143,20 +143,18 @@ def _distribution(kind, *parameters):
     return kind, first, second
 
 
-def _list(texts):
-    found = [_number(each) for each in texts]
-    if len(set(found)) < len(found):
-        raise InputError("a value is given twice")
-    return found
-
-
-def _range(texts):
-    if len(texts) != 3:
+def _list(values):
+    if ":" not in values:
+        found = [_number(each) for each in values.split(",")]
+        if len(set(found)) < len(found):
+            raise InputError("a value is given twice")
+        return found
+    if values.count(":") != 2:
         raise InputError("a range needs FROM:TO:STEP")
     try:
-        start, end, step = map(Decimal, texts)  # 5.3, where floats would give 5.300000000000001
+        start, end, step = map(Decimal, values.split(":"))  # 5.3, where floats would give 5.300000000000001
     except InvalidOperation:
-        start, end, step = map(_number, texts)
+        start, end, step = map(_number, values.split(":"))
     if not all(map(math.isfinite, (start, end, step))) or step == 0 or (end - start) / step < 0:
         raise InputError("the step must lead from start to end")
     if (count := float((end - start) / step)) > MOST:
@@ -184,8 +182,8 @@ def _run(scene_sweep, cases, workers, journal):
     from ..sweep_table import ERROR
     from ..sweeps import sweep_in_processes
 
-    missing = [i for i in range(len(cases)) if i not in journal.rows]
-    with counting("cases", len(cases), len(journal.rows)) as shown:
+    total, missing = len(cases), [i for i in range(len(cases)) if i not in journal.rows]
+    with counting("cases", total, len(journal.rows)) as shown:
 
         def arrived(outcome):
             if not outcome.finished:
@@ -195,20 +193,17 @@ def _run(scene_sweep, cases, workers, journal):
             row = outcome.value if outcome.success else failed
             _written(journal, journal.path, lambda: journal.add(case, row))
             done = len(journal.rows)
-            shown(done) if shown else _log_tenths(done, len(cases))
+            if shown:
+                shown(done)
+            elif total >= LOGGED and 10 * done // total > 10 * (done - 1) // total:  # up to ten lines for a log
+                with suppress(OSError):  # which does not end the sweep where it cannot be written
+                    print(f"{done} of {total} cases", file=sys.stderr, flush=True)
 
         waiting = [cases[i] for i in missing]
         if workers == 1:
             pc.sweep(scene_sweep, waiting, callback=arrived)
         else:
             sweep_in_processes(scene_sweep, waiting, min(workers, len(waiting)), arrived)
-
-
-def _log_tenths(number, total):
-    """Up to ten lines for a log."""
-    if total >= LOGGED and 10 * number // total > 10 * (number - 1) // total:
-        with suppress(OSError):  # a log that cannot be written does not end the sweep
-            print(f"{number} of {total} cases", file=sys.stderr, flush=True)
 
 
 def _report(scene_sweep, cases, measured, out, as_json) -> int:

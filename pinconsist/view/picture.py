@@ -159,17 +159,11 @@ def _frames(traces, runs) -> list[str]:
     if isinstance(traces, str):
         raise InputError(f"traces needs a sequence of frame names, like traces=[{traces!r}]")
     traces = list(dict.fromkeys(traces))
-    for run in runs:
-        require_frames(run.mech, traces)
+    for mech in (run.mech for run in runs):
+        names = [frame.name for frame in mech.model.frames]
+        if unknown := [name for name in traces if name not in names]:
+            raise InputError(f"{mech.name}: no frame {unknown[0]!r} to trace{near(unknown[0], names)}")
     return traces
-
-
-def require_frames(mech, traces) -> None:
-    """Raise InputError where one of the frames to trace is unknown."""
-    names = [frame.name for frame in mech.model.frames]
-    for name in traces:
-        if name not in names:
-            raise InputError(f"{mech.name}: no frame {name!r} to trace{near(name, names)}")
 
 
 def _part(name: str) -> str:
