@@ -9,6 +9,7 @@ import sys
 import tempfile
 import textwrap
 from collections.abc import Mapping
+from contextlib import suppress
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
@@ -205,10 +206,8 @@ def written(file, write, hint=""):
 def rescued(solution):
     """Save a run elsewhere whose own file cannot be written; the file, or None if no folder can be written."""
     for folder in (tempfile.gettempdir(), Path.home(), Path.cwd()):
-        try:
+        with suppress(OSError):
             return solution.save(Path(folder, f"pinconsist-{secrets.token_hex(4)}.npz"))
-        except OSError:
-            continue
     return None
 
 

@@ -6,6 +6,7 @@ network interface, and the pages that it writes run the commands in no certain o
 
 import logging
 from base64 import b64encode
+from contextlib import suppress
 from html import escape
 from io import BytesIO
 from pathlib import Path
@@ -139,10 +140,8 @@ def notebook_html(sol, mechanism) -> str:
     """The text of a solution and, where the packages for it are installed, its picture and page."""
     parts = [f"<pre>{escape(repr(sol))}</pre>"]
     for part in _picture, _frame:
-        try:
+        with suppress(MissingExtraError):
             parts.append(part(sol, mechanism))
-        except MissingExtraError:
-            continue
     return "\n".join(parts)
 
 
