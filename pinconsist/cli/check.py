@@ -122,6 +122,8 @@ def _report_open(mech, before, after, error, as_json) -> int:
 
 
 def _print(mech, guess, before, assembly, singular, held, weak, without):
+    from ..mechanism.names import position_names
+
     _print_inventory(mech)
     if mech.corrected_by:
         print(f"lengths and angles corrected by up to {mech.corrected_by:.1e} m or rad")
@@ -129,10 +131,8 @@ def _print(mech, guess, before, assembly, singular, held, weak, without):
         print(f"rows: {assembly.rows}, of which {assembly.rank} independent and {len(assembly.redundant)} redundant")
     print(f"mobility: {assembly.mobility}")
     if weak or without != assembly.mobility:
-        rows = ", ".join(
-            output.first([f"({loop} {row}) {by:.1e}" for (loop, row), by in weak.items()], TERMS, "and {} more")
-        )
-        on = f"rows that are independent by less than 1e-6 m or rad: {rows}" if weak else "rounding"
+        rows = output.first([f"({loop} {row}) {by:.1e}" for (loop, row), by in weak.items()], TERMS, "and {} more")
+        on = f"rows that are independent by less than 1e-6 m or rad: {', '.join(rows)}" if weak else "rounding"
         output.paragraph(f"depends on {on}; without them it would be {without}", indent="  ", hanging="    ")
     if held:
         output.paragraph(f"motors that cannot move by themselves: {', '.join(held)}", indent="  ", hanging="    ")
@@ -142,13 +142,9 @@ def _print(mech, guess, before, assembly, singular, held, weak, without):
         for when, gaps in (("at the guess:", before), ("once closed: ", assembly.gaps)):
             worst = max(gaps, key=gaps.get)
             print(f"largest gap {when} {output.size(gaps[worst], '.3g')} m or rad, in loop {worst!r}")
-        iterations = output.counted(assembly.iterations, "iteration")
-        print(
-            f"closing took {iterations} and moved no joint by more than {output.size(assembly.moved, '.3g')} rad or m"
-        )
+        iterations, moved = output.counted(assembly.iterations, "iteration"), output.size(assembly.moved, ".3g")
+        print(f"closing took {iterations} and moved no joint by more than {moved} rad or m")
     print(f"equations of motion: {'singular, see below' if singular else 'regular there'}\n")
-    from ..mechanism.names import position_names
-
     rows = list(zip(position_names(mech.model), guess, assembly.q, strict=True))
     output.table(("joint [rad, m]", "guess>.9g", "closed>.9g"), rows)
 

@@ -142,17 +142,15 @@ class DrawnSolution:
         if not self.t.size:
             raise InputError("the solution has no rows to draw")
         self.q, self.v, self.lam = (np.asarray(values, float) for values in (sol.q, sol.v, sol.lam))
-        self.labels = {}
+        known, self.labels = {}, {}
+        if self.mech is not None:
+            known = {"q": position_names(self.mech.model), "v": velocity_names(self.mech.model)}
+            known["lam"] = [f"{loop} {row}" for loop, row in self.mech.row_labels]
         for name, values in (("q", self.q), ("v", self.v), ("lam", self.lam)):
             if values.ndim != 2 or len(values) != self.t.size:
                 raise InputError(f"a figure needs {name} of shape ({self.t.size}, columns), got {values.shape}")
             labels = [f"{'λ' if name == 'lam' else name}{k + 1}" for k in range(values.shape[1])]
-            if self.mech is None:
-                names = labels
-            elif name == "lam":
-                names = [f"{loop} {row}" for loop, row in self.mech.row_labels]
-            else:
-                names = (position_names if name == "q" else velocity_names)(self.mech.model)
+            names = known.get(name, labels)
             if len(names) != len(labels) and name != "lam":  # redundant rows may have been left out
                 raise InputError(f"{self.mech.name!r} has {len(names)} columns of {name}, the solution {len(labels)}")
             self.labels[name] = names if len(names) == len(labels) else labels

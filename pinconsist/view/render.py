@@ -52,12 +52,11 @@ def require_file(file, at=()) -> str:
         raise InputError(f"{file}: a film ends in .mp4 or .gif, a drawing in .svg")
     if len(at) and ending != ".svg":
         raise InputError(f"at= chooses times of drawings, .svg; {file} is a film, which shows all")
-    needed = {".mp4": ("PIL", "imageio_ffmpeg"), ".gif": ("PIL",), ".svg": ()}[ending]
-    if missing := [name for name in needed if find_spec(name) is None]:
-        packages = {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg"}
-        raise MissingExtraError(
-            f"films in {ending} need {packages[missing[0]]}; install it by: pip install 'pinconsist[render]'"
-        )
+    needed = {".mp4": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg"}, ".gif": {"PIL": "Pillow"}, ".svg": {}}
+    for module, package in needed[ending].items():
+        if find_spec(module) is None:
+            how = "install it by: pip install 'pinconsist[render]'"
+            raise MissingExtraError(f"films in {ending} need {package}; {how}")
     return ending
 
 
