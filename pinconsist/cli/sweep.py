@@ -224,12 +224,12 @@ def _report(scene_sweep, cases, measured, out, as_json) -> int:
         _print(scene_sweep.columns(), table, code == output.FINE)
     ends = ", ".join(f"{number} {what}" for what, number in sorted(counts.items())) or "none ended"
     print(f"{output.counted(len(cases), 'case')}: {ends}")
-    failed = [row for row in table if measured[row[0]]["status"] != DONE]
-    for row in failed[:MOST_SHOWN]:
-        varied = ", ".join(f"{name} = {value:g}" for name, value in zip(scene_sweep.names, row[1:], strict=False))
-        output.paragraph(f"case {row[0]} ({varied}): {row[-1]}", indent="  ", hanging="  ")
-    if len(failed) > MOST_SHOWN:
-        print(f"  and {len(failed) - MOST_SHOWN} more")
+    failed = []
+    for i, *values, message in (row for row in table if measured[row[0]]["status"] != DONE):
+        varied = ", ".join(f"{name} = {value:g}" for name, value in zip(scene_sweep.names, values, strict=False))
+        failed.append(f"case {i} ({varied}): {message}")
+    for line in output.first(failed, MOST_SHOWN, "and {} more"):
+        output.paragraph(line, indent="  ", hanging="  ")
     if complete:
         output.print_written(out)
     else:
