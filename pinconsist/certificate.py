@@ -10,7 +10,7 @@ from .dae.norms import largest
 from .mechanism.energy import energy_of
 from .mechanism.forces.actuators import saturated
 from .mechanism.forces.held import sided
-from .mechanism.limits import BeyondLimit, beyond_limits
+from .mechanism.names import BeyondLimit, beyond_limits
 from .mechanism.reactions import not_determined, undetermined
 from .mechanism.rows import LoopRows, Workspace
 from .mechanism.system import MechanismSystem

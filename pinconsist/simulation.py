@@ -16,7 +16,7 @@ from .mechanism.assembly import assembled
 from .mechanism.checks import finite_array
 from .mechanism.closing import LoopSolver
 from .mechanism.mechanism import Mechanism, with_forces
-from .mechanism.singularity import require_nonsingular
+from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
 from .options import method_of, span_of, warn_of_differences
 from .solution import Solution

@@ -14,8 +14,7 @@ from .accuracy import PATIENCE, GlobalError, global_error
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.energy import Energy, energy_of
-from .mechanism.forces.actuators import commands
-from .mechanism.forces.programmed import replayed
+from .mechanism.forces.actuators import commands, replayed
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import Reaction, reaction
 from .mechanism.rows import Workspace

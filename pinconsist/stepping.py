@@ -17,9 +17,9 @@ from .errors import InputError, PinconsistError
 from .mechanism.assembly import assembled
 from .mechanism.checks import finite_array, near, number
 from .mechanism.closing import LoopSolver
-from .mechanism.forces.programmed import BoundHeldActuator, programmed
+from .mechanism.forces.actuators import BoundHeldActuator, programmed
 from .mechanism.mechanism import with_forces
-from .mechanism.singularity import require_nonsingular
+from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
 from .options import method_of
 from .solution import Solution

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 import pinconsist as pc
 from pinconsist.cli.app import app
+from pinconsist.mechanism.closing import held_motors
 from pinconsist.mechanism.correction import rounding_of
-from pinconsist.mechanism.singularity import held_motors
 
 NAMES = ("bricard", "four_bar", "five_bar", "slider_crank", "n_four_bar_2", "jansen_leg")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import SingularSystemError
-from ..mechanism.singularity import MASSLESS, without_inertia
+from ..mechanism.rank import MASSLESS, without_inertia
 from .actuation_limits import MotorRange, ranges
 from .motor_code import to_c
 from .motor_forces import MotorFrame, MotorTorques, torques_for

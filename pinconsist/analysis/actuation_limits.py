@@ -5,8 +5,7 @@ from math import inf, tau
 
 import numpy as np
 
-from ..mechanism.limits import beyond_limits
-from ..mechanism.names import joints_in, velocity_units
+from ..mechanism.names import beyond_limits, joints_in, velocity_units
 
 STRIDE = 0.05  # rad, or lengths of the mechanism, in which a motor is led
 MOST_STRIDES = 400  # for a sliding motor

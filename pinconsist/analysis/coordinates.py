@@ -7,8 +7,7 @@ from scipy.linalg import qr
 
 from .._core import load
 from .._core.compiled_system import compiled_system
-from ..mechanism.rank import free_motions, null_space
-from ..mechanism.singularity import HELD
+from ..mechanism.rank import HELD, free_motions, null_space
 from ..mechanism.system import MechanismSystem
 from .following import NUMBERS, Follower
 from .variations import step_sizes

@@ -12,7 +12,6 @@ from ..mechanism.checks import finite_array
 from ..mechanism.mechanism import Mechanism, with_forces
 from ..mechanism.names import joints_in
 from ..mechanism.reactions import HasReactions
-from ..mechanism.singularity import rank_nearby
 from ..mechanism.system import MechanismSystem
 from .derivatives import NEUTRAL, Derivatives, Varied, of_state
 from .variations import Locked, TangentSpace, by_position, closed_near, step_sizes
@@ -161,7 +160,7 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
         else:
             place, iterations = following, iterations + 1
     rank = system.nv - place.Z.shape[1]
-    if rank < system.rows.nc and rank_nearby(system, place.q, place.Z) > rank:
+    if rank < system.rows.nc and system.rank_nearby(place.q, place.Z) > rank:
         raise SingularSystemError(
             f"{mechanism.name}: the forces balance at a singular position: the motion branches there, and what the "
             "loops carry is not determined. Change a length a little, or look for another equilibrium",

@@ -10,7 +10,7 @@ from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
 from ..mechanism.mechanism import with_forces
 from ..mechanism.names import velocity_names
-from ..mechanism.singularity import MASSLESS, without_inertia
+from ..mechanism.rank import MASSLESS, without_inertia
 from ..mechanism.system import MechanismSystem
 from .derivatives import Derivatives, Varied, of_state
 from .equilibrium import equilibrium

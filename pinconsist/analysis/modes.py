@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from ..errors import SingularSystemError
-from ..mechanism.singularity import MASSLESS
+from ..mechanism.rank import MASSLESS
 from .variations import Locked
 
 NOISE = 1e-10  # of the stiffness and of the forces: what cannot be distinguished from zero

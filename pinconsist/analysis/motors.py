@@ -16,7 +16,7 @@ from ..mechanism.joint_constraints import Drive
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import Motion
 from ..mechanism.names import joints_in, velocity_names
-from ..mechanism.singularity import HELD
+from ..mechanism.rank import HELD
 from .coordinates import Coordinates
 
 NOT_CLOSED = 1e-6  # m or rad: a configuration that is open by more is none of this mechanism to start from

@@ -11,11 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError, MissingExtraError
-from ..mechanism.blocks import Length, Turn
 from ..mechanism.checks import spread
 from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTorque, SpringDamper, model_forces
 from ..mechanism.joint_constraints import Coupling, Drive
-from ..mechanism.loops import Loop
+from ..mechanism.loops import Length, Loop, Turn
 from ..mechanism.rows import LoopRows
 
 

@@ -57,10 +57,10 @@ def check(source: given.Scene, as_json: output.Json = False) -> int:
 
     Example: pinconsist check four_bar --at crank=pi/2
     """
-    from ..mechanism.closing import LoopSolver
+    from ..mechanism.closing import LoopSolver, held_motors
     from ..mechanism.correction import rounding_of
     from ..mechanism.names import by_joint
-    from ..mechanism.singularity import held_motors, require_nonsingular
+    from ..mechanism.rank import require_nonsingular
     from ..mechanism.system import MechanismSystem
 
     mech, q0 = source.load(), source.at

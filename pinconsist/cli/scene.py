@@ -157,7 +157,7 @@ def text(value, digits=4) -> str:
 
 def scene_warnings(mech, assembly) -> list[str]:
     """Log what looks like a mistake in a scene that closes, and return it: a sentence for each."""
-    from ..mechanism.limits import beyond_limits
+    from ..mechanism.names import beyond_limits
 
     outside = [
         f"{each.joint} = {size(each.value)} is outside the limits of its file, {each.lower:.6g} … {each.upper:.6g}: a "

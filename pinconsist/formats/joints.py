@@ -27,7 +27,7 @@ import pinocchio as pin
 
 from ..errors import FormatError
 from ..mechanism.checks import places
-from ..mechanism.lock import rebuilt
+from ..mechanism.editing import rebuilt
 from .reading import finite, located, require_known, shown
 from .records import amount, known_keys, mapping, name
 

@@ -5,16 +5,24 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError, InputError
 from ..mechanism.checks import several
-from ..mechanism.constraint_models import loops_of
+from ..mechanism.loops import GROUND, Loop, anchor
 from ..mechanism.mechanism import Geometry, Mechanism
 from . import catalogue, loopfile
 from .reading import located
 
 _CLOSURES = ("point", "frame", "hinge")
+_THEIR_KINDS = {
+    "PointAnchorConstraintModel": "point",
+    "FrameAnchorConstraintModel": "frame",
+    "RigidConstraintModel of type CONTACT_3D": "point",
+    "RigidConstraintModel of type CONTACT_6D": "frame",
+}
+_MUST_VANISH = ("offset", "velocity", "acceleration")  # desired ones of a constraint, or of a contact
 
 
 def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=(), precision=0.0) -> Mechanism:
@@ -140,11 +148,7 @@ def _of_model(source, loops, closure) -> Mechanism:
     if isinstance(loops, str) or not hasattr(loops, "__iter__"):
         kind = type(loops).__name__
         raise InputError(f"loops= of a pin.Model needs a sequence of constraint models or Loops, got {kind}")
-    loops = list(loops)
-    theirs = [i for i, each in enumerate(loops) if not (hasattr(each, "kind") and hasattr(each, "rows"))]
-    found, model = loops_of([loops[i] for i in theirs], model)
-    for i, loop in zip(theirs, found, strict=True):
-        loops[i] = loop
+    loops, model = loops_of(loops, model)
     return Mechanism(model, _closed_by(loops, closure), name=model.name or "mechanism")
 
 
@@ -155,3 +159,69 @@ def _closed_by(loops, closure) -> tuple:
         return replace(loop, kind=closure, axis=loop.axis if closure == "hinge" else None)
 
     return tuple(closed(loop) if closure and loop.kind in _CLOSURES else loop for loop in loops)
+
+
+def loops_of(constraint_models, model: pin.Model) -> tuple[list, pin.Model]:
+    """Loops that hold together what Pinocchio's constraint models do, beside records as they are, and their model.
+
+    Read are point and frame anchors, the legacy rigid constraints in 3D and 6D, and these inside the common constraint
+    model; InputError for other kinds, compliance, desired offsets or motions. Baumgarte gains are not needed and
+    ignored. A constraint without a name is called by its place, ``loop1``. The model is a copy with one more frame for
+    each joint that carries an anchor but no frame of a unique name.
+    """
+    loops, names = [], []
+    for given in constraint_models:
+        if hasattr(given, "kind") and hasattr(given, "rows"):
+            loops.append(given)
+            continue
+        constraint, number = given.extract() if hasattr(given, "extract") else given, len(names) + 1
+        name = getattr(constraint, "name", "") or f"loop{number}"
+        if name in names:
+            name = f"{name} ({number})"
+        names.append(name)
+        fields = {"kind": _kind(constraint, name)}
+        for end in (1, 2):
+            joint = getattr(constraint, f"joint{end}_id")
+            if not 0 <= joint < model.njoints:
+                raise InputError(f"constraint {name!r}: the model has no joint number {joint}")
+            model, frame = _with_frame_on(joint, model)
+            place = model.frames[model.getFrameId(frame)].placement.actInv(getattr(constraint, f"joint{end}_placement"))
+            fields |= {f"frame{end}": frame} | anchor(end, place)
+        loops.append(Loop(name, **fields))
+    return loops, model
+
+
+def _kind(constraint, name):
+    """The kind of the loop; InputError where the constraint is not rigid, or its anchors move."""
+    which = type(constraint).__name__
+    if which == "RigidConstraintModel":
+        which += f" of type {constraint.type}"
+    if which not in _THEIR_KINDS:
+        raise InputError(
+            f"constraint {name!r}: a {which} cannot be read as a loop; {', '.join(_THEIR_KINDS)} can. Limits, friction "
+            "and contact are not modelled as constraints here (see help(pinconsist.Loop))"
+        )
+    for attribute in (f"desired_{of}_{what}" for of in ("constraint", "contact") for what in _MUST_VANISH):
+        value = getattr(constraint, attribute, 0.0)
+        if np.any(getattr(value, "vector", value)):
+            raise InputError(
+                f"constraint {name!r}: its {attribute} is not zero; a loop is closed, and its anchors do not move"
+            )
+    if np.any(constraint.retrieveCompliance()):
+        raise InputError(f"constraint {name!r}: it is compliant; a loop is rigid, a SpringDamper is not")
+    return _THEIR_KINDS[which]
+
+
+def _with_frame_on(joint, model):
+    """The model and the name of a frame on this joint that no other frame has; a copy gets one if there is none."""
+    if joint == 0:
+        return model, GROUND
+    names = [frame.name for frame in model.frames]
+    own = [frame.name for frame in model.frames if frame.parentJoint == joint and names.count(frame.name) == 1]
+    if own:
+        return model, model.names[joint] if model.names[joint] in own else own[0]
+    model, name = model.copy(), model.names[joint]
+    while name in names:
+        name += "_origin"
+    model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME), False)
+    return model, name

@@ -175,6 +175,9 @@ class Node:
     def get(self, key: str, default: str | None = ""):
         return default if self.xml is None else self.xml.get(key, default)
 
+    def text(self) -> str:
+        return ((self.xml.text if self else "") or "").strip()
+
     def child(self, tag: str, required: bool = False):
         """The first child with this tag."""
         found = None if self.xml is None else self.xml.find(tag)

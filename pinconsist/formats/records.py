@@ -91,19 +91,18 @@ def loop_entries(mechanism) -> list[dict]:
 
 def force_entries(mechanism) -> list[dict]:
     """The records under ``forces``, as plain data; InputError for a user's law, or function that is not a Motion."""
-    return [_force_entry(mechanism, force) for force in mechanism.forces]
-
-
-def _force_entry(mechanism, force):
-    what = f"{mechanism.name}: the force {getattr(force, 'label', type(force).__name__)!r}"
-    kind = next((kind for kind, make in FORCES.items() if type(force) is make), None)
-    if kind is None:
-        raise InputError(f"{what} is a user-defined function, which a file cannot store; leave it out")
-    field = next((each.name for each in dataclasses.fields(force) if each.type.startswith("Mapping")), None)
-    if field and not isinstance(values := getattr(force, field), Mapping):  # a number for each velocity
-        shares = {joint: share for joint, share in by_joint(mechanism, values).items() if np.any(share)}
-        force = dataclasses.replace(force, **{field: shares})
-    return {"kind": kind} | _fields(force, what)
+    entries = []
+    for force in mechanism.forces:
+        what = f"{mechanism.name}: the force {laws.label_of(force)!r}"
+        kind = next((kind for kind, make in FORCES.items() if type(force) is make), None)
+        if kind is None:
+            raise InputError(f"{what} is a user-defined function, which a file cannot store; leave it out")
+        field = next((each.name for each in dataclasses.fields(force) if each.type.startswith("Mapping")), None)
+        if field and not isinstance(values := getattr(force, field), Mapping):  # a number for each velocity
+            shares = {joint: share for joint, share in by_joint(mechanism, values).items() if np.any(share)}
+            force = dataclasses.replace(force, **{field: shares})
+        entries.append({"kind": kind} | _fields(force, what))
+    return entries
 
 
 def _fields(record, what):

@@ -16,9 +16,9 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
+from .actuators import transmissions
 from .joints import AS_WRITTEN, replaced
 from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
-from .transmissions import transmissions
 from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")

@@ -178,27 +178,31 @@ def checked_model(model: pin.Model) -> pin.Model:
     InputError for a model that makes Pinocchio's algorithms silently wrong, or whose inertias are impossible.
     """
     model = model.copy()
-    for name, joint in zip(model.names, model.joints, strict=True):
-        if "Mimic" in joint.shortname():
+    named = {frame.name for frame in model.frames}
+    for joint, name in enumerate(model.names):
+        if "Mimic" in model.joints[joint].shortname():
             raise InputError(
                 f"joint {name!r} of model {model.name!r} is one of Pinocchio's mimic joints, which most of its "
                 "algorithms do not support. Build the model without (mimic=False), with a Coupling among the loops; "
                 "load() of the URDF file does that"
             )
-    if model.nv == 0:
-        raise InputError(f"model {model.name!r} has no joints: nothing can move")
-    for joint in range(2, model.njoints):
-        if model.parents[joint] not in set(model.supports[joint - 1]):
+        if joint > 1 and model.parents[joint] not in set(model.supports[joint - 1]):
             raise InputError(
-                f"the joints of model {model.name!r} are not in depth-first order: {model.names[joint]!r} follows "
+                f"the joints of model {model.name!r} are not in depth-first order: {name!r} follows "
                 f"{model.names[joint - 1]!r} but its parent is {model.names[model.parents[joint]]!r}. Pinocchio's crba "
                 "and derivative algorithms are then silently wrong; add each branch completely before the next one"
             )
-    for name, inertia in zip(model.names, model.inertias, strict=True):
+        inertia, armature = model.inertias[joint], model.armature[places(model, joint)[1]] if joint else 0.0
         if not np.isfinite([inertia.mass, *inertia.lever, *inertia.inertia.ravel()]).all():
             raise InputError(f"the inertia of the body at joint {name!r} is not finite")
         if inertia.mass < 0:
             raise InputError(f"the body at joint {name!r} has negative mass {inertia.mass:g} kg")
+        if not np.all(np.isfinite(armature) & (armature >= 0.0)):
+            raise InputError(f"the armature of joint {name!r} is negative or not finite")
+        if name not in named:
+            model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.JOINT), False)
+    if model.nv == 0:
+        raise InputError(f"model {model.name!r} has no joints: nothing can move")
     poses = [(pose, f"joint {name!r}") for pose, name in zip(model.jointPlacements, model.names, strict=True)]
     for pose, what in (*poses, *((frame.placement, f"frame {frame.name!r}") for frame in model.frames)):
         R = pose.rotation
@@ -206,13 +210,6 @@ def checked_model(model: pin.Model) -> pin.Model:
             raise InputError(f"the placement of {what} is not finite, or its rotation matrix is not a rotation")
     if not np.isfinite(model.gravity.vector).all():
         raise InputError(f"the gravity of model {model.name!r} is not finite")
-    named = {frame.name for frame in model.frames}
-    for joint, name in enumerate(model.names):
-        armature = model.armature[places(model, joint)[1]] if joint else 0.0
-        if not np.all(np.isfinite(armature) & (armature >= 0.0)):
-            raise InputError(f"the armature of joint {name!r} is negative or not finite")
-        if name not in named:
-            model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.JOINT), False)
     return model
 
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import qr
 
-from .rank import RANK_TOLERANCE, Ranking, row_scales
+from .rank import HELD, RANK_TOLERANCE, Ranking, free_motions, row_scales
 from .rows import LoopRows
 
 CLOSED = 1e-10  # m or rad; rounding errors are far below
@@ -76,27 +77,25 @@ class LoopSolver:
         return best, total
 
     def _closed(self, guess, free):
-        best, total = self._descend(guess, free)
+        best, total = self.descend(guess, free)
         rng = np.random.default_rng(0)
         for _ in range(RESTARTS):
             if self.size(best) <= NEARLY:
                 break
             nudge = np.where(free, rng.uniform(-0.5, 0.5, self.model.nv), 0.0)
-            other, iterations = self._descend(pin.integrate(self.model, guess, nudge), free)
+            other, iterations = self.descend(pin.integrate(self.model, guess, nudge), free)
             total += iterations
             if self.size(other) < 0.5 * self.size(best):
                 best = other
         return best, total
 
-    def approached(self, q, enough: float):
-        """A configuration with gaps of at most `enough`, if it can be reached downhill."""
-        return self._descend(q, self.free_columns(), enough)[0]
+    def descend(self, q, free=None, enough=0.0):
+        """Downhill to gaps of at most `enough`, if that can be reached, and the iterations.
 
-    def _descend(self, q, free, enough=0.0):
-        """Levenberg-Marquardt, dx = -Jᵀ (J Jᵀ + μ 1)⁻¹ Φ with |dx| ≤ 1 and μ ~ |Φ|² near the end.
-
-        It needs no mass matrix and converges with redundant rows, too.
+        Levenberg-Marquardt, dx = -Jᵀ (J Jᵀ + μ 1)⁻¹ Φ with |dx| ≤ 1 and μ ~ |Φ|² near the end: it needs no mass
+        matrix and converges with redundant rows, too.
         """
+        free = self.free_columns() if free is None else free
         phi, J = self.rows(q)
         value, damping = phi @ phi, 1.0
         for iteration in range(MAX_ITERATIONS):
@@ -169,3 +168,15 @@ def newton(rows, model, turns, q, longest, free=True, tolerance=RANK_TOLERANCE):
             return None
         q, last = pin.integrate(model, q, dq), size
     return None
+
+
+def held_motors(mechanism, q) -> list[str]:
+    """The motorised joints that the loops, drives apart, do not let move by themselves at a closed configuration."""
+    solver = LoopSolver(mechanism.with_loops(*(loop for loop in mechanism.loops if loop.kind != "drive")))
+    every = range(mechanism.nv)
+    columns = [(column, joint) for joint in mechanism.actuated for column in every[mechanism.columns(joint)]]
+    free, able = free_motions(solver.rows(q)[1], solver.loop_rows.turns)[[column for column, _ in columns]], []
+    if free.size:
+        R, pivots = qr(free.T, mode="r", pivoting=True)
+        able = pivots[: np.count_nonzero(np.abs(np.diagonal(R)) > HELD)]
+    return list(dict.fromkeys(joint for i, (_, joint) in enumerate(columns) if i not in able))

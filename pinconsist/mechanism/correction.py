@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from .closing import LoopSolver, newton, steady
 from .description import digests
+from .loops import anchor
 from .rank import ROUNDED, row_scales
 
 _WEAK = (30.0, 3.0)  # how many errors may add up in a row of J, tried one after the other
@@ -179,7 +180,7 @@ class Walk:
         With `onward`, how much its last direction counts, it gets around.
         """
         rng, found, model = np.random.default_rng(seed), [], self.solver.model
-        at = self.settled(self.solver.approached(self.mechanism.guess if start is None else start, self.weak))
+        at = self.settled(self.solver.descend(self.mechanism.guess if start is None else start, enough=self.weak)[0])
         ahead = np.zeros(model.nv)
         for _ in range(3 * count):
             if at is not None:
@@ -193,7 +194,7 @@ class Walk:
             chosen, reach = rng.standard_normal(free.shape[1]), _REACH * rng.uniform(0.5, 1.0)
             motion = free @ (chosen + onward * free.T @ ahead / max(np.linalg.norm(ahead), 1e-300))
             near = pin.integrate(model, found[-1], reach * motion / np.linalg.norm(motion))
-            at = self.settled(self.solver.approached(near, self.weak))
+            at = self.settled(self.solver.descend(near, enough=self.weak)[0])
             if at is not None and (self.solver.size(at) > self.weak or self.rank(at) < rank):  # open, or it branches
                 at = None
             ahead = rng.standard_normal(model.nv) if at is None else pin.difference(model, found[-1], at)
@@ -256,11 +257,9 @@ def _changed(mechanism, twists):
         model.jointPlacements[j] = model.jointPlacements[j] * pin.exp6(twists[j - 1])
     loops = []
     for loop, pair in zip(mechanism.loops, twists[n:].reshape(-1, 2, 6), strict=True):
-        for end, twist in zip("12", pair, strict=True):
+        for end, twist in enumerate(pair, start=1):
             if twist.any():  # not of couplings and drives
-                place = getattr(loop, f"placement{end}") * pin.exp6(twist)
-                rpy = tuple(pin.rpy.matrixToRpy(place.rotation))
-                loop = replace(loop, **{f"xyz{end}": tuple(place.translation), f"rpy{end}": rpy})
+                loop = replace(loop, **anchor(end, getattr(loop, f"placement{end}") * pin.exp6(twist)))
         loops.append(loop)
     return replace(mechanism, model=model, loops=tuple(loops))
 

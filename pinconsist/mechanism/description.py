@@ -56,16 +56,11 @@ def html_of(mechanism) -> str:
         limits = " … ".join(f"{end:.4g}" for end in ends) if np.isfinite(ends).any() and ends[0] < ends[1] else ""
         motor = "motor" if name.partition("[")[0] in motors else ""
         rows.append((name, kind, f"{value:.5g} {unit}", limits, motor))
-    records = [f"{loop.kind} {loop.name}" for loop in mechanism.loops]
-    return (
-        f"<b>{escape(mechanism.name)}</b><br/>{svg_of(mechanism)}"
-        + _table(("joint", "kind", "guess", "limits", ""), rows)
-        + "".join(
-            f"<p>{what}: {escape(', '.join(each))}</p>"
-            for what, each in (("loops", records), ("forces", list(bound_forces(model, mechanism.forces))))
-            if each
-        )
-    )
+    loops = [f"{loop.kind} {loop.name}" for loop in mechanism.loops]
+    parts = {"loops": loops, "forces": bound_forces(model, mechanism.forces)}
+    lists = "".join(f"<p>{what}: {escape(', '.join(each))}</p>" for what, each in parts.items() if each)
+    table = _table(("joint", "kind", "guess", "limits", ""), rows)
+    return f"<b>{escape(mechanism.name)}</b><br/>{svg_of(mechanism)}{table}{lists}"
 
 
 def _table(heads, rows) -> str:

@@ -15,11 +15,13 @@ from .checks import checked_model, near, normalized, number, places, put, requir
 from .correction import correction
 from .custom import Constraint
 from .description import html_of, text_of
+from .editing import lock, reanchored, reduced
 from .forces import as_force, bound_forces
 from .forces.actuators import commanded
 from .joint_constraints import Coupling, Drive
 from .loops import Loop
 from .names import filled
+from .parameters import with_parameters
 from .rows import RECORDS, LoopRows
 
 
@@ -217,8 +219,6 @@ class Mechanism:
 
     def with_parameters(self, values: Mapping[str, float]) -> Mechanism:
         """The same mechanism with other `values`, name → number: see :mod:`pinconsist.mechanism.parameters`."""
-        from .parameters import with_parameters
-
         return with_parameters(self, values)
 
     def lock(self, joints, q=None) -> Mechanism:
@@ -233,8 +233,6 @@ class Mechanism:
         joints, for all of them, for a loop that would stay open, and for a joint that a drive moves, or one of two
         coupled joints alone.
         """
-        from .lock import lock
-
         return lock(self, joints, q)
 
     def reduced(self, q0=None) -> Mechanism:
@@ -250,8 +248,6 @@ class Mechanism:
         `q0` is the configuration from which assembly starts, as for :func:`~pinconsist.assemble`. Raises AssemblyError
         where the loops do not close, InputError where they leave no motion.
         """
-        from .editing import reduced
-
         return reduced(self, q0)
 
     def corrected(self, precision: float) -> Mechanism:
@@ -274,8 +270,6 @@ class Mechanism:
         Assembly starts from `q0`: joint name → value (others from ``guess``), or a configuration (nq,); default
         ``guess``. Raises InputError for an unknown joint, a wrong size, NaN.
         """
-        from .editing import reanchored
-
         return reanchored(self, q0)
 
 

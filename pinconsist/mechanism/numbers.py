@@ -9,11 +9,8 @@ from ..errors import InputError
 
 def path_of(record, label, name) -> tuple:
     """The path to the number of this name in a record; its last word is enough where there is one such number."""
-    path = tuple(name.split("."))
-    if has_number(record, path):
-        return path
     numbers = numbers_of(record)
-    found = [path for path in numbers if path[-1] == name]
+    found = [path for path in numbers if ".".join(path) == name] or [path for path in numbers if path[-1] == name]
     if len(found) == 1:
         return found[0]
     there = ", ".join(".".join(path) for path in found or numbers) or "none"

@@ -19,7 +19,7 @@
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -32,9 +32,14 @@ from .forces.actuators import Table
 from .forces.force import ForceRecord
 from .numbers import has_number, numbers_of, part_at, path_of, with_number
 
-AXES = {f"gravity.{axis}": i for i, axis in enumerate("xyz")}
+AXES = {name: i for i, axis in enumerate("xyz") for name in (f"gravity.{axis}", f"gravity[{i}]")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
-OF_BODIES, OF_RECORDS = ("mass", "com", "inertia"), ("length", "stiffness", "damping", "friction")
+OF_BODIES: dict[str, dict[str, list]] = {  # kind → index in the name → places in mass, centre of mass, inertia
+    "mass": {"": [()]},
+    "com": {str(i): [i] for i in range(3)},
+    "inertia": {index: [(i, j), (j, i)] for index, (i, j) in OF_INERTIA.items()},
+}
+OF_RECORDS = ("length", "stiffness", "damping", "friction")
 OF_JOINTS = {"damping": JointDamping, "friction": JointFriction}
 RELATIVE_STEP, SMALLEST = 1e-4, 0.1
 PARTED = 1e-7  # of Φ_θ: what no motion can follow
@@ -85,12 +90,8 @@ def with_parameters(mechanism, values: Mapping[str, float]):
 
 def parameter(mechanism, name: str) -> Parameter:
     """The parameter of this name, or InputError where nothing has it."""
-    axis = re.fullmatch(r"gravity\[([012])\]", name) if name.startswith("gravity") else None
-    if axis or name in AXES:
-        i = int(axis[1]) if axis else AXES[name]
-        gravity = mechanism.model.gravity.linear.copy()
-        part = lambda value: ("gravity", np.where(np.arange(3) == i, value, gravity))  # noqa: E731
-        return Parameter(name, float(gravity[i]), partial(_put_gravity, i), part)
+    if name in AXES:
+        return _of_gravity(mechanism, name)
     kind, sign, whose = name.partition(":")
     if sign and kind in OF_BODIES:
         return _of_body(mechanism, name, kind, whose)
@@ -107,27 +108,35 @@ def parameter(mechanism, name: str) -> Parameter:
 
 def names_of(mechanism, kind: str) -> list[str]:
     """The names of all parameters of a kind: masses of bodies, lengths of joints, numbers of records, …"""
-    bodies = [joint for i, joint in enumerate(mechanism.joints, 1) if mechanism.model.inertias[i].mass > 0.0]
+    model, joints = mechanism.model, list(enumerate(mechanism.joints, start=1))
     if kind == "mass":
-        return [f"mass:{body}" for body in bodies]
+        return [f"mass:{joint}" for i, joint in joints if model.inertias[i].mass > 0.0]
     if kind == "length":
-        placements = enumerate(mechanism.model.jointPlacements.tolist()[1:])
-        far = [mechanism.joints[i] for i, pose in placements if np.linalg.norm(pose.translation) > 1e-9]
-        return [f"length:{joint}" for joint in far]
+        arms = [np.linalg.norm(pose.translation) for pose in model.jointPlacements]
+        return [f"length:{joint}" for i, joint in joints if arms[i] > 1e-9]
     if kind in ("damping", "friction"):
-        values = getattr(mechanism.model, kind)
-        return [f"{kind}:{joint}" for joint in mechanism.joints if values[mechanism.columns(joint)].any()]
+        values = getattr(model, kind)
+        return [f"{kind}:{joint}" for _, joint in joints if values[mechanism.columns(joint)].any()]
     if kind == "gravity":
-        return [f"gravity[{i}]" for i in range(3) if mechanism.model.gravity.linear[i]]
-    records = {label: record for label, (*_, record) in records_of(mechanism).items()}
-    paths = [(label, path) for label, record in records.items() for path in numbers_of(record)]
-    return [f"{label}.{'.'.join(path)}" for label, path in paths if path[-1] == kind]
+        return [f"gravity[{i}]" for i in range(3) if model.gravity.linear[i]]
+    return [f"{label}.{'.'.join(path)}" for label, path in _numbers(mechanism) if path[-1] == kind]
 
 
-def _put_gravity(axis, mechanism, value):
-    gravity = mechanism.model.gravity.linear.copy()
-    gravity[axis] = value
-    return mechanism.with_gravity(gravity)
+def _numbers(mechanism) -> list[tuple[str, tuple]]:
+    """(name, path) of all numbers in loops and forces."""
+    records = records_of(mechanism).items()
+    return [(label, path) for label, (*_, record) in records for path in numbers_of(record)]
+
+
+def _of_gravity(mechanism, name) -> Parameter:
+    def changed(mechanism, value):
+        return np.where(np.arange(3) == AXES[name], value, mechanism.model.gravity.linear)
+
+    def put(mechanism, value):
+        return mechanism.with_gravity(changed(mechanism, value))
+
+    part = lambda value: ("gravity", changed(mechanism, value))  # noqa: E731
+    return Parameter(name, float(mechanism.model.gravity.linear[AXES[name]]), put, part)
 
 
 def _of_body(mechanism, name, kind, whose) -> Parameter:
@@ -139,24 +148,18 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
         joint = model.frames[model.getFrameId(body)].parentJoint
     else:
         raise unknown(mechanism, name, [f"{kind}:{joint}" for joint in mechanism.joints])
-    indices = {"mass": (None,), "com": ("0", "1", "2"), "inertia": tuple(OF_INERTIA)}[kind]
-    if (index or None) not in indices:
+    if index not in (indices := OF_BODIES[kind]):
         raise InputError(f"{name!r}: needs {' or '.join(f'{kind}:{body}' + (f'[{i}]' if i else '') for i in indices)}")
 
     def parts(model):
         one = model.inertias[joint]
-        return one.mass, one.lever.copy(), one.inertia.copy()
+        return {"mass": np.array(one.mass), "com": one.lever.copy(), "inertia": one.inertia.copy()}
 
     def changed(model, value):
-        mass, lever, inertia = parts(model)
-        if kind == "mass":
-            mass = value
-        elif kind == "com":
-            lever[int(index)] = value
-        else:
-            i, j = OF_INERTIA[index]
-            inertia[i, j] = inertia[j, i] = value
-        return mass, lever, inertia
+        found = parts(model)
+        for place in indices[index]:
+            found[kind][place] = value
+        return float(found["mass"]), found["com"], found["inertia"]
 
     def put(mechanism, value):
         model = mechanism.model.copy()
@@ -169,10 +172,7 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
     def part(value):
         return "inertia", joint, _about_joint(*changed(model, value))
 
-    mass, lever, inertia = parts(model)
-    if kind == "mass":
-        return Parameter(name, float(mass), put, part)
-    return Parameter(name, float(lever[int(index)] if kind == "com" else inertia[OF_INERTIA[index]]), put, part)
+    return Parameter(name, float(parts(model)[kind][indices[index][0]]), put, part)
 
 
 def _about_joint(mass, lever, inertia):
@@ -258,10 +258,9 @@ def unknown(mechanism, name, also=(), listed="") -> UnknownParameterError:
     """The error for a name: similar ones, of the parameters and of `also`, and what there is, with `listed`."""
     records = records_of(mechanism)
     known = [*also, *AXES]
-    for kind in (*OF_BODIES[:1], *OF_RECORDS, "gravity"):
+    for kind in ("mass", *OF_RECORDS):
         known += names_of(mechanism, kind)
-    for label, (*_, record) in records.items():
-        known += [f"{label}.{path[-1]}" for path in numbers_of(record)]
+    known += [f"{label}.{path[-1]}" for label, path in _numbers(mechanism)]
     joints, named = (", ".join([*names][:12]) + ", …" * (len(names) > 12) for names in (mechanism.joints, records))
     return UnknownParameterError(
         f"{mechanism.name} has no parameter {name!r}{near(name, known)}. There are mass:, com:, inertia:, length:, "

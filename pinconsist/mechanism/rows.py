@@ -14,11 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from .blocks import Length, Place, Turn, blocks
 from .checks import frame_of
 from .custom import Constraint, ConstraintRows
 from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow, Rows
-from .loops import Loop
+from .loops import Length, Loop, Place, Turn, blocks
 from .names import velocity_units
 
 TURNING = ("rx", "ry", "rz", "tilt1", "tilt2", "cross")  # rows in rad
@@ -209,8 +208,8 @@ class AnchoredRows(Rows):
         return _stacked([block.rows(d, R, linear, angular) for block in self._blocks], 0)
 
     def acceleration_bias(self, data, t=0.0, q=None, v=None):
-        p1, R1, v1, w1, a1, b1 = _anchor_motion(data, self.joint1, self.place1)
-        p2, R2, v2, w2, a2, b2 = _anchor_motion(data, self.joint2, self.place2)
+        p1, R1, v1, w1, a1, b1 = _anchor_motion(self.model, data, self.joint1, self.place1)
+        p2, R2, v2, w2, a2, b2 = _anchor_motion(self.model, data, self.joint2, self.place2)
         r, rd, W1 = p2 - p1, v2 - v1, pin.skew(w1)
         rdd = a2 - a1 - pin.skew(b1) @ r - 2 * W1 @ rd + W1 @ (W1 @ r)
         spin, spin_rate = R1.T @ (w2 - w1), R1.T @ (b2 - b1 - W1 @ w2)
@@ -284,15 +283,12 @@ def _stacked(parts, nv):
     return np.concatenate(values), np.concatenate(jacobians)
 
 
-def _anchor_motion(data, joint, placement):
+def _anchor_motion(model, data, joint, placement):
     """Position, axes, velocity, spin, classical acceleration and spin rate of an anchor, in world axes."""
-    pose = data.oMi[joint] * placement
-    if joint == 0:
-        return pose.translation, pose.rotation, *np.zeros((4, 3))
-    R = pose.rotation
-    velocity, acceleration = placement.actInv(data.v[joint]), placement.actInv(data.a[joint])
-    classical = acceleration.linear + pin.skew(velocity.angular) @ velocity.linear
-    return pose.translation, R, R @ velocity.linear, R @ velocity.angular, R @ classical, R @ acceleration.angular
+    pose, where = data.oMi[joint] * placement, (joint, placement, pin.LOCAL_WORLD_ALIGNED)
+    velocity = pin.getFrameVelocity(model, data, *where)
+    acceleration = pin.getFrameClassicalAcceleration(model, data, *where)
+    return pose.translation, pose.rotation, *velocity.np.reshape(2, 3), *acceleration.np.reshape(2, 3)
 
 
 _BUILT: WeakKeyDictionary[Any, LoopRows] = WeakKeyDictionary()  # by mechanism; never evaluated themselves

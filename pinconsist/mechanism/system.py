@@ -20,6 +20,7 @@ OPEN = 1e-6  # gap, relative to the mechanism's size, at which a row that left t
 NEAR = np.array([1e-8, 1e-6, 1e-4, 1e-3])  # changes of velocity, relative to the largest, over which forces may jump
 JUMP = 1e-3  # relative to the force
 AT_ONCE = 1e-9  # of the way there: changes that are so near to each other are one
+NEARBY = 1e-3  # rad and m: how far around a position with dependent rows the rank of the loops is checked
 WEAK = 0.2  # smallest singular value of the kept rows, relative to that of all rows, at which others are chosen
 
 
@@ -44,9 +45,7 @@ class MechanismSystem(Index3System):
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self.difference_step = self.kept_rows.difference_step
         self._kept_rows = self.kept_rows.evaluate
-        dropped = np.ones(self.rows.nc, bool)
-        dropped[self.kept] = False
-        self.dropped_are_zero = self._zero_everywhere(np.flatnonzero(dropped), q)
+        self.dropped_are_zero = self._zero_everywhere(np.delete(np.arange(self.rows.nc), self.kept), q)
         self._take(bound_forces(self.model, mechanism.forces))
         # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
@@ -105,13 +104,8 @@ class MechanismSystem(Index3System):
 
     def evaluate(self, t, p, v, a):
         f = pin.rnea(self.model, self.data, p, v, a) - self.torque(t, p, v)
-        pin.computeJointJacobians(self.model, self.data, p)
-        phi, J = self._kept_rows(self.data, p, t)
-        self._J = J
-        rho = J.dot(v)
-        if self.moving:
-            rho += self.rows.time_rate(t, p)[self.kept]
-        return f, phi, J.T, rho
+        phi, rho = self.constraint(t, p, v)
+        return f, phi, self._J.T, rho
 
     def linearize(self, t, p, v, a, lam, c, A):
         if c == 0.0:
@@ -147,8 +141,8 @@ class MechanismSystem(Index3System):
 
     def constraint(self, t, p, rate):
         pin.computeJointJacobians(self.model, self.data, p)
-        phi, J = self._kept_rows(self.data, p, t)
-        rho = J.dot(rate)
+        phi, self._J = self._kept_rows(self.data, p, t)
+        rho = self._J.dot(rate)
         return phi, rho + self.rows.time_rate(t, p)[self.kept] if self.moving else rho
 
     def acceleration_bias(self, t, p, v):
@@ -189,11 +183,8 @@ class MechanismSystem(Index3System):
         if not np.isfinite(np.concatenate((q, v))).all():
             return ()
         parts = {label: (f.torque(t, q, v), *f.derivatives(t, q, v)) for label, f in self._forces.items()}
-        return tuple(
-            label
-            for label, values in parts.items()
-            if not all(np.isfinite(value).all() for value in values if value is not None)
-        )
+        known = {label: [part for part in found if part is not None] for label, found in parts.items()}
+        return tuple(label for label, found in known.items() if not all(np.isfinite(part).all() for part in found))
 
     def weights(self, q, v):
         """Weights and the inertial forces of the velocities, shape (nv,)."""
@@ -253,6 +244,17 @@ class MechanismSystem(Index3System):
         fresh = MechanismSystem(self.mechanism, q, self.chosen_at)
         fresh._take(self._forces)  # those that are held go on
         return fresh if fresh.nc == self.nc and (fresh.kept != self.kept).any() else None
+
+    def rank_nearby(self, q, free) -> int:
+        """The highest rank of the loops at three closed positions near `q`, by motions in the columns `free`, or 0."""
+        if not free.size:
+            return 0
+        solver, rng, highest = LoopSolver(self.mechanism, self.chosen_at), np.random.default_rng(0), 0
+        for _ in range(3):
+            motion = free @ rng.standard_normal(free.shape[1])
+            nearby, _ = solver.close(pin.integrate(self.model, q, NEARBY * motion / np.linalg.norm(motion)))
+            highest = max(highest, len(solver.kept(nearby)))
+        return highest
 
     def opened(self, times, configurations, gaps=None):
         """(index, gap, row) of the first configuration in which a dropped row is open, or None.

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..mechanism.checks import finite_array, number, require_mechanism
 from ..mechanism.forces import Actuator, JointTorque, Servo
+from ..mechanism.forces.actuators import replayed
 from ..mechanism.forces.held import Held
-from ..mechanism.forces.programmed import replayed
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.rows import Workspace

@@ -5,16 +5,16 @@ Several joints of one body become a chain of joints with massless bodies between
 """
 
 import logging
-import math
 
 import numpy as np
 import pinocchio as pin
+from numpy.polynomial import Polynomial
 
 from ...errors import FormatError, InputError
 from ...mechanism.checks import places, warn
 from ...mechanism.forces import Actuator, JointSpring, Wrench
 from ...mechanism.joint_constraints import Coupling, Drive
-from ...mechanism.loops import GROUND, Loop
+from ...mechanism.loops import GROUND, Loop, anchor
 from ...mechanism.motion import Motion
 from ..reading import LARGEST, located
 
@@ -207,13 +207,12 @@ class Tree:
             frames, places = [self.sites[i] for i in ends], [pin.SE3.Identity()] * 2
         else:
             frames = [self.bodies[i] if i else GROUND for i in ends]
-            anchor = pin.SE3(np.eye(3), np.array(values[:3]))
+            there = pin.SE3(np.eye(3), np.array(values[:3]))
             one, two = (data.oMf[self.model.getFrameId(frame)] for frame in frames)
             weld = kind == "weld"
-            places = [pose(values[3:6], values[6:10]), anchor] if weld else [anchor, two.actInv(one) * anchor]
-        (xyz1, rpy1), (xyz2, rpy2) = ((tuple(p.translation), tuple(pin.rpy.matrixToRpy(p.rotation))) for p in places)
+            places = [pose(values[3:6], values[6:10]), there] if weld else [there, two.actInv(one) * there]
         kind = "frame" if kind == "weld" and values[10] else "point"
-        return Loop(name, kind, *frames, xyz1=xyz1, rpy1=rpy1, xyz2=xyz2, rpy2=rpy2)
+        return Loop(name, kind, *frames, **anchor(1, places[0]), **anchor(2, places[1]))
 
     def _coupling(self, e, name):
         """q1 - ref1 = Σ a_i (q2 - ref2)^i, multiplied out; without a second joint, the first is held at ref1 + a_0."""
@@ -221,10 +220,9 @@ class Tree:
         (joint, ref1), (other, ref2) = ((self.joints[j], float(m.qpos0[m.jnt_qposadr[j]])) for j in ends)
         if ends[1] < 0:
             return Drive(name, joint, Motion(start=ref1 + a[0]))
-        law = [sum(a[i] * math.comb(i, k) * (-ref2) ** (i - k) for i in range(k, 5)) for k in range(5)]
-        while len(law) > 2 and law[-1] == 0.0:
-            law.pop()
-        return Coupling(name, joint, other, ratio=law[1], offset=ref1 + law[0], higher=tuple(law[2:]))
+        law = Polynomial(a[:5])(Polynomial((-ref2, 1.0)))  # without powers from the last that counts on
+        offset, ratio, *higher = (*law.coef.tolist(), 0.0)[: max(2, len(law.coef))]
+        return Coupling(name, joint, other, ratio=ratio, offset=ref1 + offset, higher=tuple(higher))
 
 
 def pose(pos, quat) -> pin.SE3:

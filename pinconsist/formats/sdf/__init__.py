@@ -10,29 +10,33 @@ The specification is that of versions 1.4 to 1.12. What a file says is carried o
 * The name of the only model of a file is left out; else links, joints and frames are ``model::name``. Before version
   1.7 a link and a joint may have one name: the joint is then ``name_joint``.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model and do not act.
-* Joint controllers of Gazebo act (:mod:`.actuators`). Contacts, sensors, other plugins and lights are left out. What
-  would change the motion and cannot be carried over is refused: ``<include>``, kinematic links, inertias from shapes,
-  fluid added mass, gravity on some links only.
+* Joint controllers of Gazebo act (:mod:`pinconsist.formats.actuators`). Contacts, sensors, other plugins and lights
+  are left out. What would change the motion and cannot be carried over is refused: ``<include>``, kinematic links,
+  inertias from shapes, fluid added mass, gravity on some links only.
 * A screw is one joint of Pinocchio's (helical), a universal joint two hinges ``name_axis``, ``name_axis2`` with a
   massless body between them: Pinocchio's own universal joint has wrong ``computeRNEADerivatives``.
 """
 
 import logging
+import os
 from pathlib import Path
-from xml.etree.ElementTree import tostring
+from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
+import pinocchio as pin
 
 from ...mechanism.forces import JointSpring
-from ..reading import RobotFile, closing, parsed, read_bytes, refuse
-from ..urdf import checked
-from .actuators import actuators
-from .document import Document
+from ..actuators import controllers
+from ..reading import RobotFile, closing, parsed, read_bytes, refuse, shown, text
+from ..urdf import INERTIA, SHAPES, add_visual, checked, fixed_links, symmetric
+from .document import Body, Document
 from .joints import read_joints
-from .model import build
-from .net import Net, couplings
-from .shapes import in_urdf, inertias, weightless
+from .net import Net, build, couplings
 
+_DEFAULT_INERTIA = dict(zip(INERTIA, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), strict=True))  # kg·m²
+_LINK = ("pose", "inertial", "collision", "visual", "sensor", "projector", "audio_sink", "audio_source", "battery")
+_LINK += ("light", "particle_emitter", "gravity", "enable_wind", "self_collide", "kinematic", "must_be_base_link")
+_LINK += ("velocity_decay",)
 _log = logging.getLogger(__name__)
 
 
@@ -50,15 +54,99 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> Robo
     net = Net(document, joints)
     if len(net.roots) > 1:
         _log.warning("%s: no joints tie %s together or to the world", path, ", ".join(map(repr, net.roots)))
-    model, guess = build(document, net, inertias(document, robot), name, free_flyer)
+    model, guess = build(document, net, inertias(document), name, free_flyer)
     if weightless(document):
         model.gravity.linear = np.zeros(3)
     motions = [motion for joint in net.joints for motion in zip(joint.parts, joint.axes, strict=False)]
     springs = [JointSpring(part, axis.stiffness, axis.reference) for part, axis in motions if axis.stiffness]
     guess |= {part: axis.initial for part, axis in motions if axis.initial and model.existJointName(part)}
     shapes, loops = tostring(robot, encoding="unicode"), tuple(net.loops(document))
-    acting = actuators(document, joints, model)
+    acting = controllers(document, joints, model)
     return RobotFile(
         model, shapes, loops, tuple(couplings(joints)), forces=(*springs, *acting), guess=guess,
         actuated=tuple(dict.fromkeys(force.joint for force in acting)),
     )  # fmt: skip
+
+
+def in_urdf(document: Document, folders: list[Path]) -> Element:
+    """A raw `<robot>` with the links of a file, their inertias and shapes, all fixed to the first one."""
+    robot, links = fixed_links(document.bodies)
+    for name, body in document.bodies.items():
+        body.node.warn_unknown(_LINK)
+        _inertial(SubElement(links[name], "inertial"), body.node.child("inertial"))
+        for visual in body.node.children("visual"):
+            visual.name += f" {visual.get('name')!r}"
+            _visual(links[name], visual, body, document, folders)
+    return robot
+
+
+def inertias(document: Document) -> dict[str, pin.Inertia]:
+    """Link → its inertia in its own frame; the numbers are those of :func:`in_urdf`."""
+    found = {}
+    for name, body in document.bodies.items():
+        node = body.node.child("inertial")
+        own = symmetric([node.child("inertia").value(key, each) for key, each in _DEFAULT_INERTIA.items()])
+        found[name] = node.pose()[0].act(pin.Inertia(node.value("mass", 1.0), np.zeros(3), own))
+    return found
+
+
+def weightless(document: Document) -> bool:
+    """Whether gravity acts on no link; FormatError if it acts on some of the moving ones only."""
+    pulled, free = [], []
+    for name, body in document.bodies.items():
+        if body.node.flag("kinematic"):
+            raise body.node.error("kinematic links, moved by a program, cannot be read")
+        if any(body.node.child("velocity_decay").value(tag) for tag in ("linear", "angular")):
+            _log.warning("%s: velocity_decay has no effect", body.node.name)
+        if not body.static:
+            (pulled if body.node.flag("gravity", True) else free).append((name, body.node))
+    if pulled and free:
+        raise free[0][1].error(
+            f"gravity does not act on it, but on {pulled[0][0]!r}; it can be switched off for all links only"
+        )
+    return bool(free)
+
+
+def _inertial(out, node):
+    if node.truth(node.get("auto", "false")):
+        raise node.error("inertias from shapes (auto) cannot be read; write them out")
+    if node.child("fluid_added_mass"):
+        raise node.error("fluid_added_mass cannot be read")
+    SubElement(out, "mass", value=text(node.value("mass", 1.0)))
+    inertia = node.child("inertia")
+    SubElement(out, "inertia", {key: text(inertia.value(key, each)) for key, each in _DEFAULT_INERTIA.items()})
+
+
+def _visual(link, node, body: Body, document, folders):
+    solid = node.solid()
+    kind = solid.xml.tag if solid else "nothing"
+    sizes = {key: text(*solid.values(key, (1.0,) * count)) for key, count in SHAPES.get(kind, {}).items()}
+    if kind == "mesh":
+        uri = solid.word("uri")
+        if uri.startswith(("http://", "https://")):
+            _log.warning("%s: uri: left out, nothing is fetched from the network: %s", solid.name, shown(uri))
+            return
+        sizes["filename"] = _mesh(uri, folders, solid.child("uri"))
+    place, relative_to = node.pose()
+    if relative_to:
+        base = document.resolve(body.scope, relative_to, f"{node.name}: pose")
+        place = body.pose.actInv(document.pose(base) * place)
+    material = node.child("material")
+    colour = (material.child("diffuse").text() or material.child("ambient").text()).split()
+    add_visual(link, place, kind, sizes, " ".join([*colour, "1"] if len(colour) == 3 else colour))
+
+
+def _mesh(uri, folders, node):
+    """A mesh's name in URDF's words; FormatError if it leads out of the folders."""
+    scheme, _, rest = uri.rpartition("://")
+    if scheme in ("model", "package"):
+        inside = not os.path.normpath(rest).startswith((os.pardir, os.sep))
+    elif scheme in ("", "file"):
+        targets = [Path(os.path.normpath(folder / rest)) for folder in folders]
+        inside = any(target.is_relative_to(folder) for target in targets for folder in folders)
+    else:
+        raise node.error(f"the scheme of {shown(uri)} is none of model, package, file")
+    if "\0" in uri or not inside:
+        reason = "leads out of the folder of the scene; name the folders of its meshes by package_dirs="
+        raise node.error(f"{shown(uri)} {reason}")
+    return f"package://{rest}" if scheme == "model" else uri

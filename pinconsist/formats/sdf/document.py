@@ -1,4 +1,8 @@
-"""SDF elements → bodies, joints and frames with their places in the world, before any tree is made of them."""
+"""SDF elements → bodies, joints and frames with their places in the world, before any tree is made of them.
+
+Full names join the models and the name, ``model::link``; the world is ``"world"``. Sources: the tutorials "Pose frame
+semantics" and "Model composition" of sdformat.org.
+"""
 
 import logging
 import math
@@ -10,10 +14,10 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import FormatError
-from ...mechanism.blocks import unit
-from ..reading import Node, floats, near, shown
-from .frames import WORLD, Frame, Frames, join
+from ...mechanism.loops import unit
+from ..reading import Node, floats, near, require_known, shown
 
+WORLD = "world"
 OLDEST = (1, 4)
 FRAMES = (1, 7)  # the version from which names are unique, and axes expressed in named frames
 DEEPEST = 30
@@ -68,9 +72,6 @@ class SdfNode(Node):
             raise self.error(f"<{tag}> is empty")
         return found.text()
 
-    def text(self) -> str:
-        return ((self.xml.text if self else "") or "").strip()
-
     def pose(self) -> tuple[pin.SE3, str]:
         """The `<pose>`, and the frame that it is relative to (empty: the default one).
 
@@ -91,8 +92,7 @@ class SdfNode(Node):
             rotation = pin.Quaternion(unit(turn)).toRotationMatrix()
         else:
             raise found.error("the quaternion is zero")
-        # before version 1.7 the attribute was called frame
-        return pin.SE3(rotation, values[:3]), found.get("relative_to") or found.get("frame")
+        return pin.SE3(rotation, values[:3]), found.get("relative_to") or found.get("frame")  # the latter before 1.7
 
     def warn_unknown(self, known: tuple[str, ...]) -> None:
         """Warn of children that are not known, most likely misspelt; they have no effect."""
@@ -110,13 +110,27 @@ class SdfNode(Node):
 
 
 class Body(NamedTuple):
-    """A link: its name, element and place in the world, the model that it belongs to, and whether it cannot move."""
+    """A link: its element, its place in the world, the model that it belongs to, and whether it cannot move."""
 
-    name: str
     node: SdfNode
     pose: pin.SE3
     scope: str
     static: bool
+
+
+class Frame(NamedTuple):
+    """A frame as the file writes it. It refers to others by a scope, the full name of a model or empty, and a name."""
+
+    element: str  # the name that messages use
+    pose: pin.SE3  # in its base; with `placement`, that of the frame inside a model by which the model is placed
+    base: tuple[str, str]
+    attached: tuple[str, str] | None  # what it moves with; None: a link
+    placement: str = ""
+
+
+def join(scope: str, name: str) -> str:
+    """The full name of what is called `name` in a scope."""
+    return f"{scope}::{name}" if scope else name
 
 
 class Document:
@@ -124,7 +138,7 @@ class Document:
 
     The names of a file are collected first, and what they refer to is looked up afterwards. `frames` are the `<frame>`
     elements with the body that each moves with and its place in the world, `roots` the bodies that the file names as
-    canonical links, `lookup` holds poses and bodies by full names.
+    canonical links.
     """
 
     def __init__(self, raw: Element):
@@ -142,21 +156,23 @@ class Document:
             holder = top if self.version > (1, 5) else top.child("physics")
             self.gravity = np.array(holder.values("gravity", GRAVITY))
         top.refuse_includes()
-        models, cut = top.children("model"), 0
+        models, self._cut = top.children("model"), 0  # letters of full names that the mechanism leaves out
         if len(models) == 1 and not top.child("joint") and not top.child("frame"):
-            cut = len(join(models[0].get("name"), ""))
-        self.lookup = Frames(cut)
-        self._links, self._extra, self._canonical = {}, [], []  # by full names
+            self._cut = len(join(models[0].get("name"), ""))
+        self._all: dict[str, Frame] = {}  # by full names, as the following ones
+        self._poses = {WORLD: pin.SE3.Identity()}
+        self._links, self._extra, self._canonical = {}, [], []
         for model in models:
             self._model(model, "", False, 0)
         self._joints_and_frames(top, "", False)
         if not self._links:
             raise FormatError("there is no link")
-        short, pose, body = self.lookup.short, self.lookup.pose, self.lookup.body
-        links = [(short(full), node, pose(full), *rest) for full, (node, *rest) in self._links.items()]
-        self.bodies = {name: Body(name, *rest) for name, *rest in links}
-        self.frames = {short(full): (short(body(full)), pose(full)) for full in self._extra}
-        self.roots = [short(body(full)) for full in self._canonical]
+        self.bodies = {
+            self.short(full): Body(node, self.pose(full), scope, static)
+            for full, (node, scope, static) in self._links.items()
+        }
+        self.frames = {self.short(full): (self.body(full), self.pose(full)) for full in self._extra}
+        self.roots = [self.body(full) for full in self._canonical]
 
     def _model(self, node, scope, static, depth):
         full = self._name(node, "model", scope)
@@ -170,12 +186,12 @@ class Document:
         if not (inner or static):
             raise node.error("there is no link")
         attached = WORLD if static else canonical or inner[0]
-        self.lookup.add(full, Frame(node.name, *node.pose(), scope, attached, full, node.get("placement_frame")))
+        self._add(full, node, scope, (full, attached), placement=node.get("placement_frame"))
         if canonical and not static:
             self._canonical.append(full)
         for link in node.children("link"):
             name = self._name(link, "link", full)
-            self.lookup.add(name, Frame(link.name, *link.pose(), full, attached=None))
+            self._add(name, link, full, None)
             self._links[name] = link, full, static
         for each in node.children("model"):
             self._model(each, full, static, depth + 1)
@@ -185,16 +201,16 @@ class Document:
     def _joints_and_frames(self, node, scope, static):
         for joint in node.children("joint"):
             full = self._name(joint, "joint", scope)
-            (place, base), child = joint.pose(), joint.child("child").text()
+            child = joint.child("child").text()
             if self.version < FRAMES and full in self._links:  # allowed then
                 full += "_joint"
-            self.lookup.add(full, Frame(joint.name, place, base or child, scope, child))
+            self._add(full, joint, scope, (scope, child), child)
             if not static:
                 self.joints.append((full, joint, scope))
         for frame in node.children("frame"):
             full = self._name(frame, "frame", scope)
-            (place, base), attached = frame.pose(), frame.get("attached_to")
-            self.lookup.add(full, Frame(frame.name, place, base or attached, scope, attached))
+            attached = frame.get("attached_to")
+            self._add(full, frame, scope, (scope, attached), attached)
             self._extra.append(full)
 
     def _name(self, node, tag, scope):
@@ -204,8 +220,73 @@ class Document:
             raise FormatError(f"a {tag} has no name")
         if name in (WORLD, "universe") or (name.startswith("__") and name.endswith("__")):
             raise FormatError("the name is reserved; give it another", element=f"{tag} {name[:80]!r}")
-        node.name = f"{tag} {self.lookup.short(join(scope, name))!r}"
+        node.name = f"{tag} {self.short_in(scope, name)!r}"
         return join(scope, name)
+
+    def _add(self, full, node, scope, attached, base="", placement=""):
+        pose, given = node.pose()
+        if full in self._all:
+            raise node.error(f"{self._all[full].element} has the same name")
+        self._all[full] = Frame(node.name, pose, (scope, given or base), attached, placement)
+
+    def short(self, full: str) -> str:
+        """The name in the mechanism and in messages, from the full one: without that of the only model of a file."""
+        return full if full == WORLD else full[self._cut :] or full
+
+    def short_in(self, scope: str, name: str) -> str:
+        """The name in the mechanism of what a scope calls `name`."""
+        return self.short(join(scope, name))
+
+    def resolve(self, scope: str, name: str, element: str) -> str:
+        """The full name of what a scope calls `name`; empty means the model or the world itself."""
+        if name in ("", "__model__"):
+            return scope or WORLD
+        full = WORLD if name == WORLD else join(scope, name)
+        if full != WORLD and full not in self._all:
+            start = join(scope, "")
+            names = [each.removeprefix(start) for each in self._all if each.startswith(start)]
+            require_known(name, names, f"there is no link, joint, frame or model {name!r} here", element)
+        return full
+
+    def pose(self, full: str) -> pin.SE3:
+        """The pose in the world of a frame by its full name."""
+        path, each = {}, full
+        while each not in self._poses:
+            each = self._step(path, each)
+        for each, base in reversed(path.items()):
+            self._poses[each] = self._poses[base] * self._local(each)
+        return self._poses[full]
+
+    def body(self, full: str) -> str:
+        """The name of the link that a frame moves with, or the world; the frame by its full name."""
+        path = {}
+        while full != WORLD and self._all[full].attached is not None:
+            full = self._step(path, full, to_body=True)
+        return self.short(full)
+
+    def _step(self, path, full, to_body=False):
+        """Add a frame to a path; returns its base, or what it is attached to."""
+        frame = self._all[full]
+        if full in path:
+            names = [*map(self.short, path), self.short(full)]
+            listed = " → ".join(names[names.index(names[-1]) :][:8])
+            raise FormatError(f"a cycle of frames: {listed}", element=frame.element)
+        path[full] = self.resolve(*(frame.attached if to_body else frame.base), frame.element)
+        return path[full]
+
+    def _local(self, full):
+        """The pose of a frame in its base."""
+        frame = self._all[full]
+        if frame.placement:
+            place = self.resolve(full, frame.placement, f"{frame.element}: placement_frame")
+            pose, path = pin.SE3.Identity(), {}
+            while place != full:
+                if place == WORLD:
+                    raise FormatError("its placement_frame is relative to the world", element=frame.element)
+                here, place = place, self._step(path, place)
+                pose = self._local(here) * pose
+            frame = self._all[full] = frame._replace(pose=frame.pose * pose.inverse(), placement="")
+        return frame.pose
 
 
 def _version(raw) -> tuple[int, ...]:

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ...mechanism.blocks import unit
-from .document import FRAMES, Document, SdfNode
-from .frames import WORLD, join
+from ...mechanism.loops import unit
+from .document import FRAMES, WORLD, Document, SdfNode
 
 AXES = dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), 1) | dict.fromkeys(("ball", "fixed"), 0)
 AXES |= dict.fromkeys(("universal", "revolute2", "gearbox"), 2)
@@ -76,10 +75,10 @@ class _Reader:
     """Reads joints of one scope."""
 
     def __init__(self, document, scope):
-        self.frames, self.version, self.scope = document.lookup, document.version, scope
+        self.document, self.version, self.scope = document, document.version, scope
 
     def joint(self, full, node) -> Joint:
-        name = self.frames.short(full)
+        name = self.document.short(full)
         node.name = f"joint {name!r}"
         node.warn_unknown(_PARTS)
         kind = node.get("type").lower()
@@ -90,7 +89,7 @@ class _Reader:
             raise node.error("the world cannot be a child; exchange parent and child")
         if parent == child:
             raise node.error(f"parent and child are the same body {parent!r}")
-        pose = self.frames.pose(full)
+        pose = self.document.pose(full)
         axes = tuple(self._axis(node.child(tag), pose) for tag in ("axis", "axis2")[: AXES[kind]])
         if kind in ("universal", "revolute2"):
             if np.linalg.norm(np.cross(axes[0].direction, axes[1].direction)) < PARALLEL:
@@ -107,8 +106,7 @@ class _Reader:
         return Joint(name, kind, parent, child, pose, axes, pitch, ratio, reference, must_cut)
 
     def _body(self, node, tag):
-        full = self.frames.resolve(self.scope, node.word(tag), f"{node.name}: {tag}")
-        return self.frames.short(self.frames.body(full))
+        return self.document.body(self.document.resolve(self.scope, node.word(tag), f"{node.name}: {tag}"))
 
     def _axis(self, node, pose) -> Axis:
         if not node:
@@ -119,7 +117,7 @@ class _Reader:
             raise node.error("the axis is the zero vector")
         direction = unit(direction)
         if frame := self._expressed_in(node):
-            there = self.frames.pose(self.frames.resolve(self.scope, frame, f"{node.name}: xyz"))
+            there = self.document.pose(self.document.resolve(self.scope, frame, f"{node.name}: xyz"))
             direction = pose.rotation.T @ there.rotation @ direction
         limits = node.child("limit")
         lower, upper = limits.limit("lower", -math.inf), limits.limit("upper", math.inf)
@@ -146,7 +144,7 @@ class _Reader:
         if axis not in axes:
             raise node.error(f"axis={axis[:40]!r} is neither axis nor axis2")
         ratio, offset = node.value("multiplier", 1.0), node.value("offset")
-        leader = self.frames.short(join(self.scope, node.get("joint")))
+        leader = self.document.short_in(self.scope, node.get("joint"))
         return Follower(leader, axes.index(axis), ratio, offset - ratio * node.value("reference"))
 
 

@@ -111,10 +111,8 @@ class BoundHeld(BoundForce):
 
 def columns_of(model, joints, who) -> np.ndarray:
     """The velocity columns of some joints, all without."""
-    if joints is None:
-        return np.arange(model.nv)
     every = np.arange(model.nv)
-    return np.concatenate([every[columns(model, joint, who)] for joint in joints])
+    return every if joints is None else np.concatenate([every[columns(model, joint, who)] for joint in joints])
 
 
 class HeldRecord(ForceRecord):
@@ -139,16 +137,6 @@ class Held(HeldRecord):
     def bind(self, model):
         table = np.zeros((0, 1 + model.nv)) if self.table is None else self.table
         return BoundHeld(model.nv, table[:, 0], np.ascontiguousarray(table[:, 1:]), self.sign, self.linear)
-
-
-def _bound_table(record, model):
-    here, n = columns_of(model, record.joints, "HeldTorque"), len(record.times)
-    if record.torques.shape[1] != len(here):
-        raise InputError(f"HeldTorque: torques need {len(here)} columns, got shape {record.torques.shape}")
-    torques = np.zeros((n, model.nv))
-    torques[:, here] = record.torques
-    sign = -1.0 if n > 1 and record.times[-1] < record.times[0] else 1.0
-    return BoundHeld(model.nv, record.times, torques, sign, record.linear)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +165,7 @@ class HeldTorque(HeldRecord):
     joints: str | Sequence[str] | None = None
     linear: bool = False
 
-    _kind, _law = "held torque", staticmethod(_bound_table)
+    _kind = "held torque"
 
     def __post_init__(self):
         times = finite_array(self.times, "HeldTorque: times")
@@ -190,6 +178,15 @@ class HeldTorque(HeldRecord):
                 f"and {torques.shape}"
             )
         put(self, times=read_only(times), torques=read_only(torques), joints=self.joints and several(self.joints))
+
+    def bind(self, model) -> BoundHeld:
+        here, times, given = columns_of(model, self.joints, "HeldTorque"), self.times, np.asarray(self.torques)
+        if given.shape[1] != len(here):
+            raise InputError(f"HeldTorque: torques need {len(here)} columns, got shape {given.shape}")
+        torques = np.zeros((len(times), model.nv))
+        torques[:, here] = given
+        sign = -1.0 if len(times) > 1 and times[-1] < times[0] else 1.0
+        return BoundHeld(model.nv, times, torques, sign, self.linear)
 
 
 class _BoundSampled(BoundHeld):
