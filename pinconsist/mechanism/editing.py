@@ -42,12 +42,9 @@ def reduced(mechanism, q=None):
     result = mechanism.lock(still, closed) if still else replace(mechanism, guess=closed)
     shares = [by_joint(mechanism, place) for place in places]
     left = [result.configuration({joint: each[joint] for joint in result.joints}) for each in shares]
-    lighter, changes = _with_fewer_rows(result, left)
     if still:
         _log.info("%s: joints that the loops hold still are locked: %s", mechanism.name, ", ".join(still))
-    for change in changes:
-        _log.info("%s: %s", mechanism.name, change)
-    return lighter
+    return _with_fewer_rows(result, left)
 
 
 def _still_joints(solver, places):
@@ -62,19 +59,20 @@ def _still_joints(solver, places):
 
 def _with_fewer_rows(mechanism, places):
     """Loops that add nothing to the others dropped, and loops whose turning rows add nothing made points."""
-    changes, ranks = [], _ranks(mechanism, mechanism.loops, places)
+    ranks = _ranks(mechanism, mechanism.loops, places)
     for loop in reversed(mechanism.anchored_loops):
         others = [other for other in mechanism.loops if other is not loop]
         if _ranks(mechanism, others, places) == ranks:
             mechanism = mechanism.with_loops(*others)
-            changes.append(f"loop {loop.name!r} follows from the others and is dropped")
+            _log.info("%s: loop %r follows from the others and is dropped", mechanism.name, loop.name)
         elif loop.kind in ("frame", "hinge", "universal"):
             point = replace(loop, kind="point", axis=None, axis2=None)
             loops = [point if other is loop else other for other in mechanism.loops]
             if _ranks(mechanism, loops, places) == ranks:
                 mechanism = mechanism.with_loops(*loops)
-                changes.append(f"the turning rows of loop {loop.name!r} follow from the others; it is a point now")
-    return mechanism, changes
+                reason = "follow from the others; it is a point now"
+                _log.info("%s: the turning rows of loop %r %s", mechanism.name, loop.name, reason)
+    return mechanism
 
 
 def _ranks(mechanism, loops, places):
