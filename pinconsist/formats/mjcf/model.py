@@ -160,7 +160,7 @@ class Tree:
         return dict(zip(m.wrap_objid[parts].tolist(), m.wrap_prm[parts].tolist(), strict=True))
 
     def _actuator(self, i, shares, name):
-        m, gear = self._m, float(m_gear) if (m_gear := self._m.actuator_gear[i, 0]) else 0.0
+        m, gear = self._m, float(self._m.actuator_gear[i, 0])
         ranges = [
             tuple(getattr(m, f"actuator_{what}range")[i].tolist()) if getattr(m, f"actuator_{what}limited")[i] else ()
             for what in ("ctrl", "force")
@@ -220,8 +220,8 @@ class Tree:
         (joint, ref1), (other, ref2) = ((self.joints[j], float(m.qpos0[m.jnt_qposadr[j]])) for j in ends)
         if ends[1] < 0:
             return Drive(name, joint, Motion(start=ref1 + a[0]))
-        law = Polynomial(a[:5])(Polynomial((-ref2, 1.0)))  # without powers from the last that counts on
-        offset, ratio, *higher = (*law.coef.tolist(), 0.0)[: max(2, len(law.coef))]
+        law = Polynomial(a[:5])(Polynomial((-ref2, 1.0))).coef.tolist()  # without highest powers that are zero
+        offset, ratio, *higher = law if len(law) > 1 else (*law, 0.0)
         return Coupling(name, joint, other, ratio=ratio, offset=ref1 + offset, higher=tuple(higher))
 
 
