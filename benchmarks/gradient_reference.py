@@ -4,7 +4,7 @@ import numpy as np
 
 from pinconsist._core.compiled_gradient import index1_of
 from pinconsist.dae.start import integrate_index1
-from pinconsist.gradients.named import named_start
+from pinconsist.gradients.prepare import named_start
 from pinconsist.mechanism.assembly import assembled
 from pinconsist.mechanism.closing import LoopSolver
 from pinconsist.mechanism.system import MechanismSystem

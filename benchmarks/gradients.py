@@ -10,9 +10,9 @@ import numpy as np
 
 from pinconsist import Event, MissingExtraError, gradient, load, sensitivities, simulate
 from pinconsist.cli import output
-from pinconsist.gradients.gradient import STILL
-from pinconsist.gradients.sensitivities import prepared
-from pinconsist.gradients.varied import Variants
+from pinconsist.gradients.lead import STILL
+from pinconsist.gradients.prepare import prepared
+from pinconsist.gradients.variants import Variants
 
 from . import report
 from .gradient_fit import fits

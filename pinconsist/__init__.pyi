@@ -2,7 +2,6 @@
 
 from .accuracy import GlobalError as GlobalError
 from .analysis.actuation import Actuation as Actuation
-from .analysis.derivatives import Derivatives as Derivatives
 from .analysis.equilibrium import Equilibrium as Equilibrium
 from .analysis.equilibrium import equilibrium as equilibrium
 from .analysis.inverse_dynamics import InverseDynamics as InverseDynamics
@@ -10,6 +9,7 @@ from .analysis.inverse_dynamics import inverse_dynamics as inverse_dynamics
 from .analysis.linearize import Linearization as Linearization
 from .analysis.linearize import linearize as linearize
 from .analysis.modes import Modes as Modes
+from .analysis.variations import Derivatives as Derivatives
 from .certificate import Certificate as Certificate
 from .comparison import compare as compare
 from .dae.events import Event as Event
@@ -26,9 +26,9 @@ from .errors import UserFunctionError as UserFunctionError
 from .formats.catalogue import models as models
 from .formats.load import load as load
 from .formats.write import write as write
-from .gradients.gradient import Gradient as Gradient
-from .gradients.gradient import gradient as gradient
+from .gradients.sensitivities import Gradient as Gradient
 from .gradients.sensitivities import Sensitivities as Sensitivities
+from .gradients.sensitivities import gradient as gradient
 from .gradients.sensitivities import sensitivities as sensitivities
 from .mechanism.assembly import Assembly as Assembly
 from .mechanism.assembly import assemble as assemble

@@ -10,7 +10,7 @@ import pytest
 from helpers import actuated
 
 import pinconsist as pc
-from pinconsist.analysis.following import Follower
+from pinconsist.analysis.coordinates import Follower
 from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.mechanism.system import MechanismSystem
 

@@ -8,7 +8,7 @@ from helpers.twin import needs_twin
 
 import pinconsist as pc
 from benchmarks.gradient_reference import differences
-from pinconsist.gradients import named
+from pinconsist.gradients import prepare
 
 
 def both(mech, theta, until, v0, seed=0, **options):
@@ -95,8 +95,8 @@ def test_back_is_forwards_for_the_values_of_a_table(backend, method):
 @pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
 def test_values_of_a_table_are_one_group_in_any_order(backend, monkeypatch):
     """Among others, twice, and one by one they have the same derivatives; names are looked up once for all."""
-    looked, plain = [], named.parameter
-    monkeypatch.setattr(named, "parameter", lambda mech, name: looked.append(name) or plain(mech, name))
+    looked, plain = [], prepare.parameter
+    monkeypatch.setattr(prepare, "parameter", lambda mech, name: looked.append(name) or plain(mech, name))
     times = np.linspace(0.0, 0.02, 40)
     mech = pc.load("crank_rocker").with_forces(pc.Actuator("motor", "crank", gear=2.0))
     mech = mech.with_control({"motor": (times, np.cos(90.0 * times))})
@@ -141,9 +141,9 @@ def test_back_through_events(method):
 
 @needs_twin
 def test_python_and_compiled_go_the_same_way():
-    from pinconsist._core.compiled_gradient import follower
+    from pinconsist._core.compiled_gradient import CompiledFollower
     from pinconsist.gradients.forward import follow_back
-    from pinconsist.gradients.sensitivities import prepared
+    from pinconsist.gradients.prepare import prepared
 
     for scene, until in ((crank_rocker, 0.05), (two_balls, 0.2), (bricard, 0.8)):
         mech, names, _, v0 = scene()
@@ -153,7 +153,7 @@ def test_python_and_compiled_go_the_same_way():
         seeds[1:, 1:] = 0.0
         residuals, ours, theirs = variants.residuals(leg.system), seeds.copy(), seeds.copy()
         rates = follow_back(leg, residuals, ours)
-        others = follower(base.index1(leg.system), residuals).backward(leg, theirs)
+        others = CompiledFollower(base.index1(leg.system), residuals).backward(leg, theirs)
         np.testing.assert_allclose(rates, others, atol=1e-6 * np.abs(rates).max())
         np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(ours).max())
 

@@ -9,8 +9,8 @@ from helpers.twin import needs_twin
 import pinconsist as pc
 from benchmarks.gradient_reference import worst
 from pinconsist.dae import charts
-from pinconsist.gradients import stage_leg, stages
-from pinconsist.gradients.sensitivities import prepared
+from pinconsist.gradients import linear, stage_leg
+from pinconsist.gradients.prepare import prepared
 from pinconsist.gradients.stage_leg import StageWay, way_along
 from pinconsist.mechanism.system import MechanismSystem
 
@@ -39,7 +39,7 @@ def test_order_of_all_derivatives(scene, s):
     assert (np.abs(order - (2 * s - 1)) < 0.6).all(), (order, fine)
 
 
-class WithoutMetric(stages.Motion):
+class WithoutMetric(linear.Motion):
     """The projection of the velocity is taken for one in a metric that stays."""
 
     def _end(self):
@@ -59,7 +59,7 @@ def test_where_the_metric_of_the_projection_stays_the_order_is_lost(monkeypatch)
 
 
 def test_where_charts_do_not_turn_rotations_are_wrong(monkeypatch):
-    monkeypatch.setattr(stages, "chart_rate_gradient", lambda system, xi, rate: np.zeros((system.nx, system.nx)))
+    monkeypatch.setattr(linear, "chart_rate_gradient", lambda system, xi, rate: np.zeros((system.nx, system.nx)))
     (error,) = errors(two_balls, 3, steps=(10,), backend="python")
     assert error[0] > 1e-4  # 2e-9
 
@@ -81,15 +81,15 @@ def test_the_compiled_way_is_the_python_one(scene):
         size = 1.0 + np.abs(one.v).max()
         np.testing.assert_allclose(one.p, other.p, atol=1e-11)
         np.testing.assert_allclose(one.v, other.v, atol=1e-10 * size)
-    steps, begins = steps + led[0], np.arange(2 * len(steps)) % len(steps)
+    steps = steps + led[0]
     state = [np.array([getattr(step, name) for step in steps]) for name in ("end", "p", "v")]
     S, given = rng.normal(size=(len(steps), len(names), n)), rng.normal(size=(len(steps), n))
     of_lam = rng.normal(size=(len(steps), leg.system.nc))
     found = []
     for way in (plain, compiled):
         ends, bars, others = np.empty_like(S), np.zeros_like(given), np.zeros_like(given)
-        way.forward(steps, begins, S, ends)
-        own = way.backward(steps, begins, given, bars)
+        way.forward(steps, S, ends)
+        own = way.backward(steps, given, bars)
         last = way.multipliers_back(*state, of_lam, others)
         found.append((ends, bars, own, *way.multipliers(*state, S), others, last))
     for one, other in zip(*found, strict=True):

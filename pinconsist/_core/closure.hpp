@@ -1,4 +1,4 @@
-// analysis/following.py: closed configurations along a path of a few coordinates, within one assembly mode.
+// Follower of analysis/coordinates.py: closed configurations along a way of a few coordinates, within one mode of assembly.
 #pragma once
 
 #include "kkt.hpp"

@@ -1,13 +1,16 @@
-"""What gradients ask of the compiled part."""
+"""What gradients ask of the compiled part: derivatives led along the steps of BDF and of Radau IIA."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from ..dae import bdf
 from ..dae.index1 import Index1
 from ..dae.kkt import singular_message
+from ..dae.segments import not_made_again
 from ..errors import SingularSystemError
 from . import load
-from .compiled_system import CompiledIndex1, compiled_system
+from .compiled_system import CompiledIndex1, compiled_system, with_all_rows
 
 
 def index1_of(system, compiled: bool) -> Index1:
@@ -15,21 +18,6 @@ def index1_of(system, compiled: bool) -> Index1:
     if not compiled or load()[0] is None:
         return Index1(system)
     return CompiledIndex1(system, compiled_system(system))
-
-
-def known_columns(index1, parameters):
-    """The function of a state that gives what is known of r_θ, (P, nv); `parameters` as in ``gradients.varied``."""
-    if isinstance(index1, CompiledIndex1) and (rates := _known_rates(parameters)) is not None:
-        return lambda *state: rates.columns(*state, len(parameters)).T
-
-    def columns(*state):
-        r = np.zeros((len(parameters), index1.system.nv))
-        for i, row in enumerate(r):
-            for weight, other in () if i in parameters.beside else parameters[i]:
-                row += weight * other.system.evaluate(*state)[0]
-        return r
-
-    return columns
 
 
 def _known_rates(parameters):
@@ -43,63 +31,108 @@ def _known_rates(parameters):
     return rates
 
 
-def use_parameters(core, parameters) -> None:
-    """Hand over to what leads derivatives in C++; `parameters` as in ``gradients.varied``, or an empty list."""
-    if not len(parameters):
-        return
-    core.use_parameters(len(parameters))
-    for column, terms in parameters.beside.items():
-        for weight, other in terms:
-            core.add_term(column, weight, other.compiled)
-    if (rates := _known_rates(parameters)) is not None:
-        core.use_known(rates)
-
-
 def all_rows(index1):
     """The function of a configuration that gives J of all rows of a mechanism's loops, (n_multipliers, nv)."""
     system = index1.system
     if not isinstance(index1, CompiledIndex1):
         return lambda q: system.loop_rows(q)[1]
-    compiled, still = load()[0].MechanismSystem(system.model, system.data), np.zeros(system.nv)
-    system.hand_over_all_rows(compiled)
+    compiled, still = with_all_rows(system), np.zeros(system.nv)
     return lambda q: compiled.evaluate(system.chosen_at, q, still, still)[2]
 
 
-def follower(index1, residuals):
-    """The compiled way along the legs of the system of `index1`, or None; `residuals` as in ``linear.Step``."""
-    if not isinstance(index1, CompiledIndex1):
-        return None
-    core = load()[0].Derivatives(index1.compiled)
-    use_parameters(core, residuals)
-    return CompiledFollower(index1, core, len(residuals))
+class CompiledWay:
+    """What leads derivatives by parameters along steps of the system of `index1`; `parameters` as above."""
+
+    kind: str
+
+    def __init__(self, index1, parameters):
+        self.system, self.parameters = index1.system, parameters
+        core = self._core = getattr(load()[0], self.kind)(index1.compiled)
+        if not len(parameters):
+            return
+        core.use_parameters(len(parameters))
+        for column, terms in parameters.beside.items():
+            for weight, other in terms:
+                core.add_term(column, weight, other.compiled)
+        if (rates := _known_rates(parameters)) is not None:
+            core.use_known(rates)
+
+    def _rates(self):
+        return np.zeros(len(self.parameters))
+
+    @staticmethod
+    def _check(singular, times) -> None:
+        if singular >= 0:
+            raise SingularSystemError(singular_message(times[singular]))
 
 
-class CompiledFollower:
-    """Leads derivatives along legs in C++."""
+def _rows(array):
+    """An array as a table with a row for each of its first index, which is written through."""
+    return array.reshape(len(array), array[0].size if len(array) else 0)
 
-    def __init__(self, index1, core, parameters):
-        self._index1, self._core, self._parameters = index1, core, parameters
+
+class CompiledFollower(CompiledWay):
+    """Leads derivatives along legs of BDF."""
+
+    kind = "Derivatives"
 
     def forward(self, leg, S) -> None:
         """See :func:`pinconsist.gradients.forward.follow`."""
         leg.tables = np.empty((1 + len(leg.t), *S.shape))
         leg.tables[0] = S
-        singular = self._core.forward(self._index1.compiled, *_columns(leg), leg.tables)
-        if singular >= 0:
-            raise SingularSystemError(singular_message(leg.t[singular]))
+        self._check(self._core.forward(self._steps(leg), _rows(leg.tables)), leg.t)
 
     def backward(self, leg, seeds):
         """See :func:`pinconsist.gradients.forward.follow_back`."""
-        rates = np.zeros(self._parameters)
-        singular = self._core.backward(self._index1.compiled, *_columns(leg), seeds, rates)
-        if singular >= 0:
-            raise SingularSystemError(singular_message(leg.t[singular]))
+        rates = self._rates()
+        self._check(self._core.backward(self._steps(leg), _rows(seeds), rates), leg.t)
         return rates
 
+    @staticmethod
+    def _steps(leg):
+        t, h, k, base, Z = leg.curve()
+        changed = np.array([False, *(changes is not bdf.UNCHANGED for changes in leg.changes)])
+        changes = np.array([each.ravel() for each in leg.changes[changed[1:]]]).reshape(-1, bdf.ROWS**2)
+        return load()[0].Leg(t, h, k, base, _rows(Z), np.where(changed, np.cumsum(changed) - 1, -1), changes)
 
-def _columns(leg):
-    """What the compiled follower reads of a leg."""
-    t, h, k, base, Z = leg.curve()
-    changed = [i for i, changes in enumerate(leg.changes) if changes is not bdf.UNCHANGED]
-    changes = np.array([leg.changes[i] for i in changed]).reshape(-1, bdf.ROWS, bdf.ROWS)
-    return t, h, k.astype(np.int64), base, Z, changed, changes
+
+class CompiledStageWay(CompiledWay):
+    """Answers what :class:`~pinconsist.gradients.stage_leg.StageWay` does."""
+
+    kind = "StageDerivatives"
+
+    def again(self, steps):
+        if not steps:
+            return []
+        made = self._steps(steps)
+        if (failed := self._core.again(made)) >= 0:
+            raise not_made_again(steps[failed].end)
+        parts = np.split(made.W, np.cumsum([step.W.size for step in steps])[:-1])
+        columns = zip(steps, parts, made.p, made.v, strict=True)
+        return [replace(step, W=own.reshape(step.W.shape), p=q, v=rate) for step, own, q, rate in columns]
+
+    def forward(self, steps, S, ends):
+        self._check(self._core.forward(self._steps(steps), _rows(S), _rows(ends)), [step.end for step in steps])
+
+    def backward(self, steps, given, bars):
+        total = self._rates()
+        self._check(self._core.backward(self._steps(steps), given, bars, total), [step.end for step in steps])
+        return total
+
+    def multipliers(self, t, p, v, s):
+        lam, of_lam = np.empty((len(t), self.system.nc)), np.empty((*s.shape[:2], self.system.nc))
+        self._check(self._core.multipliers(t, p, v, _rows(s), lam, _rows(of_lam)), t)
+        return lam, of_lam
+
+    def multipliers_back(self, t, p, v, lam, bars):
+        total = self._rates()
+        self._check(self._core.multipliers_back(t, p, v, lam, bars, total), t)
+        return total
+
+    def _steps(self, steps):
+        sizes = {"t_old": (), "end": (), "h": ()}
+        sizes |= {"p0": (self.system.npos,), "v0": (self.system.nv,), "p": (self.system.npos,), "v": (self.system.nv,)}
+        columns = [np.array([getattr(each, name) for each in steps], float) for name in sizes]
+        shaped = [column.reshape(len(steps), *size) for column, size in zip(columns, sizes.values(), strict=True)]
+        stages = np.array([step.table.s for step in steps], np.int64)
+        return load()[0].StageSteps(*shaped, stages, np.concatenate([np.zeros(0), *(step.W.ravel() for step in steps)]))

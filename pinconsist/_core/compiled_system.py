@@ -31,6 +31,13 @@ def compiled_system(system):
     return compiled
 
 
+def with_all_rows(system):
+    """A compiled system of a mechanism with the rows of its loops, also those that depend on others, without forces."""
+    compiled = load()[0].MechanismSystem(system.model, system.data)
+    system.hand_over_all_rows(compiled)
+    return compiled
+
+
 def blank_system(model, data):
     """A compiled system of a model without rows and forces, on this workspace; None in Python alone."""
     module = load()[0]
@@ -56,11 +63,8 @@ class CompiledRun(Stepper):
         if native:
             self.index1 = CompiledIndex1(system, self._compiled)
             if not system.vector_like:
-                self._chart_points = load()[0].MechanismSystem(system.model, system.data).chart_points
-        self._all_rows = None
-        if native and not system.dropped_are_zero:
-            self._all_rows = load()[0].MechanismSystem(system.model, system.data)
-            system.hand_over_all_rows(self._all_rows)
+                self._chart_points = blank_system(system.model, system.data).chart_points
+        self._all_rows = with_all_rows(system) if native and not system.dropped_are_zero else None
 
     def close(self) -> None:
         self._compiled = self._core = self._all_rows = None
@@ -143,11 +147,8 @@ class CompiledIndex1(Index1):
         """(p, v) put on the constraints."""
         p, v, failure, gap = self._projection.project(t, p, v)
         if failure:
-            raise (
-                SingularSystemError(singular_message(t))
-                if failure == "singular"
-                else AssemblyError(not_closed_message(gap))
-            )
+            singular = failure == "singular"
+            raise SingularSystemError(singular_message(t)) if singular else AssemblyError(not_closed_message(gap))
         return p, v
 
     def one_step(self, base, t0, p0, v0, t_end, rtol, atol, max_step=np.inf, dense=False):
@@ -160,13 +161,10 @@ class CompiledOneStep:
     """The answers of :class:`~pinconsist.dae.index1.OneStep`, in C++."""
 
     def __init__(self, system, run):
-        self._system, self._run, self.sample = system, run, run.sample
+        self._system, self._run = system, run
 
-    t = property(lambda self: self._run.t)
-    y = property(lambda self: self._run.y)
-    step_size = property(lambda self: self._run.step_size)
-    finished = property(lambda self: self._run.finished)
-    evaluations = property(lambda self: self._run.evaluations)
+    def __getattr__(self, name):
+        return getattr(self._run, name)
 
     def step(self) -> None:
         """One step, as in :class:`~pinconsist.dae.index1.OneStep`."""

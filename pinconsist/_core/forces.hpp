@@ -15,7 +15,7 @@ struct Force {
   // If a force is `on_bodies`, joint Jacobians must have been computed at q.
   virtual void add_torque(const Data &data, double t, const Vec &q, const Vec &v, Vec &tau) const = 0;
   // D -= ∂τ/∂v, K -= ∂τ/∂q
-  virtual void linearize(const Data &data, double t, const Vec &q, const Vec &v, Mat &D, Mat &K) const = 0;
+  virtual void linearize(const Data &, double, const Vec &, const Vec &, Mat &, Mat &) const {}
   // Elastic energy, of springs.
   virtual double stored(const Data &, const Vec &) const { return 0.0; }
   virtual bool on_bodies() const { return false; }
@@ -72,10 +72,7 @@ class TorqueCurve : public Force {
 public:
   TorqueCurve(int column, Motion curve) : column_(column), curve_(curve) {}
 
-  void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override {
-    tau[column_] += curve_(t);
-  }
-  void linearize(const Data &, double, const Vec &, const Vec &, Mat &, Mat &) const override {}
+  void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override { tau[column_] += curve_(t); }
 
 private:
   int column_;
@@ -126,10 +123,7 @@ class HeldTorque : public Force {
 public:
   explicit HeldTorque(std::shared_ptr<HeldTable> table) : table_(std::move(table)) {}
 
-  void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override {
-    table_->add(t, tau);
-  }
-  void linearize(const Data &, double, const Vec &, const Vec &, Mat &, Mat &) const override {}
+  void add_torque(const Data &, double t, const Vec &, const Vec &, Vec &tau) const override { table_->add(t, tau); }
 
 private:
   std::shared_ptr<HeldTable> table_;

@@ -3,14 +3,13 @@
 
 #include "forces.hpp"
 #include "lie.hpp"
+#include "linear.hpp"
 #include "rows.hpp"
-#include "system.hpp"
 
 #include <Eigen/QR>
 
 namespace pinconsist {
 
-constexpr int BLOCK = 32;
 constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
 
 inline double sinc(double x) { return x == 0.0 ? 1.0 : std::sin(x) / x; }
@@ -42,17 +41,15 @@ public:
     npos = model_.nq;
     nx = nv = model_.nv;
     vector_like = npos == nv;
-    for (const auto &joint : model_.joints)
-      if (joint.shortname() == "JointModelPlanar") planar_.push_back({joint.idx_q(), joint.idx_v()});
     for (const auto &joint : model_.joints) {
       const auto kind = joint.shortname();
+      if (kind == "JointModelPlanar") planar_.push_back({joint.idx_q(), joint.idx_v()});
       axes_stay_ &= joint.nv() == 1 || kind == "JointModelFreeFlyer" || kind == "JointModelSpherical" ||
                     kind == "JointModelPlanar" || kind == "JointModelTranslation" || !joint.nv();
-    }
-    for (const auto &joint : model_.joints)
       if (joint.nv() > 1 && joint.nq() != joint.nv()) curved.push_back({joint.idx_v(), joint.nv()});
+    }
     f = tau_ = Vec::Zero(nv);
-    constant_ = damping_ = zero_ = Vec::Zero(nv);
+    constant_ = damping_ = Vec::Zero(nv);
     size_rows();
   }
 
@@ -154,52 +151,23 @@ public:
     for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
   }
 
-  void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &, double c,
-                 Eigen::Ref<Mat> A) override {
-    pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
-    for (int i = 0; i < nv; i += BLOCK) // Pinocchio's derivatives lie row by row: blockwise both sides stay in cache
-      for (int j = 0; j < nv; j += BLOCK) {
-        const int rows = std::min(BLOCK, nv - i), columns = std::min(BLOCK, nv - j);
-        auto block = A.block(i, j, rows, columns);
-        block = c * (data_.dtau_dv.block(i, j, rows, columns) + c * data_.dtau_dq.block(i, j, rows, columns));
-        if (i < j) block += data_.M.block(i, j, rows, columns); // only the upper half of M is filled
-        else if (i > j) block += data_.M.block(j, i, columns, rows).transpose();
-        else block += Mat(data_.M.block(i, i, rows, rows).selfadjointView<Eigen::Upper>());
-      }
-    A.diagonal() += c * damping_;
-    if (forces_.empty()) return;
-    by_v_.setZero(nv, nv);
-    by_q_.setZero(nv, nv);
-    for (const auto &force : forces_) force->linearize(data_, t, p, v, by_v_, by_q_);
-    A += c * (by_v_ + c * by_q_);
-  }
-
-  bool keeps_derivatives() const override { return true; }
-  void linearize_keeping(bool fresh, double t, const Vec &p, const Vec &v, const Vec &a, double c,
-                         Eigen::Ref<Mat> A) override {
+  void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &, double c, Eigen::Ref<Mat> A,
+                 bool fresh) override {
     if (fresh) {
-      pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
-      kept_by_v_ = data_.dtau_dv;
-      kept_by_q_ = data_.dtau_dq;
-      kept_by_v_.diagonal() += damping_;
-      for (const auto &force : forces_) force->linearize(data_, t, p, v, kept_by_v_, kept_by_q_);
+      differentiate_forces(t, p, v, a, by_v_, by_q_);
       A = data_.M.selfadjointView<Eigen::Upper>();
     } else {
       mass_matrix(t, p, v, A);
     }
-    A += c * (kept_by_v_ + c * kept_by_q_);
+    A += c * (by_v_ + c * by_q_);
   }
 
   void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) override {
-    pinocchio::computeRNEADerivatives(model_, data_, p, v, a); // also computes oMi, J and τ
+    differentiate_forces(t, p, v, a, D, K);
     f = data_.tau;
     fill_rows(t, p);
     add_the_rest(t, p, v);
     M = data_.M.selfadjointView<Eigen::Upper>();
-    D = data_.dtau_dv;
-    K = data_.dtau_dq;
-    D.diagonal() += damping_;
-    for (const auto &force : forces_) force->linearize(data_, t, p, v, D, K);
   }
 
   // By composite bodies in world axes: uses what `constraint` computed, which the library's `crba` would compute again.
@@ -264,27 +232,15 @@ public:
     for (const auto &[rows, at] : rows_) rows->add_wrench(data_, lam.segment(at, rows->size()), x, force, moment);
   }
 
-  // ∂(Jᵀλ)/∂q by forward differences: needed only if Newton is slow.
-  void subtract_force_gradient(double t, const Vec &p, const Vec &, const Vec &lam, double c,
-                               Eigen::Ref<Mat> A) override {
+  void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c, Eigen::Ref<Mat> A) override {
     const Mat kept_W = W;
-    const Vec kept_phi = phi;
-    evaluate_rows(t, p);
-    const Vec at = W.transpose() * lam;
-    const double step = 1e-7;
-    Vec unit = Vec::Zero(nx);
-    Mat gradient(nv, nv);
-    for (int i = 0; i < nv; ++i) {
-      unit[i] = step;
-      Vec there(npos);
-      integrate(p, unit, there);
-      evaluate_rows(t, there);
-      gradient.col(i) = (W.transpose() * lam - at) / step;
-      unit[i] = 0.0;
-    }
-    A -= c * c * gradient;
+    const Vec kept_phi = phi, kept_rho = rho;
+    Mat F, H;
+    gradients_.find(t, p, v, lam, F, H);
+    A -= c * c * F;
     W = kept_W;
     phi = kept_phi;
+    rho = kept_rho;
   }
 
   bool row_gradients(double t, const Vec &p, const Vec &v, const Vec &lam, Mat &F, Mat &H) override {
@@ -318,6 +274,15 @@ protected:
   Vec constant_, damping_, tau_;
 
 private:
+  // D and K of all forces; M, τ, poses and Jacobians of the joints are at hand after it.
+  void differentiate_forces(double t, const Vec &p, const Vec &v, const Vec &a, Mat &D, Mat &K) {
+    pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
+    D = data_.dtau_dv;
+    K = data_.dtau_dq;
+    D.diagonal() += damping_;
+    for (const auto &force : forces_) force->linearize(data_, t, p, v, D, K);
+  }
+
   void hidden_residual(double t, const Vec &p, const Vec &v) {
     if (nv < SMALL_PRODUCT) rho = W.lazyProduct(v);
     else rho.noalias() = W * v;
@@ -345,11 +310,11 @@ private:
   }
 
   LieGroup group_;
+  RowGradients gradients_{*this};
   std::vector<Planar> planar_;
   bool calls_python_ = false, forces_on_bodies_ = false, axes_stay_ = true; // in the bodies that joints move
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
-  Vec zero_;
-  Mat by_v_, by_q_, kept_by_v_, kept_by_q_;
+  Mat by_v_, by_q_; // of all forces, kept
 };
 
 } // namespace pinconsist

@@ -1,5 +1,4 @@
 // What Python sees: a system to which rows and forces are added, and what works on it.
-#include "bindings.hpp"
 #include "closure.hpp"
 #include "collocation.hpp"
 #include "index1.hpp"
@@ -14,16 +13,36 @@
 #include <pinocchio/config.hpp>
 
 namespace pinconsist {
+
+void bind_steppers(nb::module_ &m);  // steppers.cpp, which compilers can work on at the same time
+void bind_gradients(nb::module_ &m); // gradients.cpp, too
+
 namespace {
 
 using namespace nb::literals;
-using Numbers = std::array<double, 5>;
 using Pose = Eigen::Matrix4d;
-
-SE3 placement(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()), Vector3d(pose.topRightCorner<3, 1>())); }
+using Place = std::array<int, 3>;     // of a joint: Coordinate
+using Numbers = std::array<double, 5>; // of a Motion
 using Range = std::pair<double, double>;
-Motion motion(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
-Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] != 0}; }
+
+// What Python gives, as rows and forces take it.
+SE3 taken(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()), Vector3d(pose.topRightCorner<3, 1>())); }
+Motion taken(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
+Coordinate taken(const Place &n) { return {n[0], n[1], n[2] != 0}; }
+template <class Other> const Other &taken(const Other &x) { return x; }
+
+template <class Part, class... Given> auto made(const MechanismSystem &s, const Given &...given) {
+  if constexpr (std::is_constructible_v<Part, const Model &, decltype(taken(given))...>)
+    return std::make_unique<Part>(s.model(), taken(given)...);
+  else return std::make_unique<Part>(taken(given)...);
+}
+// What adds rows or a force made of these.
+template <class Part, class... Given> auto adds() {
+  return [](MechanismSystem &s, const Given &...given) {
+    if constexpr (std::is_base_of_v<Rows, Part>) s.add_rows(made<Part>(s, given...));
+    else s.add_force(made<Part>(s, given...));
+  };
+}
 
 } // namespace
 } // namespace pinconsist
@@ -31,7 +50,7 @@ Coordinate coordinate(const std::array<int, 3> &n) { return {n[0], n[1], n[2] !=
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 27; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 28; // the same number stands in __init__.py; another build than the Python beside it is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -61,60 +80,34 @@ NB_MODULE(twin, m) {
       .def(nb::init<nb::object, nb::object>(), "model"_a, "data"_a)
       .def("add_anchored",
            [](MechanismSystem &s, int joint1, const Pose &place1, int joint2, const Pose &place2, const Mat &matrix, bool fresh) {
-             s.add_rows(std::make_unique<AnchoredRows>(s.model(), joint1, placement(place1), joint2, placement(place2), matrix),
-                        fresh);
+             s.add_rows(made<AnchoredRows>(s, joint1, place1, joint2, place2, matrix), fresh);
            })
-      .def("add_distance",
-           [](MechanismSystem &s, int joint1, const Pose &place1, int joint2, const Pose &place2, double length) {
-             s.add_rows(std::make_unique<DistanceRow>(s.model(), joint1, placement(place1), joint2, placement(place2), length));
-           })
-      .def("add_drive",
-           [](MechanismSystem &s, const std::array<int, 3> &joint, double period, const Numbers &curve) {
-             s.add_rows(std::make_unique<DriveRow>(coordinate(joint), period, motion(curve)));
-           })
-      .def("add_coupling",
-           [](MechanismSystem &s, const std::array<int, 3> &joint, const std::array<int, 3> &other, double period, const Vec &law) {
-             s.add_rows(std::make_unique<CouplingRow>(coordinate(joint), coordinate(other), period, law));
-           })
+      .def("add_distance", adds<DistanceRow, int, Pose, int, Pose, double>())
+      .def("add_drive", adds<DriveRow, Place, double, Numbers>())
+      .def("add_coupling", adds<CouplingRow, Place, Place, double, Vec>())
       .def("add_python_rows",
            [](MechanismSystem &s, nb::object closure, std::vector<int> local, bool moving, double step) {
              s.add_rows(std::make_unique<PythonRows>(closure, s.data_object(), std::move(local), moving, step));
            })
       .def("add_constant", &MechanismSystem::add_constant)
       .def("add_damping", &MechanismSystem::add_damping)
-      .def("add_friction",
-           [](MechanismSystem &s, const Vec &coefficients, double width) {
-             s.add_force(std::make_unique<SmoothFriction>(coefficients, width));
-           })
-      .def("add_servo",
-           [](MechanismSystem &s, const std::array<int, 3> &joint, double period, const Numbers &target, double stiffness, double damping) {
-             s.add_force(std::make_unique<Servo>(coordinate(joint), period, motion(target), stiffness, damping));
-           })
-      .def("add_torque_curve",
-           [](MechanismSystem &s, int column, const Numbers &curve) { s.add_force(std::make_unique<TorqueCurve>(column, motion(curve))); })
-      .def("add_spring",
-           [](MechanismSystem &s, int joint1, const Vector3d &x1, int joint2, const Vector3d &x2, double stiffness, double length,
-              double damping, double shortest) {
-             s.add_force(std::make_unique<SpringDamper>(s.model(), joint1, x1, joint2, x2, stiffness, length, damping, shortest));
-           })
-      .def("add_wrench",
-           [](MechanismSystem &s, int joint, const Vector3d &offset, const Vector3d &force, const Vector3d &moment, bool local) {
-             s.add_force(std::make_unique<Wrench>(s.model(), joint, offset, force, moment, local));
-           })
-      .def("add_held",
-           [](MechanismSystem &s, std::shared_ptr<HeldTable> table) { s.add_force(std::make_unique<HeldTorque>(std::move(table))); })
-      .def("held_table",
-           [](MechanismSystem &) { return std::make_shared<HeldTable>(); })
+      .def("add_friction", adds<SmoothFriction, Vec, double>())
+      .def("add_servo", adds<Servo, Place, double, Numbers, double, double>())
+      .def("add_torque_curve", adds<TorqueCurve, int, Numbers>())
+      .def("add_spring", adds<SpringDamper, int, Vector3d, int, Vector3d, double, double, double, double>())
+      .def("add_wrench", adds<Wrench, int, Vector3d, Vector3d, Vector3d, bool>())
+      .def("add_held", adds<HeldTorque, std::shared_ptr<HeldTable>>())
+      .def("held_table", [](MechanismSystem &) { return std::make_shared<HeldTable>(); })
       .def("add_actuator",
-           [](MechanismSystem &s, const std::vector<std::array<int, 3>> &joints, const Vec &arms, const Vector3d &gain, const Vector3d &bias,
+           [](MechanismSystem &s, const std::vector<Place> &joints, const Vec &arms, const Vector3d &gain, const Vector3d &bias,
               const Range &control, const Range &force, const Numbers &curve, const std::vector<double> &times,
               const std::vector<double> &values, std::shared_ptr<HeldTable> held) {
              std::vector<Coordinate> places;
-             for (const auto &joint : joints) places.push_back(coordinate(joint));
+             for (const auto &joint : joints) places.push_back(taken(joint));
              s.add_force(std::make_unique<Actuator>(places, arms, Actuator::Law{gain, bias, control, force},
-                                                    Actuator::Command{motion(curve), times, values, std::move(held)}));
+                                                    Actuator::Command{taken(curve), times, values, std::move(held)}));
            }, "joints"_a, "arms"_a, "gain"_a, "bias"_a, "control"_a, "force"_a, "curve"_a, "times"_a, "values"_a, "held"_a.none())
-      .def("add_python_force", [](MechanismSystem &s, nb::object law) { s.add_force(std::make_unique<PythonForce>(law)); })
+      .def("add_python_force", adds<PythonForce, nb::object>())
       .def("evaluate",
            [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a) {
              s.evaluate(t, p, v, a);
@@ -158,14 +151,14 @@ NB_MODULE(twin, m) {
       .def("wrenches",
            [](MechanismSystem &s, const Vec &t, const Table &p, const Table &lam, int joint1, const Pose &place1, int joint2,
               const Pose &place2, bool in_world) {
-             return wrenches(s, t, p, lam, joint1, placement(place1), joint2, placement(place2), in_world);
+             return wrenches(s, t, p, lam, joint1, taken(place1), joint2, taken(place2), in_world);
            })
       .def("gaps", &MechanismSystem::gaps)
       .def("complete", &MechanismSystem::complete)
       .def("linearize", [](MechanismSystem &s, double t, const Vec &p, const Vec &v, const Vec &a, double c) {
         s.evaluate(t, p, v, a);
         Mat A(s.nv, s.nv);
-        s.linearize(t, p, v, a, Vec(), c, A);
+        s.linearize(t, p, v, a, Vec(), c, A, true);
         return A;
       });
 

@@ -38,7 +38,7 @@ public:
       : system_(system), correct_(correct), correct_at_once_(correct && switches.loop_forecast),
         kkt_(system.nv, system.nc, switches.few_constraints), forecast_(switches),
         reuse_(system.nv, switches.jacobian_reuse),
-        derivatives_(switches.kept_derivatives && system.keeps_derivatives() && system.nv < WORTH),
+        derivatives_(switches.kept_derivatives && system.keeps_derivatives && system.nv < WORTH),
         rhs_(Mat::Zero(system.nv + system.nc, 3)), closing_(Mat::Zero(system.nv + system.nc, 2)),
         moves_(system.nv + system.nc, 2) {}
 
@@ -72,11 +72,9 @@ public:
       stale = stale && !constraints_changed();
       const bool was_stale = stale;
       if (slow || !(stale || iteration > 1)) {
-        if (derivatives_.possible())
-          system_.linearize_keeping(derivatives_.fresh(slow), t, step.p, v_, a_, c, kkt_.A());
-        else
-          system_.linearize(t, step.p, v_, a_, x_.tail(nc), c, kkt_.A());
-        if (slow && !stale) // the derivative of G λ was left out at first: without it Newton is slow
+        const bool fresh = !derivatives_.possible() || derivatives_.fresh(slow);
+        system_.linearize(t, step.p, v_, a_, x_.tail(nc), c, kkt_.A(), fresh);
+        if (slow && !stale) // the turning of the constraint forces, left out at first, slows Newton down
           system_.subtract_force_gradient(t, step.p, v_, x_.tail(nc), c, kkt_.A());
         stale = false;
         reuse_.made(c);

@@ -2,7 +2,6 @@
 #pragma once
 
 #include "mechanism.hpp"
-#include "parameters.hpp"
 
 #include <map>
 

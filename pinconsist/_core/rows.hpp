@@ -24,8 +24,15 @@ struct Rows {
 
 using Six = Eigen::Matrix<double, 6, 1>; // a twist (linear, angular) or wrench (force, moment) about the origin, world axes
 
-// Common to rows between two bodies: their force is a wrench on body 2, with the opposite on body 1, which changes by
-// change(k) when coordinate k moves; take(k, rate) receives the change of Σ ± J v.
+// Of a force at x and a moment; or of their rates where x stays.
+inline Six wrench_of(const Vector3d &x, const Vector3d &force, const Vector3d &moment = Vector3d::Zero()) {
+  Six wrench;
+  wrench << force, x.cross(force) + moment;
+  return wrench;
+}
+
+// What rows between two bodies have in common: their forces are those of a wrench on body 2, and back on body 1, which changes
+// by change(k) where coordinate k moves; take(k, rate) gets that of Σ ± J v.
 template <class Change, class Take>
 void differentiate(const Data &data, const std::vector<Signed> &columns, const Vec &v, const Six &wrench, const Change &change,
                    const Take &take, Mat &F) {
@@ -54,13 +61,22 @@ inline Six relative_twist(const Data &data, const std::vector<Signed> &columns, 
 
 inline Vector3d at_point(const Six &twist, const Vector3d &x) { return twist.head<3>() + twist.tail<3>().cross(x); }
 
+class BetweenAnchors : public Rows {
+protected:
+  BetweenAnchors(const Model &model, int joint1, const SE3 &place1, int joint2, const SE3 &place2)
+      : joint1_(joint1), joint2_(joint2), place1_(place1), place2_(place2), columns_(columns_between(model, joint1, joint2)) {}
+
+  int joint1_, joint2_;
+  SE3 place1_, place2_;
+  std::vector<Signed> columns_;
+};
+
 // Fixed combinations of the rows of Pinocchio's constraints between two anchors: (3) position of anchor 2 seen from
 // anchor 1, or (6) both parts of the logarithm of its pose.
-class AnchoredRows : public Rows {
+class AnchoredRows : public BetweenAnchors {
 public:
   AnchoredRows(const Model &model, int joint1, const SE3 &place1, int joint2, const SE3 &place2, const Mat &matrix)
-      : joint1_(joint1), joint2_(joint2), place1_(place1), place2_(place2), matrix_(matrix),
-        columns_(columns_between(model, joint1, joint2)) {}
+      : BetweenAnchors(model, joint1, place1, joint2, place2), matrix_(matrix) {}
 
   void evaluate(const Data &data, double, const Vec &, int at, Vec &phi, Mat &J) const override {
     const SE3 anchor1 = placed(data, joint1_, place1_);
@@ -108,15 +124,11 @@ public:
     const Vector3d rate = at_point(relative, x), spin_rate = relative.tail<3>();
     const auto shift = [&](const Signed &k) { return (k.sign > 0.0) != pose ? moved(data, k.index, x) : Vector3d(Vector3d::Zero()); };
     const auto turned = [&](const Signed &k) { return k.sign < 0.0 ? spin(data, k.index) : Vector3d(Vector3d::Zero()); };
-    Six wrench;
-    wrench << f, x.cross(f) + m;
     differentiate(
-        data, columns_, v, wrench,
+        data, columns_, v, wrench_of(x, f, m),
         [&](const Signed &k) {
-          const Vector3d turn = turned(k), push = turn.cross(f);
-          Six change;
-          change << push, shift(k).cross(f) + x.cross(push) + turn.cross(m);
-          return change;
+          const Vector3d turn = turned(k);
+          return wrench_of(x, turn.cross(f), shift(k).cross(f) + turn.cross(m));
         },
         [&](const Signed &k, const Six &change) {
           const Vector3d turn = turned(k);
@@ -144,18 +156,14 @@ public:
   int size() const override { return static_cast<int>(matrix_.rows()); }
 
 private:
-  int joint1_, joint2_;
-  SE3 place1_, place2_;
   Mat matrix_;
-  std::vector<Signed> columns_;
 };
 
 // (|d|² − L²) / (2 L)
-class DistanceRow : public Rows {
+class DistanceRow : public BetweenAnchors {
 public:
   DistanceRow(const Model &model, int joint1, const SE3 &place1, int joint2, const SE3 &place2, double length)
-      : joint1_(joint1), joint2_(joint2), place1_(place1), place2_(place2), length_(length),
-        columns_(columns_between(model, joint1, joint2)) {}
+      : BetweenAnchors(model, joint1, place1, joint2, place2), length_(length) {}
 
   void evaluate(const Data &data, double, const Vec &, int at, Vec &phi, Mat &J) const override {
     const Vector3d x2 = origin(data, joint2_, place2_), d = x2 - origin(data, joint1_, place1_);
@@ -178,16 +186,9 @@ public:
     const Vector3d rate = at_point(relative, x);
     const auto shift = [&](const Signed &k) { return k.sign > 0.0 ? moved(data, k.index, x) : Vector3d(Vector3d::Zero()); };
     const auto stretch = [&](const Signed &k) { return Vector3d(k.sign * moved(data, k.index, k.sign > 0.0 ? x : x1)); };
-    Six wrench;
-    wrench << f, x.cross(f);
     differentiate(
-        data, columns_, v, wrench,
-        [&](const Signed &k) {
-          const Vector3d push = lam[at] / length_ * stretch(k);
-          Six change;
-          change << push, shift(k).cross(f) + x.cross(push);
-          return change;
-        },
+        data, columns_, v, wrench_of(x, f),
+        [&](const Signed &k) { return wrench_of(x, lam[at] / length_ * stretch(k), shift(k).cross(f)); },
         [&](const Signed &k, const Six &change) {
           const Vector3d own = at_point(change, x) + relative.tail<3>().cross(shift(k));
           H(at, k.index) += (stretch(k).dot(rate) + d.dot(own)) / length_;
@@ -203,10 +204,7 @@ public:
   int size() const override { return 1; }
 
 private:
-  int joint1_, joint2_;
-  SE3 place1_, place2_;
   double length_;
-  std::vector<Signed> columns_;
 };
 
 // q_joint − curve(t)

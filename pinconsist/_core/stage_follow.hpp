@@ -12,7 +12,7 @@ public:
   Vec lam;
 
   MultiplierRates(System &system, const Parameters &parameters)
-      : parameters_(parameters), system_(system), rows_(system), others_(system), index1_(system), at_(system) {}
+      : parameters_(parameters), system_(system), rows_(system), index1_(system), at_(system) {}
 
   bool set(double t, const Vec &p, const Vec &v) {
     Mat F;
@@ -20,29 +20,16 @@ public:
     K_ = at_.K;
     rows_.find_second(t, p, v, a_, lam, F, by_p_, by_v_);
     K_ -= F;
-    rates_.setZero(system_.nv + system_.nc, parameters_.size());
-    parameters_.each(t, p, v, a_, [&](int k, double weight, System &other) {
-      rates_.col(k).head(system_.nv) += weight * (other.f - other.G_transposed().transpose() * lam);
-      rates_.col(k).tail(system_.nc) += weight * others_.beta(other, t, p, v, a_);
-    });
     t_ = t;
     p_ = p;
     v_ = v;
     return true;
   }
 
-  // Those of a and λ by p and v.
-  Mat linear() const {
-    Mat rhs(system_.nv + system_.nc, 2 * system_.nv);
-    rhs << K_, at_.D, by_p_, by_v_;
-    at_.solve(rhs);
-    return -rhs;
-  }
-
   void forward(const Mat &s, Mat &of_lam) {
     const int nv = system_.nv, nc = system_.nc;
-    Mat rhs = rates_;
-    if (parameters_.known) parameters_.known->add_columns(t_, p_, v_, a_, rhs.topRows(nv));
+    Mat rhs = Mat::Zero(nv + nc, s.cols());
+    parameters_.add_columns(t_, p_, v_, a_, [this](System &other) { return residuals(other); }, rhs);
     rhs.topRows(nv) += K_ * s.topRows(nv) + at_.D * s.bottomRows(nv);
     rhs.bottomRows(nc) += by_p_ * s.topRows(nv) + by_v_ * s.bottomRows(nv);
     at_.solve(rhs);
@@ -58,45 +45,44 @@ public:
     s.resize(2 * nv);
     s << K_.transpose() * weights.head(nv) + by_p_.transpose() * weights.tail(nc),
         at_.D.transpose() * weights.head(nv) + by_v_.transpose() * weights.tail(nc);
-    rates += rates_.transpose() * weights;
-    if (parameters_.known) parameters_.known->contract(t_, p_, v_, a_, weights.head(nv), rates);
+    parameters_.contract(t_, p_, v_, a_, [this](System &other) { return residuals(other); }, weights, rates);
   }
 
-  const Vec &acceleration() const { return a_; }
-
 private:
+  // (r, β)
+  Vec residuals(System &other) const {
+    Vec all(other.nv + other.nc);
+    all << other.f - other.G_transposed().transpose() * lam, beta(other, t_, p_, v_, a_);
+    return all;
+  }
+
   const Parameters &parameters_;
   System &system_;
-  RowGradients rows_, others_;
+  RowGradients rows_;
   Projection index1_;
   StatePoint at_;
   double t_ = 0.0;
   Vec p_, v_, a_;
-  Mat K_, by_p_, by_v_, rates_;
+  Mat K_, by_p_, by_v_;
 };
 
-// Each method returns the number of the step or state that is singular, or -1.
-class StageDerivatives {
+// Each answers the number of the step or state that is singular, or -1.
+class StageDerivatives : public Way {
 public:
-  Parameters parameters;
-
   explicit StageDerivatives(System &system)
-      : system_(system), motion_(system, parameters), multipliers_(system, parameters), newton_(system, Switches{}), index1_(system) {}
+      : Way(system), motion_(system, parameters), multipliers_(system, parameters), newton_(system, Switches{}), index1_(system) {}
 
-  // Solve steps to rounding from the accelerations W, which are updated, as are their ends (p, v).
-  int again(const StageSteps &steps, double *W, double *p, double *v) {
-    const int nv = system_.nv, npos = system_.npos, nx = system_.nx;
+  // Steps solved to rounding from their accelerations, which are renewed, with their ends.
+  int again(StageSteps &steps) {
+    const int nx = system_.nx, nv = system_.nv;
     Vec weight, y = Vec::Zero(nx + nv);
-    for (int i = 0; i < steps.n; ++i) {
+    double *W = steps.W.data();
+    for (int i = 0; i < steps.size(); ++i) {
       const RadauTable &table = RadauTable::of.at(static_cast<int>(steps.s[i]));
       Stages &stages = newton_.stages;
       newton_.use(table);
       newton_.forget();
-      stages.t = steps.t_old[i];
-      stages.h = steps.h[i];
-      stages.p = Eigen::Map<const Vec>(steps.p0 + static_cast<long>(i) * npos, npos);
-      stages.v = Eigen::Map<const Vec>(steps.v0 + static_cast<long>(i) * nv, nv);
-      stages.W = Eigen::Map<const Mat>(W, nv, table.s);
+      steps.place(i, W, stages);
       if (system_.vector_like) y.head(nx) = stages.p;
       y.tail(nv) = stages.v;
       const double tol = rounding_weights(system_, y, weight);
@@ -104,78 +90,65 @@ public:
       const State end = index1_.project(steps.t[i], stages.P.col(table.s - 1), stages.V.col(table.s - 1));
       if (*end.failure) return i;
       Eigen::Map<Mat>(W, nv, table.s) = stages.W;
-      Eigen::Map<Vec>(p + static_cast<long>(i) * npos, npos) = end.p;
-      Eigen::Map<Vec>(v + static_cast<long>(i) * nv, nv) = end.v;
+      steps.p.row(i) = end.p.transpose();
+      steps.v.row(i) = end.v.transpose();
       W += nv * table.s;
     }
     return -1;
   }
 
-  // Row i of `ends` from row begins[i] of S; rows are (P, nx+nv).
-  int forward(const StageSteps &steps, const double *S, double *ends) {
+  // Rows (P, nx+nv) of `ends` from those of `starts`, which may be the same, one further on.
+  int forward(const StageSteps &steps, Eigen::Map<const Table> starts, Eigen::Map<Table> ends) {
     const int n = 2 * system_.nv, P = parameters.size();
     Mat end;
-    const double *W = steps.W;
-    for (int i = 0; i < steps.n; ++i) {
+    const double *W = steps.W.data();
+    for (int i = 0; i < steps.size(); ++i) {
       if (!motion_.set(steps, i, W)) return i;
       W += system_.nv * steps.s[i];
-      motion_.forward(Eigen::Map<const Mat>(S + steps.begins[i] * n * P, n, P), end);
-      Eigen::Map<Mat>(ends + static_cast<long>(i) * n * P, n, P) = end;
+      motion_.forward(Eigen::Map<const Mat>(starts.row(i).data(), n, P), end);
+      Eigen::Map<Mat>(ends.row(i).data(), n, P) = end;
     }
     return -1;
   }
 
-  // The transpose, from the last step to the first: adds to rows (nx+nv) of `bars`, and to `rates`, (P).
-  int backward(const StageSteps &steps, const double *given, double *bars, double *rates) {
-    const int n = 2 * system_.nv;
-    const double *W = steps.W;
+  // The transpose, from the last step to the first: rows (nx+nv) of `bars` are added to, and `rates`, (P).
+  int backward(const StageSteps &steps, Eigen::Map<const Table> given, Eigen::Map<Table> bars, Eigen::Map<Vec> rates) {
+    const double *W = steps.W.data() + steps.W.size();
     Vec start;
-    for (int i = 0; i < steps.n; ++i) W += system_.nv * steps.s[i];
-    for (int i = steps.n; i-- > 0;) {
+    for (int i = steps.size(); i-- > 0;) {
       W -= system_.nv * steps.s[i];
       if (!motion_.set(steps, i, W)) return i;
-      motion_.backward(Eigen::Map<const Vec>(given + static_cast<long>(i) * n, n), start, total(rates));
-      Eigen::Map<Vec>(bars + steps.begins[i] * n, n) += start;
+      motion_.backward(given.row(i).transpose(), start, rates);
+      bars.row(i) += start.transpose();
     }
     return -1;
   }
 
   // λ at states (t, p, v), and its derivatives (P, nc) from those of the states.
-  int multipliers(int n, const double *t, const double *p, const double *v, const double *s, double *lam, double *of_lam) {
-    const int nv = system_.nv, nc = system_.nc, P = parameters.size();
+  int multipliers(const Vec &t, const Table &p, const Table &v, Eigen::Map<const Table> s, Eigen::Map<Table> lam, Eigen::Map<Table> of_lam) {
+    const int nv = system_.nv, P = parameters.size();
     Mat found;
-    for (long i = 0; i < n; ++i) {
-      if (!at(t[i], p, v, i)) return static_cast<int>(i);
-      multipliers_.forward(Eigen::Map<const Mat>(s + i * 2 * nv * P, 2 * nv, P), found);
-      Eigen::Map<Mat>(of_lam + i * nc * P, nc, P) = found;
-      Eigen::Map<Vec>(lam + i * nc, nc) = multipliers_.lam;
+    for (int i = 0; i < t.size(); ++i) {
+      if (!multipliers_.set(t[i], p.row(i), v.row(i))) return i;
+      multipliers_.forward(Eigen::Map<const Mat>(s.row(i).data(), 2 * nv, P), found);
+      Eigen::Map<Mat>(of_lam.row(i).data(), system_.nc, P) = found;
+      lam.row(i) = multipliers_.lam.transpose();
     }
     return -1;
   }
 
-  // Of the index-1 equations; null if they are singular.
-  const MultiplierRates *at(double t, const Vec &p, const Vec &v) { return multipliers_.set(t, p, v) ? &multipliers_ : nullptr; }
-
-  // The transpose: adds to `bars`, (n, nx+nv), and `rates`, (P).
-  int multipliers_back(int n, const double *t, const double *p, const double *v, const double *lam, double *bars, double *rates) {
-    const int nv = system_.nv, nc = system_.nc;
+  // The transpose: `bars`, (n, nx+nv), and `rates`, (P), are added to.
+  int multipliers_back(const Vec &t, const Table &p, const Table &v, const Table &lam, Eigen::Map<Table> bars, Eigen::Map<Vec> rates) {
     Vec bar;
-    for (long i = 0; i < n; ++i) {
-      if (!at(t[i], p, v, i)) return static_cast<int>(i);
-      multipliers_.backward(Eigen::Map<const Vec>(lam + i * nc, nc), bar, total(rates));
-      Eigen::Map<Vec>(bars + i * 2 * nv, 2 * nv) += bar;
+    for (int i = 0; i < t.size(); ++i) {
+      if (!multipliers_.set(t[i], p.row(i), v.row(i))) return i;
+      multipliers_.backward(lam.row(i), bar, rates);
+      bars.row(i) += bar.transpose();
     }
     return -1;
   }
 
 private:
-  bool at(double t, const double *p, const double *v, long i) {
-    const int npos = system_.npos, nv = system_.nv;
-    return multipliers_.set(t, Eigen::Map<const Vec>(p + i * npos, npos), Eigen::Map<const Vec>(v + i * nv, nv));
-  }
-  Eigen::Map<Vec> total(double *rates) const { return {rates, parameters.size()}; }
-
-  System &system_;
   StageMotion motion_;
   MultiplierRates multipliers_;
   StageNewton newton_;

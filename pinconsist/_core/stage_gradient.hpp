@@ -1,4 +1,4 @@
-// gradients/stages.py: derivatives of the steps of Radau IIA, and of multipliers at a state.
+// Motion of gradients/linear.py: derivatives of the steps of Radau IIA.
 #pragma once
 
 #include "charts.hpp"
@@ -10,12 +10,22 @@
 
 namespace pinconsist {
 
-// Recorded steps; Python's arrays, an entry for each step; the W are consecutive.
+// Recorded steps, a row for each; W one after another, (s, nv) each.
 struct StageSteps {
-  int n;
-  const double *t_old, *t, *h, *p0, *v0, *p, *v; // (n), (n), (n), (n, npos), (n, nv), (n, npos), (n, nv)
-  const int64_t *s, *begins;                     // stages; the row of S at which a step begins
-  const double *W;                               // (s, nv) each
+  Vec t_old, t, h;
+  Table p0, v0, p, v;
+  Integers s;
+  Vec W;
+
+  int size() const { return static_cast<int>(t.size()); }
+  // The start of a step whose accelerations begin at W, and these.
+  void place(int i, const double *of, Stages &stages) const {
+    stages.t = t_old[i];
+    stages.h = h[i];
+    stages.p = p0.row(i);
+    stages.v = v0.row(i);
+    stages.W = Eigen::Map<const Mat>(of, v0.cols(), s[i]);
+  }
 };
 
 // [[M, -G], [J, 0]] at a state, for the end of a step and for multipliers.
@@ -49,18 +59,13 @@ public:
 
   // At step `i`, whose accelerations begin at W; false if it is singular.
   bool set(const StageSteps &steps, int i, const double *W) {
-    const int nv = system_.nv, npos = system_.npos;
-    stages_.use(RadauTable::of.at(static_cast<int>(steps.s[i])));
-    const int s = stages_.size();
-    stages_.t = steps.t_old[i];
-    stages_.h = steps.h[i];
-    stages_.p = Eigen::Map<const Vec>(steps.p0 + static_cast<long>(i) * npos, npos);
-    stages_.v = Eigen::Map<const Vec>(steps.v0 + static_cast<long>(i) * nv, nv);
-    stages_.W = Eigen::Map<const Mat>(W, nv, s);
+    const int s = static_cast<int>(steps.s[i]);
+    stages_.use(RadauTable::of.at(s));
+    steps.place(i, W, stages_);
     stages_.move();
     t_ = steps.t[i];
-    p_ = Eigen::Map<const Vec>(steps.p + static_cast<long>(i) * npos, npos);
-    v_ = Eigen::Map<const Vec>(steps.v + static_cast<long>(i) * nv, nv);
+    p_ = steps.p.row(i);
+    v_ = steps.v.row(i);
     gap_ = v_ - stages_.V.col(s - 1);
     carry();
     return set_stages() && set_end();
@@ -71,28 +76,29 @@ public:
     const int nv = system_.nv, nc = system_.nc, nd = nv - nc, s = stages_.size(), P = static_cast<int>(start.cols());
     const auto s_p = start.topRows(nv), s_v = start.bottomRows(nv);
     find_rates(nv, nc, s);
+    const int n = nv + 2 * nc; // rates of a point
     Mat carried(s * nv, P), closing(s * nv, P), y(s * nd, P);
     for (int i = 0; i < s; ++i) {
       carried.middleRows(i * nv, nv) = s_p;
       for (const auto &chart : charts_)
         carried.middleRows(i * nv + chart.first, chart.size) = chart.Ad[i] * s_p.middleRows(chart.first, chart.size);
-      closing.middleRows(i * nv, nv).noalias() = -N_[i] * phi_.middleRows(i * nc, nc);
+      closing.middleRows(i * nv, nv).noalias() = -N_[i] * rates_.middleRows(i * n + nv, nc);
     }
     if (nd) {
       y.noalias() = by_p_ * (carried - closing) + by_v_ * s_v;
       for (int i = 0; i < s; ++i)
-        y.middleRows(i * nd, nd) -= Z_[i].transpose() * r_.middleRows(i * nv, nv) + stiff_[i] * closing.middleRows(i * nv, nv);
+        y.middleRows(i * nd, nd) -= Z_[i].transpose() * rates_.middleRows(i * n, nv) + stiff_[i] * closing.middleRows(i * nv, nv);
       lu_.substitute(y.data(), P);
     }
     carried = closing - carried; // dP less what is carried
     for (int i = 0; i < s && nd; ++i) carried.middleRows(i * nv, nv) += Z_[i] * y.middleRows(i * nd, nd);
     Mat dP = closing.bottomRows(nv), dV = X_ * carried, rhs = Mat::Zero(nv + nc, P);
     if (nd) dP += Z_[s - 1] * y.bottomRows(nd);
-    rhs.bottomRows(nc) = end_phi_ + end_.J * dP;
+    rhs.bottomRows(nc) = end_rates_.middleRows(nv, nc) + end_.J * dP;
     end_.solve(rhs);
     dP -= rhs.topRows(nv);
-    rhs.topRows(nv) = end_.M * dV - end_q_ - q_ * dP;
-    rhs.bottomRows(nc) = -end_rho_ - H_ * dP;
+    rhs.topRows(nv) = end_.M * dV - end_rates_.topRows(nv) - q_ * dP;
+    rhs.bottomRows(nc) = -end_rates_.bottomRows(nc) - H_ * dP;
     end_.solve(rhs);
     end.resize(2 * nv, P);
     end << dP, rhs.topRows(nv);
@@ -111,9 +117,12 @@ public:
     const Vec phi = -of_p.tail(nc), of_v = X_.transpose() * (end_.M * up);
     Vec dP = of_v, y(s * nd);
     dP.tail(nv) += s_p + end_.J.transpose() * phi;
-    const Vec none = Vec::Zero(nc);
-    parameters_.contract(t_, p_, v_, gap_, none, -up, none, none, rates);
-    parameters_.contract(t_, p_, v_, zero_, -nu_, up, phi, -low, rates);
+    Vec weights = Vec::Zero(nv + 2 * nc);
+    weights.head(nv) = -up;
+    contract(gap_, Vec::Zero(nc), weights, rates);
+    weights << up, phi, -low;
+    contract(zero_, -nu_, weights, rates);
+    weights.setZero();
     Vec carried = -of_v;
     start.setZero(2 * nv);
     if (nd) {
@@ -126,14 +135,14 @@ public:
     }
     for (int i = 0; i < s; ++i) {
       auto closing = dP.segment(i * nv, nv);
-      Vec of_r = Vec::Zero(nv);
       if (nd) {
         const auto part = y.segment(i * nd, nd);
         closing -= stiff_[i].transpose() * part;
-        of_r = -Z_[i] * part;
+        weights.head(nv) = -Z_[i] * part;
       }
+      weights.segment(nv, nc) = -N_[i].transpose() * closing;
       see(i);
-      parameters_.contract(at_, stage_p_, stage_v_, stage_w_, L_.col(i), of_r, -N_[i].transpose() * closing, none, rates);
+      parameters_.contract(at_, stage_p_, stage_v_, stage_w_, residuals_with(L_.col(i)), weights, rates);
       Vec own = carried.segment(i * nv, nv);
       for (const auto &chart : charts_)
         own.segment(chart.first, chart.size) = chart.Ad[i].transpose() * carried.segment(i * nv + chart.first, chart.size);
@@ -236,21 +245,23 @@ private:
     stage_w_ = stages_.W.col(i);
   }
 
+  void contract(const Vec &a, const Vec &lam, const Vec &weights, Eigen::Ref<Vec> rates) {
+    parameters_.contract(t_, p_, v_, a, residuals_with(lam), weights, rates);
+  }
+
+  // Those of the stages, and of the end, with q instead of r.
   void find_rates(int nv, int nc, int s) {
-    const int P = parameters_.size();
-    r_.setZero(s * nv, P);
-    phi_.setZero(s * nc, P);
-    end_phi_.setZero(nc, P);
-    end_rho_.setZero(nc, P);
-    end_q_.setZero(nv, P);
-    Mat none = Mat::Zero(nc, P), still = Mat::Zero(nv, P);
+    const int P = parameters_.size(), n = nv + 2 * nc;
+    rates_.setZero(s * n, P);
     for (int i = 0; i < s; ++i) {
       see(i);
-      parameters_.add_columns(at_, stage_p_, stage_v_, stage_w_, L_.col(i), r_.middleRows(i * nv, nv), phi_.middleRows(i * nc, nc), none);
+      parameters_.add_columns(at_, stage_p_, stage_v_, stage_w_, residuals_with(L_.col(i)), rates_.middleRows(i * n, n));
     }
-    parameters_.add_columns(t_, p_, v_, gap_, Vec::Zero(nc), end_q_, none, none);
-    parameters_.add_columns(t_, p_, v_, zero_, -nu_, still, end_phi_, end_rho_);
-    end_q_ -= still;
+    Mat moved = Mat::Zero(n, P);
+    parameters_.add_columns(t_, p_, v_, gap_, residuals_with(Vec::Zero(nc)), moved);
+    end_rates_.setZero(n, P);
+    parameters_.add_columns(t_, p_, v_, zero_, residuals_with(-nu_), end_rates_);
+    end_rates_.topRows(nv) = moved.topRows(nv) - end_rates_.topRows(nv);
   }
 
   // Z spans the null space of J, and J N = 1; false if rows depend on each other.
@@ -278,7 +289,7 @@ private:
   LU lu_;
   double t_ = 0.0, at_ = 0.0;
   Vec p_, v_, gap_, zero_, nu_, stage_p_, stage_v_, stage_w_, xi_;
-  Mat X_, L_, by_p_, by_v_, matrix_, q_, H_, unused_, r_, phi_, end_phi_, end_rho_, end_q_;
+  Mat X_, L_, by_p_, by_v_, matrix_, q_, H_, unused_, rates_, end_rates_;
   std::vector<Mat> Z_, N_, stiff_;
   std::vector<Chart> charts_;
 };

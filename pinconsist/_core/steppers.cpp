@@ -1,5 +1,4 @@
 // What Python sees of BDF and Radau IIA: steppers that make batches of steps.
-#include "bindings.hpp"
 #include "radau_stepper.hpp"
 #include "stepper.hpp"
 

@@ -64,9 +64,9 @@ class System {
 public:
   int npos = 0, nx = 0, nv = 0, nc = 0;
   bool vector_like = true;
-  bool rate_is_velocity = true;
-  double difference_step = INF; // of the difference quotients that replace W
-  // Joints whose dξ/dt in a chart is not the rate itself: first tangent coordinate and number of each.
+  bool rate_is_velocity = true, keeps_derivatives = true;
+  double difference_step = INF; // of the quotients that stand for W
+  // Where dξ/dt in a chart is not the rate itself: first tangent coordinate and number, of each joint.
   std::vector<std::pair<int, int>> curved;
   // Results of `evaluate` and `constraint`: f = M a + f0, Φ and the hidden residual ρ; and W of `linearize`, which for
   // rigid bodies is J and already known after `constraint`.
@@ -96,14 +96,11 @@ public:
   virtual void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) = 0;
   // W at the point evaluated last.
   virtual const Mat &velocity_jacobian(double, const Vec &, const Vec &) { return W; }
-  // A = M + c ∂f/∂v + c² ∂f/∂p at the point evaluated last.
-  virtual void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double c,
-                         Eigen::Ref<Mat> A) = 0;
+  // A = M + c ∂f/∂v + c² ∂f/∂p at the point evaluated last, with derivatives of the last `fresh` call where they are kept.
+  virtual void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double c, Eigen::Ref<Mat> A,
+                         bool fresh = true) = 0;
   // As `evaluate`, with M, D = ∂f/∂v and K = ∂f/∂p; for Radau IIA.
   virtual void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) = 0;
-  // The same, if implemented, with the derivatives by v and p of the last call that was `fresh`.
-  virtual bool keeps_derivatives() const { return false; }
-  virtual void linearize_keeping(bool, double, const Vec &, const Vec &, const Vec &, double, Eigen::Ref<Mat>) {}
   // M at a point whose constraint was evaluated last; W and G belong to it afterwards.
   virtual void mass_matrix(double t, const Vec &p, const Vec &v, Eigen::Ref<Mat> M) = 0;
   // A -= c² ∂(G λ)/∂ξ
@@ -139,7 +136,7 @@ public:
     nv = number("nv");
     nc = number("nc");
     vector_like = nb::cast<bool>(system_.attr("vector_like"));
-    rate_is_velocity = false;
+    rate_is_velocity = keeps_derivatives = false;
     if (!vector_like) curved = {{0, nx}};
     f = Vec::Zero(nv);
     size_rows();
@@ -195,8 +192,8 @@ public:
     W = matrix(ask(system_, "velocity_jacobian", t, p, v, Mat(Gt_.transpose())), nc, nv, "velocity_jacobian");
     return W;
   }
-  void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double c,
-                 Eigen::Ref<Mat> A) override {
+  void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, double c, Eigen::Ref<Mat> A,
+                 bool) override {
     nb::object filled = nb::module_::import_("numpy").attr("empty")(nb::make_tuple(nv, nv));
     W = matrix(ask(system_, "linearize", t, p, v, a, lam, c, filled), nc, nv, "linearize");
     A = matrix(filled, nv, nv, "linearize");
@@ -211,7 +208,7 @@ public:
   void mass_matrix(double t, const Vec &p, const Vec &v, Eigen::Ref<Mat> M) override {
     const Vec kept_phi = phi, kept_rho = rho, zero = Vec::Zero(nv);
     evaluate(t, p, v, zero);
-    linearize(t, p, v, zero, Vec::Zero(nc), 0.0, M);
+    linearize(t, p, v, zero, Vec::Zero(nc), 0.0, M, true);
     phi = kept_phi;
     rho = kept_rho;
   }

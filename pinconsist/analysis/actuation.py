@@ -9,10 +9,9 @@ import pinocchio as pin
 
 from ..errors import SingularSystemError
 from ..mechanism.rank import MASSLESS, without_inertia
-from .actuation_limits import MotorRange, ranges
 from .motor_code import to_c
 from .motor_forces import MotorFrame, MotorTorques, torques_for
-from .motor_table import table
+from .motor_reach import MotorRange, ranges, table
 from .motors import Motors
 
 

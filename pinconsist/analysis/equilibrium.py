@@ -13,8 +13,17 @@ from ..mechanism.mechanism import Mechanism, with_forces
 from ..mechanism.names import joints_in
 from ..mechanism.reactions import HasReactions
 from ..mechanism.system import MechanismSystem
-from .derivatives import NEUTRAL, Derivatives, Varied, of_state
-from .variations import Locked, TangentSpace, by_position, closed_near, step_sizes
+from .variations import (
+    NEUTRAL,
+    Derivatives,
+    Locked,
+    TangentSpace,
+    Varied,
+    by_position,
+    closed_near,
+    of_state,
+    step_sizes,
+)
 
 MAX_ITERATIONS = 200
 MAX_NUDGES = 20

@@ -14,8 +14,7 @@ from ..mechanism.names import joints_in
 from ..mechanism.rank import dependencies
 from ..mechanism.reactions import HasReactions
 from ..mechanism.system import MechanismSystem
-from .derivatives import Derivatives, Varied, of_state
-from .variations import Locked, TangentSpace, bias, closed_near, step_sizes
+from .variations import Derivatives, Locked, TangentSpace, Varied, bias, closed_near, of_state, step_sizes
 
 WIDEST = 0.05  # rad, or lengths of the mechanism, by which a prediction may miss before the way is halved
 HALVINGS = 30

@@ -12,10 +12,21 @@ from ..mechanism.mechanism import with_forces
 from ..mechanism.names import velocity_names
 from ..mechanism.rank import MASSLESS, without_inertia
 from ..mechanism.system import MechanismSystem
-from .derivatives import Derivatives, Varied, of_state
 from .equilibrium import equilibrium
 from .modes import Modes, modes
-from .variations import Locked, TangentSpace, along, bias, by_position, by_velocity, rates_of_loops, step_sizes
+from .variations import (
+    Derivatives,
+    Locked,
+    TangentSpace,
+    Varied,
+    along,
+    bias,
+    by_position,
+    by_velocity,
+    of_state,
+    rates_of_loops,
+    step_sizes,
+)
 
 
 @dataclass(frozen=True, eq=False)

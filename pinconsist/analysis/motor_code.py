@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import written_whole
 from ..mechanism.names import position_names
-from .following import ENOUGH, LONGEST, MISS
+from .coordinates import ENOUGH, LONGEST, MISS
 from .symbolic import Symbols, casadi
 
 NEWTON = 5  # steps

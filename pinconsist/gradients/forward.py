@@ -10,15 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from .._core.compiled_gradient import follower
+from .._core.compiled_gradient import CompiledFollower
+from .._core.compiled_system import CompiledIndex1
 from ..dae import bdf
-from ..dae.charts import chart_matrix
+from ..dae.charts import chart_matrix, chart_point
 from ..dae.dense import Tables
 from ..dae.index1 import Index1
-from .history import History
+from ..dae.radau import table
+from ..dae.segments import RadauSegment
 from .linear import Step
-from .stage_leg import StageLeg, stage_legs
+from .stage_leg import StageLeg, stage_legs, way_along
 
+STAGES_OF_START = 5  # of order 9
 COLUMNS = ("t_old", "ends", "t", "h", "k", "base", "Z", "changes")  # of Tables
 
 
@@ -51,19 +54,45 @@ class Leg:
     def close(self) -> None:
         """There is nothing compiled to let go of."""
 
+    def _history(self, index1):
+        """The first points as a leg of Radau IIA, their times, and the part of [ξ] in charts there with its T.
+
+        The history is that of the equations of index 1. Steps of that order lose nothing in its derivatives.
+        """
+        first, system, formula = self.start, self.system, table(STAGES_OF_START)
+        y = (bdf.differences(first.k) @ first.Z[: first.k + 1])[::-1]
+        times = first.t_old + first.h * np.arange(first.k + 1)
+        steps = []
+        for t, end, row in zip(times[:-1], times[1:], y, strict=False):
+            p, v = chart_point(system, first.base, row[: system.nx]), row[system.nx : system.nx + system.nv]
+            W = np.tile(index1.acceleration(t, p, v)[0], (formula.s, 1))  # to be iterated
+            steps.append(RadauSegment(t, end, first.h, formula, p, v, W, W, p, v, system))
+        way = way_along(index1, [])
+        return StageLeg(way.again(steps), lambda _: index1), times, self._charts(y)
+
     def begin(self, variants, base, s):
         """S of the history, from derivatives `s`, (P, nx+nv), of the state where the leg begins."""
-        return History(self.start, variants, base).table(s)
+        history, times, (turning, T) = self._history(index1 := base.index1(self.system))
+        history.follow(index1, variants.residuals(self.system), s[None])
+        rows = history.at(times)[2]
+        rows[..., turning] = rows[..., turning] @ T.transpose(0, 2, 1)
+        S = np.zeros((bdf.ROWS, *rows.shape[1:]))
+        S[: len(rows)] = np.tensordot(bdf.differences(len(rows) - 1), rows[::-1], 1)
+        return S
 
     def begin_back(self, variants, base, seed):
         """The transpose: derivatives of a number by `s`, (nx+nv,), and by the parameters, (P,), from that by S."""
-        return History(self.start, variants, base).back(seed)
+        history, times, (turning, T) = self._history(index1 := base.index1(self.system))
+        rows = (bdf.differences(len(times) - 1).T @ seed[: len(times)])[::-1]
+        rows[:, turning] = np.einsum("nj,nji->ni", rows[:, turning], T)
+        history.sow(times, rows, seeds := history.seeds())
+        own = history.follow_back(index1, variants.residuals(self.system), seeds)
+        return seeds[0][0], own
 
     def follow(self, index1, residuals, S) -> None:
         """Fill `tables` from S of the history; `residuals`, for each parameter, is a list of (weight, Index1)."""
-        compiled = follower(index1, residuals)
-        if compiled is not None:
-            compiled.forward(self, S)
+        if isinstance(index1, CompiledIndex1):
+            CompiledFollower(index1, residuals).forward(self, S)
         else:
             follow(self, residuals, S)
 
@@ -73,23 +102,25 @@ class Leg:
 
     def follow_back(self, index1, residuals, seeds):
         """What the parameters change of a number in the steps, (P,); `seeds[0]` becomes its derivative by S there."""
-        compiled = follower(index1, residuals)
-        return compiled.backward(self, seeds) if compiled else follow_back(self, residuals, seeds)
+        if isinstance(index1, CompiledIndex1):
+            return CompiledFollower(index1, residuals).backward(self, seeds)
+        return follow_back(self, residuals, seeds)
 
     def at(self, times):
         """p, [ξ | v | λ] and the derivatives s, (n, P, nx+nv+nc), tangent at p, at times inside the leg."""
         p, y, i, basis = self.states(times)
         s = np.einsum("nj,njpy->npy", basis, self.tables[i, : basis.shape[1]])
-        if not self.system.vector_like:
-            turning, back = self._from_charts(y)
-            s[..., turning] = s[..., turning] @ back.transpose(0, 2, 1)
+        turning, T = self._charts(y)
+        s[..., turning] = s[..., turning] @ np.linalg.inv(T).transpose(0, 2, 1)
         return p, y, s
 
-    def _from_charts(self, y):
-        """The columns of joints in charts, and T⁻¹ of these at rows of ξ, (n, ·, ·)."""
+    def _charts(self, y):
+        """The columns of joints in charts, and T of these at rows of ξ, (n, ·, ·)."""
         system = self.system
+        if system.vector_like:
+            return np.zeros(0, int), np.zeros((len(y), 0, 0))
         turning = np.flatnonzero(system.bracket(np.arange(1.0, 1.0 + system.nx)).any(axis=0))
-        return turning, np.linalg.inv(chart_matrix(system, y[:, : system.nx], turning))
+        return turning, chart_matrix(system, y[:, : system.nx], turning)
 
     def states(self, times):
         """p, [ξ | v | λ], the tables that hold the times, 0 being that of the history, and weights of their rows."""
@@ -106,9 +137,8 @@ class Leg:
     def sow(self, times, derivatives, seeds) -> None:
         """Add to `seeds` the derivatives of a number by s at times, (n, nx+nv+nc)."""
         (_, y, holders, basis), rows = self.states(times), np.array(derivatives)
-        if not self.system.vector_like:
-            turning, back = self._from_charts(y)
-            rows[:, turning] = np.einsum("nj,nji->ni", rows[:, turning], back)
+        turning, T = self._charts(y)
+        rows[:, turning] = np.einsum("nj,nji->ni", rows[:, turning], np.linalg.inv(T))
         for i, weights, s in zip(holders, basis, rows, strict=True):
             seeds[i, : len(weights)] += np.outer(weights, s)
 
@@ -141,8 +171,8 @@ def _as_tables(curve):
 
 
 def follow(leg, residuals, S) -> None:
-    """Fill the leg's `tables` from `S` of its history; `residuals` as in :class:`Step`."""
-    system, steps = leg.system, zip(*leg.curve(), strict=True)
+    """Fill the leg's `tables` from `S` of its history; `residuals`, for each parameter, as of :meth:`Point.rates`."""
+    system, steps, n = leg.system, zip(*leg.curve(), strict=True), leg.system.nx + leg.system.nv
     leg.tables = np.empty((1 + len(leg.t), *S.shape))
     leg.tables[0] = S
     for i, ((*_, base, Z), (t, h, k, centre, Z_new)) in enumerate(pairwise(steps)):
@@ -150,7 +180,8 @@ def follow(leg, residuals, S) -> None:
         if not system.vector_like:
             recenter(system, base, centre, leg.changes[i] @ Z, S, k + 2)
         predicted, psi = np.tensordot(bdf.predictor(k), S[: k + 1], 1)
-        S[k + 2] = Step(system, t, h, k, centre, Z_new, residuals).forward(psi) - predicted
+        step = Step(system, t, h, k, centre, Z_new)
+        S[k + 2] = step.forward(psi[:, :n], step.rates(residuals)) - predicted
         S = np.tensordot(bdf.advance(k), S, 1)
         leg.tables[i + 1] = S
 
@@ -162,17 +193,17 @@ def follow_back(leg, residuals, seeds):
     by the table of the history, with all that follows from it.
     """
     system, curve = leg.system, list(zip(*leg.curve(), strict=True))
-    nx, nv = system.nx, system.nv
-    rates = np.zeros(len(residuals))
+    rates, n = np.zeros(len(residuals)), system.nx + system.nv
     for i in reversed(range(len(leg.t))):
         (*_, base, Z), (t, h, k, centre, Z_new) = curve[i : i + 2]
         B = bdf.advance(k).T @ seeds[i + 1]
         newest = B[k + 2].copy()
         B[k + 2] = 0.0
-        psi, own = Step(system, t, h, k, centre, Z_new, residuals).backward(newest)
-        rates += own
+        step = Step(system, t, h, k, centre, Z_new)
+        psi, weights = step.backward(newest)
+        rates += step.rates(residuals) @ weights
         B[: k + 1] -= newest
-        B[: k + 1, : nx + nv] += bdf.predictor(k)[1][:, None] * psi
+        B[: k + 1, :n] += bdf.predictor(k)[1][:, None] * psi
         if not system.vector_like:
             recenter(system, base, centre, leg.changes[i] @ Z, B[:, None], k + 2, back=True)
         seeds[i] += leg.changes[i].T @ B

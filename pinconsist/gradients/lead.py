@@ -1,11 +1,26 @@
-"""Leading derivatives along all legs of a run: starts, steps, events, and the rows that users see."""
+"""Derivatives along all legs of a run, forwards and back: starts, steps, events, and the rows that users see.
+
+Multipliers of redundant rows: those of all rows are x = Π y: y has the multipliers that the run keeps, and zeros, and
+Π = J J⁺ projects onto the columns of J of all rows, whose rank r does not change. With z = J⁺ y and u = (1 - Π) y
+
+    dx = Π dy + (1 - Π) dJ z + J⁺ᵀ dJᵀ u
+
+for any motion that keeps the rank, that is, on the loops. Where the parts of dJ by state and parameter lead off the
+loops, only their sum has a meaning.
+"""
 
 import numpy as np
 
-from .redundant import Completion
+from ..errors import UserFunctionError
+from ..mechanism.motion import slope
 from .starts import Crossing, begun
+from .variants import Variant
 
 AT_ONCE = 1e-12  # relative: rows of one time
+NUDGE = 1e-3  # rad or m, of differences of fourth order
+PUSH = 1e-4  # of the size of a coordinate, the same
+STILL = Variant("", 0.0, 1.0, None, None)  # type: ignore[arg-type]  # a direction of the state
+STILL.beside = {}, {}, {}
 
 
 class Lead:
@@ -13,7 +28,7 @@ class Lead:
 
     def __init__(self, solution, legs, variants, base):
         self.solution, self.legs, self.variants, self.base = solution, legs, variants, base
-        self.sign = 1.0 if legs[-1].span[1] >= legs[0].span[0] else -1.0
+        self.sign = sign_of(legs)
         self.rows: list = []
         self.event_times = [np.zeros((len(times), len(variants))) for times in solution.t_events]
         self.work = {"steps": 0, "evaluations": 0}
@@ -21,7 +36,7 @@ class Lead:
     def run(self):
         variants, base = self.variants, self.base
         s = begun(variants, base, self.legs[0].system)
-        times = times_of(self.solution, self.legs, self.sign)
+        times = times_of(self.solution, self.legs)
         for leg, following in zip(self.legs, [*self.legs[1:], None], strict=True):
             residuals = variants.residuals(leg.system)
             leg.follow(base.index1(leg.system), residuals, leg.begin(variants, base, s))
@@ -67,9 +82,114 @@ class Lead:
         return rows
 
 
-def times_of(solution, legs, sign):
+class Back:
+    """Goes back along the legs of a run, to the derivative of a number by all parameters.
+
+    The transpose of :mod:`forward`, step by step. What a step passes on does not depend on the parameters; each of them
+    costs the residuals of two mechanisms along the run, and what it changes at its start.
+
+    ``derivative(system, i)`` is that of the number by [q | v | λ] at row i of the run, (nx+nv+n_multipliers,).
+    """
+
+    def __init__(self, solution, legs, variants, base, derivative):
+        self.solution, self.legs, self.variants = solution, legs, variants
+        self.base, self.derivative = base, derivative
+        self.total = np.zeros(len(variants))
+
+    def run(self) -> np.ndarray:
+        times, bar, end = list(times_of(self.solution, self.legs)), None, len(self.solution.t)
+        for i in reversed(range(len(self.legs))):
+            leg, begin = self.legs[i], end - len(times[i])
+            seeds = leg.seeds()
+            if bar is not None:
+                leg.sow(np.array([leg.span[1]]), [self._through(leg, self.legs[i + 1], bar)], seeds)
+            leg.sow(times[i], self._pulled(leg, times[i], range(begin, end)), seeds)
+            residuals = self.variants.residuals(leg.system)
+            self.total += leg.follow_back(self.base.index1(leg.system), residuals, seeds)
+            bar, rates = leg.begin_back(self.variants, self.base, seeds[0])
+            self.total, end = self.total + rates, begin
+        return self.total + begun(self.variants, self.base, self.legs[0].system) @ bar
+
+    def _through(self, leg, following, bar):
+        """The derivative by s where a leg ends, from that by the state where the `following` one begins."""
+        n = leg.system.nx + leg.system.nv + leg.system.nc
+        s = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
+        both = [STILL] * n + list(self.variants)
+        rates = through(leg, following, self.solution, both, self.base, s) @ bar
+        self.total += rates[n:]
+        return rates[:n]
+
+    def _pulled(self, leg, times, rows):
+        """Derivatives by s of the rows, from those by the multipliers as the user sees them."""
+        system = leg.system
+        nx, nv = system.nx, system.nv
+        if not len(times):
+            return np.zeros((0, nx + nv + system.nc))
+        bars = np.array([self.derivative(system, i) for i in rows])
+        if system.nc == system.n_multipliers:
+            return bars
+        if system.dropped_are_zero:
+            return np.hstack((bars[:, : nx + nv], bars[:, nx + nv :][:, system.kept]))
+        p, y = leg.states(times)[:2]
+        return np.array([self._of_kept(system, *row) for row in zip(p, y[:, nx + nv :], bars, strict=True)])
+
+    def _of_kept(self, system, q, lam, bar):
+        split = system.nx + system.nv
+        if not bar[split:].any():
+            return np.append(bar[:split], np.zeros(system.nc))
+        by_q, by_lam, own = Completion(self.base, system, q, lam).backward(self.variants, bar[split:])
+        self.total += own
+        return np.concatenate((bar[: system.nx] + by_q, bar[system.nx : split], by_lam))
+
+
+class Number:
+    """The sum of ``rows(t, q, v, lam)`` over the rows of a run, with ``terminal`` for the last one.
+
+    Each is a function, or a pair of it and its derivatives, or None.
+    """
+
+    def __init__(self, solution, rows, terminal):
+        self._states = list(zip(solution.t.tolist(), solution.q, solution.v, solution.lam, strict=True))
+        self._functions = [rows] * (len(self._states) - 1) + [terminal]
+
+    def value(self) -> float:
+        return sum(_called(each, *state) for each, state in zip(self._functions, self._states, strict=True))
+
+    def derivative(self, system, i):
+        """By [q | v | λ] at row i, shape (2 nv + nc,)."""
+        function, (t, q, v, lam) = self._functions[i], self._states[i]
+        if function is None:
+            return np.zeros(2 * len(v) + len(lam))
+        if isinstance(function, tuple):
+            parts = function[1](t, q, v, lam)
+            return np.concatenate([np.broadcast_to(part, len(x)) for part, x in zip(parts, (v, v, lam), strict=True)])
+
+        def along(sizes, moved):
+            steps = PUSH * np.diag(sizes)
+            return [slope(lambda e, x=x: _called(function, t, *moved(e * x))) / x.max() for x in steps]
+
+        by_q = along(np.ones(len(v)), lambda e: (system.integrate(q, e), v, lam))
+        by_v = along(1.0 + np.abs(v), lambda e: (q, v + e, lam))
+        return np.array([*by_q, *by_v, *along(1.0 + np.abs(lam), lambda e: (q, v, lam + e))])
+
+
+def _called(function, t, q, v, lam) -> float:
+    if function is None:
+        return 0.0
+    try:
+        return float((function[0] if isinstance(function, tuple) else function)(t, q, v, lam))
+    except Exception as error:
+        raise UserFunctionError("the function of rows or of the end", t, error) from error
+
+
+def sign_of(legs) -> float:
+    """The direction of time."""
+    return 1.0 if legs[-1].span[1] >= legs[0].span[0] else -1.0
+
+
+def times_of(solution, legs):
     """The times of the solution's rows in each leg: at an event that changes the state one before it and one after."""
-    t, taken = solution.t, 0
+    t, taken, sign = solution.t, 0, sign_of(legs)
     for leg, following in zip(legs, [*legs[1:], None], strict=True):
         end = leg.span[1]
         n = int(np.searchsorted(sign * t, sign * end, side="right"))
@@ -94,3 +214,57 @@ def through(leg, following, solution, variants, base, s):
     if not (applied := applied_at(solution, t)):
         return s[:, : nx + nv]
     return Crossing(applied[0], t, leg, variants, base, s).after(applied, variants, base, following)
+
+
+class Completion:
+    """The multipliers of all rows at a configuration, from the kept ones `lam`, for derivatives forwards and back."""
+
+    def __init__(self, base, system, q, lam):
+        self._base, self._system, self._q = base, system, q
+        self._steady = np.flatnonzero(system.rows.steady)
+        self._lam = self._spread(lam)
+        rank = int(np.isin(system.kept, self._steady).sum())
+        U, sizes, Vt = np.linalg.svd(self._jacobian(base, q), full_matrices=False)
+        self._range, self._inverse = U[:, :rank], Vt[:rank].T / sizes[:rank] @ U[:, :rank].T
+        y = self._lam[self._steady]
+        self._z, self._u = self._inverse @ y, y - self._projected(y)
+
+    def forward(self, variant, s_q, s_lam):
+        """Derivatives of all multipliers, from those of the configuration and of the kept ones."""
+        change = self._spread(s_lam)
+        size = np.abs(s_q).max(initial=0.0)
+        dJ = 0.0 if size == 0.0 else self._along(s_q * NUDGE / size) * (size / NUDGE)
+        if not variant.keeps_rows:
+            dJ = dJ + variant.derivative(lambda side: self._jacobian(side, self._q))
+        dJ = dJ + np.zeros((len(self._steady), self._system.nx))
+        across = dJ @ self._z
+        y = self._projected(change[self._steady]) + across - self._projected(across)
+        change[self._steady] = y + self._inverse.T @ (dJ.T @ self._u)
+        return change
+
+    def backward(self, variants, bar):
+        """The transpose: derivatives by configuration, (nx,), by kept multipliers, and by the parameters."""
+        of_steady, kept = bar[self._steady], bar.copy()
+        kept[self._steady] = self._projected(of_steady)
+        weights = np.outer(of_steady - self._projected(of_steady), self._z)
+        weights += np.outer(self._u, self._inverse @ of_steady)
+        of_q = [np.sum(weights * self._along(NUDGE * unit)) / NUDGE for unit in np.eye(self._system.nx)]
+        own = np.zeros(len(variants))
+        for i, variant in variants.moved.items():
+            if not variant.inert:
+                own[i] = np.sum(weights * variant.derivative(lambda side: self._jacobian(side, self._q)))
+        return np.array(of_q), kept[self._system.kept], own
+
+    def _spread(self, lam):
+        full = np.zeros(self._system.n_multipliers)
+        full[self._system.kept] = lam
+        return full
+
+    def _projected(self, y):
+        return self._range @ (self._range.T @ y)
+
+    def _along(self, way):
+        return slope(lambda e: self._jacobian(self._base, self._system.integrate(self._q, e * way)))
+
+    def _jacobian(self, side, q):
+        return side.jacobian(self._system, q)[self._steady]

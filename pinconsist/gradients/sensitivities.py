@@ -1,6 +1,5 @@
-"""Derivatives of a run by a few parameters: the derivatives of the state are led along its accepted steps."""
+"""Derivatives of a run: of all of it by a few parameters, forwards, or of one number by many, backwards."""
 
-import inspect
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -8,19 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from ..dae.events import as_events
 from ..errors import InputError, PinconsistError
 from ..mechanism.checks import finite_array
-from ..mechanism.forces import HeldTorque, Piecewise, Sampled
-from ..mechanism.mechanism import Mechanism, with_forces
-from ..simulation import simulate
+from ..mechanism.mechanism import Mechanism
 from ..solution import Solution
-from .forward import Leg, legs_of
-from .lead import Lead
-from .named import named_start
+from .forward import Leg
+from .lead import Back, Lead, Number
+from .prepare import prepared
 from .starts import moved
-from .variants import Side
-from .varied import variants_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +171,8 @@ def sensitivities(
     PinconsistError
         The run failed at its start.
     """
-    run = prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options)
-    solution, legs, variants, base, names, values = run
+    run = build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options
+    solution, legs, variants, base, names, values = prepared(*run)
     lead = Lead(solution, legs, variants, base)
     lead.run()
     dq, dv, dlam = _parts(np.concatenate(lead.rows), base.mechanism.nv)
@@ -186,37 +180,6 @@ def sensitivities(
     found = Sensitivities(solution, names, values, variants.steps, *rows, lead.work, legs, lead)
     weakref.finalize(found, lead.close)  # at the latest where Python ends
     return found
-
-
-def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options):
-    """(solution, legs, variants, base, names, theta): the run, and the mechanisms beside the one that was run."""
-    control = options.pop("control", None)
-    if isinstance(build, Mechanism):
-        mechanism, control = build if control is None else build.with_control(control), None
-        build, names, theta, q0, v0 = named_start(mechanism, theta, q0, v0)
-    theta = np.atleast_1d(finite_array(theta, "theta"))
-    names = _names(names, theta)
-    if steps is not None and len(steps) != len(theta):
-        raise InputError(f"steps= needs one for each of the {len(theta)} parameters, got {len(steps)}")
-    if (mode := options.get("consistency", "every-step")) != "every-step":
-        raise InputError(
-            f"sensitivities need consistency='every-step', not {mode!r}: raw BDF leaves a hidden residual, whose "
-            "derivative makes those of the multipliers wrong"
-        )
-    make = _maker(build, t_span[0], q0, v0, forces, events, backend, control)
-    base = make(theta)
-    solution = simulate(
-        base.mechanism, t_span, base.q0, base.v0, events=base.events, rtol=rtol, atol=atol, backend=backend,
-        **{**options, "dense_output": True},
-    )  # fmt: skip
-    if solution.sol is None:
-        raise PinconsistError(f"the run itself failed: {solution.message}")
-    legs = legs_of(solution.sol, base.index1)
-    first = legs[0].start
-    state, parameters = first(first.t_old)[:2], getattr(build, "parameters", ())
-    end = legs[-1].span[1]  # where what depends on t has changed most
-    variants = variants_of(make, theta, names, steps, base, first.system, end, *state, parameters)
-    return solution, legs, variants, base, names, theta
 
 
 def _parts(rows, nv):
@@ -227,41 +190,85 @@ def _parts(rows, nv):
     return tuple(parts)
 
 
-def _names(names, theta):
-    if theta.ndim != 1 or not len(theta):
-        raise InputError(f"theta needs at least one number in one row, got shape {theta.shape}")
-    names = tuple(names) if names is not None else tuple(f"theta[{i}]" for i in range(len(theta)))
-    if len(names) != len(theta):
-        raise InputError(f"names= needs one for each of the {len(theta)} parameters, got {len(names)}")
-    return names
+@dataclass(frozen=True, eq=False)
+class Gradient:
+    """A number computed from a run, and its derivatives with respect to parameters.
+
+    Attributes
+    ----------
+    value : float
+        The number.
+    gradient : ndarray, shape (P,)
+        Its derivatives.
+    names : tuple of str
+        Of the parameters.
+    solution : Solution
+        The run.
+    """
+
+    value: float
+    gradient: np.ndarray
+    names: tuple[str, ...]
+    solution: Solution
 
 
-def _maker(build, t, q0, v0, forces, events, backend, control=None):
-    """``make(theta) -> Side``; the same mechanism for the same object that `build` returns."""
-    made: dict = {}
+def gradient(
+    build: Callable | Mechanism,
+    theta,
+    t_span,
+    q0=None,
+    v0=None,
+    *,
+    rows: Callable | tuple | None = None,
+    terminal: Callable | tuple | None = None,
+    names: Sequence[str] | None = None,
+    steps=None,
+    forces=(),
+    events=None,
+    t_eval=None,
+    rtol=1e-8,
+    atol=1e-10,
+    backend="auto",
+    **options: Any,
+) -> Gradient:
+    """Simulate a mechanism, and differentiate one number of the run with respect to many parameters.
 
-    def make(values) -> Side:
-        mechanism = build(values.copy())
-        if not isinstance(mechanism, Mechanism):
-            raise InputError(f"build(theta) must return a Mechanism, it returned a {type(mechanism).__name__}")
-        if id(mechanism) not in made:
-            commanded = mechanism if control is None else mechanism.with_control(control)
-            made[id(mechanism)] = mechanism, with_forces(commanded, forces, "sensitivities")
-        acting = made[id(mechanism)][1]
-        if any(isinstance(force, HeldTorque | Piecewise | Sampled) for force in acting.forces):
-            raise InputError(
-                "derivatives of runs do not pass times at which forces jump, such as held or sampled torques: "
-                "the steps start anew there, and the multipliers jump. Give smooth functions of time, or commands of "
-                "an Actuator as a table"
-            )
-        starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]
-        return Side(acting, starts[0], starts[1], t, as_events(_of_theta(events, values)), backend != "python")
+    The number is the sum of ``rows(t, q, v, lam)`` over the times `t_eval`, plus ``terminal(t, q, v, lam)`` at the end.
+    Its derivative is that of :func:`sensitivities` to rounding, and comes from one pass backwards over the steps, which
+    does not depend on the number of parameters.
 
-    return make
+    Parameters
+    ----------
+    build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, **options
+        As in :func:`sensitivities`.
+    rows, terminal : callable, or pair of callables, optional
+        ``f(t, q, v, lam) -> float``; or a pair of it and ``(t, q, v, lam) -> (f_q, f_v, f_lam)``, the derivatives,
+        shapes (nv,), (nv,), (nc,), that by q in the tangent space. Without them they are differences.
+    t_eval : array, optional
+        Times of `rows`, inside the span.
 
+    Returns
+    -------
+    Gradient
 
-def _of_theta(events, values):
-    """The events, by a function of theta alone if they are given as one."""
-    if callable(events) and len(inspect.signature(events).parameters) == 1:
-        return events(values.copy())
-    return events
+    Raises
+    ------
+    InputError
+        As :func:`sensitivities`; neither `rows` nor `terminal`; `rows` without `t_eval`.
+    PinconsistError
+        The run did not reach its end.
+    """
+    if rows is None and terminal is None:
+        raise InputError("gradient() needs a number: rows=, a function of each row, or terminal=, of the last state")
+    if (rows is None) != (t_eval is None):
+        raise InputError("rows= and t_eval= go together: the function, and the times over which it is summed")
+    times = np.zeros(0) if t_eval is None else np.atleast_1d(np.asarray(t_eval, float))
+    options = {**options, "t_eval": np.append(times, t_span[1])}
+    run = build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options
+    solution, legs, variants, base, names, _ = prepared(*run)
+    if solution.status != 0:
+        raise PinconsistError(f"the number is one of the whole run, and it ended early: {solution.message}")
+
+    number = Number(solution, rows, terminal)
+    gradient = Back(solution, legs, variants, base, number.derivative).run()
+    return Gradient(number.value(), gradient, names, solution)

@@ -6,17 +6,18 @@ the step made again up to there; rows there have the order of the method, and ne
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from .._core.compiled_stages import CompiledStageWay
+from .._core.compiled_gradient import CompiledStageWay
 from .._core.compiled_system import CompiledIndex1
 from ..dae.index1 import project_position, project_velocity
 from ..dae.radau import StageNewton, Stages
 from ..dae.rounding import rounding_weights
 from ..dae.segments import RadauSegment, not_made_again
-from .stages import Motion, Multipliers
+from .linear import Motion, Multipliers
 
 AT_ONCE = 1e-6  # of a step: times so near to its end are there, as shorter steps would be rounding
 
@@ -44,39 +45,32 @@ class StageWay:
         p = project_position(system, t, stages.P[-1], stages.V[-1])
         return replace(step, W=stages.W, U=stages.U, p=p, v=project_velocity(system, t, p, stages.V[-1]))
 
-    def forward(self, steps, begins, S, ends) -> None:
-        """Row i of `ends`, (n, P, nx+nv), becomes the end of step i from row begins[i] of `S`."""
-        for i, step in enumerate(steps):
+    def forward(self, steps, S, ends) -> None:
+        """Rows (P, nx+nv) of `ends` become the ends of steps from those of `S`, maybe the same, one further on."""
+        for step, begin, end in zip(steps, S, ends, strict=True):
             of = Motion(step)
-            ends[i] = of.forward(S[begins[i]], of.rates(self.parameters))
+            end[:] = of.forward(begin, of.rates(self.parameters))
 
-    def backward(self, steps, begins, given, bars):
+    def backward(self, steps, given, bars):
         """The transpose, from the last step to the first: `bars` are added to; returns what parameters change, (P,)."""
-        order = range(len(steps))[::-1]
-        return self._back((Motion(steps[i]) for i in order), given[::-1], bars, [begins[i] for i in order])
-
-    def linear(self, t, p, v):
-        return Multipliers(self.system, t, p, v).linear()
+        return self._back(map(Motion, steps[::-1]), given[::-1], bars[::-1])
 
     def multipliers(self, t, p, v, s):
         """λ at states, (n, nc), and its derivatives, (n, P, nc), from those of the states."""
-        nc = self.system.nc
-        points = list(self._points(t, p, v))
+        points = list(map(partial(Multipliers, self.system), t, p, v))
         found = [of.forward(row, of.rates(self.parameters)) for of, row in zip(points, s, strict=True)]
-        return np.array([of.lam for of in points]).reshape(len(t), nc), np.array(found).reshape(*s.shape[:2], nc)
+        lam, nc = [of.lam for of in points], self.system.nc
+        return np.reshape(lam, (len(t), nc)), np.reshape(found, (*s.shape[:2], nc))
 
     def multipliers_back(self, t, p, v, lam, bars):
         """The transpose, of one number: `bars`, (n, nx+nv), are added to; returns what parameters change, (P,)."""
-        return self._back(self._points(t, p, v), lam, bars, range(len(t)))
+        return self._back(map(partial(Multipliers, self.system), t, p, v), lam, bars)
 
-    def _points(self, t, p, v):
-        return (Multipliers(self.system, *state) for state in zip(t, p, v, strict=True))
-
-    def _back(self, points, given, bars, rows):
+    def _back(self, points, given, bars):
         total = np.zeros(len(self.parameters))
-        for of, own, row in zip(points, given, rows, strict=True):
-            bar, weights = of.backward(own)
-            bars[row] += bar
+        for of, own, bar in zip(points, given, bars, strict=True):
+            change, weights = of.backward(own)
+            bar += change
             total += of.rates(self.parameters) @ weights
         return total
 
@@ -108,7 +102,6 @@ class StageLeg:
 
     start = property(lambda self: self.steps[0])
     t = property(lambda self: np.array([step.end for step in self.steps]))
-
     system = property(lambda self: self.start.system)
     span = property(lambda self: (self.start.t_old, self.steps[-1].end))
 
@@ -141,11 +134,9 @@ class StageLeg:
             states[i] = self.start.t_old, self.start.p0, self.start.v0
         for i, step in zip(inside, steps, strict=True):
             states[i] = step.end, step.p, step.v
-        columns = zip(*states, strict=True) if states else ((), (), ())
-        return tuple(np.array(x, float).reshape(len(n), *size) for x, size in zip(columns, self._sizes(), strict=True))
-
-    def _sizes(self):
-        return (), (self.system.npos,), (self.system.nv,)
+        t, p, v = zip(*states, strict=True) if states else ((), (), ())
+        p, v = np.reshape(p, (len(n), self.system.npos)), np.reshape(v, (len(n), self.system.nv))
+        return np.array(t, float), p, v
 
     def states(self, times):
         """p and [ξ | v | λ] at times, with ξ = 0."""
@@ -170,7 +161,7 @@ class StageLeg:
         t, p, v = self._states(n, inside, steps)
         s = self.tables[n, 0]
         ends = np.empty((len(inside), *s.shape[1:]))
-        self._way.forward(steps, n[inside], self.tables[:, 0], ends)
+        self._way.forward(steps, s[inside], ends)
         s[inside] = ends
         lam, of_lam = self._way.multipliers(t, p, v, s)
         return p, np.hstack((0.0 * v, v, lam)), np.concatenate((s, of_lam), axis=2)
@@ -180,7 +171,7 @@ class StageLeg:
         self._way = way_along(index1, residuals)
         self.tables = np.empty((1 + len(self.steps), *S.shape))
         self.tables[0] = S
-        self._way.forward(self.steps, np.arange(len(self.steps)), self.tables[:, 0], self.tables[1:, 0])
+        self._way.forward(self.steps, self.tables[:-1, 0], self.tables[1:, 0])
 
     def seeds(self):
         """What :meth:`sow` adds to: the derivative of a number by S at the start, and those by s in each place."""
@@ -202,10 +193,11 @@ class StageLeg:
             by_state = np.zeros((felt.sum(), split))
             total += self._way.multipliers_back(*(x[felt] for x in state), derivatives[felt, split:], by_state)
             given[felt] += by_state
-            total += self._way.backward(steps, n[inside], given[inside], bars)
-            at_ends = np.setdiff1d(np.arange(len(n)), inside)
-            np.add.at(bars, n[at_ends], given[at_ends])
-        total += self._way.backward(self.steps, np.arange(len(self.steps)), bars[1:], bars)
+            own = np.zeros((len(inside), split))
+            total += self._way.backward(steps, given[inside], own)
+            given[inside] = own
+            np.add.at(bars, n, given)
+        total += self._way.backward(self.steps, bars[1:], bars[:-1])
         seeds[0][:] = bars[0]
         return total
 
@@ -220,12 +212,8 @@ def stage_legs(curve) -> list[list[RadauSegment]]:
     legs: list[list] = []
     for i in range(len(curve.ends)):
         step, last = curve.plain(i), legs[-1][-1] if legs else None
-        if (
-            last is not None
-            and not _is_cut(last)
-            and np.array_equal(last.p, step.p0)
-            and np.array_equal(last.v, step.v0)
-        ):
+        goes_on = last is not None and np.array_equal(last.p, step.p0) and np.array_equal(last.v, step.v0)
+        if goes_on and not _is_cut(last):
             legs[-1].append(step)
         else:
             legs.append([step])

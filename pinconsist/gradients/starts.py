@@ -63,7 +63,7 @@ class Start:
     def _by_differences(self, variant):
         allowed = max(GAP, 3.0 * self.base.assembled[2])
         try:
-            gap = max(side.assembled[2] for side in variant.sides.values())
+            gap = max(side.assembled[2] for side in variant.beside[0].values())
         except AssemblyError as error:
             raise InputError(
                 f"the parameter {variant.name!r} cannot vary alone: the loops do not close any more ({error})"

@@ -1,13 +1,14 @@
-"""The mechanisms beside the one that was run: one parameter a little larger or smaller.
+"""All parameters of a run, and what they change in its equations.
 
-Differences of fourth order serve where they are taken once (of assembled states and of starts), differences of second
-order in each step. At a bound, where `build` refuses one side, they are one-sided.
+Of a parameter without a known derivative of the equations it is found by differences, from mechanisms beside the one
+that was run: of fourth order where they are taken once (of assembled states and of starts), of second order in each
+step. At a bound, where `build` refuses one side, they are one-sided.
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,13 @@ from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assembled, velocity_on_constraints
 from ..mechanism.closing import LoopSolver
 from ..mechanism.mechanism import Mechanism
+from ..mechanism.parameters import difference_step
 from ..mechanism.system import MechanismSystem
-from .known import SIDES, Known
+from .known import SIDES, Known, parts_of
+
+SMOOTH, ROUGH = 3e-8, 1e-5  # by which residual differences over two steps are to differ, and may differ, relative
+MOST_TRIES, SHORTER = 4, 5.0
+WIDE = 1e-3  # of a value: steps of differences of fourth order alone
 
 
 @dataclass
@@ -83,80 +89,191 @@ class Side:
 
 @dataclass
 class Variant:
-    """One parameter: its step, and the sides by their offsets in steps.
+    """One parameter: its value and its step, and what is known of the derivative of the equations, in `parts`.
 
-    `weights` are those of differences of fourth order, `near` of second.
-    A parameter of the start alone is ``inert``: the equations are those of the run; ``idle`` if the events are, too.
+    ``make(m)`` gives the mechanism m steps beside `base`; they are made where they are asked for.
     """
 
     name: str
+    value: float
     step: float
-    sides: dict[int, Side]
-    weights: dict[int, float]
-    near: dict[int, float]
-    inert: bool
-    idle: bool
+    base: Side
+    make: Callable
+    parts: list = field(default_factory=list)
+
+    @cached_property
+    def beside(self) -> tuple[dict, dict, dict]:
+        """The sides by their offsets in steps, and weights of differences of fourth order and of second."""
+        errors = []
+        for weights, near in SIDES:
+            try:
+                sides = {m: self.make(m) if m else self.base for m in weights}
+            except (PinconsistError, ValueError) as error:
+                errors.append(error)
+                continue
+            for m, side in sides.items():
+                where = f"{self.name!r} is {self.value + m * self.step:.6g}"
+                _require_same(side.mechanism, self.base.mechanism, where)
+            return sides, weights, near
+        raise InputError(
+            f"the parameter {self.name!r} cannot vary by {self.step:.1e} to either side: {errors[0]}"
+        ) from errors[0]
+
+    @cached_property
+    def inert(self) -> bool:
+        """Whether it is one of the start alone: the equations are those of the run."""
+        return not self.parts and all(side.mechanism is self.base.mechanism for side in self.beside[0].values())
+
+    @cached_property
+    def idle(self) -> bool:
+        """Whether the events are those of the run, too."""
+        return self.inert and all(side.events == self.base.events for side in self.beside[0].values())
 
     @property
     def keeps_rows(self) -> bool:
         """Whether the constraints are the same."""
-        return self.inert
+        return self.inert or bool(self.parts)
 
     def close(self) -> None:
-        for side in self.sides.values():
+        for side in vars(self).get("beside", ({},))[0].values():
             side.close()
 
     def derivative(self, function: Callable):
         """That of ``function(side)``, an array."""
-        return sum(weight * function(self.sides[m]) for m, weight in self.weights.items()) / self.step
+        sides, weights, _ = self.beside
+        return sum(weight * function(sides[m]) for m, weight in weights.items()) / self.step
 
     def residuals(self, like):
         """(weight, equations of index 1) whose residuals give r_θ, Φ_θ and ρ_θ in the steps of the system `like`."""
+        if self.parts:
+            return [(weight, Index1(Known(part, like, self.base.workspace))) for weight, part in self.parts]
         if self.inert:
             return []
-        return [(weight / self.step, self.sides[m].index1(like)) for m, weight in self.near.items()]
+        sides, _, near = self.beside
+        return [(weight / self.step, sides[m].index1(like)) for m, weight in near.items()]
 
 
-class KnownVariant:
-    """One parameter with a known derivative of the equations, in `parts`; mechanisms beside are made where needed."""
+class Variants(Sequence):
+    """The variants of all parameters, in order.
 
-    inert = idle = False
-    keeps_rows = True
+    `moved` are those without a known derivative of the equations, by their indices. For the others, `known` has
+    (index, parts), or of a table (indices, parts); ``make(i, parts)`` gives theirs where they are asked for.
+    """
 
-    def __init__(self, parts, base, make_sides):
-        self.parts, self._base, self._make_sides = parts, base, make_sides
+    def __init__(self, names, steps, base, moved, known, make):
+        self.names, self.steps, self.base, self.moved, self.known = names, steps, base, moved, known
+        self._make, self._made = make, dict(moved)
 
-    def close(self) -> None:
-        vars(self).pop("_full", None)
+    def __len__(self):
+        return len(self.names)
+
+    def __getitem__(self, i):
+        if i not in self._made:
+            self._made[i] = self._make(i, self._parts[i])
+        return self._made[i]
 
     @cached_property
-    def _full(self) -> Variant:
-        return self._make_sides()
-
-    def derivative(self, function: Callable):
-        """That of ``function(side)``, an array."""
-        return self._full.derivative(function)
+    def _parts(self):
+        parts: list = [None] * len(self)
+        for i, own in self.known:
+            for j, column in enumerate(np.atleast_1d(i).tolist()):
+                parts[column] = own if np.ndim(i) == 0 else [(1.0, own[0][1].one(j))]
+        return parts
 
     def residuals(self, like):
-        """As of a :class:`Variant`."""
-        return [(weight, Index1(Known(part, like, self._base.workspace))) for weight, part in self.parts]
+        """What they change in the steps of the system `like`."""
+        return Residuals(self, like)
+
+    def close(self) -> None:
+        for variant in self._made.values():
+            variant.close()
 
 
-def variant_of(make, theta, i, name, step, base) -> Variant:
-    """The variant of the parameter `i`, of a step."""
-    errors, unit = [], np.arange(len(theta)) == i
-    for weights, near in SIDES:
-        try:
-            sides = {m: make(theta + m * step * unit) if m else base for m in weights}
-        except (PinconsistError, ValueError) as error:
-            errors.append(error)
-            continue
-        for m, side in sides.items():
-            _require_same(side.mechanism, base.mechanism, f"{name!r} is {theta[i] + m * step:.6g}")
-        inert = all(side.mechanism is base.mechanism for side in sides.values())
-        idle = inert and all(side.events == base.events for side in sides.values())
-        return Variant(name, step, sides, weights, near, inert, idle)
-    raise InputError(f"the parameter {name!r} cannot vary by {step:.1e} to either side: {errors[0]}") from errors[0]
+class Residuals(Sequence):
+    """For each parameter, what :meth:`Variant.residuals` gives; `known` of them as in :class:`Variants`."""
+
+    def __init__(self, variants, like):
+        self._variants, self._like, self.known = variants, like, variants.known
+        self.beside = {i: variant.residuals(like) for i, variant in variants.moved.items()}
+        self.evaluations = sum(map(len, self.beside.values())) + sum(np.size(i) * len(parts) for i, parts in self.known)
+        self._terms = dict(self.beside)
+
+    def __len__(self):
+        return len(self._variants)
+
+    def __getitem__(self, i):
+        if i not in self._terms:
+            self._terms[i] = self._variants[i].residuals(self._like)
+        return self._terms[i]
+
+    @property
+    def workspace(self):
+        """Model and data for what is known."""
+        return self._like.model, self._variants.base.workspace
+
+
+def variants_of(make, theta, names, steps, base: Side, system, t, p, v, parameters=()) -> Variants:
+    """The variants of all parameters; ``make(theta)`` gives a Side. Checked at the state (`t`, `p`, `v`).
+
+    `parameters` are those given by names, with their indices.
+    """
+    given = np.array([step is not None for step in steps] if steps is not None else [False] * len(names))
+    chosen = difference_step(theta)
+    if given.any():
+        chosen[given] = [float(step) for step in steps if step is not None]
+    wide = np.where(given, chosen, np.maximum(WIDE * np.abs(theta), 0.1 * chosen))
+
+    def beside(i, step, parts=()):
+        unit = np.arange(len(theta)) == i
+        return Variant(names[i], theta[i], float(step), base, lambda m: make(theta + m * step * unit), list(parts))
+
+    parts = [(i, parts_of(each, base.mechanism.model, chosen[i])) for i, each in parameters]
+    known, moved = [(i, own) for i, own in parts if own], {}
+    of_known = {column for i, _ in known for column in np.atleast_1d(i).tolist()}
+    for i in sorted(set(range(len(names))) - of_known):
+        moved[i] = _smooth(partial(beside, i), chosen[i], 1 if given[i] else MOST_TRIES, system, t, p, v)
+        chosen[i] = moved[i].step
+    return Variants(names, chosen, base, moved, known, lambda i, own: beside(i, wide[i], own))
+
+
+def _smooth(beside, step, tries, system, t, p, v) -> Variant:
+    """The variant whose step is so short that the equations are smooth over it; ``beside(step)`` makes one."""
+    tried, sizes = [], []
+    for _ in range(tries):
+        variant = beside(step)
+        rough, size = (0.0, 0.0) if variant.inert else _roughness(variant, system, t, p, v)
+        tried.append((rough, -len(tried), variant))
+        sizes.append(size)
+        if rough <= SMOOTH:
+            break
+        step /= SHORTER
+    rough, _, variant = min(tried)
+    if max(sizes) > 2.0 * min(sizes):  # flat pieces of stairs
+        rough = 1.0
+    if rough > ROUGH:
+        raise InputError(
+            f"the equations are not smooth in the parameter {variant.name!r}: differences over {variant.step:.1e} and "
+            f"{2 * variant.step:.1e} differ by {rough:.1e} of their size. A table, a rounded number or a kink "
+            "depends on it; give steps= for it, or leave it out"
+        )
+    return variant
+
+
+def _roughness(variant, system, t, p, v) -> tuple[float, float]:
+    """How much residual differences over one step and over two differ, relative to their largest, and that."""
+    v = v + 0.3 * np.cos(np.arange(system.nv))
+    a = 1.0 + np.abs(v)
+    sizes, values = 1e-300, {}
+    sides, _, near = variant.beside
+    for m in {*near, *(2 * m for m in near)}:
+        f, phi, G, rho = sides[m].index1(system).system.evaluate(t, p, v, a)
+        values[m] = np.concatenate((f, phi, rho, (G @ np.ones(system.nc)) if system.nc else np.zeros(0)))
+        sizes = max(sizes, np.abs(values[m]).max())
+    one = sum(weight * values[m] for m, weight in near.items())
+    two = sum(weight * values[2 * m] for m, weight in near.items()) / 2.0
+    noise = 1e-14 * sizes
+    size = float(np.abs(one).max())
+    return float(np.abs(one - two).max() / (size + noise / ROUGH)), size / variant.step
 
 
 def _require_same(mechanism, base, where) -> None:

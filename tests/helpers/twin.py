@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pinconsist import _core
-from pinconsist._core.compiled_stages import CompiledStageWay
+from pinconsist._core.compiled_gradient import CompiledStageWay
 from pinconsist._core.compiled_system import CompiledIndex1, compiled_system
 from pinconsist.dae.index1 import Index1, solve_acceleration
 from pinconsist.gradients.linear import row_gradients
@@ -47,16 +47,24 @@ def compare_terms(mech, q, t=0.3, seed=0):
     for ours, theirs in zip(solve_acceleration(system, t, q, v), projection.acceleration(t, q, v)[:2], strict=True):
         assert_same(ours, theirs, 1e-10)
     compare_row_gradients(system, twin, t, q, v)
-    compare_accelerations(system, twin, t, *start_state[1:3])
+    compare_multipliers(system, twin, t, *start_state[1:3])
 
 
-def compare_accelerations(system, twin, t, p, v):
-    """Derivatives of accelerations and multipliers, at a state on the constraints, along them."""
+class Still(list):
+    """Parameters that change nothing in the equations."""
+
+    beside, known = {}, ()
+
+
+def compare_multipliers(system, twin, t, p, v):
+    """Multipliers and their derivatives, at a state on the constraints, along them."""
     J = np.array(system.evaluate(t, p, v, v)[2]).T
     H, Z = row_gradients(system, t, p, v, np.zeros(system.nc))[1], null_space(J)
     ways = np.block([[Z, np.zeros_like(Z)], [-np.linalg.pinv(J) @ H @ Z, Z]])
-    compiled = CompiledStageWay(CompiledIndex1(system, twin), [])
-    ours, theirs = (way.linear(t, p, v)[2] @ ways for way in (StageWay(system), compiled))
+    still, state = Still([[]] * ways.shape[1]), (np.array([t]), p[None], v[None])
+    both = StageWay(system, still), CompiledStageWay(CompiledIndex1(system, twin), still)
+    (lam, ours), (other, theirs) = (way.multipliers(*state, np.ascontiguousarray(ways.T)[None]) for way in both)
+    assert_same(lam, other, 1e-10)
     assert_same(ours, theirs, 1e-7)
 
 

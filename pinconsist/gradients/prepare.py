@@ -1,15 +1,93 @@
-"""Parameters by name, as functions of their values."""
+"""The run that is differentiated, and its parameters: given by names, or as those of a function."""
 
+import inspect
 from collections.abc import Mapping
 
 import numpy as np
 
-from ..errors import InputError
-from ..mechanism.checks import coordinates
+from ..dae.events import as_events
+from ..errors import InputError, PinconsistError
+from ..mechanism.checks import coordinates, finite_array
+from ..mechanism.forces import HeldTorque, Piecewise, Sampled
+from ..mechanism.mechanism import Mechanism, with_forces
 from ..mechanism.numbers import part_at
 from ..mechanism.parameters import Parameter, parameter
+from ..simulation import simulate
+from .forward import legs_of
+from .variants import Side, variants_of
 
 SPEED = "_speed"
+
+
+def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options):
+    """(solution, legs, variants, base, names, theta): the run, and the mechanisms beside the one that was run."""
+    control = options.pop("control", None)
+    if isinstance(build, Mechanism):
+        mechanism, control = build if control is None else build.with_control(control), None
+        build, names, theta, q0, v0 = named_start(mechanism, theta, q0, v0)
+    theta = np.atleast_1d(finite_array(theta, "theta"))
+    names = _names(names, theta)
+    if steps is not None and len(steps) != len(theta):
+        raise InputError(f"steps= needs one for each of the {len(theta)} parameters, got {len(steps)}")
+    if (mode := options.get("consistency", "every-step")) != "every-step":
+        raise InputError(
+            f"sensitivities need consistency='every-step', not {mode!r}: raw BDF leaves a hidden residual, whose "
+            "derivative makes those of the multipliers wrong"
+        )
+    make = _maker(build, t_span[0], q0, v0, forces, events, backend, control)
+    base = make(theta)
+    solution = simulate(
+        base.mechanism, t_span, base.q0, base.v0, events=base.events, rtol=rtol, atol=atol, backend=backend,
+        **{**options, "dense_output": True},
+    )  # fmt: skip
+    if solution.sol is None:
+        raise PinconsistError(f"the run itself failed: {solution.message}")
+    legs = legs_of(solution.sol, base.index1)
+    first = legs[0].start
+    state, parameters = first(first.t_old)[:2], getattr(build, "parameters", ())
+    end = legs[-1].span[1]  # where what depends on t has changed most
+    variants = variants_of(make, theta, names, steps, base, first.system, end, *state, parameters)
+    return solution, legs, variants, base, names, theta
+
+
+def _names(names, theta):
+    if theta.ndim != 1 or not len(theta):
+        raise InputError(f"theta needs at least one number in one row, got shape {theta.shape}")
+    names = tuple(names) if names is not None else tuple(f"theta[{i}]" for i in range(len(theta)))
+    if len(names) != len(theta):
+        raise InputError(f"names= needs one for each of the {len(theta)} parameters, got {len(names)}")
+    return names
+
+
+def _maker(build, t, q0, v0, forces, events, backend, control=None):
+    """``make(theta) -> Side``; the same mechanism for the same object that `build` returns."""
+    made: dict = {}
+
+    def make(values) -> Side:
+        mechanism = build(values.copy())
+        if not isinstance(mechanism, Mechanism):
+            raise InputError(f"build(theta) must return a Mechanism, it returned a {type(mechanism).__name__}")
+        if id(mechanism) not in made:
+            commanded = mechanism if control is None else mechanism.with_control(control)
+            made[id(mechanism)] = mechanism, with_forces(commanded, forces, "sensitivities")
+        acting = made[id(mechanism)][1]
+        if any(isinstance(force, HeldTorque | Piecewise | Sampled) for force in acting.forces):
+            raise InputError(
+                "derivatives of runs do not pass times at which forces jump, such as held or sampled torques: "
+                "the steps start anew there, and the multipliers jump. Give smooth functions of time, or commands of "
+                "an Actuator as a table"
+            )
+        starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]
+        return Side(acting, starts[0], starts[1], t, as_events(_of_theta(events, values)), backend != "python")
+
+    return make
+
+
+def _of_theta(events, values):
+    """The events, by a function of theta alone if they are given as one."""
+    if callable(events) and len(inspect.signature(events).parameters) == 1:
+        return events(values.copy())
+    return events
 
 
 def named_start(mechanism, names, q0, v0):

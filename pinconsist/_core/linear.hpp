@@ -1,11 +1,106 @@
-// row_gradients of gradients/linear.py, and what Multipliers of gradients/stages.py needs from the rows.
+// Residuals by parameters (gradients/variants.py) and rows by the state (row_gradients of gradients/linear.py): what the
+// linear equations of steps are made of.
 #pragma once
 
 #include "system.hpp"
 
 namespace pinconsist {
 
-// Derivatives of constraint rows, known or by central differences; coordinates that share no row are moved together.
+// Derivatives of f by parameters that are known, a column each.
+class Known {
+public:
+  virtual ~Known() = default;
+  virtual bool calls_python() const = 0;
+  // Add r_θ to columns.
+  virtual void add_columns(double t, const Vec &p, const Vec &v, const Vec &a, Eigen::Ref<Mat> r) = 0;
+  // Add wᵀ r_θ.
+  virtual void contract(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &w, Eigen::Ref<Vec> rates) = 0;
+};
+
+// What gives (r, Φ, ρ) of a mechanism at the point evaluated last, r = f - G λ.
+inline auto residuals_with(Vec lam) {
+  return [lam = std::move(lam)](const System &system) {
+    Vec all(system.nv + 2 * system.nc);
+    all << system.f - system.G_transposed().transpose() * lam, system.phi, system.rho;
+    return all;
+  };
+}
+
+// What parameters change in the residuals: of each, weighted residuals of mechanisms beside, or what is known of f.
+class Parameters {
+public:
+  Known *known = nullptr;
+
+  void use(int number) { size_ = number; }
+  // Those of one column one after another.
+  void add_term(int column, double weight, System &other) { terms_.push_back({column, weight, &other}); }
+  int size() const { return size_; }
+  bool calls_python() const {
+    bool any = known && known->calls_python();
+    for (const auto &term : terms_) any = any || term.other->calls_python();
+    return any;
+  }
+
+  // Add the rates of residuals at a state to columns, r first; residual(mechanism) gives those of one evaluated there.
+  template <class Residual>
+  void add_columns(double t, const Vec &p, const Vec &v, const Vec &a, const Residual &residual, Eigen::Ref<Mat> columns) const {
+    if (known) known->add_columns(t, p, v, a, columns.topRows(v.size()));
+    for (const auto &[column, weight, other] : terms_) {
+      other->evaluate(t, p, v, a);
+      columns.col(column) += weight * residual(*other);
+    }
+  }
+  // Add their products with weights.
+  template <class Residual>
+  void contract(double t, const Vec &p, const Vec &v, const Vec &a, const Residual &residual, const Vec &weights,
+                Eigen::Ref<Vec> rates) const {
+    if (known) known->contract(t, p, v, a, weights.head(v.size()), rates);
+    Vec rate(weights.size()); // differences first, as in columns
+    for (auto term = terms_.begin(); term != terms_.end();) {
+      rate.setZero();
+      const int column = term->column;
+      for (; term != terms_.end() && term->column == column; ++term) {
+        term->other->evaluate(t, p, v, a);
+        rate += term->weight * residual(*term->other);
+      }
+      rates[column] += rate.dot(weights);
+    }
+  }
+
+private:
+  struct Term {
+    int column;
+    double weight;
+    System *other;
+  };
+
+  int size_ = 0;
+  std::vector<Term> terms_;
+};
+
+// What leads derivatives by parameters along a run.
+class Way {
+public:
+  Parameters parameters;
+
+  bool calls_python() const { return system_.calls_python() || parameters.calls_python(); }
+
+protected:
+  explicit Way(System &system) : system_(system) {}
+
+  System &system_;
+};
+
+// β = J a + γ
+inline Vec beta(System &system, double t, const Vec &p, const Vec &v, const Vec &a) {
+  Vec beta;
+  system.evaluate(t, p, v, Vec::Zero(system.nv));
+  system.acceleration_bias(t, p, v, beta);
+  beta += system.G_transposed() * a;
+  return beta;
+}
+
+// Derivatives of constraint rows where they are known, else by central differences; coordinates that share no row are moved together.
 class RowGradients {
 public:
   explicit RowGradients(System &system) : system_(system) {}
@@ -28,7 +123,7 @@ public:
     }
   }
 
-  // F, and the derivatives of β = J a + γ by ξ and by v, in which it is quadratic.
+  // F, and the derivatives of β by ξ and by v, in which it is quadratic.
   void find_second(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, Mat &F, Mat &by_p, Mat &by_v) {
     begin(t, p, v);
     F.setZero(system_.nv, system_.nx);
@@ -47,20 +142,12 @@ public:
     }
   }
 
-  // β
-  const Vec &beta(System &system, double t, const Vec &p, const Vec &v, const Vec &a) {
-    system.evaluate(t, p, v, Vec::Zero(system.nv));
-    system.acceleration_bias(t, p, v, beta_);
-    beta_ += system.G_transposed() * a;
-    return beta_;
-  }
-
 private:
   static constexpr double NUDGE = 3e-5; // as in gradients/linear.py
 
   std::pair<const Vec &, const Mat &> second(double t, const Vec &p, const Vec &v, const Vec &a) {
-    const Vec &found = beta(system_, t, p, v, a);
-    return {found, system_.G_transposed()};
+    beta_ = beta(system_, t, p, v, a);
+    return {beta_, system_.G_transposed()};
   }
 
   template <class Function> void differences(const std::vector<int> &members, double size, const Function &function) {
