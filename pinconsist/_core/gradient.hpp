@@ -1,4 +1,4 @@
-// gradients/linear.py and gradients/forward.py: derivatives led along the accepted steps of BDF.
+// gradients/linear.py and gradients/forward.py: derivatives propagated along the accepted steps of BDF.
 #pragma once
 
 #include "bdf.hpp"
@@ -83,7 +83,7 @@ public:
     s.bottomRows(nv + nc) -= rhs_;
   }
 
-  // The transpose of `forward`, of one column; y becomes the derivative by ψ, its last part zero; `rates`, (P), is added to.
+  // The transpose of `forward`, of one column; y becomes the derivative by ψ, its last part zero; adds to `rates`, (P).
   void backward(Vec &y, Eigen::Ref<Vec> rates) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
     Vec x = y.head(nx), rest = -y.tail(nv + nc), weights(nv + 2 * nc);
@@ -108,7 +108,7 @@ private:
   RowGradients rows_;
   double t_ = 0.0, c_ = 1.0;
   Vec p_, v_, a_, lam_;
-  Mat M_, B_, H_, E_, W_, WE_; // E only where joints are curved; W of the constraints
+  Mat M_, B_, H_, E_, W_, WE_; // E only if joints are curved; W of the constraints
   Mat F_, f_v_, Gt_, rates_, rhs_, moved_;
 };
 

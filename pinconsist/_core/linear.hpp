@@ -26,13 +26,14 @@ inline auto residuals_with(Vec lam) {
   };
 }
 
-// What parameters change in the residuals: of each, weighted residuals of mechanisms beside, or what is known of f.
+// The effect of parameters on the residuals: for each, weighted residuals of neighbouring mechanisms, or known
+// derivatives of f.
 class Parameters {
 public:
   Known *known = nullptr;
 
   void use(int number) { size_ = number; }
-  // Those of one column one after another.
+  // Terms of one column must be added one after another.
   void add_term(int column, double weight, System &other) { terms_.push_back({column, weight, &other}); }
   int size() const { return size_; }
   bool calls_python() const {
@@ -78,7 +79,7 @@ private:
   std::vector<Term> terms_;
 };
 
-// What leads derivatives by parameters along a run.
+// What propagates derivatives by parameters along a run.
 class Way {
 public:
   Parameters parameters;
@@ -100,7 +101,7 @@ inline Vec beta(System &system, double t, const Vec &p, const Vec &v, const Vec 
   return beta;
 }
 
-// Derivatives of constraint rows where they are known, else by central differences; coordinates that share no row are moved together.
+// Derivatives of constraint rows, known or by central differences; coordinates that share no row are moved together.
 class RowGradients {
 public:
   explicit RowGradients(System &system) : system_(system) {}

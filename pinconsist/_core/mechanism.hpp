@@ -274,7 +274,7 @@ protected:
   Vec constant_, damping_, tau_;
 
 private:
-  // D and K of all forces; M, τ, poses and Jacobians of the joints are at hand after it.
+  // D and K of all forces; M, τ, poses and Jacobians of the joints are known after it.
   void differentiate_forces(double t, const Vec &p, const Vec &v, const Vec &a, Mat &D, Mat &K) {
     pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
     D = data_.dtau_dv;

@@ -66,7 +66,7 @@ private:
   Mat K_, by_p_, by_v_;
 };
 
-// Each answers the number of the step or state that is singular, or -1.
+// Each method returns the number of the step or state that is singular, or -1.
 class StageDerivatives : public Way {
 public:
   explicit StageDerivatives(System &system)
@@ -111,7 +111,7 @@ public:
     return -1;
   }
 
-  // The transpose, from the last step to the first: rows (nx+nv) of `bars` are added to, and `rates`, (P).
+  // The transpose, from the last step to the first: adds to rows (nx+nv) of `bars`, and to `rates`, (P).
   int backward(const StageSteps &steps, Eigen::Map<const Table> given, Eigen::Map<Table> bars, Eigen::Map<Vec> rates) {
     const double *W = steps.W.data() + steps.W.size();
     Vec start;
@@ -137,7 +137,7 @@ public:
     return -1;
   }
 
-  // The transpose: `bars`, (n, nx+nv), and `rates`, (P), are added to.
+  // The transpose: adds to `bars`, (n, nx+nv), and `rates`, (P).
   int multipliers_back(const Vec &t, const Table &p, const Table &v, const Table &lam, Eigen::Map<Table> bars, Eigen::Map<Vec> rates) {
     Vec bar;
     for (int i = 0; i < t.size(); ++i) {

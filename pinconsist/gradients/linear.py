@@ -34,6 +34,8 @@ Without q, which is of the order of V_s, the order of the derivatives is that of
 needed; the multipliers are those of the differential equation, at any state.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from ..dae import bdf
@@ -49,7 +51,8 @@ NUDGE = 3e-5  # rad or m: of the differences of rows; exact to 2e-10 of their si
 class Point:
     """Linear equations at a place of a run: from derivatives (P, `starts`) and rates of residuals to derivatives there.
 
-    A subclass has ``residuals(index1)`` of a system, one flat array (`size`,), and ``forward(s, rates)``.
+    A subclass has ``residuals(index1)`` of a system, one flat array (`size`,), and a linear map ``solved(s, rates)``.
+    Both ways use its one matrix, so that they are transposes of each other to rounding.
     """
 
     starts: int
@@ -60,10 +63,18 @@ class Point:
         rates = [sum((w * self.residuals(other) for w, other in terms), np.zeros(self.size)) for terms in parameters]
         return np.array(rates).reshape(len(parameters), self.size)
 
-    def backward(self, bar):
-        """(derivative by the start, weights of the residuals): the transpose of `forward`, of one row."""
+    @cached_property
+    def map(self):
         units = np.eye(self.starts + self.size)
-        return np.split(self.forward(*np.hsplit(units, [self.starts])) @ bar, [self.starts])
+        return self.solved(*np.hsplit(units, [self.starts])).T
+
+    def forward(self, s, rates):
+        """Derivatives there, (P, ·), from those at the start and the rates of residuals."""
+        return np.hstack((s, rates)) @ self.map.T
+
+    def backward(self, bar):
+        """(derivative by the start, weights of the residuals): the transpose, of one row."""
+        return np.split(self.map.T @ bar, [self.starts])
 
 
 class Step(Point):
@@ -92,7 +103,7 @@ class Step(Point):
         f, phi, G, rho = index1.system.evaluate(*state)
         return np.concatenate((f - G @ lam, phi, rho))
 
-    def forward(self, psi, rates):
+    def solved(self, psi, rates):
         """(s_ξ, s_v, s_λ), shape (P, nx+nv+nc), from the derivatives `psi` of ψ, shape (P, nx+nv)."""
         nv, c = self.nv, self.c
         x, v = np.hsplit(psi, [nv])
@@ -180,7 +191,7 @@ class Motion(Point):
         F, self.H = row_gradients(system, *state, self.nu)
         self.q = system.matrices(*state, self.gap)[2] - K - F
 
-    def forward(self, s, rates):
+    def solved(self, s, rates):
         """[s_p | s_v] at the end, (P, nx+nv), from that at the start; `rates` as of :meth:`Point.rates`."""
         nv, carried = self.system.nv, s[:, : self.system.nv] @ self.Ad.T
         ends = np.cumsum([len(self.Z), self.N.shape[1], len(self.J), len(self.J)])
@@ -225,7 +236,7 @@ class Multipliers(Point):
         self.by_p = by(lambda e: (system.integrate(p, e), v), NUDGE)
         self.by_v = by(lambda e: (p, v + e), 1.0 + np.abs(v).max(initial=0.0))  # γ is quadratic in v
 
-    def forward(self, s, rates):
+    def solved(self, s, rates):
         """s_λ, (P, nc), from [s_p | s_v]."""
         s_p, s_v = np.hsplit(s, [self.system.nx])
         r, beta = np.hsplit(rates, [self.system.nv])
