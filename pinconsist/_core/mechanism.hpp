@@ -3,7 +3,6 @@
 
 #include "forces.hpp"
 #include "lie.hpp"
-#include "linear.hpp"
 #include "rows.hpp"
 
 #include <Eigen/QR>
@@ -232,15 +231,27 @@ public:
     for (const auto &[rows, at] : rows_) rows->add_wrench(data_, lam.segment(at, rows->size()), x, force, moment);
   }
 
-  void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c, Eigen::Ref<Mat> A) override {
+  // ∂(Jᵀλ)/∂q by forward differences: needed only if Newton is slow.
+  void subtract_force_gradient(double t, const Vec &p, const Vec &, const Vec &lam, double c,
+                               Eigen::Ref<Mat> A) override {
     const Mat kept_W = W;
-    const Vec kept_phi = phi, kept_rho = rho;
-    Mat F, H;
-    gradients_.find(t, p, v, lam, F, H);
-    A -= c * c * F;
+    const Vec kept_phi = phi;
+    evaluate_rows(t, p);
+    const Vec at = W.transpose() * lam;
+    const double step = 1e-7;
+    Vec unit = Vec::Zero(nx);
+    Mat gradient(nv, nv);
+    for (int i = 0; i < nv; ++i) {
+      unit[i] = step;
+      Vec there(npos);
+      integrate(p, unit, there);
+      evaluate_rows(t, there);
+      gradient.col(i) = (W.transpose() * lam - at) / step;
+      unit[i] = 0.0;
+    }
+    A -= c * c * gradient;
     W = kept_W;
     phi = kept_phi;
-    rho = kept_rho;
   }
 
   bool row_gradients(double t, const Vec &p, const Vec &v, const Vec &lam, Mat &F, Mat &H) override {
@@ -310,7 +321,6 @@ private:
   }
 
   LieGroup group_;
-  RowGradients gradients_{*this};
   std::vector<Planar> planar_;
   bool calls_python_ = false, forces_on_bodies_ = false, axes_stay_ = true; // in the bodies that joints move
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;

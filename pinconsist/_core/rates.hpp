@@ -1,6 +1,7 @@
 // gradients/known.py: the known derivatives of f by many parameters.
 #pragma once
 
+#include "linear.hpp"
 #include "mechanism.hpp"
 
 #include <map>
