@@ -12,8 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..files import write_csv, written_whole
 from ..mechanism.checks import finite_array
-from ..mechanism.limits import beyond_limits
-from ..mechanism.names import joints_in, position_names, position_units, velocity_units
+from ..mechanism.names import beyond_limits, joints_in, position_names, position_units, velocity_units
 
 STRIDE = 0.05  # rad, or lengths of the mechanism, in which a motor is led
 MOST_STRIDES = 400  # for a sliding motor
