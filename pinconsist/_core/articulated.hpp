@@ -1,11 +1,55 @@
-// M⁻¹ in O(n) for each right-hand side: Featherstone, Rigid Body Dynamics Algorithms (2008), section 7.3, in world
-// axes, about a point of the mechanism, as far from it inertias are differences of large numbers.
+// Halves of M⁻¹: Featherstone, Rigid Body Dynamics Algorithms (2008).
 #pragma once
 
 #include "rigid_bodies.hpp"
 
 namespace pinconsist {
 
+constexpr double HARDLY = 1e-8; // of the inertia with the joints behind locked
+
+// M = Lᵀ L, where L(k, i) is zero unless i leads to k: section 6.5.
+class TreeFactors {
+public:
+  explicit TreeFactors(const Data &data) : before_(data.parents_fromRow) {}
+
+  // How many velocities lead to one, which counts.
+  int depth(int k) const { return k < 0 ? 0 : 1 + depth(before_[k]); }
+
+  // L(k, i) in place of M(i, k); false where a velocity moves hardly anything.
+  bool factorise(Mat &M) {
+    bool regular = true;
+    whole_ = M.diagonal();
+    for (int k = static_cast<int>(M.cols()); k-- > 0;) {
+      double *row = &M(0, k);
+      regular &= row[k] > HARDLY * whole_[k];
+      row[k] = std::sqrt(row[k]);
+      for (int i = before_[k]; i >= 0; i = before_[i]) row[i] /= row[k];
+      for (int i = before_[k]; i >= 0; i = before_[i])
+        for (int j = i; j >= 0; j = before_[j]) M(j, i) -= row[i] * row[j];
+    }
+    return regular;
+  }
+
+  // Replaces each row x of X by L⁻ᵀ x: the product of two such rows is xᵀ M⁻¹ y.
+  void solve_half(const Mat &L, Mat &X) const {
+    const auto n = X.rows();
+    for (int k = static_cast<int>(X.cols()); k-- > 0;) {
+      double *x = &X(0, k);
+      for (int r = 0; r < n; ++r) x[r] /= L(k, k);
+      for (int i = before_[k]; i >= 0; i = before_[i]) {
+        double *other = &X(0, i);
+        for (int r = 0; r < n; ++r) other[r] -= L(i, k) * x[r];
+      }
+    }
+  }
+
+private:
+  const std::vector<int> before_;
+  Vec whole_;
+};
+
+// The same in O(n) for each right-hand side: section 7.3, in world axes, about a point of the mechanism, as far from it
+// inertias are differences of large numbers.
 class ArticulatedBodies {
 public:
   explicit ArticulatedBodies(const Model &model)
@@ -38,7 +82,7 @@ public:
     return regular;
   }
 
-  // Replaces each row x of X by L⁻ᵀ x, with M = Lᵀ L: the product of two such rows is xᵀ M⁻¹ y.
+  // As that of TreeFactors.
   void solve_half(Mat &X) {
     for (auto &force : forces_) force.setZero(X.rows(), 6);
     for (int i = model_.njoints - 1; i > 0; --i) {
@@ -52,8 +96,6 @@ public:
   }
 
 private:
-  static constexpr double HARDLY = 1e-8; // of the inertia with the joints behind locked
-
   struct Body {
     Eigen::Matrix<double, 6, 6> inertia, rigid; // with the joints behind free, and locked
   };

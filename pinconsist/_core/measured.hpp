@@ -50,56 +50,81 @@ struct Certified {
 class ExactForces {
 public:
   ExactForces(MechanismSystem &system, const std::vector<int> &kept)
-      : system_(system), kept_(kept), bodies_(system.model()), kkt_(system.nv, static_cast<int>(kept.size())) {}
+      : system_(system), kept_(kept), nc_(static_cast<int>(kept.size())), bodies_(system.model()), tree_(system.data()),
+        kkt_(system.nv, nc_), M_(system.nv, system.nv), W_(nc_, system.nv), X_(nc_ + 1, system.nv), S_(nc_ + 1, nc_), lam_(nc_) {
+    double products = 0.0;
+    for (int i = 0; i < system.nv; ++i) products += std::pow(tree_.depth(i), 2);
+    by_bodies_ = products > DEEP * system.nv;
+  }
 
   // After `evaluate` without accelerations; false where the equations are singular.
   bool find(double t, const Vec &p, const Vec &v, Eigen::Ref<Eigen::RowVectorXd> forces) {
-    const int nc = static_cast<int>(kept_.size());
     forces.setZero();
-    if (!nc) return true;
+    if (!nc_) return true;
     system_.acceleration_bias(t, p, v, bias_);
-    W_ = system_.W(kept_, Eigen::all);
-    const bool found = (system_.nv + nc >= Lapack::LARGE && by_bodies(nc)) || by_matrix(t, p, v, nc);
+    for (int k = 0; k < nc_; ++k) W_.row(k) = system_.W.row(kept_[k]);
+    const bool found = by_products(t, p, v) || by_matrix(t, p, v);
     if (found) forces.noalias() = lam_.transpose() * W_;
     return found;
   }
 
 private:
   // J M⁻¹ Jᵀ λ = J M⁻¹ f − J̇ v; false for bodies without a mass, and near singular positions, where LU keeps more digits.
-  bool by_bodies(int nc) {
-    if (!bodies_.factorise(system_.data())) return false;
-    X_.resize(nc + 1, system_.nv);
+  bool by_products(double t, const Vec &p, const Vec &v) {
     X_ << W_, system_.f.transpose();
-    bodies_.solve_half(X_);
-    const auto J = X_.topRows(nc);
-    S_.setZero(nc, nc);
-    S_.selfadjointView<Eigen::Lower>().rankUpdate(J);
-    schur_.compute(S_);
-    const auto pivots = schur_.matrixLLT().diagonal();
-    if (schur_.info() != Eigen::Success || !(pivots.minCoeff() > ALMOST_SINGULAR * pivots.maxCoeff())) return false;
-    lam_ = J * X_.row(nc).transpose() - bias_(kept_);
-    schur_.solveInPlace(lam_);
+    if (by_bodies_) {
+      if (!bodies_.factorise(system_.data())) return false;
+      bodies_.solve_half(X_);
+    } else {
+      system_.mass_matrix(t, p, v, M_);
+      if (!tree_.factorise(M_)) return false;
+      tree_.solve_half(M_, X_);
+    }
+    S_.setZero();
+    for (int k = 0; k < system_.nv; ++k)
+      for (int j = 0; j < nc_; ++j)
+        if (X_(j, k) != 0.0)
+          for (int i = j; i <= nc_; ++i) S_(i, j) += X_(j, k) * X_(i, k);
+    for (int j = 0; j < nc_; ++j) S_(nc_, j) -= bias_[kept_[j]];
+    double least = INF, most = 0.0;
+    for (int j = 0; j < nc_; ++j) { // L Lᵀ, and L⁻¹ times the right-hand side, which is the last row
+      const double pivot = std::sqrt(S_(j, j));
+      least = std::min(least, pivot);
+      most = std::max(most, pivot);
+      for (int i = j; i <= nc_; ++i) S_(i, j) /= pivot;
+      for (int k = j + 1; k < nc_; ++k)
+        for (int i = k; i <= nc_; ++i) S_(i, k) -= S_(k, j) * S_(i, j);
+    }
+    if (!(least > ALMOST_SINGULAR * most)) return false;
+    for (int j = nc_; j-- > 0;) {
+      lam_[j] = S_(nc_, j);
+      for (int i = j + 1; i < nc_; ++i) lam_[j] -= S_(i, j) * lam_[i];
+      lam_[j] /= S_(j, j);
+    }
     return lam_.allFinite();
   }
 
-  bool by_matrix(double t, const Vec &p, const Vec &v, int nc) {
+  bool by_matrix(double t, const Vec &p, const Vec &v) {
     system_.mass_matrix(t, p, v, kkt_.A());
-    rhs_.resize(system_.nv + nc, 1);
+    rhs_.resize(system_.nv + nc_, 1);
     rhs_ << -system_.f, -bias_(kept_);
     if (!kkt_.solve_new(W_, W_, 1.0, rhs_, 1)) return false;
-    lam_ = rhs_.col(0).tail(nc);
+    lam_ = rhs_.col(0).tail(nc_);
     return lam_.allFinite();
   }
 
   static constexpr double ALMOST_SINGULAR = 1e-4; // its square is what the Schur complement has
+  static constexpr double DEEP = 700.0;           // products for each velocity, from which on M⁻¹ in O(n) is the cheaper one
 
   MechanismSystem &system_;
   const std::vector<int> kept_;
+  const int nc_;
   ArticulatedBodies bodies_;
+  TreeFactors tree_;
   KKT kkt_;
-  Mat W_, X_, S_, rhs_;
-  Vec bias_, lam_;
-  Eigen::LLT<Mat> schur_;
+  Mat M_, W_, X_, S_, rhs_;
+  Vec lam_, bias_;
+  bool by_bodies_;
 };
 
 // `kept` are the independent ones of the system's rows.
