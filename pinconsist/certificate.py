@@ -12,7 +12,7 @@ from .mechanism.forces.actuators import saturated
 from .mechanism.forces.held import sided
 from .mechanism.names import BeyondLimit, beyond_limits
 from .mechanism.reactions import not_determined, undetermined
-from .mechanism.rows import LoopRows, Workspace
+from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
 from .residuals import measured
 
@@ -198,7 +198,7 @@ def certify(solution, mechanism=None) -> Certificate:
         else:  # the compiled rows are those near closed loops
             row = np.argmax(gaps := np.abs(system.loop_rows(solution.q[i], solution.t[i])[0]))
             label, position = "loop {!r} row {}".format(*mechanism.row_labels[row]), float(gaps[row])
-            of_rows = LoopRows.of(mechanism).units
+            of_rows = system.rows.units
             units = of_rows[row], of_rows[np.argmax(np.abs(rho).max(axis=0))]
         where = f"{label} at t = {solution.t[i]:.6g} s"
     energy = None if mechanism is None else energy_of(solution, mechanism, workspace, energies)
@@ -212,7 +212,7 @@ def certify(solution, mechanism=None) -> Certificate:
         force_first=float(np.max(error[:1], initial=0.0) / scale),
         energy_error=None if energy is None else energy.balance_error,
         energy=None if energy is None else energy.total,
-        undetermined={} if mechanism is None else undetermined(mechanism, solution.t, solution.q, system.data),
+        undetermined={} if mechanism is None else undetermined(mechanism, t, q, system.data, system.rows),
         beyond_limits=() if mechanism is None else beyond_limits(mechanism, solution.t, solution.q),
         corrected_by=0.0 if mechanism is None else mechanism.corrected_by,
         fixed_step=solution.method.get("step") is not None,

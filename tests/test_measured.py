@@ -9,13 +9,15 @@ from helpers.bodies import mixed_tree, random_state
 from helpers.forces import FORCES
 from helpers.loops import KINDS, PAIRS, loop_open_by
 from helpers.twin import needs_twin
+from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
 from pinconsist import certificate, solution
 from pinconsist._core.compiled_system import blank_system
 from pinconsist._core.compiled_system import compiled_system as twin_of
 from pinconsist.mechanism import rows
-from pinconsist.mechanism.energy import energy_of
+from pinconsist.mechanism.energy import _integrals, energy_of
+from pinconsist.mechanism.names import beyond_limits
 from pinconsist.mechanism.reactions import reaction
 from pinconsist.mechanism.rows import Workspace
 from pinconsist.mechanism.system import MechanismSystem
@@ -82,7 +84,7 @@ def test_exact_forces_of_all_joints_far_away_and_of_bodies_without_mass(without_
 
 
 @needs_twin
-@pytest.mark.parametrize("name", ["four_bar", "bricard", "flyball_governor", "stewart_platform", "andrews"])
+@pytest.mark.parametrize("name", ["four_bar", "bricard", "flyball_governor", "stewart_platform", "andrews", "chain_64"])
 def test_certificates_of_scenes(monkeypatch, name):
     mech = pc.load(name)
     sol = pc.simulate(mech, (0.0, 0.02 * mech.duration))
@@ -147,3 +149,36 @@ def test_a_loaded_spring_that_hardly_moves_is_no_alarm(amplitude):
     energy = sol.energy()
     assert energy.elastic.min() > 0.29 and energy.kinetic.max() < 1e-5
     assert not sol.check().concerns
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_work_is_the_integral_of_the_spline_through_the_powers_between_events(backwards):
+    t = np.sort(np.random.default_rng(3).uniform(0.0, 2.0, 40))
+    t[17:20] = t[17]  # two events at one time
+    t, powers = (2.0 - t if backwards else t), np.column_stack((np.cos(3.0 * t), t**2))
+    found, start = _integrals(t, powers), np.zeros(2)
+    for part in (slice(0, 18), slice(18, 19), slice(19, 40)):
+        expected = start[None]
+        if part.stop - part.start > 1:
+            sign = -1.0 if backwards else 1.0
+            integral = CubicSpline(sign * t[part], sign * powers[part]).antiderivative()
+            expected = start + integral(sign * t[part])
+        np.testing.assert_allclose(found[part], expected, atol=1e-13)
+        start = expected[-1]
+
+
+@pytest.mark.parametrize("start", [0.3, 0.3 + 2.0 * np.pi])
+def test_limits_count_the_turns_that_a_joint_makes(start):
+    model = pin.Model()
+    inertia = pin.Inertia.FromSphere(1.0, 0.1)
+    for name, limits in {"free": (-np.inf, np.inf), "wide": (-10.0, 10.0), "slide": (-1.0, 1.0)}.items():
+        kind = pin.JointModelPZ() if name == "slide" else pin.JointModelRZ()
+        low, high = (np.array([each]) for each in limits)
+        joint = model.addJoint(model.njoints - 1, kind, pin.SE3.Identity(), name, *(np.ones(1),) * 2, low, high)
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    mech, t = pc.Mechanism(model), np.array([0.0, 1.0, 2.0])
+    q = np.array([[50.0, start + 2.0 * np.pi, 0.5], [90.0, 9.5, 1.0], [0.0, -9.5, 1.0 + 1e-8]])
+    found = {each.joint: each for each in beyond_limits(mech, t, q)}
+    turns = 2.0 * np.pi * np.round(q[0, 1] / (2.0 * np.pi))  # by which the joint starts away
+    assert found.keys() == {"wide", "slide"} and found["slide"].t == 2.0
+    assert found["wide"].value == pytest.approx(-9.5 - turns) and found["wide"].t == 2.0

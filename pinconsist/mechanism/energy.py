@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
+from math import hypot
 
 import numpy as np
 import pinocchio as pin
@@ -78,11 +79,11 @@ def energy_of(solution, mechanism, workspace=None, of_bodies=None) -> Energy:
     `of_bodies`, (n, 2), has kinetic and potential energies where they are known.
     """
     model, workspace = mechanism.model, workspace or Workspace(mechanism.model)
-    forces, rows = bound_forces(model, mechanism.forces), LoopRows(model, mechanism.loops)
+    forces, rows = bound_forces(model, mechanism.forces), LoopRows.of(mechanism)
     t, q, v, n = solution.t, solution.q, solution.v, len(solution.t)
-    power, stored = {}, {}
+    power, stored, apart = {}, {}, sided(t)
     for label, force in forces.items():
-        power[label], elastic = _brought(force, sided(t), q, v, workspace)
+        power[label], elastic = _brought(force, apart, q, v, workspace)
         if elastic is not None:
             stored[label] = elastic
     if rows.moving:
@@ -94,8 +95,8 @@ def energy_of(solution, mechanism, workspace=None, of_bodies=None) -> Energy:
     kinetic, potential = np.ascontiguousarray((_of_bodies(q, v, workspace) if of_bodies is None else of_bodies).T)
     elastic = sum(stored.values(), np.zeros(n))
     total = kinetic + potential + elastic
-    work = {name: _integral(t, values) for name, values in power.items()}
-    error = total - total[0] - sum(work.values(), np.zeros(n))
+    done = _integrals(t, np.reshape([*power.values()], (len(power), n)).T)
+    work, error = dict(zip(power, done.T.copy(), strict=True)), total - total[0] - done.sum(axis=1)
     change = np.diff(total, prepend=total[:1])
     jumps = np.cumsum(np.where(np.diff(t, prepend=np.nan) == 0.0, change, 0.0))  # events leave two rows at one time
     if jumps.any():
@@ -149,18 +150,16 @@ def _weights(model, data, q) -> float:
     """The sizes of what the potential energy is the sum of, added up, J."""
     pin.forwardKinematics(model, data, q)
     bodies = zip(data.oMi, model.inertias, strict=True)
-    heights = [inertia.mass * np.linalg.norm(pose.act(inertia.lever)) for pose, inertia in bodies]
-    return float(sum(heights) * np.linalg.norm(model.gravity.linear))
+    heights = [inertia.mass * hypot(*pose.act(inertia.lever)) for pose, inertia in bodies]
+    return sum(heights) * hypot(*model.gravity.linear)
 
 
-def _integral(t, power):
-    """∫ power dt up to each row, piecewise between events."""
-    work, cuts = np.zeros(len(t)), [0, *(np.flatnonzero(np.diff(t) == 0.0) + 1), len(t)]
-    for start, stop in pairwise(cuts):
-        if start:
-            work[start:] = work[start - 1]
-        if stop - start > 1:
-            sign = 1.0 if t[stop - 1] > t[start] else -1.0
-            spline = CubicSpline(sign * t[start:stop], sign * power[start:stop]).antiderivative()
-            work[start:stop] += spline(sign * t[start:stop]) - spline(sign * t[start])
-    return work
+def _integrals(t, powers):
+    """∫ powers dt up to each row, of (n, k), piecewise between events."""
+    pieces, steps = np.zeros(powers.shape), np.diff(t)
+    for start, stop in pairwise([0, *(np.flatnonzero(steps == 0.0) + 1), len(t)]):
+        if stop - start > 1 and powers.size:
+            h = np.abs(steps[start : stop - 1, None])
+            a, b, c, d = CubicSpline(np.abs(t[start:stop] - t[start]), powers[start:stop]).c
+            pieces[start + 1 : stop] = h * (d + h * (c / 2 + h * (b / 3 + h * a / 4)))
+    return np.cumsum(pieces, axis=0) * (1.0 if t[-1] >= t[0] else -1.0)

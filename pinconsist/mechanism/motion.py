@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 from math import cos, pi, sin
 
 import numpy as np
@@ -44,7 +44,7 @@ class Motion:
     @property
     def numbers(self) -> tuple[float, ...]:
         """The five numbers: (start, speed, amplitude, frequency, phase)."""
-        return astuple(self)
+        return self.start, self.speed, self.amplitude, self.frequency, self.phase
 
     def __call__(self, t: float) -> float:
         return self.start + self.speed * t + self.amplitude * sin(2 * pi * self.frequency * t + self.phase)

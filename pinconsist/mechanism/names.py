@@ -143,17 +143,20 @@ def beyond_limits(mechanism, t, q) -> tuple[BeyondLimit, ...]:
     joint of several is called ``joint[k]``; joints that store quaternions, or cosine and sine, have no such limits.
     """
     model, found = mechanism.model, []
-    names = position_names(model)
-    for i in range(1, model.njoints):
-        for k in range(model.nqs[i] if model.nqs[i] == model.nvs[i] else 0):
-            at = model.idx_qs[i] + k
-            low, high, values = float(model.lowerPositionLimit[at]), float(model.upperPositionLimit[at]), q[:, at]
-            if not low < high:
-                continue
-            if high - low < inf and model.joints[i].shortname().startswith("JointModelR"):
-                values = values - tau * np.round((values[0] - (low + high) / 2) / tau)
-            beyond = np.maximum(values - high, low - values)
-            if (out := np.flatnonzero(beyond > ROUNDING)).size:
-                value = float(values[np.argmax(beyond)])
-                found.append(BeyondLimit(names[at], float(t[out[0]]), value, low, high))
+    lower, upper, ends = model.lowerPositionLimit, model.upperPositionLimit, np.array([q.min(axis=0), q.max(axis=0)])
+    bounded = np.isfinite(lower) & np.isfinite(upper)
+    middle = np.add(lower, upper, where=bounded, out=np.zeros(model.nq)) / 2
+    turns = np.where(bounded, tau * np.round((q[0] - middle) / tau), 0.0)
+    outside = [(least < lower) | (most > upper) for least, most in (ends, ends - turns)]
+    for at in np.flatnonzero((lower < upper) & (outside[0] | outside[1])):
+        i = int(np.searchsorted(model.idx_qs, at, side="right")) - 1
+        if model.nqs[i] != model.nvs[i]:
+            continue
+        low, high, values = float(lower[at]), float(upper[at]), q[:, at]
+        if high - low < inf and model.joints[i].shortname().startswith("JointModelR"):
+            values = values - tau * np.round((values[0] - (low + high) / 2) / tau)
+        beyond = np.maximum(values - high, low - values)
+        if (out := np.flatnonzero(beyond > ROUNDING)).size:
+            value = float(values[np.argmax(beyond)])
+            found.append(BeyondLimit(position_names(model)[at], float(t[out[0]]), value, low, high))
     return tuple(found)

@@ -104,7 +104,7 @@ def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world", wo
 def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", workspace=None) -> list[Reaction]:
     """The reactions of several loops at the same states."""
     rows, workspace, out = LoopRows.of(mechanism), workspace or Workspace(mechanism.model), []
-    doubtful = undetermined(mechanism, t, q, workspace.data)
+    doubtful = undetermined(mechanism, t, q, workspace.data, rows)
     for closure in (each for each in rows.closures if each.loop.name in names):
         loop, its = closure.loop, lam[:, rows.slices[closure.loop.name]]
         anchored = isinstance(loop, Loop)
@@ -124,13 +124,13 @@ def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", works
     return out
 
 
-def undetermined(mechanism: Mechanism, t, q, data=None) -> dict[str, float]:
+def undetermined(mechanism: Mechanism, t, q, data=None, rows=None) -> dict[str, float]:
     """Loops whose multipliers mean nothing, with the relative singular value by which their rows are independent.
 
     It is small in all of the run's rows that are looked at: at a singular position that is passed, forces are large but
     real. Rows that depend on others exactly share their load at least norm, and do not count.
     """
-    data, rows, looks = data or mechanism.model.createData(), LoopRows.of(mechanism), []
+    data, rows, looks = data or mechanism.model.createData(), rows or LoopRows.of(mechanism), []
     if not rows.nc or not len(t):
         return {}
     for i in np.unique(np.linspace(0, len(t) - 1, LOOKS).astype(int)):
@@ -144,7 +144,10 @@ def _nearly_dependent(rows: LoopRows, J) -> dict[str, float]:
     kept = independent_rows(J, rows.turns)
     if not len(kept):
         return {}
-    shares, sizes, _ = np.linalg.svd((J / row_scales(J, rows.turns)[:, None])[kept])
+    scaled = (J / row_scales(J, rows.turns)[:, None])[kept]
+    if (sizes := np.linalg.svd(scaled, compute_uv=False))[-1] >= NEARLY * sizes[0]:
+        return {}
+    shares, sizes, _ = np.linalg.svd(scaled)
     found: dict[str, float] = {}
     for k in np.flatnonzero(sizes < NEARLY * sizes[0])[::-1]:
         for name, part in rows.slices.items():
