@@ -199,7 +199,7 @@ public:
     double factor = std::pow(error, -1.0 / exponent());
     if (last_h_ != 0.0)
       factor *= std::min(1.0, std::abs(h / last_h_) * std::pow(last_error_ / error, 1.0 / exponent()));
-    const double growth = last_h_ == 0.0 || error < SMOOTH ? MAX_FACTOR : STAGE_GROWTH;
+    const double growth = last_h_ == 0.0 ? MAX_FACTOR : STAGE_GROWTH;
     last_h_ = h;
     last_error_ = std::max(error, 1e-2);
     factor = std::min(growth, std::max(MIN_FACTOR, STAGE_SAFETY * factor));

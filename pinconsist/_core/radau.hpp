@@ -39,7 +39,7 @@ public:
   Failure solve(const Vec &weight, double tol) {
     const int s = stages.size();
     const double floor = 20.0 * EPS * s * s / std::abs(stages.h);
-    double last = 0.0;
+    double last = 0.0, first = 0.0;
     rate = 0.0;
     const double longer = std::max(1.0, std::abs(stages.h / h_before_));
     contraction_ *= longer * longer; // it grows like h² at most, where the start values are those of shorter steps
@@ -57,17 +57,19 @@ public:
       matrix_.solve(dP_, dV_);
       const double size = size_of(weight);
       if (!std::isfinite(size)) return not_finite(stages.t + stages.h, stages.p, stages.v);
-      if (iteration > 1) rate = size / last;
+      if (iteration == 1) first = size;
+      else rate = size / last;
       const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const double before = largest(stages.V);
       combine(dV_, stages.table->inverse, dW_, 1.0 / stages.h);
       stages.W += dW_;
       if (!stages.move()) return Failure::diverged;
       const double reach = 1.0 + largest(stages.P.col(s - 1)), step = largest(dV_);
-      if (iteration > 1) contraction_ = std::max(rate, 0.3 * contraction_);
-      const bool eager = eager_ && iteration == 1 && contraction_ > 0.0 && contraction_ < 1.0 && size < EAGER &&
-                         contraction_ * size < (1.0 - contraction_) * tol;
-      if (eager) rate = contraction_;
+      if (iteration > 1) contraction_ = std::max(rate / std::sqrt(first), 0.3 * contraction_);
+      const double expected = contraction_ * std::sqrt(first);
+      const bool eager = eager_ && iteration == 1 && expected > 0.0 && expected < 1.0 && size < EAGER &&
+                         expected * size < (1.0 - expected) * tol;
+      if (eager) rate = expected;
       if (std::min(size, to_come) <= tol || eager || step <= floor * reach) return Failure::none;
       const bool stuck = iteration > 1 && rate > STAGNANT;
       const double noise = stuck ? STAGNATED : iteration == MAX_STAGE_ITERATIONS ? LAST : 0.0;
@@ -105,7 +107,9 @@ private:
   System &system_;
   StageMatrix matrix_;
   bool eager_;
-  double contraction_ = 0.0, h_before_ = INF; // of the iterations of the last steps; the step tried before
+  // Contraction in the last steps, over the root of the first increment: the matrix belongs to the state before it.
+  double contraction_ = 0.0;
+  double h_before_ = INF; // the step tried before
   Mat dP_, dV_, dW_;
 };
 

@@ -217,7 +217,7 @@ private:
   // The end of a step: one factorisation at the last stage serves the projections and the error estimate.
   Failure land(double t_next, double &error, bool with_error = true) {
     const int nv = system_.nv, nc = system_.nc, last = newton.stages.size() - 1;
-    const int modes = fixed() || !with_error ? 0 : last < 2 ? 1 : 5;
+    const int modes = fixed() || !with_error ? 0 : last < 2 ? 1 : 6;
     const double t1 = newton.stages.time(last);
     p1_ = newton.stages.P.col(last);
     v1_ = newton.stages.V.col(last);
@@ -264,27 +264,37 @@ private:
     const int s = newton.stages.size();
     modes_.resize(system_.nv, modes);
     if (!modes) return;
-    modes_.col(modes == 1 ? 0 : 3) = W.lazyProduct(newton.stages.table->at_start) - a;
+    modes_.col(modes == 1 ? 0 : 4) = W.lazyProduct(newton.stages.table->at_start) - a;
     if (modes == 1) return; // the degree is raised by it
     combine(W, of, coefficients_);
-    for (int m = 0; m < 3; ++m) modes_.col(m) = coefficients_.col(s - 1 - m);
-    modes_.col(4) = stage_a_ - a;
+    modes_.col(3).setZero(); // three stages have no fourth mode
+    for (int m = 0; m < std::min(s, 4); ++m) modes_.col(m) = coefficients_.col(s - 1 - m);
+    modes_.col(5) = stage_a_ - a;
   }
 
   double error_of(int modes) {
     if (modes == 1) return size_of(0);
-    const double middle = size_of(1), before = size_of(2), most = std::max(middle, before), step = newton.stages.h;
-    const double highest = std::max(size_of(0), most > 0.0 ? middle * middle / most : 0.0); // it may pass through zero
+    constexpr double tiny = 1e-300;
+    const double middle = size_of(1), before = size_of(2), step = newton.stages.h;
+    double highest = size_of(0), upper, lower; // single modes may pass through zero, two together hardly ever
+    if (newton.stages.size() > 3) {
+      upper = std::hypot(highest, middle);
+      lower = std::hypot(before, size_of(3));
+    } else {
+      upper = highest = std::max(highest, middle * middle / std::max({middle, before, tiny}));
+      lower = before;
+    }
+    const double decay = upper / (lower + LAST_MODE * upper + tiny); // over two degrees
+    highest = std::max(highest, std::sqrt(std::min(decay, 1.0)) * middle);
     const double noise = FELT * EPS * (1.0 + largest(p1_)) / std::abs(step) * weight_.tail(system_.nv).maxCoeff();
     const RadauTable &table = *newton.stages.table;
     const auto left = [&](double size, double felt) {
       return std::sqrt(std::max(size * size - noise * noise * felt * felt, 0.0));
     };
-    const double last = left(highest, table.leading), missed = left(size_of(3), table.starting);
-    const double error = last == 0.0 ? 0.0 : last * last / (before + LAST_MODE * last);
+    const double last = left(highest, table.leading), missed = left(size_of(4), table.starting);
     // Forces that turn before the first stage, as friction does at rest, hardly show in the modes. Stiff ones make the
     // stages of the last step miss the acceleration as well.
-    return std::max(error, 0.5 * table.c[0] * (missed - size_of(4) - last) * control.slack());
+    return std::max(last * decay, 0.5 * table.c[0] * (missed - size_of(5) - last) * control.slack());
   }
 
   double size_of(int mode) {

@@ -99,7 +99,7 @@ class RadauControl(ErrorControl):
         if self._last is not None:
             h_old, error_old = self._last
             factor *= min(1.0, abs(h / h_old) * (error_old / error) ** (1.0 / exponent(s)))
-        growth = tuning.MAX_FACTOR if self._last is None or error < tuning.SMOOTH else tuning.STAGE_GROWTH
+        growth = tuning.MAX_FACTOR if self._last is None else tuning.STAGE_GROWTH
         self._last = h, max(error, 1e-2)
         factor = min(growth, max(tuning.MIN_FACTOR, tuning.STAGE_SAFETY * factor))
         return h * min(factor, self.max_step / abs(h))

@@ -1,7 +1,7 @@
 """A run of Radau IIA: one step after another, each from (q, v) alone."""
 
 from dataclasses import dataclass, replace
-from math import copysign
+from math import copysign, hypot
 
 import numpy as np
 
@@ -235,19 +235,24 @@ class RadauStepper(Stepper):
         if table.s < 3:  # the degree is raised by the acceleration at the start
             return size(at_start @ stages.W - self.a)
         modes = table.modes @ stages.W
-        highest, middle, before = (size(mode) for mode in modes[:-4:-1])
-        highest = max(highest, middle**2 / max(middle, before, TINY))  # the highest may just pass through zero
+        highest, middle, before, *further = (size(mode) for mode in modes[:-5:-1])
+        if further:  # single modes may pass through zero, two together hardly ever
+            upper, lower = hypot(highest, middle), hypot(before, *further)
+        else:
+            upper = highest = max(highest, middle**2 / max(middle, before, TINY))
+            lower = before
+        decay = upper / (lower + tuning.LAST_MODE * upper + TINY)  # over two degrees
+        highest = max(highest, np.sqrt(min(decay, 1.0)) * middle)
         noise = tuning.FELT * EPS * (1.0 + largest(p)) / abs(h) * largest(weight[system.nx :])
 
         def left(size, row):
             return np.sqrt(max(size**2 - (noise * np.linalg.norm(row @ table.inverse2)) ** 2, 0.0))
 
         highest, missed = left(highest, table.modes[-1]), left(size(at_start @ stages.W - self.a), at_start)
-        error = highest**2 / (before + tuning.LAST_MODE * highest) if highest else 0.0
         # Forces that turn before the first stage, as friction does at rest, hardly show in the modes. Stiff ones make
         # the stages of the last step miss the acceleration as well.
         turn = 0.5 * table.c[0] * (missed - size(self.stage_a - self.a) - highest) * self.control.slack
-        return float(max(error, turn))
+        return float(max(highest * decay, turn))
 
     def segment(self):
         """The interpolant of the last step."""
