@@ -1,5 +1,8 @@
 """What a run is measured by: its rows in the constraints and in the differential equation."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from ._core import load
@@ -8,18 +11,17 @@ from .dae.index1 import Index1, solve_acceleration
 from .dae.norms import largest
 from .mechanism.system import MechanismSystem
 
+A_THREAD = 200  # rows that are worth one more thread
+THREADS = 4  # at most
+
 
 def measured(system, states, workspace):
     """Φ, the hidden residual, Jᵀλ (G λ) and that of the differential equation at rows `states`, (t, q, v, λ).
 
     And kinetic and potential energies, or None, and the largest of the other forces that act.
     """
-    if workspace is not None and (twin := workspace.compiled()) is not None:
-        system.hand_over_all_rows(twin)
-        system.hand_over_forces(twin)
-        *found, failed = twin.certified(system.kept, *states)
-        if failed < 0:
-            return found
+    if workspace is not None and (found := _compiled(system, states, workspace)) is not None:
+        return found
     rows, acting = [], 0.0  # also where the equations have no solution, and say why
     for t, p, v, lam in zip(*states, strict=True):
         exact = solve_acceleration(system, t, p, v)[1]
@@ -31,6 +33,40 @@ def measured(system, states, workspace):
         rows.append((gap, hidden, G @ lam, exact))
         acting = max(acting, largest(f), largest(weights))
     return *(np.array(column) for column in zip(*rows, strict=True)), None, acting
+
+
+def _compiled(system, states, workspace):
+    """What :func:`measured` returns, made in C++; None where there is none, or the equations have no solution.
+
+    The rows are shared between threads, each with a system of its own, where no function in Python takes part.
+    """
+    if (twin := _twin(system, workspace.compiled())) is None:
+        return None
+    twins = [twin]
+    if not twin.calls_python:
+        more = min(THREADS, _processors(), len(states[0]) // A_THREAD) - 1
+        twins += [_twin(system, blank_system(system.model, system.model.createData())) for _ in range(more)]
+    parts = zip(*(np.array_split(column, len(twins)) for column in states), strict=True)
+    if len(twins) == 1:
+        results = [twin.certified(system.kept, *part) for part in parts]
+    else:
+        with ThreadPoolExecutor(len(twins)) as pool:
+            results = list(pool.map(lambda each, part: each.certified(system.kept, *part), twins, parts))
+    *columns, acting, failed = zip(*results, strict=True)
+    return (*map(np.concatenate, columns), max(acting)) if max(failed) < 0 else None
+
+
+def _twin(system, blank):
+    """A blank compiled system with the rows and forces of a system, or None."""
+    if blank is not None:
+        system.hand_over_all_rows(blank)
+        system.hand_over_forces(blank)
+    return blank
+
+
+def _processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def accelerations(mechanism, t, q, v):

@@ -12,7 +12,7 @@ from helpers.twin import needs_twin
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
-from pinconsist import certificate, solution
+from pinconsist import certificate, residuals, solution
 from pinconsist._core.compiled_system import blank_system
 from pinconsist._core.compiled_system import compiled_system as twin_of
 from pinconsist.mechanism import rows
@@ -101,6 +101,19 @@ def test_certificates_of_scenes(monkeypatch, name):
 
 
 @needs_twin
+@needs_twin
+@pytest.mark.parametrize("forces", [[], [pc.Torque(lambda t, q, v: -0.1 * v, name="drag")]], ids=["compiled", "Python"])
+def test_rows_are_shared_between_threads(monkeypatch, forces):
+    """The same to the last bit, however many threads there are, and with forces that Python evaluates."""
+    sol, found = pc.simulate(pc.load("four_bar"), (0.0, 0.5), forces=forces), []
+    monkeypatch.setattr(residuals, "_processors", lambda: 3)
+    for rows_of_a_thread in (len(sol.t) + 1, 10):
+        monkeypatch.setattr(residuals, "A_THREAD", rows_of_a_thread)
+        found.append(sol.check(error=False))
+    assert found[0] == found[1] and found[0].force > 0.0
+    np.testing.assert_array_equal(found[0].energy, found[1].energy)
+
+
 def test_python_evaluates_a_few_rows_however_many_there_are(monkeypatch):
     sol = pc.simulate(pc.load("four_bar"), (0.0, 2.0))
     calls, evaluate = [], rows.AnchoredRows.evaluate

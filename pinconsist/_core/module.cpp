@@ -12,6 +12,8 @@
 #include <nanobind/stl/vector.h>
 #include <pinocchio/config.hpp>
 
+#include <optional>
+
 namespace pinconsist {
 
 void bind_steppers(nb::module_ &m);  // steppers.cpp, which compilers can work on at the same time
@@ -141,7 +143,12 @@ NB_MODULE(twin, m) {
            })
       .def("certified",
            [](MechanismSystem &s, const std::vector<int> &kept, const Vec &t, const Table &p, const Table &v, const Table &lam) {
-             auto found = certified(s, kept, t, p, v, lam);
+             Certified found;
+             {
+               std::optional<nb::gil_scoped_release> release; // other threads have other rows
+               if (!s.calls_python()) release.emplace();
+               found = certified(s, kept, t, p, v, lam);
+             }
              return nb::make_tuple(std::move(found.phi), std::move(found.rho), std::move(found.forces), std::move(found.exact),
                                    std::move(found.energies), found.acting, found.failed);
            })
