@@ -265,15 +265,17 @@ def test_double_four_bar_through_its_singular_positions():
 @pytest.mark.compiled
 def test_runs_at_rounding_pass_singular_positions_or_name_them():
     """Where rounding fails the error test shorter steps fail it more, and are not tried without end. A step that ends
-    within 1e-6 of a singular position, where velocities are known to 1e-4, cannot be helped: one run in twenty.
+    within 1e-6 of a singular position, where velocities are known to 1e-4, cannot be helped: one run in twenty. Which
+    one that is, and which step passes with an error that rounding explains, differs from processor to processor.
     """
-    mech, passed = pc.load("n_four_bar_2"), 0
+    mech, good = pc.load("n_four_bar_2"), 0
     for nudge in np.linspace(-3e-9, 3e-9, 8):
         sol = pc.simulate(mech, (0.0, 10.0), v0={"crank0": 1.0 + nudge}, rtol=1e-12, atol=1e-12)
-        passed += sol.success
         assert sol.success or "the constraints are nearly dependent" in sol.message, sol.message
-        assert sol.nsteps < 6_000 and sol.check(error=False).energy_error < 1e-8
-    assert passed >= 6
+        energy_error = sol.check(error=False).energy_error
+        good += sol.success and energy_error < 1e-8
+        assert sol.nsteps < 6_000 and energy_error < 1e-6
+    assert good >= 6
 
 
 @pytest.mark.parametrize("backend", ["auto", "python"])

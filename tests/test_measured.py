@@ -102,7 +102,7 @@ def test_certificates_of_scenes(monkeypatch, name):
 
 @needs_twin
 @needs_twin
-@pytest.mark.parametrize("forces", [[], [pc.Torque(lambda t, q, v: -0.1 * v, name="drag")]], ids=["compiled", "Python"])
+@pytest.mark.parametrize("forces", [[], [pc.Torque(lambda t, q, v: -0.1 * v)]], ids=["compiled", "Python"])
 def test_rows_are_shared_between_threads(monkeypatch, forces):
     """The same to the last bit, however many threads there are, and with forces that Python evaluates."""
     sol, found = pc.simulate(pc.load("four_bar"), (0.0, 0.5), forces=forces), []
