@@ -46,12 +46,14 @@ def _compiled(system, states, workspace):
     if not twin.calls_python:
         more = min(THREADS, _processors(), len(states[0]) // A_THREAD) - 1
         twins += [_twin(system, blank_system(system.model, system.model.createData())) for _ in range(more)]
-    parts = zip(*(np.array_split(column, len(twins)) for column in states), strict=True)
-    if len(twins) == 1:
-        results = [twin.certified(system.kept, *part) for part in parts]
-    else:
-        with ThreadPoolExecutor(len(twins)) as pool:
-            results = list(pool.map(lambda each, part: each.certified(system.kept, *part), twins, parts))
+    parts = list(zip(*(np.array_split(column, len(twins)) for column in states), strict=True))
+
+    def certified(each, part):
+        return each.certified(system.kept, *part)
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        others = pool.map(certified, twins[1:], parts[1:])
+        results = [certified(twins[0], parts[0]), *others]
     *columns, acting, failed = zip(*results, strict=True)
     return (*map(np.concatenate, columns), max(acting)) if max(failed) < 0 else None
 
