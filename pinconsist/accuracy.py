@@ -1,4 +1,4 @@
-"""The global error of a run, from a finer one."""
+"""The global error of a run, estimated from a finer run."""
 
 import time
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from .residuals import loop_forces
 
 FINER = 0.1  # of the tolerance
 ENDS = 100  # steps of Radau between rows that are compared
-PATIENCE = 3.0  # s that the finer run may take where it was not asked for
-MOST_STEPS = 20  # of the finer run, for each of the run: order 1 takes ten, and more only noise
+PATIENCE = 3.0  # s that the finer run may take if it was not requested
+MOST_STEPS = 20  # of the finer run, per step of the run: order 1 takes ten; more are due to noise
 AMPLIFIED = 100.0  # tolerances: a larger error is worth a warning
 OFF = 0.01  # of velocities, forces and energies
 ROUNDING = 1e-10  # of the forces that act: loop forces that are all smaller are rounding
@@ -35,16 +35,16 @@ class GlobalError:
     Attributes
     ----------
     q, v : float
-        Of the positions, rad or m, and of the velocities.
+        Error of the positions, rad or m, and of the velocities.
     force : float
-        Of Jᵀλ (G λ), over the largest of the run, or over 1e-10 of the other forces that act where that is larger.
+        Error of Jᵀλ (G λ), relative to its largest value in the run, or to 1e-10 of the other forces if that is larger.
     q_at, v_at, force_at : str
-        Where each of them is largest: coordinate and time; no force where nothing is constrained.
+        Where each of them is largest: coordinate and time. `force_at` is empty if nothing is constrained.
     tolerances : float or None
-        The largest error of q and v over the tolerance, rtol times the largest value of the coordinate plus atol; None
-        for fixed steps.
+        The largest error of q and v divided by the tolerance, which is rtol times the largest value of the coordinate
+        plus atol; None for fixed steps.
     units : tuple of str
-        Of `q` and `v`; empty for a general problem.
+        Units of `q` and `v`; empty for a general problem.
     """
 
     q: float
@@ -58,7 +58,7 @@ class GlobalError:
 
     @property
     def amplified(self) -> bool:
-        """Whether it is so many tolerances that the motion amplifies disturbances."""
+        """Whether the error is so many tolerances that the motion must amplify disturbances."""
         return (self.tolerances or 0.0) > AMPLIFIED
 
     def __str__(self):
@@ -77,12 +77,12 @@ class GlobalError:
 
 
 def figure(name: str, value: float, unit: str, looks: bool, about: str = "", digits: str = ".2e") -> str:
-    """One line of a certificate; `looks` where a person should look at it."""
+    """One line of a certificate; `looks` if a person should look at it."""
     return f"{name:<20}{value:9{digits}} {unit:<6} {'look' if looks else 'ok':<4}  {about}".rstrip()
 
 
 def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError | None:
-    """The error of a solution; None where the finer run fails or takes longer than `patience` (s)."""
+    """The error of a solution; None if the finer run fails or takes longer than `patience` (s)."""
     if not solution.success or len(solution.t) < 2 or "max_order" not in solution.method:
         return None
     system, method = _case(solution, mechanism)
@@ -150,7 +150,7 @@ def _rows(solution, most):
 
 def _finer(system, method, t, start, events, interrupted):
     """(p, v, λ) at the times and the times of the events; None where the run does not reach the end."""
-    # between steps Radau has velocities of a lower order; and in the steps of the other run it would err as that did
+    # between steps Radau has velocities of a lower order; and with the steps of the other run errors would be alike
     exact = method.name == "Radau"
     asked = np.insert(t, slice(1, None), 0.5 * (t[1:] + t[:-1])) if exact else t
     output = Output(t_eval=asked, exact=exact, events=events)
@@ -183,7 +183,7 @@ def _coordinates(system):
 
 
 def _worst(error) -> tuple:
-    """Row and column of the largest."""
+    """Row and column of the largest error."""
     return np.unravel_index(np.argmax(error), error.shape)
 
 

@@ -1,4 +1,4 @@
-"""The certificate of a solution: its residuals, measured independently of how it was made."""
+"""The certificate of a solution: its residuals, evaluated independently of the integration."""
 
 from dataclasses import dataclass, field
 
@@ -16,7 +16,7 @@ from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
 from .residuals import measured
 
-OPEN = 1e-8  # m or rad, and of a second: of loops
+OPEN = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 SHOWN = 4  # joints outside of their limits
 
 
@@ -27,35 +27,35 @@ class Certificate:
     Attributes
     ----------
     position : float
-        |Φ|, m or rad: how far any loop is open. ``position_at`` names the row and the time.
+        |Φ|, m or rad: the largest gap of a loop. ``position_at`` names the row and the time.
     velocity : float
-        |J v + Φ_t|, m/s or rad/s. Raw BDF (``exact``, ``initial``) leaves O(hᵏ) here by its nature.
+        |J v + Φ_t|, m/s or rad/s. Raw BDF (``exact``, ``initial``) inherently leaves O(hᵏ) here.
     force : float
-        |Jᵀλ - Jᵀλ*| over the largest of all forces that act: |Jᵀλ*|, weights, inertial forces of the velocities, and
-        these with the other forces. λ* is the multiplier of the differential equation at the same q, v. For a general
-        problem, G for Jᵀ. Rows of the one-step start, whose λ is λ* by construction, do not count.
+        |Jᵀλ - Jᵀλ*| relative to the largest of all acting forces: |Jᵀλ*|, weights, inertial forces of the velocities,
+        and the sum of these and the other forces. λ* is the multiplier of the differential equation at the same q, v.
+        For a general problem, G replaces Jᵀ. Rows of the one-step start, whose λ is λ* by construction, are excluded.
     force_first : float
         The same at the first step of the multistep method.
     energy_error : float or None
-        |E(t) - E(0) - work of the forces| over the energies that were exchanged, see
+        |E(t) - E(0) - work of the forces| relative to the energies that were exchanged, see
         :attr:`Energy.balance_error`; None for a general problem.
     energy : ndarray or None
         Kinetic, potential and elastic energy of each row, J.
     undetermined : dict of str to float
         Loops whose individual forces are not determined, see :attr:`Reaction.dependence`; empty for a general problem.
     beyond_limits : tuple of BeyondLimit
-        Joints that leave the position limits of their file, which do not act: ``joint``, first time ``t``, the
-        ``value`` farthest out, ``lower`` and ``upper`` limit.
+        Joints that leave the position limits of their file, which are not enforced: ``joint``, first time ``t``, the
+        ``value`` farthest outside, ``lower`` and ``upper`` limit.
     corrected_by : float
-        By how much rounded numbers of the file were changed, m or rad, see :meth:`Mechanism.corrected`.
+        The amount by which rounded numbers of the file were changed, m or rad, see :meth:`Mechanism.corrected`.
     fixed_step : bool
-        The run had a fixed step, which advice then refers to.
+        Whether the run had a fixed step, to which advice then refers.
     ended_early : bool
-        The run could not continue; its message then says what to try.
+        Whether the run could not continue; its message then says what to try.
     error : GlobalError or None
-        How far the run is from a finer one, where that was made.
+        The difference from a finer run; None if none was made.
     saturated : dict of str to float
-        Actuators whose command or force was cut at its limits, and in what fraction of the rows.
+        Actuators whose command or force was clipped to its limits, and the fraction of rows in which it was.
     speed : float
         The largest velocity of the run, rad/s or m/s, with which `velocity` is compared.
     units : tuple of str
@@ -84,14 +84,14 @@ class Certificate:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing stands out that a person should look at."""
+        """Whether the certificate has no concerns."""
         return not self._doubts
 
     @property
     def verdict(self) -> str:
         """One line: ``closed to 8e-15 m, forces good to 2e-5, error of q about 1e-6 rad: ok``.
 
-        Instead of ``ok`` it may end in what to look at, in the words of :attr:`concerns`.
+        If there are :attr:`concerns`, it ends with these instead of ``ok``.
         """
         found = ["no loops"]
         if self.position_at:
@@ -128,12 +128,12 @@ class Certificate:
 
     @property
     def concerns(self) -> list[str]:
-        """What a person should look at before trusting the solution; empty where nothing stands out."""
+        """What a person should check before trusting the solution; empty if there is nothing."""
         return list(self._doubts.values())
 
     @property
     def _doubts(self) -> dict[str, str]:
-        """What to look at, in a word → in a sentence."""
+        """Concerns: short form → sentence."""
         found, advice = {}, "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
         if self.ended_early:
             advice = "the run could not continue, see its message"
@@ -177,7 +177,7 @@ def _short(value: float, unit: str = "") -> str:
 
 
 def certify(solution, mechanism=None) -> Certificate:
-    """Measure a solution; `mechanism` where the solution does not carry its system."""
+    """The certificate of a solution; `mechanism` is needed if the solution does not have its system."""
     system = solution.system
     if mechanism is not None:
         system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
@@ -195,7 +195,7 @@ def certify(solution, mechanism=None) -> Certificate:
         position = float(phi[i, row])
         if mechanism is None:
             label = system.describe_row(row)
-        else:  # the compiled rows are those near closed loops
+        else:  # the compiled rows are valid near closed loops only
             row = np.argmax(gaps := np.abs(system.loop_rows(solution.q[i], solution.t[i])[0]))
             label, position = "loop {!r} row {}".format(*mechanism.row_labels[row]), float(gaps[row])
             of_rows = system.rows.units
@@ -222,6 +222,6 @@ def certify(solution, mechanism=None) -> Certificate:
 
 
 def _compared(solution):
-    """The rows whose forces are compared: those that the method made itself."""
+    """The rows whose forces are compared: those of the method's own steps."""
     made = 1 + np.flatnonzero(solution.order > 0)
     return made if len(made) else np.arange(len(solution.t))  # with t_eval all rows count

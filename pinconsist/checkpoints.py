@@ -1,4 +1,4 @@
-"""How a run is made, as the plain data that its file holds; and the run, made from checkpoint to checkpoint.
+"""How a run is made, as plain data stored in its file; and the run itself, from checkpoint to checkpoint.
 
 At every checkpoint the integration starts again from the state there, whether the run was interrupted or not. So the
 numbers after it depend on that state alone, and a run that is continued from its file gives the same numbers as one
@@ -31,7 +31,7 @@ STEPS = ("h", "order")
 ROWS = ("t", "q", "v", "lam")
 COUNTERS = ("nsteps", "nfev", "njev", "nlu")
 MOST = 100_000
-NOT_STORED = ("events", "dense_output")  # options of simulate whose results the file has not
+NOT_STORED = ("events", "dense_output")  # options of simulate whose results are not stored in the file
 OTHERS = ("mech", "t_span", "q0", "v0", "forces", "callback", *NOT_STORED)
 OPTIONS = [name for name in inspect.signature(simulate).parameters if name not in OTHERS]
 _log = logging.getLogger(__name__)
@@ -87,7 +87,7 @@ class Recipe:
 
     @classmethod
     def of(cls, scene, files, mechanism, t_span, q0, v0, forces, options, save_every) -> Recipe:
-        """A recipe from the arguments of :func:`pinconsist.record`; InputError for what no file can hold."""
+        """A recipe from the arguments of :func:`pinconsist.record`; InputError for what cannot be stored in a file."""
         for name in NOT_STORED:
             if options.get(name):
                 raise InputError(f"{name}= is not for recorded runs, whose file does not store it; use simulate()")
@@ -115,7 +115,7 @@ class Recipe:
         return replace(self, save_every=period)
 
     def plain(self) -> dict:
-        """For JSON."""
+        """The recipe as plain data for JSON."""
         return asdict(self) | {"options": {name: _option(each, name) for name, each in self.options.items()}}
 
     def given_forces(self) -> tuple:
@@ -137,7 +137,7 @@ class Recipe:
 
 
 def _plain(value, name):
-    """What JSON holds exactly, or InputError."""
+    """The value in a form that JSON stores exactly, or InputError."""
     try:
         text = json.dumps(value, default=lambda each: dict(each) if isinstance(each, Mapping) else each.tolist())
     except (TypeError, ValueError, AttributeError):
@@ -155,8 +155,8 @@ def carry_out(recipe, mechanism, file, *, begun=None, callback=None):
     """Make the run of a recipe with a mechanism on which all forces act, and return its solution.
 
     It is saved in `file`, unless that is None, at its end and at checkpoints. Each save writes the whole run so far;
-    checkpoints are skipped where saving would take more than a tenth of the time. A run that has `begun` continues from
-    its last checkpoint. SavingError, with the solution, is raised where the end cannot be written.
+    checkpoints are skipped if saving would take more than a tenth of the time. A run that has `begun` continues from
+    its last checkpoint. SavingError, with the solution, is raised if the end cannot be written.
     """
     parts, due, (_, t_end) = _Parts(recipe, mechanism, callback, begun), 0.0, recipe.t_span
     with deferred(late=False):
@@ -172,14 +172,14 @@ def carry_out(recipe, mechanism, file, *, begun=None, callback=None):
                         _log.warning("%s, at t = %g; the run goes on, and is saved at the next checkpoint", error, end)
                     due = time.monotonic() + 10 * (time.monotonic() - began)
         except (PinconsistError, KeyboardInterrupt, MemoryError) as error:
-            if parts.last is None:  # nothing was reached that could be lost
+            if parts.last is None:  # there is nothing yet that could be lost
                 raise
             parts.stop(error)
         return parts.solution() if file is None else saved(parts.solution(), file)
 
 
 def saved(solution, file):
-    """Save a solution; SavingError, with the solution, where that fails."""
+    """Save a solution; SavingError, with the solution, if that fails."""
     try:
         with deferred(impatient=False):
             solution.save(file)
@@ -189,7 +189,7 @@ def saved(solution, file):
 
 
 class _Parts:
-    """The rows so far, and what the next part begins with."""
+    """The rows so far, and the state from which the next part begins."""
 
     def __init__(self, recipe, mechanism, callback, begun):
         control = recipe.options.get("control")
@@ -203,7 +203,7 @@ class _Parts:
             self.ends = self.ends[self.ends.index(at["t"]) + 1 :]
 
     def run(self, end):
-        """The part up to a checkpoint."""
+        """Simulate the part up to a checkpoint."""
         at, options, start = self.recipe.checkpoint, dict(self.recipe.options), self._reached()
         options.pop("control", None)  # the mechanism obeys it in every part
         if at is not None and options.get("max_steps") is not None:
@@ -266,7 +266,7 @@ class _Parts:
         self.last = replace(self.last, status=status, message=message)
 
     def solution(self):
-        """What was reached; status 1 where there is more to come."""
+        """The solution so far; status 1 if the run is not complete."""
         arrays = {name: np.concatenate([part[name] for part in self.parts]) for name in (*ROWS, *STEPS)}
         for array in arrays.values():
             array.setflags(write=False)

@@ -18,14 +18,14 @@ from .reference import reference_problem, reference_solution
 from .simulation import system_of
 
 OFF = 0.01  # of a force, above which it is wrong
-ALONG = 1.0  # degrees by which a wrong force may be turned without a word
+ALONG = 1.0  # degrees: the direction of a wrong force is reported if it differs by more
 
 
 @dataclass(frozen=True)
 class Run:
-    """Errors of a loop's force for one step size: of the loop with the largest at the first step of the method.
+    """Errors of a loop's force for one step size: the loop whose error is largest at the first step of the method.
 
-    Of constraints without anchors it is the torque, and of general problems a multiplier.
+    For constraints without anchors it is the torque, and for general problems a multiplier.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Run:
 
     @property
     def ok(self) -> bool:
-        """Whether the first force from exact values is off by no more than 1 %, as it is from rest."""
+        """Whether the first force from exact values is wrong by at most 1 %, as it is from rest."""
         return bool(self.exact[self.order] <= OFF * np.linalg.norm(self.true[self.order]))
 
     @property

@@ -1,4 +1,4 @@
-"""The package's exceptions. ``str(error)`` is a message for a person; attributes hold what it is based on."""
+"""The package's exceptions. ``str(error)`` is a readable message; attributes hold the data behind it."""
 
 import copyreg
 import traceback
@@ -13,14 +13,14 @@ class InputError(PinconsistError, ValueError):
 
 
 class FormatError(PinconsistError, ValueError):
-    """A file that cannot be read as what it should be: a scene, a recorded run. A ValueError too.
+    """A file that is not a valid scene or recorded run. A ValueError too.
 
     ``str(error)`` is the `message` with the file and the element before it.
 
     Attributes
     ----------
     path : str
-        The file; empty if there is none.
+        The file; empty if the data do not come from a file.
     element : str
         The element, record or line at fault; empty for the whole file.
     reason : str
@@ -89,7 +89,7 @@ class SingularSystemError(PinconsistError):
 
 
 class SavingError(PinconsistError):
-    """A run could not be written to its file; nothing of it is lost.
+    """A run could not be written to its file; it is not lost.
 
     The `message` names the file, and why it cannot be written.
 
@@ -121,9 +121,9 @@ class UserFunctionError(PinconsistError):
         super().__init__(f"{what} raised {type(error).__name__}: {error} (at t = {t:.6g}{where})")
         self.t = t
 
-    def __reduce__(self):  # not by __init__, which would look for a traceback
+    def __reduce__(self):  # not through __init__, which would need a traceback
         return copyreg.__newobj__, (type(self), *self.args), vars(self)
 
 
 class MissingExtraError(PinconsistError, ImportError):
-    """An optional package is needed; the message says what to install by pip. An ImportError too."""
+    """An optional package is needed; the message says what to install with pip. An ImportError too."""

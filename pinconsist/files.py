@@ -22,7 +22,7 @@ def written_whole(file):
             yield stream
         return
     target = Path(os.path.realpath(file))
-    if not target.parent.is_dir():  # of the draft a user knows nothing
+    if not target.parent.is_dir():  # an error of `open` would name the draft, which the user does not know
         raise FileNotFoundError(errno.ENOENT, "there is no folder for", str(target))
     draft = target.with_name(f".{target.name}.{secrets.token_hex(6)}")
     try:
@@ -37,7 +37,7 @@ def written_whole(file):
 
 
 def _sync_folder(folder) -> None:
-    """Flush file names to the disk, where platform and file system can: a power failure might undo them."""
+    """Flush file names to the disk if platform and file system can: a power failure might undo them."""
     with suppress(OSError):
         number = os.open(folder, os.O_RDONLY)
         try:

@@ -1,4 +1,4 @@
-"""Signals that end a run: they are recorded while it is being made, and handled between its steps."""
+"""Signals that end a run: they are recorded during a step, and handled between steps."""
 
 import signal
 import threading
@@ -9,7 +9,7 @@ from contextlib import contextmanager, nullcontext, suppress
 
 IMPATIENCE = 1.0  # s within which several signals are one: fingers bounce, and supervisors send several
 SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-_came: list[float] = []  # when a signal raised KeyboardInterrupt
+_came: list[float] = []  # times at which a signal raised KeyboardInterrupt
 
 
 @contextmanager

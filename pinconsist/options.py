@@ -1,4 +1,4 @@
-"""The options of a run: its arguments, checked, as the method that the loop of dae follows."""
+"""The options of a run: checks of the arguments, and the method for the integration loop of dae."""
 
 import logging
 
@@ -69,7 +69,7 @@ def method_of(
 
 
 def warn_of_differences(system, method) -> None:
-    """Log what BDF can reach where difference quotients stand for the Jacobian of a constraint."""
+    """Log the accuracy that BDF can reach if the Jacobian of a constraint is made of difference quotients."""
     best = 10.0 * SURE * EPS / system.difference_step
     if method.step is None and method.stages is None and method.control.asked[0] < best:
         why = "rtol = %g: constraints without a jacobian give about %.0g; give one, or take method='Radau'"

@@ -1,4 +1,4 @@
-"""Answers to compare with: the paper's problems in closed form, and scipy on the index-1 equations of any system."""
+"""Reference solutions: the paper's problems in closed form, and scipy on the index-1 equations of any system."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ def reference_problem(name: str) -> ReferenceProblem:
     Raises
     ------
     InputError
-        Another name.
+        Unknown name.
 
     References
     ----------
@@ -68,7 +68,7 @@ def reference_problem(name: str) -> ReferenceProblem:
     return ReferenceProblem(name, system, t0, p0, v0, exact)
 
 
-PLACES = 100  # of a reference in which the choice of constraint rows is looked at
+PLACES = 100  # of a reference at which the choice of constraint rows is checked
 
 
 class Reference(NamedTuple):
@@ -81,10 +81,10 @@ class Reference(NamedTuple):
 
 
 def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> Reference:
-    """The answer of scipy's DOP853 on the index-1 equations, projected at each of the times.
+    """Solve the index-1 equations by scipy's DOP853, with a projection at each of the times.
 
-    It shares the equations with :func:`pinconsist.simulate`, and the one-step method of its first few rows, but not
-    the BDF.
+    The equations are those of :func:`pinconsist.simulate`, and so is the one-step method of its first few rows; the
+    BDF is not used.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> 
     p0, v0 : array
         Consistent initial values, for instance ``sol.q[0], sol.v[0]``.
     times : array
-        Times of the rows, from `t0` on in one direction.
+        Times of the rows, starting from `t0`, monotone.
     rtol, atol : float
         scipy's tolerances.
 
@@ -108,12 +108,12 @@ def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> 
     InputError
         Wrong sizes, NaN, or something that cannot be integrated.
     PinconsistError
-        scipy's integrator fails, or redundant rows of the loops part on the way.
+        scipy's integrator fails, or redundant rows of the loops become inconsistent.
     """
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
     system, times = system_of(system, t0, p0, v0), np.atleast_1d(finite_array(times, "times"))
     t, p, v, rows, longest = t0, p0, v0, [], abs(times[-1] - t0) / PLACES if len(times) else 0.0
-    for target in times:  # other constraint rows are kept on the way where those kept become a poor choice
+    for target in times:  # other constraint rows are kept if those kept become a poor choice
         whole = system.dropped_are_zero or not longest
         stops = 1 if whole else max(1, int(np.ceil(abs(target - t) / longest)))
         for stop in np.linspace(t, target, stops + 1)[1:]:

@@ -1,4 +1,4 @@
-"""What a run is measured by: its rows in the constraints and in the differential equation."""
+"""Residuals of the rows of a run in the constraints and in the differential equation."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -11,18 +11,18 @@ from .dae.index1 import Index1, solve_acceleration
 from .dae.norms import largest
 from .mechanism.system import MechanismSystem
 
-A_THREAD = 200  # rows that are worth one more thread
+A_THREAD = 200  # rows that justify one more thread
 THREADS = 4  # at most
 
 
 def measured(system, states, workspace):
     """Φ, the hidden residual, Jᵀλ (G λ) and that of the differential equation at rows `states`, (t, q, v, λ).
 
-    And kinetic and potential energies, or None, and the largest of the other forces that act.
+    Kinetic and potential energies, or None, and the largest of the other acting forces are returned after these.
     """
     if workspace is not None and (found := _compiled(system, states, workspace)) is not None:
         return found
-    rows, acting = [], 0.0  # also where the equations have no solution, and say why
+    rows, acting = [], 0.0  # also used if the equations have no solution: the error says why
     for t, p, v, lam in zip(*states, strict=True):
         exact = solve_acceleration(system, t, p, v)[1]
         f, gap, G, _ = system.evaluate(t, p, v, np.zeros(system.nv))
@@ -36,9 +36,9 @@ def measured(system, states, workspace):
 
 
 def _compiled(system, states, workspace):
-    """What :func:`measured` returns, made in C++; None where there is none, or the equations have no solution.
+    """What :func:`measured` returns, computed in C++; None if that is not built, or the equations have no solution.
 
-    The rows are shared between threads, each with a system of its own, where no function in Python takes part.
+    The rows are divided between threads, each with its own system, if no Python function is called.
     """
     if (twin := _twin(system, workspace.compiled())) is None:
         return None
@@ -67,7 +67,7 @@ def _twin(system, blank):
 
 
 def _processors() -> int:
-    """How many processors this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -84,7 +84,7 @@ def accelerations(mechanism, t, q, v):
 
 
 def loop_forces(system, t, q, v, lam):
-    """Jᵀλ (G λ) of rows."""
+    """Jᵀλ (G λ) at each row."""
     states = t, q, v, lam
     if not isinstance(system, MechanismSystem):
         return np.array([system.evaluate(t, p, v, 0.0 * v)[2] @ lam for t, p, v, lam in zip(*states, strict=True)])

@@ -33,10 +33,10 @@ class JointMotion:
         Its name, or that of one of its coordinates, ``ball[0]``.
     t : ndarray, shape (n,)
         Times, s.
-    position, velocity, acceleration : ndarray, shape (n,), or (n, k) of a joint of several
+    position, velocity, acceleration : ndarray, shape (n,), or (n, k) for a joint of several
         As returned by :meth:`Solution.position`, :meth:`Solution.velocity` and :meth:`Solution.acceleration`.
     torque : ndarray, shape (n,) or (n, k)
-        Of all forces and drives on the joint together, N·m or N.
+        Total torque of all forces and drives on the joint, N·m or N.
     """
 
     joint: str
@@ -58,11 +58,11 @@ class FrameMotion:
     t : ndarray, shape (n,)
         Times, s.
     position : ndarray, shape (n, 3)
-        Of its origin, m.
+        Position of its origin, m.
     rotation : ndarray, shape (n, 3, 3)
-        From its axes to those of the world.
+        Rotation from its axes to those of the world.
     velocity, acceleration : ndarray, shape (n, 3)
-        Of its origin, m/s and m/s².
+        Velocity and acceleration of its origin, m/s and m/s².
     angular_velocity, angular_acceleration : ndarray, shape (n, 3)
         rad/s and rad/s².
     """
@@ -93,10 +93,10 @@ class ByName:
     _workspace: Callable[..., Workspace]
 
     def position(self, joint: str, mechanism=None) -> np.ndarray:
-        """The position of a joint, rad or m, shape (n,); of a joint of several numbers (n, k), as `q` stores them.
+        """The position of a joint, rad or m, shape (n,); (n, k) for a joint of several numbers, as `q` stores them.
 
-        `joint` is a joint, or one of its numbers, ``"ball[0]"``. The angle of a joint that stores (cos, sin) goes on
-        from row to row, without jumps of 2π. `mechanism` is as in :meth:`check`. Raises InputError for other names.
+        `joint` is a joint, or one of its numbers, ``"ball[0]"``. The angle of a joint that stores (cos, sin) is
+        unwrapped: it has no jumps of 2π. `mechanism` is as in :meth:`check`. Raises InputError for other names.
         """
         mechanism = self._mechanism(mechanism, "position")
         model, part = mechanism.model, _part(mechanism, joint, positions=True)
@@ -106,17 +106,17 @@ class ByName:
         return found[:, 0] if found.shape[1] == 1 else found
 
     def velocity(self, joint: str, mechanism=None) -> np.ndarray:
-        """The velocity of a joint, rad/s or m/s, shape (n,); of a joint of several (n, k).
+        """The velocity of a joint, rad/s or m/s, shape (n,); (n, k) for a joint of several.
 
         `joint` and `mechanism` are as in :meth:`position`.
         """
         return _of(self._mechanism(mechanism, "velocity"), joint, self.v)
 
     def acceleration(self, joint: str | None = None, mechanism=None) -> np.ndarray:
-        """The acceleration of a joint, rad/s² or m/s², shape (n,); of a joint of several (n, k); of all, (n, nv).
+        """The acceleration of a joint, rad/s² or m/s², shape (n,); (n, k) for a joint of several; (n, nv) for all.
 
-        It is that of the equations of motion at each row; `joint` and `mechanism` are as in :meth:`position`. Raises
-        SingularSystemError where it is not determined.
+        It follows from the equations of motion at each row; `joint` and `mechanism` are as in :meth:`position`. Raises
+        SingularSystemError if it is not determined.
         """
         mechanism = self._mechanism(mechanism, "acceleration")
         found = accelerations(mechanism, sided(self.t), self.q, self.v)
@@ -144,9 +144,9 @@ class ByName:
     def torque(self, name: str, mechanism=None) -> np.ndarray:
         """The torque of a force, motor or drive, N·m (or N), positive along the joint's velocity.
 
-        `name` is that of a drive or coupling (what its joint received); a force by its label, ``"servo crank"``, or by
-        its first word where one begins so; else a joint: all forces and drives on it together. Shape (n,) for one that
-        acts on a joint of one degree of freedom, else (n, nv), or (n, k) of a joint of several. `mechanism` is as in
+        `name` is that of a drive or coupling (the torque on its joint); or the label of a force, ``"servo crank"``, or
+        its first word; or a joint: the total of all forces and drives on it. Shape (n,) for a force that acts
+        on a joint of one degree of freedom, else (n, nv), or (n, k) for a joint of several. `mechanism` is as in
         :meth:`check`. Raises InputError for other names.
         """
         mechanism = self._mechanism(mechanism, "torque")
@@ -197,7 +197,7 @@ class ByName:
         return total
 
     def __getitem__(self, name: str) -> JointMotion | FrameMotion | Reaction:
-        """What has this name: the motion of a joint, of a frame, or the reaction of a loop, in this order."""
+        """The motion of the joint or frame, or the reaction of the loop, of this name, searched in this order."""
         if self.system is None:
             raise InputError(f"a solution read from a file holds no mechanism: sol.position({name!r}, mechanism), …")
         mechanism = self._mechanism(None, "__getitem__")
@@ -216,15 +216,15 @@ class ByName:
     def to_dataframe(self, mechanism=None) -> Any:
         """A pandas DataFrame of the columns ``t``, ``q.crank``, ``v.crank``, ``a.crank`` and ``lam.loop.row``.
 
-        Its ``attrs["units"]`` maps them to units. `mechanism` is as in :meth:`check`. Raises MissingExtraError without
-        pandas.
+        Its ``attrs["units"]`` maps the columns to their units. `mechanism` is as in :meth:`check`. Raises
+        MissingExtraError without pandas.
         """
         return _dataframe(*self._table(mechanism))
 
     def to_csv(self, file, mechanism=None) -> Path:
-        """The `file` with the table of :meth:`to_dataframe` as CSV, units in the headings: ``v.crank [rad/s]``.
+        """The path of the CSV `file`: the table of :meth:`to_dataframe`, units in the headings: ``v.crank [rad/s]``.
 
-        It is written whole or not at all; `mechanism` is as in :meth:`check`. Raises OSError where that fails.
+        It is written whole or not at all; `mechanism` is as in :meth:`check`. Raises OSError if that fails.
         """
         return write_csv(file, *self._table(mechanism))
 
@@ -279,6 +279,6 @@ def _joint_of(mechanism, label) -> str | None:
     force, nvs = mechanism.forces[at] if at >= 0 else None, mechanism.model.nvs
     where = getattr(force, "_acts_on", "")
     given = (getattr(force, where) or ()) if where in ("joint", "joints", "coefficients", "torques") else ()
-    joints = [given] if isinstance(given, str) else [*given]  # or numbers, for all joints
+    joints = [given] if isinstance(given, str) else [*given]  # or an array of the velocities of all joints
     alone = len(joints) == 1 and isinstance(joints[0], str)
     return joints[0] if alone and nvs[mechanism.joint_index(joints[0])] == 1 else None

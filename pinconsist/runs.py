@@ -1,4 +1,4 @@
-"""Runs that are kept in a file: `record` one, `resume` it from there, `rerun` it."""
+"""Runs that are kept in a file: `record` a run, `resume` it, `rerun` it."""
 
 import logging
 import os
@@ -30,11 +30,11 @@ class Rerun:
     Attributes
     ----------
     same : bool
-        Every number of t, q, v, λ, steps and orders is the same, bit for bit.
+        Whether every number of t, q, v, λ, steps and orders is the same, bit for bit.
     differences : tuple of str
         What has changed: versions, files of the scene, numbers.
     solution : Solution
-        The new run; where the one in the file was cut short, up to there.
+        The new run; if the one in the file is incomplete, only up to its end.
     """
 
     same: bool
@@ -56,7 +56,7 @@ def record(
     process that is killed loses only what came after. (Checkpoints are skipped where saving would take more than a
     tenth of the time.) At every checkpoint the integration starts again from the state there; so the numbers depend on
     `save_every` (within the tolerances), and :func:`resume` gives exactly those of the run without interruption.
-    Ctrl-C, SIGTERM and SIGHUP end the run, with what was reached in the file.
+    Ctrl-C, SIGTERM and SIGHUP end the run, with the part so far in the file.
 
     Parameters
     ----------
@@ -70,26 +70,26 @@ def record(
         Options of :func:`pinconsist.load`: ``loops``, ``closure``, ``free_flyer``, ``package_dirs``.
     save_every : float, optional
         Period of checkpoints, s of simulated time. Choose it much longer than a step: each checkpoint costs a start of
-        the method and a file of the run so far.
+        the method and writing a file of the run so far.
     forces : sequence
         As for :func:`pinconsist.simulate`. Records, numbers and Motions are kept in the file; Python functions
-        cannot, and must be given again to `rerun` and `resume`.
+        cannot be kept, and must be given again to `rerun` and `resume`.
     callback : callable, optional
-        As for :func:`pinconsist.simulate`; an exception in it ends the run as a failure that keeps what was reached.
+        As for :func:`pinconsist.simulate`; an exception in it ends the run as a failure; the rows so far are kept.
     **options
-        Others of :func:`pinconsist.simulate`, except ``events`` and ``dense_output``, whose results are not stored.
+        Other options of :func:`pinconsist.simulate`, but not ``events`` and ``dense_output``: they are not stored.
 
     Returns
     -------
     Solution
-        What is in the file.
+        The solution in the file.
 
     Raises
     ------
     InputError
         As :func:`pinconsist.simulate`; or a file that cannot be written.
     SavingError
-        The end could not be written; the error carries the solution.
+        The end could not be written; the error has the solution as an attribute.
     """
     file = suffixed(file, ".npz")
     require_writable(file)
@@ -110,17 +110,17 @@ def record(
 def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
     """Continue a run from its file, which :func:`record` wrote, to its end.
 
-    Rows after the last checkpoint are made again; without checkpoints that is the whole run. The result is, bit for
-    bit on one machine, that of the run without interruption. A run that reached its end is returned as it is.
+    Rows after the last checkpoint are computed again; without checkpoints that is the whole run. On one machine the
+    result is, bit for bit, that of the run without interruption. A run that reached its end is returned as it is.
 
     Parameters
     ----------
     file : path-like
-        The file; written as by `record`.
+        The file, which is written as by `record`.
     scene : str, path-like or Mechanism, optional
-        Where the scene is now; needed for a mechanism in memory.
+        The scene, if it has moved; needed for a mechanism in memory.
     forces : sequence, optional
-        Those of `record`, where one was a Python function.
+        Those of `record`, if one was a Python function.
     callback : callable, optional
         As for `record`.
 
@@ -179,7 +179,7 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
         stop = callback is not None and callback(t, q, v, lam)
         return stop or (t >= old.t[-1] if forward else t <= old.t[-1])
 
-    cut_short = old.status != 0 and len(old.t)  # nothing after that is to be compared
+    cut_short = old.status != 0 and len(old.t)  # rows after that are not compared
     new = carry_out(replace(recipe, checkpoint=None), mechanism, None, callback=until if cut_short else callback)
     about, numbers = _other_versions(old), []
     if (then := old.method.get("backend")) != (now := new.method.get("backend")):

@@ -1,4 +1,4 @@
-"""Where a scene comes from, as plain data that a run's file holds and that is sent to other processes."""
+"""The source of a scene, as plain data that is stored in a run's file and sent to other processes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SceneSource:
 
     def load(self):
         """The mechanism."""
-        from .formats.load import load  # brings Pinocchio, which a command's --help does without
+        from .formats.load import load  # imports Pinocchio, which a command's --help does not need
 
         options = {name: getattr(self, name) for name in LOAD_OPTIONS}
         if not self.reanchor:

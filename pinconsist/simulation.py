@@ -55,11 +55,11 @@ def simulate(
         Start and end, s. An end before the start integrates backwards.
     q0 : mapping or array, optional
         Mapping joint name → value: the named joints are kept if the loops allow it, else a warning says where they
-        are; the others follow. Array (nq,): a guess, of which nothing is kept. The loops are closed from there.
+        are; the others follow. Array (nq,): a starting guess from which the loops are closed; no entry is kept.
         Default: the scene's guess.
     v0 : mapping or array, optional
-        Mapping joint name → velocity: the named joints keep it, the others follow. Array (nv,): put on the
-        constraints in the mass metric. Default: rest.
+        Mapping joint name → velocity: the named joints keep it, the others follow. Array (nv,): projected
+        onto the constraints in the mass metric. Default: rest.
     method : {"BDF", "Radau", "ImplicitEuler"}
         BDF of variable order; Radau IIA, whose steps need no history; or implicit Euler (BDF-1).
     step : float, optional
@@ -67,21 +67,21 @@ def simulate(
         throughout, 1 to 6, and Newton runs to rounding. Without it step and order vary (orders 1 to 5).
     max_order : int, optional
         BDF: highest order, 1 to 5 (default 5); with ``step`` the order throughout, 1 to 6. Radau: the order, 1, 3, 5, 9
-        or 13; by default it begins with 9 and changes as it goes. On the command line it is ``--order``.
+        or 13; by default it starts at 9 and varies. On the command line it is ``--order``.
     rtol, atol : float or (float, float)
         The accuracy of the run in positions and velocities, relative to the largest value of each coordinate and
-        absolute; a pair gives the parts (q, v). ``sol.error`` estimates what was achieved: a motion that amplifies
-        errors loses accuracy. The multipliers are never in the error test. They converge with the velocities.
+        absolute; a pair (q, v) sets them separately. ``sol.error`` estimates what was achieved: a motion that amplifies
+        errors loses accuracy. The multipliers are never part of the error test. They converge with the velocities.
     forces : sequence
         Forces in addition to the mechanism's own; see :class:`Mechanism`.
     control : mapping, optional
         Commands of actuators, by their names or those of their joints: ``{"knee": 0.4}``, a number, a function of time,
         or a table (times, values); see :meth:`Mechanism.with_control`.
     t_eval : array, optional
-        Times of the rows, inside the span, in its direction; nothing else is kept. They are interpolated between
+        Times of the rows, inside the span, in its direction; no other rows are kept. Rows are interpolated between
         steps: their loops are closed to the tolerance only. Default: every accepted step.
     dense_output : bool
-        Give ``sol.sol(t) -> (q, v, lam)`` for any time.
+        Whether to make ``sol.sol(t) -> (q, v, lam)`` for any time.
     events : Event or function, or sequence of them, optional
         See :class:`Event`; plain functions ``g(t, q, v, lam)`` may carry ``terminal``, ``direction``, ``apply``.
     callback : callable, optional
@@ -98,15 +98,15 @@ def simulate(
     max_steps : int, optional
         Stop with an error after this many steps.
     backend : {"auto", "compiled", "python"}
-        Which implementation makes the steps. The compiled one is the same method in C++, about ten times faster;
+        Implementation of the steps. The compiled one is the same method in C++, about ten times faster;
         ``"auto"`` uses it if it was built. Results agree within the accuracy of a run, not digit by digit: the compiled
-        method omits work that the error test does not see, and one step decided differently changes all later ones.
+        method omits work that does not affect the error test, and one different step changes all later ones.
 
     Returns
     -------
     Solution
-        If the integration fails, ``success`` is False, and the solution holds what was reached and a message. Ctrl-C
-        ends the run with what was reached, ``status`` 1; after the last step it changes nothing.
+        If the integration fails, ``success`` is False, and the solution holds the rows so far and a message. Ctrl-C
+        ends the run with the rows so far, ``status`` 1; after the last step it has no effect.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def simulate(
     SingularSystemError
         Some joint can move without any inertia.
     UserFunctionError
-        A user-defined function raised an exception before the first step; later ones give a failed solution.
+        A user-defined function raised an exception before the first step; later ones result in a failed solution.
     """
     mech = with_forces(mech, forces, "simulate")
     mech = mech if control is None else mech.with_control(control)
@@ -157,12 +157,12 @@ def integrate(
     Parameters
     ----------
     system : HessenbergProblem or Mechanism or Index3System
-        What to integrate; a mechanism with the forces that it has itself.
+        What to integrate; a mechanism with its own forces.
     t_span : (float, float)
         Start and end, s.
     p0, v0 : array
-        Initial position, on the constraint, and velocity. A velocity off the hidden constraint is accepted: that is
-        what numerically consistent values are.
+        Initial position, on the constraint, and velocity. A velocity off the hidden constraint is accepted, because
+        numerically consistent values are off it.
     method, step, max_order, rtol, atol, t_eval, dense_output, events, callback, consistency, first_step, max_step, \
     max_steps, backend
         As in :func:`simulate`.
@@ -210,7 +210,7 @@ def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:
     Parameters
     ----------
     system, t0 : Mechanism or HessenbergProblem or Index3System, float
-        What, and from when, s.
+        System, and start time, s.
     p0, v0 : array
         Exact (consistent) initial values.
     step : float

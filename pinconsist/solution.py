@@ -33,10 +33,10 @@ class Solution(ByName):
     q, v, lam : ndarray, shapes (n, nq), (n, nv), (n, nc)
         Configurations, velocities, multipliers; with redundant rows, the multipliers of smallest norm. Signs, frames
         and units: :mod:`pinconsist.mechanism.loops`. Without ``t_eval`` every accepted step has its row:
-        ``lam[0]`` belongs to the start and is the multiplier of the differential equation there, ``lam[1]`` belongs
+        ``lam[0]`` belongs to the start and is the multiplier of the differential equation there; ``lam[1]`` belongs
         to the first step. With variable steps, and with fixed ones of an order above 1, rows of the one-step start
-        (``order`` 0) come before the first step of the method itself. Rows of ``t_eval``, and where an event ends a
-        step, are interpolated: their loops are closed to the tolerance only, those of steps to rounding.
+        (``order`` 0) come before the first step of the method itself. Rows of ``t_eval``, and rows at an event
+        that ends a step, are interpolated: their loops are closed to the tolerance only, those of steps to rounding.
     success, status : bool, int
         Status 0: end reached; 1: stopped by an event, a callback or Ctrl-C, which is a success as in scipy; -1: failed.
     message : str
@@ -46,23 +46,23 @@ class Solution(ByName):
     rejected : dict
         Rejected attempts by reason.
     h, order : ndarray, shape (n-1,)
-        Step and order by which each row was reached; order 0 marks the one-step start, step 0 the jump at an event.
+        Step and order with which each row was reached; order 0 marks the one-step start, step 0 the jump at an event.
         Empty with ``t_eval``.
     sol : DenseOutput or None
         ``sol(t) -> (q, v, lam)``, with ``dense_output=True``.
     t_events, q_events, v_events : list of ndarray
         Times and states at which each event occurred.
     method : dict
-        How the run was made: order, step, consistency, tolerances, what was skipped.
+        How the run was made: order, step, consistency, tolerances, skipped work.
     scene : str
         Name of the mechanism; empty for a general problem.
     recipe : dict or None
-        How to repeat it, as plain data, if :func:`pinconsist.record` or a command made it.
+        How to repeat the run, as plain data, if :func:`pinconsist.record` or a command made it.
     held : dict of str to ndarray, shape (n, 1 + nv)
-        Torques that were held, by the label of their force, see :class:`~pinconsist.Sampled`: since when, and τ. Where
-        they jump there are two rows at one time (of ``t_eval``, the one after).
+        Torques that were held, by the label of their force, see :class:`~pinconsist.Sampled`: the time since which, and
+        τ. Where they jump there are two rows at one time (with ``t_eval``, the one after the jump).
     versions : dict
-        Of the packages that made it, if it was read from a file.
+        Versions of the packages that made it, if it was read from a file.
     system
         The system that was integrated (None if read from a file).
     """
@@ -134,7 +134,7 @@ class Solution(ByName):
         return "\n".join([*lines, *str(mechanism).splitlines()[1:]])
 
     def _repr_mimebundle_(self, include=None, exclude=None):
-        """For notebooks: the text; of a mechanism's run also a picture and the page that plays it."""
+        """For notebooks: the text; for a run of a mechanism also a picture and the page that plays it."""
         bundle, mechanism = {"text/plain": repr(self)}, getattr(self.system, "mechanism", None)
         if mechanism is not None and len(self.t) > 1:
             from .view.page import notebook_html
@@ -152,14 +152,14 @@ class Solution(ByName):
         return np.hstack((self.q, self.v, self.lam)).T
 
     def check(self, mechanism=None, error=None) -> Certificate:
-        """The largest residuals over all rows, measured in a system of its own: see :class:`Certificate`.
+        """The largest residuals over all rows, evaluated in a separate system: see :class:`Certificate`.
 
         Its ``error`` is the global error, estimated by a run at a tenth of the tolerance if that takes less than 3
         seconds; always with `error` True, never with False. Forces and events are called again for it.
 
         A solution read from a file needs `mechanism`, with the forces of the run, those given to
-        ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`). Raises InputError for no mechanism, another
-        one, or one with another number of forces than the run had; for no rows.
+        ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`). Raises InputError for a missing or
+        different mechanism, one with a different number of forces than the run had, and a solution without rows.
         """
         self._require_scene(mechanism, "check")
         certificate = certify(self, self._replayed(mechanism))
@@ -169,7 +169,7 @@ class Solution(ByName):
 
     @property
     def error(self) -> GlobalError | None:
-        """The global error, see :class:`~pinconsist.GlobalError`; None where it cannot be estimated."""
+        """The global error, see :class:`~pinconsist.GlobalError`; None if it cannot be estimated."""
         return self._global_error(None, np.inf)
 
     def _global_error(self, mechanism, patience):
@@ -189,12 +189,12 @@ class Solution(ByName):
         return energy_of(self, mechanism, self._workspace(mechanism.model))
 
     def reaction(self, loop: str, mechanism=None, *, axes: str = "world") -> Reaction:
-        """What a loop does to its bodies: force and moment on body 2, or a motor's torque; see :class:`Reaction`.
+        """The reaction of a loop: force and moment on body 2, or a motor's torque; see :class:`Reaction`.
 
         `loop` names a loop, drive, coupling or constraint of the mechanism; there is a row for each row of the
         solution. A solution read from a file needs the `mechanism` that was simulated. `axes` of force and moment are
-        "world", or "anchor": those of the loop's anchor 1. Raises InputError where there is no such loop, for no
-        mechanism, another one, or a general problem, and for other axes.
+        "world", or "anchor": those of the loop's anchor 1. Raises InputError for an unknown loop, a
+        missing or different mechanism, a general problem, and other axes.
         """
         mechanism = self._mechanism(mechanism, "reaction")
         return reaction(mechanism, loop, self.t, self.q, self.lam, axes, self._workspace(mechanism.model))
@@ -209,7 +209,7 @@ class Solution(ByName):
         return found
 
     def _replayed(self, mechanism):
-        """`mechanism`, or that of the run where torques were held, with these torques."""
+        """`mechanism`, by default that of a run in which torques were held, with these torques."""
         own = getattr(self.system, "mechanism", None) if self.held else None
         return replayed(mechanism or own, self)
 
@@ -238,7 +238,7 @@ class Solution(ByName):
         `speed`, `traces` and `forces` are as in :func:`pinconsist.export_html`; `at` holds the times to draw in an
         SVG, s, by default the start; `mechanism` is as in :meth:`reaction`. Raises InputError as export_html does, for
         other endings, for times outside the run, and for drawings of mechanisms that are not planar;
-        MissingExtraError without the extra; OSError.
+        MissingExtraError without the extra; OSError if the file cannot be written.
         """
         from .view.render import render
 
@@ -260,20 +260,20 @@ class Solution(ByName):
         return export_html(self._mechanism(mechanism, "export_html"), self, file, **options)
 
     def save(self, file) -> Path:
-        """The npz file that was written from `file`, to which ``.npz`` is added if missing; whole or not at all.
+        """The path of the npz `file` written, whole or not at all; ``.npz`` is added if missing.
 
-        An existing file is replaced. It holds no pickles, and not ``system``, ``sol`` and the events. It says by which
-        versions it was made, and can be repeated and continued where :func:`pinconsist.record` made the run. Raises
-        OSError where it cannot be written; an existing one is then left as it was.
+        An existing file is replaced. The file has no pickles, and no ``system``, ``sol`` and events. It names the
+        versions that made it; a run of :func:`pinconsist.record` can be repeated and continued from it. Raises OSError
+        if it cannot be written; an existing file is then unchanged.
         """
         return write(self, file)
 
     @classmethod
     def load(cls, file) -> Solution:
-        """The solution that :meth:`save` wrote to this `file`, given with its ``.npz``.
+        """The solution that :meth:`save` wrote to this `file`, named with its ``.npz``.
 
         It has no ``system``, ``sol`` and events: :meth:`check`, :meth:`energy` and :meth:`reaction` need the mechanism.
-        Raises FormatError, which names the file, for a missing, truncated, damaged or foreign one, or another format.
+        Raises FormatError, which names the file, if it is missing, truncated, damaged, foreign or of another format.
         """
         return cls(**read(file))
 

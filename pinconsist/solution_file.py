@@ -66,12 +66,12 @@ def read(file) -> dict:
 
 
 def versions() -> dict[str, str]:
-    """What the last bit of a result may depend on."""
+    """Versions on which the last bit of a result may depend."""
     found = {"pinconsist": __version__, "python": platform.python_version(), "machine": platform.machine()}
     for package in ("pin", "numpy", "scipy"):
         try:
             found[package] = version(package)
-        except PackageNotFoundError:  # Pinocchio may come from elsewhere than pip
+        except PackageNotFoundError:  # Pinocchio may not have been installed by pip
             found[package] = "unknown"
     return found
 

@@ -1,4 +1,4 @@
-"""A run as an object, advanced by one interval after another under given torques."""
+"""A run as an object, advanced interval by interval under given torques."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Simulation:
     """A run as an object: each :meth:`step` advances it by a given time, under given torques.
 
     For control loops, co-simulation and learning. All steps are kept until :meth:`reset`, see :meth:`solution`. For a
-    law of (t, q, v) that is called at a fixed rate, :class:`Sampled` in :func:`simulate` does the same.
+    control law of (t, q, v) that is called at a fixed rate, :class:`Sampled` in :func:`simulate` does the same.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Simulation:
     Attributes
     ----------
     mechanism : Mechanism
-        With a force ``"control"``, what steps are given.
+        The mechanism with an additional force ``"control"``, the torques given to :meth:`step`.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class Simulation:
     def reset(self, q0=None, v0=None, t0=0.0) -> State:
         """The state at which a new run begins.
 
-        It is given by `q0` and `v0`, as to :func:`simulate`, and the time `t0`, s.
+        `q0` and `v0` are as in :func:`simulate`; `t0` is the time, s.
         """
         solver = LoopSolver(self.mechanism, t0)
         assembly = assembled(solver, q0, v0)
@@ -111,15 +111,15 @@ class Simulation:
         Parameters
         ----------
         dt : float
-            How long, s.
+            Duration, s.
         control : mapping or array (nv,), optional
-            Commands of actuators by name, others as before, and torques, joint → N·m (or N), others zero; or torques of
-            all velocities. They are held over this time. Default: as before.
+            Mapping: commands of actuators by name (others as before) and torques, joint → N·m or N (others zero).
+            Array: torques of all velocities. They are held over this time. Default: as before.
 
         Returns
         -------
         State
-            The state reached; it is short of `dt` where a terminal event ended the run.
+            The state reached; before the end of `dt` if a terminal event ended the run.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class Simulation:
             jumped = False
         if self._resumes and self._quick:
             reached = None
-            try:  # what `march` does, where there is nothing to look at
+            try:  # as `march` does, without events or records
                 reached = self._stepper.reach(t_end, jumped, self._changing)
             finally:
                 if reached is None:
@@ -179,7 +179,7 @@ class Simulation:
         self._watch.restart(t, q, v, lam)
 
     def _hold(self, t, control) -> bool:
-        """Hold commands and torques from now on; whether they are others than before."""
+        """Hold commands and torques from now on; returns whether they have changed."""
         if isinstance(control, Mapping):
             commands, torque = self._of_names(control)
         else:
@@ -239,7 +239,7 @@ class Simulation:
 
     @property
     def events(self) -> list:
-        """The times at which each event has occurred, a list for each."""
+        """The times at which each event has occurred, a list for each event."""
         return [[row[0] for row in rows] for rows in self._watch.found]
 
     def solution(self) -> Solution:

@@ -44,7 +44,7 @@ def loaded(scene, *, anew=False) -> Mechanism:
 
 @dataclass
 class Run:
-    """What `simulate` is to be called with."""
+    """The arguments of a call of `simulate`."""
 
     mechanism: Mechanism
     until: float
@@ -54,7 +54,7 @@ class Run:
     options: dict = field(default_factory=dict)
 
     def put(self, name: str, value: float) -> None:
-        """Change what has this name, or InputError where nothing has it.
+        """Change the value of this name; InputError if it is unknown.
 
         Names are those of joints of one degree of freedom (initial position, rad or m), ``<joint>_speed`` (initial
         velocity), ``<joint>_torque`` (constant, in addition to the scene's forces); ``until``, ``rtol``, ``atol``,
@@ -95,7 +95,7 @@ class SceneSweep:
     options: Mapping  # of simulate
 
     def __call__(self, case) -> dict:
-        """The row of a case: what was measured, ``end`` (q and v of the last row), and a message where one is due."""
+        """The row of a case: the results, ``end`` (q and v of the last row), and a message if there is one."""
         run = self.run(case)
         sol, warned = self._simulated(run, run.until)
         messages = warned if sol.success else [sol.message, *warned]
@@ -106,7 +106,7 @@ class SceneSweep:
         }  # fmt: skip
 
     def run(self, case) -> Run:
-        """What `simulate` is called with for a case; InputError where its numbers cannot be."""
+        """The arguments of `simulate` for a case; InputError if its numbers are not valid."""
         run = Run(loaded(self.scene), self.until, dict(self.q0), dict(self.v0), {}, dict(self.options))
         for name, value in zip(self.names, case, strict=True):
             run.put(name, value)
@@ -132,7 +132,7 @@ class SceneSweep:
         return sol, list(dict.fromkeys(str(each.message) for each in told))
 
     def about(self, cases) -> dict:
-        """What two sweeps must have in common for their rows to be the same."""
+        """The data that two sweeps must share for their rows to be the same."""
         mechanism = loaded(self.scene)
         return {
             "scene": {"name": mechanism.name, **digests(mechanism)},
@@ -140,7 +140,7 @@ class SceneSweep:
             "settings": {"until": self.until, **self.options},
             "varied": list(self.names),
             "cases": {"count": len(cases), "content": hashlib.sha256(json.dumps(cases).encode()).hexdigest()},
-            "backend": "python" if _core.load()[0] is None else "compiled",  # the last bits are others
+            "backend": "python" if _core.load()[0] is None else "compiled",  # the last bits differ
             "versions": versions(),
         }
 
@@ -160,7 +160,7 @@ class SceneSweep:
 
 
 def write_table(file, sweep: SceneSweep, cases, measured: dict[int, dict]) -> None:
-    """Write a CSV file, whole or not at all; floats have the digits that give the same float again."""
+    """Write a CSV file, whole or not at all; floats have enough digits to be read back exactly."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([sweep.columns(), *sweep.rows(cases, measured)])
     with written_whole(file) as stream:
@@ -182,7 +182,7 @@ class Journal:
 
     The file, ``.partial`` after the table's name, is locked while it is open. InputError if it belongs to another
     sweep, by its `about`, or another process writes it; FormatError if it is not a journal, or damaged. Without a
-    `table` the rows are in memory alone.
+    `table` the rows are in memory only.
     """
 
     def __init__(self, table, about):

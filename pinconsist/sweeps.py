@@ -1,4 +1,4 @@
-"""One function over many cases: in a loop, on any executor, or in processes of its own."""
+"""One function over many cases: in a loop, on any executor, or in separate processes."""
 
 import copy
 import multiprocessing
@@ -39,16 +39,16 @@ class Outcome:
     Attributes
     ----------
     index : int
-        Its place among the cases.
+        Its index among the cases.
     case : object
         The case, as it was given.
     value : object
-        What the function returned; None where it did not.
+        The value that the function returned; None if it did not return.
     error, message, traceback : str
-        Type of the error, such as ``"AssemblyError"``, what it says, and where it was raised, as Python prints it (in
-        another process, the place there); empty where there was none.
+        Type of the error, such as ``"AssemblyError"``, its message, and its traceback, as Python prints it (in another
+        process, the traceback there); empty if there was no error.
     finished : bool
-        The function returned a value or raised an error. False where the case was interrupted, lost with a worker that
+        Whether the function returned or raised an error. False if the case was interrupted, lost with a worker that
         died, or could not be sent to another process; it may be tried again.
     """
 
@@ -62,7 +62,7 @@ class Outcome:
 
     @property
     def success(self) -> bool:
-        """Whether there is a value. A simulation that failed has one, too: its solution says so."""
+        """Whether there is a value. A simulation that failed has one too: its solution says so."""
         return not self.error
 
 
@@ -105,15 +105,15 @@ def sweep(
     ----------
     function : callable
         ``function(case)``. For other processes it is a function at the top of a module, or a ``functools.partial`` of
-        one; what is the same for all cases, such as the mechanism, it best makes once for each process (see
+        one; data common to all cases, such as the mechanism, are best made once per process (see
         docs/sweeps.md).
     cases : iterable
         One argument each: plain data. The function gets a copy, so that no case can change another.
     executor : concurrent.futures.Executor, optional
-        Anything with its ``submit``, such as a ProcessPoolExecutor, loky, dask's ``client.get_executor()`` or
+        Any object with its ``submit``, such as a ProcessPoolExecutor, loky, dask's ``client.get_executor()`` or
         ``mpi4py.futures.MPIPoolExecutor``; it is left open. Default: a plain loop in this process.
     callback : callable, optional
-        ``callback(outcome)`` in this process, as the outcomes arrive. What it raises ends the sweep.
+        ``callback(outcome)`` in this process, as the outcomes arrive. An exception in it ends the sweep.
 
     Returns
     -------
@@ -183,7 +183,7 @@ def _on(executor, function, cases, arrived):
         for i, case in cases.items():
             try:
                 futures[i] = executor.submit(Attempt(function, i, case))
-            except Exception as error:  # a pool that broke meanwhile takes no more
+            except Exception as error:  # a broken pool accepts no further cases
                 arrived(_lost(i, case, error))
                 continue
             futures[i].add_done_callback(lambda _, i=i: done.put(i))

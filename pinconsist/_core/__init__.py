@@ -1,6 +1,6 @@
 """The methods of dae/ in C++, and everything that exists for speed alone: many accepted steps in one call.
 
-It is there where ``pip install`` found a compiler. The C++ has the names of the Python: newton.hpp does what
+It is built if ``pip install`` finds a compiler. The C++ files are named like the Python ones: newton.hpp does what
 dae/newton.py does, and so on. User-defined forces and constraints are called back in Python.
 """
 
@@ -19,7 +19,7 @@ INTERFACE = 28  # as in module.cpp: an editable install may hold an older build
 
 
 def _absent(folder: Path) -> str:
-    """Why there is no compiled module for the package in a folder."""
+    """The reason why there is no compiled module for the package in a folder."""
     if (folder / "CMakeLists.txt").is_file():
         return (
             f"pinconsist is imported from its sources in {folder}, where its compiled part is not: work in another "
@@ -30,7 +30,7 @@ def _absent(folder: Path) -> str:
 
 @cache
 def load():
-    """(the compiled module, "") or (None, why there is none)."""
+    """(the compiled module, "") or (None, the reason why there is none)."""
     if find_spec(f"{__name__}.twin") is None:
         return None, _absent(Path(__file__).parents[2])
     try:

@@ -12,7 +12,7 @@ class TreeFactors {
 public:
   explicit TreeFactors(const Data &data) : before_(data.parents_fromRow) {}
 
-  // How many velocities lead to one, which counts.
+  // The number of velocities that lead to one, itself included.
   int depth(int k) const { return k < 0 ? 0 : 1 + depth(before_[k]); }
 
   // L(k, i) in place of M(i, k); false where a velocity moves hardly anything.

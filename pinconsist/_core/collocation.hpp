@@ -51,7 +51,7 @@ struct Collocation {
 };
 using Collocations = std::vector<std::shared_ptr<const Collocation>>; // of successive steps
 
-// dae/events.py: where g passes zero between a and b, at which its signs differ, and its value there.
+// dae/events.py: the zero of g between a and b, where its signs differ, and its value there.
 template <class G> std::pair<double, double> zero(const G &g, double a, double fa, double b, double fb, double near) {
   double part = fa / (fa - fb);
   for (int tries = 1;; ++tries) {

@@ -21,12 +21,12 @@ BACKENDS = ("auto", "compiled", "python")
 
 
 def stepper_for(system, method, backend: str = "auto") -> Stepper:
-    """The stepper of a backend: compiled where it can be had, else in Python.
+    """The stepper of a backend: compiled if available, else in Python.
 
     Raises
     ------
     InputError
-        ``backend="compiled"`` where the compiled part is not there.
+        ``backend="compiled"`` if the compiled part is not available.
     """
     if backend == "python":
         return python_stepper(system, method)
@@ -73,7 +73,7 @@ class CompiledStepper(CompiledRun):
 
     @property
     def _starts_at_once(self) -> bool:
-        """Whether starts are made in one call; Python looks at those that constraints may prevent by a jump."""
+        """Whether starts are made in one call; Python handles those that a jump of the constraints may prevent."""
         return self.method.step is None and isinstance(self.index1, CompiledIndex1) and not self.system.moving
 
     def _history(self, t, p, v, t_end):
@@ -88,7 +88,7 @@ class CompiledStepper(CompiledRun):
         return super().segment()
 
     def _why_no_start(self):
-        """What a start from where the run stands raises."""
+        """The error that a start from the current state raises."""
         try:
             super()._history(self.t, self.p, self.velocity_and_multipliers()[0], self.t + self.h)
         except PinconsistError as raised:

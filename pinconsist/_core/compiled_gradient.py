@@ -1,4 +1,4 @@
-"""What gradients ask of the compiled part: derivatives led along the steps of BDF and of Radau IIA."""
+"""The compiled part of gradients: derivatives propagated along the steps of BDF and of Radau IIA."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from .compiled_system import CompiledIndex1, compiled_system, with_all_rows
 
 
 def index1_of(system, compiled: bool) -> Index1:
-    """The equations of index 1 of a mechanism's system, compiled where that can be had."""
+    """The equations of index 1 of a mechanism's system, compiled if available."""
     if not compiled or load()[0] is None:
         return Index1(system)
     return CompiledIndex1(system, compiled_system(system))
@@ -41,7 +41,7 @@ def all_rows(index1):
 
 
 class CompiledWay:
-    """What leads derivatives by parameters along steps of the system of `index1`; `parameters` as above."""
+    """Propagates derivatives by parameters along steps of the system of `index1`; `parameters` as above."""
 
     kind: str
 
@@ -67,12 +67,12 @@ class CompiledWay:
 
 
 def _rows(array):
-    """An array as a table with a row for each of its first index, which is written through."""
+    """An array as a table with a row for each value of its first index; writes change the array."""
     return array.reshape(len(array), array[0].size if len(array) else 0)
 
 
 class CompiledFollower(CompiledWay):
-    """Leads derivatives along legs of BDF."""
+    """Propagates derivatives along legs of BDF."""
 
     kind = "Derivatives"
 
@@ -97,7 +97,7 @@ class CompiledFollower(CompiledWay):
 
 
 class CompiledStageWay(CompiledWay):
-    """Answers what :class:`~pinconsist.gradients.stage_leg.StageWay` does."""
+    """The methods of :class:`~pinconsist.gradients.stage_leg.StageWay`, in C++."""
 
     kind = "StageDerivatives"
 

@@ -18,7 +18,7 @@ from .compiled_system import CompiledRun
 class StageCurve(Curve):
     """The polynomials of compiled steps: those of :class:`RadauSegment`, evaluated in C++.
 
-    `sampler` has what evaluates them, as long as that may be kept.
+    `sampler` holds the object that evaluates them, as long as that may be kept.
     """
 
     def __init__(self, core, start, ends, system, sampler: list):
@@ -99,7 +99,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         self._forget_functions()
 
     def _forget_functions(self):
-        """Curves outlive the run where they hold no function of the user's."""
+        """Curves outlive the run if they hold no user-defined function."""
         if not self.ahead:
             self._sampler.clear()
 

@@ -32,7 +32,7 @@ def compiled_system(system):
 
 
 def with_all_rows(system):
-    """A compiled system of a mechanism with the rows of its loops, also those that depend on others, without forces."""
+    """A compiled system of a mechanism with all rows of its loops, dependent ones included, without forces."""
     compiled = load()[0].MechanismSystem(system.model, system.data)
     system.hand_over_all_rows(compiled)
     return compiled
@@ -47,7 +47,7 @@ def blank_system(model, data):
 class CompiledRun(Stepper):
     """A stepper in C++: its compiled equations, and the counting of its work.
 
-    It holds the user's functions where the garbage collector does not see them, until it is closed.
+    Until it is closed, it holds references to the user's functions that the garbage collector does not see.
     """
 
     batch, backend = 1000, "compiled"
@@ -77,7 +77,7 @@ class CompiledRun(Stepper):
         return self.system.opened(times, positions, self._all_rows and self._all_rows.gaps)
 
     def signs(self, *about):
-        """Compiled signs; the caller keeps what they are made of."""
+        """Compiled signs; the caller must keep their arguments alive."""
         system, (*about, finish) = self.system, about
         places = getattr(system, "kept", np.arange(system.nc)).tolist()
         return load()[0].Signs(*about, None if system.dropped_are_zero else finish, places, system.n_multipliers)
@@ -97,7 +97,7 @@ class CompiledRun(Stepper):
         return signs.changed
 
     def reach(self, t_end, jumped, forces):
-        """Go on to a time, where nothing looks at the steps: (t, p, v) there, or None; see :meth:`unread`."""
+        """Integrate to a time without returning the steps: (t, p, v) there, or None; see :meth:`unread`."""
         reached = self._core.reach(self._compiled, t_end, self.batch, jumped, forces)
         if reached is not None:
             for state in reached[1:]:
@@ -105,15 +105,15 @@ class CompiledRun(Stepper):
         return reached
 
     def unread(self) -> StepBatch:
-        """The steps of :meth:`reach` since this was called last; the run stands at their end."""
+        """The steps of :meth:`reach` since the last call of this method; the run is at their end."""
         return self.batch_of(self._core.unread(self._compiled), False)
 
     def batch_of(self, made, with_curve) -> StepBatch:
-        """The batch of what was made last; the run stands where it ends."""
+        """The batch of the steps made last; the run is at its end."""
         raise NotImplementedError
 
     def _counted(self, failure) -> str:
-        """Add the compiled method's work to the counters; why there are no more steps, or empty."""
+        """Add the compiled method's work to the counters; returns why there are no more steps, or an empty string."""
         newton, reasons = self.newton, self.control.reasons
         nfev, njev, nlu, *rejected = self._core.work()
         newton.nfev += nfev
@@ -126,7 +126,7 @@ class CompiledRun(Stepper):
 
 
 class CompiledIndex1(Index1):
-    """The answers of :class:`~pinconsist.dae.index1.Index1`, in C++."""
+    """The methods of :class:`~pinconsist.dae.index1.Index1`, in C++."""
 
     def __init__(self, system, compiled):
         super().__init__(system)
@@ -158,7 +158,7 @@ class CompiledIndex1(Index1):
 
 
 class CompiledOneStep:
-    """The answers of :class:`~pinconsist.dae.index1.OneStep`, in C++."""
+    """The methods of :class:`~pinconsist.dae.index1.OneStep`, in C++."""
 
     def __init__(self, system, run):
         self._system, self._run = system, run

@@ -1,4 +1,4 @@
-// What certificates, energies and reactions are made of, at all rows of a solution: times, and states one a row.
+// The data of certificates, energies and reactions, at all rows of a solution: times, and one state per row.
 #pragma once
 
 #include "articulated.hpp"
@@ -23,7 +23,7 @@ inline std::array<Table, 3> residuals(MechanismSystem &system, const Vec &t, con
   return all;
 }
 
-// Weight and kinetic energy, rotors included, of bodies that stand and move as forward kinematics have left them.
+// Weight and kinetic energy, rotors included, of bodies at the poses and velocities of the last forward kinematics.
 inline double potential_energy(const Model &model, const Data &data) {
   double energy = 0.0;
   for (int joint = 1; joint < model.njoints; ++joint) {
@@ -113,8 +113,8 @@ private:
     return lam_.allFinite();
   }
 
-  static constexpr double ALMOST_SINGULAR = 1e-4; // its square is what the Schur complement has
-  static constexpr double DEEP = 700.0;           // products for each velocity, from which on M⁻¹ in O(n) is the cheaper one
+  static constexpr double ALMOST_SINGULAR = 1e-4; // the Schur complement has its square
+  static constexpr double DEEP = 700.0;           // products for each velocity, above which M⁻¹ in O(n) is cheaper
 
   MechanismSystem &system_;
   const std::vector<int> kept_;

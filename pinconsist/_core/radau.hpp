@@ -9,7 +9,7 @@ namespace pinconsist {
 class StageNewton {
 public:
   long nfev = 0, njev = 0, nlu = 0;
-  // Where a step found something that is not finite.
+  // State at which a step found a value that is not finite.
   double culprit_t = 0.0;
   Vec culprit_p, culprit_v;
   Stages stages;
@@ -19,14 +19,14 @@ public:
       : stages(system), system_(system), matrix_(system, stages, switches.few_derivatives),
         eager_(switches.iteration_forecast) {}
 
-  // Another number of stages.
+  // Change the number of stages.
   void use(const RadauTable &table) {
     stages.use(table);
     matrix_.use(table.s);
     contraction_ = 0.0;
   }
 
-  // Nothing is known of what comes.
+  // Discard all information about earlier steps.
   void forget() {
     matrix_.forget();
     contraction_ = 0.0;
@@ -81,7 +81,7 @@ public:
     return Failure::not_converged;
   }
 
-  // Something is not, from this state on.
+  // Record the state from which on a value is not finite.
   Failure not_finite(double t, const Vec &p, const Vec &v) {
     culprit_t = t;
     culprit_p = p;

@@ -85,7 +85,7 @@ public:
     h = (t_end - t) / steps;
   }
 
-  // A step made again up to another end; none where it fails.
+  // Repeat a step up to another end; none if it fails.
   Collocations::value_type retake(const Collocation &step, double t_end) {
     place(step.shape.table->s, step.shape.t, t_end - step.shape.t, step.p0, step.v0);
     step.shape.predict(newton.stages);
@@ -98,7 +98,7 @@ public:
     return made(solved_shape(), p1_, v1_);
   }
 
-  // Where an event happens between the last looks of `signs`; the state there is that of `sampler`. False where there is
+  // The time of an event between the last checks of `signs`; the state there is that of `sampler`. False if there is
   // none.
   bool locate(Signs &signs, size_t i, double near, double beside, double &root) {
     bool regular = true;
@@ -118,7 +118,7 @@ public:
     return regular && sampler.sample(again, root);
   }
 
-  // What the last step has left.
+  // Results of the last step.
   const Collocations::value_type &last_step() {
     if (!last_) last_ = made(shape_, p, v);
     return last_;
@@ -206,7 +206,7 @@ private:
     shape_ = solved_shape();
   }
 
-  // What a step leaves that ends in this state.
+  // Results of a step that ends in this state.
   Collocations::value_type made(const Shape &shape, const Vec &p1, const Vec &v1) const {
     const Stages &of = newton.stages;
     return std::make_shared<Collocation>(Collocation{shape, of.U(), of.p, of.v, p1, v1});
@@ -252,13 +252,13 @@ private:
       if (largest(system_.phi) > rounding_gap(p1_, system_.G_transposed())) return Failure::not_converged;
     }
     error = modes ? error_of(modes) : 0.0;
-    if (error > 1.0 || !with_error) return Failure::none; // nobody looks at a and λ
+    if (error > 1.0 || !with_error) return Failure::none; // a and λ are not needed
     const KKT *known = moved || !system_.rate_is_velocity ? nullptr : &kkt_; // else W depends on v
     return index1_.acceleration_after_constraint(t_next, p1_, v1_, a1_, lam1_, known) ? Failure::none : Failure::singular;
   }
 
-  // What the error is estimated from: the highest modes of the accelerations, by how much they miss the acceleration at
-  // the start, and by how much the stages before it have missed it.
+  // The data of the error estimate: the highest modes of the accelerations, their difference from the acceleration at
+  // the start, and that of the stages before it.
   void estimate(int modes) {
     const Mat &W = newton.stages.W, &of = newton.stages.table->modes;
     const int s = newton.stages.size();

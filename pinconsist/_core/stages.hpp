@@ -7,7 +7,7 @@
 
 namespace pinconsist {
 
-// What dae/radau.py computes of the formula with s stages.
+// The table of dae/radau.py for the formula with s stages.
 struct RadauTable {
   int s = 0;
   Vec c;

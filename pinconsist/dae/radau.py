@@ -122,9 +122,9 @@ class Stages:
         return self.t + self.h * self.table.c
 
     def move(self, dW=0.0) -> bool:
-        """Velocities and positions of the accelerations W + dW; returns whether the chart has them.
+        """Velocities and positions of the accelerations W + dW; returns whether they are inside the chart.
 
-        Where rates depend on positions they are found by substitution, from the ξ that there are.
+        Rates that depend on positions are found by substitution, starting from the current ξ.
         """
         system, A, h = self.system, self.table.A, self.h
         self.W = self.W + dW
@@ -147,9 +147,9 @@ class StageNewton:
         self.nfev = self.njev = self.nlu = 0
 
     def solve(self, stages: Stages, weight, tol) -> Stages:
-        """Iterate from the accelerations that `stages` has to the solution; `failure` says why there is none.
+        """Iterate from the accelerations of `stages` to the solution; `failure` says why there is none.
 
-        `weight` are reciprocal tolerances of [ξ | v]; it ends when increments to come are estimated below `tol`.
+        `weight` are reciprocal tolerances of [ξ | v]; it ends when the remaining increments are estimated below `tol`.
         """
         system, table, h, last, matrix, failure = stages.system, stages.table, stages.h, 0.0, None, "not_converged"
         floor = 20.0 * EPS * table.s**2 / abs(h)
@@ -197,7 +197,7 @@ class StageNewton:
         points = list(zip(stages.times, stages.P, stages.V, strict=True))
         rows = [system.evaluate(*point, w) for point, w in zip(points, stages.W, strict=True)]
         f, phi, G = (np.array([row[i] for row in rows]) for i in range(3))
-        # of loops closed to rounding nothing more can be asked: where rows are nearly dependent it would move far
+        # loops closed to rounding are not closed further: if rows are nearly dependent, the position would move far
         phi[[largest(gap) <= CLOSED * (1.0 + largest(p)) for gap, p in zip(phi, stages.P, strict=True)]] = 0.0
         J = np.array([system.velocity_jacobian(*point, g) for point, g in zip(points, G, strict=True)])
         return f, phi, G, J
@@ -249,7 +249,7 @@ class StageMatrix:
         return self._along(dP) / self._h
 
     def _along(self, dP):
-        """h dV_i: Σ_j b_ij dP_j, in a chart with T and how it changes along the step, and with [v, dP]."""
+        """h dV_i: Σ_j b_ij dP_j, in a chart with T, its change along the step, and [v, dP]."""
         rates = np.einsum("ij,j...->i...", self._B, dP)
         if self._T is None:
             return rates

@@ -1,4 +1,4 @@
-"""Step and stages of Radau IIA: what follows from the error estimate and from how Newton went."""
+"""Step and stages of Radau IIA, chosen from the error estimate and from the convergence of Newton's iteration."""
 
 from dataclasses import dataclass, field
 
@@ -8,12 +8,12 @@ from .control import ErrorControl
 
 @dataclass
 class RadauControl(ErrorControl):
-    """The step from the error estimate, by Gustafsson's prediction; the stages from how Newton's iteration goes.
+    """The step from the error estimate, by Gustafsson's prediction; the stages from Newton's convergence.
 
     Parameters
     ----------
     stages : int
-        Their number throughout; 0: chosen as the run goes, as in Hairer and Wanner's RADAU.
+        Fixed number of stages; 0: chosen during the run, as in Hairer and Wanner's RADAU.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class RadauControl(ErrorControl):
         self.s = self.stages or tuning.FIRST_STAGES
 
     def use(self, s) -> None:
-        """Go on with `s` stages, with the tolerance of a step that belongs to them."""
+        """Continue with `s` stages, with the tolerance of a step that belongs to them."""
         self.s, self._calm, self._failures, self._last = s, 0, 0, None
         self._hold_steps()
 
@@ -46,23 +46,23 @@ class RadauControl(ErrorControl):
 
     @property
     def slack(self) -> float:
-        """The tolerance of the estimate over that of the run."""
+        """The tolerance of the estimate divided by that of the run."""
         tol = max(self.asked)
         return self.step_tolerance(tol) / tol
 
     @property
     def newton_factor(self) -> float:
-        """Newton's stopping size, as part of τ: what it leaves adds up, and does not fall with the order."""
+        """Newton's tolerance as a fraction of τ: its errors add up, and do not fall with the order."""
         tol = max(self.asked)
         return min(tuning.STAGE_NEWTON_FACTOR[self.s], tuning.STAGE_LEFT * tol / self.step_tolerance(tol))
 
     @property
     def worth_most(self) -> bool:
-        """Whether the tolerance is one for most stages."""
+        """Whether the tolerance is tight enough for the largest number of stages."""
         return self.asked[0] <= tuning.MOST_STAGES_BELOW
 
     def chosen_after_step(self, rate) -> int:
-        """Stages after an accepted step in which Newton contracted by `rate`: more where that was quick for a while."""
+        """Stages after an accepted step in which Newton contracted by `rate`: more if it was fast for some steps."""
         self._calm += 1
         if self._calm < tuning.CALM:
             return self.s
@@ -72,7 +72,7 @@ class RadauControl(ErrorControl):
         return more if self.stages == 0 and worth and rate <= tuning.QUICK else self.s
 
     def chosen_after_failure(self) -> int:
-        """Stages after Newton failed: fewer where it did so before."""
+        """Stages after Newton failed: fewer if it had failed before."""
         self._calm, self._failures = 0, self._failures + 1
         fewer = tuning.FIRST_STAGES if self.s > tuning.FIRST_STAGES else tuning.FEWEST_STAGES
         return fewer if self.stages == 0 and self._failures >= 2 else self.s
@@ -88,7 +88,7 @@ class RadauControl(ErrorControl):
         return tuning.STAGE_AFTER_FAILURE * h
 
     def after_rejection(self, s, h, error):
-        """The step with which to try again."""
+        """The step for the next attempt."""
         self.reasons["error"] += 1
         return h * max(tuning.MIN_FACTOR, tuning.STAGE_SAFETY * error ** (-1.0 / exponent(s)))
 

@@ -33,7 +33,7 @@ class Landing:
 
 
 class RadauStepper(Stepper):
-    """Step and stages of one run; see :class:`~pinconsist.dae.stepper.Stepper` for what it answers.
+    """Step and stages of one run; see :class:`~pinconsist.dae.stepper.Stepper` for its methods.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class RadauStepper(Stepper):
         Stages of the next step.
     shape : (Stages, ndarray) or None
         The last step, whose accelerations, a polynomial over it, start Newton's iteration; or linear ones, with the
-        slope that the first step was chosen by.
+        slope from which the first step was chosen.
     """
 
     def __init__(self, system, method):
@@ -61,7 +61,7 @@ class RadauStepper(Stepper):
     y = property(lambda self: np.concatenate((np.zeros(self.system.nx), self.v, self.lam)))
 
     def begin(self, t, p, v, t_end, known=None):
-        """Start, or start again, at a state, which is put on the constraints; nothing else is needed."""
+        """Start or restart at a state, which is projected onto the constraints; no history is needed."""
         system, method = self.system, self.method
         self.t = self.t_old = t
         self.p, self.v = self.index1.projected(t, p, v) if known is None else (p, v)
@@ -82,7 +82,7 @@ class RadauStepper(Stepper):
         return [(t, self.p, self.v, self.lam)]
 
     def _hand_state(self):
-        """Give the state to what makes the steps, if that is another."""
+        """Pass the state to the object that makes the steps, if that is not this one."""
 
     def _divide(self, t_end):
         """The fixed step from here to an end."""
@@ -96,7 +96,7 @@ class RadauStepper(Stepper):
         return [(self.t, self.p, self.v, self.lam)]
 
     def jump(self) -> None:
-        """Forces have jumped: the accelerations that start Newton's iteration jump alike."""
+        """Forces have jumped: the accelerations that start Newton's iteration jump by as much."""
         before = self.a
         self.a, self.lam = self.index1.acceleration(self.t, self.p, self.v)
         self.stage_a = self.stage_a + (self.a - before)
@@ -171,7 +171,7 @@ class RadauStepper(Stepper):
         return ""
 
     def _use(self, s):
-        """Go on with `s` stages."""
+        """Continue with `s` stages."""
         if s != self.s:
             self.s = s
             self.control.use(s)
@@ -195,7 +195,7 @@ class RadauStepper(Stepper):
         return self.control.weights(self.system, self._columns(), self.p, np.inf)
 
     def _columns(self):
-        """[ξ | v] whose size counts."""
+        """[ξ | v], relative to whose size errors are weighted."""
         return np.concatenate((self.p if self.system.vector_like else np.zeros(self.system.nx), self.v))
 
     def landed(self, stages) -> Landing:
@@ -226,7 +226,7 @@ class RadauStepper(Stepper):
 
         def size(values):
             free = values
-            if system.nc < system.nv:  # where nothing is free, it is what lies between the steps that counts
+            if system.nc < system.nv:  # if no velocity is free, the error between the steps counts
                 free = values - kkt.solve(np.concatenate((np.zeros(system.nv), W @ values)))[: system.nv]
             moved = h * moved_by(system, stages.times[-1], p, v, free)
             return abs(h) * weighted_norm(np.concatenate((moved, free)), weight, system.nv)

@@ -1,4 +1,4 @@
-"""Forces as straight arrows, moments as arrows that turn about their axis: which there are, how long, how drawn."""
+"""Forces as straight arrows, moments as arrows that turn about their axis: choice, lengths and shapes."""
 
 from dataclasses import dataclass, replace
 
@@ -24,7 +24,7 @@ ARC = 1.5 * np.pi  # of a ring, rad
 TUBE, TIP = 0.04, 0.35  # thickness of a ring and length of its head, in its radii
 ROUNDING = 1e-9  # of the largest: below it a moment is rounding, such as a hinge's tilts in a planar loop
 MOSTLY = 95  # per cent of the time
-SPIKE = 3.0  # an outlier: so many times what arrows mostly have at most
+SPIKE = 3.0  # an outlier: so many times the percentile MOSTLY
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> li
 
 
 def true_actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> list[Action]:
-    """What the loops should do, in grey."""
+    """The true forces of the loops, in grey."""
     found = actions(run.true, poses, size, without) if run.true else []
     its = [each for each in found if each.of != "motor"]
     return [replace(each, name=TRUE + each.name, color=RIGHT) for each in its]
@@ -95,7 +95,7 @@ def _on_joints(run: Run, poses: np.ndarray, name: str, torques: np.ndarray) -> l
 
 @dataclass(frozen=True)
 class Scale:
-    """How large arrows are: ``metres`` for each N or N·m; those above ``most`` N or N·m are cut to ``longest`` m."""
+    """The scale of arrows: ``metres`` for each N or N·m; those above ``most`` N or N·m are cut to ``longest`` m."""
 
     metres: float
     most: float
@@ -104,7 +104,7 @@ class Scale:
 
 
 def longest_arrows(mechs, actions: list[Action], size: float) -> dict[str, float]:
-    """How long the longest arrow of each kind is, m: in keeping with the parts on which they act."""
+    """Length of the longest arrow of each kind, m, in proportion to the parts on which they act."""
     lengths = []
     for mech in mechs:
         ends = zip(mech.joints, link_ends(mech).values(), strict=True)
@@ -119,8 +119,7 @@ def longest_arrows(mechs, actions: list[Action], size: float) -> dict[str, float
 def scale_of(kind: str, actions: list[Action], longest: float) -> Scale | None:
     """One scale for all forces, or moments, of a picture; None where there are none.
 
-    The largest has the longest arrow, unless it is a peak that stands out of what there mostly is, such as near a dead
-    centre: that is cut.
+    The largest has the longest arrow, unless it is an outlier, such as a peak near a dead centre: that is cut.
     """
     norms = [action.norms for action in actions if action.kind == kind]
     largest = max((each.max() for each in norms), default=0.0)

@@ -21,7 +21,7 @@ class Node:
 
 
 def draw(path: str, shape: Shape, **about) -> dict:
-    """Draw a shape; the page finds there what it is `about`: which part, of what name."""
+    """Draw a shape; `about` is stored with it for the page: which part, and its name."""
     mesh = "data" in shape.geometry  # it may be open, and shares corners between faces that meet at an edge
     look = {"type": "MeshPhongMaterial", "flatShading": True, "shininess": 20, "side": 2}
     material = {"uuid": f"{path} material", "color": shape.color} | (look if mesh else {"type": "MeshLambertMaterial"})
@@ -50,7 +50,7 @@ def put(path: str, name: str, value) -> dict:
 
 
 def transform(path: str, matrix: np.ndarray) -> dict:
-    """Place all that is drawn below a path, by a matrix of shape (4, 4)."""
+    """Place everything drawn below a path, by a matrix of shape (4, 4)."""
     return {"type": "set_transform", "path": path, "matrix": matrix.T.ravel().tolist()}
 
 

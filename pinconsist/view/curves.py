@@ -22,12 +22,12 @@ def panel(runs: list[Run], size: float, without, planar: bool) -> dict:
     """Seconds since the start for each run, and groups of curves over them; those of the loops `without` are left out.
 
     ``whole`` says whether these are all rows. A curve of a loop or a motor names it and the bodies between which it
-    acts, by which the page finds its force; what should be has a colour.
+    acts, by which the page finds its force; true values have a colour.
     """
     groups: dict[str, dict] = {}
     times = []
     for number, run in enumerate(runs):
-        run = replace(run, true=None) if number else run  # the truth is the same for all
+        run = replace(run, true=None) if number else run  # the true run is the same for all
         rows = _telling(run)
         times.append(packed(run.elapsed[rows]))
         for group, unit, name, values, about in _curves(run, rows, size, without, planar):
@@ -74,14 +74,14 @@ def _curves(run: Run, rows: np.ndarray, size: float, without, planar: bool):
 
 
 def _word(kind: str, planar: bool) -> str:
-    """What a loop is, before its name."""
+    """The kind of a loop, printed before its name."""
     pin = "pin " if planar else ""
     words = {"point": pin or "ball joint ", "hinge": pin or "hinge ", "frame": "weld ", "distance": "rod ", "drive": ""}
     return words.get(kind, f"{kind} ")
 
 
 def _energies(run: Run) -> dict[str, np.ndarray]:
-    """Energies less those at the start, of solutions that know them."""
+    """Energies minus those at the start, for solutions that have them."""
     try:
         energy = run.source.energy(run.mech)
     except (AttributeError, InputError):
@@ -91,7 +91,7 @@ def _energies(run: Run) -> dict[str, np.ndarray]:
 
 
 def verdicts(runs: list[Run]) -> list[dict]:
-    """What the certificate of each run says, where a solution has one."""
+    """The verdict of each run's certificate, if its solution has one."""
     out = []
     for run in runs:
         try:

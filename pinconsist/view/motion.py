@@ -31,13 +31,13 @@ class Run:
 
     mech: Mechanism
     title: str
-    consistency: str  # of the initial values; empty where the solution does not say
+    consistency: str  # of the initial values; empty if the solution does not say
     elapsed: np.ndarray  # (n,), s, since the first row, forward or backward in time; never falling
     t: np.ndarray  # (n,)
     q: np.ndarray  # (n, nq)
     source: Any = None  # the solution
-    lam: np.ndarray | None = None  # (n, nc), where the solution has them
-    v: np.ndarray | None = None  # (n, nv), where it has them
+    lam: np.ndarray | None = None  # (n, nc), if the solution has them
+    v: np.ndarray | None = None  # (n, nv), if it has them
     true: Run | None = None  # with which it is compared
 
     @classmethod
@@ -58,7 +58,7 @@ class Run:
         for name, array in found.items():
             if array.shape != (t.size, widths[name]):
                 raise InputError(f"{needs} {name} of shape ({t.size}, {widths[name]}), got {array.shape}")
-        for name, width in {"lam": mech.nc, "v": mech.nv}.items():  # for curves, where they are of use
+        for name, width in {"lam": mech.nc, "v": mech.nv}.items():  # for curves, if they can be used
             given = np.asarray(getattr(sol, name, np.nan))
             if name not in found and given.shape == (t.size, width) and np.isfinite(given).all():
                 found[name] = given

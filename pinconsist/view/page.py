@@ -25,14 +25,14 @@ log = logging.getLogger(__name__)
 def export_html(
     mech, sol, file, *, speed: float = 1.0, fps: float = FPS, traces=(), forces: bool = False, panel: bool = True
 ) -> Path:
-    """Write the motion as one page that any browser plays, also offline.
+    """Write the motion as one page that plays in any browser, also offline.
 
-    Beside the motion are the curves of forces, torques, energies, joints, steps and orders, with a cursor at the time
-    that is shown, which can be dragged; above it the verdict of the run's certificate, :meth:`Solution.check`. The
+    Beside the motion are the curves of forces, torques, energies, joints, steps and orders, with a draggable cursor at
+    the current time; above it is the verdict of the run's certificate, :meth:`Solution.check`. The
     space bar plays and pauses, arrow keys step; pointing at a body or loop shows its name and force.
 
-    Shapes come from the mechanism's robot file where their meshes are found, else from joints, inertias and loops. A
-    loop shows as a clear shell (anchor 1) and a red core (anchor 2): it is closed where the core sits in the shell.
+    Shapes come from the mechanism's robot file if their meshes are found, else from joints, inertias and loops. A
+    loop is shown as a clear shell (anchor 1) and a red core (anchor 2): it is closed where the core sits in the shell.
     Springs of the mechanism between two points are coils.
 
     Parameters
@@ -40,11 +40,11 @@ def export_html(
     mech : Mechanism or sequence of Mechanism
         The scene; one for all solutions, or one for each.
     sol : Solution, or sequence of solutions, or mapping of titles to solutions
-        What is played, its rows in their order; several stand side by side, in one scale and at one pace. Needed are
+        What is played, its rows in order; several are shown side by side, at one scale and one speed. Required are
         ``t``, shape (n,), s, monotone, and ``q``, shape (n, nq); for forces also ``lam``, shape (n, nc), and for
         those of servos and joint torques ``v``, shape (n, nv).
     file : path
-        The page; written whole or not at all.
+        The file of the page; written whole or not at all.
     speed : float
         Seconds of motion per second of playing: 0.1 is slow motion.
     fps : float
@@ -53,13 +53,13 @@ def export_html(
         Frames of the model whose paths are drawn.
     forces : bool
         Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 where body 2 is the ground), and
-        its moment as an arrow that turns about its axis: those of :meth:`Solution.reaction`. So are the torques of
-        drives, and of the mechanism's servos and joint torques together, on joints of one degree of freedom; where the
-        joint slides they are forces. A scale bar shows what an arrow's length means. The largest has the longest
-        arrow; only outliers are cut, drawn in orange and labelled with their size. Loops whose forces are not
+        its moment as an arrow that turns about its axis, see :meth:`Solution.reaction`. So are the torques of
+        drives, and of the mechanism's servos and joint torques together, on joints of one degree of freedom; for a
+        sliding joint they are forces. A scale bar shows the scale of the arrows. The largest has the longest
+        arrow; only outliers are shortened, drawn in orange and labelled with their size. Loops whose forces are not
         determined (:attr:`Reaction.dependence`) are named, not drawn.
     panel : bool
-        With False the page has only the motion and its player.
+        If False, the page has only the motion and its player.
 
     Returns
     -------
@@ -90,17 +90,17 @@ def replay(
     """Show the motion in the browser, in real time × `speed`.
 
     The page of `export_html` is served on the loopback interface, on a port that is free, by a thread that ends with
-    the process. With `open_browser` the call returns when the browser has the page (or after ten seconds), and the
-    page then plays on without this process; otherwise it returns at once.
+    the process. With `open_browser` the call returns when the browser has loaded the page (or after ten seconds);
+    the page then plays on without this process; otherwise it returns at once.
 
     Parameters
     ----------
     mech, sol, speed, traces, forces
         As in `export_html`.
     loop : bool
-        Play again and again.
+        Whether to repeat the motion.
     open_browser : bool
-        Open the page in the user's browser.
+        Whether to open the page in the user's browser.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def replay(
 
 
 def page_of(mech, sol, *, fps=FPS, panel=True, **options) -> bytes:
-    """The `PARTS` with meshcat's viewer and the commands of :func:`picture`, which has the options."""
+    """The `PARTS` with meshcat's viewer and the commands of :func:`picture`, to which `options` are passed."""
     import json
     from importlib.resources import files
     from string import Template
@@ -137,7 +137,7 @@ def page_of(mech, sol, *, fps=FPS, panel=True, **options) -> bytes:
 
 
 def notebook_html(sol, mechanism) -> str:
-    """The text of a solution and, where the packages for it are installed, its picture and page."""
+    """The text of a solution and, if the packages are installed, its picture and page."""
     parts = [f"<pre>{escape(repr(sol))}</pre>"]
     for part in _picture, _frame:
         with suppress(MissingExtraError):

@@ -80,7 +80,7 @@ def sparse(count: int, marks: int, shift: int = 0) -> tuple[int, int]:
 
 
 def legend_beside(axis):
-    """A legend on the right of the panel, where it covers nothing."""
+    """A legend on the right of the panel, where it does not cover curves."""
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=4.5)
 
 
@@ -106,8 +106,8 @@ def widest(values, most: int) -> list[int]:
 def curves(axis, t, values, labels, title, *, magnified=None, running=()):
     """All columns over time; of more than twelve the widest have a name, others and zeros are grey. Returns the named.
 
-    `magnified` is what a first panel named: the same columns in the same style, every step marked, no legend. Angles
-    `running` on are drawn within ±π, so that they leave room for the others.
+    `magnified` holds the columns that a first panel named: they are drawn in the same style, every step marked, without
+    a legend. Angles `running` on are drawn within ±π, so that they leave room for the others.
     """
     t, time = clock(t)
     named = magnified
@@ -251,7 +251,7 @@ def drift(left, right, drawn):
 
 
 def energy(left, right, drawn):
-    """Energies since the start, so that a height is no matter, and works; and the error of the balance."""
+    """Energies relative to the start, as the zero of heights is arbitrary, and works; and the error of the balance."""
     found = drawn.sol.energy(drawn.need_mechanism("energy"))
     parts = {"kinetic": found.kinetic, "potential": found.potential}
     parts |= {"elastic": found.elastic} if found.stored else {}

@@ -27,7 +27,7 @@ GAP = 0.3  # between neighbours, in sizes of the picture
 
 
 class DrawnRun:
-    """What is drawn of one run, in the axes of its own world."""
+    """The drawing of one run, in the axes of its own world."""
 
     def __init__(self, whole: Run, elapsed: np.ndarray, path: str, visuals: list[Shape]):
         self.whole, self.path, self.visuals = whole, path, visuals  # shapes of the robot file
@@ -97,9 +97,9 @@ def picture(
     """The replay as a page needs it, places in axes with y up; parameters as in :func:`pinconsist.export_html`.
 
     ``clock`` is the time at the start, the seconds of motion per second of playing, and the duration of playing;
-    `beside` adds the curves and verdicts beside the motion. `first`, of :func:`pinconsist.compare`, says how wrong the
-    first run is at its first step, where the page stops, and what is true. `times` are those of the frames, s of
-    playing, in place of even ones.
+    `beside` adds the curves and verdicts beside the motion. `first`, of :func:`pinconsist.compare`, has the
+    error of the first run at its first step, where the page stops, and the true run. `times` are those of the frames,
+    s of playing, instead of even ones.
     """
     from .visuals import visuals  # and with it coal, only when something is shown
 

@@ -40,13 +40,13 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
     Parameters
     ----------
     sol : Solution
-        Or any object with ``t``, shape (n,), s, and ``q``, ``v``, ``lam``, of n rows each; ``lam`` may have no
-        columns, and is then not drawn.
+        A solution, or any object with ``t``, shape (n,), s, and ``q``, ``v``, ``lam``, of n rows each; ``lam`` without
+        columns is not drawn.
     file : path, optional
-        Where the figure is written, whole or not at all, over what was there; the ending chooses the format, such as
-        ``.png``, ``.pdf`` or ``.svg``. Default: it is only returned.
+        File to which the figure is written, whole or not at all; an existing file is replaced. The ending chooses the
+        format, such as ``.png``, ``.pdf`` or ``.svg``. Default: the figure is only returned.
     mech : Mechanism, optional
-        Gives the curves the names of its joints and loop rows. Needed for the drift and the energy of a solution that
+        Mechanism whose joints and loop rows name the curves. Needed for the drift and the energy of a solution that
         was read from a file; by default the mechanism that was simulated.
     what : sequence of str
         Of ``"trajectory"``, ``"multipliers"``, ``"drift"``, ``"energy"``, ``"steps"`` and ``"phase"``.
@@ -54,7 +54,7 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
     Returns
     -------
     matplotlib.figure.Figure
-        Without a window, and unknown to pyplot; a notebook shows it.
+        A figure without a window, not registered with pyplot; a notebook shows it.
 
     Raises
     ------
@@ -139,14 +139,14 @@ def plot_phase(sol, file=None, mech=None) -> Figure:
 def plot_comparison(rows, file=None) -> Figure:
     """A figure of the error of a force over time, from exact and consistent values, a panel for each step size.
 
-    As figure 5.1 of Arévalo (2008), and with every step corrected. Rows that are an exact start are left out.
+    Like figure 5.1 of Arévalo (2008), and also with every step corrected. Rows of an exact start are omitted.
 
     Parameters
     ----------
     rows : sequence
         Records with, as attributes or keys, ``h``, the step size, s; ``t``, shape (n,), s; ``exact`` and
-        ``consistent``, shape (n,), the errors; and, where they are known, ``every_step``, ``of`` and ``unit``: of what
-        they are, by default of λ, N or N·m.
+        ``consistent``, shape (n,), the errors; and optionally ``every_step``, ``of`` and ``unit``: the quantity,
+        by default λ, N or N·m.
     file : path, optional
         Where the figure is written, whole or not at all; the ending chooses the format.
 
@@ -200,12 +200,12 @@ def plot_work_precision(series, file=None, error="largest error of q  [rad, m]")
     Parameters
     ----------
     series : mapping
-        Label → (times, errors), of shape (n,) each: run times, s, and errors; what is not positive and finite is left
-        out.
+        Label → (times, errors), of shape (n,) each: run times, s, and errors; values that are not positive and finite
+        are omitted.
     file : path, optional
         Where the figure is written, whole or not at all; the ending chooses the format.
     error : str
-        What the errors are of, for their axis.
+        Label of the axis of the errors.
 
     Returns
     -------

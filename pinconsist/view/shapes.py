@@ -1,4 +1,4 @@
-"""Shapes as three.js reads them, and simple ones made from joints, loops and springs: what the model knows is drawn."""
+"""Shapes as three.js reads them, and simple ones made from joints, loops and springs of the model."""
 
 from dataclasses import dataclass, field, replace
 
@@ -223,7 +223,7 @@ def _guide(mech: Mechanism, loop: Loop, poses: np.ndarray, radius: float) -> lis
 def springs(mech: Mechanism, poses: np.ndarray, size: float) -> list[tuple[np.ndarray, np.ndarray, Shape, np.ndarray]]:
     """Springs between two points as coils that stretch with them.
 
-    Of each: its poses, shape (n, 7), and scales, shape (n, 3), its coil, and its two ends, shape (n, 2, 3).
+    For each: its poses, shape (n, 7), and scales, shape (n, 3), its coil, and its two ends, shape (n, 2, 3).
     """
     out = []
     for spring in (each for each in mech.forces if isinstance(each, SpringDamper)):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 ROUND = 18  # sides of what is round
 LONG, CAP = 12, 3  # parts of a cylinder's length and of its ends: of crossing ones the right parts hide the others
 LIGHT = np.array([-0.35, 0.55, 0.76])  # to the right, up, towards the viewer
-DARK = 0.45  # what the light does not reach has of its colour
+DARK = 0.45  # share of its colour that an unlit face keeps
 
 
 @dataclass(eq=False)
@@ -41,7 +41,7 @@ class Patch(NamedTuple):
 class Stage:
     """The solids and lines of a :func:`~pinconsist.view.picture.picture`, at every frame, seen without perspective.
 
-    ``planar`` says that all moves in parallel planes; ``extent``, m, encloses the motion.
+    ``planar`` says that everything moves in parallel planes; ``extent``, m, encloses the motion.
     """
 
     def __init__(self, page: dict):

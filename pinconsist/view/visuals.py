@@ -54,7 +54,7 @@ def _loadable(geometry: Geometry, loader) -> tuple[str, list[str]]:
 
 
 def _find(name: str, folders) -> Path:
-    """The mesh of this name inside of one of the folders, never elsewhere; ValueError if there is none."""
+    """The mesh of this name inside one of the folders, never elsewhere; ValueError if there is none."""
     scheme, _, rest = name.rpartition("://")
     if scheme in ("", "file", "package") and "\0" not in rest:
         for folder in (Path(folder).resolve() for folder in folders):
