@@ -1,4 +1,4 @@
-"""Motors → all joints of a closed chain: positions, velocities, forces, and the dynamics that the motors feel."""
+"""Motors → all joints of a closed chain: positions, velocities, forces, and the dynamics reduced to the motors."""
 
 from __future__ import annotations
 
@@ -18,46 +18,47 @@ from .motors import Motors
 class Actuation(Motors):
     """The map from the motors of a mechanism to all of its joints, and back.
 
-    Where the motors leave motions free, such as the spin of a rod between two balls, a warning says so and ``free``
-    names a joint for each: :meth:`closure` and :meth:`jacobian` hold these still, in the dynamics they are without
-    torque. Where motors are more than the motions, they share them at the least norm of the torques.
+    If the motors leave motions free, such as the spin of a rod between two balls, a warning is issued and ``free``
+    names a joint for each of them: :meth:`closure` and :meth:`jacobian` hold these joints fixed, and in the dynamics
+    they carry no torque. If there are more motors than motions, the torques of least norm are computed.
 
     Parameters
     ----------
     mech : Mechanism
-        Drives, servos and actuators of motors are left out; all other forces act.
+        Drives, servos and actuators of the motors are removed; all other forces act.
     motors : sequence of str, optional
-        Joints. Default: ``mech.actuated``. A joint of several degrees of freedom has a motor for each; name the
-        free-flyer of a floating robot here, too.
+        Joint names. Default: ``mech.actuated``. A joint of several degrees of freedom has a motor for each. The
+        free-flyer of a floating robot must be listed, too.
     q0 : mapping or array, optional
-        The configuration to begin with, closed as by :func:`assemble`. Default: the mechanism's guess.
+        The initial configuration, closed as by :func:`assemble`. Default: the mechanism's guess.
 
     Attributes
     ----------
     mechanism : Mechanism
-        Without what moves the motors.
+        The mechanism without the drives, servos and actuators of the motors.
     motors, free : tuple of str
-        The names of the m motors, and of the free motions: ``joint``, or ``joint[i]`` of a joint of several.
+        The names of the m motors, and of the free motions: ``joint``, or ``joint[i]`` for a joint of several degrees of
+        freedom.
     mobility : int
-        Degrees of freedom that the loops leave.
+        Degrees of freedom of the closed mechanism.
     q : ndarray, shape (nq,)
-        The last configuration that :meth:`closure` has reached.
+        The last configuration that :meth:`closure` reached.
 
     Raises
     ------
     InputError
-        No motors, unknown joints, something that moves with time.
+        No motors, unknown joints, a drive or constraint that depends on time.
     AssemblyError
         The loops cannot be closed.
     SingularSystemError
-        Motors that cannot move there; names them.
+        Some motors cannot move in that configuration; the message names them.
     """
 
     def jacobian(self, q=None) -> np.ndarray:
         """A = dq/dq_motors, shape (nv, m), in a closed configuration `q`, by default the last one.
 
-        Motors that are more than the motions have to agree: v = A v_motors holds where they do. Raises
-        SingularSystemError in a singular position; names what can move there.
+        If there are more motors than motions, v = A v_motors holds for consistent motor velocities. Raises
+        SingularSystemError in a singular position; the message names the joints that can move there.
         """
         q = self._q(q)
         Z, _ = self._basis(q)
@@ -65,18 +66,18 @@ class Actuation(Motors):
         return A @ np.linalg.pinv(self._seen(Z)) if self._shared else A
 
     def jacobian_rate(self, q, v) -> np.ndarray:
-        """The accelerations Ȧ v_motors, shape (nv,), with those of the motors at zero.
+        """The accelerations Ȧ v_motors, shape (nv,), for zero accelerations of the motors.
 
-        `q` and `v` are as in :meth:`velocity`. Raises SingularSystemError as :meth:`jacobian`.
+        `q` and `v` are as in :meth:`velocity`. Raises SingularSystemError as :meth:`jacobian` does.
         """
         return self.acceleration(q, v, np.zeros(len(self.motors)))
 
     def velocity(self, q, v) -> np.ndarray:
         """The velocities of all joints, shape (nv,), for those of the motors.
 
-        `q` is a closed configuration (None: the last one), `v` maps motor joints to velocities, rad/s or m/s, others at
-        rest, or is an array (m,), or one (nv,), which is returned. Raises InputError for other sizes and names,
-        SingularSystemError as :meth:`jacobian`.
+        `q` is a closed configuration (None: the last one). `v` maps motor joints to velocities, rad/s or m/s (the
+        others are at rest), or is an array (m,), or an array (nv,), which is returned. Raises InputError for other
+        sizes and names, SingularSystemError as :meth:`jacobian` does.
         """
         full, v = self._of_motors(v, "v")
         return v if full else self.jacobian(q) @ v
@@ -84,7 +85,7 @@ class Actuation(Motors):
     def acceleration(self, q, v, a) -> np.ndarray:
         """The accelerations of all joints, shape (nv,), for those of the motors, `a`, given like `v`.
 
-        `q` and `v` are as in :meth:`velocity`. Raises InputError and SingularSystemError as that.
+        `q` and `v` are as in :meth:`velocity`, and so are the errors raised.
         """
         q, v = self._q(q), self.velocity(q, v)
         full, a = self._of_motors(a, "a")
@@ -97,31 +98,32 @@ class Actuation(Motors):
     def limits(self, q=None) -> list[MotorRange]:
         """How far each motor can go with the others held, from a closed configuration `q`, by default the last one.
 
-        See :class:`MotorRange`. Joints have the limits of their file; a joint that is outside already stops at once.
+        See :class:`MotorRange`. Joint limits are those of the file; if a joint is outside its limits, the range is
+        empty.
         """
         return ranges(self, self._closed(q))
 
     def mass_matrix(self, q=None) -> np.ndarray:
-        """The inertia M_a that the motors feel, shape (m, m), in a closed configuration `q`, by default the last one.
+        """The mass matrix M_a of the motors, shape (m, m), in a closed configuration `q`, by default the last one.
 
-        It has all bodies, rods and rotors (armature); M_a a_a + h_a = τ_a with the h_a of :meth:`bias` are the exact
-        equations of motion. Raises SingularSystemError as :meth:`jacobian`.
+        It includes all bodies, rods and rotors (armature). M_a a_a + h_a = τ_a, with h_a of :meth:`bias`, are the exact
+        equations of motion. Raises SingularSystemError as :meth:`jacobian` does.
         """
         reduced = self._reduced(q, None, 0.0)
         return reduced.share.T @ reduced.M @ reduced.share
 
     def bias(self, q=None, v=None, *, t: float = 0.0) -> np.ndarray:
-        """The torques h_a, shape (m,), N·m or N, that hold the motors' velocities constant; by default at rest.
+        """The torques h_a, shape (m,), N·m or N, that keep the motors' velocities constant; by default at rest.
 
-        `q` and `v` are as in :meth:`velocity`; weights, springs, dampers and all other forces act, those of time at
-        `t`, s.
+        `q` and `v` are as in :meth:`velocity`. Weights, springs, dampers and all other forces act; those that depend on
+        time are evaluated at `t`, s.
         """
         reduced = self._reduced(q, v, t)
         drift = reduced.M @ (reduced.share @ reduced.drift[self._columns])
         return reduced.share.T @ (reduced.h - drift)
 
     def gravity(self, q=None) -> np.ndarray:
-        """The part of :meth:`bias` of the weights alone, shape (m,), N·m or N, at `q`, by default the last one."""
+        """The part of :meth:`bias` due to gravity, shape (m,), N·m or N, at `q`, by default the last configuration."""
         q = self._q(q)
         Z, _ = self._basis(q)
         weights = pin.computeGeneralizedGravity(self.mechanism.model, self._chosen.system.data, q)
@@ -130,7 +132,7 @@ class Actuation(Motors):
     def forward(self, q, v, torques, *, t: float = 0.0) -> np.ndarray:
         """The accelerations of the motors, shape (m,), under their `torques`, an array (m,) or a mapping.
 
-        `q`, `v` and `t` are as in :meth:`bias`. Raises SingularSystemError where a motion has no inertia.
+        `q`, `v` and `t` are as in :meth:`bias`. Raises SingularSystemError if a motion has no inertia.
         """
         q = self._q(q)
         tau, reduced = self._of_motors(torques, "torques", full=False)[1], self._reduced(q, v, t)
@@ -141,19 +143,19 @@ class Actuation(Motors):
         return reduced.seen @ y + reduced.drift[self._columns]
 
     def torques(self, q=None, v=None, a=None, *, forces=None, t: float = 0.0) -> MotorTorques:
-        """The motor torques of a motion, those of least norm where motors share the load, and the loops' reactions.
+        """The motor torques for a motion, those of least norm if motors share the load, and the reactions of the loops.
 
         Parameters
         ----------
         q : array (nq,), optional
             A closed configuration; default: the last one.
         v, a : mapping or array, optional
-            Velocities and accelerations of the motors, as for :meth:`velocity`, by default zero: free motions then
-            accelerate as they must. Where `a` is an array (nv,), of all joints, these too are asked for.
+            Velocities and accelerations of the motors, as for :meth:`velocity`, by default zero. The accelerations of
+            free motions then follow from the dynamics; with an array `a` (nv,) they are prescribed, too.
         forces : mapping, optional
             Frame → force on its body at its origin, N, or force and moment, N·m, in world axes: three or six numbers.
         t : float
-            Time of forces that depend on it, s.
+            Time at which forces are evaluated, s.
 
         Returns
         -------
@@ -162,7 +164,7 @@ class Actuation(Motors):
         Raises
         ------
         SingularSystemError
-            A singular position; or `a` has all joints' accelerations, and free motions would need torques.
+            A singular position; or `a` prescribes the accelerations of all joints, and free motions would need torques.
         InputError
             Unknown names, wrong sizes.
         """
@@ -171,45 +173,56 @@ class Actuation(Motors):
     def frame(self, frame: str) -> MotorFrame:
         """The map from the motors to a `frame` of the model, for positions, velocities and forces: a MotorFrame.
 
-        Raises InputError where there is no such frame.
+        Raises InputError for an unknown frame.
         """
         return MotorFrame(self, frame)
 
     def table(self, positions, file=None) -> dict[str, np.ndarray]:
-        """The closure on a grid of motor positions: a mapping of arrays, which is also written to `file`.
+        """The closure on a grid of motor positions, as a mapping of arrays, optionally written to `file`.
 
         Parameters
         ----------
         positions : mapping
-            Motor joint → positions, rad or m; the others stay. Each point of the grid is reached from a neighbour.
+            Motor joint → positions, rad or m; the others are held. Each point of the grid is reached from a neighbour.
         file : path, optional
-            ``.npz``, with these arrays, or ``.csv``, without the Jacobian, with units in its headings.
+            ``.npz`` with these arrays, or ``.csv`` without the Jacobian and with units in the column headings.
 
         Returns
         -------
         dict
-            ``positions`` (n, m), ``q`` (n, nq), ``ok`` (n,), ``condition`` (n,), ``jacobian`` (n, nv, m). Where not
-            ok, ``q`` is the last one on the way (NaN, where no neighbour is ok), and the Jacobian zero.
+            ``positions`` (n, m), ``q`` (n, nq), ``ok`` (n,), ``condition`` (n,), ``jacobian`` (n, nv, m). If a point is
+            not ok, ``q`` is the last configuration on its path (NaN if no neighbour is ok), and the Jacobian is zero.
 
         Raises
         ------
         InputError
-            Unknown motors; another ending.
+            Unknown motors; another file extension.
         OSError
             The file cannot be written.
         """
         return table(self, positions, file)
 
     def to_c(self, file) -> Path:
-        """The closure, the Jacobian and the reduced dynamics as C99 for controllers: `file` is ``name.c``.
+        """Write the closure, the Jacobian and the reduced dynamics as C99 code for controllers; `file` is ``name.c``.
 
         Its functions ``name_closure``, ``name_jacobian`` and ``name_dynamics`` (mass matrix and bias) need no libraries
-        and no allocation; the head of the file says how they are called. The closure makes a fixed number of Newton's
-        steps, so that motors far away are reached in several calls.
+        and no allocation; the head of the file documents their calls. The closure makes a fixed number of Newton
+        steps, so that distant motor positions require several calls.
 
-        Returns its path. Raises MissingExtraError without CasADi, OSError where it cannot be written, InputError where
-        motors share the load, or have several degrees of freedom, and for forces other than damping, dry friction,
-        springs and constant torques, constraints of your own, and joints whose axes move against each other.
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        MissingExtraError
+            CasADi is not installed.
+        OSError
+            The file cannot be written.
+        InputError
+            Motors that share the load or have several degrees of freedom; forces other than damping, dry friction,
+            springs and constant torques; user-defined constraints; joints whose axes move relative to each other.
         """
         return to_c(self, file)
 

@@ -1,4 +1,4 @@
-"""Equilibrium: where a mechanism rests under its forces, what its loops then carry, and whether it would stay there."""
+"""Equilibrium: the configuration at rest under all forces, its multipliers, and its stability."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -40,23 +40,23 @@ class Equilibrium(Locked, HasReactions):
     Attributes
     ----------
     mechanism : Mechanism
-        Whose equilibrium it is, with all forces that act.
+        The mechanism, with all forces that act.
     t : float
-        When, s.
+        Time, s.
     q : ndarray, shape (nq,)
         Closed configuration.
     lam : ndarray, shape (nc,)
-        Multipliers of all rows, those of smallest norm where rows are redundant; signs, frames and units:
+        Multipliers of all rows, those of smallest norm if rows are redundant; signs, frames and units:
         :mod:`pinconsist.mechanism.loops`.
     residual : float
         Largest entry of |g - τ - Jᵀλ|, N·m or N.
     stiffness : ndarray, shape (mobility,)
         Eigenvalues, ascending, of the symmetric part of the stiffness on the displacements that the loops allow, of
-        unit length in joint coordinates, N·m/rad (or N/m). What cannot be distinguished from zero is zero.
+        unit length in joint coordinates, N·m/rad (or N/m). Values that cannot be distinguished from zero are zero.
     neutral : tuple of str
-        Joints of the displacements that nothing resists and nothing drives: those of no stiffness.
+        Joints of the displacements with zero stiffness.
     iterations : int
-        Newton steps.
+        Number of Newton steps.
     """
 
     mechanism: Mechanism = field(repr=False)
@@ -70,9 +70,9 @@ class Equilibrium(Locked, HasReactions):
 
     @property
     def stable(self) -> bool:
-        """Every small displacement that the loops allow is resisted: all of `stiffness` is positive.
+        """Whether every small displacement that the loops allow is resisted: all of `stiffness` is positive.
 
-        Where forces have no potential (followers, a servo of one joint on another) this excludes falling over, not
+        If forces have no potential (follower forces, a servo of one joint on another), this excludes divergence but not
         flutter; see :meth:`Linearization.modes`.
         """
         return bool((self.stiffness > 0).all())
@@ -97,7 +97,7 @@ class Equilibrium(Locked, HasReactions):
         InputError
             Unknown names; a parameter that makes redundant loops contradict each other.
         SingularSystemError
-            Nothing resists some motion.
+            Some motion has zero stiffness.
         """
         varied, rest = Varied(self.mechanism, parameters, theta), np.zeros(self.mechanism.nv)
         dq, _, _, dlam = of_state(varied, self.t, self.q, rest, rest, self.lam)
@@ -116,23 +116,23 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
     """Find a closed configuration in which g(q) = τ(t, q, 0) + Jᵀλ.
 
     Newton's method on the configurations that the loops allow: each step is taken in their tangent space with the
-    stiffness of forces, weight and constraint forces, and closed again. With ``stable`` it goes downhill: negative
-    curvature is turned round, steps that take work from outside are halved, and a resting point that is not stable
-    is left. The mass matrix is not used: massless links do no harm.
+    stiffness of forces, weight and constraint forces, and the loops are closed again. With ``stable`` it is a descent:
+    the sign of negative curvature is reversed, steps that require external work are halved, and an unstable equilibrium
+    is left. The mass matrix is not used, so that massless links are allowed.
 
     Parameters
     ----------
     mechanism : Mechanism
-        All of its forces act, as they are at rest; dry friction, which is smoothed, then vanishes. Drives hold their
-        joints where they are at time `t`.
+        All of its forces act, evaluated at rest; dry friction, which is smoothed, vanishes there. Drives hold their
+        joints at the values of time `t`.
     q0 : mapping or array, optional
-        Where to start, as in :func:`assemble`. Default: the mechanism's guess.
+        Initial configuration, as in :func:`assemble`. Default: the mechanism's guess.
     forces : sequence
         Additional forces, as in :func:`simulate`.
     t : float
         Time at which forces and drives are evaluated, s.
     stable : bool
-        False: go to the equilibrium that Newton's method finds from `q0`, of either kind.
+        False: return the equilibrium that Newton's method finds from `q0`, stable or not.
 
     Returns
     -------
@@ -141,13 +141,14 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
     Raises
     ------
     EquilibriumError
-        None was found: what still pushes, on which joints; carries the configuration.
+        None was found; the message gives the unbalanced forces and their joints, and the error carries the
+        configuration.
     AssemblyError
         The loops cannot be closed.
     SingularSystemError
-        It is at a singular position, where the forces in the loops are not determined.
+        The equilibrium is at a singular position, where the forces in the loops are not determined.
     InputError
-        Arguments that cannot be used.
+        Invalid arguments.
     """
     mechanism = with_forces(mechanism, forces, "equilibrium")
     t = float(finite_array(t, "t"))

@@ -1,4 +1,4 @@
-"""Inverse dynamics: the motor torques that driven joints need for a motion that they determine. No integration."""
+"""Inverse dynamics: the motor torques for a motion that is determined by its driven joints. No integration."""
 
 from dataclasses import dataclass, field
 
@@ -27,13 +27,13 @@ class InverseDynamics(Locked, HasReactions):
     Attributes
     ----------
     mechanism : Mechanism
-        Whose motion it is, with all forces that act.
+        The mechanism, with all forces that act.
     t : ndarray, shape (n,)
-        s.
+        Times, s.
     q, v, a : ndarray, shapes (n, nq), (n, nv), (n, nv)
         Configurations, velocities, accelerations.
     lam : ndarray, shape (n, nc)
-        Multipliers of all rows; those of smallest norm where loops have redundant rows.
+        Multipliers of all rows; those of smallest norm if loops have redundant rows.
     torques : dict[str, ndarray]
         Drive → its motor torque, shape (n,), N·m (or N), positive along the joint's velocity.
     """
@@ -68,20 +68,20 @@ class InverseDynamics(Locked, HasReactions):
 
 
 def inverse_dynamics(mechanism, times, q0=None, *, forces=()) -> InverseDynamics:
-    """Motor torques of a chain whose drives determine its motion.
+    """Compute the motor torques of a chain whose drives determine its motion.
 
-    At each time the loops and the drives give the configuration, their derivatives the velocity and the acceleration,
-    and the equations of motion what the loops and the motors carry. Between the times the configuration is followed,
-    in smaller steps where it turns fast, so that it stays on its branch.
+    At each time the loops and the drives determine the configuration, their derivatives the velocity and the
+    acceleration, and the equations of motion the multipliers and the motor torques. Between the times the configuration
+    is followed, with smaller steps where it changes fast, so that it stays on its branch.
 
     Parameters
     ----------
     mechanism : Mechanism
-        With a :class:`Drive` for each motion that its loops leave free.
+        A mechanism with a :class:`Drive` for each motion that its loops leave free.
     times : array, shape (n,)
-        s.
+        Times, s.
     q0 : mapping or array, optional
-        Where to start at the first time, as in :func:`assemble`. Default: the mechanism's guess.
+        Guess at the first time, as in :func:`assemble`. Default: the mechanism's guess.
     forces : sequence
         Additional forces, as in :func:`simulate`; friction, damping and all others act with the motion's velocities.
 
@@ -92,12 +92,12 @@ def inverse_dynamics(mechanism, times, q0=None, *, forces=()) -> InverseDynamics
     Raises
     ------
     SingularSystemError
-        The drives leave some joints free, or are at a dead centre; more drives than free motions, contradicting each
-        other. Says which joints, and when.
+        The drives leave some joints free, or are at a dead centre, or are more than the free motions and contradict
+        each other. The message names the joints and the time.
     AssemblyError
-        The loops cannot follow the drives: says when and carries the last configuration.
+        The loops cannot follow the drives; the message gives the time, and the error carries the last configuration.
     InputError
-        Arguments that cannot be used.
+        Invalid arguments.
     """
     mechanism = with_forces(mechanism, forces, "inverse_dynamics")
     times = np.atleast_1d(finite_array(times, "times"))

@@ -33,24 +33,24 @@ from .variations import (
 class Linearization(Locked):
     """The equations mass·y'' + damping·y' + stiffness·y = 0 of small variations y about a state.
 
-    The y are the variations of as many joints as the loops leave free, all others follow: δq = Z y to first order.
-    About a state that moves they are seen from the moving state (which matters to joints that turn in space only), and
-    the coefficients are those of the instant: exponentials are solutions where these stay constant.
+    The y are the variations of as many joints as the loops leave free; all others follow: δq = Z y to first order.
+    About a moving state the variations are expressed in the frame of this state (this matters for joints with rotations
+    in space only), and the coefficients are those at time `t`: exponentials are solutions if they are constant.
 
     Attributes
     ----------
     t : float
-        s.
+        Time, s.
     q, v, a, lam : ndarray
         The state, its acceleration and its multipliers: shapes (nq,), (nv,), (nv,), (nc,). In an equilibrium v and a
-        vanish.
+        are zero.
     coordinates : tuple of str, length n
-        The joints whose variations the y are; ``ball[0]`` is the first velocity of a joint that has several.
+        Names of the joints of the variations y; ``ball[0]`` is the first velocity of a joint that has several.
     Z : ndarray, shape (nv, n)
-        What each y moves, in joint velocities.
+        Joint velocities for unit y, as columns.
     mass, damping, stiffness : ndarray, shape (n, n)
         ZᵀMZ; damping and gyroscopic terms; stiffness of the forces, the weight, the constraint forces (geometric
-        stiffness) and, where it moves, of the curvature of the constraints. SI.
+        stiffness) and, about a moving state, of the curvature of the constraints. SI.
     """
 
     t: float
@@ -74,7 +74,7 @@ class Linearization(Locked):
         Raises
         ------
         SingularSystemError
-            Some of the motions have no inertia; :meth:`modes` deals with those.
+            Some motions have no inertia; use :meth:`modes` then.
         """
         n = len(self.mass)
         scaled = self._sizes[:, None] * self.mass * self._sizes
@@ -92,8 +92,8 @@ class Linearization(Locked):
         Returns
         -------
         Derivatives
-            Of ``"mass"``, ``"damping"`` and ``"stiffness"``, (n, n, P); the last index is the parameter. An
-            equilibrium that was found moves with the parameters; a state that was given is assembled again.
+            Of ``"mass"``, ``"damping"`` and ``"stiffness"``, (n, n, P); the last index is the parameter. A computed
+            equilibrium changes with the parameters; a prescribed state is assembled again.
         """
         mechanism, q0, v0 = self._about
         varied, dq = Varied(mechanism, parameters, theta), None
@@ -110,9 +110,9 @@ class Linearization(Locked):
         return Derivatives(varied.names, dict(zip(("mass", "damping", "stiffness"), parts, strict=True)))
 
     def modes(self) -> Modes:
-        """Find natural frequencies, damping ratios and mode shapes, motions without inertia condensed.
+        """Compute natural frequencies, damping ratios and mode shapes; motions without inertia are condensed.
 
-        Those of them without damping follow the others at once; those with damping are of first order.
+        Of these, motions without damping follow the others without delay; those with damping are of first order.
 
         Returns
         -------
@@ -122,7 +122,7 @@ class Linearization(Locked):
         Raises
         ------
         SingularSystemError
-            A motion has neither inertia nor damping nor stiffness, so the modes are not determined.
+            A motion has neither inertia nor damping nor stiffness; the modes are not determined.
         """
         return modes(self)
 
@@ -136,7 +136,7 @@ def linearize(mechanism, q0=None, v0=None, *, forces=(), t: float = 0.0) -> Line
     q0 : mapping or array, optional
         Configuration, closed as by :func:`assemble`. Default: the equilibrium that :func:`equilibrium` finds.
     v0 : mapping or array, optional
-        Velocity, put on the constraints as by :func:`assemble`. Default: rest, or what drives make of it.
+        Velocity, projected onto the constraints as by :func:`assemble`. Default: rest, except for driven motion.
     forces : sequence
         Additional forces, as in :func:`simulate`.
     t : float
@@ -153,15 +153,15 @@ def linearize(mechanism, q0=None, v0=None, *, forces=(), t: float = 0.0) -> Line
     AssemblyError
         The loops cannot be closed, or do not allow `v0`.
     SingularSystemError
-        A motion without inertia is pushed: no acceleration balances it.
+        A force acts on a motion without inertia: no acceleration balances it.
     InputError
-        Arguments that cannot be used.
+        Invalid arguments.
 
     Notes
     -----
-    Varied are Φ, its rates J v + Φ_t and J a + γ, and M a + nle - τ - Jᵀλ. Of δv and δa the coordinates' part is y' and
-    y'', the rest follows from the rates. Projected by Zᵀ, which takes δλ away, the last variation is that of the
-    equations of motion in minimal coordinates, exactly.
+    The variations of Φ, of its rates J v + Φ_t and J a + γ, and of M a + nle - τ - Jᵀλ are formed. In δv and δa, the
+    entries of the coordinates are y' and y'', the others follow from the rates. The projection by Zᵀ eliminates δλ, and
+    the last variation is then exactly that of the equations of motion in minimal coordinates.
     """
     mechanism, t = with_forces(mechanism, forces, "linearize"), float(finite_array(t, "t"))
     given = q0

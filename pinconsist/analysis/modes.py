@@ -16,17 +16,17 @@ NOISE = 1e-10  # of the stiffness and of the forces: what cannot be distinguishe
 class Modes(Locked):
     """Solutions shape · exp(eigenvalue · t) of a :class:`Linearization`, the slowest first.
 
-    Of a conjugate pair the one that turns forwards is given; aperiodic motions stand for themselves, a motion that
-    nothing resists has the eigenvalue zero.
+    Of each conjugate pair, the eigenvalue with positive imaginary part is returned. A motion with zero stiffness has
+    eigenvalue zero.
 
     Attributes
     ----------
     eigenvalues : ndarray of complex, shape (m,)
-        1/s; a positive real part grows.
+        Eigenvalues, 1/s; modes with a positive real part grow.
     shapes : ndarray, shape (nv, m)
-        δq of each mode in joint velocities, its largest entry 1; real without damping.
+        δq of each mode in joint velocities, with largest entry 1; real without damping.
     massless : int
-        Motions without inertia, whose frequencies are infinite and left out. They follow the others without delay.
+        Number of motions without inertia. Their infinite frequencies are omitted; they follow the others without delay.
     """
 
     eigenvalues: np.ndarray
@@ -45,7 +45,7 @@ class Modes(Locked):
 
     @property
     def damping_ratios(self) -> np.ndarray:
-        """-Re/|eigenvalue|: 0 undamped, 1 decays without oscillation, below 0 grows; NaN at eigenvalue zero."""
+        """-Re/|eigenvalue|: 0 if undamped, 1 without oscillation, negative if growing; NaN for eigenvalue zero."""
         with np.errstate(invalid="ignore"):
             return np.where(self.eigenvalues == 0, np.nan, 0.0 - self.eigenvalues.real / self.frequencies)
 

@@ -1,4 +1,4 @@
-"""Torques of motors and forces of frames: what holds or makes a motion, and one from the other."""
+"""Motor torques for a motion, and the map between motor torques and forces at frames."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,14 +19,14 @@ AXES = pin.LOCAL_WORLD_ALIGNED
 
 @dataclass(frozen=True, eq=False)
 class MotorTorques(Locked, HasReactions):
-    """What motors give for a motion.
+    """Motor torques for a motion.
 
     Attributes
     ----------
     mechanism : Mechanism
-        Whose motion it is.
+        The mechanism.
     t : float
-        s.
+        Time, s.
     q, v, a : ndarray, shapes (nq,), (nv,), (nv,)
         The state and its acceleration.
     lam : ndarray, shape (nc,)
@@ -104,7 +104,7 @@ class MotorFrame:
     Attributes
     ----------
     name : str
-        Of the frame.
+        Name of the frame.
 
     See Also
     --------
@@ -118,30 +118,29 @@ class MotorFrame:
         return f"MotorFrame({self.name!r})"
 
     def pose(self, q=None) -> pin.SE3:
-        """The pose in a closed configuration `q`, by default the last one that the closure has reached."""
+        """The pose in a closed configuration `q`, by default the last one that the closure reached."""
         model, data = self._act.mechanism.model, self._act._chosen.system.data
         pin.forwardKinematics(model, data, self._act._q(q))
         return pin.SE3(pin.updateFramePlacement(model, data, self._frame))
 
     def jacobian(self, q=None) -> np.ndarray:
-        """The velocity, m/s, and spin, rad/s, for unit velocities of the motors, shape (6, m), at `q`."""
+        """The velocity, m/s, and angular velocity, rad/s, for unit velocities of the motors, shape (6, m), at `q`."""
         q = self._act._q(q)
         A = self._act.jacobian(q)
         return _frame_jacobian(self._act, q, self._frame) @ A
 
     def torques(self, force, q=None) -> np.ndarray:
-        """The motor torques, shape (m,), by which the frame pushes with this `force` on what is around it, at `q`.
+        """The motor torques, shape (m,), with which the frame exerts this `force` on its environment, at `q`.
 
-        Three numbers, N, or six with the moment, N·m. Weights and inertia come on top: :meth:`Actuation.torques`.
+        Three numbers, N, or six with the moment, N·m. For weights and inertia see :meth:`Actuation.torques`.
         """
         force = _checked(force, self.name)
         return self.jacobian(q)[: len(force)].T @ force
 
     def force(self, torques, q=None, *, moment: bool = False) -> np.ndarray:
-        """The force, N, by which the frame pushes where the motors have these `torques`, at `q`; shape (3,).
+        """The force, N, that the frame exerts on its environment with these motor `torques`, at `q`; shape (3,).
 
-        It is the one of least norm that needs just these torques, or most nearly; with `moment`, force and moment,
-        shape (6,).
+        It is the least-squares solution of least norm; with `moment`, force and moment, shape (6,).
         """
         tau = self._act._of_motors(torques, "torques", full=False)[1]
         J = self.jacobian(q)[: 6 if moment else 3]

@@ -1,4 +1,4 @@
-"""Where motors can go: each alone, to a limit of a joint or a singular position, and all of them on a grid."""
+"""Reach of motors: the range of each alone, to a joint limit or a singular position, and all of them on a grid."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -26,11 +26,11 @@ class MotorRange:
     Attributes
     ----------
     motor : str
-        Its name.
+        Name of the motor.
     lower, upper : float
-        The positions at its ends, rad or m; infinite if it can turn all the way round, or if no end was found.
+        The ends of the range, rad or m; infinite if it can turn all the way round, or if no end was found.
     lower_by, upper_by : str
-        What ends it: the joint that is at its limit, ``"singular"``, or ``"nothing"``.
+        The reason for each end: the joint that is at its limit, ``"singular"``, or ``"nothing"``.
     lower_condition, upper_condition : float
         :meth:`Actuation.condition` at the ends.
     lower_moves, upper_moves : tuple of str
@@ -55,7 +55,7 @@ class MotorRange:
 
 
 def ranges(act, q) -> list[MotorRange]:
-    """What :meth:`Actuation.limits` returns."""
+    """See :meth:`Actuation.limits`."""
     chosen, found, units = act._chosen, [], velocity_units(act.mechanism.model)
     for k in range(chosen.n_motors):
         column = chosen.columns[k]
@@ -73,7 +73,7 @@ def _end(act, q, k, start, stride, most):
     unit[k] = stride
 
     def beyond(there):
-        """The joint that is farthest outside of its limits, or an empty string."""
+        """The joint that is farthest outside its limits, or an empty string."""
         found = beyond_limits(act.mechanism, (0.0, 1.0), np.array([begun, there]))
         return max(found, key=lambda one: max(one.value - one.upper, one.lower - one.value)).joint if found else ""
 
@@ -98,7 +98,7 @@ def _end(act, q, k, start, stride, most):
 
 
 def table(act, positions, file=None) -> dict[str, np.ndarray]:
-    """What :meth:`Actuation.table` returns."""
+    """See :meth:`Actuation.table`."""
     suffix = "" if file is None else Path(file).suffix
     if file is not None and suffix not in (".npz", ".csv"):
         raise InputError(f"{file}: a table is written as .npz or .csv")

@@ -70,24 +70,24 @@ class Motors:
     def positions(self, q=None) -> np.ndarray:
         """The positions of the motors in a configuration `q`, rad or m, shape (m,); default: the last one.
 
-        Those of a joint of several degrees of freedom are a rotation vector, or a pose as Pinocchio's ``difference``
-        from the neutral configuration has it.
+        For a joint of several degrees of freedom they are a rotation vector, or a pose in the coordinates of
+        Pinocchio's ``difference`` from the neutral configuration.
         """
         model = self.mechanism.model
         return np.array(pin.difference(model, pin.neutral(model), self._q(q))[self._columns])
 
     def closure(self, positions, q=None) -> tuple[np.ndarray, np.ndarray | bool]:
-        """The configuration in which the motors stand at `positions`: (q, ok).
+        """The configuration with the motors at `positions`: (q, ok).
 
-        The motors are led there from the last configuration, or from `q`, all at once and in steps that stay in the
-        mode of assembly. Where that is not possible, `ok` is False, the configuration is the last one on the way, and
-        ``message`` says what blocks it: a singular position, the end of the reach.
+        The motors are moved there from the last configuration, or from `q`, all at once and in steps that keep the
+        assembly mode. If that is not possible, `ok` is False, the configuration is the last one on the path, and
+        ``message`` gives the reason: a singular position, or the end of the reach.
 
         Parameters
         ----------
         positions : mapping or array
-            Motor joint → position, as for :meth:`Mechanism.configuration`, the others stay; or an array (m,), rad or m.
-            A batch has an array (n, m), or arrays (n,) in the mapping: from each configuration to the next.
+            Motor joint → position, as for :meth:`Mechanism.configuration`, the others are held; or an array (m,), rad
+            or m. For a batch, an array (n, m), or a mapping to arrays (n,): each row starts from the one before it.
         q : array (nq,), optional
             A closed configuration to start from.
 
@@ -99,7 +99,7 @@ class Motors:
         Raises
         ------
         InputError
-            Names that are no motors, wrong sizes, a `q` that is not closed.
+            Names that are not motors, wrong sizes, a `q` that is not closed.
         """
         if q is not None:
             self.q = self._closed(q, NOT_CLOSED)
@@ -125,7 +125,7 @@ class Motors:
 
     @property
     def message(self) -> str:
-        """Why the last closure did not reach its goal; empty where it did."""
+        """The reason why the last closure did not reach its goal; empty if it did."""
         if self._reason is None:
             self._reason = f"the way is blocked {self._singular(self.q)}"
         return self._reason
@@ -197,7 +197,7 @@ class Motors:
     def condition(self, q=None) -> float:
         """How well the motors determine the motion in a configuration `q` (default: the last one): from 0 to 1.
 
-        The smallest singular value of what the motors see of the motions that the loops allow: 0 in a singular
+        The smallest singular value of the map from the motions that the loops allow to the motors: 0 in a singular
         position, where the mechanism can move with its motors held.
         """
         return float(self._chosen.weakest(self._closed(q))[0][self._chosen.n_motors - 1])

@@ -1,4 +1,4 @@
-"""First variations of a mechanism's equations at a state: what statics and linearisation are made of.
+"""First variations of a mechanism's equations at a state, for statics and linearisation.
 
 A variation δq lives in the tangent space of the configurations, as velocities do. Those that the loops allow are
 δq = Z y, where the y are the variations of a few joints themselves: Z has a unit row for each of them.
@@ -159,9 +159,9 @@ class Derivatives:
     Attributes
     ----------
     names : tuple of str
-        Of the parameters.
+        Names of the parameters.
     values : dict[str, ndarray]
-        Of what, by the name that it has in the result: ``q`` as tangent vectors, ``lam``, ``torques.NAME``, …
+        Derivatives by the name of the quantity in the result: ``q`` as tangent vectors, ``lam``, ``torques.NAME``, …
     """
 
     names: tuple[str, ...]

@@ -31,7 +31,7 @@ PIN = f'<geometry><cylinder radius="{1.5 * RADIUS}" length="{4 * RADIUS}"/></geo
 
 
 class Source(NamedTuple):
-    """Where a scene is read from: a file, or a URDF text and what a loop file would say of it."""
+    """The source of a scene: a file, or a URDF text with the content of its loop file."""
 
     path: Path
     name: str
@@ -46,19 +46,19 @@ def models() -> dict[str, str]:
     Returns
     -------
     dict[str, str]
-        Name → one line of description; ``<n>`` in a name is a number of your choice.
+        Name → one line of description; ``<n>`` in a name stands for a number.
 
     Raises
     ------
     FormatError
-        A damaged installation: a loop file among the models that cannot be read.
+        A damaged installation: the loop file of a model cannot be read.
     """
     files = {path.stem: read_loop_file(find_loop_file(path)).description for path in _built_in().values()}
     return files | {f"{name}_<n>": description for name, (description, _, _) in FAMILIES.items()}
 
 
 def is_built_in(source) -> bool:
-    """Whether `source` is a name by which :func:`pinconsist.load` knows a scene, and no path."""
+    """Whether `source` is the name of a scene known to :func:`pinconsist.load`, and not a path."""
     return isinstance(source, str) and (source in _built_in() or source in ROBOTS or _family(source) is not None)
 
 

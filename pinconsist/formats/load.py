@@ -26,7 +26,7 @@ _MUST_VANISH = ("offset", "velocity", "acceleration")  # desired ones of a const
 
 
 def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=(), precision=0.0) -> Mechanism:
-    """A mechanism from a built-in name, a file, a folder or a Pinocchio object.
+    """A mechanism from the name of a built-in model, a file, a folder or a Pinocchio object.
 
     Parameters
     ----------
@@ -35,26 +35,26 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(),
         that holds one ``.urdf``; or a model in memory; or a robot of the pip package example-robot-data: ``"cassie"``,
         ``"cassie_v2"``, ``"cassie_reduced"``, ``"cassie_simple"``, ``"cassie_wo_gearbox_spring"``.
     loops : path-like or sequence, optional
-        The loop file. Without it: ``<stem>.yaml`` or ``.yml`` beside the URDF, else ``robot.yaml`` or ``.yml``
-        there, else what the URDF says itself: ``<loop_joint>`` elements, or pairs of frames with closing names
-        (:mod:`pinconsist.formats.urdf_loops`), else none (a plain tree). SDF and MJCF files close their loops
-        themselves (:mod:`pinconsist.formats.sdf`, :mod:`pinconsist.formats.mjcf`); no loop file is looked for.
-        Of a model in memory, a sequence of Pinocchio's constraint models and of Loop, Drive and Coupling records.
+        The loop file. Default: ``<stem>.yaml`` or ``.yml`` beside the URDF, else ``robot.yaml`` or ``.yml`` there, else
+        the loops of the URDF itself: ``<loop_joint>`` elements, or pairs of frames with closing names
+        (:mod:`pinconsist.formats.urdf_loops`), else none (a plain tree). SDF and MJCF files define their own loops
+        (:mod:`pinconsist.formats.sdf`, :mod:`pinconsist.formats.mjcf`); no loop file is searched for.
+        For a model in memory, a sequence of Pinocchio's constraint models and of Loop, Drive and Coupling records.
     closure : {"point", "frame", "hinge"}, optional
-        Close every loop in this way instead (a kind of :class:`~pinconsist.Loop`); loops of another kind than these
-        stay as they are.
+        Use this kind of :class:`~pinconsist.Loop` for all points, frames and hinges; loops of other kinds are
+        unchanged.
     free_flyer : bool
-        Let the root link of a file float freely instead of fixing it to the ground, where it is. SDF files too
-        are fixed by default, as by Pinocchio's own readers. Not for MJCF, where the file says what floats.
+        Let the root link of a file float freely instead of fixing it to the ground at its pose. SDF files are also
+        fixed by default, as by Pinocchio's own readers. Not for MJCF, where the file defines which bodies float.
     package_dirs : sequence of path-like
-        Folders in which mesh files are looked for, before the folder of the URDF.
+        Folders in which mesh files are searched for, before the folder of the URDF.
     ignore : sequence of str
-        Elements of a URDF or SDF file that close loops in another program, are not read here and would be refused,
-        by tag or name: ``"drake:ball_constraint"``, ``"gazebo/joint"``. The file is loaded without them.
+        Elements of a URDF or SDF file that close loops in another program and are not supported here, by tag or name:
+        ``"drake:ball_constraint"``, ``"gazebo/joint"``. The file is loaded without them instead of being refused.
     precision : float
-        How far off the numbers of the source may be, m and rad: 1e-6 for a file that was written with six digits.
-        Loops that lock, or contradict, each other by less agree then: see :meth:`Mechanism.corrected`. Default: the
-        numbers are taken as they stand.
+        Error of the numbers of the source, m and rad: 1e-6 for a file that was written with six digits. Loops that
+        lock or contradict each other because of smaller errors are made to agree, see :meth:`Mechanism.corrected`.
+        Default: the numbers are not changed.
 
     Returns
     -------
@@ -64,11 +64,11 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(),
     Raises
     ------
     InputError
-        Unknown name or impossible option.
+        Unknown name or invalid option.
     MissingExtraError
-        The files of a robot, or MuJoCo for an MJCF file, are not installed; names what to install by pip.
+        The files of a robot, or MuJoCo for an MJCF file, are not installed; the message names the pip package.
     FormatError
-        A file that cannot be read as a scene; names the file and the element.
+        A file that cannot be read as a scene; the message names the file and the element.
     """
     if closure is not None and closure not in _CLOSURES:
         raise InputError(f"closure={closure!r} is not one of {', '.join(_CLOSURES)}")
@@ -153,7 +153,7 @@ def _of_model(source, loops, closure) -> Mechanism:
 
 
 def _closed_by(loops, closure) -> tuple:
-    """The points, frames and hinges, closed in another way if one is given; other kinds and records stay."""
+    """The loops with the kind `closure`, if given, for points, frames and hinges; other records are unchanged."""
 
     def closed(loop):
         return replace(loop, kind=closure, axis=loop.axis if closure == "hinge" else None)
@@ -162,12 +162,12 @@ def _closed_by(loops, closure) -> tuple:
 
 
 def loops_of(constraint_models, model: pin.Model) -> tuple[list, pin.Model]:
-    """Loops that hold together what Pinocchio's constraint models do, beside records as they are, and their model.
+    """Loops equivalent to Pinocchio's constraint models, with other records unchanged, and their model.
 
-    Read are point and frame anchors, the legacy rigid constraints in 3D and 6D, and these inside the common constraint
-    model; InputError for other kinds, compliance, desired offsets or motions. Baumgarte gains are not needed and
-    ignored. A constraint without a name is called by its place, ``loop1``. The model is a copy with one more frame for
-    each joint that carries an anchor but no frame of a unique name.
+    Supported are point and frame anchors, the legacy rigid constraints in 3D and 6D, and these inside the common
+    constraint model; InputError for other kinds, compliance, desired offsets or motions. Baumgarte gains are ignored. A
+    constraint without a name is named by its place, ``loop1``. The model is a copy with one more frame for each joint
+    that carries an anchor but no frame of a unique name.
     """
     loops, names = [], []
     for given in constraint_models:
@@ -213,7 +213,7 @@ def _kind(constraint, name):
 
 
 def _with_frame_on(joint, model):
-    """The model and the name of a frame on this joint that no other frame has; a copy gets one if there is none."""
+    """The model and the unique name of a frame on this joint; if there is none, it is added to a copy of the model."""
     if joint == 0:
         return model, GROUND
     names = [frame.name for frame in model.frames]

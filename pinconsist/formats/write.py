@@ -44,17 +44,17 @@ _JOINTS = {  # Pinocchio's name → (type in URDF, axis or None where the joint 
 def write(mechanism: Mechanism, path) -> Path:
     """Write a mechanism as a URDF file and the loop file that belongs to it, ``<stem>.urdf`` and ``<stem>.yaml``.
 
-    Both are written whole or not at all, over what was there, after having been read back and compared: the tree in
-    the order of its joints, inertias, joint types, damping, friction and rotor inertia (armature), limits of hinges and
-    sliders, gravity, loops, couplings and drives, forces, guess, motorised joints, duration, and the shapes of URDF
-    scenes. Mesh files stay where they are: files elsewhere are found again by ``load(..., package_dirs=...)``. Frames
-    keep their names and places; joints without a frame get one, and those without a body frame a link.
+    Both are written completely or not at all, and replace existing files. Before, they are read back and compared: the
+    tree in the order of its joints, inertias, joint types, damping, friction and rotor inertia (armature), limits of
+    hinges and sliders, gravity, loops, couplings and drives, forces, guess, motorised joints, duration, and the shapes
+    of URDF scenes. Mesh files are not copied: files elsewhere are found by ``load(..., package_dirs=...)``. Frames
+    keep their names and placements; a frame is added to joints without one, and a link to those without a body frame.
 
     Parameters
     ----------
     mechanism : Mechanism
     path : path-like
-        The URDF file, ``.urdf`` is added if it is missing; its stem becomes the name.
+        The URDF file; ``.urdf`` is added if it is missing, and the stem becomes the name.
 
     Returns
     -------
@@ -64,8 +64,8 @@ def write(mechanism: Mechanism, path) -> Path:
     Raises
     ------
     InputError
-        What a file cannot hold, by name: functions of your own, joints of a kind that neither file can describe; or
-        a folder that does not exist.
+        Items that a file cannot represent, by name: user-defined functions, joints of a kind that neither file can
+        describe; or a folder that does not exist.
     """
     require_mechanism(mechanism, "write")
     if not isinstance(path, (str, os.PathLike)):

@@ -26,18 +26,18 @@ class Sensitivities:
     solution : Solution
         The run itself.
     names, values : tuple of str, ndarray, shape (P,)
-        Of the parameters.
+        Names and values of the parameters.
     steps : ndarray, shape (P,)
-        By which they were moved, where derivatives of the equations come from differences.
+        Difference steps of the parameters, used if the derivatives of the equations are finite differences.
     dq : ndarray, shape (n, nv, P)
-        Derivatives of the configurations as tangent vectors, like velocities: for joints with one number they are those
-        of ``q``, for rotations in axes of the body.
+        Derivatives of the configurations as tangent vectors, like velocities: for joints with one number those of
+        ``q``, for rotations in the axes of the body.
     dv, dlam : ndarray, shapes (n, nv, P), (n, nc, P)
         Derivatives of velocities and multipliers.
     event_times : list of ndarray, shape (m, P)
         Derivatives of ``solution.t_events``.
     work : dict
-        What it took: ``steps`` that were followed, ``evaluations`` of the equations beside the run's.
+        Cost: number of ``steps`` that were followed, and of ``evaluations`` of the equations in addition to the run's.
     """
 
     solution: Solution
@@ -56,7 +56,7 @@ class Sensitivities:
         return f"Sensitivities of {self.solution.scene or 'a run'} by {', '.join(self.names)}: {len(self.dq)} rows"
 
     def at(self, t) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(dq, dv, dlam) at any time of the run; at an event that changes the state, before it.
+        """(dq, dv, dlam) at any time of the run; at an event that changes the state, the values before it.
 
         Parameters
         ----------
@@ -66,12 +66,12 @@ class Sensitivities:
         Returns
         -------
         tuple of ndarray, shapes (nv, P), (nv, P), (nc, P)
-            For several times n of each, (n, nv, P) and so on.
+            For an array of n times, (n, nv, P) and so on.
 
         Raises
         ------
         InputError
-            A time outside of the run.
+            A time outside the run.
         """
         times = finite_array(t, "t")
         asked, (begin, end) = np.atleast_1d(times), (self._legs[0].span[0], self._legs[-1].span[1])
@@ -86,7 +86,7 @@ class Sensitivities:
         return parts if times.ndim else tuple(part[0] for part in parts)
 
     def of(self, function: Callable) -> np.ndarray:
-        """Derivatives of something else at the rows of the solution: the place of a frame, an energy, a stress.
+        """Derivatives of another quantity at the rows of the solution: a frame position, an energy, a stress.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class Sensitivities:
         Returns
         -------
         ndarray, shape (n, …, P)
-            What `function` returns in between.
+            The axes between the first and the last are those of the return value of `function`.
         """
         base, system, rows = self._lead.base, self._legs[0].system, []
 
@@ -131,27 +131,27 @@ def sensitivities(
 ) -> Sensitivities:
     """Simulate a mechanism, and differentiate motion, multipliers and event times with respect to parameters.
 
-    The derivatives are propagated along the accepted steps by the method's own formulas (staggered, every step put on
-    the hidden constraint), through changes of step and order, of constraint rows, events and drives. They are those of
-    the solution, not differences of runs, which adaptive steps make useless: their relative error is about 10 to 30
-    times that of the state.
+    The derivatives are propagated along the accepted steps by the method's own formulas (staggered, with every step on
+    the hidden constraint), through changes of step and order, of constraint rows, events and drives. They are
+    derivatives of the solution, not differences of runs, which are spoiled by adaptive steps: their relative error is
+    about 10 to 30 times that of the state.
 
     Parameters
     ----------
     build : callable or Mechanism
-        A mechanism, of which `theta` names parameters; or ``build(theta) -> Mechanism``: any parameters whatever, of
-        bodies, joints, loops, forces, drives, gravity. It must give the same joints and loops for all values. Where it
-        returns the very same object, only the start depends on the parameter, which costs less.
+        A mechanism whose parameters are named by `theta`; or ``build(theta) -> Mechanism`` with arbitrary parameters of
+        bodies, joints, loops, forces, drives, gravity. It must return the same joints and loops for all values. If it
+        returns the same object for other values, only the start depends on the parameter, which costs less.
     theta : array, shape (P,), or sequence of str
-        Values of the parameters; or the names of those of a mechanism: see :mod:`pinconsist.mechanism.parameters`, and
-        ``JOINT`` and ``JOINT_speed`` for where a joint of one degree of freedom starts and how fast.
+        Values of the parameters; or names of parameters of a mechanism: see :mod:`pinconsist.mechanism.parameters`, and
+        ``JOINT`` and ``JOINT_speed`` for the initial position and velocity of a joint of one degree of freedom.
     t_span, q0, v0, forces
         As in :func:`simulate`; ``q0`` and ``v0`` may be functions of theta.
     names : sequence of str, optional
-        Of the parameters. Default ``theta[0]``, …
+        Names of the parameters. Default ``theta[0]``, …
     steps : sequence of float, optional
-        By which parameters are moved, where derivatives of the equations come from differences; None for those that
-        are to be chosen, by default all: 1e-4 of the value, shorter where the equations are not that smooth.
+        Difference steps of the parameters, used if the derivatives of the equations are finite differences. None, the
+        default for each, chooses the step: 1e-4 of the value, or less if the equations are not smooth enough.
     events
         As in :func:`simulate`; or a function of theta alone that returns them.
     rtol, atol
@@ -166,8 +166,9 @@ def sensitivities(
     Raises
     ------
     InputError
-        What :func:`simulate` raises; parameters that change the number of joints or rows, part redundant loops, or are
-        not smooth; an event that only grazes zero; torques that are held or sampled, forces that jump at known times.
+        As :func:`simulate`; parameters that change the number of joints or rows, or open redundant loops, or on which
+        the equations do not depend smoothly; an event function that touches zero without crossing it; torques that are
+        held or sampled, forces that jump at known times.
     PinconsistError
         The run failed at its start.
     """
@@ -201,7 +202,7 @@ class Gradient:
     gradient : ndarray, shape (P,)
         Its derivatives.
     names : tuple of str
-        Of the parameters.
+        Names of the parameters.
     solution : Solution
         The run.
     """
@@ -234,16 +235,16 @@ def gradient(
     """Simulate a mechanism, and differentiate one number of the run with respect to many parameters.
 
     The number is the sum of ``rows(t, q, v, lam)`` over the times `t_eval`, plus ``terminal(t, q, v, lam)`` at the end.
-    Its derivative is that of :func:`sensitivities` to rounding, and comes from one pass backwards over the steps, which
-    does not depend on the number of parameters.
+    Its derivative agrees with that of :func:`sensitivities` to rounding, and is computed in one backward pass over the
+    steps, which does not depend on the number of parameters.
 
     Parameters
     ----------
     build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, **options
         As in :func:`sensitivities`.
     rows, terminal : callable, or pair of callables, optional
-        ``f(t, q, v, lam) -> float``; or a pair of it and ``(t, q, v, lam) -> (f_q, f_v, f_lam)``, the derivatives,
-        shapes (nv,), (nv,), (nc,), that by q in the tangent space. Without them they are differences.
+        ``f(t, q, v, lam) -> float``; or a pair of it and ``(t, q, v, lam) -> (f_q, f_v, f_lam)``, its derivatives,
+        shapes (nv,), (nv,), (nc,), with f_q in the tangent space. Default: finite differences.
     t_eval : array, optional
         Times of `rows`, inside the span.
 

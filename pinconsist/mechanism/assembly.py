@@ -1,4 +1,4 @@
-"""Closed configurations: from any guess onto the loops, velocities onto their derivative, and a report."""
+"""Closed configurations: close the loops from a guess, project velocities onto the constraints, report the result."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relat
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """A closed configuration, and what is known about it.
+    """A closed configuration, with its rank and gaps.
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class Assembly:
     gaps : dict[str, float]
         Largest |Φ| of each loop, m or rad.
     rows, rank, mobility : int
-        Constraint rows; how many of them are independent here; degrees of freedom left, nv - rank.
+        Number of constraint rows; number of independent rows at `q`; degrees of freedom left, nv - rank.
     moved : float
         Largest change of a tangent coordinate from the guess, rad or m.
     iterations : int
-        Steps that assembly took.
+        Number of iterations of the assembly.
     """
 
     q: np.ndarray
@@ -50,28 +50,28 @@ class Assembly:
 
     @cached_property
     def redundant(self) -> dict[tuple[str, str], dict[tuple[str, str], float]]:
-        """Each row that left the system → the rows it is a combination of (empty: it is identically zero)."""
+        """Each redundant row → the rows that it is a linear combination of (empty: the row is identically zero)."""
         J, kept, labels = self._rows
         combinations = dependencies(J, kept).items()
         return {labels[row]: {labels[i]: share for i, share in shares.items()} for row, shares in combinations}
 
     @property
     def largest_gap(self) -> tuple[str, float]:
-        """(loop, |Φ|) of the loop that closes worst; ("", 0.0) for a tree."""
+        """(loop, |Φ|) of the loop with the largest gap; ("", 0.0) for a tree."""
         return max(self.gaps.items(), key=lambda item: item[1], default=("", 0.0))
 
 
 def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, tolerance: float = NEARLY) -> Assembly:
-    """Find a closed configuration near a guess, and put a velocity on the constraints.
+    """Find a closed configuration near a guess, and a velocity that satisfies the constraints.
 
     Parameters
     ----------
     mechanism : Mechanism
     q0 : mapping or array, optional
-        Guess: joint name → value (the others from ``mechanism.guess``; the named joints are kept if the loops
-        allow it, else a warning says where they are), or a configuration (nq,) of which nothing is kept. Where
+        Guess: joint name → value (the others from ``mechanism.guess``; the named joints keep their values if the loops
+        allow it, else a warning reports the new ones), or a configuration (nq,), all of which may change. If
         ``mechanism.guess`` is closed, the named joints are moved from there in small steps with the loops closed, which
-        keeps the assembly mode; where that path is blocked, the loops are closed from the guess, in whichever mode is
+        keeps the assembly mode. If that path is blocked, the loops are closed from the guess, in whichever mode is
         near.
     v0 : mapping or array, optional
         Velocity: joint name → value (these joints keep it, the others follow), or an array (nv,) that is projected
@@ -81,7 +81,8 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
     t : float
         Time at which drives are evaluated, s.
     tolerance : float
-        Largest |Φ| of a closed loop, m and rad. Loops close to rounding where they can; above 1e-10 a warning says so.
+        Largest |Φ| of a closed loop, m and rad. Loops are closed to rounding if possible; a gap above 1e-10 is warned
+        about.
 
     Returns
     -------
@@ -90,8 +91,8 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
     Raises
     ------
     AssemblyError
-        The loops cannot be closed: names the worst ones and their gaps, and carries the best configuration. Or a
-        drive has a joint elsewhere than `q0` or `fixed`.
+        The loops cannot be closed; the error names the worst ones with their gaps, and carries the best configuration.
+        Or a drive contradicts the value of a joint in `q0` or `fixed`.
     InputError
         Unknown joints, wrong sizes, NaN.
     """

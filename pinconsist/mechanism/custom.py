@@ -27,28 +27,28 @@ class Constraint:
     ----------
     name : str
     function : callable
-        ``function(t, q) -> array (size,)``, smooth, for every configuration q (nq,) that assembly may try. Called with
-        read-only arrays, and a little beyond the span in time.
+        ``function(t, q) -> array (size,)``, smooth, for every configuration q (nq,) that assembly may try. It is called
+        with read-only arrays, and at times slightly outside the time span.
     size : int
         Number of rows.
     jacobian : callable, optional
-        ``jacobian(t, q) -> array (size, nv)``, ∂Φ/∂q in the tangent space of q: the velocities' columns. Without it,
-        sixth-order differences, six calls of `function` for each of the nv columns, good to about 1e-12 of Φ's terms:
-        the multipliers inherit that. BDF then keeps tolerances down to about 4e-10, Radau some digits more.
+        ``jacobian(t, q) -> array (size, nv)``, ∂Φ/∂q in the tangent space of q, one column per velocity. Default:
+        sixth-order differences, six calls of `function` for each of the nv columns, accurate to about 1e-12 of Φ's
+        terms; the multipliers have the same error. BDF then keeps tolerances down to about 4e-10, Radau somewhat lower.
     rate : callable, optional
-        ``rate(t, q) -> array (size,)``, ∂Φ/∂t. Without it, sixth-order differences over 1 ms, good to about 1e-12.
+        ``rate(t, q) -> array (size,)``, ∂Φ/∂t. Default: sixth-order differences over 1 ms, accurate to about 1e-12.
     moving : bool
-        False promises that Φ does not depend on t, which saves its derivatives in time.
+        False if Φ does not depend on t; its time derivatives are then not computed.
     rows : sequence of str, optional
         Names of the rows for reports. Default "0", "1", ….
     step : float
-        Displacement of the difference quotients, rad or m: about a thousandth of the length over which Φ bends.
+        Step of the difference quotients, rad or m: about a thousandth of the length over which Φ varies.
 
     Raises
     ------
     InputError
-        Arguments that cannot be used; a Jacobian or rate that is not that of `function` where a run starts; while it
-        runs, wrong shapes and numbers that are not finite.
+        Invalid arguments; at the start of a run, a Jacobian or rate that is not that of `function`; during a run, wrong
+        shapes and numbers that are not finite.
     UserFunctionError
         One of the functions raised an exception.
     """

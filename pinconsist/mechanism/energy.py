@@ -1,4 +1,4 @@
-"""The energy of a solution: what is stored, what each force brings in, and whether the balance holds."""
+"""The energy of a solution: stored energy, the power and work of each force, and the error of the balance."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,18 +25,19 @@ class Energy:
     t : ndarray
         Times, s.
     kinetic, potential, elastic, total : ndarray
-        Of the bodies and rotors; in the field of gravity; in all springs, the sum of ``stored``; the sum of the three.
+        Kinetic energy of bodies and rotors; gravitational energy; energy of all springs, the sum of ``stored``; the sum
+        of the three.
     stored : dict[str, ndarray]
         Elastic energy of each spring.
     power : dict[str, ndarray]
-        What each force brings into ``total``, positive where it makes it grow: τ·v, without what a spring stores (so
-        that of a spring its damper is left, and of a damper the power is negative). Of each drive, and of each
-        constraint that moves, -λ·Φ_t: of a drive, motor torque times speed. All add up to d(total)/dt.
+        Power of each force, positive if it increases ``total``: τ·v without the rate of the stored energy (for a
+        spring with damper this is the power of the damper, which is negative). For each drive and each constraint that
+        depends on time, -λ·Φ_t; for a drive this is motor torque times speed. The sum is d(total)/dt.
     work : dict[str, ndarray]
-        Integral of each power from the first row on, by a cubic spline through the rows, which limits what can be
-        seen where rows are few. ``"events"`` is what jumps at events changed.
+        Integral of each power from the first row on, by a cubic spline through the rows; its accuracy is limited if
+        there are few rows. ``"events"`` is the change of energy in the jumps at events.
     error : ndarray
-        ``total`` less its first value less all work.
+        ``total`` minus its first value minus all work.
     """
 
     t: np.ndarray
@@ -52,11 +53,11 @@ class Energy:
 
     @property
     def balance_error(self) -> float:
-        """The largest ``error`` over the energies that were exchanged.
+        """The largest ``error`` relative to the exchanged energy.
 
-        These are the largest kinetic energy, the ranges of potential and elastic energy and the largest work of each
-        force, added up; where hardly anything moves, a hundred-thousandth of the energies that are stored and of the
-        weights' energies, whose rounding and tolerances are all that is seen then.
+        The exchanged energy is the sum of the largest kinetic energy, the ranges of potential and elastic energy and
+        the largest work of each force. If hardly anything moves, it is a hundred-thousandth of the stored energies and
+        of the weights' energies: the error then consists of rounding and tolerances only.
         """
         exchanged = self.kinetic.max() + np.ptp(self.potential) + np.ptp(self.elastic)
         exchanged += sum(np.abs(work).max() for work in self.work.values())

@@ -78,9 +78,9 @@ class Rows:
 
 @dataclass(frozen=True)
 class Drive:
-    """Drive a joint along q_joint = curve(t); given among the loops of a mechanism.
+    """Drive a joint along q_joint = curve(t); passed with the loops of a mechanism.
 
-    Its multiplier is the motor torque that this takes, N·m (or N), positive along the joint's velocity.
+    Its multiplier is the motor torque that this requires, N·m (or N), positive along the joint's velocity.
 
     Parameters
     ----------
@@ -88,16 +88,16 @@ class Drive:
     joint : str
         A joint of one degree of freedom.
     curve : callable
-        ``curve(t)``, rad or m, twice differentiable; a :class:`Motion` where plain numbers do.
+        ``curve(t)``, rad or m, twice differentiable; for instance a :class:`Motion`, which can be saved to a file.
     rate, acceleration : callable, optional
         Its derivatives. Default: the methods ``rate`` and ``acceleration`` of a curve that has them, as a Motion does;
-        else sixth-order differences over 1 ms, good to about 1e-12 and 1e-9 of the curve's size: the multipliers
-        inherit that. Given ones are compared with the curve where a run starts.
+        else sixth-order differences over 1 ms, accurate to about 1e-12 and 1e-9 of the curve's size; the multipliers
+        have the same error. User-defined derivatives are compared with the curve at the start of a run.
 
     Raises
     ------
     InputError
-        Something that is not a name or not a function; on a model, an unknown joint or one with several degrees of
+        An argument that is not a name or not a function; on a model, an unknown joint or one with several degrees of
         freedom; a rate or an acceleration that contradicts the curve, numbers that are not finite.
     UserFunctionError
         One of the functions raised an exception.
@@ -170,7 +170,7 @@ class DriveRow(Rows):
 
 @dataclass(frozen=True)
 class Coupling:
-    """Couple two joints: q_joint = offset + ratio·q_other + Σ higher[i]·q_other^(i+2); given among the loops.
+    """Couple two joints: q_joint = offset + ratio·q_other + Σ higher[i]·q_other^(i+2); passed with the loops.
 
     Its multiplier is the generalised force on `joint`, N·m (or N for a sliding joint), positive along the joint's
     velocity; `other` receives -dq_joint/dq_other times it.
@@ -179,21 +179,21 @@ class Coupling:
     ----------
     name : str
     joint, other : str
-        Two joints of one degree of freedom. Joints that store (cos, sin), Pinocchio's unbounded revolutes, know their
-        angle up to whole turns only, and the coupling then holds up to whole turns: it keeps the turn that it is
-        nearest to. Where both are of that kind the ratio must be a whole number or one over it; `higher` needs an
-        `other` that counts its turns (a plain revolute does).
+        Two joints of one degree of freedom. For joints that store (cos, sin), Pinocchio's unbounded revolutes, the
+        angle is known up to whole turns only, and the coupling then holds up to whole turns: the nearest turn is kept.
+        If both joints are of that kind, the ratio must be an integer or the reciprocal of one. `higher` requires an
+        `other` that counts its turns, such as a plain revolute.
     ratio : float
-        dq_joint/dq_other, in rad or m per rad or m. For a pair of external gears -teeth_other/teeth_joint.
+        dq_joint/dq_other, in rad or m per rad or m. For a pair of external gears, -teeth_other/teeth_joint.
     offset : float
-        q_joint where q_other is zero, rad or m.
+        q_joint at q_other = 0, rad or m.
     higher : tuple of float
         Coefficients of the second and higher powers of q_other.
 
     Raises
     ------
     InputError
-        Something that is not a name or not a number, a joint coupled to itself.
+        An argument that is not a name or not a number, a joint coupled to itself.
     """
 
     name: str

@@ -27,7 +27,7 @@ constraint any   the user's Φ(t, q)                                            
 
 all in the axes of anchor 1, acting on body 2 at anchor 2; body 1 receives the opposite, there too. Forces are in N,
 moments in N·m, Φ in m and rad. Every J is the exact derivative of Φ in the tangent space, also while a loop is open.
-No kind with an axis takes an antiparallel axis of body 2 for a closed loop: the chord is longest there.
+An antiparallel axis of body 2 does not close a loop of any kind with an axis: the chord is longest there.
 """
 
 from __future__ import annotations
@@ -65,25 +65,25 @@ class Loop:
     Parameters
     ----------
     name : str
-        Name by which reports, errors and reactions speak of the loop.
+        Name of the loop in reports, errors and reactions.
     kind : {"point", "frame", "hinge", "distance", "slider", "cylinder", "plane", "universal"}
-        What the closure holds together; see the table of :mod:`pinconsist.mechanism.loops`.
+        Type of the closure; see the table of :mod:`pinconsist.mechanism.loops`.
     frame1, frame2 : str
         Names of frames of the model; ``"universe"`` is the ground.
     xyz1, rpy1, xyz2, rpy2 : tuple of 3 float
         Position, m, and orientation, URDF's roll, pitch, yaw in rad, of each anchor in its frame.
     axis : tuple of 3 float
-        A direction of any length. The axis of a hinge, slider or cylinder, and the normal of a plane: the same
-        components in both anchors. Of a universal, the axis that belongs to body 1, in anchor 1.
+        A vector of any length: the axis of a hinge, slider or cylinder, or the normal of a plane, with the same
+        components in both anchors. For a universal, the axis of body 1, in the axes of anchor 1.
     axis2 : tuple of 3 float
-        Of a universal, the axis that belongs to body 2, in anchor 2; held perpendicular to ``axis``.
+        For a universal, the axis of body 2, in the axes of anchor 2; held perpendicular to ``axis``.
     length : float or None
         Distance L > 0 held by ``kind="distance"``, m.
 
     Raises
     ------
     InputError
-        Unknown kind, numbers that are not finite or of the wrong count, a missing or useless axis or length, or one
+        Unknown kind, numbers that are not finite, a wrong number of them, a missing or invalid axis or length, or one
         that a loop of this kind does not have.
     """
 

@@ -42,9 +42,9 @@ class Mechanism:
     Parameters
     ----------
     model : pin.Model
-        The tree; copied, never changed. In the copy each joint is a frame too, unless a frame has its name already.
+        The tree; copied, never changed. The copy has a frame for each joint, unless a frame has its name already.
     loops : sequence of Loop, Drive, Coupling and Constraint
-        Loop closures, driven and coupled joints, constraints of your own; none is allowed (a plain tree).
+        Loop closures, driven and coupled joints, user-defined constraints; may be empty (a plain tree).
     forces : sequence
         Records of :mod:`pinconsist.mechanism.forces`; joint torques by name (joint → N·m or N, or a function of
         time) or as an array (nv,); callables ``f(t, q, v) -> (nv,)``.
@@ -59,7 +59,7 @@ class Mechanism:
     duration : float
         Default duration of a run of the commands, s.
     corrected_by : float
-        By how much :meth:`corrected` changed lengths and angles, m or rad; for information.
+        Largest change of lengths and angles by :meth:`corrected`, m or rad; for information.
 
     Raises
     ------
@@ -103,22 +103,22 @@ class Mechanism:
 
     @property
     def nq(self) -> int:
-        """Numbers in a configuration."""
+        """Size of a configuration."""
         return self.model.nq
 
     @property
     def nv(self) -> int:
-        """Numbers in a velocity."""
+        """Size of a velocity."""
         return self.model.nv
 
     @property
     def nc(self) -> int:
-        """Rows of all loops, redundant ones counted."""
+        """Number of rows of all loops, redundant ones included."""
         return sum(len(loop.rows) for loop in self.loops)
 
     @property
     def anchored_loops(self) -> tuple[Loop, ...]:
-        """The loops that join two anchors; drives, couplings and constraints of the user's own do not."""
+        """The loops that join two anchors, without drives, couplings and user-defined constraints."""
         return tuple(loop for loop in self.loops if isinstance(loop, Loop))
 
     @property
@@ -132,13 +132,13 @@ class Mechanism:
         return tuple(self.model.names)[1:]
 
     def columns(self, joint: str) -> slice:
-        """The columns of a `joint` in v, in τ and in J, as a slice; InputError where there is no such joint."""
+        """The columns of a `joint` in v, τ and J, as a slice; raises InputError for an unknown joint."""
         return places(self.model, self.joint_index(joint))[1]
 
     def joint_index(self, joint: str) -> int:
-        """The index of a `joint` in ``model.joints``, from 1 on: the ground is 0. Its place in v is :meth:`columns`.
+        """The index of a `joint` in ``model.joints``, from 1 on: the ground is 0. Its place in v: see :meth:`columns`.
 
-        Raises InputError where there is no such joint; its message names those there are.
+        Raises InputError for an unknown joint; the message lists the joints of the mechanism.
         """
         if joint not in self.joints:
             known = ", ".join(self.joints[:12]) + (", …" if len(self.joints) > 12 else "")
@@ -152,45 +152,46 @@ class Mechanism:
         `values` maps joint names to as many numbers as the joint has in q, or fewer: one angle, rad, where it stores
         (cos, sin); roll, pitch, yaw or a rotation matrix for a ball; x, y, angle for a planar joint; for a free-flyer
         x, y, z, roll, pitch, yaw, or [x, y, z, R], or a matrix (4, 4), or a pin.SE3. The other joints come from `base`,
-        a configuration (nq,), by default ``pin.neutral``. Or it is a configuration (nq,) itself, which is copied.
+        a configuration (nq,), by default ``pin.neutral``. `values` may also be a configuration (nq,), which is copied.
         Raises InputError for an unknown joint, a wrong size, NaN, a quaternion or pair of length zero.
         """
         start = pin.neutral(self.model) if base is None else np.array(base, float)
         return normalized(self.model, filled(self, values, start), self.name)
 
     def velocity(self, values) -> np.ndarray:
-        """A full velocity (nv,). It is not put on the constraints.
+        """A full velocity (nv,). It is not projected onto the constraints.
 
-        `values` maps joint names to velocities, rad/s or m/s, as many numbers as the joint has degrees of freedom, the
-        other joints at rest; or it is a velocity (nv,), which is copied. Raises InputError for an unknown joint, a
-        wrong size, NaN.
+        `values` maps joint names to velocities, rad/s or m/s, one number for each degree of freedom of the joint; the
+        other joints are at rest. It may also be a velocity (nv,), which is copied. Raises InputError for an unknown
+        joint, a wrong size, NaN.
         """
         return filled(self, values, np.zeros(self.model.nv), velocity=True)
 
     def q(self, values=None, /, **joints) -> np.ndarray:
         """A configuration (nq,) by names: ``mech.q(crank=0.3, base=[x, y, z, R])``; the other joints as in ``guess``.
 
-        `values` is a mapping for names that are no Python words; `joints` are the others. See :meth:`configuration`.
+        `values` is a mapping for names that are not Python identifiers; `joints` are the others. See
+        :meth:`configuration`.
         """
         return self.configuration({**(values or {}), **joints}, self.guess)
 
     def with_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:
-        """The same mechanism with these `loops` instead of its own; none makes a tree.
+        """The same mechanism with these `loops` instead of its own; without arguments, a tree.
 
-        ``with_loops(*mechanism.loops, drive)`` adds one. Raises InputError for unknown frames or joints, two of one
-        name, something that is no loop.
+        ``with_loops(*mechanism.loops, drive)`` adds one. Raises InputError for unknown frames or joints, duplicate
+        names, and arguments that are not loops.
         """
         return replace(self, loops=loops)
 
     def with_forces(self, *forces) -> Mechanism:
         """The same mechanism with these `forces` added to its own; each as in ``forces`` of :class:`Mechanism`.
 
-        Raises InputError for unknown frames or joints, wrong sizes, something that is no force.
+        Raises InputError for unknown frames or joints, wrong sizes, and arguments that are not forces.
         """
         return replace(self, forces=(*self.forces, *forces))
 
     def with_control(self, control: Mapping[str, Any]) -> Mechanism:
-        """The same mechanism with other commands: `control` maps actuators, or joints with one actuator, by name.
+        """The same mechanism with other commands: `control` maps names of actuators, or of their joints, to commands.
 
         A command is a number, a function of time, or a table (times, values). Raises InputError for anything else.
         """
@@ -206,9 +207,9 @@ class Mechanism:
         return replace(self, model=model)
 
     def with_armature(self, armature: Mapping[str, float]) -> Mechanism:
-        """The same mechanism with rotor inertia added: `armature` maps joints to kg·m² (or kg) as seen from them.
+        """The same mechanism with rotor inertia added: `armature` maps joints to kg·m² (or kg), referred to the joint.
 
-        It counts for each velocity of a joint. Raises InputError for unknown joints, and values below zero.
+        It applies to each velocity of a joint. Raises InputError for unknown joints and negative values.
         """
         if not isinstance(armature, Mapping):
             raise InputError(f"armature needs a mapping joint name → rotor inertia, got {armature!r}")
@@ -218,44 +219,45 @@ class Mechanism:
         return replace(self, model=model)
 
     def with_parameters(self, values: Mapping[str, float]) -> Mechanism:
-        """The same mechanism with other `values`, name → number: see :mod:`pinconsist.mechanism.parameters`."""
+        """The same mechanism with other `values` of parameters by name: see :mod:`pinconsist.mechanism.parameters`."""
         return with_parameters(self, values)
 
     def lock(self, joints, q=None) -> Mechanism:
-        """The same mechanism without these joints, fixed where they stand; their bodies join those of their parents.
+        """The same mechanism with these joints locked and removed; their bodies are merged with those of their parents.
 
-        What then has no effect is removed: loops with both anchors on one body (they must be closed), couplings of two
-        locked joints, forces of locked joints. User-defined torques and constraints still see the whole state, with the
-        locked joints at rest.
+        Items without effect are then removed: loops with both anchors on one body (they must be closed), couplings of
+        two locked joints, forces of locked joints. User-defined torques and constraints still receive the whole state,
+        with the locked joints at rest.
 
         `joints` are their names, or one name. They are locked at `q`: joint name → value (others from ``guess``), or a
         configuration (nq,), by default the ``guess``; the rest of it is the new guess. Raises InputError for unknown
-        joints, for all of them, for a loop that would stay open, and for a joint that a drive moves, or one of two
-        coupled joints alone.
+        joints, if all joints would be locked, if a loop would stay open, for a driven joint, and for only one of two
+        coupled joints.
         """
         return lock(self, joints, q)
 
     def reduced(self, q0=None) -> Mechanism:
-        """The same motion with fewer joints and rows, for speed and for reading; its guess is the assembled `q`.
+        """A mechanism with the same motion but fewer joints and rows, faster and easier to read.
 
-        Joints that the loops hold still are locked. Loops that follow from the others are dropped, the last ones
-        first, and a frame, hinge or universal whose turning rows follow from the others becomes a point. Both are
-        judged by the rank in a few closed configurations, along a random walk from the assembled one; what was done
-        goes to the log. Motion, and the joint forces Jᵀλ of all loops together, stay; how the load is shared among
-        redundant loops is lost. A loop that is redundant elsewhere may be what guides a mechanism through a singular
-        position: a reduced mechanism may branch there, and a run that meets one says so.
+        Joints that the loops hold still are locked. Redundant loops are dropped, the last ones first, and a frame,
+        hinge or universal whose rotational rows are redundant becomes a point. Both are decided by the rank at a few
+        closed configurations, along a random walk from the assembled one; the changes are logged. The motion, and the
+        joint forces Jᵀλ of all loops together, are unchanged; the distribution of the load among redundant loops is
+        lost. A loop that is redundant elsewhere may be needed to guide a mechanism through a singular position: a
+        reduced mechanism may branch there, and a run that reaches such a position reports it.
 
-        `q0` is the configuration from which assembly starts, as for :func:`~pinconsist.assemble`. Raises AssemblyError
-        where the loops do not close, InputError where they leave no motion.
+        `q0` is the configuration from which assembly starts, as for :func:`~pinconsist.assemble`; the new guess is the
+        assembled configuration. Raises AssemblyError if the loops do not close, InputError if they leave no motion.
         """
         return reduced(self, q0)
 
     def corrected(self, precision: float) -> Mechanism:
         """The same mechanism with rounded numbers corrected, so that loops that belong together agree again.
 
-        Rows that depend on others but for errors of at most `precision` (m and rad) in the placements of joints and
-        anchors, do so wherever the mechanism moves after the smallest change of these placements, ``corrected_by``. The
-        guess is then closed. Where none within the precision is found, the mechanism stays as it is.
+        Some rows depend on others except for errors of at most `precision` (m and rad) in the placements of joints and
+        anchors. The smallest change of these placements, ``corrected_by``, is found with which they depend exactly,
+        wherever the mechanism moves. The guess is then closed. If no change within the precision is found, the
+        mechanism is returned unchanged.
         """
         found = correction(self, precision) if (precision := number(precision, "precision", least=0.0)) else None
         return self if found is None else found.mechanism
@@ -263,9 +265,9 @@ class Mechanism:
     def reanchored(self, q0=None) -> Mechanism:
         """The same mechanism with every loop's anchor 2 moved to where anchor 1 fits best.
 
-        The loops that cannot close get their second anchor (a loop that holds a distance: its length) moved by the gap
-        that remains, and a warning lists each move. Loops that close stay as they are. The guess becomes the
-        configuration that was reached, in which all loops close.
+        If a loop cannot close, its second anchor (for a distance, its length) is moved by the remaining gap, and a
+        warning lists each move. Loops that close are unchanged. The new guess is the configuration that was reached,
+        in which all loops close.
 
         Assembly starts from `q0`: joint name → value (others from ``guess``), or a configuration (nq,); default
         ``guess``. Raises InputError for an unknown joint, a wrong size, NaN.

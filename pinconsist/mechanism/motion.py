@@ -17,12 +17,12 @@ TIME_STEP = 1e-3  # s, of the difference quotients in time
 class Motion:
     """start + speed·t + amplitude·sin(2π·frequency·t + phase): a curve that can be written to a file and pickled.
 
-    Serves as the curve of a :class:`Drive`, the target of a :class:`Servo` or a torque of :class:`JointTorque`.
+    It can be the curve of a :class:`Drive`, the target of a :class:`Servo` or a torque of :class:`JointTorque`.
 
     Parameters
     ----------
     start, speed : float
-        rad or m (N·m or N of a torque), and that per second.
+        In rad or m (N·m or N for a torque), and in this unit per second.
     amplitude, frequency, phase : float
         In the unit of `start`; Hz; rad.
 

@@ -1,4 +1,4 @@
-"""What a loop does to its bodies: multipliers read as force and moment, torque, and joint forces."""
+"""Reactions of loops on their bodies: force and moment, torque, and joint forces, from the multipliers."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -37,16 +37,17 @@ class Reaction:
     t : ndarray, shape (n,)
         Times, s.
     force, moment : ndarray, shape (n, 3), or None
-        On body 2 (that of ``frame2``) at anchor 2, N, and about it, N·m; body 1 takes the opposite there. None for
-        drives, couplings and user-defined constraints, which have no anchors.
+        Force on body 2 (that of ``frame2``) at anchor 2, N, and moment about it, N·m; the opposite acts on body 1 at
+        the same point. None for drives, couplings and user-defined constraints, which have no anchors.
     torque : ndarray, shape (n,), or None
-        Of a drive, what the motor gives to its joint, positive along the joint's velocity, N·m (N if it slides). Of
-        a coupling, what `joint` receives; `other` receives -dq_joint/dq_other times it.
+        For a drive, the motor torque on its joint, positive along the joint's velocity, N·m (N if it slides). For a
+        coupling, the torque on `joint`; the torque on `other` is -dq_joint/dq_other times it.
     joint_forces : ndarray, shape (n, nv)
-        Jᵀλ: what the loop adds to the right-hand side of the equations of motion, of every kind.
+        Jᵀλ, the term of the loop on the right-hand side of the equations of motion; for all kinds.
     dependence : float or None
-        Where the loop's rows are independent of the others' by rounded numbers of a file only: how far, from 0 to 1.
-        Force, moment and torque mean nothing then, the sum of all loops' joint forces does. None where all is well.
+        None if the reaction is well determined. Otherwise the loop's rows are independent of the others' only because
+        numbers of a file are rounded, and this is the degree of independence, from 0 to 1: force, moment and torque are
+        then meaningless, but the sum of the joint forces of all loops is not.
     """
 
     loop: str
@@ -73,7 +74,7 @@ class Reaction:
 
 
 class HasReactions:
-    """The part of a result that knows its ``mechanism`` and the states ``t``, ``q`` and multipliers ``lam``."""
+    """Base of results that have a ``mechanism``, states ``t``, ``q`` and multipliers ``lam``."""
 
     mechanism: Mechanism
     t: Any
@@ -81,10 +82,10 @@ class HasReactions:
     lam: np.ndarray
 
     def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
-        """What a loop does to its bodies, one row for each of the n times; one row in an equilibrium.
+        """The reaction of a loop on its bodies, one row for each of the n times; one row in an equilibrium.
 
-        `loop` is the name of a loop, drive, coupling or constraint; `axes`, "world" or "anchor", those in which force
-        and moment are given: of the world, or of the loop's anchor 1. Raises InputError for other names and axes.
+        `loop` is the name of a loop, drive, coupling or constraint. Force and moment are expressed in `axes`: "world",
+        or "anchor" for those of the loop's anchor 1. Raises InputError for other names and axes.
         """
         states = np.atleast_1d(self.t), np.atleast_2d(self.q), np.atleast_2d(self.lam)
         return reaction(self.mechanism, loop, *states, axes)
@@ -125,10 +126,10 @@ def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", works
 
 
 def undetermined(mechanism: Mechanism, t, q, data=None, rows=None) -> dict[str, float]:
-    """Loops whose multipliers mean nothing, with the relative singular value by which their rows are independent.
+    """Loops whose multipliers are meaningless, with the relative singular value by which their rows are independent.
 
-    It is small in all of the run's rows that are looked at: at a singular position that is passed, forces are large but
-    real. Rows that depend on others exactly share their load at least norm, and do not count.
+    It is small in all rows of the run that are examined: when a singular position is passed, forces are large but
+    real. Rows that depend on others exactly share their load with least norm, and are not included.
     """
     data, rows, looks = data or mechanism.model.createData(), rows or LoopRows.of(mechanism), []
     if not rows.nc or not len(t):

@@ -1,4 +1,4 @@
-"""The rows Φ(t, q), J(t, q) that the records among the loops of a mechanism stand for.
+"""The rows Φ(t, q), J(t, q) of the loops, drives, couplings and constraints of a mechanism.
 
 This is the only file that names Pinocchio's constraint classes. What each row means: :mod:`pinconsist.mechanism.loops`.
 """
@@ -25,10 +25,10 @@ POSE = None  # instead of a shift: all six rows of a pose
 
 
 class Workspace:
-    """Pinocchio's data of a model, made when it is wanted, on which many states are evaluated.
+    """Pinocchio's data of a model, created on first use, on which many states are evaluated.
 
-    ``compiled()`` gives an empty compiled system on it, which takes rows and forces and evaluates all states at once;
-    None where there is none. `blank(model, data)` makes them.
+    ``compiled()`` returns an empty compiled system on it, to which rows and forces are added and which evaluates all
+    states at once; None without a compiled part. `blank(model, data)` creates it.
     """
 
     def __init__(self, model, blank=None, data=None):
@@ -36,7 +36,7 @@ class Workspace:
 
     @property
     def data(self) -> pin.Data:
-        """The data: large models take seconds for it."""
+        """The data; for large models its creation takes seconds."""
         if self._data is None:
             self._data = self.model.createData()
         return self._data
@@ -49,8 +49,8 @@ class LoopRows:
     """The rows of several loops on one model, evaluated together.
 
     ``labels`` has loop and row name of each of the ``nc`` rows, ``slices`` the rows of each loop by its name. Arrays
-    (nc,) mark rows measured in rad, ``turns``, and those whose J does not depend on time, ``steady``; ``moving`` says
-    that some Φ does.
+    (nc,) mark rows measured in rad, ``turns``, and those whose J does not depend on time, ``steady``; ``moving`` is
+    True if some Φ does.
     """
 
     def __init__(self, model: pin.Model, loops):
@@ -81,7 +81,7 @@ class LoopRows:
 
     @property
     def units(self) -> list[str]:
-        """``rad`` or ``m`` for each row; nothing for constraints of the user's own."""
+        """``rad`` or ``m`` for each row; empty for user-defined constraints."""
         units = ["rad" if turns else "m" for turns in self.turns]
         of_joints = velocity_units(self.model) if any(isinstance(loop, Coupling | Drive) for loop in self.loops) else []
         for loop, part in zip(self.loops, self.slices.values(), strict=True):
@@ -93,7 +93,7 @@ class LoopRows:
 
     @property
     def multiplier_units(self) -> list[str]:
-        """``N·m`` or ``N`` for the multiplier of each row; nothing for constraints of the user's own."""
+        """``N·m`` or ``N`` for the multiplier of each row; empty for user-defined constraints."""
         return [{"rad": "N·m", "m": "N"}.get(unit, "") for unit in self.units]
 
     def evaluate(self, data: pin.Data, q=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -118,7 +118,7 @@ class LoopRows:
             closure.check_derivatives(t, q)
 
     def acceleration_bias(self, data: pin.Data, t: float = 0.0, q=None, v=None) -> np.ndarray:
-        """J̇ v and the like from Φ's dependence on time, shape (nc,), where the loops are closed.
+        """J̇ v and the terms from Φ's dependence on time, shape (nc,), for closed loops.
 
         Needs ``pin.forwardKinematics(model, data, q, v, 0)`` on `data`.
         """
@@ -130,9 +130,9 @@ class KeptRows:
 
     Where a loop is closed, the exact Jacobian is a fixed linear map of the rows of Pinocchio's own constraints, and Φ
     has the zeros of the same map of Pinocchio's position errors. So Newton's solution is the same, and a hinge whose
-    tilts are not kept costs what a point costs. An axis of body 2 is the difference of two points 1 m apart,
-    R axis2 = d(at axis2) − d. Distances, drives, couplings and user-defined constraints are evaluated as they stand.
-    `kept` has the indices of the rows wanted among all `rows`, ascending.
+    tilts are not kept is as cheap as a point. An axis of body 2 is the difference of two points 1 m apart,
+    R axis2 = d(at axis2) − d. Distances, drives, couplings and user-defined constraints are evaluated directly.
+    `kept` are the indices of the required rows among all `rows`, ascending.
     """
 
     def __init__(self, model: pin.Model, rows: LoopRows, kept):
@@ -146,7 +146,7 @@ class KeptRows:
 
     @cached_property
     def pinocchios(self) -> list:
-        """Of each loop Pinocchio's constraint models, their data and matrices; the compiled system has its own."""
+        """Pinocchio's constraint models of each loop, with data and matrices; the compiled system has its own."""
         return [[(*_constraint(self.model, each, shift), A) for shift, A in parts] for each, _, parts in self._closures]
 
     def evaluate(self, data, q, t):

@@ -77,29 +77,30 @@ class BoundActuator(BoundForce):
 class Actuator(ForceRecord):
     """An actuator of a joint: τ = gear · f, f = gain·(1, l, l̇) u + bias·(1, l, l̇), l = gear · θ.
 
-    u is the command and l the actuator's length; one of several joints, such as a tendon, has l = gear · Σ share · θ,
-    and gives each joint gear · share · f. Command and force are cut at their limits. A motor has the gain (1, 0,
-    0) and no bias, a position actuator (k, 0, 0) and (0, -k, -d), a velocity actuator (d, 0, 0) and (0, 0, -d).
+    u is the command and l the actuator's length. An actuator of several joints, such as a tendon, has l = gear · Σ
+    share · θ, and exerts gear · share · f on each joint. Command and force are clipped at their limits. A motor has
+    gain (1, 0, 0) and no bias, a position actuator (k, 0, 0) and (0, -k, -d), a velocity actuator (d, 0, 0) and
+    (0, 0, -d).
 
     Parameters
     ----------
     name : str
-        By which it is commanded, see :meth:`Mechanism.with_control`, and called in results.
+        Name in results and in :meth:`Mechanism.with_control`.
     joint : str or mapping
-        A joint of one degree of freedom, or several with the share that each has in the length.
+        A joint of one degree of freedom, or joint → its share in the length.
     gain, bias : tuple of 3 float
-        Of the command and without it, for 1, l and l̇; SI.
+        Coefficients of 1, l and l̇ in the factor of the command and in the term without it; SI.
     gear : float
-        Actuator's length per joint position.
+        Actuator length per joint position.
     control : float or callable
         The command u; a function of time such as a :class:`Motion`.
     control_range, force_range : tuple of 2 float
-        Limits of u and of f; none if empty.
+        Limits of u and of f; no limits if empty.
 
     Raises
     ------
     InputError
-        Impossible numbers; on a model, a joint that is not there or has several degrees of freedom.
+        Invalid numbers; on a model, an unknown joint or one with several degrees of freedom.
     UserFunctionError
         The command is a function that raised an exception.
     """

@@ -122,9 +122,9 @@ class _BoundSpring(BoundForce):
 class SpringDamper(ForceRecord):
     """A spring and damper along the line between two points.
 
-    The tension, positive where it pulls, is T = k (l - l₀) + d dl/dt, with l the distance of the points. Two points
-    that coincide have no direction between them: there, and within 1e-9 m, the force fades to zero. (With l₀ = 0 and
-    no damper it does so by itself, and nothing is special there.)
+    The tension, positive for a pull, is T = k (l - l₀) + d dl/dt, with l the distance between the points. If the points
+    coincide, the direction is undefined: within 1e-9 m the force goes to zero continuously. (With l₀ = 0 and no damper
+    the law itself is continuous there.)
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class SpringDamper(ForceRecord):
     stiffness : float
         k, N/m.
     length : float
-        l₀ ≥ 0, the length at which the spring is slack, m.
+        l₀ ≥ 0, the length of the unloaded spring, m.
     damping : float
         d ≥ 0, N·s/m.
     xyz1, xyz2 : tuple of 3 float
@@ -142,7 +142,7 @@ class SpringDamper(ForceRecord):
     Raises
     ------
     InputError
-        Impossible numbers; on a model, unknown frames, or both on one body.
+        Invalid numbers; on a model, unknown frames, or both frames on one body.
     """
 
     frame1: str
@@ -207,7 +207,7 @@ class _BoundWrench(BoundForce):
 
 @dataclass(frozen=True)
 class Wrench(ForceRecord):
-    """A force and a moment from outside on the body of a frame.
+    """An external force and moment on the body of a frame.
 
     Parameters
     ----------
@@ -218,14 +218,14 @@ class Wrench(ForceRecord):
     moment : tuple of 3 float, or callable
         N·m; or a function of time that returns three numbers.
     axes : {"world", "local"}
-        The axes in which both are given: the world's, or the frame's, with which they then turn.
+        The axes of both vectors: the world's, or the frame's, with which they then rotate.
     xyz : tuple of 3 float
         The point where the force acts, in the frame, m.
 
     Raises
     ------
     InputError
-        Impossible numbers, unknown axes; on a model, an unknown frame, or one of the ground.
+        Invalid numbers, unknown axes; on a model, an unknown frame, or one of the ground.
     UserFunctionError
         A function raised an exception.
     """

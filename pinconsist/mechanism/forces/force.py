@@ -103,14 +103,14 @@ class JointTorque(ForceRecord):
     Parameters
     ----------
     torques : mapping or sequence of nv numbers
-        Of joints by name, N·m (or N): a number, a number for each velocity of the joint, or a function of time that
-        returns one or the other, for instance a :class:`Motion`. Or constant torques at every joint velocity.
+        Joint name → torque, N·m (or N): a number, one number for each velocity of the joint, or a function of time that
+        returns either, for instance a :class:`Motion`. Or constant torques for all nv joint velocities.
 
     Raises
     ------
     InputError
-        Impossible numbers; on a model, unknown joints and wrong sizes; while it runs, a function that returns
-        something else.
+        Invalid numbers; on a model, unknown joints and wrong sizes; during a run, an invalid return value of a
+        function.
     UserFunctionError
         A function raised an exception.
     """
@@ -132,13 +132,13 @@ class Torque:
     function : callable
         ``f(t, q, v) -> array (nv,)``; called with read-only arrays.
     gradient : callable, optional
-        ``g(t, q, v) -> (∂τ/∂q, ∂τ/∂v)`` in the tangent space, either may be None. Without it the velocity part is
-        taken by finite differences, and the position part is left out of Newton's matrix (never of the residual).
+        ``g(t, q, v) -> (∂τ/∂q, ∂τ/∂v)`` in the tangent space; either may be None. Without it ∂τ/∂v is computed by
+        finite differences, and ∂τ/∂q is omitted from Newton's matrix (never from the residual).
 
     Raises
     ------
     InputError
-        While it runs: wrong shapes, complex numbers.
+        During a run: wrong shapes, complex numbers.
     UserFunctionError
         A function raised an exception.
     """
@@ -155,9 +155,10 @@ class Torque:
         return f"torque {function_name(self.function)}"
 
     def torque(self, t, q, v) -> np.ndarray:
-        """τ at a time `t`, configuration `q` (nq,) and velocity `v` (nv,): what the function returns, N·m or N, (nv,).
+        """τ at time `t`, configuration `q` (nq,) and velocity `v` (nv,): the return value of the function, N·m or N.
 
-        Raises InputError where that has another shape or is no real number, UserFunctionError where it raises.
+        Returns an array (nv,). Raises InputError for another shape or numbers that are not real, and UserFunctionError
+        if the function raises.
         """
         what = f"the torque function {function_name(self.function)}"
         return returned(self.function, what, v.shape, t, q, v)
@@ -165,8 +166,8 @@ class Torque:
     def derivatives(self, t, q, v) -> tuple[np.ndarray | None, np.ndarray | None]:
         """(∂τ/∂q, ∂τ/∂v) at `t`, `q`, `v`, each (nv, nv) in the tangent space, or None: what ``gradient`` returns.
 
-        Without a ``gradient`` ∂τ/∂q is None, and ∂τ/∂v from forward differences. Raises as :meth:`torque`, also for
-        numbers that are not finite.
+        Without a ``gradient``, ∂τ/∂q is None and ∂τ/∂v is computed by forward differences. Raises the errors of
+        :meth:`torque`, and InputError for numbers that are not finite.
         """
         if self.gradient is not None:
             return _gradient(self.gradient, f"the gradient {function_name(self.gradient)}", t, q, v)

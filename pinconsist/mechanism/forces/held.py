@@ -146,18 +146,18 @@ class HeldTorque(HeldRecord):
     Parameters
     ----------
     times : array, shape (n,)
-        Since when each holds, s; in the direction of the run. Before the first one there is no torque.
+        Times from which the torques act, s; in the direction of the run. There is no torque before the first one.
     torques : array, shape (n, m) or (n,)
-        Of the joints' velocities, N·m (or N).
+        One torque for each of the m velocities of the joints, N·m (or N).
     joints : sequence of str, optional
-        Default: all of the mechanism.
+        Default: all joints of the mechanism.
     linear : bool
         Interpolate linearly between the times; the last torque is held.
 
     Raises
     ------
     InputError
-        Impossible numbers, times that do not follow each other; on a model, unknown joints and wrong sizes.
+        Invalid numbers, times that are not ordered; on a model, unknown joints and wrong sizes.
     """
 
     times: Sequence[float]
@@ -225,7 +225,7 @@ class _BoundSampled(BoundHeld):
 
 @dataclass(frozen=True, eq=False)
 class Sampled(HeldRecord):
-    """A digital controller: a law that is called once per period, and whose torques are held until the next call.
+    """A digital controller: a law that is called once per period, with its torques held until the next call.
 
     Steps end at the samples, the first of which is at the start of the run. The torques are kept as ``solution.held``;
     ``check``, ``energy`` and the error estimate use them, and do not call the law again.
@@ -236,16 +236,16 @@ class Sampled(HeldRecord):
         Time between samples, s.
     law : callable
         ``law(t, q, v) -> torques``, one for each velocity of the joints, N·m (or N); called with read-only arrays, once
-        per sample, in the order of time. It may keep a state of its own; give each run a new law then.
+        per sample, in the order of the run. If it has a state of its own, use a new law for each run.
     joints : str or sequence of str, optional
-        On which joints. Default: all.
+        Joints that the torques act on. Default: all.
     delay : float
-        Time from a sample until its torques act, s; there are none before the first ones act.
+        Time from a sample until its torques act, s. There is no torque before the first one acts.
 
     Raises
     ------
     InputError
-        Impossible numbers; on a model, unknown joints; while it runs, a law that returns something else.
+        Invalid numbers; on a model, unknown joints; during a run, an invalid return value of the law.
     UserFunctionError
         The law raised an exception.
     """

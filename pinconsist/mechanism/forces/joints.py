@@ -37,13 +37,13 @@ class JointDamping(ForceRecord):
     Parameters
     ----------
     coefficients : mapping or sequence of nv numbers
-        d ≥ 0 of joints by name, N·m·s/rad (or N·s/m); one number counts for each velocity of its joint. Or of every
-        joint velocity.
+        Joint name → d ≥ 0, N·m·s/rad (or N·s/m); a single number applies to each velocity of its joint. Or one number
+        for each of the nv joint velocities.
 
     Raises
     ------
     InputError
-        Negative or impossible numbers; on a model, unknown joints and wrong sizes.
+        Negative or invalid numbers; on a model, unknown joints and wrong sizes.
     """
 
     coefficients: Mapping[str, float | tuple] | tuple[float, ...]
@@ -80,15 +80,15 @@ class JointFriction(ForceRecord):
     Parameters
     ----------
     coefficients : mapping or sequence of nv numbers
-        Friction torque f ≥ 0 of joints by name, N·m (or N); one number counts for each velocity of its joint. Or of
-        every joint velocity.
+        Joint name → friction torque f ≥ 0, N·m (or N); a single number applies to each velocity of its joint. Or one
+        number for each of the nv joint velocities.
     width : float
-        Velocity at which friction has 76 % of its full size, rad/s (or m/s); 96 % at twice that.
+        Velocity at which friction reaches 76 % of its full value, rad/s (or m/s); 96 % at twice this velocity.
 
     Raises
     ------
     InputError
-        Negative or impossible numbers; on a model, unknown joints and wrong sizes.
+        Negative or invalid numbers; on a model, unknown joints and wrong sizes.
     """
 
     coefficients: Mapping[str, float | tuple] | tuple[float, ...]
@@ -169,17 +169,17 @@ class JointSpring(ForceRecord):
     Parameters
     ----------
     joint : str
-        A joint of one degree of freedom. Where it stores (cos, sin), as Pinocchio's unbounded revolute joints do, its
+        A joint of one degree of freedom. If it stores (cos, sin), as Pinocchio's unbounded revolute joints do, full
         turns are not counted: the deflection is then the shorter way round, within half a turn.
     stiffness : float
         k, N·m/rad (or N/m).
     rest : float
-        Where the spring is slack, rad (or m).
+        Position of the unloaded spring, rad (or m).
 
     Raises
     ------
     InputError
-        Impossible numbers; on a model, a joint that is not there or has several degrees of freedom.
+        Invalid numbers; on a model, an unknown joint or one with several degrees of freedom.
     """
 
     joint: str
@@ -198,12 +198,12 @@ class JointSpring(ForceRecord):
 class Servo(ForceRecord):
     """PD control of a joint: τ = k (θ_d(t) - θ) + d (θ̇_d(t) - θ̇).
 
-    A servo yields under load; a :class:`Drive` follows its curve exactly, whatever torque that takes.
+    A servo deflects under load; a :class:`Drive` follows its curve exactly, whatever torque this requires.
 
     Parameters
     ----------
     joint : str
-        A joint of one degree of freedom. Where it stores (cos, sin), as Pinocchio's unbounded revolute joints do, it
+        A joint of one degree of freedom. If it stores (cos, sin), as Pinocchio's unbounded revolute joints do, it
         turns to the target the shorter way round.
     target : float or callable
         θ_d: a number, or a function of time such as a :class:`Motion`, rad (or m).
@@ -212,13 +212,13 @@ class Servo(ForceRecord):
     damping : float
         d, N·m·s/rad (or N·s/m).
     rate : callable, optional
-        θ̇_d as a function of time. Default: the target's own ``rate`` where it has one, as a Motion does, else
-        sixth-order differences over 1 ms, good to about 1e-12.
+        θ̇_d as a function of time. Default: the method ``rate`` of the target if it has one, as a Motion does, else
+        sixth-order differences over 1 ms, accurate to about 1e-12.
 
     Raises
     ------
     InputError
-        Impossible numbers, negative gains; on a model, a joint that is not there or has several degrees of freedom.
+        Invalid numbers, negative gains; on a model, an unknown joint or one with several degrees of freedom.
     UserFunctionError
         The target or its rate raised an exception.
     """

@@ -73,25 +73,25 @@ class BoundPiecewise(BoundForce):
 
 @dataclass(frozen=True, eq=False)
 class Piecewise(ForceRecord):
-    """A force that jumps, or has a kink, at known times. A step ends there; the next begins with the force after it.
+    """A force that jumps, or has a kink, at known times. Steps end there; the next step uses the force after the jump.
 
-    Without this, a step that contains a jump is repeated with smaller and smaller sizes until the error test is passed.
+    Otherwise a step that contains a jump is repeated with smaller and smaller sizes until it passes the error test.
 
     Parameters
     ----------
     force : force
-        Of any kind that :func:`simulate` takes in ``forces``. At the times themselves it may have either value: it is
-        evaluated a little before and after them.
+        Any force that :func:`simulate` accepts in ``forces``. At the times themselves it may have either value: it is
+        evaluated slightly before and after them.
     times : sequence of float, optional
-        The times, s, in rising order.
+        The times, s, in ascending order.
     period : float, optional
-        Instead of times: it jumps at all multiples of this time, s.
+        Instead of times: the force jumps at all multiples of this time, s.
 
     Raises
     ------
     InputError
-        Impossible numbers, times that do not rise, neither or both of times and a period, a force that is sampled or
-        held.
+        Invalid numbers, times that are not ascending, neither or both of times and a period, a force that is sampled
+        or held.
     """
 
     force: Any
