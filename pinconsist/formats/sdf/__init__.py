@@ -10,7 +10,7 @@ The specification is that of versions 1.4 to 1.12. What a file says is carried o
 * The name of the only model of a file is left out; else links, joints and frames are ``model::name``. Before version
   1.7 a link and a joint may have one name: the joint is then ``name_joint``.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model and do not act.
-* Joint controllers of Gazebo act (:mod:`pinconsist.formats.actuators`). Contacts, sensors, other plugins and lights
+* Joint controllers of Gazebo act (``formats/actuators.py``). Contacts, sensors, other plugins and lights
   are left out. What would change the motion and cannot be carried over is refused: ``<include>``, kinematic links,
   inertias from shapes, fluid added mass, gravity on some links only.
 * A screw is one joint of Pinocchio's (helical), a universal joint two hinges ``name_axis``, ``name_axis2`` with a
