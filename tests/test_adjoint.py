@@ -8,6 +8,7 @@ from helpers.twin import needs_twin
 
 import pinconsist as pc
 from benchmarks.gradient_reference import differences
+from benchmarks.gradient_scenes import long_chain
 from pinconsist.gradients import prepare
 
 
@@ -199,3 +200,16 @@ def test_refusals():
         pc.gradient(mech, ["mass:coupler"], span, terminal=lambda t, q, v, lam: q[0], events=stop)
     with pytest.raises(pc.UserFunctionError, match="rows or of the end"):
         pc.gradient(mech, ["mass:coupler"], span, terminal=lambda t, q, v, lam: q[7])
+
+
+@needs_twin
+@pytest.mark.slow
+def test_a_run_that_begins_with_tiny_steps():
+    """A long chain in free fall, whose first steps are too short for stages to be iterated to rounding."""
+    mech, names, until = long_chain()
+    end = (lambda t, q, v, lam: q[0]), (lambda t, q, v, lam: (np.eye(mech.nv)[0], 0.0, 0.0))
+    by_bdf, by_radau = (
+        pc.gradient(mech, names, (0.0, until), terminal=end, method=method, rtol=1e-8, atol=1e-10).gradient
+        for method in ("BDF", "Radau")
+    )
+    np.testing.assert_allclose(by_bdf, by_radau, rtol=0, atol=1e-4 * np.abs(by_radau).max())

@@ -13,13 +13,13 @@ import numpy as np
 from .._core.compiled_gradient import CompiledFollower
 from .._core.compiled_system import CompiledIndex1
 from ..dae import bdf
-from ..dae.charts import chart_matrix, chart_point
+from ..dae.charts import chart_matrix
 from ..dae.dense import Tables
 from ..dae.index1 import Index1
-from ..dae.radau import table
+from ..dae.radau import Stages, table
 from ..dae.segments import RadauSegment
 from .linear import Step
-from .stage_leg import StageLeg, stage_legs, way_along
+from .stage_leg import StageLeg, stage_legs
 
 STAGES_OF_START = 5  # of order 9
 COLUMNS = ("t_old", "ends", "t", "h", "k", "base", "Z", "changes")  # of Tables
@@ -62,13 +62,14 @@ class Leg:
         first, system, formula = self.start, self.system, table(STAGES_OF_START)
         y = (bdf.differences(first.k) @ first.Z[: first.k + 1])[::-1]
         times = first.t_old + first.h * np.arange(first.k + 1)
+        states = [first(t)[:2] for t in times]
         steps = []
-        for t, end, row in zip(times[:-1], times[1:], y, strict=False):
-            p, v = chart_point(system, first.base, row[: system.nx]), row[system.nx : system.nx + system.nv]
-            W = np.tile(index1.acceleration(t, p, v)[0], (formula.s, 1))  # to be iterated
-            steps.append(RadauSegment(t, end, first.h, formula, p, v, W, W, p, v, system))
-        way = way_along(index1, [])
-        return StageLeg(way.again(steps), lambda _: index1), times, self._charts(y)
+        for t, end, (p, v), (q, w) in zip(times[:-1], times[1:], states[:-1], states[1:], strict=True):
+            stages = [(at, *first(at)[:2]) for at in t + first.h * formula.c]
+            W = np.array([index1.acceleration(*stage)[0] for stage in stages])
+            U = Stages(system, formula, t, p, v, first.h, W).U
+            steps.append(RadauSegment(t, end, first.h, formula, p, v, W, U, q, w, system))
+        return StageLeg(steps, lambda _: index1), times, self._charts(y)
 
     def begin(self, variants, base, s):
         """S of the history, from derivatives `s`, (P, nx+nv), of the state where the leg begins."""
