@@ -186,7 +186,7 @@ def certify(solution, mechanism=None) -> Certificate:
     workspace = None if mechanism is None else Workspace(system.model, blank_system, system.data)
     compared = _compared(solution)
     t, q, v = solution.t, solution.q, solution.v
-    phi, rho, forces, exact, energies, acting = measured(system, (sided(t), q, v, solution.lam), workspace)
+    phi, rho, forces, exact, found, acting = measured(system, (sided(t), q, v, solution.lam), workspace)
     phi, exact = np.abs(phi), exact[compared]
     error = np.abs(forces[compared] - exact)
     position, where, units, scale = 0.0, "", ("", ""), max(largest(exact), acting) or 1.0
@@ -195,13 +195,15 @@ def certify(solution, mechanism=None) -> Certificate:
         position = float(phi[i, row])
         if mechanism is None:
             label = system.describe_row(row)
-        else:  # the compiled rows are valid near closed loops only
-            row = np.argmax(gaps := np.abs(system.loop_rows(solution.q[i], solution.t[i])[0]))
-            label, position = "loop {!r} row {}".format(*mechanism.row_labels[row]), float(gaps[row])
+        else:
+            if position > OPEN:  # the compiled rows are valid near closed loops only
+                row = np.argmax(gaps := np.abs(system.loop_rows(solution.q[i], solution.t[i])[0]))
+                position = float(gaps[row])
+            label = "loop {!r} row {}".format(*mechanism.row_labels[row])
             of_rows = system.rows.units
-            units = of_rows[row], of_rows[np.argmax(np.abs(rho).max(axis=0))]
+            units = of_rows[row], of_rows[np.argmax(np.abs(rho)) % rho.shape[1]]
         where = f"{label} at t = {solution.t[i]:.6g} s"
-    energy = None if mechanism is None else energy_of(solution, mechanism, workspace, energies)
+    energy = None if mechanism is None else energy_of(solution, mechanism, workspace, system.forces, found)
     return Certificate(
         position=position,
         position_at=where,

@@ -1,7 +1,6 @@
 """Residuals of the rows of a run in the constraints and in the differential equation."""
 
 import os
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -9,16 +8,18 @@ from ._core import load
 from ._core.compiled_system import CompiledIndex1, blank_system, compiled_system
 from .dae.index1 import Index1, solve_acceleration
 from .dae.norms import largest
+from .mechanism.energy import compiled_forces
 from .mechanism.system import MechanismSystem
 
-A_THREAD = 200  # rows that justify one more thread
+A_THREAD = 200  # rows that justify one more thread, and its pin.Data, which has several arrays of nv³ numbers
 THREADS = 4  # at most
 
 
 def measured(system, states, workspace):
     """Φ, the hidden residual, Jᵀλ (G λ) and that of the differential equation at rows `states`, (t, q, v, λ).
 
-    Kinetic and potential energies, or None, and the largest of the other acting forces are returned after these.
+    After these come the energies as :func:`~pinconsist.mechanism.energy.measure` returns them, or None, and the largest
+    of the other acting forces.
     """
     if workspace is not None and (found := _compiled(system, states, workspace)) is not None:
         return found
@@ -40,30 +41,25 @@ def _compiled(system, states, workspace):
 
     The rows are divided between threads, each with its own system, if no Python function is called.
     """
-    if (twin := _twin(system, workspace.compiled())) is None:
+    if (twin := workspace.compiled()) is None:
         return None
-    twins = [twin]
+    rows, systems = system.all_rows(), []
+
+    def add(twin):
+        rows.hand_over(twin)
+        system.hand_over_forces(twin)
+        forces = compiled_forces(system.forces, workspace)
+        systems.append((twin, list(forces.values())))
+        return list(forces)
+
+    labels = add(twin)
     if not twin.calls_python:
-        more = min(THREADS, _processors(), len(states[0]) // A_THREAD) - 1
-        twins += [_twin(system, blank_system(system.model, system.model.createData())) for _ in range(more)]
-    parts = list(zip(*(np.array_split(column, len(twins)) for column in states), strict=True))
-
-    def certified(each, part):
-        return each.certified(system.kept, *part)
-
-    with ThreadPoolExecutor(THREADS) as pool:
-        others = pool.map(certified, twins[1:], parts[1:])
-        results = [certified(twins[0], parts[0]), *others]
-    *columns, acting, failed = zip(*results, strict=True)
-    return (*map(np.concatenate, columns), max(acting)) if max(failed) < 0 else None
-
-
-def _twin(system, blank):
-    """A blank compiled system with the rows and forces of a system, or None."""
-    if blank is not None:
-        system.hand_over_all_rows(blank)
-        system.hand_over_forces(blank)
-    return blank
+        for _ in range(min(THREADS, _processors(), len(states[0]) // max(A_THREAD, system.nv**2 // 10)) - 1):
+            add(blank_system(system.model, system.model.createData()))
+    if (found := load()[0].certified(systems, system.kept, *states)) is None:
+        return None
+    *residuals, energies, acting = found
+    return *residuals, (labels, energies), acting
 
 
 def _processors() -> int:
@@ -89,6 +85,6 @@ def loop_forces(system, t, q, v, lam):
     if not isinstance(system, MechanismSystem):
         return np.array([system.evaluate(t, p, v, 0.0 * v)[2] @ lam for t, p, v, lam in zip(*states, strict=True)])
     if (twin := blank_system(system.model, system.data)) is not None:
-        system.hand_over_all_rows(twin)
+        system.all_rows().hand_over(twin)
         return twin.residuals(*states)[2]
     return np.array([system.loop_rows(p, t)[1].T @ lam for t, p, _, lam in zip(*states, strict=True)])

@@ -171,7 +171,7 @@ def _gap(sol) -> float:
     """`Certificate.position` alone: the forces, most of a certificate's work, are not in the table."""
     system, rows = sol.system, range(len(sol.t))
     if len(sol.t) and system.rows.nc and (twin := blank_system(system.model, system.data)) is not None:
-        system.hand_over_all_rows(twin)
+        system.all_rows().hand_over(twin)
         rows = [int(np.abs(twin.gaps(sol.t, sol.q)).max(axis=1).argmax())]
     gaps = [system.loop_rows(sol.q[i], sol.t[i])[0] for i in rows]
     return float(np.abs(gaps).max(initial=0.0))

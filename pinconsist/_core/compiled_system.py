@@ -34,7 +34,7 @@ def compiled_system(system):
 def with_all_rows(system):
     """A compiled system of a mechanism with all rows of its loops, dependent ones included, without forces."""
     compiled = load()[0].MechanismSystem(system.model, system.data)
-    system.hand_over_all_rows(compiled)
+    system.all_rows().hand_over(compiled)
     return compiled
 
 

@@ -8,6 +8,7 @@
 #include <pinocchio/algorithm/kinematics.hpp>
 
 #include <array>
+#include <future>
 
 namespace pinconsist {
 
@@ -39,11 +40,29 @@ inline double kinetic_energy(const Model &model, const Data &data, const Vec &v)
   return 0.5 * twice;
 }
 
+// Each force in systems of its own: one with what counts as its power, and, if it is a spring, one that stores its energy.
+using Forces = std::vector<std::pair<MechanismSystem *, MechanismSystem *>>;
+
+// Kinetic and potential energy, then power and elastic energy of each force, at the joints' last poses, velocities and
+// Jacobians.
+inline void measure_energies(MechanismSystem &system, const Forces &forces, double t, const Vec &p, const Vec &v,
+                             Eigen::Ref<Eigen::RowVectorXd> energies) {
+  energies[0] = kinetic_energy(system.model(), system.data(), v);
+  energies[1] = potential_energy(system.model(), system.data());
+  for (size_t k = 0; k < forces.size(); ++k) {
+    const auto [force, spring] = forces[k];
+    energies[2 * k + 2] = force->power(system.data(), t, p, v);
+    energies[2 * k + 3] = spring ? spring->stored(system.data(), p) : 0.0;
+  }
+}
+
+inline Eigen::Index width_of(const Forces &forces) { return static_cast<Eigen::Index>(2 * forces.size() + 2); }
+
 struct Certified {
   Table phi, rho, forces, exact; // Φ, the hidden residual, Jᵀλ, and that of the differential equation
-  Table energies;                // kinetic, potential
+  Table energies;                // see measure_energies
   double acting = 0.0;           // largest weight or inertial force of velocities, or these with all other forces
-  Eigen::Index failed = -1;      // first row at which the equations are singular or not finite
+  bool complete = true;          // false if the equations are singular or not finite at some row
 };
 
 // Jᵀλ of the differential equation, by rows that are independent.
@@ -127,46 +146,49 @@ private:
   bool by_bodies_;
 };
 
-// `kept` are the independent ones of the system's rows.
-inline Certified certified(MechanismSystem &system, const std::vector<int> &kept, const Vec &t, const Table &p, const Table &v,
-                           const Table &lam) {
-  const Eigen::Index n = t.size();
-  Certified result{Table(n, system.nc), Table(n, system.nc), Table(n, system.nv), Table(n, system.nv), Table(n, 2)};
-  const Model &model = system.model();
-  Data &data = system.data();
-  const Vec zero = Vec::Zero(model.nv);
-  ExactForces exact(system, kept);
-  Vec q, rate;
-  for (Eigen::Index i = 0; i < n; ++i) {
-    q = p.row(i).transpose();
-    rate = v.row(i).transpose();
-    system.evaluate(t[i], q, rate, zero);
-    result.acting = std::max({result.acting, largest(data.tau), largest(system.f)});
-    if (!exact.find(t[i], q, rate, result.exact.row(i))) {
-      result.failed = i;
-      break;
+// Divides the rows of a solution between equal systems, one for each thread; `kept` are the independent ones of their rows.
+inline Certified certified(const std::vector<std::pair<MechanismSystem *, Forces>> &systems, const std::vector<int> &kept,
+                           const Vec &t, const Table &p, const Table &v, const Table &lam) {
+  const auto n = t.size(), parts = static_cast<Eigen::Index>(systems.size());
+  const auto &[first, its_forces] = systems.front();
+  Certified result{Table(n, first->nc), Table(n, first->nc), Table(n, first->nv), Table(n, first->nv), Table(n, width_of(its_forces))};
+  const auto part = [&](Eigen::Index k) {
+    const auto &[system, forces] = systems[k];
+    const Vec zero = Vec::Zero(system->nv);
+    ExactForces exact(*system, kept);
+    Vec q, rate;
+    double acting = 0.0;
+    for (Eigen::Index i = n * k / parts; i < n * (k + 1) / parts; ++i) {
+      q = p.row(i).transpose();
+      rate = v.row(i).transpose();
+      system->evaluate(t[i], q, rate, zero);
+      acting = std::max({acting, largest(system->data().tau), largest(system->f)});
+      if (!exact.find(t[i], q, rate, result.exact.row(i))) return INF;
+      if (!system->nc) pinocchio::forwardKinematics(system->model(), system->data(), q, rate);
+      result.phi.row(i) = system->phi.transpose();
+      result.rho.row(i) = system->rho.transpose();
+      result.forces.row(i).noalias() = lam.row(i) * system->W;
+      measure_energies(*system, forces, t[i], q, rate, result.energies.row(i));
     }
-    if (!system.nc) pinocchio::forwardKinematics(model, data, q, rate);
-    result.phi.row(i) = system.phi.transpose();
-    result.rho.row(i) = system.rho.transpose();
-    result.forces.row(i).noalias() = lam.row(i) * system.W;
-    result.energies.row(i) << kinetic_energy(model, data, rate), potential_energy(model, data);
-  }
+    return acting;
+  };
+  std::vector<std::future<double>> others;
+  for (Eigen::Index k = 1; k < parts; ++k) others.push_back(std::async(std::launch::async, part, k));
+  result.acting = part(0);
+  for (auto &other : others) result.acting = std::max(result.acting, other.get());
+  result.complete = result.acting < INF;
   return result;
 }
 
-// Kinetic and potential energy.
-inline Table energies(MechanismSystem &system, const Table &p, const Table &v) {
-  const Model &model = system.model();
-  Data &data = system.data();
-  Table energies(p.rows(), 2);
+inline Table energies(MechanismSystem &system, const Vec &t, const Table &p, const Table &v, const Forces &forces) {
+  Table energies(p.rows(), width_of(forces));
   Vec q, rate;
-  const Vec still = Vec::Zero(model.nv);
   for (Eigen::Index i = 0; i < p.rows(); ++i) {
     q = p.row(i).transpose();
     rate = v.row(i).transpose();
-    pinocchio::forwardKinematics(model, data, q, rate, still);
-    energies.row(i) << kinetic_energy(model, data, rate), potential_energy(model, data);
+    pinocchio::forwardKinematics(system.model(), system.data(), q, rate);
+    pinocchio::computeJointJacobians(system.model(), system.data());
+    measure_energies(system, forces, t[i], q, rate, energies.row(i));
   }
   return energies;
 }
@@ -177,13 +199,6 @@ inline Table torques(MechanismSystem &system, const Vec &t, const Table &p, cons
   for (Eigen::Index i = 0; i < t.size(); ++i)
     torques.row(i) = system.torque(t[i], p.row(i).transpose(), v.row(i).transpose()).transpose();
   return torques;
-}
-
-// Elastic energy of all springs.
-inline Vec stored(MechanismSystem &system, const Table &p) {
-  Vec stored(p.rows());
-  for (Eigen::Index i = 0; i < p.rows(); ++i) stored[i] = system.stored(p.row(i).transpose());
-  return stored;
 }
 
 // Force on the second body at its anchor, and moment about it, of all rows: in world axes, or those of the first anchor.

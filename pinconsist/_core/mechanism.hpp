@@ -218,11 +218,15 @@ public:
     return -f;
   }
 
-  // Elastic energy of all springs.
-  double stored(const Vec &p) {
-    evaluate_rows(0.0, p);
+  // Power of all forces and elastic energy of all springs, at the poses and Jacobians of another system of this model.
+  double power(const Data &data, double t, const Vec &p, const Vec &v) {
+    tau_ = constant_ - damping_.cwiseProduct(v);
+    for (const auto &force : forces_) force->add_torque(data, t, p, v, tau_);
+    return tau_.dot(v);
+  }
+  double stored(const Data &data, const Vec &p) const {
     double energy = 0.0;
-    for (const auto &force : forces_) energy += force->stored(data_, p);
+    for (const auto &force : forces_) energy += force->stored(data, p);
     return energy;
   }
 

@@ -141,20 +141,8 @@ NB_MODULE(twin, m) {
              auto all = residuals(s, t, p, v, lam);
              return nb::make_tuple(std::move(all[0]), std::move(all[1]), std::move(all[2]));
            })
-      .def("certified",
-           [](MechanismSystem &s, const std::vector<int> &kept, const Vec &t, const Table &p, const Table &v, const Table &lam) {
-             Certified found;
-             {
-               std::optional<nb::gil_scoped_release> release; // other threads have other rows
-               if (!s.calls_python()) release.emplace();
-               found = certified(s, kept, t, p, v, lam);
-             }
-             return nb::make_tuple(std::move(found.phi), std::move(found.rho), std::move(found.forces), std::move(found.exact),
-                                   std::move(found.energies), found.acting, found.failed);
-           })
       .def("energies", &energies)
       .def("torques", &torques)
-      .def("stored", &stored)
       .def("wrenches",
            [](MechanismSystem &s, const Vec &t, const Table &p, const Table &lam, int joint1, const Pose &place1, int joint2,
               const Pose &place2, bool in_world) {
@@ -224,6 +212,20 @@ NB_MODULE(twin, m) {
                    })
       .def("step", &OneStep::step)
       .def("sample", [](const OneStep &s, const Vec &times) { return array(s.sample(times)); });
+
+  m.def("certified", // None if the equations are singular or not finite at some row
+        [](const std::vector<std::pair<MechanismSystem *, Forces>> &systems, const std::vector<int> &kept, const Vec &t,
+           const Table &p, const Table &v, const Table &lam) -> nb::object {
+          Certified found;
+          {
+            std::optional<nb::gil_scoped_release> release;
+            if (!systems.front().first->calls_python()) release.emplace();
+            found = certified(systems, kept, t, p, v, lam);
+          }
+          if (!found.complete) return nb::none();
+          return nb::make_tuple(std::move(found.phi), std::move(found.rho), std::move(found.forces), std::move(found.exact),
+                                std::move(found.energies), found.acting);
+        });
 
   bind_steppers(m);
   bind_gradients(m);

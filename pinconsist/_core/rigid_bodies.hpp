@@ -84,29 +84,32 @@ inline Vector3d origin(const Data &data, int joint, const SE3 &placement) {
   return joint ? Vector3d(data.oMi[joint].act(placement.translation())) : placement.translation();
 }
 
-// A point of a body with axes, moving: classical acceleration a, angular acceleration b; in world axes.
-struct Moving {
-  Vector3d x = Vector3d::Zero(), v = x, w = x, a = x, b = x;
-  Matrix3d R = Matrix3d::Identity();
+// Axes in the world.
+inline Matrix3d axes(const Data &data, int joint, const SE3 &placement) {
+  return joint ? Matrix3d(data.oMi[joint].rotation() * placement.rotation()) : placement.rotation();
+}
 
-  Moving(const Data &data, int joint, const SE3 &placement) {
-    const SE3 pose = placed(data, joint, placement);
-    x = pose.translation();
-    R = pose.rotation();
+// A point of a body, moving: classical acceleration a; the body's spin w and angular acceleration b; in world axes.
+struct Moving {
+  Vector3d x, v = Vector3d::Zero(), w = v, a = v, b = v;
+
+  Moving(const Data &data, int joint, const SE3 &placement) : x(placement.translation()) {
     if (!joint) return;
-    const auto velocity = placement.actInv(data.v[joint]), acceleration = placement.actInv(data.a[joint]);
-    v = R * velocity.linear();
+    const auto &R = data.oMi[joint].rotation();
+    const auto &velocity = data.v[joint], &acceleration = data.a[joint];
+    const Vector3d moved = velocity.linear() + velocity.angular().cross(x);
+    v = R * moved;
     w = R * velocity.angular();
-    a = R * (acceleration.linear() + velocity.angular().cross(velocity.linear()));
+    a = R * (acceleration.linear() + acceleration.angular().cross(x) + velocity.angular().cross(moved));
     b = R * acceleration.angular();
+    x = R * x + data.oMi[joint].translation();
   }
 };
 
-// Acceleration of point 2 as anchor 1 sees it, in the axes of anchor 1.
+// Acceleration of point 2 as body 1 sees it, in world axes.
 inline Vector3d seen_acceleration(const Moving &m1, const Moving &m2) {
   const Vector3d r = m2.x - m1.x, rd = m2.v - m1.v;
-  return m1.R.transpose() *
-         (m2.a - m1.a - m1.b.cross(r) - 2.0 * m1.w.cross(rd) + m1.w.cross(m1.w.cross(r)));
+  return m2.a - m1.a - m1.b.cross(r) + m1.w.cross(m1.w.cross(r) - 2.0 * rd);
 }
 
 // mechanism/joint_constraints.py: Coordinate

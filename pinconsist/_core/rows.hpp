@@ -108,9 +108,11 @@ public:
 
   void add_bias(const Data &data, double, const Vec &, const Vec &, int at, Vec &bias) const override {
     const Moving m1(data, joint1_, place1_), m2(data, joint2_, place2_);
-    bias.segment(at, size()) += matrix_.leftCols<3>() * seen_acceleration(m1, m2);
+    const Matrix3d to1 = axes(data, joint1_, place1_).transpose();
+    const Vector3d seen = to1 * seen_acceleration(m1, m2);
+    for (int i = 0; i < size(); ++i) bias[at + i] += matrix_.row(i).head<3>().dot(seen);
     if (matrix_.cols() == 6)
-      bias.segment(at, size()) += matrix_.rightCols<3>() * (m1.R.transpose() * (m2.b - m1.b - m1.w.cross(m2.w)));
+      bias.segment(at, size()) += matrix_.rightCols<3>() * (to1 * (m2.b - m1.b - m1.w.cross(m2.w)));
   }
 
   bool add_gradients(const Data &data, const Vec &, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
@@ -176,7 +178,7 @@ public:
     const Moving m1(data, joint1_, place1_), m2(data, joint2_, place2_);
     const Vector3d r = m2.x - m1.x, rate = m2.v - m1.v;
     bias[at] += (rate - m1.w.cross(r)).squaredNorm() / length_;
-    bias[at] += (m1.R.transpose() * r).dot(seen_acceleration(m1, m2)) / length_;
+    bias[at] += r.dot(seen_acceleration(m1, m2)) / length_;
   }
 
   bool add_gradients(const Data &data, const Vec &, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {

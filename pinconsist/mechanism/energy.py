@@ -74,18 +74,22 @@ class Energy:
     __repr__ = __str__
 
 
-def energy_of(solution, mechanism, workspace=None, of_bodies=None) -> Energy:
+def energy_of(solution, mechanism, workspace=None, forces=None, found=None) -> Energy:
     """Measure the energies and powers of a solution of a mechanism.
 
-    `of_bodies`, (n, 2), has kinetic and potential energies where they are known.
+    `forces` are those of the mechanism, bound to its model, and `found` is what :func:`measure` returns, if these are
+    known.
     """
-    model, workspace = mechanism.model, workspace or Workspace(mechanism.model)
-    forces, rows = bound_forces(model, mechanism.forces), LoopRows.of(mechanism)
+    model, workspace, rows = mechanism.model, workspace or Workspace(mechanism.model), LoopRows.of(mechanism)
+    forces = bound_forces(model, mechanism.forces) if forces is None else forces
     t, q, v, n = solution.t, solution.q, solution.v, len(solution.t)
-    power, stored, apart = {}, {}, sided(t)
+    labels, columns = found or measure(forces, sided(t), q, v, workspace)
+    kinetic, potential, *columns = np.ascontiguousarray(columns.T)
+    measured = dict(zip(labels, zip(columns[::2], columns[1::2], strict=True), strict=True))
+    power, stored = {}, {}
     for label, force in forces.items():
-        power[label], elastic = _brought(force, apart, q, v, workspace)
-        if elastic is not None:
+        power[label], elastic = measured.get(label) or _brought(force, sided(t), q, v)
+        if hasattr(force, "stored"):
             stored[label] = elastic
     if rows.moving:
         brought = -solution.lam * _time_rates(rows, t, q, workspace)
@@ -93,39 +97,56 @@ def energy_of(solution, mechanism, workspace=None, of_bodies=None) -> Energy:
             if closure.moving:
                 name = closure.loop.name
                 power[unused(name, power)] = brought[:, rows.slices[name]].sum(axis=1)
-    kinetic, potential = np.ascontiguousarray((_of_bodies(q, v, workspace) if of_bodies is None else of_bodies).T)
     elastic = sum(stored.values(), np.zeros(n))
     total = kinetic + potential + elastic
-    done = _integrals(t, np.reshape([*power.values()], (len(power), n)).T)
-    work, error = dict(zip(power, done.T.copy(), strict=True)), total - total[0] - done.sum(axis=1)
-    change = np.diff(total, prepend=total[:1])
-    jumps = np.cumsum(np.where(np.diff(t, prepend=np.nan) == 0.0, change, 0.0))  # events leave two rows at one time
-    if jumps.any():
-        work[unused(EVENTS, power)] = jumps
+    done, acts = np.zeros((len(power), n)), [k for k, each in enumerate(power.values()) if each.any()]
+    if acts:
+        done[acts] = _integrals(t, np.column_stack([*power.values()])[:, acts]).T
+    work, error = dict(zip(power, done, strict=True)), total - total[0] - done.sum(axis=0)
+    if (doubled := np.diff(t, prepend=np.nan) == 0.0).any():  # events leave two rows at one time
+        jumps = np.cumsum(np.where(doubled, np.diff(total, prepend=total[:1]), 0.0))
+        error -= jumps
+        if jumps.any():
+            work[unused(EVENTS, power)] = jumps
     return Energy(
         t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total, stored=stored, power=power, work=work,
-        error=error - jumps, _terms=max(np.abs(total).max(), elastic.max(), _weights(model, workspace.data, q[0])),
+        error=error, _terms=max(np.abs(total).max(), elastic.max(), _weights(model, workspace.data, q[0])),
     )  # fmt: skip
 
 
-def _of_bodies(q, v, workspace):
-    """Kinetic energy, rotors included, and potential energy, as columns."""
+def measure(forces, t, q, v, workspace):
+    """The labels of the forces that are compiled, and energies in columns.
+
+    These are kinetic energy, rotors included, potential energy, and the power and elastic energy of each of the forces.
+    """
     if (twin := workspace.compiled()) is not None:
-        return twin.energies(q, v)
+        parts = compiled_forces(forces, workspace)
+        return list(parts), twin.energies(t, q, v, list(parts.values()))
     model, data = workspace.model, workspace.data
     kinetic = [pin.computeKineticEnergy(model, data, *state) for state in zip(q, v, strict=True)]
-    return np.column_stack((kinetic, [pin.computePotentialEnergy(model, data, each) for each in q]))
+    return [], np.column_stack((kinetic, [pin.computePotentialEnergy(model, data, each) for each in q]))
 
 
-def _brought(force, t, q, v, workspace):
-    """Power of a force, without what it stores, and its elastic energy, or None."""
-    is_spring, twin = hasattr(force, "stored"), workspace.compiled()
-    if is_spring and twin is not None and isinstance(force, BoundForce) and force.hand_over(twin):
-        elastic, twin = twin.stored(q), workspace.compiled()
-        force.hand_over_damper(twin)
-        return (twin.torques(t, q, v) * v).sum(axis=1), elastic
-    power = (torques_of(force, t, q, v, workspace) * v).sum(axis=1)
-    if not is_spring:
+def compiled_forces(forces, workspace):
+    """The forces that are compiled, each in systems of its own.
+
+    The first has what counts as its power, the second, which is None for most, the spring that stores its energy.
+    """
+    parts = {}
+    for label, force in forces.items():
+        twin, spring = workspace.compiled(), None
+        if isinstance(force, BoundForce) and force.hand_over(twin):
+            if hasattr(force, "stored"):
+                twin, spring = workspace.compiled(), twin
+                force.hand_over_damper(twin)
+            parts[label] = twin, spring
+    return parts
+
+
+def _brought(force, t, q, v):
+    """Power of a force, without what it stores, and its elastic energy, or None, in Python."""
+    power = np.array([force.torque(*state) @ state[2] for state in zip(t, q, v, strict=True)])
+    if not hasattr(force, "stored"):
         return power, None
     elastic, rate = np.array([force.stored(*state) for state in zip(q, v, strict=True)]).T
     return power + rate, elastic
@@ -159,7 +180,7 @@ def _integrals(t, powers):
     """∫ powers dt up to each row, of (n, k), piecewise between events."""
     pieces, steps = np.zeros(powers.shape), np.diff(t)
     for start, stop in pairwise([0, *(np.flatnonzero(steps == 0.0) + 1), len(t)]):
-        if stop - start > 1 and powers.size:
+        if stop - start > 1:
             h = np.abs(steps[start : stop - 1, None])
             a, b, c, d = CubicSpline(np.abs(t[start:stop] - t[start]), powers[start:stop]).c
             pieces[start + 1 : stop] = h * (d + h * (c / 2 + h * (b / 3 + h * a / 4)))

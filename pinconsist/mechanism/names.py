@@ -143,7 +143,8 @@ def beyond_limits(mechanism, t, q) -> tuple[BeyondLimit, ...]:
     joint of several is called ``joint[k]``; joints that store quaternions, or cosine and sine, have no such limits.
     """
     model, found = mechanism.model, []
-    lower, upper, ends = model.lowerPositionLimit, model.upperPositionLimit, np.array([q.min(axis=0), q.max(axis=0)])
+    lower, upper, columns = model.lowerPositionLimit, model.upperPositionLimit, np.ascontiguousarray(q.T)
+    ends = np.array([columns.min(axis=1), columns.max(axis=1)])
     bounded = np.isfinite(lower) & np.isfinite(upper)
     middle = np.add(lower, upper, where=bounded, out=np.zeros(model.nq)) / 2
     turns = np.where(bounded, tau * np.round((q[0] - middle) / tau), 0.0)

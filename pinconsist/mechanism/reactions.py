@@ -10,7 +10,7 @@ from ..errors import InputError
 from .checks import near, read_only
 from .loops import Loop
 from .mechanism import Mechanism
-from .rank import independent_rows, row_scales
+from .rank import Ranking
 from .rows import KeptRows, LoopRows, Workspace
 
 AXES = ("world", "anchor")
@@ -134,7 +134,7 @@ def undetermined(mechanism: Mechanism, t, q, data=None, rows=None) -> dict[str, 
     data, rows, looks = data or mechanism.model.createData(), rows or LoopRows.of(mechanism), []
     if not rows.nc or not len(t):
         return {}
-    for i in np.unique(np.linspace(0, len(t) - 1, LOOKS).astype(int)):
+    for i in dict.fromkeys(k * (len(t) - 1) // (LOOKS - 1) for k in range(LOOKS)):
         looks.append(_nearly_dependent(rows, rows.at(data, q[i], t[i])[1]))
         if not looks[-1]:
             return {}
@@ -142,10 +142,10 @@ def undetermined(mechanism: Mechanism, t, q, data=None, rows=None) -> dict[str, 
 
 
 def _nearly_dependent(rows: LoopRows, J) -> dict[str, float]:
-    kept = independent_rows(J, rows.turns)
-    if not len(kept):
+    ranking = Ranking(J, rows.turns)
+    if not len(kept := ranking.kept):
         return {}
-    scaled = (J / row_scales(J, rows.turns)[:, None])[kept]
+    scaled = (J / ranking.scales[:, None])[kept]
     if (sizes := np.linalg.svd(scaled, compute_uv=False))[-1] >= NEARLY * sizes[0]:
         return {}
     shares, sizes, _ = np.linalg.svd(scaled)

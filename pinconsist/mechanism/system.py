@@ -54,14 +54,14 @@ class MechanismSystem(Index3System):
         self._structure = None if self.vector_like else structure_constants(self.model)
 
     def _take(self, forces):
-        self._forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
+        self.forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
         self.changing = [each for each in forces.values() if hasattr(each, "next_change")]
         self.changes = bool(self.changing)
 
     @property
     def held(self) -> dict[str, np.ndarray]:
         """The tables of the forces that are held, by their labels; see :attr:`Solution.held`."""
-        return {label: force.held for label, force in self._forces.items() if isinstance(force, BoundHeld)}
+        return {label: force.held for label, force in self.forces.items() if isinstance(force, BoundHeld)}
 
     def start(self, t, p, v, backwards):
         for force in self.changing:
@@ -121,7 +121,7 @@ class MechanismSystem(Index3System):
     def matrices(self, t, p, v, a):
         pin.computeRNEADerivatives(self.model, self.data, p, v, a)
         f_v, f_q = self._f_v.copy(), self._f_q.copy()
-        for force in self._forces.values():
+        for force in self.forces.values():
             tau_q, tau_v = force.derivatives(t, p, v)
             if tau_v is not None:
                 f_v -= tau_v
@@ -159,7 +159,7 @@ class MechanismSystem(Index3System):
     def torque(self, t, q, v):
         """τ of all forces, shape (nv,)."""
         tau = np.zeros(self.nv)
-        for force in self._forces.values():
+        for force in self.forces.values():
             tau += force.torque(t, q, v)
         return tau
 
@@ -170,19 +170,19 @@ class MechanismSystem(Index3System):
 
     def hand_over_forces(self, twin) -> None:
         """Add the forces to a compiled system."""
-        for force in self._forces.values():
+        for force in self.forces.values():
             if not (hasattr(force, "hand_over") and force.hand_over(twin)):
                 twin.add_python_force(force)
 
-    def hand_over_all_rows(self, twin) -> None:
-        """Add all rows of the loops to a compiled system, dropped ones included."""
-        KeptRows(self.model, self.rows, np.arange(self.rows.nc)).hand_over(twin)
+    def all_rows(self) -> KeptRows:
+        """All rows of the loops, dropped ones included."""
+        return KeptRows(self.model, self.rows, np.arange(self.rows.nc))
 
     def not_finite(self, t, q, v) -> tuple[str, ...]:
         """Labels of the forces whose torque or derivatives are not finite at a state that is."""
         if not np.isfinite(np.concatenate((q, v))).all():
             return ()
-        parts = {label: (f.torque(t, q, v), *f.derivatives(t, q, v)) for label, f in self._forces.items()}
+        parts = {label: (f.torque(t, q, v), *f.derivatives(t, q, v)) for label, f in self.forces.items()}
         known = {label: [part for part in found if part is not None] for label, found in parts.items()}
         return tuple(label for label, found in known.items() if not all(np.isfinite(part).all() for part in found))
 
@@ -192,7 +192,7 @@ class MechanismSystem(Index3System):
 
     def jumps(self, t, q, v) -> tuple[str, ...]:
         """Labels of the forces that jump at velocities near `v`, such as relays."""
-        return tuple(label for label, force in self._forces.items() if _jumps(lambda v, f=force: f.torque(t, q, v), v))
+        return tuple(label for label, force in self.forces.items() if _jumps(lambda v, f=force: f.torque(t, q, v), v))
 
     def mass_matrix(self, q):
         """M(q), shape (nv, nv)."""
@@ -242,7 +242,7 @@ class MechanismSystem(Index3System):
         if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > WEAK * strongest:
             return None
         fresh = MechanismSystem(self.mechanism, q, self.chosen_at)
-        fresh._take(self._forces)  # those that are held go on
+        fresh._take(self.forces)  # those that are held go on
         return fresh if fresh.nc == self.nc and (fresh.kept != self.kept).any() else None
 
     def rank_nearby(self, q, free) -> int:
