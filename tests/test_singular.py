@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from helpers.extras import skips_missing_extras
+from helpers.twin import needs_twin
 
 import pinconsist as pc
 from pinconsist.dae.rounding import is_noise
@@ -47,3 +49,18 @@ def test_a_tight_tolerance_does_not_creep_towards_the_singular_position(n, tol, 
 def test_rounding_moves_a_closed_loop_far_beside_a_singular_position(moved, closed, noise):
     one = np.ones(2)
     assert is_noise(1e-13 * one, moved * one, one, one, one, 1e-9, closed) == noise
+
+
+@needs_twin
+@pytest.mark.parametrize("tol", [1e-9, 1e-10, 1e-11])
+def test_stages_do_not_begin_in_another_closed_position(tol):
+    """A shin of the floating Cassie closes at two places that are 1 mm apart, and the rows are independent by 3e-7.
+
+    Extrapolated rounding led the stages to the other place, and the polynomial through them all later attempts.
+    """
+    with skips_missing_extras():
+        mech = pc.load("cassie", free_flyer=True)
+    spin = {"left-knee-op": 3.0, "right-knee-op": -2.0}
+    expected = pc.simulate(mech, (0.0, 0.02), None, spin, rtol=1e-9, atol=1e-9)
+    found = pc.simulate(mech, (0.0, 0.02), None, spin, rtol=tol, atol=tol, method="Radau")
+    assert found.success and np.abs(found.q[-1] - expected.q[-1]).max() < 1e-7

@@ -147,7 +147,9 @@ private:
         if (fixed()) return failure;
         smaller = control.after_failure(h);
         control.choose_after_failure();
-        shaped_ = false;
+      }
+      if (failure != Failure::none || std::abs(smaller) <= MIN_FACTOR * std::abs(h)) {
+        shaped_ = false; // perhaps these are stages in another closed position
         slope_.setZero();
       }
       if (headway_.setback() || std::abs(smaller) < shortest_step(t))

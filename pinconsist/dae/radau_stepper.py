@@ -149,13 +149,14 @@ class RadauStepper(Stepper):
                 landing = self.landed(stages)
                 if landing.error <= 1.0:
                     break
-                smaller = control.after_rejection(self.s, self.h, landing.error)
-                self.shape = stages
+                smaller, self.shape = control.after_rejection(self.s, self.h, landing.error), stages
             else:
-                smaller, self.shape, self.slope = control.after_failure(self.h), None, 0.0 * self.slope
+                smaller = control.after_failure(self.h)
                 if smaller is None:
                     return stages.failure
                 self._use(control.chosen_after_failure())
+            if stages.failure or abs(smaller) <= tuning.MIN_FACTOR * abs(self.h):
+                self.shape, self.slope = None, 0.0 * self.slope  # perhaps these are stages in another closed position
             if self.headway.setback() or abs(smaller) < shortest_step(self.t):
                 return stages.failure or tuning.FAILURES["error_test"]
             self.h = smaller
