@@ -53,8 +53,8 @@ class DenseReference:
         turned = fastest_turn(turning_coordinates(self.system, problem.q0), self.dense(times)[:n].T)
         if turned > FARTHEST:
             raise PinconsistError(f"{problem.name}: no reference: a body turns by {turned:.3g} rad; try an earlier end")
-        _, v, lam = self.at(times)
-        self._largest_v, self._largest_lam = (_size(part) for part in (v, lam))
+        q, v, lam = self.at(times)
+        self._largest = [_size(part) for part in (v, lam, self._forces(times, q, lam))]
 
     def _dense(self, rtol, most):
         """(dense output, evaluations), or (None, evaluations) where that many are not enough."""
@@ -85,17 +85,23 @@ class DenseReference:
         kept = np.array([solve_acceleration(self.system, *row)[1] for row in zip(times, q, v, strict=True)])
         return q, v, self.problem.multipliers(q, kept)
 
-    def errors(self, rows) -> tuple[float, ...]:
-        """(q, v, λ, q at the end, λ in the first row, λ at the method's own first step).
+    def _forces(self, *stacks):
+        """Jᵀλ of stacks of t, q, λ."""
+        return np.array([self.system.loop_rows(q, t)[1].T @ lam for t, q, lam in zip(*stacks, strict=True)])
 
-        The first three the largest; v and λ in parts of their largest in the run.
+    def errors(self, rows) -> tuple[float, ...]:
+        """(q, v, λ, q at the end, λ in the first row, λ at the method's own first step, Jᵀλ).
+
+        All but these three the largest; v, λ and Jᵀλ in parts of their largest in the run.
         """
         q, v, lam = self.at(np.clip(rows.t, *self.problem.span))
         off = np.array([self.system.difference(*pair) for pair in zip(q, rows.q, strict=True)])
-        by_q, by_v, by_lam = (np.abs(part).max(axis=1) for part in (off, rows.v - v, rows.lam - lam))
-        relative = by_lam / self._largest_lam  # the start is given, not computed
+        parts = rows.v - v, rows.lam - lam, self._forces(rows.t, rows.q, rows.lam) - self._forces(rows.t, q, lam)
+        by_q, by_v, by_lam, by_force = (np.abs(part).max(axis=1) for part in (off, *parts))
+        of_v, of_lam, of_force = self._largest
+        relative = by_lam / of_lam  # the start is given, not computed
         first = relative[1], relative[rows.first]
-        return (by_q.max(), by_v.max() / self._largest_v, relative[1:].max(), by_q[-1], *first)
+        return (by_q.max(), by_v.max() / of_v, relative[1:].max(), by_q[-1], *first, by_force[1:].max() / of_force)
 
 
 def _size(values):

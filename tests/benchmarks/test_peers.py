@@ -10,12 +10,13 @@ from scipy.linalg import null_space
 
 import pinconsist as pc
 from benchmarks.dense_reference import DenseReference
+from benchmarks.equal_error import at_equal_error
 from benchmarks.peers import OWN, peers
 from benchmarks.peers.dae_solvers import Equations
 from benchmarks.peers.problem import Peer, Problem, SolverFailed
 from benchmarks.peers.scenes import problem_of
 from benchmarks.peers.scipy_index1 import accelerations
-from benchmarks.work_precision import FEWEST, Point, _chosen, at_equal_error, work_precision
+from benchmarks.work_precision import FEWEST, Point, _chosen, work_precision
 from pinconsist.dae.index1 import RightHandSide, solve_acceleration
 from pinconsist.errors import InputError, PinconsistError
 from pinconsist.reference import reference_problem
@@ -191,7 +192,8 @@ def test_methods_of_fixed_step_go_on_until_the_last_target_or_the_budget():
     assert fixed[-1].q < 1e-6 < fixed[-2].q and all(point.status == "done" for point in fixed)
     cut = work_precision(problem, (1e-5,), repeats=1, budget=0.02, methods=["fixed BDF-1, every"])
     assert "0.02 s" in cut.points[-1].status and not cut.points[-1].times  # foreseen, or cut
-    assert dict(cut.equal_error)[1e-6]["pinconsist fixed BDF-1, every-step"] is None
+    assert dict(cut.equal_error["q"])[1e-6]["pinconsist fixed BDF-1, every-step"] is None
+    assert not any(point.setups for point in fixed)
 
 
 def test_words_choose_methods():
@@ -216,7 +218,10 @@ def test_a_study_names_what_it_cannot_do_and_cuts_what_takes_too_long():
     by_method = {}
     for point in diagram.points:
         by_method.setdefault(point.method, []).append(point)
-    assert len(by_method[OWN]) == 2 and all(len(point.times) == 2 for point in by_method[OWN])
+    assert len(by_method[OWN]) == 2
+    assert all(
+        len(point.times) == len(point.setups) == 2 for point in by_method[OWN] + by_method["scipy LSODA, index 1"]
+    )
     assert by_method[OWN][1].q < by_method[OWN][0].q < 1e-2
     (refused,) = by_method["MuJoCo implicitfast, soft loops"]
     assert refused.status != "done" and not refused.times
@@ -228,16 +233,27 @@ def test_a_study_names_what_it_cannot_do_and_cuts_what_takes_too_long():
 
 def test_equal_error_is_read_off_a_straight_line_in_the_logarithms():
     points = [
-        Point(OWN, 1e-3, "done", 1, (1.0, 2.0), q=1e-3, lam=1e-4, lam_row=0.0, lam_first=1e-4),
-        Point(OWN, 1e-5, "done", 1, (4.0, 8.0), q=1e-5, lam=1e-8, lam_row=0.0, lam_first=1e-8),
+        Point(OWN, 1e-3, "done", 1, (1.0, 2.0), (0.5, 0.0), q=1e-3, lam=1e-4, lam_row=0.0, lam_first=1e-4),
+        Point(OWN, 1e-5, "done", 1, (4.0, 8.0), (2.0, 0.0), q=1e-5, lam=1e-8, lam_row=0.0, lam_first=1e-8),
         Point("other", 1e-3, "done", 1, (10.0, 20.0), q=1e-3),
         Point("other", 1e-5, "done", 1, (40.0, 80.0), q=1e-5),
         Point("coarse", 1e-3, "done", 1, (1.0, 1.0), q=1e-2),
     ]
     found = at_equal_error(points, 1e-4, OWN)
     assert found["coarse"] is None
-    assert found[OWN] == pytest.approx((3.0, 1.0, 0.0, 1e-6)) and found["other"][:2] == pytest.approx((30.0, 10.0))
+    assert found[OWN] == pytest.approx((3.0, 1.0, 2.5, 1.0, 0.0, 1e-6))
+    assert found["other"][:2] == pytest.approx((30.0, 10.0)) and np.isnan(found["other"].core)
     assert at_equal_error(points, 1e-6, OWN, "lam")[OWN][:2] == pytest.approx((3.0, 1.0))
+    assert np.isnan(at_equal_error(points, 1e-4, "coarse")["other"].ratio)
+
+
+def test_runs_that_chance_has_put_out_of_order_are_averaged():
+    """A longer run with a larger error counts with the shorter one, both halfway in the logarithms."""
+    errors = {1.0: 1e-2, 4.0: 1e-6, 16.0: 1e-4, 64.0: 1e-8}
+    points = [Point(OWN, np.nan, "done", 1, (time,), q=error) for time, error in errors.items()]
+    found = {target: at_equal_error(points, target, OWN)[OWN] for target in (1e-1, 1e-5, 1e-8, 1e-9)}
+    assert found[1e-9] is None
+    assert [found[target].time for target in (1e-1, 1e-5, 1e-8)] == pytest.approx([1.0, 8.0, 64.0])
 
 
 def test_bad_input():
