@@ -178,7 +178,7 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
             "whole": lambda m=mech, n=names, u=until, v=v0, run=run: sensitivities(m, n, (0.0, u), None, v, **run),
             "back": back,
         }
-        least = report.least_times(work, repeats)
+        least = {name: times.process for name, times in report.least_times(work, repeats).items()}
         once, fixed = least["run"], least["fixed"]
         each = (least["all"] - fixed) / moving / once
         start = (least["whole"] - once - least["all"]) / len(names)
@@ -210,8 +210,8 @@ def many(scenes=(swung, long_chain), repeats=5, rtol=1e-8) -> list[Many]:
             "all": lambda m=mech, n=names, u=until, end=end, run=run: gradient(m, n, (0.0, u), terminal=end, **run),
         }
         steps, least = simulate(mech, (0.0, until), **run).nsteps, report.least_times(work, repeats)
-        once = least["run"]
-        rows.append(Many(scene.__name__, method, len(names), steps, once, least["all"] / once))
+        once, whole = least["run"].process, least["all"].process
+        rows.append(Many(scene.__name__, method, len(names), steps, once, whole / once))
     return rows
 
 

@@ -15,7 +15,7 @@ from helpers.mjcf_zoo import ZOO
 from benchmarks import actuation, gradients, mjcf_actuators, sampled, sweep
 from benchmarks.against import against
 from benchmarks.app import main
-from benchmarks.around import FORCE, around
+from benchmarks.around import CHECK, FORCE, PLAIN, around
 from benchmarks.overhead import backends, chain_steps, overhead
 from benchmarks.robots import robots
 from pinconsist.errors import InputError
@@ -88,13 +88,15 @@ def test_overhead_counts_steps_residuals_and_times():
 
 
 def test_what_stands_around_a_run_is_timed():
-    rows = around(repeats=1)
-    assert len({(row.method, row.what) for row in rows}) == len(rows) == 36 and all(row.seconds > 0.0 for row in rows)
-    assert [row.what for row in rows if row.ratio == 1.0] == 2 * ["plain run"]
-    seconds = {(row.method, row.what): row.seconds for row in rows}
+    rows = around(repeats=1, checked={"four_bar": 0.2, "andrews": 0.003})
+    by_what = {(row.scene, row.method, row.what): row for row in rows}
+    assert len(by_what) == len(rows) == 36 + 8 and all(min(row.seconds, row.wall) > 0.0 for row in rows)
+    assert [row.what for row in rows if row.ratio == row.wall_ratio == 1.0] == 6 * [PLAIN]
     for row in rows:
-        over = FORCE if row.what.startswith(f"{FORCE}, ") else "plain run"
-        assert row.ratio == pytest.approx(row.seconds / seconds[row.method, over])
+        over = by_what[row.scene, row.method, FORCE if row.what.startswith(f"{FORCE}, ") else PLAIN]
+        assert row.ratio == pytest.approx(row.seconds / over.seconds)
+        assert row.wall_ratio == pytest.approx(row.wall / over.wall)
+    assert {what for scene, _, what in by_what if scene == "andrews"} == {PLAIN, CHECK}
 
 
 def test_steps_of_chains_are_counted_and_timed():
@@ -131,7 +133,8 @@ def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
     options = ["--tol", "1e-4", "--tol", "1e-6", "--repeats", "1", "--method", "LSODA"]
     scene = ["problem51", "--until", "0.2"]
     table = tmp_path / "bench.csv"
-    code, out, _ = called(capsys, "work-precision", *scene, *options, "--plot", figure, "--csv", table, "--json")
+    options += ["--plot", figure, "--csv", table, "--json"]
+    code, out, _ = called(capsys, "work-precision", *scene, *options)
     assert code == 0 and figure.stat().st_size > 1000
     (diagram,) = json.loads(out)["scenes"]
     assert (
@@ -145,18 +148,27 @@ def test_the_command_measures_a_scene_and_draws_it(tmp_path, capsys):
     assert [float(row["q"]) for row in rows] == pytest.approx([point["q"] for point in diagram["points"]], rel=1e-3)
     equal = list(csv.DictReader((tmp_path / "bench_equal_error.csv").read_text().splitlines()))
     assert {row["target"] for row in equal} == {"0.001", "0.0001", "1e-06", "1e-08"} and equal[0]["ratio"] == "1"
-    assert {row["of"] for row in equal} == {"q", "lam"}
+    assert {row["of"] for row in equal} == {"q", "v", "lam", "force"} and equal[0]["core_ratio"] in ("1", "")
+    assert all(min(float(row["setup"]), float(row["time"])) > 0.0 and float(row["force"]) < 1e-2 for row in rows)
 
 
 def test_the_command_prints_tables(capsys):
-    options = ["--tol", "1e-5", "--repeats", "1", "--method", "MuJoCo"]
-    _, text, _ = called(capsys, "work-precision", "problem51", "--until", "0.2", *options)
+    """With set-up and without, of every error, over the method that is named; what is timed says nothing."""
+    options = ["--tolerances", "3", "--repeats", "1", "--method", "MuJoCo", "--over", "pinconsist Radau"]
+    _, text, err = called(capsys, "work-precision", "problem51", "--until", "0.2", *options)
     text = " ".join(text.split())
-    assert "time at equal error" in text and "MuJoCo implicitfast, soft loops" in text and "1.00" in text
+    assert "MuJoCo implicitfast, soft loops" in text and "double precision" not in err
+    for what in ("q", "v", "λ", "Jᵀλ"):
+        assert f"equal error in {what} (largest over the run), over that of pinconsist Radau; in parentheses" in text
+    core = r"( \(\d+\.\d+\))?"  # nothing where noise makes a set-up longer than its run
+    assert (
+        len(re.findall(rf"pinconsist BDF( \d+\.\d+{core}){{4}} pinconsist Radau( \d+\.\d+ ms{core}){{4}}", text)) == 4
+    )
 
 
-def test_the_command_refuses_what_it_does_not_know(capsys):
-    code, _, err = called(capsys, "work-precision", "problem51", "--method", "nonsense")
+@pytest.mark.parametrize("option", ["--method", "--over"])
+def test_the_command_refuses_what_it_does_not_know(capsys, option):
+    code, _, err = called(capsys, "work-precision", "problem51", option, "nonsense")
     assert code == 2 and "no method 'nonsense'" in err
 
 
