@@ -10,7 +10,7 @@ import numpy as np
 
 from pinconsist import Event, MissingExtraError, gradient, load, sensitivities, simulate
 from pinconsist.cli import output
-from pinconsist.gradients.lead import STILL
+from pinconsist.gradients.passes import STILL
 from pinconsist.gradients.prepare import prepared
 from pinconsist.gradients.variants import Variants
 
@@ -168,7 +168,7 @@ def cost(scenes=tuple(SCENES), repeats=5, rtol=1e-8) -> list[Cost]:
         def back(legs=legs, base=base):
             for leg in legs:
                 system, seeds = leg.system, leg.seeds()
-                leg.sow(leg.t, np.ones((len(leg.t), system.nx + system.nv + system.nc)), seeds)
+                leg.add_seeds(leg.t, np.ones((len(leg.t), system.nx + system.nv + system.nc)), seeds)
                 leg.follow_back(base.index1(system), [], seeds)
 
         work = {

@@ -85,7 +85,7 @@ class Certificate:
     @property
     def ok(self) -> bool:
         """Whether the certificate has no concerns."""
-        return not self._doubts
+        return not self._named_concerns
 
     @property
     def verdict(self) -> str:
@@ -100,7 +100,7 @@ class Certificate:
             found.append(f"error of q about {_short(self.error.q, self.error.units[0])}")
         elif self.energy_error is not None:
             found.append(f"energy balanced to {_short(self.energy_error)}")
-        return f"{', '.join(found)}: " + ("ok" if self.ok else f"look at {', '.join(self._doubts)}")
+        return f"{', '.join(found)}: " + ("ok" if self.ok else f"look at {', '.join(self._named_concerns)}")
 
     @property
     def _of_forces(self) -> float:
@@ -108,17 +108,17 @@ class Certificate:
 
     def _figures(self) -> list[str]:
         """A line for each figure: its name, size and unit, ``ok`` or ``look``, and where it is largest."""
-        doubts, lines = self._doubts, ["no loops"]
+        named, lines = self._named_concerns, ["no loops"]
         if self.position_at:
             lines = [
-                figure("loops closed to", self.position, self.units[0], "loops" in doubts, self.position_at),
-                figure("velocity residual", self.velocity, self.units[1], "velocities" in doubts),
-                figure("constraint forces", self.force, "", self.force > OFF, "of the largest force that acts"),
+                figure("loops closed to", self.position, self.units[0], "loops" in named, self.position_at),
+                figure("velocity residual", self.velocity, self.units[1], "velocities" in named),
+                figure("constraint forces", self.force, "", self.force > OFF, "relative to the largest force"),
                 figure("  at the first step", self.force_first, "", self.force_first > OFF),
             ]
         if self.energy_error is not None:
             lines.append(
-                figure("energy balance", self.energy_error, "", "energy" in doubts, "of the energies exchanged")
+                figure("energy balance", self.energy_error, "", "energy" in named, "relative to the exchanged energy")
             )
         if self.error is not None:
             lines += str(self.error).splitlines()
@@ -128,11 +128,11 @@ class Certificate:
 
     @property
     def concerns(self) -> list[str]:
-        """What a person should check before trusting the solution; empty if there is nothing."""
-        return list(self._doubts.values())
+        """Sentences about what to check before trusting the solution; empty if there is nothing."""
+        return list(self._named_concerns.values())
 
     @property
-    def _doubts(self) -> dict[str, str]:
+    def _named_concerns(self) -> dict[str, str]:
         """Concerns: short form → sentence."""
         found, advice = {}, "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
         if self.ended_early:
@@ -159,12 +159,12 @@ class Certificate:
         if self.undetermined:
             found["undetermined forces"] = (
                 f"{not_determined(self.undetermined)}; the motion and all loops' Jᵀλ together are right. "
-                "mechanism.reduced() drops what it finds superfluous"
+                "mechanism.reduced() removes the redundant rows"
             )
         if self.beyond_limits:
             names = [str(each) for each in self.beyond_limits[:SHOWN]]
             names += [f"and {more} more"] if (more := len(self.beyond_limits) - SHOWN) > 0 else []
-            found["joint limits"] = f"joints leave their limits, which do not act: {'; '.join(names)}"
+            found["joint limits"] = f"joints leave their limits, which are not enforced: {'; '.join(names)}"
         if self.saturated:
             shares = ", ".join(f"{name} in {share:.0%} of the rows" for name, share in self.saturated.items())
             found["actuators"] = f"actuators are at the limits of their commands or forces: {shares}"

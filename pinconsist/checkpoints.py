@@ -57,8 +57,8 @@ class Recipe:
         """The recipe of a saved run; FormatError where the file holds none."""
         if solution.recipe is None:
             raise FormatError(
-                "it does not say how it was made: a solution of simulate() on its own does not know from which file "
-                "its mechanism came. Make the run by pinconsist.record(scene, ...) or the command line",
+                "it does not contain how it was made: a solution of simulate() alone does not know from which file its "
+                "mechanism was loaded. Make the run with pinconsist.record(scene, ...) or the command line",
                 path=file,
             )
         try:
@@ -106,11 +106,11 @@ class Recipe:
         """The recipe, or InputError for a span, a period or options that are not valid."""
         for name in self.options:
             if name not in OPTIONS:
-                raise InputError(f"there is no option {name!r}{near(name, OPTIONS)}")
+                raise InputError(f"unknown option {name!r}{near(name, OPTIONS)}")
         span_of(self.t_span)
         for what, kind in (("files", dict), ("mechanism", dict | None)):
             if not isinstance(value := getattr(self, what), kind):
-                raise InputError(f"no hashes of its {what}: {value!r}")
+                raise InputError(f"invalid hashes of its {what}: {value!r}")
         period = None if self.save_every is None else positive_time(self.save_every, "save_every")
         return replace(self, save_every=period)
 
@@ -130,7 +130,7 @@ class Recipe:
         count = max(1, ceil(abs(end - start) / period - 1e-9))
         if count > MOST:
             raise InputError(
-                f"save_every = {period:g} s makes {count} checkpoints of {abs(end - start):g} s; at most {MOST}"
+                f"save_every = {period:g} s divides {abs(end - start):g} s into {count} parts; at most {MOST}"
             )
         sign = 1.0 if end >= start else -1.0
         return [start + sign * k * period for k in range(1, count)] + [end]
@@ -141,7 +141,7 @@ def _plain(value, name):
     try:
         text = json.dumps(value, default=lambda each: dict(each) if isinstance(each, Mapping) else each.tolist())
     except (TypeError, ValueError, AttributeError):
-        raise InputError(f"{name} = {value!r} cannot be stored in a file; numbers and names can") from None
+        raise InputError(f"{name} = {value!r} cannot be stored in a file; only numbers and names can") from None
     return json.loads(text)
 
 
@@ -241,7 +241,7 @@ class _Parts:
         if status == 0 and end == t_end:
             self.recipe = replace(self.recipe, checkpoint=None)
         elif status == 0:
-            message = f"saved at t = {end:g} of {t_end:g}; to be continued by pinconsist resume"
+            message = f"saved at t = {end:g} of {t_end:g}; continue it with pinconsist resume"
             at = {
                 "t": end, "q": run.q[-1].tolist(), "v": run.v[-1].tolist(),
                 "rows": sum(len(part["t"]) for part in self.parts),

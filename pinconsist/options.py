@@ -35,7 +35,7 @@ def method_of(
     choices = (("method", method, METHODS), ("consistency", consistency, paper.MODES), ("backend", backend, BACKENDS))
     for what, chosen, known in choices:
         if chosen not in known:
-            raise InputError(f"unknown {what} {chosen!r}; known are {', '.join(map(repr, known))}")
+            raise InputError(f"unknown {what} {chosen!r}; choose from {', '.join(map(repr, known))}")
     stages = _stages(max_order, step, consistency) if method == "Radau" else None
     paper.MODES[consistency].check(step is not None)
     if stages is not None:  # 0 where the method chooses them
@@ -61,7 +61,7 @@ def method_of(
     if asked < 1e-13:
         raise InputError(f"rtol = {rtol!r} is below 1e-13, which double precision cannot reach")
     if max(max(part.ravel().tolist()) for part in control.rtol) >= 1.0:
-        raise InputError(f"rtol = {rtol!r} allows errors as large as the solution; take less than 1, such as 1e-3")
+        raise InputError(f"rtol = {rtol!r} allows errors as large as the solution; choose less than 1, such as 1e-3")
     if asked < control.best:
         better = "" if order >= MAX_ADAPTIVE_ORDER else f"; order 5 gives {ErrorControl((), (), 5, 1.0).best:.1g}"
         log.warning("rtol = %g: order %d gives about %.1g in double precision%s", asked, order, control.best, better)
@@ -72,7 +72,7 @@ def warn_of_differences(system, method) -> None:
     """Log the accuracy that BDF can reach if the Jacobian of a constraint is made of difference quotients."""
     best = 10.0 * SURE * EPS / system.difference_step
     if method.step is None and method.stages is None and method.control.asked[0] < best:
-        why = "rtol = %g: constraints without a jacobian give about %.0g; give one, or take method='Radau'"
+        why = "rtol = %g: constraints without a jacobian give about %.0g; pass one, or use method='Radau'"
         log.warning(why, method.control.asked[0], best)
 
 
@@ -86,12 +86,12 @@ def _order(max_order, step) -> int:
 
 
 def _stages(max_order, step, consistency) -> int:
-    """The stages of Radau IIA, 0 where it chooses them: it does so together with the step."""
+    """The stages of Radau IIA; 0 if the method chooses them together with the step size."""
     if consistency != "every-step":
         raise InputError(
-            f"consistency={consistency!r} is a mode of BDF, whose steps depend on those before them. A step of Radau "
-            "depends on (q, v) alone, and its end is projected: leave consistency out. To see what exact values do to "
-            "a method that does not correct them, take method='ImplicitEuler'"
+            f"consistency={consistency!r} is a mode of BDF, whose steps depend on earlier ones. A step of Radau "
+            "depends only on (q, v), and its end is projected: omit consistency. To see the effect of exact values on "
+            "a method that does not correct them, use method='ImplicitEuler'"
         )
     orders = {2 * s - 1: s for s in STAGES}
     if max_order is None:

@@ -62,7 +62,7 @@ def reference_problem(name: str) -> ReferenceProblem:
     C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), section 5.
     """
     if name not in PROBLEMS:
-        raise InputError(f"no reference problem {name!r}; known are {', '.join(PROBLEMS)}")
+        raise InputError(f"no reference problem {name!r}; choose from {', '.join(PROBLEMS)}")
     system, t0, exact = PROBLEMS[name]()
     p0, v0, _ = exact(t0)
     return ReferenceProblem(name, system, t0, p0, v0, exact)

@@ -199,7 +199,7 @@ class ByName:
     def __getitem__(self, name: str) -> JointMotion | FrameMotion | Reaction:
         """The motion of the joint or frame, or the reaction of the loop, of this name, searched in this order."""
         if self.system is None:
-            raise InputError(f"a solution read from a file holds no mechanism: sol.position({name!r}, mechanism), …")
+            raise InputError(f"a solution read from a file has no mechanism: use sol.position({name!r}, mechanism), …")
         mechanism = self._mechanism(None, "__getitem__")
         if name.partition("[")[0] in mechanism.joints:
             parts = [part(name) for part in (self.position, self.velocity, self.acceleration)]
@@ -249,7 +249,7 @@ def _dataframe(names, units, values):
     try:
         import pandas as pd
     except ImportError:
-        raise MissingExtraError("a DataFrame needs pandas; install it by: pip install 'pinconsist[pandas]'") from None
+        raise MissingExtraError("a DataFrame needs pandas; install it with: pip install 'pinconsist[pandas]'") from None
     frame = pd.DataFrame(values, columns=names)
     frame.attrs["units"] = dict(zip(names, units, strict=True))
     return frame

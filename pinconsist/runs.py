@@ -43,7 +43,7 @@ class Rerun:
 
     def __str__(self):
         rows = f"{len(self.solution.t)} rows up to t = {self.solution.t[-1]:g} s" if len(self.solution.t) else "no rows"
-        verdict = f"the same numbers, bit for bit: {rows}" if self.same else "the numbers are not the same"
+        verdict = f"the same numbers, bit for bit: {rows}" if self.same else "the numbers differ"
         return "\n".join((*self.differences, verdict))
 
 
@@ -147,7 +147,7 @@ def resume(file, *, scene=None, forces=None, callback=None) -> Solution:
         )
     require_writable(file)
     if other := _other_versions(solution):
-        _log.warning("%s was started by other versions (%s): the last bits may differ", file, "; ".join(other))
+        _log.warning("%s was started with other versions (%s): the last bits may differ", file, "; ".join(other))
     with ended_like_ctrl_c():
         whole = carry_out(recipe, mechanism, file, begun=solution, callback=callback)
     if (then := solution.method.get("backend")) != (now := whole.method.get("backend")):
@@ -183,11 +183,11 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
     new = carry_out(replace(recipe, checkpoint=None), mechanism, None, callback=until if cut_short else callback)
     about, numbers = _other_versions(old), []
     if (then := old.method.get("backend")) != (now := new.method.get("backend")):
-        about.append(f"the method ran {then} then, {now} now")
+        about.append(f"the backend was {then}, now it is {now}")
     for name in (*ROWS, *STEPS):
         then, now = getattr(old, name), getattr(new, name)
         if then.shape != now.shape:
-            numbers.append(f"{name}: shape {then.shape} then, {now.shape} now")
+            numbers.append(f"{name}: the shape was {then.shape}, now it is {now.shape}")
         elif then.tobytes() != now.tobytes():
             most = np.abs(np.subtract(now, then, dtype=float)).max()
             numbers.append(f"{name}: differs by up to {most:.3g}")
@@ -196,34 +196,34 @@ def rerun(file, *, scene=None, forces=None, callback=None) -> Rerun:
 
 def _other_versions(solution) -> list[str]:
     then, now = solution.versions, versions()
-    return [f"{name} {then[name]} then, {now.get(name)} now" for name in then if then[name] != now.get(name)]
+    return [f"{name} was {then[name]}, now it is {now.get(name)}" for name in then if then[name] != now.get(name)]
 
 
 def changed_files(then, now) -> list[str]:
     changed = [f"{name} has changed" for name in then if name in now and then[name] != now[name]]
-    changed += [f"{name} is not read any more" for name in then if name not in now]
-    return changed + [f"{name} was not read then" for name in now if name not in then]
+    changed += [f"{name} is no longer read" for name in then if name not in now]
+    return changed + [f"{name} was not read before" for name in now if name not in then]
 
 
 def _changed_mechanism(then, now, same_pinocchio) -> list[str]:
     """A sentence if a mechanism is not what it was, by its digests: of models only with the same Pinocchio."""
     parts = {"model": "bodies, joints or gravity", "loops": "loops", "forces": "own forces", "guess": "guess"}
     other = [parts[part] for part in parts if (part != "model" or same_pinocchio) and then.get(part) != now[part]]
-    return [f"the mechanism has other {', other '.join(other)}"] if other else []
+    return [f"the mechanism has different {', different '.join(other)}"] if other else []
 
 
 def _scene(scene, load, file):
     """The mechanism, its record (None for one in memory), and the hashes of its files."""
     if isinstance(scene, Mechanism):
         if load:
-            raise InputError("load= is for scenes that are read from a file; this one is a Mechanism already")
+            raise InputError("load= is for scenes that are read from a file; this one is already a Mechanism")
         return scene, None, {}
     if not isinstance(scene, str | os.PathLike):
         raise InputError(f"a scene is a name, a file or a Mechanism, got {type(scene).__name__}")
     load = {} if load is None else load
     if not isinstance(load, Mapping) or set(load) - set(LOAD_OPTIONS):
         known = ", ".join(LOAD_OPTIONS)
-        raise InputError(f"load= maps options of load() to their values; those are {known}, got {load!r}")
+        raise InputError(f"load= must map options of load(), which are {known}, to their values; got {load!r}")
     options = {name: value for name, value in load.items() if value is not None}
     for name in {"package_dirs", "ignore"} & set(options):
         options[name] = list(several(options[name]))
@@ -240,7 +240,7 @@ def _again(file, scene, forces):
         same, then = solution.versions.get("pin") == versions()["pin"], recipe.mechanism
         mechanism, changed = scene, _changed_mechanism(then, digests(scene), same) if then else []
     elif recipe.scene is None:
-        raise InputError(f"{file} is a run of a mechanism in memory ({solution.scene}): give it by scene=")
+        raise InputError(f"{file} is a run of a mechanism in memory ({solution.scene}): pass it as scene=")
     else:
         source = SceneSource.recorded(recipe.scene, file)
         source = source if scene is None else replace(source, source=os.fspath(scene))

@@ -44,12 +44,12 @@ class SceneSource:
         return mechanism, {os.path.relpath(path, start): digest for path, digest in found}
 
     def load_for(self, run_file):
-        """`load_with_hashes` of the scene of a saved run; where it fails, the message names the run too."""
+        """`load_with_hashes` for the scene of a saved run; if it fails, the message also names the run."""
         try:
             return self.load_with_hashes()
         except (InputError, FormatError) as error:
             raise InputError(
-                f"the scene of {run_file} cannot be loaded; say where it is by --scene. {error}"
+                f"the scene of {run_file} cannot be loaded; give its location with --scene. {error}"
             ) from error
 
     def record(self, run_file) -> dict:

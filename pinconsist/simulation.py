@@ -187,7 +187,7 @@ def integrate(
     if not size <= 1e-6 * (1.0 + largest(p0)):
         raise InputError(
             f"p0 is off the constraint by {size:.3g} ({system.describe_row(int(np.argmax(np.abs(phi))))}); an index-3 "
-            "method turns that into a multiplier error of that size over the step squared. Give a p0 on the "
+            "method turns that into a multiplier error of that size over the step squared. Pass a p0 on the "
             "constraint, or use simulate(), which assembles"
         )
     return _integrated(system, span, p0, v0, chosen, _output(span, t_eval, dense_output, events, callback), backend)

@@ -96,15 +96,15 @@ class Solution(ByName):
 
     @classmethod
     def _from_trajectory(cls, trajectory, method, events=()) -> Solution:
-        """The solution of a trajectory made by a method; a failure if a row that left the system opened."""
+        """The solution of a trajectory; it is a failure if a dropped row has opened."""
         system = trajectory.system
         if trajectory.opened:
             i, gap, (loop, row) = trajectory.opened
             trajectory.status = -1
             trajectory.message = (
-                f"loop {loop!r} row {row} depends on other rows at the start and left the system, but the loops "
-                f"are open by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not enough there. "
-                "Start elsewhere, or from a state just before; if numbers of the file are rounded, "
+                f"loop {loop!r} row {row} depends on other rows at the start and was dropped, but the loops are open "
+                f"by {gap:.1e} at t = {trajectory.t[i]:.6g}: the rows that were kept are not sufficient there. "
+                "Start elsewhere, or from a state just before; if numbers in the file are rounded, use "
                 "load(…, precision=1e-6)"
             )
         values: dict[str, Any] = {name: np.array(getattr(trajectory, name)) for name in ("t", "v", "lam", "h", "order")}
@@ -185,7 +185,7 @@ class Solution(ByName):
         self._require_scene(mechanism, "energy")
         mechanism = self._replayed(mechanism) or getattr(self.system, "mechanism", None)
         if mechanism is None:
-            raise InputError("a general problem has no energy of its own; a mechanism has")
+            raise InputError("energy is defined for mechanisms only, not for a general problem")
         return energy_of(self, mechanism, self._workspace(mechanism.model))
 
     def reaction(self, loop: str, mechanism=None, *, axes: str = "world") -> Reaction:
@@ -201,7 +201,7 @@ class Solution(ByName):
 
     def _mechanism(self, mechanism, method) -> Mechanism:
         require_mechanism(self, mechanism)
-        replay = method not in ("position", "velocity", "reaction")  # which need no forces
+        replay = method not in ("position", "velocity", "reaction")  # these need no forces
         found = (self._replayed(mechanism) if replay else mechanism) or getattr(self.system, "mechanism", None)
         if found is None:
             where = f"a solution read from a file needs its mechanism here: sol.{method}(…, mechanism)"
@@ -209,12 +209,12 @@ class Solution(ByName):
         return found
 
     def _replayed(self, mechanism):
-        """`mechanism`, by default that of a run in which torques were held, with these torques."""
+        """`mechanism`, by default that of the run, with the recorded torques; None if there are none and no default."""
         own = getattr(self.system, "mechanism", None) if self.held else None
         return replayed(mechanism or own, self)
 
     def _workspace(self, model) -> Workspace:
-        """A workspace for measurements: that of the run, if it was of this model."""
+        """A workspace for evaluations, which reuses that of the run if it has the same model."""
         system = self.system if getattr(self.system, "model", None) is model else None
         return Workspace(model, blank_system, system and system.data)
 
@@ -227,8 +227,8 @@ class Solution(ByName):
         forces = self.method.get("forces")
         if mechanism is not None and forces not in (None, len(mechanism.forces)):
             raise InputError(
-                f"the run had {forces} forces besides the model's own, this mechanism has {len(mechanism.forces)}: "
-                "give it those of simulate(forces=...) by mechanism.with_forces(...)"
+                f"the run had {forces} forces besides the model's own, but this mechanism has "
+                f"{len(mechanism.forces)}: add those of simulate(forces=...) by mechanism.with_forces(...)"
             )
 
     def render(self, file, mechanism=None, *, speed=1.0, traces=(), forces=False, at=()) -> Path:

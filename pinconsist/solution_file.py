@@ -77,7 +77,7 @@ def versions() -> dict[str, str]:
 
 
 def _check(arrays, about, held):
-    """Raise ValueError where shapes and types are not those of a solution."""
+    """Raise ValueError unless shapes and types are those of a solution."""
     if set(about) != set(_ABOUT):
         raise ValueError(f"missing or unknown entries: {', '.join(sorted(set(about) ^ set(_ABOUT)))}")
     for name, kind in _ABOUT.items():
@@ -92,11 +92,11 @@ def _check(arrays, about, held):
         raise ValueError(f"{steps} steps for {rows} rows")
     widths = (1 + arrays["v"].shape[1],), (2,)
     if any(table.shape[1:] not in widths or table.dtype.kind != "f" for table in held.values()):
-        raise ValueError("a table of held torques does not fit")
+        raise ValueError("a table of held torques has a wrong shape or type")
 
 
 def summary_of(solution) -> str:
-    """The message; steps, their sizes and orders; rejected ones by reason; what the run took; loop rows left out."""
+    """The message; steps, their sizes and orders; rejected steps by reason; evaluations; skipped loop rows."""
     lines = [solution.message]
     if len(solution.t):
         rejected = {reason: count for reason, count in solution.rejected.items() if count}

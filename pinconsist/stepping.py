@@ -129,7 +129,7 @@ class Simulation:
             The method fails; :attr:`state` is then the last one that was reached.
         """
         if self._message:
-            raise InputError(f"the run has ended: {self._message}. Begin a new one by reset()")
+            raise InputError(f"the run has ended: {self._message}. Start a new one with reset()")
         if not 0.0 < dt < np.inf:
             raise InputError(f"dt must be a positive number of seconds, got {dt!r}")
         t, q, v = self._place
@@ -158,7 +158,7 @@ class Simulation:
         except Stop as stop:
             self._message = str(stop)
             if stop.status != STOPPED:
-                raise PinconsistError(f"{stop}; what was reached is at t = {self._record.last()[0]:.6g}") from None
+                raise PinconsistError(f"{stop}; the last state is at t = {self._record.last()[0]:.6g}") from None
         finally:
             self._place = self._record.last()[:3]
         return self.state

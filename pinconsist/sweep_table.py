@@ -78,7 +78,7 @@ class Run:
                 self.mechanism = parameter(mechanism, name).put(mechanism, value)
             except UnknownParameterError:
                 known = [*mechanism.joints, *(f"{joint}_speed" for joint in mechanism.joints), *SETTINGS]
-                listed = f", JOINT, JOINT_speed and JOINT_torque of a joint, {', '.join(SETTINGS)}"
+                listed = f", JOINT, JOINT_speed and JOINT_torque for a joint, {', '.join(SETTINGS)}"
                 raise unknown(mechanism, name, known, listed) from None
 
 
@@ -199,7 +199,7 @@ class Journal:
             self._stream.close()
             if not isinstance(error, BlockingIOError):
                 raise
-            reason = "is being written by another sweep; wait for its end, or stop it"
+            reason = "is being written by another sweep; wait until it ends, or stop it"
             raise InputError(f"{self.path} {reason}") from None
 
     def __enter__(self):
@@ -254,9 +254,9 @@ class Journal:
         different = [name for name in mine if mine[name] != other.get(name)] or ["its format"]
         raise InputError(
             f"{self.path} holds {count} cases of another sweep, which differs in {', '.join(different)}. Finish that "
-            f"one by its own command, write this one elsewhere by --out, or delete {self.path.name} to start again"
+            f"sweep with its own command, write this one elsewhere with --out, or delete {self.path.name} to restart"
         )
 
     def _damaged(self, line) -> FormatError:
-        what = "no journal of a sweep, or a damaged one; delete it, or move it away, to start again"
+        what = "not the journal of a sweep, or damaged; delete or move it to start again"
         return FormatError(what, path=self.path, element=f"line {line}")

@@ -22,14 +22,14 @@ from .interrupts import ended_like_ctrl_c, interrupted
 
 INTERRUPT, LOST = KeyboardInterrupt.__name__, BrokenProcessPool.__name__
 BROKEN = (
-    "A worker died (killed, out of memory or crashed) and took its pool with it while this case ran or waited. Run the "
-    "cases that are not finished in a new pool; a worker that dies again and again may need more memory"
+    "A worker died (killed, out of memory or crashed) and broke its pool while this case ran or waited. Run the "
+    "unfinished cases in a new pool; if workers die repeatedly, they may need more memory"
 )
 NOT_SENT = (
-    "Functions, cases and values go to other processes by pickle: define the function at the top of a module, and keep "
-    "cases and values to plain data, mechanisms and solutions"
+    "Functions, cases and values are pickled for other processes: define the function at the top of a module, and use "
+    "only plain data, mechanisms and solutions as cases and values"
 )
-NOT_COPIED = "A case is copied before the function gets it: keep it to plain data"
+NOT_COPIED = "A case is copied before it is passed to the function: use plain data"
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def sweep(
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise InputError(
             f"executor must have the submit() of concurrent.futures.Executor, got {type(executor).__name__}; "
-            "of a dask client give client.get_executor()"
+            "for a dask client pass client.get_executor()"
         )
     if callback is not None and not callable(callback):
         raise InputError(f"callback must be a function of an outcome, got {type(callback).__name__}")
@@ -217,21 +217,21 @@ def _failed(index, case, error, *, finished=True, hint="") -> Outcome:
 
 
 def _interrupted(index, case) -> Outcome:
-    return Outcome(index, case, None, INTERRUPT, "interrupted before it came to its end", finished=False)
+    return Outcome(index, case, None, INTERRUPT, "interrupted before it finished", finished=False)
 
 
 def sweep_in_processes(
     function: Callable, cases: list, workers: int, callback: Callable[[Outcome], object]
 ) -> list[Outcome]:
-    """A :func:`sweep` in new processes, in which a worker that dies costs no other case.
+    """A :func:`sweep` in new processes, in which a worker that dies affects no other case.
 
-    Its death ends the pool. The cases that may have killed it are then tried one by one in one process;
-    the first to kill that one is an outcome with an error, and the others go on in a new pool.
+    Its death breaks the pool. The cases that may have caused it are then tried one by one in a single process; the
+    first one to kill this process becomes an outcome with an error, and the others go on in a new pool.
     """
     outcomes: dict[int, Outcome] = {}
     waiting, alone = list(range(len(cases))), False
     while waiting:
-        tried = waiting[:workers] if alone else waiting  # begun in order, so that those that ran stand first
+        tried = waiting[:workers] if alone else waiting  # started in order, so that those that ran come first
         found = _in_one_pool(function, {i: cases[i] for i in tried}, 1 if alone else workers, callback)
         lost = [i for i, outcome in found.items() if _is_lost(outcome)]
         outcomes |= found
@@ -239,7 +239,7 @@ def sweep_in_processes(
             break
         if alone and lost:
             culprit = lost.pop(0)
-            died = "its worker died (killed, out of memory or crashed), and again with this case alone"
+            died = "its worker died (killed, out of memory or crashed), also when this case ran alone"
             outcomes[culprit] = replace(outcomes[culprit], message=died, traceback="", finished=True)
             callback(outcomes[culprit])
         waiting = lost + (waiting[workers:] if alone else [])

@@ -166,7 +166,7 @@ def test_limits_are_reported_and_commands_may_change(tmp_path):
 @pytest.mark.parametrize(
     ("control", "message"),
     [
-        ({"hipp": 1.0}, "no actuator 'hipp'; near it: hip; there are hip, knee"),
+        ({"hipp": 1.0}, "no actuator 'hipp'; similar: hip; available: hip, knee"),
         ({"hip": [1.0, 2.0]}, r"\(times, values\)"),
         ({"hip": float("nan")}, "control"),
         (0.4, "needs a mapping"),
@@ -304,7 +304,7 @@ def test_two_motors_on_two_joints(tmp_path, recwarn, kind):
 def test_a_transmission_without_reduction_is_refused(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(ARM.format(reduction=0, rotor="0", rest=""), encoding="utf-8")
-    with pytest.raises(pc.FormatError, match="transmission 't': a reduction of zero"):
+    with pytest.raises(pc.FormatError, match="transmission 't': a reduction is zero"):
         pc.load(path)
 
 
@@ -313,7 +313,7 @@ def test_check_says_what_acts_and_a_scene_keeps_it(tmp_path, capsys):
     path.write_text(ARM.format(reduction=50, rotor="0", rest=""), encoding="utf-8")
     with pytest.raises(SystemExit):
         main(["check", str(path)])
-    assert "actuators that act: m on j (command 0)" in capsys.readouterr().out
+    assert "actuators: m on j (command 0)" in capsys.readouterr().out
     pc.write(pc.load(path), tmp_path / "again.urdf")
     again = pc.load(tmp_path / "again.urdf")
     (motor,) = (force for force in again.forces if isinstance(force, pc.Actuator))
@@ -354,6 +354,6 @@ def test_controllers_of_gazebo_that_exert_no_force(tmp_path, recwarn):
     mech = pc.load(sdf_texts.write(tmp_path, scene + moves + whole))
     assert [(force.name, force.control) for force in mech.forces] == [("j", 0.3)]
     assert "JointController 'k': it exerts no force here" in told(recwarn)
-    assert "JointPositionController 'j': its i_gain of 0.1 is left out" in told(recwarn)
+    assert "JointPositionController 'j': its i_gain of 0.1 is ignored" in told(recwarn)
     with pytest.raises(pc.FormatError, match="there is no joint 'l'"):
         pc.load(sdf_texts.write(tmp_path, scene + PLUGIN.format(kind="ApplyJointForce", joint="l", rest="")))

@@ -101,7 +101,7 @@ def test_a_wheel_that_stores_cosine_and_sine_is_told_as_an_angle():
 def test_a_drive_that_contradicts_a_start_is_an_error():
     mech = pc.load("four_bar")
     mech = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", lambda t: 0.2 + 3.0 * t))
-    told = "joint 'crank' cannot start at 0.5: drive 'motor' has it at 3.2 at t = 1 s"
+    told = "joint 'crank' cannot start at 0.5: drive 'motor' holds it at 3.2 at t = 1 s"
     for start in ({"q0": {"crank": 0.5}}, {"q0": {"crank": 0.5, "rocker": 1.4}}):
         with pytest.raises(pc.AssemblyError, match=told):
             pc.simulate(mech, (1.0, 2.0), **start)
@@ -110,7 +110,7 @@ def test_a_drive_that_contradicts_a_start_is_an_error():
     assert pc.simulate(mech, (0.0, 0.0), {"crank": 0.2 + 1e-9}, {"crank": 3.0}).v[0, 0] == pytest.approx(3.0)
     with pytest.warns(UserWarning, match="the loops and drives do not close with rocker = 1; they do at rocker = "):
         pc.assemble(mech, {"rocker": 1.0})
-    with pytest.raises(pc.AssemblyError, match="drive 'motor' gives crank 3 at t = 0 s; leave out what is driven"):
+    with pytest.raises(pc.AssemblyError, match="drive 'motor' gives crank 3 at t = 0 s; leave out the driven joints"):
         pc.simulate(mech, (0.0, 1.0), v0={"crank": 0.0})
 
 
@@ -220,7 +220,7 @@ def test_a_fixed_joint_out_of_reach():
     """Tip of rod a at distance √(1 + 1.5² - 3 cos 2) of pivot b: farther than rod b is long."""
     mech = rods(reach=1.5)
     with pytest.raises(
-        pc.AssemblyError, match=r"loop 'tips' cannot close with a held: .* m stay open in row [xy]\."
+        pc.AssemblyError, match=r"loop 'tips' cannot close with a held: a gap of .* m remains in row [xy]\."
     ) as caught:
         pc.assemble(mech, fixed={"a": 2.0})
     error = pickle.loads(pickle.dumps(caught.value))

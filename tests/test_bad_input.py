@@ -49,8 +49,8 @@ SIMULATE = {
     "NaN step": (lambda: run(step=nan), "step has a number that is not finite"),
     "text step": (lambda: run(step="0.1"), "step: expected numbers, got '0.1'"),
     "steps": (lambda: run(step=[0.1, 0.2]), "step must be a positive number of seconds"),
-    "method": (lambda: run(method="RK45"), "unknown method 'RK45'; known are 'BDF', 'Radau', 'ImplicitEuler'"),
-    "consistency": (lambda: run(consistency="none"), "unknown consistency 'none'; known are 'exact', 'initial'"),
+    "method": (lambda: run(method="RK45"), "unknown method 'RK45'; choose from 'BDF', 'Radau', 'ImplicitEuler'"),
+    "consistency": (lambda: run(consistency="none"), "unknown consistency 'none'; choose from 'exact', 'initial'"),
     "initial, adaptive": (lambda: run(consistency="initial"), "'initial' is for a fixed step"),
     "order 0": (lambda: run(max_order=0), "max_order must be a whole number from 1 to 5, got 0"),
     "order 6": (lambda: run(max_order=6), "from 1 to 5, got 6"),
@@ -78,9 +78,9 @@ SIMULATE = {
 }
 DESCRIBE = {
     "no model": (lambda: pc.Mechanism("four_bar"), "needs a pin.Model, got str"),
-    "unknown frame": (lambda: changed(loops=[loop(frame2="rocker_tp")]), "'tip'.*'rocker_tp'; near it: .*rocker_tip"),
-    "same body": (lambda: changed(loops=[loop(frame1="crank", frame2="crank")]), "loop 'tip'.*sit on the same body"),
-    "ground to ground": (lambda: changed(loops=[loop("frame", "universe", "universe")]), "sit on the same body"),
+    "unknown frame": (lambda: changed(loops=[loop(frame2="rocker_tp")]), "'tip'.*'rocker_tp'; similar: .*rocker_tip"),
+    "same body": (lambda: changed(loops=[loop(frame1="crank", frame2="crank")]), "loop 'tip'.*are on the same body"),
+    "ground to ground": (lambda: changed(loops=[loop("frame", "universe", "universe")]), "are on the same body"),
     "twice": (lambda: changed(loops=[loop(), loop("frame")]), "two loops are named 'tip'"),
     "one loop": (lambda: changed(loops=loop()), "loops= needs a sequence"),
     "no loop": (lambda: changed(loops=["tip"]), "loops= needs Loop, Drive, Coupling and Constraint objects"),
@@ -91,7 +91,7 @@ DESCRIBE = {
     "durations": (lambda: changed(duration=[1, 2]), r"duration must be a number, got \[1, 2\]"),
     "guess": (lambda: changed(guess={"crank": [1, 2]}), r"configuration of joint 'crank' needs 1 number\(s\), got 2"),
     "complex guess": (lambda: changed(guess=np.array([1j, 0, 0])), "configuration: expected numbers"),
-    "kind": (lambda: loop("pin"), "loop 'tip': unknown kind 'pin'; known are point, frame, hinge, distance"),
+    "kind": (lambda: loop("pin"), "loop 'tip': unknown kind 'pin'; choose from point, frame, hinge, distance"),
     "kind list": (lambda: loop([]), "unknown kind"),
     "no length": (lambda: loop("distance"), "loop 'tip': the length of a distance, in m, must be a number, got None"),
     "length 0": (lambda: loop("distance", length=0.0), "length of a distance, in m, must be greater than 0"),
@@ -107,11 +107,11 @@ DESCRIBE = {
     "xyz text": (lambda: loop(xyz2="123"), "xyz2 must be a sequence of numbers, got '123'"),
     "length of a hinge": (
         lambda: loop("hinge", axis=(0, 1, 0), length=0.3),
-        "loop 'tip': a loop of kind 'hinge' has no length, which is for distance; besides frames .* has axis",
+        "loop 'tip': a loop of kind 'hinge' has no length, which is for distance; in addition to frames .* has axis",
     ),
     "axis of a point": (
         lambda: loop(axis=(0, 1, 0)),
-        "kind 'point' has no axis, which is for hinge, slider, .*; besides frames and anchors it has nothing",
+        "kind 'point' has no axis, which is for hinge, slider, .*; in addition to frames and anchors it has no fields",
     ),
     "axis2 of a slider": (lambda: loop("slider", axis=(0, 1, 0), axis2=(1, 0, 0)), "has no axis2, which is for univ"),
     "axis of a distance": (lambda: loop("distance", axis=(0, 1, 0), length=1.0), "it has length"),
@@ -140,7 +140,7 @@ def test_unknown_joint_of_a_large_model_shows_its_neighbours():
     for i in range(20):
         name = f"link{i:02}_{'abcdefghijklmnopqrst'[i] * 6}"
         last = model.addJoint(last, pin.JointModelRZ(), pin.SE3.Identity(), name)
-    with pytest.raises(pc.InputError, match=r"no joint 'link17_rrrrr'; near it: link17_rrrrrr.*; the joints are link"):
+    with pytest.raises(pc.InputError, match=r"no joint 'link17_rrrrr'; similar: link17_rrrrrr.*; the joints are link"):
         pc.Mechanism(model).joint_index("link17_rrrrr")
     with pytest.raises(pc.InputError, match="no joint 3; "):
         pc.Mechanism(model).joint_index(3)
@@ -324,7 +324,7 @@ def test_a_function_may_return_its_own_buffer():
 @pytest.mark.parametrize("factor", [1.1, 0.9, -1.0])
 def test_a_wrong_derivative_of_the_constraint_is_refused(factor):
     assert pendulum(R_p=lambda t, p: p[None]).success
-    with pytest.raises(pc.InputError, match=r"R_p is not the derivative of R at t = 0: .* Leave R_p out"):
+    with pytest.raises(pc.InputError, match=r"R_p is not the derivative of R at t = 0: .* Omit R_p"):
         pendulum(R_p=lambda t, p: factor * p[None])
     with pytest.raises(pc.InputError, match="R_p is not the derivative of R"):
         pendulum(R_p=lambda t, p: np.array([[0.0, 1.0]]))  # that of another point

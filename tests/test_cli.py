@@ -61,7 +61,7 @@ def test_help_documents_the_exit_codes(run):
     code, out, _ = run("simulate", "--help")
     words = " ".join(out.split())
     assert code == 0
-    assert "Exit codes: 0 fine; 1 the integration failed" in words and "130 interrupted" in words
+    assert "Exit codes: 0 success; 1 the integration failed" in words and "130 interrupted" in words
     assert "--json then has run.interrupted = true" in words
 
 
@@ -136,7 +136,7 @@ def test_joints_that_contradict_each_other_are_refused(run, command):
     rocker = json.loads(run("check", "four_bar", "--at", "crank=0.3", "--json")[1])["q"]["rocker"]
     assert code == 2 and not out
     assert "the loops do not allow the positions given for crank, rocker together: with crank = 0.3 they close " in err
-    assert f"close at rocker = {rocker:.6g}. Name fewer joints by --at" in err
+    assert f"close at rocker = {rocker:.6g}. Give fewer joints with --at" in err
 
 
 def test_simulate_writes_its_files(run):
@@ -171,7 +171,7 @@ def test_json_is_all_there_is_on_stdout(run):
         (["simulate", "four_bar", "--at", "crank=x"], "'x' is not a number"),
         (
             ["simulate", "four_bar", "--with-velocity", "crank=1,rocker=3"],
-            "not a number; separate several by spaces",
+            "not a number; separate joints by spaces",
         ),
         (["simulate", "four_bar", "--at", "crank=1", "crank=2"], "names joint 'crank' twice"),
         (["simulate", "four_bar", "--at", "crank=nan"], "not finite"),
@@ -200,10 +200,10 @@ def test_json_is_all_there_is_on_stdout(run):
         (["check", "four_bar", "--at", "nobody=1"], "no joint 'nobody'"),
         (["replay", "nowhere.npz"], "nowhere.npz: no such file"),
         (["replay", "four_bar", "--scene", "five_bar"], "--scene"),
-        (["replay", "four_bar", "--trace", "couple"], "no frame 'couple' to trace; near it: coupler"),
-        (["replay", "four_bar", "--trace", "tip"], "to trace; there are: coupler, coupler_bar, coupler_tip"),
+        (["replay", "four_bar", "--trace", "couple"], "no frame 'couple' to trace; similar: coupler"),
+        (["replay", "four_bar", "--trace", "tip"], "to trace; available: coupler, coupler_bar, coupler_tip"),
         (["replay", "four_bar", "--speed", "0"], "--speed 0.0"),
-        (["simulate", "four_bar", "--forces"], "give --html"),
+        (["simulate", "four_bar", "--forces"], "add --html"),
         (["replay", "four_bar", "--html", "nowhere/x.html"], "there is no folder"),
     ],
 )
@@ -264,7 +264,7 @@ def test_compare_names_the_joints_and_where_a_higher_order_starts(run):
     code, out, _ = run("compare", "four_bar", "--step", 0.02, "--order", 2, "--rows", 1)
     assert code == 0 and "rows 0 to 1 are its exact start" in out
     assert re.search(r"^crank .*\ncoupler .*\nrocker ", out, re.M)
-    assert "from rest" in out and "--with-velocity" in out
+    assert "at rest" in out and "--with-velocity" in out
 
 
 def test_check(run):
@@ -272,11 +272,11 @@ def test_check(run):
     assert code == 0
     assert "4 moving bodies, 1.2 kg in all, nq = 4, nv = 4" in out
     assert "motors: left_crank, right_crank" in out
-    assert "rows: 5, of which 2 independent and 3 redundant\nmobility: 2\n" in out
+    assert "rows: 5, 2 of them independent and 3 redundant\nmobility: 2\n" in out
     assert "redundant: (tip y, tilt1, tilt2) = 0 for every motion" in out
     assert "equations of motion: regular" in out
     assert numbers_after(out, "largest gap at the guess:")[0] > 1e-2
-    assert numbers_after(out, "largest gap once closed:")[0] < 1e-10
+    assert numbers_after(out, "largest gap when closed:")[0] < 1e-10
     assert any(line.split() == ["left_crank", "-2", "-2"] for line in out.splitlines())
 
 
@@ -303,11 +303,11 @@ def torn(tmp_path):
 @pytest.mark.parametrize("command", ["check", "simulate"])
 def test_loops_that_cannot_close(run, torn, command):
     code, out, err = run(command, torn)
-    assert code == 2 and "bars: loop 'coupler_rocker' cannot close: 0.5 m stay open in row y. Check" in err
+    assert code == 2 and "bars: loop 'coupler_rocker' cannot close: a gap of 0.5 m remains in row y. Check" in err
     assert "Traceback" not in err and "all others" not in err
     assert "on the command line: --at JOINT=VALUE, --closure point, --reanchor" in err
     if command == "check":
-        row = next(line.split() for line in out.split("gap left")[1].splitlines() if "coupler_rocker" in line)
+        row = next(line.split() for line in out.split("remaining gap")[1].splitlines() if "coupler_rocker" in line)
         assert float(row[-1]) == pytest.approx(0.5)
 
 
@@ -345,7 +345,7 @@ def test_replay_finds_the_scene_of_a_run_again(run, torn, monkeypatch):
     assert run("replay", "moved/run.npz", "--html", "play.html")[0] == 0
     Path("moved/run.npz").rename("run.npz")
     code, _, err = run("replay", "run.npz", "--html", "play.html")
-    assert code == 2 and "say where it is by --scene" in err
+    assert code == 2 and "give its location with --scene" in err
     assert run("replay", "run.npz", "--scene", "moved/bars.urdf", "--html", "play.html")[0] == 0
     assert "run.npz has 3 position numbers" in run("replay", "run.npz", "--scene", "five_bar")[2]
 

@@ -44,7 +44,7 @@ def test_the_overview_names_every_command_and_fits_80_columns():
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_help_has_an_example_and_the_exit_codes(run, command):
     code, out, _ = run(command, "--help")
-    assert code == 0 and f"Example: pinconsist {command}" in out and "Exit codes: 0 fine" in out
+    assert code == 0 and f"Example: pinconsist {command}" in out and "Exit codes: 0 success" in out
     assert max(map(len, out.splitlines())) <= 80
     assert out.count("pinconsist ") >= 2 and ("--json" in out or command in ("replay", "render"))
 
@@ -54,11 +54,11 @@ def test_every_help_has_an_example_and_the_exit_codes(run, command):
     [("sweep", "a case failed (its row"), ("plot", "the integration of")],
 )
 def test_every_command_says_what_its_own_exit_code_1_is(run, command, one):
-    assert f"Exit codes: 0 fine; 1 {one}" in " ".join(run(command, "--help")[1].split())
+    assert f"Exit codes: 0 success; 1 {one}" in " ".join(run(command, "--help")[1].split())
 
 
 def test_the_overall_help_has_the_exit_codes(run):
-    assert "Exit codes: 0 fine" in run("--help")[1]
+    assert "Exit codes: 0 success" in run("--help")[1]
 
 
 def test_plot_of_a_saved_run(run):
@@ -95,7 +95,7 @@ def test_a_general_problem_is_drawn_without_a_scene(run, general):
     assert (code, err) == (0, "") and json.loads(out)["scene"] is None and Path("p.png").stat().st_size
     assert run("plot", "p.npz")[1].startswith("general problem: t = 0 … 0.1 s")
     code, _, err = run("plot", "p.npz", "--what", "energy", "--out", "e.png")
-    assert code == 2 and "a general problem, which has no scene; what can be drawn of it: trajectory" in err
+    assert code == 2 and "a general problem, which has no scene; available for it: trajectory" in err
     code, _, err = run("replay", "p.npz", "--html", "p.html")
     assert code == 2 and "a general problem, which has no scene to show" in err
 
@@ -107,7 +107,7 @@ def test_a_name_in_a_saved_run_is_no_folder(run):
     Path("arm").mkdir()
     shutil.copy(MODELS / "four_bar.urdf", "arm")
     code, _, err = run("plot", "run.npz")
-    assert code == 2 and "only the name of its scene, 'arm'" in err and "by --scene" in err
+    assert code == 2 and "only the name of its scene, 'arm'" in err and "with --scene" in err
     assert run("plot", "run.npz", "--scene", "four_bar")[0] == 0
 
 
@@ -125,7 +125,7 @@ def test_a_scene_that_changed_since_the_run_is_told(run, command):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["four_bar", "--what", "forces"], "there is no picture 'forces'; there are trajectory, multipliers"),
+        (["four_bar", "--what", "forces"], "there is no picture 'forces'; available: trajectory, multipliers"),
         (["four_bar", "--what", ""], "there is no picture ''"),
         (["four_bar", "--out", "x.doc"], "must end in one of"),
         (["four_bar", "--out", "nowhere/x.png"], "there is no folder"),
@@ -227,7 +227,7 @@ def test_the_steps_of_a_comparison_follow_the_duration_of_the_scene(run):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["problem52", "--html", "x.html"], "--html shows bodies, and problem52 has none"),
+        (["problem52", "--html", "x.html"], "--html shows bodies, but problem52 has none"),
         (["problem51", "--html", "x.svg", "--plot", "./x.svg"], "--html and --plot name the same file"),
         (["problem51", "--html", "nowhere/x.html"], "there is no folder"),
     ],
@@ -281,7 +281,7 @@ def test_check_at_a_singular_position(run):
     """All bars in line: no loop row but those along z is left, and the bars can fold three ways."""
     code, out, err = run("check", "n_four_bar_2", *LEVEL)
     assert code == 2 and "rank 2 here and 4 nearby" in err
-    assert "rows: 10, of which 2 independent and 8 redundant\nmobility: 3\n" in out
+    assert "rows: 10, 2 of them independent and 8 redundant\nmobility: 3\n" in out
     assert "redundant: (B1 x, y, tilt1, tilt2) = 0 for every motion" in out
     told = json.loads(run("check", "n_four_bar_2", *LEVEL, "--json")[1])
     assert (told["rank"], told["mobility"], told["regular"]) == (2, 3, False)
@@ -359,7 +359,7 @@ def test_a_coordinate_outside_of_its_limits_is_told(run, bar):
 def test_a_loop_file_that_is_overlooked_is_told_with_the_option_that_names_it(run, bar):
     bar().with_suffix(".yaml").rename("closed.yaml")
     err = run("check", "bar.urdf")[2]
-    assert "name one by --loops if it is closed.yaml" in err
+    assert "if it is closed.yaml, pass it as --loops" in err
 
 
 def test_loops_that_leave_no_motion_are_told(run, bar):
@@ -367,12 +367,12 @@ def test_loops_that_leave_no_motion_are_told(run, bar):
     turned = "axis: [1, 0, 0], rpy2: [0, 1.0876642702222767, 0]"
     code, _, err = run("check", bar(loops=("axis: [0, 1, 0]", turned)))
     assert code == 0
-    assert "nothing can move: the loops hold all 3 velocities, and nothing is driven" in err
-    assert "without rows tilt1, tilt2 loop 'coupler_rocker' would leave 1 motion, as a planar hinge does" in err
+    assert "nothing can move: the loops lock all 3 velocities, and there are no drives" in err
+    assert "without rows tilt1, tilt2, loop 'coupler_rocker' would leave 1 motion, as a planar hinge does" in err
 
 
 @pytest.mark.skipif(not KANGAROO.is_dir(), reason="the robots are not here")
 def test_check_of_a_leg_with_many_redundant_rows(run):
     code, out, _ = run("check", KANGAROO, "--reanchor")
-    assert code == 0 and "rows: 66, of which 53 independent and 13 redundant\nmobility: 10\n" in out
+    assert code == 0 and "rows: 66, 53 of them independent and 13 redundant\nmobility: 10\n" in out
     assert max(map(len, out.splitlines())) <= 80

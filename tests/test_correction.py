@@ -81,7 +81,7 @@ def test_driven_mechanisms_are_corrected_wherever_their_drive_takes_them():
 
 def test_reanchored_loops_that_lock_are_named_with_what_helps():
     locked = wrist(6.5e-8)
-    with pytest.warns(UserWarning, match=r"rank 7 and mobility 0 rest on less than 1e-6: leg\d \w+, .*precision=1e-06"):
+    with pytest.warns(UserWarning, match=r"rank 7 and mobility 0 depend on rounding: leg\d \w+, .*precision=1e-06"):
         assert pc.assemble(locked).mobility == 0
     assert rounding_of(locked).mobility == 3
     assert held_motors(locked, locked.guess) == ["motor1", "motor2", "motor3"]
@@ -95,7 +95,9 @@ def test_loops_that_contradict_each_other_say_which_precision_helps():
     with pytest.warns(UserWarning, match=r"nothing can move\. Most likely .*precision=1e-06\) .* the mobility is 1$"):
         assert pc.assemble(parallelogram(3e-7)).mobility == 0  # where the loops do close, all in one line
     crooked = rounded(turned(pc.load("bricard")), 6)
-    with pytest.raises(pc.AssemblyError, match=r"precision=1e-06\) .* agree and the mobility is 1\. Check lengths"):
+    with pytest.raises(
+        pc.AssemblyError, match=r"precision=1e-06\) .* consistent and the mobility is 1\. Check lengths"
+    ):
         pc.assemble(crooked)
     with pytest.warns(UserWarning, match=r"contradict each other slightly.*precision=1e-6"):
         assert pc.assemble(parallelogram(1e-9)).mobility == 1  # was 0: assembly left for where the loops close, locked
@@ -116,7 +118,7 @@ def test_check_says_what_a_rank_hangs_on(tmp_path):
     text = " ".join(CliRunner().invoke(app, ["check", path]).stdout.split())
     assert "depends on rows that are independent by less than 1e-6 m or rad: (leg" in text
     assert "without them it would be 3" in text
-    assert "motors that cannot move by themselves: motor1, motor2, motor3" in text
+    assert "motors that cannot move independently: motor1, motor2, motor3" in text
     told = json.loads(CliRunner().invoke(app, ["check", path, "--precision", "1e-6", "--json"]).stdout)
     assert (told["mobility"], told["held_motors"], told["weak"]) == (3, [], []) and 0 < told["corrected_by"] < 1e-6
 

@@ -358,7 +358,7 @@ BAD = {
     "servo stiffness": (lambda: pc.Servo("j", 0.0, -1.0), "servo 'j': stiffness must be at least 0, got -1"),
     "servo damping": (lambda: pc.Servo("j", 0.0, 1.0, nan), "servo 'j': damping has a number that is not finite"),
     "servo rate": (lambda: pc.Servo("j", np.sin, 1.0, 1.0, 2.0), "servo 'j': rate must be a function of time, got 2"),
-    "rate alone": (lambda: pc.Servo("j", 1.0, 1.0, 1.0, np.cos), "a rate goes with a target that is a function"),
+    "rate alone": (lambda: pc.Servo("j", 1.0, 1.0, 1.0, np.cos), "a rate requires a target that is a function"),
     "wrench frame": (lambda: pc.Wrench(1), "Wrench: frame must be a name, got 1"),
     "wrench force": (lambda: pc.Wrench("a", (1, 2)), r"wrench on 'a': force needs three numbers, got \(1, 2\)"),
     "wrench moment": (lambda: pc.Wrench("a", moment=5.0), "wrench on 'a': moment must be a sequence of numbers, got 5"),
@@ -371,7 +371,7 @@ BAD = {
     "matrix": (lambda: as_force(np.eye(2)), "a force must be a Force, a mapping joint → torque"),
     "half a force": (lambda: as_force(type("Half", (), {"torque": law})()), "a force must be a Force"),
     "no joint": (lambda: bound(FREE, pc.JointSpring("hinges", 1.0)), "joint spring 'hinges': the model has no joint"),
-    "joint near": (lambda: bound(FREE, {"hnge": 1.0}), "JointTorque: the model has no joint 'hnge'; near it: hinge"),
+    "joint near": (lambda: bound(FREE, {"hnge": 1.0}), "JointTorque: the model has no joint 'hnge'; similar: hinge"),
     "damped joint": (lambda: bound(FREE, pc.JointDamping({"x": 1.0})), "JointDamping: the model has no joint 'x'"),
     "servo no joint": (lambda: bound(FREE, pc.Servo("x", 0.0, 1.0)), "servo 'x': the model has no joint 'x'"),
     "spring on a ball": (lambda: bound(FREE, pc.JointSpring("ball", 1.0)), "'ball' has 3 degrees of freedom"),
@@ -379,11 +379,11 @@ BAD = {
     "torque size": (lambda: bound(FREE, {"ball": 1.0}), r"JointTorque: joint 'ball' needs 3 number\(s\), got 1"),
     "damping size": (lambda: bound(FREE, pc.JointDamping({"ball": (1, 2)})), r"'ball' needs 3 number\(s\), got 2"),
     "torques": (lambda: bound(FREE, np.ones(3)), r"JointTorque needs 15 numbers.*shape \(3,\)"),
-    "no frame": (lambda: bound(FREE, pc.Wrench("arms")), "'arms': the model has no frame 'arms'; near it: arm"),
+    "no frame": (lambda: bound(FREE, pc.Wrench("arms")), "'arms': the model has no frame 'arms'; similar: arm"),
     "ground": (lambda: bound(FREE, pc.Wrench("universe")), "wrench on 'universe': the frame belongs to the ground"),
     "spring frame": (lambda: bound(FREE, pc.SpringDamper("arm", "leg")), "spring between 'arm' and 'leg': .* no frame"),
-    "spring on a body": (lambda: bound(FREE, pc.SpringDamper("raft", "raft")), "joins a body to itself"),
-    "ground to ground": (lambda: bound(FREE, pc.SpringDamper("universe")), "joins a body to itself"),
+    "spring on a body": (lambda: bound(FREE, pc.SpringDamper("raft", "raft")), "connects a body to itself"),
+    "ground to ground": (lambda: bound(FREE, pc.SpringDamper("universe")), "connects a body to itself"),
 }  # fmt: skip
 
 
@@ -425,11 +425,14 @@ WRONG = {
     "torque shape": (pc.JointTorque({"slide": lambda t: [1, 2]}), r"shape \(2,\) at t = 0; it must return one number"),
     "torque None": (
         pc.JointTorque({"slide": lambda t: None}),
-        "the torque of joint 'slide' returned no numbers at t = 0",
+        "the torque of joint 'slide' did not return real numbers at t = 0",
     ),
-    "target text": (pc.Servo("slide", lambda t: "up", 1.0), "the target of servo 'slide' returned no numbers"),
+    "target text": (pc.Servo("slide", lambda t: "up", 1.0), "the target of servo 'slide' did not return real numbers"),
     "force shape": (pc.Wrench("block", lambda t: 1.0), r"returned shape \(\) at t = 0; it must return \(3,\)"),
-    "complex moment": (pc.Wrench("block", moment=lambda t: [0, 0, 1j]), "returned no numbers at t = 0: complex"),
+    "complex moment": (
+        pc.Wrench("block", moment=lambda t: [0, 0, 1j]),
+        "did not return real numbers at t = 0: complex",
+    ),
 }
 
 
@@ -473,7 +476,7 @@ def test_one_force_may_stand_for_itself():
 
 
 def test_a_class_is_no_force():
-    with pytest.raises(pc.InputError, match=r"not the class Wrench: give Wrench\(…\)"):
+    with pytest.raises(pc.InputError, match=r"not the class Wrench: pass Wrench\(…\)"):
         pc.load("four_bar").with_forces(pc.Wrench)
 
 

@@ -30,7 +30,7 @@ BAD_URDF = {
     "no child": (A + '<joint name="j" type="fixed"><parent link="a"/></joint>', "joint 'j': <child> is missing"),
     "itself": (CHAIN + joint("l", "a", "a"), "joint 'l': parent and child are the same"),
     "two parents": (CHAIN + joint("l", "a", "c"), "link 'c': it is the child of two joints, 'k' and 'l'.*loop file"),
-    "two roots": (A + B + C + joint(), "'a' and 'c' are both without a parent"),
+    "two roots": (A + B + C + joint(), "'a' and 'c' both have no parent"),
     "cycle": (A + B + C + joint("j", "b", "c") + joint("k", "c", "b"), "link 'b': .*cycle"),
     "cycle of all": (A + B + joint() + joint("k", "b", "a"), "link 'a': .*cycle"),
     "mimic": (A + B + joint(inside='<mimic joint="x"/>'), "joint 'j': mimic: there is no joint 'x' to follow"),
@@ -84,13 +84,13 @@ def test_bad_file_contents(tmp_path, capfd, content, message):
 
 
 def test_sources_that_are_not_there(tmp_path, robot):
-    with pytest.raises(InputError, match=r"four_bra.*near it: four_bar.*planar_pendulum"):
+    with pytest.raises(InputError, match=r"four_bra.*similar: four_bar.*planar_pendulum"):
         load("four_bra")
     with pytest.raises(FormatError, match=r"missing\.urdf: no such file"):
         load(tmp_path / "missing.urdf")
     with pytest.raises(FormatError, match=r"'\.step' cannot be read; supported are URDF"):
         load("scene.step")
-    with pytest.raises(FormatError, match=r"one \.urdf file is needed, this has 0"):
+    with pytest.raises(FormatError, match=r"must contain one \.urdf file, it has 0"):
         load(tmp_path)
     with pytest.raises(InputError, match="got int"):
         load(3)
@@ -112,26 +112,26 @@ ROW = "{name: n, kind: point, frame1: c}"
 BAD_LOOPS = {
     "not yaml": ("loops: [", "line 1: not usable YAML"),
     "not text": ("\x01", "not usable YAML"),
-    "empty": ("", "a loop file has keys"),
-    "list": ("[1, 2]", "a loop file has keys"),
+    "empty": ("", "not a loop file, which has keys"),
+    "list": ("[1, 2]", "not a loop file, which has keys"),
     "object": ("loops: !!python/object/apply:os.getcwd []", "not usable YAML: could not determine a constructor"),
     "alias": (f"loops: [&x {ROW}, *x]", "aliases"),
     "key twice": ("description: a\ndescription: b", "'description' is given twice"),
     "deep": ("loops: " + "[" * 5000, "not usable YAML"),
-    "key": ("loop: []", "'loop' is not known; near it: loops"),
+    "key": ("loop: []", "'loop' is not known; similar: loops"),
     "forces": ("forces: {}", "forces: a list is needed, not {}"),
     "loop key": (
         "loops: [{name: n, kind: point, frame: c}]",
-        "loop 1 'n': the key 'frame' is not known; near it: frame2, frame1",
+        "loop 1 'n': the key 'frame' is not known; similar: frame2, frame1",
     ),
     "no kind": ("loops: [{name: n, frame1: c}]", "loop 1 'n': 'kind' is missing"),
-    "kind": (f"loops: [{ROW.replace('point', 'weld')}]", "loop 1 'n': unknown kind 'weld'; known are point"),
+    "kind": (f"loops: [{ROW.replace('point', 'weld')}]", "loop 1 'n': unknown kind 'weld'; choose from point"),
     "frame": (
         f"loops: [{ROW}, {{name: m, kind: point, frame1: jj}}]",
-        "loop 2 'm': the model has no frame 'jj'; near it: j",
+        "loop 2 'm': the model has no frame 'jj'; similar: j",
     ),
     "same name": (f"loops: [{ROW}, {ROW}]", "loop 2 'n': another loop has this name"),
-    "same body": (f"loops: [{ROW[:-1]}, frame2: k}}]", "sit on the same body"),
+    "same body": (f"loops: [{ROW[:-1]}, frame2: k}}]", "are on the same body"),
     "number": (f"loops: [{ROW[:-1]}, xyz1: [0, .nan, 0]}}]", "loop 1 'n': xyz1: a finite number is needed, not nan"),
     "yes": (f"loops: [{ROW[:-1]}, xyz1: [0, yes, 0]}}]", "loop 1 'n': xyz1: a finite number is needed, not True"),
     "three": (f"loops: [{ROW[:-1]}, xyz1: '123'}}]", "loop 1 'n': xyz1: three numbers are needed, not '123'"),
@@ -146,7 +146,7 @@ BAD_LOOPS = {
     "guess": ("guess: {jk: 1}", "guess: the model has no joint 'jk'"),
     "guess value": ("guess: {j: up}", "guess: j: a finite number is needed, not 'up'"),
     "guess size": ("guess: {j: [1, 2]}", r"configuration of joint 'j' needs 1 number\(s\), got 2"),
-    "actuated": ("actuated: [l]", "actuated joints: the model has no joint 'l'; there are: j, k"),
+    "actuated": ("actuated: [l]", "actuated joints: the model has no joint 'l'; available: j, k"),
     "mixed": ("closed_loop: []\nloops: []", "'loops' cannot be combined"),
     "pair": ("closed_loop: [[c]]", r"loop 1: a pair of frame names is needed, not \['c'\]"),
     "type": ("closed_loop: [[a, c]]\ntype: [5d]", "loop 1 'a-c': the type '5d' is neither 3d nor 6d"),
@@ -156,7 +156,7 @@ BAD_LOOPS = {
     "joint types": ("joint_name: [j, j]\njoint_type: [FIXED, FIXED]", "joint_type: 2 types for 1 different joints"),
     "joint": (
         "joint_name: [i]\njoint_type: [FIXED]",
-        "joint 'i': there is no joint of this name to replace; there are: j, k",
+        "joint 'i': there is no joint of this name to replace; available: j, k",
     ),
     "joint 2": ("joint_name: [i]\njoint_type: [SPHERICAL]", "joint 'i': there is no movable joint of this name"),
 }

@@ -186,7 +186,7 @@ def test_replacement_that_clashes_or_does_not_apply(robot):
                 THREE.replace('"k" type="revolute"', '"k" type="floating"'), "joint_name: [k]\njoint_type: [SPHERICAL]"
             )
         )
-    with pytest.raises(FormatError, match="joint 'k_X': a new joint has the name of another"):
+    with pytest.raises(FormatError, match="joint 'k_X': a new joint has the name of an existing"):
         load(robot(THREE.replace('"m"', '"k_X"'), "joint_name: [k]\njoint_type: [UJOINT_XY]"))
 
 
@@ -282,12 +282,12 @@ BAD_RECORDS = {
     "no kind": ("forces: [{joint: j}]", "force 1: 'kind' is missing"),
     "kind": (
         "forces: [{kind: sprung}]",
-        "force 1: unknown kind 'sprung'; known are damping, friction, spring, spring-",
+        "force 1: unknown kind 'sprung'; choose from damping, friction, spring, spring-",
     ),
     "kind list": ("forces: [{kind: [spring]}]", r"force 1: unknown kind \['spring'\]"),
     "key": (
         "forces: [{kind: damping, coefficients: {j: 1}}, {kind: spring, joint: j, stifness: 2}]",
-        r"force 2 \(spring\): the key 'stifness' is not known; near it: stiffness",
+        r"force 2 \(spring\): the key 'stifness' is not known; similar: stiffness",
     ),
     "key of code": ("forces: [{kind: servo, joint: j, rate: 3}]", r"force 1 \(servo\): the key 'rate' is not known"),
     "missing": ("forces: [{kind: spring, joint: j}]", r"force 1 \(spring\): 'stiffness' is missing"),
@@ -306,11 +306,11 @@ BAD_RECORDS = {
     ),
     "no joints": (
         "forces: [{kind: damping, coefficients: 0.3}]",
-        r"force 1 \(damping\): coefficients: joint names with a number each are needed, not 0.3",
+        r"force 1 \(damping\): coefficients: a mapping of joint names to numbers is needed, not 0.3",
     ),
     "empty joints": (
         "forces: [{kind: damping, coefficients: {}}]",
-        r"force 1 \(damping\): coefficients: joint names with a number each are needed, not {}",
+        r"force 1 \(damping\): coefficients: a mapping of joint names to numbers is needed, not {}",
     ),
     "joint's number": (
         "forces: [{kind: friction, coefficients: {j: [1, x]}}]",
@@ -334,7 +334,7 @@ BAD_RECORDS = {
     ),
     "motion": (
         "forces: [{kind: servo, joint: j, target: {sped: 1}, stiffness: 1}]",
-        r"force 1 \(servo\): target: the key 'sped' is not known; near it: speed",
+        r"force 1 \(servo\): target: the key 'sped' is not known; similar: speed",
     ),
     "motion number": (
         "forces: [{kind: servo, joint: j, target: {speed: fast}, stiffness: 1}]",
@@ -350,7 +350,7 @@ BAD_RECORDS = {
     ),
     "spring frame": (
         "forces: [{kind: spring-damper, frame1: cc}]",
-        r"force 1 \(spring-damper\): spring between 'cc' and 'universe': the model has no frame 'cc'; near it: c",
+        r"force 1 \(spring-damper\): spring between 'cc' and 'universe': the model has no frame 'cc'; similar: c",
     ),
     "length": ("forces: [{kind: spring-damper, frame1: c, length: -1}]", "length must be at least 0, got -1"),
     "unknown joint": (
@@ -364,11 +364,11 @@ BAD_RECORDS = {
     "loop": ("loops: [tip]", "loop 1: keys such as name, kind, frame1 are needed, not 'tip'"),
     "coupling key": (
         "loops: [{name: g, kind: coupling, joint: j, other: k, rato: 2}]",
-        "loop 1 'g': the key 'rato' is not known; near it: ratio",
+        "loop 1 'g': the key 'rato' is not known; similar: ratio",
     ),
     "coupling joint": (
         "loops: [{name: g, kind: coupling, joint: j, other: kk}]",
-        "loop 1 'g': the model has no joint 'kk'; near it: k",
+        "loop 1 'g': the model has no joint 'kk'; similar: k",
     ),
     "coupling itself": (
         "loops: [{name: g, kind: coupling, joint: j, other: j}]",
@@ -383,7 +383,7 @@ BAD_RECORDS = {
     "drive where": ("loops: [{name: m, kind: drive, joint: j}]", "loop 1 'm': a motion needs one or more of start"),
     "drive key": (
         "loops: [{name: m, kind: drive, joint: j, velocity: 2}]",
-        "loop 1 'm': the key 'velocity' is not known; there are: amplitude, frequency, joint, name",
+        "loop 1 'm': the key 'velocity' is not known; available: amplitude, frequency, joint, name",
     ),
     "drive number": (
         "loops: [{name: m, kind: drive, joint: j, speed: .nan}]",

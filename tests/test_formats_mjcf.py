@@ -329,7 +329,7 @@ def test_meshes_that_are_missing(scene, tmp_path, caplog, monkeypatch):
 def test_attached_models_come_from_the_folder(scene, tmp_path):
     model = '<asset><model name="m" file="{}"/></asset>'
     for file, reason in (
-        ("../m.xml", "is outside of the folder"),
+        ("../m.xml", "is outside the folder"),
         ("scene.xml", "it includes itself"),
         ("m", "no such"),
     ):

@@ -144,18 +144,18 @@ NOT_COMPUTED = {
     ),
     "fluid": (
         f'<option density="1.2"/>{ARM}',
-        "option: lift, drag and viscous forces of a fluid are not supported",
+        "option: lift, drag and viscous forces in a fluid are not supported",
     ),
     "composite": (world(body("<composite/>")), "body 1: composite 1: unrecognized element"),
     "attach": (world("<attach/>"), "worldbody: attach 1: required attribute missing"),
     "plugin": (world(body("<plugin/>")), "body 1.*: neither 'plugin' nor 'instance' is specified"),
     "spring of a ball": (
         world(body('<joint type="ball" stiffness="1"/>' + ROD)),
-        "joint 1: stiffness is computed for hinges and slides alone",
+        "joint 1: stiffness is supported for hinges and slides only",
     ),
     "free armature": (
         world(body('<joint type="free" armature="1"/>' + ROD)),
-        "joint 1: armature is not computed for a free joint",
+        "joint 1: armature is not supported for a free joint",
     ),
     "carried by limited motors": (
         world(body('<joint name="j" actuatorgravcomp="true" actuatorfrcrange="-1 1"/>' + ROD, 'gravcomp="1"')),

@@ -666,5 +666,5 @@ def test_robots_that_are_not_installed_name_their_package(monkeypatch, tmp_path)
             return tmp_path / path
 
     monkeypatch.setattr(catalogue, "distribution", lambda name: Empty())
-    with pytest.raises(pc.MissingExtraError, match="does not hold"):
+    with pytest.raises(pc.MissingExtraError, match="does not contain"):
         pc.load(next(iter(ROBOTS)))

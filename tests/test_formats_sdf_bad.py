@@ -65,18 +65,18 @@ BAD = {
     "no type": (A + B + joint().replace(' type="revolute"', ""), "joint 'j': type '' is not one of"),
     "parent": (
         A + B + joint(parent="aa"),
-        "joint 'j': parent: there is no link, joint, frame or model 'aa' here; near",
+        "joint 'j': parent: there is no link, joint, frame or model 'aa' here; similar",
     ),
     "child": (
         A + B + joint(child="bb"),
-        r"joint 'j': child: there is no link, joint, frame or model 'bb' here; near it: b",
+        r"joint 'j': child: there is no link, joint, frame or model 'bb' here; similar: b",
     ),
     "no child": (A + B + joint().replace("<child>b</child>", ""), "joint 'j': <child> is missing"),
     "empty parent": (A + B + joint(parent=""), "joint 'j': <parent> is empty"),
     "world child": (A + B + joint("j", "a", "world"), "joint 'j': the world cannot be a child"),
     "itself": (A + B + joint(child="a"), "joint 'j': parent and child are the same body 'a'"),
-    "no axis": (A + B + joint(inside=""), "joint 'j': axis: it is missing"),
-    "no axis2": (A + B + joint(kind="universal"), "joint 'j': axis2: it is missing"),
+    "no axis": (A + B + joint(inside=""), "joint 'j': axis: the element is missing"),
+    "no axis2": (A + B + joint(kind="universal"), "joint 'j': axis2: the element is missing"),
     "zero axis": (A + B + joint(inside=axis("0 0 0")), "joint 'j': axis: the axis is the zero vector"),
     "axis count": (A + B + joint(inside=axis("0 1")), "joint 'j': axis: xyz: '0 1' is not 3 finite numbers"),
     "axis text": (A + B + joint(inside=axis("0 1 z")), "joint 'j': axis: xyz: '0 1 z' is not 3 finite numbers"),
@@ -130,12 +130,12 @@ BAD = {
     ),
     "gear body": (
         gear("b"),
-        "joint 'g': one revolute joint between its reference body 'b' and 'b' is needed, there are 0",
+        "joint 'g': it needs one revolute joint between its reference body 'b' and 'b', but there are 0",
     ),
-    "gear ends": (gear("a"), "joint 'g': one revolute joint between its reference body 'a' and 'c' is needed"),
+    "gear ends": (gear("a"), "joint 'g': it needs one revolute joint between its reference body 'a' and 'c'"),
     "gear axis": (
         A + B + C + joint() + joint("k", "a", "c") + gear("a", "0 1 0")[len(CHAIN) :],
-        "joint 'g': its axis is not along that of joint 'j'",
+        "joint 'g': its axis is not parallel to that of joint 'j'",
     ),
     "mimic": (follows("", "i"), "joint 'k': mimic: there is no joint 'i'"),
     "mimic itself": (follows("", "k"), "joint 'k': mimic: a joint cannot follow itself"),
@@ -147,35 +147,38 @@ BAD = {
     "quaternion": (posed("0 0 0 0 0 0 0", ' rotation_format="quat_xyzw"'), "link 'a': pose: the quaternion is zero"),
     "format": (posed("0 0 0 0 0 0 0", ' rotation_format="wxyz"'), "link 'a': pose: the rotation_format 'wxyz'"),
     "degrees": (posed("0 0 0 0 0 0", ' degrees="deg"'), "link 'a': pose: 'deg' is neither true nor false"),
-    "relative": (posed("0 0 0 0 0 0", ' relative_to="bb"'), "link 'a': there is no link, .* 'bb' here; near it: b"),
-    "relative to itself": (posed("0 0 0 0 0 0", ' relative_to="a"'), "link 'a': a cycle of frames: a → a"),
+    "relative": (posed("0 0 0 0 0 0", ' relative_to="bb"'), "link 'a': there is no link, .* 'bb' here; similar: b"),
+    "relative to itself": (posed("0 0 0 0 0 0", ' relative_to="a"'), "link 'a': the frames form a cycle: a → a"),
     "relative cycle": (
         CHAIN
         + frame("f", '<pose relative_to="g"/>')
         + frame("g", '<pose relative_to="h"/>')
         + frame("h", '<pose relative_to="f"/>'),
-        "frame 'f': a cycle of frames: f → g → h → f",
+        "frame 'f': the frames form a cycle: f → g → h → f",
     ),
     "cycle over a joint": (
         posed("0 0 0 0 0 0", ' relative_to="b"').replace(B, '<link name="b"><pose relative_to="j"/></link>'),
-        "a cycle of frames: b → j → b",
+        "the frames form a cycle: b → j → b",
     ),
     "attached cycle": (
         CHAIN
         + frame("f", '<pose relative_to="a"/>', attached_to="g")
         + frame("g", '<pose relative_to="a"/>', attached_to="f"),
-        "frame 'f': a cycle of frames: f → g → f",
+        "frame 'f': the frames form a cycle: f → g → f",
     ),
-    "attached to itself": (CHAIN + frame("f", '<pose relative_to="a"/>', attached_to="f"), "a cycle of frames: f → f"),
+    "attached to itself": (
+        CHAIN + frame("f", '<pose relative_to="a"/>', attached_to="f"),
+        "the frames form a cycle: f → f",
+    ),
     "canonical itself": (
         CHAIN + '<model name="n" canonical_link="__model__">' + A + "</model>" + joint("x", "a", "n"),
-        "model 'n': a cycle of frames: n → n",
+        "model 'n': the frames form a cycle: n → n",
     ),
     "attached": (CHAIN + frame("f", attached_to="z"), "frame 'f': there is no link, joint, frame or model 'z'"),
     "frame text": (CHAIN + frame("f", "<pose>1 2</pose>"), "frame 'f': pose: '1 2' is not 6 finite numbers"),
     "huge places": (
         link("a", "-1e31 0 0 0 0 0") + link("b") + joint(),
-        r"link 'a': pose: '-1e31 0 0 0 0 0' is not 6 finite numbers \(they go up to 1e\+30\)",
+        r"link 'a': pose: '-1e31 0 0 0 0 0' is not 6 finite numbers \(the largest is 1e\+30\)",
     ),
     # links
     "mass": (inertial("<mass>-1</mass>"), "link 'a': inertial: the mass is negative: -1 kg"),
@@ -187,12 +190,15 @@ BAD = {
         "link 'a': inertial: inertia: iyy: '' is not a finite number",
     ),
     "inertial pose": (inertial("<pose>0 0 0</pose>"), "link 'a': inertial: pose: '0 0 0' is not 6 finite numbers"),
-    "auto": (inertial("").replace("<inertial", '<inertial auto="true"'), "link 'a': inertial: inertias from shapes"),
-    "added mass": (inertial("<fluid_added_mass/>"), "link 'a': inertial: fluid_added_mass cannot be read"),
+    "auto": (
+        inertial("").replace("<inertial", '<inertial auto="true"'),
+        "link 'a': inertial: inertias computed from shapes",
+    ),
+    "added mass": (inertial("<fluid_added_mass/>"), "link 'a': inertial: fluid_added_mass is not supported"),
     "kinematic": (link("a", "", "<kinematic>1</kinematic>") + B + joint(), "link 'a': kinematic links"),
     "gravity": (
         link("a", "", "<gravity>0</gravity>") + B + joint(),
-        "link 'a': gravity does not act on it, but on 'b'",
+        "link 'a': gravity is off for this link, but on for 'b'",
     ),
     # shapes
     "size": (shape("<sphere><radius>-1</radius></sphere>"), "link 'a': visual: sphere: a size is negative"),
@@ -203,14 +209,14 @@ BAD = {
     "no uri": (shape("<mesh/>"), "link 'a': visual 'v': mesh: <uri> is missing"),
     "climbing mesh": (
         mesh("../x.stl"),
-        r"link 'a': visual 'v': mesh: uri: '../x.stl' leads out of the folder.*package_dirs=",
+        r"link 'a': visual 'v': mesh: uri: '../x.stl' is outside the folder.*package_dirs=",
     ),
-    "climbing inside": (mesh("meshes/../../x.stl"), "leads out of the folder of the scene"),
-    "climbing package": (mesh("model://m/../../x.stl"), "leads out of the folder of the scene"),
-    "absolute package": (mesh("package:///etc/x.stl"), "leads out of the folder of the scene"),
-    "absolute mesh": (mesh("/etc/x.stl"), "leads out of the folder of the scene"),
-    "file mesh": (mesh("file:///etc/x.stl"), "leads out of the folder of the scene"),
-    "scheme": (mesh("ftp://x/y.stl"), "the scheme of 'ftp://x/y.stl' is none of model, package, file"),
+    "climbing inside": (mesh("meshes/../../x.stl"), "is outside the folder of the scene"),
+    "climbing package": (mesh("model://m/../../x.stl"), "is outside the folder of the scene"),
+    "absolute package": (mesh("package:///etc/x.stl"), "is outside the folder of the scene"),
+    "absolute mesh": (mesh("/etc/x.stl"), "is outside the folder of the scene"),
+    "file mesh": (mesh("file:///etc/x.stl"), "is outside the folder of the scene"),
+    "scheme": (mesh("ftp://x/y.stl"), "the scheme of 'ftp://x/y.stl' is not one of model, package, file"),
 }
 
 
@@ -235,9 +241,9 @@ def test_bad_sdf_is_named_and_nothing_is_printed(scene, capfd, body, message):
         (b"<robot/>", "the root element of an SDF file is <sdf>, this is <robot>"),
         (b"<sdf/>", "needs a version such as 1.7, not ''"),
         (b'<sdf version="new"/>', "needs a version such as 1.7, not 'new'"),
-        (b'<sdf version="1.2"/>', "version 1.2 is too old, 1.4 is the first that can be read"),
+        (b'<sdf version="1.2"/>', "version 1.2 is too old: the oldest supported version is 1.4"),
         (b'<sdf version="1.7"/>', "there is no link"),
-        (b'<sdf version="1.7"><world name="w"/><world name="v"/></sdf>', "one world is needed, this file has 2"),
+        (b'<sdf version="1.7"><world name="w"/><world name="v"/></sdf>', "this file has 2 worlds"),
         (WORLD % b"<include><uri>model://sun</uri></include>", "world: <include>"),
         (WORLD % b"<gravity>9.81</gravity>", "world: gravity: '9.81' is not 3 finite numbers"),
         (b"<sdf>" + b" " * 50_000_000, "more than 50 MB"),
@@ -261,7 +267,7 @@ def test_meshes_within_named_folders_are_no_climbing(scene, tmp_path):
 
 def test_nothing_floats_where_all_is_tied_to_the_world(scene):
     path = scene(CHAIN + joint("w", "world", "a"))
-    with pytest.raises(pc.FormatError, match="nothing can float: all links are tied to the world"):
+    with pytest.raises(pc.FormatError, match="nothing can float: all links are connected to the world"):
         pc.load(path, free_flyer=True)
     path = scene(A + B + joint("root_joint"))
     with pytest.raises(pc.FormatError, match="joint 'root_joint': another joint has this name"):
@@ -272,7 +278,7 @@ def test_long_chains_and_cycles_of_frames_are_no_trouble(scene):
     n = 2000
     frames = "".join(frame(f"f{i}", f'<pose relative_to="f{i + 1}">1 0 0 0 0 0</pose>') for i in range(n))
     assert pc.load(scene(CHAIN + frames + frame(f"f{n}"))).nv == 2
-    with pytest.raises(pc.FormatError, match="a cycle of frames"):
+    with pytest.raises(pc.FormatError, match="the frames form a cycle"):
         pc.load(scene(CHAIN + frames + frame(f"f{n}", '<pose relative_to="f0"/>')))
 
 
@@ -282,7 +288,7 @@ def test_the_loop_file_of_an_sdf_scene(scene, tmp_path):
     mech = pc.load(scene(CHAIN), loops=loops)
     assert [loop.name for loop in mech.loops] == ["n"] and mech.actuated == ("k",) and mech.guess[0] == 0.1
     loops.write_text("joint_name: [j]\njoint_type: [SPHERICAL]")
-    with pytest.raises(pc.FormatError, match=r"more\.yaml: joints can be replaced in URDF scenes only"):
+    with pytest.raises(pc.FormatError, match=r"more\.yaml: joints can be replaced only in URDF scenes"):
         pc.load(scene(CHAIN), loops=loops)
 
 
@@ -292,7 +298,7 @@ def test_what_closes_loops_elsewhere_is_refused_unless_it_is_ignored(scene, plac
     body = A + B + joint(inside=axis(inside=foreign)) if place == "axis" else CHAIN + "\n" + foreign
     path, tag = scene(body), foreign[1:].split("/")[0].split()[0]
     line = 3 if place == "axis" else 5
-    with pytest.raises(pc.FormatError, match=f"line {line}, {tag}.*: <{tag}> is an extension") as caught:
+    with pytest.raises(pc.FormatError, match=f"line {line}, {tag}.*: the extension <{tag}> is not supported") as caught:
         pc.load(path)
     assert caught.value.path == str(path)
     assert pc.load(path, ignore=[tag]).loops == ()

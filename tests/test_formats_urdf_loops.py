@@ -65,12 +65,12 @@ def test_closing_frames_yield_to_whatever_else_closes_loops(robot, caplog):
     assert pc.load(robot(body, "guess: {j: 1.0}")).loops == ()
     written = '<loop_joint name="tip" type="ball"><link1 link="a"/><link2 link="c"/></loop_joint>'
     assert [loop.name for loop in pc.load(robot(body + written, name="other")).loops] == ["tip"]
-    assert "closing names" not in caplog.text
+    assert "from the names of its frames" not in caplog.text
 
 
 def test_a_closing_frame_alone_is_told_and_closes_nothing(robot, caplog):
     assert pc.load(robot(CHAIN + on_c("closing_k_1", "closedloop1_B", "closing_", "closedloop1_C"))).loops == ()
-    alone = re.findall(r"the frame '(\w+)' closes no loop", caplog.text)
+    alone = re.findall(r"the frame '(\w+)' does not close a loop", caplog.text)
     assert sorted(alone) == ["closedloop1_B", "closing_k_1"]
 
 
@@ -164,14 +164,14 @@ BAD_LOOP_JOINTS = {
     "no name": (loop_joint().replace('name="tip"', ""), "loop_joint number 1: it has no name"),
     "twice": (loop_joint() * 2, "loop_joint 'tip': two loop_joints have this name"),
     "no link2": (loop_joint(inside='<link1 link="a"/>'), "loop_joint 'tip': <link2> is missing"),
-    "link": (loop_joint(inside=ENDS.replace('"c"', '"cc"')), "'tip': link2: there is no link 'cc'; near it: c"),
+    "link": (loop_joint(inside=ENDS.replace('"c"', '"cc"')), "'tip': link2: there is no link 'cc'; similar: c"),
     "no attribute": (loop_joint(inside="<link1/>" + ENDS), "'tip': link1: there is no link ''"),
     "itself": (loop_joint(inside=ENDS.replace('"c"', '"a"')), "both ends are on the link 'a'"),
     "number": (loop_joint(inside=ENDS.replace("4 5 6", "4 5")), "'tip': link2: xyz='4 5' is not 3 finite numbers"),
     "axis": (loop_joint(inside=ENDS + '<axis xyz="0 0 0"/>'), "'tip': the axis is the zero vector"),
     "huge axis": (
         loop_joint(inside=ENDS + '<axis xyz="1e200 0 0"/>'),
-        "'tip': axis: .* is not 3 finite numbers .they go up to 1e.30",
+        "'tip': axis: .* is not 3 finite numbers .the largest is 1e.30",
     ),
     "one body": (loop_joint(inside=ENDS.replace('"c"', '"f"')) + links("f"), "'tip'.*same body"),
 }
@@ -211,7 +211,7 @@ def test_what_closes_loops_elsewhere_is_refused_with_its_line(robot, tag):
     written, declared = FOREIGN[tag]
     path = robot(CHAIN + "\n\n" + written, head=f'<?xml version="1.0"?>\n<!-- <a:b> -->\n<robot name="r"{declared}>')
     line = 1 + path.read_text(encoding="utf-8").partition(written)[0].count("\n")
-    with pytest.raises(pc.FormatError, match=f"<{tag}> is an extension that is not read") as caught:
+    with pytest.raises(pc.FormatError, match=f"the extension <{tag}> is not supported") as caught:
         pc.load(path)
     named = " 'l'" if 'name="l"' in written else ""
     assert (caught.value.path, caught.value.element) == (str(path), f"line {line}, {tag}{named}")
@@ -294,14 +294,14 @@ BAD_MIMICS = {
     "itself": (pair('<mimic joint="k"/>'), "joint 'k': mimic: the joint follows itself"),
     "circle": (
         pair().replace('name="j" type="continuous">', 'name="j" type="continuous"><mimic joint="k"/>'),
-        "joints follow each other in a circle: j → k → j",
+        "joints follow each other in a cycle: j → k → j",
     ),
     "fixed": (pair(kind="fixed"), "joint 'k': mimic: joint 'k' is fixed and cannot follow another"),
     "of fixed": (pair(other="fixed"), "joint 'k': mimic: joint 'j' is fixed and cannot be followed"),
     "floating": (pair(other="floating"), "joint 'j' is floating and cannot be followed"),
     "multiplier": (pair('<mimic joint="j" multiplier="x"/>'), "joint 'k': mimic: multiplier='x' is not a finite"),
     "offset": (pair('<mimic joint="j" offset="nan"/>'), "joint 'k': mimic: offset='nan' is not a finite"),
-    "two": (pair('<mimic joint="j"/><mimic joint="j"/>'), "joint 'k': mimic: a joint can follow one other only"),
+    "two": (pair('<mimic joint="j"/><mimic joint="j"/>'), "joint 'k': mimic: a joint can follow only one other joint"),
 }
 
 

@@ -331,7 +331,7 @@ def test_rows_at_a_jump_and_between_steps(method):
     np.testing.assert_array_equal(found.at(t[jump])[1], found.dv[jump])  # before it
     for part, rows in zip(found.at(t[:jump:7]), (found.dq, found.dv, found.dlam), strict=True):
         np.testing.assert_allclose(part, rows[:jump:7], atol=1e-9 * np.abs(rows).max())
-    with pytest.raises(pc.InputError, match="the run goes from"):
+    with pytest.raises(pc.InputError, match="the run covers t"):
         found.at(0.3)
 
 
@@ -374,7 +374,7 @@ def test_refusals():
 
     refused("another kind of mechanism", lambda th: mech if th[0] == 1 else pc.load("four_bar"), [1.0])
     refused("must return a Mechanism", lambda th: None, [1.0])
-    refused("no parameter 'mass:coupla'; near it: mass:coupler", mech, ["mass:coupla"])
+    refused("no parameter 'mass:coupla'; similar: mass:coupler", mech, ["mass:coupla"])
     refused("consistency='every-step'", mech, ["mass:coupler"], consistency="exact", step=1e-3)
     held = pc.HeldTorque([0.0], [[1.0]], ["crank"])
     refused("held or sampled", mech, ["mass:coupler"], forces=held)

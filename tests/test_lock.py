@@ -138,16 +138,16 @@ def test_couplings_and_drives_of_locked_joints():
     five = pc.load("five_bar").with_loops()
     gear = Coupling("gear", "left_crank", "right_crank", -1.0, five.guess[0] + five.guess[2])
     mech = five.with_loops(gear)
-    with pytest.raises(pc.InputError, match=r"'left_crank' cannot be locked alone: coupling 'gear'.*'right_crank' too"):
+    with pytest.raises(pc.InputError, match=r"'left_crank' cannot be locked alone: coupling 'gear' would also hold"):
         mech.lock("left_crank")
-    with pytest.raises(pc.InputError, match=r"'right_crank' cannot be locked alone.*'left_crank' too"):
+    with pytest.raises(pc.InputError, match=r"'right_crank' cannot be locked alone.*would also hold 'left_crank'"):
         mech.lock("right_crank")
     assert mech.lock(["left_crank", "right_crank"]).loops == ()
     assert mech.lock("left_distal").loops == (gear,)
     with pytest.raises(pc.InputError, match="loop 'gear' would stay open by 1 "):
         mech.lock(["left_crank", "right_crank"], mech.guess + np.array([1, 0, 0, 0]))
     driven = five.with_loops(pc.Drive("motor", "left_crank", np.sin))
-    with pytest.raises(pc.InputError, match="drive 'motor' moves it; take the drive out"):
+    with pytest.raises(pc.InputError, match="drive 'motor' moves it; remove the drive"):
         driven.lock("left_crank")
     assert driven.lock("right_crank").loops == driven.loops
 
@@ -302,7 +302,7 @@ def test_still_joints_are_locked():
     assert small.joints == ("pendulum",) and small.loops == ()
     sols = same_motion(mech, small, 1.0, 1e-6)
     assert np.abs(sols[0].v[:, 2]).max() > 1.0
-    with pytest.raises(pc.InputError, match="leave no motion at all"):
+    with pytest.raises(pc.InputError, match="leave no motion, so"):
         mech.lock("pendulum").reduced()
 
 

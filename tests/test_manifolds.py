@@ -206,7 +206,7 @@ def test_without_the_cap_the_same_body_is_garbage(monkeypatch, tol):
 
 
 def test_a_fixed_step_that_would_wrap_is_refused_with_a_number():
-    with pytest.raises(pc.PinconsistError, match=r"turns so fast.*take step <= 0\.00179") as caught:
+    with pytest.raises(pc.PinconsistError, match=r"turns so fast.*use step <= 0\.00179") as caught:
         pc.simulate(free_body(), (0.0, 0.1), v0=(200.0, 3.0, 5.0), step=2e-3)
     limit = float(str(caught.value).split("<= ")[1].split(" s")[0])
     sol = pc.simulate(free_body(), (0.0, 0.1), v0=(200.0, 3.0, 5.0), step=0.95 * limit)

@@ -282,7 +282,7 @@ def test_pinocchios_mimic_joints_are_refused():
 
 
 def test_a_mechanism_is_not_loaded_again_without_its_loops():
-    with pytest.raises(pc.InputError, match="'four_bar' is a Mechanism already"):
+    with pytest.raises(pc.InputError, match="'four_bar' is already a Mechanism"):
         pc.load(pc.load("four_bar"))
 
 

@@ -314,10 +314,10 @@ def test_options_of_files_hold_for_families(tmp_path):
         "chain_1": "chain_<n> needs a number from 2 to",
         "n_four_bar_0": "n_four_bar_<n> needs a number from 1 to",
         "chain_99999999999999999999": "needs a number from 2 to",
-        "chain": "near it: chain_<n>",
-        "chain_x": "Built in are: .*chain_<n>",
-        "chian_16": "near it: chain_<n>",
-        "chain_٣": "no built-in model",
+        "chain": "similar: chain_<n>",
+        "chain_x": "Built-in models: .*chain_<n>",
+        "chian_16": "similar: chain_<n>",
+        "chain_٣": "neither a built-in model",
     }.items(),
 )
 def test_numbers_that_a_family_does_not_have(name, says):

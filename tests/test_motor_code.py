@@ -114,8 +114,8 @@ def test_what_has_no_c():
     mech, file = pc.load("five_bar"), Path("a.c")
     motors = mech.actuated
     cases = {
-        "no C can be made of the force 'torque pull'": pc.Actuation(mech.with_forces(pull)),
-        "some motors follow from others": pc.Actuation(mech, [*motors, "left_distal"]),
+        "the force 'torque pull' cannot be converted to C": pc.Actuation(mech.with_forces(pull)),
+        "some motors depend on others": pc.Actuation(mech, [*motors, "left_distal"]),
         "'free' has several degrees": pc.Actuation(replace(actuated.held("free"), actuated=()), ["free"]),
     }
     for message, act in cases.items():

@@ -60,15 +60,15 @@ def test_all_of_a_kind():
 @pytest.mark.parametrize(
     ("name", "match"),
     {
-        "mass:coupla": "no parameter 'mass:coupla'; near it: mass:coupler",
+        "mass:coupla": "no parameter 'mass:coupla'; similar: mass:coupler",
         "com:coupler": r"needs com:coupler\[0\] or com:coupler\[1\]",
         "inertia:coupler[ab]": r"needs inertia:coupler\[xx\]",
-        "length:crank": "has no distance from the joint before it",
+        "length:crank": "is at the origin of its parent",
         "stiffness:crank": "no parameter 'stiffness:crank'",
         "anchor:rocker_grund.xyz2[0]": "no parameter",
         "rocker_ground.xyz2.7": "has no number 'xyz2.7'",
-        "gravity[3]": "near it: gravity",
-        "weight": r"There are mass:, com:, inertia:, length:.*rocker_ground \(NAME.NUMBER\)",
+        "gravity[3]": "similar: gravity",
+        "weight": r"Its parameters are mass:, com:, inertia:, length:.*rocker_ground \(NAME.NUMBER\)",
     }.items(),
 )
 def test_unknown_names(name, match):

@@ -136,9 +136,9 @@ def test_locked_joints_keep_the_jumps(mech):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda mech: pc.Piecewise({"crank0": held}), "times, or a period"),
-        (lambda mech: pc.Piecewise({"crank0": held}, [0.1], 0.1), "times, or a period"),
-        (lambda mech: pc.Piecewise({"crank0": held}, [0.2, 0.1]), "rise"),
+        (lambda mech: pc.Piecewise({"crank0": held}), "times or a period"),
+        (lambda mech: pc.Piecewise({"crank0": held}, [0.1], 0.1), "times or a period"),
+        (lambda mech: pc.Piecewise({"crank0": held}, [0.2, 0.1]), "increase"),
         (lambda mech: pc.Piecewise({"crank0": held}, period=0.0), "period"),
         (lambda mech: run(mech, pc.Piecewise(FORCES["held"][2], TIMES)), "times of its own"),
         (lambda mech: pc.sensitivities(lambda k: mech, [1.0], (0.0, END), forces=FORCES["times"][2]), "jump"),

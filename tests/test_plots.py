@@ -219,7 +219,7 @@ def test_a_saved_run_needs_its_mechanism_for_some(sol, rocker, tmp_path):
 @pytest.mark.parametrize(
     ("what", "message"),
     [
-        (["forces"], "no picture 'forces'; there are trajectory, multipliers"),
+        (["forces"], "no picture 'forces'; available: trajectory, multipliers"),
         ([], "names no picture"),
     ],
 )

@@ -284,7 +284,7 @@ def test_reading_a_solution_back(tmp_path):
 def test_bad_questions_are_answered():
     mech = driven()
     sol = pc.simulate(mech, (0.0, 0.01))
-    with pytest.raises(pc.InputError, match="no loop 'moter'; near it: motor"):
+    with pytest.raises(pc.InputError, match="no loop 'moter'; similar: motor"):
         sol.reaction("moter")
     with pytest.raises(pc.InputError, match=r"no loop 'q'; the loops are .*motor"):
         sol.reaction("q")

@@ -134,8 +134,8 @@ def test_an_mp4_has_all_frames(tmp_path):
     ("file", "options", "message"),
     [
         ("run.avi", {}, r"ends in \.mp4 or \.gif"),
-        ("run.gif", {"at": [0.1]}, "chooses times of drawings"),
-        ("run.svg", {"at": [0.5]}, "at=0.5 is outside of the run"),
+        ("run.gif", {"at": [0.1]}, "selects the times of a drawing"),
+        ("run.svg", {"at": [0.5]}, "at=0.5 is outside the run"),
         ("run.svg", {"traces": ["no"]}, "no frame 'no'"),
     ],
 )
@@ -164,6 +164,6 @@ def test_the_command(sol, tmp_path, monkeypatch, capsys):
     code, out, _ = run(*scene, "run.svg", "--at", 0.05, 0.1)
     assert code == 0 and out.endswith("written: run.svg\n") and len(groups("run.svg")[0]) == 2
     code, _, err = run("render", "crank_rocker", "run.gif", "--at", 0.1)
-    assert code == 2 and "--at chooses times of drawings" in err
+    assert code == 2 and "--at selects the times of a drawing" in err
     code, _, err = run("render", "crank_rocker", "nowhere/run.svg")
     assert code == 2 and "nowhere" in err and not Path("nowhere").exists()

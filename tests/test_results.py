@@ -92,9 +92,9 @@ def test_names_of_everything(sol):
     assert not sol["crank"].position.flags.writeable
     for call, name, message in (
         (sol.position, "crnk", "joints are crank"),
-        (sol.torque, "serv", "near it: servo"),
-        (sol.frame, "crnk", "near it: crank"),
-        (sol.__getitem__, "crnk", "near it: crank"),
+        (sol.torque, "serv", "similar: servo"),
+        (sol.frame, "crnk", "similar: crank"),
+        (sol.__getitem__, "crnk", "similar: crank"),
         (sol.velocity, "crank[1]", "no joint"),
     ):
         with pytest.raises(pc.InputError, match=message.replace("no joint", "numbers")):
@@ -105,7 +105,7 @@ def test_a_solution_of_a_file_needs_its_mechanism(four_bar, sol, tmp_path):
     read = pc.Solution.load(sol.save(tmp_path / "run.npz"))
     with pytest.raises(pc.InputError, match=r"sol.position\(…, mechanism\)"):
         read.position("crank")
-    with pytest.raises(pc.InputError, match=r"holds no mechanism: sol.position\('crank', mechanism\)"):
+    with pytest.raises(pc.InputError, match=r"has no mechanism: use sol.position\('crank', mechanism\)"):
         read["crank"]
     np.testing.assert_array_equal(read.position("crank", four_bar), sol.position("crank"))
     assert repr(read).startswith("Solution of four_bar")

@@ -51,10 +51,10 @@ def test_lengths_that_part_a_loop_are_left_out_and_named(run):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("four_bar",), "give --of NAME"),
+        (("four_bar",), "--of NAME (a frame"),
         (("four_bar", "--of", "crnk", "--to", "mass"), "no frame, joint or loop"),
         (("four_bar", "--of", "crank", "--to", "mas:crank"), "no parameter 'mas:crank'"),
-        (("four_bar", "--of", "crank", "--to", "stiffness"), "nothing of the kind stiffness"),
+        (("four_bar", "--of", "crank", "--to", "stiffness"), "no parameters of the kind stiffness"),
     ],
 )
 def test_refusals(run, arguments, words):

@@ -490,7 +490,7 @@ def test_joints_that_leave_their_limits_are_named(limits, start, speed, first, t
     assert [(each.joint, each.t) for each in found.beyond_limits] == ([("j", pytest.approx(first))] if told else [])
     lines = [line for line in str(found).splitlines() if line.startswith("note")]
     assert found.ok is not found.verdict.endswith("look at joint limits") is bool(told)
-    assert lines == ([f"note: joints leave their limits, which do not act: {told} s"] if told else [])
+    assert lines == ([f"note: joints leave their limits, which are not enforced: {told} s"] if told else [])
 
 
 def test_limits_of_joints_of_several_coordinates_and_of_quaternions():

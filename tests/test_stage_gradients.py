@@ -75,7 +75,7 @@ def test_the_compiled_way_is_the_python_one(scene):
     plain, compiled = StageWay(leg.system, residuals), way_along(base.index1(leg.system), residuals)
     assert not isinstance(compiled, StageWay)
     steps, n = leg.steps[:3], leg.system.nx + leg.system.nv
-    inside = [step.led_to(step.t_old + 0.4 * step.h) for step in steps]
+    inside = [step.ending_at(step.t_old + 0.4 * step.h) for step in steps]
     led = [way.again(inside) for way in (plain, compiled)]
     for one, other in zip(*led, strict=True):
         size = 1.0 + np.abs(one.v).max()

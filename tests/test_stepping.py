@@ -154,7 +154,7 @@ def test_actuators_are_commanded_by_name(options, tmp_path):
     again = pc.Solution.load(tmp_path / "run.npz")
     assert again.check(sim.mechanism, error=False).force < 1e-8
     np.testing.assert_allclose(again.torque("up", sim.mechanism), mine.torque("up"), atol=1e-12)
-    with pytest.raises(pc.InputError, match="no actuator or joint 'upp'; near it: up"):
+    with pytest.raises(pc.InputError, match="no actuator or joint 'upp'; similar: up"):
         sim.step(0.01, {"upp": 1.0})
     for wrong, message in (({"up": np.nan}, "finite"), ({"up": "high"}, "number"), ({"hip": [1.0, 2.0]}, "hip")):
         with pytest.raises(pc.InputError, match=message):

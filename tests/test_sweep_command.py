@@ -108,7 +108,7 @@ def test_a_stopped_sweep_goes_on_to_the_same_table_byte_for_byte(run, whole, wor
     code, out, err = run(*SWEEP, "--out", "t.csv")
     told = [int(line.removesuffix(" of 31 cases")) for line in err.splitlines()]  # for a log
     assert told == [k for k in (4, 7, 10, 13, 16, 19, 22, 25, 28, 31) if k > done]
-    assert code == 0 and out.startswith(f"{done} of 31 cases are in t.csv.partial already\n")
+    assert code == 0 and out.startswith(f"{done} of 31 cases are already in t.csv.partial\n")
     assert Path("t.csv").read_bytes() == whole and not journal.exists()
 
 
@@ -133,7 +133,7 @@ def journal(run, monkeypatch):
 def test_a_table_that_found_no_room_is_written_the_next_time(run, journal):
     code, out, err = run(*PENDULUM, "--workers", 2)
     assert (code, err) == (0, "") and out == (
-        "3 of 3 cases are in a.csv.partial already\n3 cases: 3 done\nwritten: a.csv\n"
+        "3 of 3 cases are already in a.csv.partial\n3 cases: 3 done\nwritten: a.csv\n"
     )
     assert len(table("a.csv")) == 3 and not journal.exists()
 
@@ -187,7 +187,7 @@ def test_the_journal_of_a_scene_whose_file_has_changed_is_refused(run):
 def test_a_foreign_file_by_the_name_of_the_journal_is_kept(run, content):
     Path("a.csv.partial").write_bytes(content)
     code, _, err = run(*PENDULUM)
-    assert code == 2 and "a.csv.partial: line 1: no journal of a sweep" in err
+    assert code == 2 and "a.csv.partial: line 1: not the journal of a sweep" in err
     assert Path("a.csv.partial").read_bytes() == content
 
 
@@ -212,7 +212,7 @@ def test_a_journal_torn_anywhere_gives_the_same_table(run, journal, length, monk
         patch.setattr("pinconsist.sweep_table.write_table", full)  # so that the journal is read again
         assert run(*PENDULUM)[0] == 2
     code, out, _ = run(*PENDULUM)
-    assert code == 0 and out.startswith("3 of 3 cases are in")
+    assert code == 0 and out.startswith("3 of 3 cases are already in")
     assert Path("a.csv").read_bytes() == whole
 
 
@@ -233,7 +233,7 @@ def test_a_full_disk_keeps_the_rows_before(run, monkeypatch):
 
     monkeypatch.setattr(Journal, "add", filling)
     code, _, err = run(*PENDULUM)
-    assert code == 2 and "No space left on device. 2 rows of the table are safe in a.csv.partial" in err
+    assert code == 2 and "No space left on device. 2 rows of the table are saved in a.csv.partial" in err
 
 
 def test_cases_that_fail_are_rows(run):
@@ -281,7 +281,7 @@ def test_an_interrupted_sweep_without_a_file_prints_what_was_reached(run, monkey
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "give what varies"),
+        ([], "--vary is needed"),
         (["--vary", "pendulum"], "needs name=values"),
         (["--vary", "pendulum="], "needs name=values"),
         (["--vary", "pendulum=a"], "'a' is not a number"),
@@ -294,7 +294,7 @@ def test_an_interrupted_sweep_without_a_file_prints_what_was_reached(run, monkey
         (["--vary", "pendulum=0:1:1e-4", "--vary", "pendulum_speed=0:1:1e-4"], "more than a million"),
         (["--vary", "pendulum=1,1"], "is given twice"),
         (["--vary", "pendulum=0,1", "--vary", "pendulum=3"], "twice"),
-        (["--vary", "pendulm=0,1"], "near it: pendulum"),
+        (["--vary", "pendulm=0,1"], "similar: pendulum"),
         (["--vary", "pendulum=0,1", "--at", "pendulum=1"], "pendulum is varied"),
         (["--vary", "pendulum_speed=0,1", "--with-velocity", "pendulum=1"], "pendulum_speed is varied"),
         (["--vary", "pendulum=normal:0"], "normal:MEAN:DEVIATION"),
@@ -390,8 +390,8 @@ def test_a_name_with_a_dot_is_no_number_of_a_shorter_one(geared):
     [
         ("gear.teeth", "'gear' has no number 'teeth'; it has ratio, offset"),
         ("spring rocker_tip.2", "several numbers '2'; it has xyz1.2, xyz2.2"),
-        ("gears.ratio", "near it: gear.ratio"),
-        ("rocker_tork", "near it: rocker"),
+        ("gears.ratio", "similar: gear.ratio"),
+        ("rocker_tork", "similar: rocker"),
         ("gravity", "gravity.x"),
     ],
 )

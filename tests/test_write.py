@@ -288,8 +288,8 @@ def test_wrong_arguments(tmp_path):
 # What a loop file says of the tree ------------------------------------------------------------------------------------
 
 BAD_SETTINGS = {
-    "joints: {j: {armature: -1}}": "joints: j: armature: it is negative: -1",
-    "joints: {j: {armature: [1, 2]}}": "joints: j: armature: one number or 1 are needed",
+    "joints: {j: {armature: -1}}": "joints: j: armature: -1 is negative",
+    "joints: {j: {armature: [1, 2]}}": "joints: j: armature: it needs one number or 1",
     "joints: {j: {armature: x}}": "joints: j: armature: a finite number is needed",
     "joints: {i: {armature: 1}}": "joints: i: the model has no joint 'i'",
     "joints: {j: {stiffness: 1}}": "joints: j: the key 'stiffness' is not known",
@@ -305,7 +305,7 @@ BAD_SETTINGS = {
     "gravity: [0, 0]": "gravity: three numbers are needed",
     "gravity: down": "gravity: three numbers are needed",
     "joint_order: j": "joint_order: a list is needed",
-    "joint_order: [j]": r"joint_order: it must contain each joint once; unknown or twice: \[\], missing: \['k'\]",
+    "joint_order: [j]": r"joint_order: it must contain each joint once; unknown or repeated: \[\], missing: \['k'\]",
     "joint_order: [j, j]": "joint_order: it must contain each joint once",
     "joint_order: [k, j]": "joint_order: joint 'k' comes before its parent 'j'",
 }

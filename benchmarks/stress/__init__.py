@@ -31,5 +31,5 @@ def cases(subjects=(), *, long=False) -> Iterator[Case]:
     """
     for name in subjects:
         if name not in SUBJECTS:
-            raise InputError(f"no stress subject {name!r}; known are {', '.join(SUBJECTS)}")
+            raise InputError(f"no stress subject {name!r}; choose from {', '.join(SUBJECTS)}")
     return (case for name in subjects or SUBJECTS for case in SUBJECTS[name](long))

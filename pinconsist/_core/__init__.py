@@ -22,8 +22,8 @@ def _absent(folder: Path) -> str:
     """The reason why there is no compiled module for the package in a folder."""
     if (folder / "CMakeLists.txt").is_file():
         return (
-            f"pinconsist is imported from its sources in {folder}, where its compiled part is not: work in another "
-            "folder to use an installed one, or compile it there: pip install -e . (it takes a C++ compiler)"
+            f"pinconsist is imported from its sources in {folder}, without its compiled part: change to another folder "
+            "to use an installed package, or compile it there: pip install -e . (this needs a C++ compiler)"
         )
     return "pinconsist was installed without its compiled part (no C++ compiler was found)"
 
@@ -39,12 +39,12 @@ def load():
         return None, f"the compiled part of pinconsist cannot be loaded ({error})"
     if getattr(twin, "INTERFACE", 0) != INTERFACE:
         return None, (
-            f"the compiled part of pinconsist, {twin.__file__}, is of another version than its Python in "
+            f"the compiled part of pinconsist, {twin.__file__}, does not have the version of the Python code in "
             f"{Path(__file__).parent}; {AGAIN}"
         )
     if twin.PINOCCHIO_VERSION != pinocchio.__version__:
         return None, (
-            f"the compiled part of pinconsist was built for Pinocchio {twin.PINOCCHIO_VERSION}, and this is "
+            f"the compiled part of pinconsist was built for Pinocchio {twin.PINOCCHIO_VERSION}, but this is "
             f"{pinocchio.__version__}; {AGAIN}"
         )
     from scipy.integrate import DOP853

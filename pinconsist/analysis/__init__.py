@@ -1,1 +1,1 @@
-"""Rest and small motions: equilibria, linearisation, modes, inverse dynamics."""
+"""Analysis without integration: equilibria, linearisation, modes, inverse dynamics, actuation."""

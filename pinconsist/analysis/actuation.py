@@ -239,10 +239,10 @@ class Actuation(Motors):
 
 
 class Reduced:
-    """M ÿ + h = τ of the coordinates of the motors, the free ones without torque, at a state.
+    """M ÿ + h = τ in the coordinates of the motors at a state; free coordinates carry no torque.
 
-    ``seen`` (m, n) has the motors' velocities for unit ones of the coordinates, ``drift`` (nv,) the accelerations with
-    those of the coordinates at zero.
+    ``seen`` (m, n) are the motor velocities for unit velocities of the coordinates, ``drift`` (nv,) the accelerations
+    for zero accelerations of the coordinates.
     """
 
     def __init__(self, act, Z, M, f, v, drift):
@@ -254,18 +254,18 @@ class Reduced:
         self.M, self.h, self._follow = M[:n, :n], h[:n], None
         if len(h) > n:
             inertia, motions = np.linalg.eigh(M[n:, n:])
-            weightless = inertia <= MASSLESS * np.abs(M).max()
-            pushed = np.abs(motions[:, weightless].T @ h[n:]).max(initial=0.0)
+            massless = inertia <= MASSLESS * np.abs(M).max()
+            pushed = np.abs(motions[:, massless].T @ h[n:]).max(initial=0.0)
             if pushed > 1e-8 * np.abs(h).max():
-                why = ", yet forces act on them: they have no acceleration"
-                raise without_inertia(act.mechanism, Z[:, n:] @ motions[:, weightless], why)
-            inverse = np.where(weightless, 0.0, 1.0 / np.where(weightless, 1.0, inertia))
+                why = ", but forces act on them, so their accelerations are not defined"
+                raise without_inertia(act.mechanism, Z[:, n:] @ motions[:, massless], why)
+            inverse = np.where(massless, 0.0, 1.0 / np.where(massless, 1.0, inertia))
             G = (motions * inverse) @ motions.T
             self._follow = -G @ M[n:, :n], -G @ h[n:]
             self.M, self.h = self.M + M[:n, n:] @ self._follow[0], self.h + M[:n, n:] @ self._follow[1]
         self.share = np.linalg.pinv(self.seen) if act._shared else np.eye(n)
 
     def coordinates(self, a):
-        """The accelerations of all coordinates for those of the motors, the free ones following without torque."""
+        """The accelerations of all coordinates for those of the motors; free coordinates carry no torque."""
         y = self.share @ (a - self.drift[self._act._columns])
         return y if self._follow is None else np.concatenate((y, self._follow[0] @ y + self._follow[1]))

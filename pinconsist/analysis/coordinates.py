@@ -1,10 +1,10 @@
-"""The velocity columns that describe what the loops leave free, and the ways along them within one assembly mode.
+"""Independent coordinates of a closed mechanism, and paths along them within one assembly mode.
 
-The coordinates y are as many columns as the loops leave free: those of motors first, then those that stay free. The
-others, p, follow. Each step of a way is predicted along the tangent, δp = -B⁻¹ J_y δy with B = J_p, and closed by
-Newton's method in p. It is accepted where the prediction is good, Newton's corrections shrink at once, and det B keeps
-its sign: this vanishes in the singular positions, at which assembly modes meet, and only there. In C++:
-``_core/closure.hpp``.
+The coordinates y are as many velocity columns as the loops leave free: those of the motors first, then others if the
+motors leave motions free. The remaining columns p are dependent. Each step of a path is predicted along the tangent,
+δp = -B⁻¹ J_y δy with B = J_p, and closed by Newton's method in p. A step is accepted if the prediction is good,
+Newton's corrections decrease at once, and det B keeps its sign: det B vanishes in the singular positions, where
+assembly modes meet, and only there. In C++: ``_core/closure.hpp``.
 """
 
 from functools import partial
@@ -19,24 +19,24 @@ from ..mechanism.system import MechanismSystem
 from .variations import step_sizes
 
 SINGULAR = 1e-10  # 1 / (|B| |B⁻¹|) below which a position counts as singular
-LONGEST = 0.6  # rad, or lengths of the mechanism, that a joint moves in a step
-SHORTEST = 1e-8  # of the coordinates; a step that would have to be shorter is blocked, unless it leads away
-OUTWARD = 1e-4  # of that: the shortest step away from a singular position
-MISS = 0.25  # of the step, by which the prediction may be corrected
-SHRINK = 0.25  # of a correction, to which the next one must shrink
-AIM = 0.5  # of that miss, for the next step
-LEAST, FURTHER = 0.1, 4.0  # of a step, for the next one
-ENOUGH = 3e-9  # rad, or lengths: Newton's error after such a correction is rounding
+LONGEST = 0.6  # rad, or lengths of the mechanism: largest motion of a joint in a step
+SHORTEST = 1e-8  # of the coordinates: shortest step, unless it leads away from a singular position
+OUTWARD = 1e-4  # relative to that: shortest step away from a singular position
+MISS = 0.25  # relative to the step: largest first correction of the prediction
+SHRINK = 0.25  # largest ratio of successive corrections
+AIM = 0.5  # relative to MISS: first correction that the next step size aims at
+LEAST, FURTHER = 0.1, 4.0  # smallest and largest ratio of successive step sizes
+ENOUGH = 3e-9  # rad, or lengths: after such a correction, Newton's error is rounding
 MOST = 8  # corrections
-TRIES = 400  # steps; ways that need more run along a singular position
+TRIES = 400  # steps; paths that need more follow a singular position
 NUMBERS = (LONGEST, SHORTEST, MISS, SHRINK, AIM, LEAST, FURTHER, ENOUGH, MOST)
 
 
 class Coordinates:
-    """Coordinates of the mechanism of a LoopSolver, chosen at a closed `q`, and what depends on the choice.
+    """Coordinates of the mechanism of a LoopSolver, chosen at a closed `q`, and functions that depend on the choice.
 
-    ``columns`` are ``n_motors`` independent ones of the columns `motors`, by their numbers ``own``, then the free ones.
-    ``p`` are all other columns, as many as there are independent rows.
+    ``columns`` are ``n_motors`` independent columns of `motors`, whose indices among the motors are ``own``, then the
+    free columns. ``p`` are all other columns, as many as there are independent rows.
     """
 
     def __init__(self, solver, motors, q):
@@ -62,14 +62,14 @@ class Coordinates:
             self.follower = Follower(self.rows, system.integrate, self.columns, self.sizes)
 
     def dynamics(self, t, q, v):
-        """M, the inertial forces and weights less τ of the forces, J and J̇ v at a state."""
+        """M, the inertial forces and weights minus τ of the forces, J, and J̇ v at a state."""
         if self._compiled is not None:
             return self._compiled.dynamics(t, q, v)
         f, _, G, _ = self.system.evaluate(t, q, v, np.zeros(self.system.nv))
         return self.system.mass_matrix(q), f, G.T, self.system.acceleration_bias(t, q, v)
 
     def basis(self, J):
-        """(Z, B⁻¹): the velocities of unit ones of the coordinates, as columns, shape (nv, n); None where singular."""
+        """(Z, B⁻¹), or None if B is singular; columns of Z (nv, n) are velocities for unit coordinate velocities."""
         B = J[:, self.p]
         try:
             inverse = np.linalg.inv(B)
@@ -89,10 +89,11 @@ class Coordinates:
         return float(np.abs(self.system.loop_rows(q)[0]).max(initial=0.0))
 
     def weakest(self, q):
-        """(singular values, velocities) of how the motors see what the loops leave free at `q`, the weakest last.
+        """(singular values, velocities) of the map from the motions that the loops allow to the motors, smallest last.
 
-        The values are of an orthonormal basis of the free velocities: 1 where a free motion is one of the motors alone,
-        0 where motors stand still in it. The columns of the velocities (nv, n) belong to them.
+        The map is taken in an orthonormal basis of these motions: a value is 1 if the motion consists of motor
+        velocities only, and 0 if the motors stand still in it. The columns of the velocities (nv, n) are the singular
+        vectors.
         """
         free = free_motions(self._solver.rows(q)[1], self._solver.loop_rows.turns)
         _, sizes, Vt = np.linalg.svd(free[self._motors])
@@ -105,10 +106,10 @@ def _rows(system, q):
 
 
 class Follower:
-    """The way of a mechanism's configurations with some coordinates.
+    """Follows the configurations of a mechanism along a path of its coordinates.
 
-    `rows` is a function q → (Φ, J) of independent rows, `integrate` one of (q, δq), `sizes` (nv,) what counts as one
-    radian. There are as many rows as velocities that are no coordinates.
+    `rows` is a function q → (Φ, J) of independent rows, `integrate` a function of (q, δq), and `sizes` (nv,) are the
+    changes that count as one radian. There are as many rows as dependent velocities.
     """
 
     def __init__(self, rows, integrate, coordinates, sizes):
@@ -117,13 +118,13 @@ class Follower:
         self._p = np.setdiff1d(np.arange(len(sizes)), self._y)
 
     def follow(self, q, way):
-        """(configuration, share of `way` that was made) from a closed `q`, for increments of the coordinates."""
+        """(configuration, completed fraction of `way`) from a closed `q`; `way` are increments of the coordinates."""
         here = self._factors(self._rows(q)[1])
         length, share, part = np.max(np.abs(way) / self._sizes[self._y], initial=0.0), 0.0, 1.0
         for _ in range(TRIES if here is not None else 0):
             if share == 1.0:
                 break
-            is_short = part < 1.0 and part * length < SHORTEST  # made so, not the way or its rest
+            is_short = part < 1.0 and part * length < SHORTEST  # reduced, not just the rest of the path
             last = part >= 1.0 - share
             part = min(part, 1.0 - share)
             found, longer = self._step(q, here, part * way, is_short)
@@ -135,7 +136,7 @@ class Follower:
         return q, share
 
     def _factors(self, J):
-        """J_y, factors of B, the sign and the logarithm of its determinant; None where it is singular."""
+        """J_y, LU factors of B, and the sign and logarithm of its determinant; None if B is singular."""
         B = J[:, self._p]
         try:
             lu, pivots = lu_factor(B, check_finite=False)
@@ -153,7 +154,7 @@ class Follower:
         return self._integrate(q, change), np.max(np.abs(change) / self._sizes, initial=0.0)
 
     def _step(self, q, here, move, is_short):
-        """((configuration, its factors) or None, by how much longer the next step may be)."""
+        """((configuration, its factors) or None, factor of the next step size)."""
         J_y, lu, sign, size_of_B = here
         q, size = self._moved(q, -lu_solve(lu, J_y @ move, check_finite=False), move)
         if not size <= LONGEST:

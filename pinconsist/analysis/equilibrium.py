@@ -27,10 +27,10 @@ from .variations import (
 
 MAX_ITERATIONS = 200
 MAX_NUDGES = 20
-FLOOR = 1e-14  # of the forces that balance: rounding
-BALANCED = 1e-9  # where rounding allows no less, this is still an equilibrium
-LONGEST = 0.5  # rad, or lengths of the mechanism, in one iteration
-NUDGE = 0.05
+FLOOR = 1e-14  # relative to the balanced forces: rounding
+BALANCED = 1e-9  # relative to the balanced forces: accepted residual if rounding prevents a smaller one
+LONGEST = 0.5  # rad, or lengths of the mechanism: longest step
+NUDGE = 0.05  # rad, or lengths: displacement from an unstable equilibrium
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,24 +163,24 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
                 break
             place, nudges = nudged, nudges + 1
         elif following is None:
-            why = "no step goes further down" if stable else "Newton's method sticks; try stable=True or another start"
+            why = "no step descends further" if stable else "Newton's method is stuck; try stable=True or another q0"
             raise _not_found(place, why)
         elif iterations == MAX_ITERATIONS:
-            raise _not_found(place, f"still moving after {MAX_ITERATIONS} steps")
+            raise _not_found(place, f"not converged after {MAX_ITERATIONS} steps")
         else:
             place, iterations = following, iterations + 1
     rank = system.nv - place.Z.shape[1]
     if rank < system.rows.nc and system.rank_nearby(place.q, place.Z) > rank:
         raise SingularSystemError(
-            f"{mechanism.name}: the forces balance at a singular position: the motion branches there, and what the "
-            "loops carry is not determined. Change a length a little, or look for another equilibrium",
+            f"{mechanism.name}: the forces balance at a singular position, where the motion branches and the forces in "
+            "the loops are not determined. Change a length slightly, or look for another equilibrium",
             names=tuple(loop.name for loop in mechanism.loops),
         )
     return place.result(iterations)
 
 
 class _Place:
-    """A closed configuration and the forces there: push = Zᵀ(g - τ) is not balanced.
+    """A closed configuration and the forces there; ``push`` = Zᵀ(g - τ) are the unbalanced forces.
 
     Z is an orthonormal basis of the displacements that the loops allow, in units of `sizes`.
     """
@@ -203,24 +203,24 @@ class _Place:
         return bool((np.abs(self.push) <= tolerance * self.scale).all())
 
     def is_settled(self, following) -> bool:
-        """Whether the forces balance as well as rounding allows: the step to `following` brings no more."""
+        """Whether the forces balance up to rounding, so that the step to `following` does not improve the balance."""
         stuck = following is None or np.linalg.norm(following.push) > 0.5 * np.linalg.norm(self.push)
         return self.is_balanced(FLOOR) or (self.is_balanced(BALANCED) and stuck)
 
     @cached_property
     def stiffness(self):
-        """Of the displacements Z, shape (n, n); symmetric in equilibrium if the forces have a potential."""
+        """The stiffness in the basis Z, shape (n, n); symmetric in equilibrium if the forces have a potential."""
         rest = np.zeros(self.system.nv)
         return self.Z.T @ by_position(self.system, self.t, self.q, rest, rest, self.lam, self.Z)
 
     @cached_property
     def spectrum(self):
-        """Eigenvalues and vectors of the stiffness' symmetric part, and what counts as zero."""
+        """Eigenvalues and vectors of the symmetric part of the stiffness, and the bound below which they are zero."""
         K = self.stiffness
         return *np.linalg.eigh((K + K.T) / 2), NEUTRAL * (np.max(np.abs(K), initial=0.0) + self.scale)
 
     def nudged(self):
-        """A place a little down the steepest fall; None where every displacement is resisted."""
+        """A place displaced slightly in the most unstable direction; None if every displacement is resisted."""
         values, vectors, noise = self.spectrum
         if not (values < -noise).any():
             return None
@@ -228,7 +228,7 @@ class _Place:
         return self._moved(NUDGE * dq / np.max(np.abs(dq) / self.sizes)) or self
 
     def following(self, downhill: bool):
-        """The next place on the way down, or else of Newton's method, with steps halved until they help; or None."""
+        """The next place of the descent, or of Newton's method, with the step halved until it improves; or None."""
         values, vectors, noise = self.spectrum
         steep = np.linalg.norm(self.push)
         if not downhill:
@@ -245,7 +245,7 @@ class _Place:
                 continue
             if not downhill and np.linalg.norm(new.push) <= (1 - 1e-4 * share) * steep:
                 return new
-            work = (self.load + new.load) @ self.system.difference(self.q, new.q) / 2  # taken from outside
+            work = (self.load + new.load) @ self.system.difference(self.q, new.q) / 2  # work that must be supplied
             if downhill and (work <= 1e-4 * share * (self.load @ dq) or np.linalg.norm(new.push) <= 0.5 * steep):
                 return new
         return None
@@ -269,7 +269,7 @@ def _not_found(place, why) -> EquilibriumError:
     size = float(np.linalg.norm(place.push))
     runs_away = np.linalg.norm(unheld) > 0.5 * size
     names = joints_in(mechanism, place.Z @ (vectors @ unheld if runs_away else place.push))
-    cause = "nothing there holds against it: lock the joint, or add a spring" if runs_away else "start nearer to it"
+    cause = "nothing resists this motion: lock the joint, or add a spring" if runs_away else "start closer to it"
     return EquilibriumError(
         f"{mechanism.name}: no equilibrium found, {why}; {size:.3g} N·m (or N) remain unbalanced at "
         f"{', '.join(names)}. {cause}",

@@ -16,7 +16,7 @@ from ..mechanism.reactions import HasReactions
 from ..mechanism.system import MechanismSystem
 from .variations import Derivatives, Locked, TangentSpace, Varied, bias, closed_near, of_state, step_sizes
 
-WIDEST = 0.05  # rad, or lengths of the mechanism, by which a prediction may miss before the way is halved
+WIDEST = 0.05  # rad, or lengths of the mechanism: largest error of a prediction; otherwise the step is halved
 HALVINGS = 30
 
 
@@ -126,7 +126,7 @@ def _state(system, t, q):
         names = joints_in(system.mechanism, space.Z)
         raise SingularSystemError(
             f"{name}: loops and drives do not determine the motion of {', '.join(names)} at t = {t:.6g} s: drive or "
-            "lock as many joints as the mobility says, or keep away from dead centres",
+            "lock as many joints as the mobility, or avoid dead centres",
             names=names,
         )
     dependent = {row for dropped, kept in dependencies(space.J, space.kept).items() for row in (dropped, *kept)}
@@ -134,8 +134,8 @@ def _state(system, t, q):
     twice = tuple(loop.name for loop in system.rows.loops if isinstance(loop, Drive) and loop.name in labels)
     if twice:
         raise SingularSystemError(
-            f"{name}: the drives {', '.join(twice)} are more than the loops leave free: they contradict each other, "
-            "or the shares of their torques are not determined. Drive fewer joints",
+            f"{name}: the drives {', '.join(twice)} are more than the motions that the loops leave free, so they "
+            "contradict each other, or their torques are not determined. Drive fewer joints",
             names=twice,
         )
     v = -space.P @ system.rows.time_rate(t, q)
@@ -144,7 +144,7 @@ def _state(system, t, q):
 
 
 def _follow(system, state, t):
-    """The state at another time, on the same branch: predicted by the Taylor series, in steps that predict well."""
+    """The state at another time on the same branch, predicted by Taylor series in sufficiently small steps."""
     h = t - state[0]
     smallest = abs(h) / 2**HALVINGS
     while state[0] != t:
@@ -152,8 +152,8 @@ def _follow(system, state, t):
         sizes = step_sizes(system, q)
         if not abs(h) > smallest:
             raise AssemblyError(
-                f"{system.mechanism.name}: the loops cannot follow the drives beyond t = {now:.6g} s: they are out of "
-                "reach, or at a dead centre",
+                f"{system.mechanism.name}: the loops cannot follow the drives beyond t = {now:.6g} s: the positions "
+                "are out of reach, or at a dead centre",
                 q=q,
             )
         ahead = t if abs(t - now) <= abs(h) else now + h

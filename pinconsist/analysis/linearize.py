@@ -80,7 +80,7 @@ class Linearization(Locked):
         scaled = self._sizes[:, None] * self.mass * self._sizes
         inertia = np.linalg.eigvalsh(scaled)
         if n and inertia[0] <= MASSLESS * inertia[-1]:
-            raise SingularSystemError("some motions that the loops allow have no inertia: there is no state matrix A")
+            raise SingularSystemError("motions that the loops allow have no inertia, so there is no state matrix A")
         below = -np.linalg.solve(self.mass, np.hstack((self.stiffness, self.damping)))
         return np.block([[np.zeros((n, n)), np.eye(n)], [below[:, :n], below[:, n:]]])
 
@@ -195,21 +195,21 @@ def _acceleration(system, space, t, q, v, M):
     inertia, motions = np.linalg.eigh(Z.T @ M @ Z)
     load = motions.T @ (Z.T @ (push + M @ given))
     scale = np.max(np.abs(Z).T @ (np.abs(push) + np.abs(M) @ np.abs(given)), initial=0.0)
-    weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
-    if (np.abs(load[weightless]) > 1e-8 * scale).any():
-        why = ", yet forces act on them: only at an equilibrium could this be linearised"
-        raise without_inertia(system.mechanism, Z @ motions[:, weightless], why)
-    load[weightless], inertia[weightless] = 0.0, 1.0
+    massless = inertia <= MASSLESS * inertia.max(initial=0.0)
+    if (np.abs(load[massless]) > 1e-8 * scale).any():
+        why = ", but forces act on them: linearisation is possible only at an equilibrium"
+        raise without_inertia(system.mechanism, Z @ motions[:, massless], why)
+    load[massless], inertia[massless] = 0.0, 1.0
     a = given - Z @ (motions @ (load / inertia))
     carried = M @ a + push
     return a, space.multipliers(carried), float(np.max(np.abs(carried), initial=0.0))
 
 
 def _follow(system, space, t, q, v, a):
-    """δv = Z y' + V y and δa = Z y'' + A₁ y' + A₀ y: (V, A₁, A₀), each (nv, n).
+    """(V, A₁, A₀), each (nv, n), with δv = Z y' + V y and δa = Z y'' + A₁ y' + A₀ y.
 
-    The tangent vectors of rotations at q ⊕ δq are seen from another frame than those at q: with
-    δv = δq' + T(v) δq, the coordinates of δv are y' + (T(v) δq)[coordinates].
+    For rotations, tangent vectors at q ⊕ δq are expressed in another frame than those at q. With δv = δq' + T(v) δq,
+    the coordinates of δv are y' + (T(v) δq)[coordinates].
     """
     Z, P = space.Z, space.P
     if not (v.any() or a.any()):
@@ -227,7 +227,7 @@ def _follow(system, space, t, q, v, a):
 
 
 def _frame_turn(system, q, v):
-    """T with v + T δq the velocity, in its own frame, of q ⊕ δq when q moves with v and δq stays; (nv, nv)."""
+    """T, (nv, nv): if q moves with v and δq is constant, q ⊕ δq has the velocity v + T δq in its own frame."""
     if system.vector_like:
         return np.zeros((system.nv, system.nv))
     return along(lambda dq: pin.dIntegrate(system.model, q, dq, pin.ARG0) @ v, np.eye(system.nv))

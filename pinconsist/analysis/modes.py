@@ -1,4 +1,4 @@
-"""Natural frequencies and mode shapes of a linearised mechanism, massless directions included."""
+"""Natural frequencies and mode shapes of a linearised mechanism, which may have massless directions."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from ..errors import SingularSystemError
 from ..mechanism.rank import MASSLESS
 from .variations import Locked
 
-NOISE = 1e-10  # of the stiffness and of the forces: what cannot be distinguished from zero
+NOISE = 1e-10  # relative to the stiffness and the forces: smaller values cannot be distinguished from zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Modes(Locked):
         rows = zip(self.hertz, self.frequencies, self.damping_ratios, strict=True)
         lines += [f"{hertz:12.6g} {omega:12.6g} {ratio:9.4f}" for hertz, omega, ratio in rows]
         if self.massless:
-            lines.append(f"{self.massless} more without inertia: infinite frequency")
+            lines.append(f"{self.massless} more without inertia, with infinite frequency")
         return "\n".join(lines)
 
 
@@ -76,7 +76,7 @@ def modes(linear) -> Modes:
 
 
 def _undamped(M, C, K, heavy, light, noise):
-    """ω² from a symmetric eigenvalue problem; a falling motion has a growing and a decaying part."""
+    """ω² from a symmetric eigenvalue problem; an unstable motion has a growing and a decaying part."""
     T = heavy - light @ _held(light.T @ K @ light, light.T @ K @ heavy, noise)
     squares, vectors = eigh(T.T @ K @ T, heavy.T @ M @ heavy)
     shapes = T @ vectors
@@ -88,7 +88,7 @@ def _undamped(M, C, K, heavy, light, noise):
 
 
 def _damped(M, C, K, heavy, light, noise):
-    """The pencil E z' = F z of z = (y, y' of what has inertia, y of what has none), its infinite part taken out."""
+    """The pencil E z' = F z with its infinite part removed; z = (y and y' of motions with inertia, y of the others)."""
 
     def parts(A):
         return heavy.T @ A @ heavy, heavy.T @ A @ light, light.T @ A @ heavy, light.T @ A @ light
@@ -117,17 +117,17 @@ def _damped(M, C, K, heavy, light, noise):
     values[idle] = 0.0
     nullity = int(np.count_nonzero(np.linalg.svd(K, compute_uv=False) <= noise))
     kept = values.imag >= 0
-    kept[[i for i in idle if kept[i]][nullity:]] = False  # zero is a double root: a place and a speed
+    kept[[i for i in idle if kept[i]][nullity:]] = False  # zero is a double root: constant position, constant velocity
     return values[kept], shapes[:, kept], m - (rank - 2 * n)
 
 
 def _idle(K, shapes, noise):
-    """Which motions meet no stiffness."""
+    """The motions without stiffness, as a mask."""
     return np.linalg.norm(K @ shapes, axis=0) <= noise * np.linalg.norm(shapes, axis=0)
 
 
 def _held(stiffness, load, noise):
-    """stiffness⁻¹ load of motions that nothing but the stiffness resists."""
+    """stiffness⁻¹ load for motions that only the stiffness resists."""
     if np.linalg.svd(stiffness, compute_uv=False).min(initial=np.inf) <= noise:
         raise SingularSystemError("a motion has no inertia, damping or stiffness, so the modes are not determined")
     return np.linalg.solve(stiffness, load)

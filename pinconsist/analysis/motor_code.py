@@ -1,7 +1,7 @@
-"""Closure, Jacobian and reduced dynamics of an Actuation as one file of C99, without libraries and allocation.
+"""Closure, Jacobian and reduced dynamics of an Actuation as one C99 file, without libraries and allocation.
 
-CasADi makes straight-line functions of the rows and of the equations of motion; ``motor_code.c`` has the rest: LU
-factors, a fixed number of Newton steps, the projection.
+CasADi generates functions without branches for the rows and the equations of motion; ``motor_code.c`` has the rest: LU
+factorisation, a fixed number of Newton steps, projection.
 """
 
 import re
@@ -26,14 +26,14 @@ OPERATIONS = {
 
 
 def to_c(act, file) -> Path:
-    """What :meth:`Actuation.to_c` does."""
+    """See :meth:`Actuation.to_c`."""
     path, mechanism, chosen = Path(file), act.mechanism, act._chosen
     if path.suffix != ".c" or not re.fullmatch(r"[A-Za-z_]\w*", path.stem, re.ASCII):
-        raise InputError(f"{file}: C code is written as name.c, where name can be the beginning of C functions' names")
+        raise InputError(f"{file}: C code is written to name.c, where name must be a valid prefix of C function names")
     if act._shared:
-        raise InputError(f"{mechanism.name}: some motors follow from others; Actuation(mech, motors=[…]) without them")
+        raise InputError(f"{mechanism.name}: some motors depend on others; omit them: Actuation(mech, motors=[…])")
     if wide := [joint for joint in act._joints if mechanism.model.nvs[mechanism.joint_index(joint)] > 1]:
-        raise InputError(f"{mechanism.name}: {wide[0]!r} has several degrees of freedom; in C motors have one each")
+        raise InputError(f"{mechanism.name}: {wide[0]!r} has several degrees of freedom; in C motors have only one")
     counts = {"NQ": mechanism.nq, "NV": mechanism.nv, "MOTORS": len(act.motors), "LEADS": len(chosen.columns)}
     counts |= {"FREE": len(act.free), "ROWS": (rows := len(chosen.p)), "SPACE": max(1, rows), "NEWTON": NEWTON}
     numbers = {"LONGEST": LONGEST, "MISS": MISS, "CLOSED": ENOUGH, "SMALLEST": SMALLEST}
@@ -62,7 +62,7 @@ def _listed(values) -> str:
 
 
 def _functions(act):
-    """The C texts of what depends on the mechanism."""
+    """The C functions that depend on the mechanism."""
     ca, chosen, symbols = casadi(), act._chosen, Symbols(act.mechanism)
     q, v, a, u, still = symbols.q, symbols.v, symbols.a, symbols.u, symbols.still
     phi = symbols.rows()[chosen.system.kept.tolist()]

@@ -13,7 +13,7 @@ from ..mechanism.names import joints_in
 from ..mechanism.reactions import HasReactions
 from .variations import Locked
 
-UNBALANCED = 1e-8  # of the loads: what motors leave unbalanced
+UNBALANCED = 1e-8  # relative to the loads: largest force that the motors may leave unbalanced
 AXES = pin.LOCAL_WORLD_ALIGNED
 
 
@@ -48,7 +48,7 @@ class MotorTorques(Locked, HasReactions):
 
 
 def torques_for(act, q, v, a, forces, t) -> MotorTorques:
-    """What :meth:`Actuation.torques` returns."""
+    """See :meth:`Actuation.torques`."""
     if not isinstance(forces, Mapping):
         raise InputError(f"forces= needs a mapping of frames to forces, got {forces!r}")
     loads = sum((_load(act, q, frame, force) for frame, force in forces.items()), np.zeros(act.mechanism.nv))
@@ -61,8 +61,8 @@ def torques_for(act, q, v, a, forces, t) -> MotorTorques:
     if every and left > UNBALANCED * max(np.abs(load).max(), np.abs(h).max()):
         names = joints_in(act.mechanism, reduced.Z[:, n:])
         raise SingularSystemError(
-            f"{act.mechanism.name}: the motors cannot make this motion: {left:.3g} N·m or N are left over in the free "
-            f"motions of {', '.join(names)}. Give the accelerations of the motors alone, and these follow",
+            f"{act.mechanism.name}: the motors cannot produce this motion: {left:.3g} N·m or N remain unbalanced in "
+            f"the free motions of {', '.join(names)}. Pass the accelerations of the motors only; the others follow",
             names=names,
         )
     tau, acceleration = reduced.share.T @ load[:n], reduced.Z @ y + reduced.drift
@@ -94,7 +94,7 @@ def _frame_id(act, frame):
 
 
 def _frame_jacobian(act, q, frame):
-    """dx/dt and spin of a frame's origin by joint velocities, (6, nv), in world axes."""
+    """The Jacobian of a frame, (6, nv): velocity of its origin and angular velocity, in world axes."""
     return pin.computeFrameJacobian(act.mechanism.model, act._chosen.system.data, q, frame, AXES).reshape(6, -1)
 
 

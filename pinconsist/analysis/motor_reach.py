@@ -1,4 +1,4 @@
-"""Reach of motors: the range of each alone, to a joint limit or a singular position, and all of them on a grid."""
+"""Reach of motors: the range of each one, up to a joint limit or a singular position, and tables on a grid."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -14,8 +14,8 @@ from ..files import write_csv, written_whole
 from ..mechanism.checks import finite_array
 from ..mechanism.names import beyond_limits, joints_in, position_names, position_units, velocity_units
 
-STRIDE = 0.05  # rad, or lengths of the mechanism, in which a motor is led
-MOST_STRIDES = 400  # for a sliding motor
+STRIDE = 0.05  # rad, or lengths of the mechanism: step in which a motor is moved
+MOST_STRIDES = 400  # of a sliding motor
 HALVINGS = 40
 
 
@@ -67,7 +67,7 @@ def ranges(act, q) -> list[MotorRange]:
 
 
 def _end(act, q, k, start, stride, most):
-    """(position, what ends it, condition, joints that can move there) of one motor in one direction."""
+    """(position, its reason, condition, joints that can move there) of the end of a motor's range in one direction."""
     chosen, begun, gone = act._chosen, q, 0.0
     unit = np.zeros(len(chosen.columns))
     unit[k] = stride
@@ -105,10 +105,10 @@ def table(act, positions, file=None) -> dict[str, np.ndarray]:
     if not isinstance(positions, Mapping) or not positions:
         raise InputError(f"a table needs a mapping of motors to positions, got {positions!r}")
     if wrong := [joint for joint in positions if joint not in act.motors]:
-        raise InputError(f"{wrong[0]!r} is no motor; the motors are {', '.join(act.motors)}")
+        raise InputError(f"{wrong[0]!r} is not a motor; the motors are {', '.join(act.motors)}")
     axes = [np.atleast_1d(finite_array(values, f"positions of {joint!r}")) for joint, values in positions.items()]
     if deep := [joint for joint, axis in zip(positions, axes, strict=True) if axis.ndim != 1]:
-        raise InputError(f"positions of {deep[0]!r} need one axis")
+        raise InputError(f"positions of {deep[0]!r} must be one-dimensional")
     sizes, joints, start = [len(axis) for axis in axes], list(positions), act.q
     points = np.array([each.ravel() for each in np.meshgrid(*axes, indexing="ij")]).T
     q, ok = _filled(act, joints, points, sizes)
@@ -134,7 +134,7 @@ def table(act, positions, file=None) -> dict[str, np.ndarray]:
 
 
 def _filled(act, joints, points, sizes):
-    """(q, ok) at the points of a grid, each reached from a neighbour, the first from where the motors stand."""
+    """(q, ok) at the points of a grid, each reached from a neighbour, the first from the current motor positions."""
     q, ok = np.full((len(points), act.mechanism.nq), np.nan), np.zeros(len(points), bool)
     here = act.q
 

@@ -1,4 +1,4 @@
-"""The motors of a mechanism: which velocities they are, and the closed configurations that they lead to."""
+"""The motors of a mechanism: their velocity columns, and the closed configurations for their positions."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,18 +19,18 @@ from ..mechanism.names import joints_in, velocity_names
 from ..mechanism.rank import HELD
 from .coordinates import Coordinates
 
-NOT_CLOSED = 1e-6  # m or rad: a configuration that is open by more is none of this mechanism to start from
-OPEN = 1e-3  # and one to be measured: rows of a run are as open as its tolerance
+NOT_CLOSED = 1e-6  # m or rad: largest gap of a configuration to start from
+OPEN = 1e-3  # largest gap of a configuration to evaluate: rows of a run are as open as its tolerance
 
 
 class Motors:
-    """The part of :class:`Actuation` that knows the motors and closes the loops; its parameters are those of that."""
+    """The base of :class:`Actuation`, with the same parameters: the motors, and the closure of the loops."""
 
     def __init__(self, mech, motors=None, q0=None):
         require_mechanism(mech, "Actuation")
         joints = tuple(mech.actuated if motors is None else ([motors] if isinstance(motors, str) else motors))
         if not joints:
-            raise InputError(f"{mech.name} has no motors: name joints, Actuation(mech, motors=[…]), or give them to it")
+            raise InputError(f"{mech.name} has no motors: name joints, Actuation(mech, motors=[…]), or set actuated=")
         self.mechanism: Mechanism = _without_motors(mech, joints)
         names, model = velocity_names(mech.model), mech.model
         self._columns = np.concatenate([np.arange(mech.nv)[mech.columns(joint)] for joint in joints])
@@ -52,7 +52,7 @@ class Motors:
             leave = "leave" + "s" * (len(self.motors) == 1)
             warn(
                 f"{mech.name}: {self._counted()} {leave} {len(self.free)} of {self.mobility} motions free, those of "
-                f"{', '.join(self.free)}: held still here, and without torque. Name more motors, or lock joints"
+                f"{', '.join(self.free)}; these are held, and carry no torque. Name more motors, or lock joints"
             )
 
     def __repr__(self):
@@ -106,7 +106,7 @@ class Motors:
         if not isinstance(positions, Mapping):
             rows = finite_array(positions, "positions")
             if not self._single:
-                raise InputError("positions must map motors to numbers where a motor has several degrees of freedom")
+                raise InputError("positions must map motors to numbers if a motor has several degrees of freedom")
             if rows.ndim not in (1, 2) or rows.shape[-1] != len(self._columns):
                 raise InputError(
                     f"positions must map motors to numbers or have {len(self._columns)} columns, got shape {rows.shape}"
@@ -127,15 +127,15 @@ class Motors:
     def message(self) -> str:
         """The reason why the last closure did not reach its goal; empty if it did."""
         if self._reason is None:
-            self._reason = f"the way is blocked {self._singular(self.q)}"
+            self._reason = f"the path is blocked {self._singular(self.q)}"
         return self._reason
 
     def _require_motors(self, names, what=""):
         if wrong := [joint for joint in names if joint not in self._joints]:
-            raise InputError(f"{what}{wrong[0]!r} is no motor; the motors are {', '.join(self._joints)}")
+            raise InputError(f"{what}{wrong[0]!r} is not a motor; the motors are {', '.join(self._joints)}")
 
     def _way(self, goal):
-        """Increments of the motors to positions by name, or to an array of them."""
+        """Increments of the motors to positions, by name or as an array."""
         if isinstance(goal, np.ndarray):
             return goal - self.q[self._places]
         if self._plain:
@@ -159,19 +159,19 @@ class Motors:
             if share == 1.0:
                 break
             left *= 1.0 - share
-            if fresh or not self._choose(q):  # other rows and columns may have become the better ones
-                self._reason = None  # said where somebody asks
+            if fresh or not self._choose(q):  # other rows and columns may be better now
+                self._reason = None  # computed when it is requested
                 return q, False
             fresh = share == 0.0
         return q, self._reached(start, way)
 
     def _reached(self, start, way) -> bool:
-        """Whether rows that were left out are closed, and motors that were not led are where they should be."""
+        """Whether dropped rows are closed, and dependent motors are at their goals."""
         if self._shared:
             missed = np.abs(pin.difference(self.mechanism.model, start, self.q)[self._columns] - way)
             if missed.max() > NEARLY:
                 worst = self.motors[int(np.argmax(missed))]
-                self._reason = f"the positions contradict each other: {worst} ends {missed.max():.3g} away from its own"
+                self._reason = f"the positions contradict each other: {worst} misses its position by {missed.max():.3g}"
                 return False
         if not self._chosen.system.dropped_are_zero and (gap := self._chosen.gap(self.q)) > NEARLY:
             self._reason = f"rows that depended on others are open by {gap:.2g} m or rad"
@@ -179,7 +179,7 @@ class Motors:
         return True
 
     def _choose(self, q) -> bool:
-        """Choose coordinates anew at `q`; False where that changes nothing, or they would be others in kind."""
+        """Choose new coordinates at `q`; False if they are the same, or their numbers would differ."""
         fresh, old = Coordinates(self._solver, self._columns, q), self._chosen
         same = np.array_equal(fresh.columns, old.columns) and np.array_equal(fresh.system.kept, old.system.kept)
         if same or (fresh.n_motors, len(fresh.columns)) != (old.n_motors, len(old.columns)):
@@ -216,11 +216,11 @@ class Motors:
         """A copy of :meth:`_q`; InputError for one that is open by more than `most`."""
         q = self._q(q).copy()
         if not (gap := self._chosen.gap(q)) <= most:
-            raise InputError(f"{self.mechanism.name}: q is open by {gap:.2g} m or rad; assemble(mech, q).q is closed")
+            raise InputError(f"{self.mechanism.name}: q is open by {gap:.2g} m or rad; use assemble(mech, q).q")
         return q
 
     def _of_motors(self, values, what, full=True) -> tuple[bool, np.ndarray]:
-        """Whether `values` are of all joints, and they, or those of the motors."""
+        """(whether `values` are those of all joints, the values of all joints or of the motors)."""
         count, nv = len(self._columns), self.mechanism.nv
         if values is None:
             return False, np.zeros(count)
@@ -234,7 +234,7 @@ class Motors:
         return values.shape != (count,), values
 
     def _basis(self, q):
-        """Z and B⁻¹ of the coordinates at a closed `q`, where other ones are chosen if these are not good."""
+        """Z and B⁻¹ of the coordinates at a closed `q`; other coordinates are chosen if B is singular."""
         phi, J = self._chosen.rows(q)
         if not phi.dot(phi) <= OPEN**2:
             self._closed(q)
@@ -246,33 +246,31 @@ class Motors:
         return found
 
     def _seen(self, Z):
-        """The motors' velocities for unit ones of those that are coordinates: (m, n_motors)."""
+        """The velocities of all motors for unit velocities of those that are coordinates, (m, n_motors)."""
         return Z[self._columns, : self._chosen.n_motors]
 
     def _require_mobile(self):
-        """Raise SingularSystemError where motors do not move because the loops hold them."""
+        """Raise SingularSystemError if the loops hold some motors fixed."""
         chosen = self._chosen
         Z, _ = chosen.basis(chosen.rows(self.q)[1]) or (np.zeros((self.mechanism.nv, 1)), None)
         still = [name for name, row in zip(self.motors, Z[self._columns], strict=True) if np.abs(row).max() < HELD]
         if still:
             raise SingularSystemError(
-                f"{self.mechanism.name}: these motors cannot move: {', '.join(still)}; the loops hold them. This is a "
-                "dead centre, or they are locked: begin elsewhere, Actuation(mech, motors, q0), or leave them out",
+                f"{self.mechanism.name}: the loops do not let these motors move: {', '.join(still)}. This is a dead "
+                "centre, or they are locked: start elsewhere, Actuation(mech, motors, q0), or omit them",
                 names=tuple(still),
             )
 
 
 def _without_motors(mech, joints) -> Mechanism:
-    """The mechanism without what moves these joints; InputError where something else moves with time."""
+    """The mechanism without drives and forces of these joints; InputError if anything else depends on time."""
     for joint in joints:
         mech.joint_index(joint)
     loops = [loop for loop in mech.loops if not (isinstance(loop, Drive) and loop.joint in joints)]
     for loop in loops:
         still = isinstance(loop, Drive) and isinstance(loop.curve, Motion) and not any(loop.curve.numbers[1:3])
         if (isinstance(loop, Drive) and not still) or getattr(loop, "moving", False):
-            raise InputError(
-                f"{mech.name}: {loop.name!r} moves with time; name its joint among the motors, or leave it out"
-            )
+            raise InputError(f"{mech.name}: {loop.name!r} depends on time; name its joint among the motors, or omit it")
     forces = [force for force in mech.forces if not _on(force).intersection(joints)]
     return replace(mech, loops=tuple(loops), forces=tuple(forces))
 
@@ -286,7 +284,7 @@ def _goals(positions):
     """One mapping for each row of a batch."""
     sizes = {joint: np.size(value) for joint, value in positions.items()}
     if len(set(sizes.values()) - {1}) > 1:
-        raise InputError(f"positions of a batch need one length, or one number; got {sizes}")
+        raise InputError(f"positions of a batch must have the same length, or be single numbers; got {sizes}")
     n = max(sizes.values())
     columns = {joint: np.broadcast_to(finite_array(value, joint), (n,)) for joint, value in positions.items()}
     return [{joint: column[i] for joint, column in columns.items()} for i in range(n)]

@@ -1,8 +1,8 @@
-"""A mechanism's rows and equations of motion as CasADi expressions, with joints moved on by a small motion u.
+"""A mechanism's rows and equations of motion as CasADi expressions, with joints displaced by a small motion u.
 
-Every joint stands at T(q) E(u), E(u) = 1 + S u + (S u)²/2: at u = 0 derivatives by u up to the second are those along
-the joint's velocities, so that J = Φ_u, and J̇ v is the second derivative along v. Rows have the zeros, and there the
-first two derivatives, of those of :mod:`pinconsist.mechanism.loops`.
+Every joint has the pose T(q) E(u), E(u) = 1 + S u + (S u)²/2. At u = 0 the first and second derivatives by u are those
+along the joint's velocities, so that J = Φ_u, and J̇ v is the second derivative along v. The rows have the same zeros
+as those of :mod:`pinconsist.mechanism.loops`, and the same first two derivatives there.
 """
 
 from typing import Any
@@ -19,16 +19,16 @@ from ..mechanism.rows import LoopRows
 
 
 def casadi() -> Any:
-    """The package; MissingExtraError where it is not installed."""
+    """The package casadi; MissingExtraError if it is not installed."""
     try:
         import casadi as ca
     except ImportError:
-        raise MissingExtraError("C code needs CasADi; install it by: pip install 'pinconsist[c]'") from None
+        raise MissingExtraError("C code needs CasADi; install it with: pip install 'pinconsist[c]'") from None
     return ca
 
 
 class Symbols:
-    """Expressions of ``q``, ``v`` and ``a`` of a mechanism whose drives stand still; InputError for what has none."""
+    """Expressions in ``q``, ``v`` and ``a`` of a mechanism without moving drives; InputError if one is not possible."""
 
     def __init__(self, mechanism):
         self.ca, self.mechanism, self.model = (ca := casadi()), mechanism, (model := mechanism.model)
@@ -46,13 +46,13 @@ class Symbols:
         return velocities[self.model.idx_vs[i] : self.model.idx_vs[i] + self.model.nvs[i]]
 
     def _numbers(self, i):
-        """The numbers of a joint in q: of its place, and of its rotation; one axis alone has the latter."""
+        """The numbers of a joint in q: those of its position and of its rotation; a single axis has only the latter."""
         q = self.ca.vertsplit(self.q[self.model.idx_qs[i] : self.model.idx_qs[i] + self.model.nqs[i]])
         n = int(np.abs(self._S[i][:3]).any(axis=1).sum()) if self._S[i].shape[1] > 1 else 0
         return q[:n], q[n:]
 
     def _pose(self, i):
-        """The pose of a joint that stands at q."""
+        """The pose of a joint at q."""
         ca, S, (place, turn) = self.ca, self._S[i], self._numbers(i)
         shift = ca.vertcat(*place, ca.SX(3 - len(place), 1)) if len(turn) != 1 else S[:3, 0] * turn[0]
         if len(turn) == 4:
@@ -64,7 +64,7 @@ class Symbols:
         return ca.vertcat(ca.horzcat(R, shift), ca.DM([[0, 0, 0, 1]]))
 
     def moved(self, change):
-        """q ⊕ change, of quaternions to first order and at unit length."""
+        """q ⊕ change; for quaternions to first order, normalised."""
         ca, parts = self.ca, []
         for i in range(1, self.model.njoints):
             (place, turn), d = self._numbers(i), ca.vertsplit(self._own(change, i))
@@ -82,7 +82,7 @@ class Symbols:
         return ca.vertcat(*parts)
 
     def beyond(self, joint, target=0.0):
-        """How far a joint of one degree of freedom is from a target, the shorter way where it stores (cos, sin)."""
+        """The distance of a joint from a target, the shorter way round if it stores (cos, sin)."""
         i, ca = self.model.getJointId(joint), self.ca
         turn, u = self._numbers(i)[1], self._own(self.u, i) - target
         if len(turn) == 1:
@@ -91,7 +91,7 @@ class Symbols:
         return ca.atan2(turn[1] * c + turn[0] * s, turn[0] * c - turn[1] * s)
 
     def _seen(self, *ends):
-        """The poses of places on joints, pairs (joint, pin.SE3), as seen from the last joint that carries both."""
+        """The poses of places on joints, pairs (joint, pin.SE3), relative to the last joint that carries both."""
         common, poses = max(set.intersection(*(set(self.model.supports[joint]) for joint, _ in ends))), []
         for joint, place in ends:
             pose = self.ca.SX(place.homogeneous)
@@ -101,7 +101,7 @@ class Symbols:
         return poses
 
     def rows(self):
-        """Φ of all rows, by q and u."""
+        """Φ of all rows, in q and u."""
         return self.ca.vertcat(self.ca.SX(0, 1), *map(self._rows, LoopRows.of(self.mechanism).closures))
 
     def _rows(self, closure):
@@ -112,7 +112,7 @@ class Symbols:
             powers = enumerate((loop.offset, loop.ratio, *loop.higher))
             return self.beyond(loop.joint, sum(factor * self.beyond(loop.other) ** k for k, factor in powers))
         if not isinstance(loop, Loop):
-            raise InputError(f"{self.mechanism.name}: {loop.name!r} is a function of yours, of which no C can be made")
+            raise InputError(f"{self.mechanism.name}: {loop.name!r} is a Python function and cannot be converted to C")
         one, two = self._seen((closure.joint1, closure.place1), (closure.joint2, closure.place2))
         d, R = (ca.mtimes(one[:3, :3].T, each) for each in (two[:3, 3] - one[:3, 3], two[:3, :3]))
         if isinstance(closure.place, Length):
@@ -125,7 +125,7 @@ class Symbols:
         return ca.vertcat(*rows)
 
     def inverse_dynamics(self, v, a, gravity):
-        """Inertial forces and weights, (nv,): what Pinocchio's ``rnea`` gives."""
+        """Inertial forces and weights, (nv,), as by Pinocchio's ``rnea``."""
         ca, model, ways = self.ca, self.model, [None]
         motions, forces, tau = [(ca.SX(6, 1), ca.vertcat(-gravity, ca.SX(3, 1)))], [None], []
         for i in range(1, model.njoints):
@@ -148,7 +148,7 @@ class Symbols:
         return self.ca.blockcat([[turning, shifting], [self.ca.SX(3, 3), turning]])
 
     def applied(self):
-        """τ of the mechanism's forces at q and v; InputError for one that has no expression."""
+        """τ of the mechanism's forces at q and v; InputError for a force without an expression."""
         ca, total = self.ca, self.ca.SX(self.model.nv, 1)
         for force in (*model_forces(self.model), *self.mechanism.forces):
             if isinstance(force, JointDamping | JointFriction):
@@ -165,7 +165,7 @@ class Symbols:
                 total += law._constant
             else:
                 label = getattr(force, "label", type(force).__name__)
-                raise InputError(f"{self.mechanism.name}: no C can be made of the force {label!r}; leave it out")
+                raise InputError(f"{self.mechanism.name}: the force {label!r} cannot be converted to C; omit it")
         return self.still(total)
 
     def _pull(self, beyond, stiffness, damping=0.0):
@@ -173,12 +173,12 @@ class Symbols:
         return along.T * (stiffness * beyond + damping * self.ca.mtimes(along, self.v))
 
     def still(self, expression):
-        """The expression where u = 0."""
+        """The expression at u = 0."""
         return self.ca.substitute(expression, self.u, self.ca.DM.zeros(self.model.nv))
 
 
 def _motions(mechanism):
-    """The velocity of each joint's body for unit ones of the joint, (6, n), where that never changes."""
+    """The body velocities for unit velocities of each joint, (6, n); InputError if they depend on q."""
     model, found = mechanism.model, []
     for q in (pin.neutral(model), pin.integrate(model, pin.neutral(model), np.linspace(0.3, 1.1, model.nv))):
         data = model.createData()
@@ -187,6 +187,6 @@ def _motions(mechanism):
     for joint, one, other in zip(list(model.names)[1:], found[0][1:], found[1][1:], strict=True):
         if not np.array_equal(one, other):
             raise InputError(
-                f"{mechanism.name}: no C can be made of joint {joint!r}, whose axes move against each other"
+                f"{mechanism.name}: joint {joint!r} cannot be converted to C, as its axes move relative to each other"
             )
     return found[0]

@@ -1,10 +1,11 @@
 """First variations of a mechanism's equations at a state, for statics and linearisation.
 
-A variation δq lives in the tangent space of the configurations, as velocities do. Those that the loops allow are
+A variation δq is in the tangent space of the configurations, like a velocity. The variations that the loops allow are
 δq = Z y, where the y are the variations of a few joints themselves: Z has a unit row for each of them.
 
-By parameters: the equations that were solved are F(x, θ) = 0: loops, balance, rates of the loops. F_x dx + F_θ = 0 is
-solved at their solution, without iteration; F_θ comes from differences at the fixed state.
+Derivatives by parameters: let F(x, θ) = 0 be the equations that were solved (loops, balance of forces, rates of the
+loops). At their solution, F_x dx + F_θ = 0 is solved without iteration; F_θ is computed by differences at the fixed
+state.
 """
 
 from collections.abc import Callable
@@ -23,10 +24,10 @@ from ..mechanism.parameters import check_closing, difference_step, parameter
 from ..mechanism.rank import independent_rows
 from ..mechanism.system import MechanismSystem
 
-NEUTRAL = 1e-10  # of the stiffness: what cannot be distinguished from zero
+NEUTRAL = 1e-10  # relative to the stiffness: smaller values cannot be distinguished from zero
 SMOOTH = 5e-3  # step of differences of kinematics, rad or lengths of the mechanism: errors near 1e-13
-NARROW = 1e-4  # step of differences of forces, which may have small widths of their own: errors near 1e-11
-MOTOR_WEIGHT = 10.0  # how much more readily a motorised joint is taken as a coordinate
+NARROW = 1e-4  # step of differences of forces, which may vary over short distances: errors near 1e-11
+MOTOR_WEIGHT = 10.0  # preference for motorised joints as coordinates
 EQUAL = 1e-6  # joints whose shares in the free motions differ by less are equally good coordinates
 TURNING_AXES = ("JointModelSphericalZYX", "JointModelUniversal", "JointModelComposite", "JointModelEllipsoid")
 """Joints whose axes depend on their own position, which Pinocchio's derivatives of rnea leave out."""
@@ -35,9 +36,9 @@ TURNING_AXES = ("JointModelSphericalZYX", "JointModelUniversal", "JointModelComp
 class TangentSpace:
     """The variations that the loops allow at a configuration.
 
-    J (nc, nv) are all rows of the loops, `kept` independent ones; the columns of Z (nv, n) are a basis of its null
-    space, with unit rows at the `coordinates`, the entries of δq that are the y. P (nv, nc) is a right inverse of J
-    that leaves these alone: J P r = r in the range of J, P[coordinates] = 0.
+    J (nc, nv) has all rows of the loops, and `kept` are the indices of independent ones. The columns of Z (nv, n) are a
+    basis of its null space, with unit rows at the `coordinates`, the entries of δq that are the y. P (nv, nc) is a
+    right inverse of J that does not change the coordinates: J P r = r in the range of J, P[coordinates] = 0.
     """
 
     def __init__(self, system, q, t: float = 0.0):
@@ -53,7 +54,7 @@ class TangentSpace:
         self.P = P - self.Z @ P[self.coordinates]
 
     def multipliers(self, load) -> np.ndarray:
-        """λ of smallest norm whose Jᵀλ is the part of `load` (nv,) that the loops can carry, shape (nc,)."""
+        """λ of smallest norm, shape (nc,), for which Jᵀλ is the part of `load` (nv,) that the loops can carry."""
         rank = len(self.J.T) - self.Z.shape[1]
         U, s, Vt = np.linalg.svd(self.J, full_matrices=False)
         return U[:, :rank] @ (Vt[:rank] @ load / s[:rank])
@@ -63,7 +64,7 @@ def _coordinates(mechanism, free):
     """The joint velocities that describe the free ones best, motorised ones first."""
     if not free.size:
         return np.zeros(0, dtype=int)
-    weights = np.linspace(1.0, 1.0 - EQUAL, len(free))  # among equals the first, whatever rounding says
+    weights = np.linspace(1.0, 1.0 - EQUAL, len(free))  # prefers the first of equal ones, independent of rounding
     for joint in mechanism.actuated:
         weights[mechanism.columns(joint)] = MOTOR_WEIGHT
     pivots = qr(free.T * weights, mode="r", pivoting=True)[1]
@@ -71,7 +72,7 @@ def _coordinates(mechanism, free):
 
 
 class Locked:
-    """A result, whose arrays are read-only."""
+    """Base of results with read-only arrays."""
 
     def __post_init__(self):
         for value in vars(self).values():
@@ -81,7 +82,7 @@ class Locked:
 
 
 def step_sizes(system, q) -> np.ndarray:
-    """How much of each joint velocity counts as one radian, shape (nv,): 1 for turns, the model's length for shifts."""
+    """The change of each coordinate that counts as one radian, shape (nv,): 1 for rotations, else the model's size."""
     model, loops = system.model, system.mechanism.anchored_loops
     arms = [place.translation for place in model.jointPlacements] + [inertia.lever for inertia in model.inertias]
     arms += [place.translation for loop in loops for place in (loop.placement1, loop.placement2)]
@@ -91,18 +92,18 @@ def step_sizes(system, q) -> np.ndarray:
 
 
 def along(function, directions, steps=SMOOTH) -> np.ndarray:
-    """d function(ε z)/dε at ε = 0 for each column z of `directions`, as columns; `steps` (nv,) is how far to go."""
+    """d function(ε z)/dε at ε = 0 for each column z of `directions`, as columns; `steps` (nv,) are difference steps."""
     columns = [first(lambda s, z=z: function(s * z), 1.0 / np.max(np.abs(z) / steps)) for z in directions.T]
     return np.column_stack(columns) if columns else np.zeros((len(function(np.zeros(len(directions)))), 0))
 
 
 def along_places(function, system, q, Z, step=SMOOTH) -> np.ndarray:
-    """d function(q ⊕ Z y)/dy at y = 0; `step` is how far to go in units of the mechanism."""
+    """d function(q ⊕ Z y)/dy at y = 0; `step` is the difference step in units of :func:`step_sizes`."""
     return along(lambda dq: function(system.integrate(q, dq)), Z, step * step_sizes(system, q))
 
 
 def by_position(system, t, q, v, a, lam, Z) -> np.ndarray:
-    """∂(M a + nle - τ - Jᵀλ)/∂q Z with λ held, shape (nv, n): stiffness, the geometric one of Jᵀλ included."""
+    """∂(M a + nle - τ - Jᵀλ)/∂q Z at constant λ, shape (nv, n): stiffness, including the geometric one of Jᵀλ."""
     model, data = system.model, system.model.createData()
     if _has_turning_axes(model):
         carried = along_places(lambda x: pin.rnea(model, data, x, v, a), system, q, Z)
@@ -118,7 +119,7 @@ def by_velocity(system, t, q, v, a) -> np.ndarray:
     model, data = system.model, system.model.createData()
     widths, every = step_sizes(system, q) + np.abs(v), np.eye(system.nv)
     forces = along(lambda dv: system.torque(t, q, v + dv), every, NARROW * widths)
-    if _has_turning_axes(model):  # the differences of a quadratic function are exact, whatever the step
+    if _has_turning_axes(model):  # differences of a quadratic function are exact for any step
         return along(lambda dv: pin.rnea(model, data, q, v + dv, a), every, widths) - forces
     pin.computeRNEADerivatives(model, data, q, v, a)
     return data.dtau_dv - forces
@@ -129,25 +130,25 @@ def _has_turning_axes(model) -> bool:
 
 
 def rates_of_loops(system, t, q, v, a, Z):
-    """∂(J v + Φ_t)/∂q Z and ∂(J a + γ)/∂q Z, each (nc, n), and ∂γ/∂v, (nc, nv): what the curvature of loops adds."""
+    """∂(J v + Φ_t)/∂q Z and ∂(J a + γ)/∂q Z, each (nc, n), and ∂γ/∂v, (nc, nv): terms from the curvature of loops."""
 
     def rates(x):
         J = system.loop_rows(x, t)[1]
         return np.concatenate((J @ v + system.rows.time_rate(t, x), J @ a + bias(system, t, x, v)))
 
-    widths = np.maximum(np.abs(v), step_sizes(system, q))  # γ is quadratic in v: exact, whatever the step
+    widths = np.maximum(np.abs(v), step_sizes(system, q))  # γ is quadratic in v: exact for any step
     by_v = along(lambda dv: bias(system, t, q, v + dv), np.eye(system.nv), widths)
     return *np.split(along_places(rates, system, q, Z), 2), by_v
 
 
 def bias(system, t, q, v) -> np.ndarray:
-    """γ with J a + γ = 0 for the accelerations that the loops allow, of all rows, shape (nc,)."""
+    """γ of all rows, shape (nc,): the loops allow the accelerations with J a + γ = 0."""
     pin.forwardKinematics(system.model, system.data, q, v, np.zeros(system.nv))
     return system.rows.acceleration_bias(system.data, t, q, v)
 
 
 def closed_near(system, t, q):
-    """The closed configuration that Newton's method reaches from a nearby `q`; None where it does not converge."""
+    """The closed configuration that Newton's method reaches from a nearby `q`; None if it does not converge."""
     rows = partial(system.loop_rows, t=t)
     return newton(rows, system.model, system.rows.turns, q, step_sizes(system, q))
 
@@ -172,7 +173,7 @@ class Derivatives:
 
 
 class Varied:
-    """A mechanism and its parameters: names of them, or ``build(theta)`` and theta."""
+    """A mechanism and its parameters: their names, or ``build(theta)`` and theta."""
 
     def __init__(self, mechanism, parameters, theta=None):
         self.mechanism = mechanism
@@ -204,7 +205,7 @@ class Varied:
 
 
 def of_state(varied, t, q, v, a, lam, still=True):
-    """(dq, dv, da, dλ) by each parameter at a state that loops determine, and balance where it is `still`."""
+    """(dq, dv, da, dλ) by each parameter at a state that the loops determine, with the balance of forces if `still`."""
     system = MechanismSystem(varied.mechanism, q, t)
     space, nv, every = TangentSpace(system, q, t), system.nv, np.eye(system.nv)
 
@@ -227,8 +228,8 @@ def of_state(varied, t, q, v, a, lam, still=True):
         sizes = np.linalg.svd(stiffness, compute_uv=False)
         if sizes[-1] <= NEUTRAL * max(sizes[0], np.abs(K).max()):
             raise SingularSystemError(
-                f"{varied.mechanism.name}: nothing resists some motion at this equilibrium, so that it has no "
-                "derivative. Add a spring, or lock the joint"
+                f"{varied.mechanism.name}: nothing resists some motion at this equilibrium, so that the equilibrium "
+                "has no derivative. Add a spring, or lock the joint"
             )
         dq = dq - space.Z @ np.linalg.solve(stiffness, space.Z.T @ (K @ dq + r))
 
@@ -245,7 +246,7 @@ def of_state(varied, t, q, v, a, lam, still=True):
 
 
 def _of_redundant(varied, system, space, t, q, lam, dq):
-    """What turns the range of J, in which λ of smallest norm is: (1 - Π) dJ J⁺ λ."""
+    """The change of λ with the range of J, which contains the λ of smallest norm: (1 - Π) dJ J⁺ λ."""
     J, z = space.J, np.linalg.lstsq(space.J, lam, rcond=1e-10)[0]
 
     def turned(mechanism, _):

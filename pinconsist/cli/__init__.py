@@ -1,4 +1,4 @@
-"""The command line: its commands, put together by :mod:`.app`."""
+"""The command line; :mod:`.app` combines its commands."""
 
 from .app import main
 

@@ -34,25 +34,25 @@ right from the first step on.
   pinconsist simulate four_bar --out run.npz      save the run
   pinconsist rerun run.npz                        the same numbers again?
   pinconsist resume run.npz                       continue an interrupted run
-  pinconsist plot run.npz --what drift,energy     draw it
+  pinconsist plot run.npz --what drift,energy     plot it
   pinconsist replay run.npz                       play it in the browser
   pinconsist render run.npz run.mp4               a film for a slide
   pinconsist compare problem51 --step 0.01 0.001  exact and consistent starts
   pinconsist sweep four_bar --vary crank=0:1:.1   many runs, in a table
   pinconsist sensitivity four_bar --of crank --to mass
-                                                  what parameters change
+                                                  effect of parameters
 
 A scene is a built-in name, a .urdf, .sdf or .xml (MJCF) file, or a folder that
-holds one .urdf. For the options of a command: pinconsist COMMAND --help"""
+contains one .urdf. Options of a command: pinconsist COMMAND --help"""
 
 SCENE = "2 wrong input, loops that cannot close, or a singular position"
-SAVED = "(what was reached is saved by --out)"
-RESUMED = "(what was reached is in the file)"
-SHOWN = f"1 the integration of a scene failed (what was reached is shown); {SCENE}; 130 interrupted"
+SAVED = "(the run up to there is saved by --out)"
+RESUMED = "(the run up to there is in the file)"
+SHOWN = f"1 the integration of a scene failed (the run up to there is shown); {SCENE}; 130 interrupted"
 INPUT = "2 wrong input; 130 interrupted"
 COMMANDS: dict[Callable, str] = {
     simulate: f"1 the integration failed {SAVED}; {SCENE}; 130 interrupted {SAVED}: --json then has "
-    "run.interrupted = true, and run.success too",
+    "run.interrupted = true and run.success = true",
     compare: f"{SCENE}; 130 interrupted",
     check: f"{SCENE}; 130 interrupted",
     models: INPUT,
@@ -61,8 +61,8 @@ COMMANDS: dict[Callable, str] = {
     plot: SHOWN,
     rerun: f"1 the numbers differ; {INPUT}",
     resume: f"1 the integration failed {RESUMED}; 2 wrong input, or a scene that has changed; 130 interrupted "
-    f"{RESUMED}: --json then has interrupted = true, and success too",
-    sweep: "1 a case failed (its row says why); 2 wrong input; 130 interrupted (the rows so far are in "
+    f"{RESUMED}: --json then has interrupted = true and success = true",
+    sweep: "1 a case failed (its row has the reason); 2 wrong input; 130 interrupted (the rows so far are in "
     "FILE.csv.partial)",
     sensitivity: f"{SCENE}; 130 interrupted",
 }
@@ -72,21 +72,21 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 SEVERAL = {"--to": re.compile(r"[^-].*"), "--step": NUMBER}
 SEVERAL |= dict.fromkeys(("--with-velocity", "--control"), re.compile(r"[^-].*=.*"))
 SEVERAL["--at"] = re.compile(rf"[^-].*=.*|{NUMBER.pattern}")
-"""Options that take several values, and what a further value looks like."""
+"""Options that take several values, and the pattern of a further value."""
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=f"Exit codes: 0 fine; 1 a run or a case failed, or numbers differ; {SCENE}; 130 interrupted.",
+    epilog=f"Exit codes: 0 success; 1 a run or a case failed, or numbers differ; {SCENE}; 130 interrupted.",
 )
 for command, codes in COMMANDS.items():
-    app.command(command.__name__, epilog=f"Exit codes: 0 fine; {codes}.")(command)
+    app.command(command.__name__, epilog=f"Exit codes: 0 success; {codes}.")(command)
 
 
 def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
     """Run the commands of `app` with the arguments `argv`, or those of the process, and end it with the exit code.
 
-    `studies` are commands of many runs, which may fail in any way after a signal: each run returns what was reached.
+    `studies` are commands that make several runs. After a signal a run returns early, so they may fail in any way.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == ["help"]:
@@ -110,15 +110,15 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
 
 
 class Warnings(logging.Handler):
-    """Prints what the package logs on stderr."""
+    """Prints the package's log messages on stderr."""
 
     def emit(self, record):
-        with suppress(OSError):  # a stderr that cannot be written does not end the run
+        with suppress(OSError):  # an unwritable stderr must not end the run
             message("warning", record.getMessage())
 
 
 def _show_warning(show, shown, text, category, *where, **more):
-    """Print a warning for the user once, without the line of code; others go to `show`."""
+    """Print each UserWarning once, without the line of code; pass other warnings to `show`."""
     if category is UserWarning:
         if str(text) not in shown:
             message("warning", text)
@@ -128,7 +128,7 @@ def _show_warning(show, shown, text, category, *where, **more):
 
 
 def spread(arguments) -> list[str]:
-    """The arguments with ``--step 0.1 0.2`` as ``--step 0.1 --step 0.2``, and joint=value lists alike."""
+    """The arguments with ``--step 0.1 0.2`` as ``--step 0.1 --step 0.2``; lists of joint=value in the same way."""
     result, option = [], None
     several = SEVERAL if "compare" in arguments[:1] else SEVERAL.keys() - {"--step"}  # simulate takes one step size
     for argument in arguments:
@@ -137,7 +137,7 @@ def spread(arguments) -> list[str]:
             option = name
             result += [name, value] if sign else [name]
             continue
-        if option and result[-1] != option:  # which has its first value already
+        if option and result[-1] != option:  # the option already has its first value
             option = option if SEVERAL[option].fullmatch(argument) else None
             result += [option] if option else []
         result.append(argument)
@@ -155,12 +155,12 @@ def _run(arguments, app, program, studies) -> int:
     except (typer.Abort, KeyboardInterrupt):
         return INTERRUPTED
     except MemoryError:
-        print_error("out of memory; what was saved by --out and --save-every is in the file")
+        print_error("out of memory; the file has what --out and --save-every saved")
         return FAILED
     except Exception as error:
         if interrupted() and arguments[0] in studies:
             return INTERRUPTED
-        if not hasattr(error, "format_message"):  # what every usage error of typer has, whichever click it builds on
+        if not hasattr(error, "format_message"):  # all usage errors of typer have it, for any version of click
             raise
         context = getattr(error, "ctx", None)
         help_of = f" (see {context.command_path} --help)" if context else ""

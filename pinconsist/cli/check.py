@@ -1,4 +1,4 @@
-"""`pinconsist models` and `pinconsist check`: which scenes there are, and what one is."""
+"""`pinconsist models` and `pinconsist check`: the available scenes, and the description of a scene."""
 
 from dataclasses import fields
 
@@ -8,9 +8,9 @@ from ..errors import AssemblyError, MissingExtraError, SingularSystemError
 from . import options as given
 from . import output, scene
 
-LINES, TERMS = 12, 4  # of redundant rows, and of the rows each depends on
+LINES, TERMS = 12, 4  # largest numbers of redundant rows shown, and of the rows that each depends on
 LOOP_FIELDS = ("xyz1", "rpy1", "xyz2", "rpy2", "axis", "axis2", "length", "joint", "other", "ratio", "offset", "higher")
-"""Fields of loops and couplings that say where and along what they hold; zero anchors are left out."""
+"""Fields with the geometry of loops and couplings; zero anchors are left out."""
 
 
 def models(as_json: output.Json = False) -> int:
@@ -25,7 +25,7 @@ def models(as_json: output.Json = False) -> int:
     if as_json:
         output.print_json({"models": scenes, "robots": robots, "problems": list(PROBLEMS)})
         return output.FINE
-    output.table(("scene", "what it is"), scenes.items())
+    output.table(("scene", "description"), scenes.items())
     print("<n> stands for a number of your choice, as in chain_16\n")
     if robots:
         print("robots of the pip package example-robot-data, which is installed:")
@@ -34,7 +34,7 @@ def models(as_json: output.Json = False) -> int:
         print("robots that are available after: pip install 'pinconsist[robots]'")
         output.paragraph(", ".join(missing), indent="  ")
     print()
-    output.paragraph(f"for compare also {' and '.join(PROBLEMS)}, whose solutions are known in closed form")
+    output.paragraph(f"only for compare: {' and '.join(PROBLEMS)}, whose solutions are known in closed form")
     return output.FINE
 
 
@@ -52,8 +52,8 @@ def _is_installed(robot) -> bool:
 def check(source: given.Scene, as_json: output.Json = False) -> int:
     """Describe a scene: bodies, loops, rank, redundant rows, mobility, and its closed configuration.
 
-    --at sets the position. At a singular one more rows depend on each other,
-    the mobility is larger, and the exit code is 2.
+    --at sets the position. At a singular position more rows are dependent, the
+    mobility is larger, and the exit code is 2.
 
     Example: pinconsist check four_bar --at crank=pi/2
     """
@@ -116,7 +116,7 @@ def _report_open(mech, before, after, error, as_json) -> int:
         _print_inventory(mech)
         worst_first = sorted(after.items(), key=lambda item: -item[1])
         rows = [(name, before[name], gap) for name, gap in worst_first]
-        output.table(("loop", "gap at the guess [m, rad]>.3g", "gap left [m, rad]>.3g"), rows)
+        output.table(("loop", "gap at the guess [m, rad]>.3g", "remaining gap [m, rad]>.3g"), rows)
     output.print_error(error)
     return output.WRONG_INPUT
 
@@ -128,29 +128,29 @@ def _print(mech, guess, before, assembly, singular, held, weak, without):
     if mech.corrected_by:
         print(f"lengths and angles corrected by up to {mech.corrected_by:.1e} m or rad")
     if mech.loops:
-        print(f"rows: {assembly.rows}, of which {assembly.rank} independent and {len(assembly.redundant)} redundant")
+        print(f"rows: {assembly.rows}, {assembly.rank} of them independent and {len(assembly.redundant)} redundant")
     print(f"mobility: {assembly.mobility}")
     if weak or without != assembly.mobility:
         rows = output.first([f"({loop} {row}) {by:.1e}" for (loop, row), by in weak.items()], TERMS, "and {} more")
         on = f"rows that are independent by less than 1e-6 m or rad: {', '.join(rows)}" if weak else "rounding"
         output.paragraph(f"depends on {on}; without them it would be {without}", indent="  ", hanging="    ")
     if held:
-        output.paragraph(f"motors that cannot move by themselves: {', '.join(held)}", indent="  ", hanging="    ")
+        output.paragraph(f"motors that cannot move independently: {', '.join(held)}", indent="  ", hanging="    ")
     for line in _redundant_lines(assembly.redundant):
         output.paragraph(line, indent="  ", hanging="    ")
     if mech.loops:
-        for when, gaps in (("at the guess:", before), ("once closed: ", assembly.gaps)):
+        for when, gaps in (("at the guess:", before), ("when closed: ", assembly.gaps)):
             worst = max(gaps, key=gaps.get)
             print(f"largest gap {when} {output.size(gaps[worst], '.3g')} m or rad, in loop {worst!r}")
         iterations, moved = output.counted(assembly.iterations, "iteration"), output.size(assembly.moved, ".3g")
         print(f"closing took {iterations} and moved no joint by more than {moved} rad or m")
-    print(f"equations of motion: {'singular, see below' if singular else 'regular there'}\n")
+    print(f"equations of motion: {'singular, see below' if singular else 'regular'}\n")
     rows = list(zip(position_names(mech.model), guess, assembly.q, strict=True))
     output.table(("joint [rad, m]", "guess>.9g", "closed>.9g"), rows)
 
 
 def _redundant_lines(redundant) -> list[str]:
-    """The redundant rows for a person: zero rows by loop, the others as combinations, all of it shortened."""
+    """The redundant rows as text: zero rows by loop, the others as combinations; shortened."""
     zero, lines = {}, []
     for (loop, row), combination in redundant.items():
         if combination:
@@ -164,7 +164,7 @@ def _redundant_lines(redundant) -> list[str]:
 
 
 def _print_inventory(mech):
-    """Bodies, motors, forces and loops for a person."""
+    """Print bodies, motors, forces and loops."""
     from ..mechanism.forces import Actuator
 
     about, masses = _inventory(mech), [inertia.mass for inertia in list(mech.model.inertias)[1:]]
@@ -176,7 +176,7 @@ def _print_inventory(mech):
         commands = [f"{f.control:.4g}" if not callable(f.control) else "of time" for f in actuators]
         pairs = zip(actuators, commands, strict=True)
         acting = ", ".join(f"{force.name} on {' and '.join(force.arms)} (command {at})" for force, at in pairs)
-        output.paragraph(f"actuators that act: {acting}; --control ACTUATOR=VALUE commands them", hanging="  ")
+        output.paragraph(f"actuators: {acting}; --control ACTUATOR=VALUE sets a command", hanging="  ")
     if mech.actuated:
         output.paragraph(f"motors: {', '.join(mech.actuated)}", hanging="  ")
     output.paragraph(f"forces: {', '.join(about['forces']) or 'none'}", hanging="  ")
@@ -188,13 +188,13 @@ def _print_inventory(mech):
             shown = {name: value for name, value in _fields(loop).items() if name not in ("joint", "other") and value}
             by = ", ".join(f"{name} {scene.text(value)}" for name, value in shown.items())
             rows.append((loop.name, loop.kind, len(loop.rows), *_ends(loop), by))
-        output.table(("loop", "kind", "rows>", "joins", "and", "by"), rows)
+        output.table(("loop", "kind", "rows>", "connects", "to", "with"), rows)
     else:
-        print("loops: none, a plain tree; a loop file next to it, or --loops FILE, closes some\n")
+        print("loops: none (a plain tree); a loop file next to it, or --loops FILE, adds loops\n")
 
 
 def _inventory(mech) -> dict:
-    """What the scene holds, for JSON."""
+    """The contents of the scene, for JSON."""
     from ..mechanism.forces import bound_forces
 
     return {
@@ -209,7 +209,7 @@ def _inventory(mech) -> dict:
 
 
 def _ends(loop):
-    """What a loop joins: two frames, two joints, a joint and its drive, or what the user's function couples."""
+    """The two ends of a loop: two frames, two joints, a joint and its drive, or a user-defined function."""
     if loop.kind == "drive":
         return loop.joint, "along a curve"
     if loop.kind == "coupling":

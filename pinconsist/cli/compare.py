@@ -13,33 +13,33 @@ from . import output, scene
 from .options import Text, option
 from .terminal import doing
 
-STEPS = (0.002, 0.0002)  # of the duration
-LONGEST = 10.0  # s of playing
+STEPS = (0.002, 0.0002)  # relative to the duration
+LONGEST = 10.0  # s, playing time
 
 
 @scene.loads_scene
 def compare(
     source: Annotated[scene.SceneSource, typer.Argument(
-        metavar="SUBJECT", help="problem51, problem52, or a scene as in: pinconsist simulate.")],
+        metavar="SUBJECT", help="problem51, problem52, or a scene as for pinconsist simulate.")],
     with_velocity: given.WithVelocity = None,
     step: Annotated[list[float] | None, option(
         "--step", "SECONDS ...",
-        "Step sizes, one or several. Default: 0.01 0.001; for a scene 1/500 and 1/5000 of its duration.")] = None,
+        "One or more step sizes. Default: 0.01 0.001; for a scene 1/500 and 1/5000 of its duration.")] = None,
     order: Annotated[int, option("--order", "K", "BDF order.", min=1, max=6)] = 1,
-    rows: Annotated[int, option("--rows", "N", "Steps to take and print.", min=1)] = 6,
-    plot: Annotated[Text, option("--plot", "FILE.png", "Draw the errors over time.")] = None,
+    rows: Annotated[int, option("--rows", "N", "Number of steps to take and print.", min=1)] = 6,
+    plot: Annotated[Text, option("--plot", "FILE.png", "Plot the errors over time.")] = None,
     html: Annotated[Text, option(
-        "--html", "FILE.html", "Write a page that plays the steps from exact next to those from consistent values, "
+        "--html", "FILE.html", "Write a page that plays the runs from exact and from consistent values side by side, "
         "with their forces, in slow motion, for the smallest step size.")] = None,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
     """Compare the first constraint forces from exact and from numerically consistent initial values.
 
-    Prints the tables of Arévalo (2008): the error of a loop's force (without
-    loops of bodies: of a torque or multiplier) at each step from exact initial
-    values, from consistent ones, and with every step corrected. It is the loop
-    whose force is most in error at the first step. The reference of a scene is
-    scipy's DOP853.
+    Prints the tables of Arévalo (2008): the error of the force in a loop at each
+    step from exact initial values, from consistent ones, and with every step
+    corrected. The loop is the one with the largest error at the first step; if no
+    loop connects bodies, a torque or multiplier is compared. The reference of a
+    scene is scipy's DOP853.
 
     Example: pinconsist compare problem51 --step 0.01 0.001
     """
@@ -53,14 +53,14 @@ def compare(
             raise InputError(f"{subject} has its own loops and initial values; these options are for scenes")
         what, duration = subject, pc.Mechanism.duration
         if html and not isinstance(pc.reference_problem(subject).system, pc.Mechanism):
-            raise InputError(f"--html shows bodies, and {subject} has none")
+            raise InputError(f"--html shows bodies, but {subject} has none")
     else:
         what = source.load()
         duration = what.duration
     steps = step or [duration * share for share in STEPS]
     runs = []
     for k, h in enumerate(steps, start=1):
-        with doing(f"step size {h:g} s, {k} of {len(steps)}: {rows} steps in three ways, and the reference"):
+        with doing(f"step size {h:g} s, {k} of {len(steps)}: three runs of {rows} steps, and the reference"):
             result = pc.compare(what, [h], order=order, count=rows, q0=q0, v0=v0)
             runs += result.runs
     if html:
@@ -77,9 +77,9 @@ def compare(
 
 
 def _show(what, file, run):
-    """A page of the first steps from exact next to those from consistent values: a second each, ten at most in all.
+    """A page with the first steps from exact and from consistent values side by side: a second each, ten s at most.
 
-    It stops at the first step of the method, where the wrong force stands beside the true one.
+    It stops at the first step of the method, where the wrong force is shown next to the true one.
     """
     from ..view.page import write_page
 
@@ -113,4 +113,4 @@ def _print(result, mech):
         rows = list(zip(names, run.v_given, run.v_consistent, change, strict=True))
         output.table(("initial velocity", "given>.9g", "consistent>.9g", "change>.4e"), rows)
     if not any(run.v_given.any() for run in result.runs):
-        print("from rest exact values are nearly consistent; --with-velocity JOINT=VALUE shows more\n")
+        print("at rest, exact values are nearly consistent; --with-velocity JOINT=VALUE shows more\n")

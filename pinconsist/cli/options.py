@@ -1,4 +1,4 @@
-"""The options that several commands share."""
+"""Options shared by several commands."""
 
 from math import floor, log10
 from typing import Annotated
@@ -26,7 +26,7 @@ def present(**values) -> dict:
 
 # fmt: off
 Scene = Annotated[SceneSource, typer.Argument(metavar="SCENE", help=(
-    "A built-in scene (see: pinconsist models), a .urdf, .sdf or .xml (MJCF) file, or a folder of one .urdf."))]
+    "A built-in scene (see: pinconsist models), a .urdf, .sdf or .xml (MJCF) file, or a folder with one .urdf."))]
 
 From = Annotated[float, option("--from", "SECONDS", "Start time.", START)]
 Until = Annotated[Number, option(
@@ -38,21 +38,21 @@ WithVelocity = Annotated[Texts, option(
 Control = Annotated[Texts, option(
     "--control", "ACTUATOR=VALUE ...", "Commands of actuators, by their names or those of their joints, such as 0.4 or "
     "30deg. Default: those of the file.", START)]
-Step = Annotated[Number, option("--step", "SECONDS", "Fixed step. Default: step and order vary.", METHOD)]
+Step = Annotated[Number, option("--step", "SECONDS", "Fixed step. Default: variable step and order.", METHOD)]
 Rtol = Annotated[float, option("--rtol", "NUMBER", "Accuracy of the run, relative to the largest values.", METHOD)]
 Atol = Annotated[float, option("--atol", "NUMBER", "Accuracy of the run, absolute: rad, m; rad/s, m/s.", METHOD)]
-MaxSteps = Annotated[Count, option("--max-steps", "N", "Stop a run with an error after this many steps.", METHOD)]
+MaxSteps = Annotated[Count, option("--max-steps", "N", "Stop the run with an error after this many steps.", METHOD)]
 
 Forces = Annotated[bool, option("--forces", None, "Draw loop forces and moments, and motor torques, as arrows.", PAGE)]
 Traces = Annotated[Texts, option("--trace", "FRAME", "Draw the path of this frame; may be repeated.", PAGE)]
 Speed = Annotated[Number, option(
-    "--speed", "FACTOR", "2 plays twice as fast, 0.1 in slow motion. Default: 1; slower for runs of less than 1 s.",
+    "--speed", "FACTOR", "2: twice as fast; 0.1: slow motion. Default: 1, or slower for runs of less than 1 s.",
     PAGE)]
 
 RunOrScene = Annotated[str, typer.Argument(
     metavar="RUN.npz|SCENE", help="A saved run, or a scene, which is simulated first.")]
 SavedRun = Annotated[str, typer.Argument(metavar="RUN.npz", help="A saved run.")]
-SceneOfRun = Annotated[Text, option("--scene", "SCENE", "Scene of a saved run, where it is not the recorded one.")]
+SceneOfRun = Annotated[Text, option("--scene", "SCENE", "Scene of a saved run, if it is not the recorded one.")]
 # fmt: on
 
 
@@ -65,13 +65,13 @@ def look(sol, forces, traces, speed) -> dict:
 
 
 def require_drawable(source, traces, speed, mech):
-    """Raise InputError before a long run for what cannot be shown: no scene, a --trace that is no frame, a --speed."""
+    """Raise InputError before a long run if it cannot be shown: no scene, an unknown --trace, an invalid --speed."""
     if mech is None:
         raise InputError(
-            f"{source} holds a general problem, which has no scene to show; pinconsist plot {source} draws it"
+            f"{source} contains a general problem, which has no scene to show; use pinconsist plot {source}"
         )
     if speed is not None and not 0 < speed < float("inf"):
-        raise InputError(f"--speed {speed}: needs a positive number")
+        raise InputError(f"--speed {speed}: it must be a positive number")
     if traces:
         from ..formats.reading import near
 
@@ -85,4 +85,4 @@ def require_page(html, forces, traces, speed):
     """Raise InputError for options of a page without --html."""
     for name, value in {"--forces": forces, "--trace": traces, "--speed": speed is not None}.items():
         if value and not html:
-            raise InputError(f"{name} sets how the page of --html looks; give --html FILE.html too")
+            raise InputError(f"{name} is for the page of --html; add --html FILE.html")

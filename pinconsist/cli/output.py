@@ -1,4 +1,4 @@
-"""What commands print and write: exit codes, messages, tables, JSON, and files that are checked before a long run."""
+"""Output of commands: exit codes, messages, tables, JSON, and files, which are checked before a long run."""
 
 import json
 import math
@@ -20,11 +20,11 @@ from .. import files
 from ..errors import AssemblyError, InputError
 
 FINE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-WIDTH, PLAIN_WIDTH = 160, 80  # of text at most; of what goes to a file or a pipe
-GAP, ABOUT = "  ", 43  # between columns; where the last one of a certificate begins
-NOTHING = 1e-12  # rad or m, and the like, of what is zero
+WIDTH, PLAIN_WIDTH = 160, 80  # largest width of text on a terminal; width in a file or a pipe
+GAP, ABOUT = "  ", 43  # between columns; start of the last column of a certificate
+NOTHING = 1e-12  # rad, m and so on: smaller numbers are printed as zero
 WHOLE_WORDS: Any = {"break_long_words": False, "break_on_hyphens": False}
-AT_TIME = re.compile(r"\bt = \S+ s\b")  # stays in one line
+AT_TIME = re.compile(r"\bt = \S+ s\b")  # not broken across lines
 LOADED = re.compile(r"load\(…, (\w+ ?= ?[^)]+)\)")
 ARGUMENT = re.compile(
     r"\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer|precision|closure|loops|ignore|consistency|method|step|at)"
@@ -36,11 +36,10 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instea
 
 
 def table(columns, rows, *, title=None):
-    """Print a table and an empty line; a column named ``...>`` holds numbers: aligned right, never broken.
+    """Print a table and an empty line; a column named ``...>`` contains numbers: aligned right, never broken.
 
-    After ``>`` may stand how :func:`size` prints its floats, as in ``gap>.3g``. The table fits the terminal, or 80
-    columns: texts go on in further lines, words stay whole, and columns for which there is no room follow below, beside
-    the first one once more.
+    After ``>`` the format of :func:`size` for its floats may follow, as in ``gap>.3g``. The table fits the terminal, or
+    80 columns: texts are wrapped at words, and columns that do not fit are printed below, with the first one repeated.
     """
     parted = [name.partition(">") for name in columns]
     aligned = [sign or "<" for _, sign, _ in parted]
@@ -71,7 +70,7 @@ def _cell(value, digits) -> str:
 
 
 def _blocks(widths, room) -> list[list[int]]:
-    """The columns of the parts of a table, each within the room where that is possible."""
+    """The columns of the parts into which a table is split, each within `room` if possible."""
     blocks, taken = [[0]], widths[0]
     for k, width in enumerate(widths[1:], start=1):
         taken += len(GAP) + width
@@ -83,7 +82,7 @@ def _blocks(widths, room) -> list[list[int]]:
 
 
 def _widened(least, natural, room) -> list[int]:
-    """Widths of columns that share the room that is left, the narrowest wishes first."""
+    """Widths of columns that share the remaining room; those that need the least get it first."""
     widths, spare = list(least), room - sum(least) - len(GAP) * (len(least) - 1)
     for left, k in enumerate(sorted(range(len(least)), key=lambda k: natural[k] - least[k]), start=-len(least)):
         widths[k] += (more := max(0, min(natural[k] - least[k], spare // -left)))
@@ -92,17 +91,17 @@ def _widened(least, natural, room) -> list[int]:
 
 
 def size(value, digits=".6g") -> str:
-    """A number as text; what is below 1e-12 is rounding, and 0."""
+    """A number as text; a value below 1e-12 is rounding and printed as 0."""
     return "0" if abs(value) < NOTHING else f"{value:{digits}}"
 
 
 def paragraph(text, *, indent="", hanging=""):
-    """Print a text in lines that fit the terminal, or 80 columns; words stay whole."""
+    """Print a text in lines that fit the terminal, or 80 columns, without breaking words."""
     print(_filled(text, sys.stdout, indent, indent + hanging))
 
 
 def verdict(certificate):
-    """Print what a certificate says, each line of it within the terminal: its verdict, and each ``look``, in colour."""
+    """Print a certificate, wrapped to the terminal, with its verdict and each ``look`` in colour."""
     from rich.console import Console
     from rich.text import Text
 
@@ -130,20 +129,20 @@ def _width(stream) -> int:
 
 
 def message(kind, text):
-    """Print an error or a warning on stderr, in the terms of the command line; in one line where nobody reads it."""
+    """Print an error or a warning on stderr, in terms of the command line; in a single line if not on a terminal."""
     line = f"pinconsist: {kind}: {in_options(text)}"
     print(_filled(line, sys.stderr, "", "  ") if on_terminal() else line, file=sys.stderr)
 
 
 def in_options(text) -> str:
-    """A text of the package with options in place of the arguments of Python: ``--rtol 1e-6`` for ``rtol = 1e-6``."""
+    """A text of the package with Python's arguments replaced by options: ``--rtol 1e-6`` for ``rtol = 1e-6``."""
     text = LOADED.sub(r"\1", str(text))
     return ARGUMENT.sub(lambda found: f"--{SPELT.get(name := found[1] or found[3], name).replace('_', '-')}"
                         + (f" {found[2]}" if found[2] else ""), text)  # fmt: skip
 
 
 def print_error(error):
-    """Print an error on stderr and, where its advice is in terms of Python, the options to use instead."""
+    """Print an error on stderr and, if its advice is in terms of Python, the options to use instead."""
     message("error", error)
     if isinstance(error, AssemblyError) and error.gaps:
         print("on the command line: --at JOINT=VALUE, --closure point, --reanchor", file=sys.stderr)
@@ -156,12 +155,12 @@ def counted(count: int, noun: str) -> str:
 
 
 def first(texts, most, more="… and {} more") -> list[str]:
-    """At most so many of the texts, and then how many more there are."""
+    """At most `most` of the texts, followed by the number of the others."""
     return [*texts[:most], *([more.format(len(texts) - most)] if len(texts) > most else [])]
 
 
 def print_json(values):
-    """One JSON object on stdout; numbers that JSON does not know become null."""
+    """Print one JSON object on stdout; NaN and infinity become null."""
     print(json.dumps(_plain(values), allow_nan=False))
 
 
@@ -176,7 +175,7 @@ def _plain(value):
 
 
 def require_writable(*, figure=None, **others):
-    """Raise InputError now for files, given by the names of their options, that could not be written after the run."""
+    """Raise InputError for files, given by the names of their options, that could not be written after the run."""
     options: dict[Path, str] = {}
     for option, file in {**others, "plot": figure}.items():
         if file is not None:
@@ -204,7 +203,7 @@ def written(file, write, hint=""):
 
 
 def rescued(solution):
-    """Save a run elsewhere whose own file cannot be written; the file, or None if no folder can be written."""
+    """Save a run elsewhere if its own file cannot be written; return the file, or None if no folder is writable."""
     for folder in (tempfile.gettempdir(), Path.home(), Path.cwd()):
         with suppress(OSError):
             return solution.save(Path(folder, f"pinconsist-{secrets.token_hex(4)}.npz"))

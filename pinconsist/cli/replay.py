@@ -1,4 +1,4 @@
-"""`pinconsist replay`, `render` and `plot`: the commands that show a run, made before or for them."""
+"""`pinconsist replay`, `render` and `plot`: the commands that show a run, saved or simulated for them."""
 
 import logging
 import time
@@ -31,7 +31,7 @@ def replay(
     forces: given.Forces = False,
     traces: given.Traces = None,
     speed: given.Speed = None,
-    loop: Annotated[bool, option("--loop/--once", None, "Play again and again, or once.")] = True,
+    loop: Annotated[bool, option("--loop/--once", None, "Play repeatedly, or once.")] = True,
     html: Annotated[Text, option("--html", "FILE.html", "Write the page instead of opening a browser.")] = None,
     no_browser: Annotated[bool, option(
         "--no-browser", None, "Only print the page's address and serve it until Ctrl-C.")] = False,
@@ -58,10 +58,10 @@ def _serve(mech, sol, options, no_browser):
         webbrowser.get()
     except webbrowser.Error:
         no_browser = True
-        print("no browser was found here")
+        print("no browser was found")
     address = pc.replay(mech, sol, **options, open_browser=not no_browser)
     if not no_browser:
-        print("the page is open in your browser, and plays on without this command")
+        print("the page is open in your browser, and keeps playing after this command")
         return
     print(f"served at {address} until Ctrl-C; --html FILE writes the page to a file", flush=True)
     with suppress(KeyboardInterrupt):
@@ -102,14 +102,14 @@ def plot(
     source: given.RunOrScene,
     what: Annotated[str, option(
         "--what", "NAME,NAME,...",
-        "Pictures, one under the other: trajectory, multipliers, drift, energy, steps, phase.",
+        "Pictures, from top to bottom: trajectory, multipliers, drift, energy, steps, phase.",
     )] = "trajectory,multipliers",
     out: Annotated[Text, option("--out", "FILE.png", "The figure (or .pdf, .svg). Default: NAME.png here.")] = None,
     until: given.Until = None,
     scene_of_run: given.SceneOfRun = None,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
-    """Draw a saved run, or a scene.
+    """Plot a saved run, or a scene.
 
     Example: pinconsist plot run.npz --what multipliers,energy --out run.png
     """
@@ -120,13 +120,12 @@ def plot(
     names = [name.strip() for name in what.split(",")]
     for name in names:
         if name not in PICTURES:
-            raise InputError(f"--what {what}: there is no picture {name!r}; there are {', '.join(PICTURES)}")
+            raise InputError(f"--what {what}: there is no picture {name!r}; available: {', '.join(PICTURES)}")
     mech, sol, code = run_of(source, scene_of_run, until)
     if mech is None and (without := [name for name in names if name in OF_A_SCENE]):
         there = ", ".join(name for name in PICTURES if name not in OF_A_SCENE)
         raise InputError(
-            f"--what {without[0]}: {source} holds a general problem, which has no scene; what can be drawn "
-            f"of it: {there}"
+            f"--what {without[0]}: {source} contains a general problem, which has no scene; available for it: {there}"
         )
     output.written(out, lambda: plot_solution(sol, out, mech, names))
     if as_json:
@@ -174,21 +173,20 @@ def _saved(file, given):
     if about := (sol.recipe or {}).get("scene"):
         source = scene.SceneSource.recorded(about, file)
         source = replace(source, source=given) if given else source
-    elif not name:  # also where a file in the folder has its name
+    elif not name:  # even if a file in the folder has this name
         return None, sol
     elif given or is_built_in(name):
         source = scene.SceneSource(name)
     else:
         raise InputError(
-            f"{file} holds only the name of its scene, {name!r}, because the run was made in Python; give the scene "
-            "by --scene"
+            f"{file} contains only the name of its scene, {name!r}, because the run was made in Python; pass the scene "
+            "with --scene"
         )
     mech, hashes = source.load_for(file)
-    require_mechanism(sol, mech, file, "; name its scene by --scene")
+    require_mechanism(sol, mech, file, "; pass its scene with --scene")
     if changed := changed_files((sol.recipe or {}).get("files", hashes), hashes):
         _log.warning(
-            "the scene is not as it was when this run was made (%s); energies and forces are those of the "
-            "changed scene",
+            "the scene has changed since this run was made (%s); energies and forces are those of the changed scene",
             "; ".join(changed),
         )
     return mech, sol

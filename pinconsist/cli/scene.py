@@ -1,4 +1,4 @@
-"""The scene of a command: how it is given, what is printed about it, and what looks like a mistake."""
+"""The scene of a command: its options, its description, and warnings about likely mistakes."""
 
 import logging
 import re
@@ -28,22 +28,22 @@ def source_of(
     loops: Annotated[Text, option(
         "--loops", "FILE", "Loop file (YAML). Default: the one next to the .urdf.", SCENE)] = None,
     closure: Annotated[Text, option(
-        "--closure", "KIND", "Close every loop by this kind instead, such as point, hinge or frame.", SCENE)] = None,
+        "--closure", "KIND", "Close all points, frames and hinges by this kind: point, frame or hinge.", SCENE)] = None,
     free_flyer: Annotated[bool, option(
         "--free-flyer", None, "Let the root link float instead of fixing it to the ground.", SCENE)] = False,
     package_dirs: Annotated[Texts, option(
-        "--package-dir", "DIR", "Folder to look for meshes in; may be repeated.", SCENE)] = None,
+        "--package-dir", "DIR", "Folder in which meshes are searched for; may be repeated.", SCENE)] = None,
     precision: Annotated[float, option(
-        "--precision", "NUMBER", "How far off the numbers of the file may be, m and rad: 1e-6 if it was written with "
-        "six digits. Loops that lock or contradict each other only by rounding then move.", SCENE)] = 0.0,
+        "--precision", "NUMBER", "Error of the numbers in the file, m and rad: 1e-6 if it was written with six digits. "
+        "Loops that lock or contradict each other only because of rounding are made consistent.", SCENE)] = 0.0,
     ignore: Annotated[Texts, option(
-        "--ignore", "TAG", "Load a file without these elements, which close loops in another program and are not read "
-        "here, by tag or name; may be repeated.", SCENE)] = None,
+        "--ignore", "TAG", "Load the file without these elements, by tag or name, which close loops in another program "
+        "and are not supported here; may be repeated.", SCENE)] = None,
     reanchor: Annotated[bool, option(
-        "--reanchor", None, "Move the anchors of loops that cannot close to where they fit best.", SCENE)] = False,
+        "--reanchor", None, "Move the anchors of loops that cannot close to the best fit.", SCENE)] = False,
     at: Annotated[Texts, option(
         "--at", "JOINT=VALUE ...", "Initial positions of these joints, in rad or m, such as 0.3, pi/2 or 30deg; the "
-        "others follow. Several numbers: joint=0,0,0,1.", START)] = None,
+        "others follow. For a joint with several numbers: joint=0,0,0,1.", START)] = None,
 ) -> SceneSource:
     # fmt: on
     """The source of a scene, from the options of all commands that load one."""
@@ -52,7 +52,7 @@ def source_of(
 
 
 def loads_scene(command):
-    """Give a command the options of :func:`source_of` in the place of its parameter `source`, which they make."""
+    """Replace the parameter `source` of a command by the options of :func:`source_of`, which create it."""
     options, parameters = signature(source_of).parameters, []
     for name, each in signature(command).parameters.items():
         if name == "source":
@@ -71,7 +71,7 @@ def loads_scene(command):
 
 
 def commands_of(texts) -> dict[str, float]:
-    """Actuator → command, as --control gives them."""
+    """Actuator → command, from the texts of --control."""
     given = joint_values(texts, "--control", "actuator")
     if several := [name for name, values in given.items() if len(values) > 1]:
         raise InputError(f"--control {several[0]} needs one number, got {len(given[several[0]])}")
@@ -91,13 +91,13 @@ def joint_values(texts, option: str, kind: str = "joint") -> dict[str, list[floa
         try:
             values[joint] = [number(each) for each in numbers.split(",")]
         except ValueError:
-            several = "; separate several by spaces" if "=" in numbers else ""
+            several = "; separate joints by spaces" if "=" in numbers else ""
             raise InputError(f"{option} {text}: {numbers!r} is not a number{several}") from None
     return values
 
 
 def number(text) -> float:
-    """A number, which may be a multiple of pi (only exact values give a singular position), or in degrees, 30deg."""
+    """A number; also a multiple of pi, as only exact values are singular positions, or degrees, such as 30deg."""
     text = text.replace(" ", "")
     if text.endswith("deg"):
         return number(text.removesuffix("deg")) * pi / 180.0
@@ -122,8 +122,8 @@ def describe(mech, assembly) -> str:
 def assembled(mech, q0, v0=None, t=0.0):
     """The closed configuration of a command, from the values of --at and --with-velocity.
 
-    InputError if each position is possible, but not all together. Joints that end close by are only reported: rounded
-    values that choose one of several ways to close the loops do not contradict each other.
+    InputError if each position is possible alone, but not all together. If the joints end nearby, only a warning is
+    issued: rounded values may be meant to select one of several assembly modes.
     """
     from ..mechanism.assembly import not_kept
     from ..mechanism.checks import coordinates
@@ -134,7 +134,7 @@ def assembled(mech, q0, v0=None, t=0.0):
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         assembly = pc.assemble(mech, q0 or None, v0 or None, t=t)
-    with warnings.catch_warnings():  # each joint alone may close elsewhere, of which nothing is to be said
+    with warnings.catch_warnings():  # warnings about single joints are not of interest
         warnings.simplefilter("ignore")
         if len(q0) > 1 and not_kept(mech, q0, assembly.q, CLOSE_BY):
             alone = {joint: pc.assemble(mech, {joint: value}, t=t).q for joint, value in q0.items()}
@@ -142,8 +142,8 @@ def assembled(mech, q0, v0=None, t=0.0):
                 first, *others = q0
                 raise InputError(
                     f"{mech.name}: the loops do not allow the positions given for {', '.join(q0)} together: with "
-                    f"{positions(alone[first], [first])} they close at {positions(alone[first], others)}. Name fewer "
-                    "joints by --at"
+                    f"{positions(alone[first], [first])} they close at {positions(alone[first], others)}. Give fewer "
+                    "joints with --at"
                 )
     for each in told:
         warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
@@ -151,12 +151,12 @@ def assembled(mech, q0, v0=None, t=0.0):
 
 
 def text(value, digits=4) -> str:
-    """A number, or several with spaces between them."""
+    """A number, or several separated by spaces."""
     return " ".join(size(each, f".{digits}g") for each in (value if hasattr(value, "__len__") else [value]))
 
 
 def scene_warnings(mech, assembly) -> list[str]:
-    """Log what looks like a mistake in a scene that closes, and return it: a sentence for each."""
+    """Log warnings about likely mistakes in a scene that closes; return them as sentences."""
     from ..mechanism.names import beyond_limits
 
     outside = [
@@ -171,7 +171,7 @@ def scene_warnings(mech, assembly) -> list[str]:
 
 
 def _immobile(mech, assembly) -> list[str]:
-    """A sentence about a mechanism of mobility 0 that no drive moves, and the rows that hold it."""
+    """A warning about a mechanism of mobility 0 without drives, with the rows that lock it; or an empty list."""
     import numpy as np
 
     from ..mechanism.closing import LoopSolver
@@ -181,7 +181,7 @@ def _immobile(mech, assembly) -> list[str]:
     if assembly.mobility or not mech.loops:
         return []
     solver = LoopSolver(mech)
-    if solver.loop_rows.moving or hint(mech):  # of which assembly has warned
+    if solver.loop_rows.moving or hint(mech):  # about the hint, assembly has warned
         return []
     _, J = solver.rows(assembly.q)
     helping = []
@@ -189,9 +189,9 @@ def _immobile(mech, assembly) -> list[str]:
         rows = [row for row in loop.rows if row in TILTS]
         kept = np.array([of != loop.name or row not in rows for of, row in mech.row_labels])
         if left := mech.nv - len(independent_rows(J[kept], solver.loop_rows.turns[kept])):
-            helping.append(f"without rows {', '.join(rows)} loop {loop.name!r} would leave {counted(left, 'motion')}")
+            helping.append(f"without rows {', '.join(rows)}, loop {loop.name!r} would leave {counted(left, 'motion')}")
     advice = f"; {'; '.join(helping[:MOST_SHOWN])}, as a planar hinge does" if helping else ""
     return [
-        f"nothing can move: the loops hold all {mech.nv} velocities, and nothing is driven. Check the axes of loops "
+        f"nothing can move: the loops lock all {mech.nv} velocities, and there are no drives. Check the axes of loops "
         f"and joints{advice}"
     ]

@@ -10,7 +10,7 @@ from . import output, scene
 from .options import Texts, option
 from .terminal import doing
 
-SHARE = 0.01  # of a parameter
+SHARE = 0.01  # relative change of a parameter
 KINDS = ("mass", "length", "stiffness", "damping", "friction", "gravity")
 
 
@@ -18,10 +18,10 @@ KINDS = ("mass", "length", "stiffness", "damping", "friction", "gravity")
 def sensitivity(
     source: given.Scene,
     of: Annotated[str, option(
-        "--of", "NAME", "What changes: a frame (where it is), a joint, or a loop (its force).")] = "",
+        "--of", "NAME", "The quantity: a frame (its position), a joint, or a loop (its force).")] = "",
     to: Annotated[Texts, option(
-        "--to", "NAME ...", "What it is changed by: mass, length, stiffness, damping, friction or gravity, all of "
-        "them, or parameters by name, such as mass:coupler or motor.speed.")] = None,
+        "--to", "NAME ...", "The parameters: all of a kind (mass, length, stiffness, damping, friction, gravity), or "
+        "by name, such as mass:coupler or motor.speed.")] = None,
     start: given.From = 0.0,
     until: given.Until = None,
     with_velocity: given.WithVelocity = None,
@@ -29,16 +29,16 @@ def sensitivity(
     atol: given.Atol = 1e-9,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
-    """Simulate a scene, and print what its parameters change at the end of the run.
+    """Simulate a scene, and print the effect of its parameters at the end of the run.
 
-    A row for each parameter: its value, the derivatives of the quantity by it,
-    and how far one percent more of it moves the quantity. Lengths that part a
-    redundant loop are left out, and named.
+    Each parameter has a row: its value, the derivatives of the quantity by it,
+    and the change of the quantity if the parameter grows by one percent. Lengths
+    that would open a redundant loop are listed and left out.
 
     Example: pinconsist sensitivity jansen_leg --of foot --to mass length --until 0.3
     """
     if not of or not to:
-        raise InputError("give --of NAME, a frame, joint or loop, and --to NAME ..., such as --to mass length")
+        raise InputError("--of NAME (a frame, joint or loop) and --to NAME ... (such as --to mass length) are needed")
     q0, v0 = ({name: value[0] if len(value) == 1 else value for name, value in values.items()}
               for values in (source.at, scene.joint_values(with_velocity, "--with-velocity")))  # fmt: skip
     mech = source.load()
@@ -49,7 +49,7 @@ def sensitivity(
     labels, quantity = _quantity(mech, of)
     names = [name for one in to for name in (names_of(mech, one) if one in KINDS else [one])]
     if not names:
-        raise InputError(f"{mech.name} has nothing of the kind {' '.join(to)}")
+        raise InputError(f"{mech.name} has no parameters of the kind {' '.join(to)}")
     until = start + mech.duration if until is None else until
     options = {"t_eval": [until], "rtol": rtol, "atol": atol}
     with doing(f"the run, and its derivatives by {output.counted(len(names), 'parameter')}"):
@@ -67,12 +67,12 @@ def sensitivity(
     heads = ("parameter", "value>.6g", *(f"d {label}>.4e" for label in labels), "by 1 %>.2e")
     for name, why in refused.items():
         output.paragraph(f"left out: {name}: {why}", hanging="  ")
-    output.table(heads, cells, title=f"{of} of {mech.name} at t = {until:g} s, its change by each parameter")
+    output.table(heads, cells, title=f"{of} of {mech.name} at t = {until:g} s: its change with each parameter")
     return output.FINE
 
 
 def _quantity(mech, name):
-    """Labels, and a function of mechanism and state: a frame's place, a joint's numbers, or a loop's multipliers."""
+    """Labels, and a function of mechanism and state: a frame's position, a joint's, or a loop's multipliers."""
     import pinocchio as pin
 
     from ..mechanism.checks import frame_of, near, places
@@ -97,7 +97,7 @@ def _quantity(mech, name):
 
 
 def _without_refused(mech, names, span, q0, v0, options):
-    """The sensitivities by all parameters that can be varied, and why the others cannot."""
+    """The sensitivities to all parameters that can be varied, and the reasons why others cannot."""
     refused: dict[str, str] = {}
     while True:
         left = [name for name in names if name not in refused]

@@ -1,4 +1,4 @@
-"""`pinconsist simulate`, `rerun` and `resume`: the commands that make a run."""
+"""`pinconsist simulate`, `rerun` and `resume`: the commands that run a simulation."""
 
 import time
 from dataclasses import asdict
@@ -24,8 +24,8 @@ def simulate(
     control: given.Control = None,
     step: given.Step = None,
     order: Annotated[Count, option(
-        "--order", "K", "BDF: highest order, 1 to 5 (default 5); with --step the order throughout, 1 to 6. Radau: "
-        "the order, 1, 3, 5, 9 or 13 (default: it chooses).", METHOD)] = None,
+        "--order", "K", "BDF: highest order, 1 to 5 (default 5); with --step the constant order, 1 to 6. Radau: "
+        "the order, 1, 3, 5, 9 or 13 (default: variable).", METHOD)] = None,
     method: Annotated[str, option("--method", "NAME", "BDF, Radau or ImplicitEuler.", METHOD)] = "BDF",
     rtol: given.Rtol = 1e-6,
     atol: given.Atol = 1e-8,
@@ -36,13 +36,13 @@ def simulate(
         "changed (needs --step). exact: plain BDF, whose first forces are wrong.", METHOD)] = "every-step",
     out: Annotated[Text, option("--out", "FILE.npz", "Save the run.", RESULTS)] = None,
     save_every: Annotated[Number, option(
-        "--save-every", "SECONDS", "Also save the run after each such interval of simulated time; pinconsist resume "
+        "--save-every", "SECONDS", "Also save the run at these intervals of simulated time; pinconsist resume "
         "continues from there.", RESULTS)] = None,
-    html: Annotated[Text, option("--html", "FILE.html", "Write a page that plays it.", RESULTS)] = None,
+    html: Annotated[Text, option("--html", "FILE.html", "Write a page that plays the run.", RESULTS)] = None,
     forces: given.Forces = False,
     traces: given.Traces = None,
     speed: given.Speed = None,
-    plot: Annotated[Text, option("--plot", "FILE.png", "Draw it over time (or .pdf, .svg).", RESULTS)] = None,
+    plot: Annotated[Text, option("--plot", "FILE.png", "Plot the run over time (or .pdf, .svg).", RESULTS)] = None,
     table: Annotated[Text, option(
         "--csv", "FILE.csv", "Write positions, velocities, accelerations and multipliers, by name, with units.",
         RESULTS)] = None,
@@ -56,7 +56,7 @@ def simulate(
     if out and Path(out).suffix != ".npz":
         raise InputError(f"--out {out}: a run is saved as .npz")
     if save_every is not None and not out:
-        raise InputError("--save-every sets when the run is saved; give --out FILE.npz too")
+        raise InputError("--save-every needs a file for the run; add --out FILE.npz")
     output.require_writable(out=out, html=html, csv=table, figure=plot)
     require_page(html, forces, traces, speed)
     from ..checkpoints import Recipe, carry_out
@@ -67,7 +67,7 @@ def simulate(
     until = start + mech.duration if until is None else until
     commands = scene.commands_of(control)
     if commands:
-        mech.with_control(commands)  # refuses unknown ones before the run
+        mech.with_control(commands)  # raises an error for unknown names before the run
     assembly = scene.assembled(mech, q0, v0, start)
     scene.scene_warnings(mech, assembly)
     if not as_json:
@@ -79,11 +79,11 @@ def simulate(
     where = source.record(out or "run.npz")
     recipe = Recipe.of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)
     began = time.perf_counter()
-    with RunProgress(start, until) as progress:  # what was reached is saved before anything else can go wrong
+    with RunProgress(start, until) as progress:  # the run is saved before anything else can go wrong
         sol = carry_out(recipe, mech, out, callback=progress)
     seconds = time.perf_counter() - began
     certificate = checked(sol)
-    with deferred(impatient=False):  # a further Ctrl-C takes effect when the files are written and named
+    with deferred(impatient=False):  # another Ctrl-C takes effect after the files are written and listed
         try:
             if html:
                 _written(html, sol, out, lambda: pc.export_html(mech, sol, html, **look(sol, forces, traces, speed)))
@@ -105,7 +105,7 @@ def simulate(
 
 
 def _written(file, sol, out, write):
-    """Call `write`, which writes `file`; if that fails, a run that is in no file yet is not lost."""
+    """Call `write`, which writes `file`; if that fails, a run that is not saved yet is not lost."""
     try:
         with doing(f"writing {file}"):
             output.written(file, write)
@@ -141,8 +141,8 @@ def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
 def rerun(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: output.Json = False) -> int:
     """Repeat a saved run from the settings in its file, and compare every number.
 
-    The exit code is 0 if all are the same, bit for bit, and 1 if not. Other
-    differences are named: versions of packages, files of the scene.
+    The exit code is 0 if all are the same, bit for bit, and 1 if not. Different
+    versions of packages and changed files of the scene are listed.
 
     Example: pinconsist rerun run.npz
     """
@@ -157,10 +157,10 @@ def rerun(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: o
 
 
 def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: output.Json = False) -> int:
-    """Continue a run that was interrupted, from its last checkpoint.
+    """Continue an interrupted run from its last checkpoint.
 
-    Checkpoints are those of simulate --save-every; a run without any starts
-    again. The numbers are those of an uninterrupted run, bit for bit. It is
+    Checkpoints are made by simulate --save-every; a run without any starts
+    again. The numbers are those of an uninterrupted run, bit for bit. The run is
     saved at checkpoints as before, in the same file.
 
     Example: pinconsist resume run.npz
@@ -198,12 +198,12 @@ def _progress_of(sol, file):
 
 
 def exit_code(sol) -> int:
-    """The exit code of a run; its only callback never stops it, so a run that was stopped was interrupted."""
+    """The exit code of a run; the only callback never stops it, so a stopped run was interrupted."""
     return {0: output.FINE, 1: output.INTERRUPTED, -1: output.FAILED}[sol.status]
 
 
 def resume_hint(sol, file) -> str:
-    """What `pinconsist resume` will do with a run that was interrupted."""
+    """What `pinconsist resume` will do with an interrupted run."""
     if at := sol.recipe["checkpoint"]:
         return f"pinconsist resume {file} continues it from t = {at['t']:g} s, its last checkpoint"
     start = f"{sol.recipe['t_span'][0]:g} s"
@@ -218,17 +218,17 @@ def print_in_a_line(sol):
 
 
 def checked(sol):
-    """The certificate of a run; None where Ctrl-C skipped it."""
+    """The certificate of a run; None if Ctrl-C skipped it."""
     again = "again " if exit_code(sol) == output.INTERRUPTED else ""
     try:
         with doing(f"checking (Ctrl-C {again}skips)"):
-            return sol.check(error=False if again else None)  # who interrupts does not want another run
+            return sol.check(error=False if again else None)  # after an interrupt, no second run is made
     except KeyboardInterrupt:
         return None
 
 
 def print_run(sol, certificate, seconds):
-    """How a run ended and its verdict, a line each, then the details."""
+    """Print how a run ended and its verdict, a line each, then the details."""
     print_in_a_line(sol)
     if certificate:
         output.verdict(certificate)

@@ -1,4 +1,4 @@
-"""`pinconsist sweep`: the cases that --vary describes, their runs, and the table."""
+"""`pinconsist sweep`: the cases of --vary, their runs, and the table."""
 
 import itertools
 import math
@@ -19,7 +19,7 @@ from .options import Count, Text, Texts, option, present
 from .terminal import counting
 
 CASES = "Cases"  # panel of the help
-LOGGED = 10  # cases, from which on a log gets a line for every tenth
+LOGGED = 10  # smallest number of cases for which a log gets a line for every tenth of them
 MOST_SHOWN = 5  # failed cases whose messages are printed
 MOST = 1_000_000
 DISTRIBUTIONS = {"normal": "normal:MEAN:DEVIATION", "uniform": "uniform:LOW:HIGH"}
@@ -31,11 +31,11 @@ def sweep(
     *,
     vary: Annotated[Texts, option(
         "--vary", "NAME=VALUES",
-        "What varies: JOINT (its initial position), JOINT_speed, JOINT_torque, LOOP.NUMBER or FORCE.NUMBER as in the "
-        "scene file (motor.speed), mass:BODY, length:JOINT, stiffness:JOINT and the like, gravity.z, rtol, atol, step, "
+        "NAME is JOINT (its initial position), JOINT_speed, JOINT_torque, LOOP.NUMBER or FORCE.NUMBER as in the "
+        "scene file (motor.speed), mass:BODY, length:JOINT, stiffness:JOINT and so on, gravity.z, rtol, atol, step or "
         "until. VALUES are FROM:TO:STEP, a list 1,2,5, "
-        "normal:MEAN:DEVIATION or uniform:LOW:HIGH. Repeated: every combination.", CASES)] = None,
-    count: Annotated[Count, option("--count", "N", "Samples of normal: or uniform: values.", CASES)] = None,
+        "normal:MEAN:DEVIATION or uniform:LOW:HIGH. If repeated, all combinations are simulated.", CASES)] = None,
+    count: Annotated[Count, option("--count", "N", "Number of samples of normal: or uniform: values.", CASES)] = None,
     seed: Annotated[Count, option("--seed", "N", "Seed of the samples. Default: 0.", CASES)] = None,
     source: given.Scene,
     start: given.From = 0.0,
@@ -45,17 +45,17 @@ def sweep(
     rtol: given.Rtol = 1e-6,
     atol: given.Atol = 1e-8,
     max_steps: given.MaxSteps = None,
-    workers: Annotated[int, option("--workers", "N", "Processes that share the cases.")] = 1,
+    workers: Annotated[int, option("--workers", "N", "Number of processes that share the cases.")] = 1,
     out: Annotated[Text, option(
-        "--out", "FILE.csv", "Write the table here. Until it is complete its rows are in FILE.csv.partial, from which "
-        "the same command continues after it was stopped.")] = None,
+        "--out", "FILE.csv", "Write the table here. Until it is complete, its rows are in FILE.csv.partial; the same "
+        "command continues from there after an interruption.")] = None,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
     """Simulate a scene many times, with one or more parameters varied.
 
-    Each case is a row: how it ended, the largest gap of a loop, the energy
-    balance, q and v at the end. A case that fails is a row too, and the exit
-    code is then 1.
+    Each case has a row: how it ended, the largest gap of a loop, the energy
+    balance, and q and v at the end. A case that fails also has a row, and the
+    exit code is then 1.
 
     Example: pinconsist sweep crank_rocker --vary crank_speed=5:15:0.1 --workers 2 --out table.csv
     """
@@ -64,7 +64,7 @@ def sweep(
     if workers < 1:
         raise InputError(f"--workers must be at least 1, got {workers}")
     if not vary:
-        raise InputError("give what varies, such as --vary JOINT=0:1:0.1; pinconsist sweep --help lists what can vary")
+        raise InputError("--vary is needed, such as --vary JOINT=0:1:0.1; pinconsist sweep --help lists the names")
     if out and Path(out).suffix != ".csv":
         raise InputError(f"--out {out}: a table is saved as .csv")
     output.require_writable(out=out)
@@ -74,7 +74,7 @@ def sweep(
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
     for name in names:
         if name in q0 or name.removesuffix("_speed") in v0.keys() - {name}:
-            raise InputError(f"{name} is varied, and also has a value by --at or --with-velocity")
+            raise InputError(f"{name} is varied, but also has a value in --at or --with-velocity")
     duration = loaded(source, anew=True).duration
     until = start + duration if until is None else until
     settings = present(rtol=rtol, atol=atol, step=step, max_steps=max_steps)
@@ -82,7 +82,7 @@ def sweep(
     scene_sweep.check(cases[0])  # an unknown name is refused before the sweep begins
     with output.written(f"{out}.partial", lambda: Journal(out, out and scene_sweep.about(cases))) as journal:
         if journal.rows and not as_json:
-            print(f"{len(journal.rows)} of {len(cases)} cases are in {journal.path} already")
+            print(f"{len(journal.rows)} of {len(cases)} cases are already in {journal.path}")
         _run(scene_sweep, cases, workers, journal)
         if out and len(journal.rows) == len(cases):
             _written(journal, out, lambda: write_table(out, scene_sweep, cases, journal.rows))
@@ -93,9 +93,9 @@ def sweep(
 def cases_of(texts, count: int | None = None, seed: int | None = None):
     """Names and cases of texts such as ``crank_speed=5:15:0.1``: tuples of str, and of numbers; or InputError.
 
-    The lists are crossed, the last one running fastest. All random names together are one more list of `count` samples,
-    crossed with the others like one; sample i comes from the i-th of ``numpy.random.SeedSequence(seed).spawn(count)``,
-    so that it stays the same when `count` grows.
+    The cases are all combinations of the lists; the last list varies fastest. All random names together are one more
+    list, of `count` samples; sample i is drawn with the i-th of ``numpy.random.SeedSequence(seed).spawn(count)``, so
+    that it does not change if `count` grows.
     """
     lists, random = {}, {}
     for text in texts:
@@ -112,12 +112,14 @@ def cases_of(texts, count: int | None = None, seed: int | None = None):
         except InputError as error:
             raise InputError(f"--vary {text}: {error}") from None
     if bool(random) != (count is not None):
-        raise InputError("--count is the number of samples of normal: and uniform: values; give both or neither")
+        raise InputError("--count is the number of samples of normal: and uniform: values; use both or neither")
     if seed is not None and not random:
         raise InputError("--seed is for normal: and uniform: values")
     size = math.prod(map(len, lists.values())) * (count or 1)
     if size > MOST:
-        raise InputError(f"{size} cases are more than a million; take larger steps, or draw samples: normal:, uniform:")
+        raise InputError(
+            f"{size} cases are more than a million; use larger steps or random samples (normal:, uniform:)"
+        )
     samples = [()] if count is None else _samples(random.values(), count, seed or 0)
     cases = [(*values, *sample) for *values, sample in itertools.product(*lists.values(), samples)]
     return (*lists, *random), cases
@@ -152,11 +154,11 @@ def _list(values):
     if values.count(":") != 2:
         raise InputError("a range needs FROM:TO:STEP")
     try:
-        start, end, step = map(Decimal, values.split(":"))  # 5.3, where floats would give 5.300000000000001
+        start, end, step = map(Decimal, values.split(":"))  # 5.3, not 5.300000000000001 as with floats
     except InvalidOperation:
         start, end, step = map(_number, values.split(":"))
     if not all(map(math.isfinite, (start, end, step))) or step == 0 or (end - start) / step < 0:
-        raise InputError("the step must lead from start to end")
+        raise InputError("the step must lead from the start to the end")
     if (count := float((end - start) / step)) > MOST:
         raise InputError("that makes more than a million cases")
     return [float(start + k * step) for k in range(int(count + 1e-9) + 1)]
@@ -173,12 +175,12 @@ def _number(text) -> float:
 
 
 def _written(journal, file, write):
-    saved = f"{output.counted(len(journal.rows), 'row')} of the table are safe in {journal.path}"
+    saved = f"{output.counted(len(journal.rows), 'row')} of the table are saved in {journal.path}"
     output.written(file, write, f". {saved}; the same command continues from there")
 
 
 def _run(scene_sweep, cases, workers, journal):
-    """Add the rows of the cases that the journal has not."""
+    """Add the rows of the cases that are missing in the journal."""
     from ..sweep_table import ERROR
     from ..sweeps import sweep_in_processes
 
@@ -196,7 +198,7 @@ def _run(scene_sweep, cases, workers, journal):
             if shown:
                 shown(done)
             elif total >= LOGGED and 10 * done // total > 10 * (done - 1) // total:  # up to ten lines for a log
-                with suppress(OSError):  # which does not end the sweep where it cannot be written
+                with suppress(OSError):  # an unwritable stderr must not end the sweep
                     print(f"{done} of {total} cases", file=sys.stderr, flush=True)
 
         waiting = [cases[i] for i in missing]
@@ -238,7 +240,7 @@ def _report(scene_sweep, cases, measured, out, as_json) -> int:
 
 
 def _print(names, table, done):
-    """The table without velocities and messages, its floats shortened; how and when cases ended if not all are done."""
+    """Print the table without velocities and messages; with status and end time only if some cases are not done."""
     without = ("message", *(("status", "t") if done else ()))
     shown = [k for k, name in enumerate(names) if not name.startswith("v.") and name not in without]
     digits = {"status": "", "gap": ">.3g", "energy_error": ">.3g"}

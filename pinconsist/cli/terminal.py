@@ -1,4 +1,4 @@
-"""Progress on stderr while somebody watches, and a stdout that may be closed early."""
+"""Progress on stderr if it is a terminal, and tolerance of a stdout that is closed early."""
 
 import os
 import sys
@@ -13,7 +13,7 @@ PERIOD = 0.1  # s between its updates
 
 
 def doing(what: str):
-    """A context in which stderr shows what takes its time, where somebody may be watching."""
+    """A context in which stderr, if it is a terminal, shows what is being done."""
     if not on_terminal():
         return nullcontext()
     from rich.console import Console
@@ -23,9 +23,9 @@ def doing(what: str):
 
 
 def bar(*after):
-    """A progress bar of `rich` on stderr, as wide as the terminal: how much, the time left, and texts after them.
+    """A progress bar of `rich` on stderr, as wide as the terminal: percentage, time left, and further texts.
 
-    It disappears when it is done.
+    It disappears when done.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -37,7 +37,7 @@ def bar(*after):
 
 @contextmanager
 def counting(what: str, total=None, done=0):
-    """A function to call with how many are done, and of how many, which moves a bar; None if nobody watches."""
+    """A context with a function of (number done, total) that updates a bar; None if stderr is not a terminal."""
     if not on_terminal():
         yield None
         return
@@ -47,7 +47,7 @@ def counting(what: str, total=None, done=0):
 
 
 class RunProgress:
-    """A context whose value is a callback of `simulate` that shows how far a run has come; None if nobody watches."""
+    """A context with a callback for `simulate` that shows the progress of a run; None if stderr is not a terminal."""
 
     each_step = False  # it is called with batches of steps, see dae/output.py
 
@@ -77,9 +77,10 @@ class RunProgress:
 
 
 class BrokenPipeTolerated:
-    """A context in which a stdout that was closed does not end the run: the rest of the output is dropped.
+    """A context in which a closed stdout does not end the run: the rest of the output is dropped.
 
-    Its value is the list of errors. The first is reported on stderr, unless the reader is gone, as in ``... | head``.
+    Its value is the list of errors. The first error is reported on stderr, unless the pipe was closed by its reader, as
+    in ``... | head``.
     """
 
     def __enter__(self):
@@ -102,7 +103,7 @@ class BrokenPipeTolerated:
         self._try("flush")
 
     def _try(self, method, *arguments):
-        if self.stream is None:  # closed from the start
+        if self.stream is None:  # it was closed at the start
             return
         try:
             getattr(self.stream, method)(*arguments)

@@ -197,7 +197,7 @@ class DenseOutput:
     def __call__(self, t):
         times = np.asarray(t, float)
         if not (np.isfinite(times).all() and (times >= self.t_min).all() and (times <= self.t_max).all()):
-            raise InputError(f"dense output covers t = {self.t_min:g} to {self.t_max:g} s, asked for {t}")
+            raise InputError(f"dense output covers t = {self.t_min:g} to {self.t_max:g} s, requested {t}")
         asked = np.atleast_1d(times) if times.size else np.array([self.t_min])
         holders = np.minimum(np.searchsorted(self._sign * self._ends, self._sign * asked), len(self._ends) - 1)
         parts = [self._finished(self._curves[i], asked[holders == i]) for i in np.unique(holders)]

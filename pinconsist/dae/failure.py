@@ -18,13 +18,13 @@ def failure_report(stepper, failure: str) -> str:
     if method.consistency != "every-step" and method.step is None:
         hints.append(
             f"consistency={method.consistency!r} with variable steps lets the hidden residual jump at every change of "
-            "step, and the error test fails there; take consistency='every-step'"
+            "step, and the error test fails there; use consistency='every-step'"
         )
     condition, rows = _weakest_rows(stepper)
     if condition < NEARLY_DEPENDENT:
         hints.append(
             f"the constraints are nearly dependent there ({rows}; smallest singular value {condition:.1e} of the "
-            "largest): a singular position, where the motion branches, or the end of what a drive can reach. Whether a "
+            "largest): a singular position, where the motion branches, or the end of the range of a drive. Whether a "
             f"run gets through a singular position depends on where its steps fall: try another {_other(method)}"
         )
     if "not finite" in failure:
@@ -33,7 +33,7 @@ def failure_report(stepper, failure: str) -> str:
     if names or failure == FAILURES["chatters"]:
         hints.append(
             f"{names or 'most likely a force'} jumps when the velocity changes slightly, as a relay or dry friction "
-            "with sign(s) does; smooth it, with tanh(s/width) in place of sign(s), or use JointFriction, a smooth one"
+            "with sign(s) does; smooth it, with tanh(s/width) in place of sign(s), or use the smooth JointFriction"
         )
     if not hints:
         speed = largest(stepper.y[system.nx : system.nx + system.nv])

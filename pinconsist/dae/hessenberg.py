@@ -102,8 +102,8 @@ class HessenbergProblem(Index3System):
         if largest(given - expected) > 1e-4 * scale:
             row = int(np.argmax(np.abs(given - expected)))
             raise InputError(
-                f"HessenbergProblem: R_p is not the derivative of R at t = {t:g}: along a direction its row {row} "
-                f"gives {given[row]:.6g}, differences of R {expected[row]:.6g}. Leave R_p out, and differences are used"
+                f"HessenbergProblem: R_p is not the derivative of R at t = {t:g}: in a test direction its row "
+                f"{row} gives {given[row]:.6g}, differences of R {expected[row]:.6g}. Omit R_p to use differences"
             )
 
     def rate(self, t, p, v):

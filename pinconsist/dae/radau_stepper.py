@@ -185,7 +185,7 @@ class RadauStepper(Stepper):
         W = accelerations(self.shape, times) if known else self.a + np.outer(times - self.t, self.slope)
         stages = self._iterated(Stages(self.system, table(self.s), self.t, self.p, self.v, h, W))
         if not stages.failure and fastest_turn(self._turns, stages.xi) > tuning.MAX_CHART_TURN:
-            stages.failure = "a joint turns half around within a step, where the charts of rotations end"
+            stages.failure = "a joint makes half a turn within a step, which is the limit of a rotation chart"
         return stages
 
     def _iterated(self, stages) -> Stages:

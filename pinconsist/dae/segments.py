@@ -81,8 +81,8 @@ class RadauSegment:
         p = system.integrate(self.p0, here @ self.U + theta**2 * (3.0 - 2.0 * theta) * missing)
         return p, self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
 
-    def led_to(self, t: float) -> RadauSegment:
-        """The step up to another time, with accelerations from its polynomial, from which Newton starts."""
+    def ending_at(self, t: float) -> RadauSegment:
+        """The step with its end at another time; its accelerations, from the polynomial, are a guess for Newton."""
         h = t - self.t_old
         W = self.table.values(h / self.h * self.table.c) @ self.W
         return replace(self, end=t, h=h, W=W)

@@ -140,5 +140,5 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
         if abs(h) < BEFORE_JUMP * shortest:
             phi, rho = system.constraint(times[-1], p := points[-1], system.rate(times[-1], p, rows[-1, system.nx :]))
             row = system.describe_row(int(np.argmax(np.abs(phi) + abs(h) * np.abs(rho))))
-            raise PinconsistError(f"no start at t = {t0:.6g}: {row} jumps there, or its rate does")
+            raise PinconsistError(f"the run cannot start at t = {t0:.6g}: {row} jumps there, or its rate does")
         h /= BEFORE_JUMP  # a constraint jumps: leave that to the method and its error test

@@ -103,7 +103,7 @@ class Stepper:
         self.rounding.restart()
         self.headway.restart(t, self.t)
         if self._turns is not None and (too_fast := self._turns_too_far(states[-1][2])):
-            raise PinconsistError(f"no start at t = {t:.6g}: {too_fast}")
+            raise PinconsistError(f"the run cannot start at t = {t:.6g}: {too_fast}")
         self.base, self.Z = start.fill_table(system, states)
         method.mode.start(system, self.h, self.k, self.base, self.Z, states)
         self.t_old, self.y, self.used = states[0][0], self.Z[0].copy(), (self.h, 0)
@@ -273,7 +273,7 @@ class Stepper:
             return ""
         return (
             f"a joint turns so fast that it makes half a turn in the {self.k + 2} steps that order {self.k} uses, "
-            f"which is the limit of a rotation chart; take step <= {longest:.3g} s"
+            f"which is the limit of a rotation chart; use step <= {longest:.3g} s"
         )
 
     def _next_time(self, t_end):

@@ -93,8 +93,8 @@ FAILURES = {
     "diverged": "Newton diverged",
     "not_converged": "Newton did not converge",
     "error_test": "the error test fails at any step size",
-    "no_start": "the run could not start again where forces jump",
-    "chatters": "the run hardly advances, as Newton fails again and again",
+    "no_start": "the run could not restart at a jump of the forces",
+    "chatters": "the run hardly advances, because Newton fails repeatedly",
 }
 
 

@@ -1,4 +1,4 @@
-"""Files → Mechanism."""
+"""File formats: files → Mechanism, and back."""
 
 from .catalogue import models
 from .load import load

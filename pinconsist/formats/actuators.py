@@ -1,16 +1,18 @@
-"""Motors in robot files: transmissions of URDF, and controllers of Gazebo, which are plugins of an SDF model.
+"""Motors in robot files: transmissions of URDF, and Gazebo's controllers, which are plugins of an SDF model.
 
-``<mechanicalReduction>`` n is read in the actuator, the joint or the transmission; the command of the actuator is the
-motor's torque, N·m, and n times that acts on the joint, within the joint's effort limit. ``<rotorInertia>`` (or
-``<motorInertia>``) of the actuator, kg·m², adds n² times itself to the joint's armature.
+The reduction n, ``<mechanicalReduction>``, may stand in the actuator, the joint or the transmission. The command of the
+actuator is the motor's torque in N·m; n times this torque acts on the joint, within the joint's effort limit.
+``<rotorInertia>`` (or ``<motorInertia>``) of the actuator, in kg·m², is multiplied by n² and added to the armature.
 
-A ``DifferentialTransmission`` and a ``FourBarLinkageTransmission`` of two actuators and two joints, in the order of
-their roles, have the laws of ROS: actuators and joints have a reduction each, and no limit. Rotors that couple the two
-joints do so in their armature alone, which a warning says. Other transmissions exert no force, and a warning says so.
+``DifferentialTransmission`` and ``FourBarLinkageTransmission`` connect two actuators and two joints, in the order of
+their roles, by the equations of ROS: each actuator and each joint has a reduction, and there are no limits. If the
+rotors couple the inertias of the two joints, only the diagonal terms are used, with a warning. Other transmissions
+exert no force, also with a warning.
 
-``ApplyJointForce`` is a motor. ``JointPositionController`` holds ``<initial_position>`` by its proportional and
-derivative gains, ``JointController`` with ``<use_force_commands>`` ``<initial_velocity>`` by its proportional one, both
-within cmd_min … cmd_max; the joint's effort limit counts, too. Integral gains are left out. Source: API of gz-sim.
+``ApplyJointForce`` is a motor. ``JointPositionController`` holds ``<initial_position>`` with its proportional and
+derivative gains; ``JointController`` with ``<use_force_commands>`` holds ``<initial_velocity>`` with its proportional
+gain. Both stay within cmd_min … cmd_max and the joint's effort limit. Integral gains are ignored, with a warning.
+Source: API of gz-sim.
 """
 
 import math
@@ -24,11 +26,11 @@ from .reading import Node, floats
 
 _INERTIAS = ("rotorInertia", "motorInertia")
 _REDUCTION = ("mechanicalReduction",)
-_MIXED = {  # reductions of two joints → of each actuator, what it turns in them
+_MIXED = {  # reductions of two joints → for each actuator, its factor on each joint
     "DifferentialTransmission": lambda first, second: ((first, second), (first, -second)),
     "FourBarLinkageTransmission": lambda first, second: ((first, -first * second), (0.0, second)),
 }
-_LAWS = {  # default gains (proportional, integral, derivative), what says that forces act, and the first command
+_LAWS = {  # default gains (proportional, integral, derivative), flag of the command mode, element of the command
     "ApplyJointForce": ((0.0, 0.0, 0.0), "", ""),
     "JointPositionController": ((1.0, 0.1, 0.01), "use_velocity_commands", "initial_position"),
     "JointController": ((1.0, 0.0, 0.0), "use_force_commands", "initial_velocity"),
@@ -47,12 +49,12 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
         mixed = _MIXED.get(node.child("type").text().rpartition("/")[2])
         if len(joints) != (count := 2 if mixed else 1) or len(actuators) != count:
             if joints or actuators:
-                warn(f"{node.name}: it exerts no force here: it joins several actuators or joints")
+                warn(f"{node.name}: it exerts no force here: it connects several actuators or joints")
             continue
         names, known = [joint.get("name") for joint in joints], list(model.names)[1:]
         wrong = [name for name in names if name not in known or model.nvs[model.getJointId(name)] != 1]
         if wrong:
-            warn(f"{node.name}: it exerts no force here: {wrong[0]!r} is no joint with one degree of freedom")
+            warn(f"{node.name}: it exerts no force here: {wrong[0]!r} is not a joint with one degree of freedom")
             continue
         columns = [model.idx_vs[model.getJointId(name)] for name in names]
         rows = mixed(*(_number(_REDUCTION, (joint,), 1.0) for joint in joints)) if mixed else ((1.0,),)
@@ -61,7 +63,7 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
             reduction = _number(_REDUCTION, (actuator,) if mixed else (actuator, joints[0], node), 1.0)
             inertia, arms = _number(_INERTIAS, (actuator,), 0.0), reduction * np.array(row)
             if not arms.any() or inertia < 0.0:
-                raise node.error("a reduction of zero, or a negative rotor inertia")
+                raise node.error("a reduction is zero, or a rotor inertia is negative")
             coupled += inertia * np.outer(arms, arms)
             shares = {name: share for name, share in zip(names, row, strict=True) if share}
             motor = actuator.get("name") or names[0]
@@ -71,18 +73,18 @@ def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ..
             found[label] = Actuator(label, shares if mixed else names[0], gear=reduction, force_range=ends)
         model.armature[columns] += np.diagonal(coupled)
         if np.abs(coupled - np.diag(np.diagonal(coupled))).max() > 1e-12 * np.abs(coupled).max():
-            warn(f"{node.name}: its rotors couple the two joints, which is left out")
+            warn(f"{node.name}: its rotors couple the two joints, which is ignored")
     return tuple(found.values())
 
 
 def _number(tags, nodes, default) -> float:
-    """The number in the first of these elements that one of the nodes has."""
+    """The number in the first of the elements `tags` that is found in one of the nodes."""
     children = (child for node in nodes for tag in tags if (child := node.child(tag)))
     return next((floats(child.text(), 1, child.name)[0] for child in children), default)
 
 
 def controllers(document, joints, model) -> tuple[Actuator, ...]:
-    """The actuators of an SDF file, called as their joints are; a warning for what exerts no force here."""
+    """The actuators of an SDF file, named after their joints; warns of controllers that exert no force here."""
     known, found = {joint.name: joint for joint in joints}, {}
     for node, scope in document.plugins:
         kind = node.get("name").rpartition("::")[2]
@@ -96,7 +98,7 @@ def controllers(document, joints, model) -> tuple[Actuator, ...]:
             reasons = {
                 "its joint closes a loop, or has no such axis": not (there and model.existJointName(name))
                 or model.nvs[model.getJointId(name)] != 1,
-                "it moves its joint whatever that takes, as a Drive does": kind != "ApplyJointForce"
+                "it prescribes the motion of its joint, as a Drive does": kind != "ApplyJointForce"
                 and node.flag(_LAWS[kind][1]) == (kind == "JointPositionController"),
             }
             if why := next((reason for reason, holds in reasons.items() if holds), ""):
@@ -108,7 +110,7 @@ def controllers(document, joints, model) -> tuple[Actuator, ...]:
 
 
 def _controller(label, joint, kind, node, effort) -> Actuator:
-    """u by itself, p (u - θ) - d θ', or p (u - θ'), in Gazebo's limits."""
+    """The force u, p (u - θ) - d θ', or p (u - θ'), within Gazebo's limits."""
     defaults, _, first = _LAWS[kind]
     ends = () if math.isinf(effort) else (-effort, effort)
     if kind == "ApplyJointForce":
@@ -117,7 +119,7 @@ def _controller(label, joint, kind, node, effort) -> Actuator:
     offset, holds = node.value("cmd_offset"), kind == "JointPositionController"
     for tag, gain in (("i_gain", i), *(() if holds else (("d_gain", d),))):
         if gain:
-            warn(f"{kind} {joint!r}: its {tag} of {gain:g} is left out")
+            warn(f"{kind} {joint!r}: its {tag} of {gain:g} is ignored")
     low, high = node.value("cmd_min", -1000.0), node.value("cmd_max", 1000.0)
     if low <= high:
         ends = tuple(min(max(end, -effort), effort) for end in (low, high))

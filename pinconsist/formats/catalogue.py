@@ -1,7 +1,8 @@
 """Scenes by name: those in ``models/``, families of any size such as ``chain_16``, and robots of a pip package.
 
-Families are in the plane x-z, gravity along -z. A rod is slender and uniform, 1 m and 1 kg, and extends along +x of its
-link frame (a crank of the four-bars along +z: upright at zero); a positive angle about +y turns +z to +x and +x to -z.
+Families move in the x-z plane, with gravity along -z. A rod is slender and uniform, with 1 m and 1 kg, and extends
+along +x of its link frame (a crank of the four-bars along +z, so that it is upright at zero). A positive angle about +y
+turns +z to +x and +x to -z.
 """
 
 import os
@@ -18,14 +19,14 @@ from .loopfile import LoopFile, find_loop_file
 from .loopfile import read as read_loop_file
 
 READERS = {".urdf": "urdf", ".sdf": "sdf", ".xml": "mjcf", ".mjcf": "mjcf"}
-"""Suffix → the module whose ``read`` reads such a file; imported when it is needed."""
+"""Suffix → the module whose ``read`` reads such files; imported when needed."""
 ROBOTS = ("cassie", "cassie_reduced", "cassie_simple", "cassie_v2", "cassie_wo_gearbox_spring")
 """Files of the pip package example-robot-data."""
 _PACKAGE, _SHARE = "example-robot-data", "cmeel.prefix/share"
 
-MOST = 2000  # of a family: the dense matrices, with several times as many rows, must fit into memory
+MOST = 2000  # largest size of a family: its dense matrices, with several times as many rows, must fit into memory
 RADIUS = 0.02  # m, of a rod
-SPAN = 0.6  # of a chain's length: how far its ends are apart
+SPAN = 0.6  # distance between the ends of a chain, divided by its length
 BLUE, ORANGE, DARK, STEEL = "0.16 0.44 0.72 1", "0.93 0.52 0.14 1", "0.20 0.22 0.25 1", "0.55 0.58 0.62 1"
 PIN = f'<geometry><cylinder radius="{1.5 * RADIUS}" length="{4 * RADIUS}"/></geometry>'
 
@@ -63,7 +64,7 @@ def is_built_in(source) -> bool:
 
 
 def find(source: str | os.PathLike) -> Source:
-    """The source of a name, a file or a folder; raises as :func:`pinconsist.load`."""
+    """The source for a name, a file or a folder; raises the errors of :func:`pinconsist.load`."""
     built_in, path = _built_in(), Path(source)
     if isinstance(source, str):
         if family := _family(source):
@@ -80,16 +81,16 @@ def find(source: str | os.PathLike) -> Source:
         found = sorted(path.glob("*.urdf"))
         if len(found) != 1:
             names = ": " + ", ".join(each.name for each in found) if found else ""
-            raise FormatError(f"a folder with one .urdf file is needed, this has {len(found)}{names}", path=path)
+            raise FormatError(f"the folder must contain one .urdf file, it has {len(found)}{names}", path=path)
         path = found[0]
     elif path.suffix.lower() not in READERS:
         if isinstance(source, str) and not path.suffix and len(path.parts) == 1 and not os.path.exists(path):
             names = (*built_in, *(f"{name}_<n>" for name in FAMILIES))
-            reason = f"there is no built-in model and no file {source!r}{near(source, (*names, *ROBOTS))}"
-            raise InputError(f"{reason}. Built in are: {', '.join(names)}")
-        supported = "URDF (.urdf), with a loop file (.yaml) next to it or given by loops=, SDF (.sdf) and MJCF (.xml)"
+            reason = f"there is neither a built-in model nor a file {source!r}{near(source, (*names, *ROBOTS))}"
+            raise InputError(f"{reason}. Built-in models: {', '.join(names)}")
+        supported = "URDF (.urdf, with a loop file .yaml next to it or passed as loops=), SDF (.sdf) and MJCF (.xml)"
         kind = path.suffix or "without suffix"
-        raise FormatError(f"files of kind {kind!r} cannot be read; supported are {supported}", path=path)
+        raise FormatError(f"files of type {kind!r} cannot be read; supported are {supported}", path=path)
     return Source(path, path.stem if path.stem not in ("robot", "model") else path.resolve().parent.name)
 
 
@@ -102,7 +103,7 @@ def robot_file(name: str) -> tuple[Path, Path]:
         raise MissingExtraError(f"{reason}: pip install 'pinconsist[robots]'") from None
     path = share / _PACKAGE / "robots" / "cassie_description" / "robots" / f"{name}.sdf"
     if not path.is_file():
-        raise MissingExtraError(f"the pip package {_PACKAGE} is installed, but does not hold {path}; version 6 does")
+        raise MissingExtraError(f"the pip package {_PACKAGE} is installed, but does not contain {path}; version 6 does")
     return path, share
 
 
@@ -113,7 +114,7 @@ def _built_in():
 
 
 def _family(name: str):
-    """(build, n) of a name such as ``chain_16``, or None; InputError for a number that the family does not have."""
+    """(build, n) of a name such as ``chain_16``, or None; InputError if the family has no member of this size."""
     match = re.fullmatch(rf"({'|'.join(FAMILIES)})_(\d+)", name, re.ASCII)
     if not match:
         return None
@@ -125,10 +126,10 @@ def _family(name: str):
 
 
 def _chain(n):
-    """Rods one after the other, the last pinned to the ground; they hang in the arc of a circle."""
+    """Rods in series, the last one pinned to the ground; they hang in an arc of a circle."""
     from scipy.optimize import brentq
 
-    def excess(turn):  # of n chords of length 1, neighbours at this angle
+    def excess(turn):  # of the span of n chords of length 1 with this angle between neighbours
         return sin(n * turn / 2) / sin(turn / 2) - SPAN * n
 
     turn = brentq(excess, 1e-9, 2 * pi / n, xtol=1e-15)
@@ -142,7 +143,7 @@ def _chain(n):
 
 
 def _n_four_bar(n):
-    """Upright cranks side by side, level couplers between their ends."""
+    """Upright cranks side by side, with horizontal couplers between their ends."""
     parts = [_ground([(float(i), 0.0) for i in range(n + 1)])]
     parts += [_rod("crank0_bar", BLUE, upright=True), _hinge("crank0", "ground", 0.0, 0.0, "crank0_bar")]
     end, loops = ("crank0_bar", 0.0, 1.0), []
@@ -156,7 +157,7 @@ def _n_four_bar(n):
     return parts, LoopFile(tuple(loops))
 
 
-FAMILIES = {  # name → description, smallest n, function of n that builds the links and joints, and the loop file
+FAMILIES = {  # name → description, smallest n, function of n that returns links and joints, and the loop file
     "chain": (f"chain of n rods of 1 m, n ≥ 2, pinned at both ends, {SPAN:g} n m apart", 2, _chain),
     "n_four_bar": ("n four-bars side by side, n ≥ 1, that pass through singular positions", 1, _n_four_bar),
 }
@@ -169,7 +170,7 @@ def _ground(pivots):
 
 
 def _rod(name, color, upright=False):
-    """m l²/12 across, m r²/2 along."""
+    """A rod, with moments of inertia m l²/12 about its transverse axes and m r²/2 about its own."""
     along, across = RADIUS**2 / 2, 1 / 12
     (ixx, izz), middle = ((across, along), "0 0 0.5") if upright else ((along, across), "0.5 0 0")
     size = f"{2 * RADIUS} {RADIUS} 1" if upright else f"1 {RADIUS} {2 * RADIUS}"

@@ -1,4 +1,4 @@
-"""What a loop file says of the tree itself, because a robot's file cannot say it.
+"""Settings of the tree in a loop file, for what the robot's own file cannot express.
 
 ::
 
@@ -8,15 +8,15 @@
     gravity: [0, 0, -1.62]
     joint_order: [hip, motor]
 
-``armature``, ``damping`` and ``friction`` replace those of the robot's file: one number for each velocity of the
-joint, or one for all of them. ``joint_order`` is the order of the joints in q and v. ``type``, as ``joint_type`` in a
+``armature``, ``damping`` and ``friction`` replace the values of the robot's file: one number for each velocity of the
+joint, or one for all of them. ``joint_order`` is the order of the joints in q and v. ``type``, or ``joint_type`` in a
 robot.yaml, replaces a joint by::
 
-    SPHERICAL     a ball joint, a quaternion in q
-    TRANSLATION   free to move along all axes, without turning
+    SPHERICAL     a ball joint, with a quaternion in q
+    TRANSLATION   free translation along all axes, without rotation
     UJOINT_AB     two hinges, about the axes A and B (of X, Y, Z) of the joint frame; CARDAN is an older UJOINT_XY
-    HELICAL p     a screw about the axis of the revolute joint that it replaces, p metres to the radian
-    UNBOUNDED     a revolute joint that stores cosine and sine of its angle and does not count its turns
+    HELICAL p     a screw along the axis of the revolute joint that it replaces, with p metres per radian
+    UNBOUNDED     a revolute joint that stores the cosine and sine of its angle and does not count turns
     FIXED         no joint: held at zero
 """
 
@@ -33,9 +33,9 @@ from .records import amount, known_keys, mapping, name
 
 _FRICTION = ("upperDryFrictionLimit", "lowerDryFrictionLimit")
 VALUES = {"armature": ("armature",), "damping": ("damping",), "friction": _FRICTION}
-"""Key of a joint → the vectors of the model that it sets; a second one gets the opposite."""
+"""Key of a joint → the vectors of the model that it sets; a second vector gets the negative value."""
 AS_WRITTEN = {"FIXED": "fixed", "UNBOUNDED": "continuous"}
-"""Types that replace the joint's type in the URDF text; the others replace the joint of the model."""
+"""Types that replace the type in the URDF text; the others replace the joint in the model."""
 _UNIVERSAL = re.compile(r"UJOINT_([XYZ])(?!\1)([XYZ])")
 _HELICAL = re.compile(r"HELICAL (\S+)")
 
@@ -49,7 +49,7 @@ def check_type(joint_type: object, element: str = "") -> str:
         return text
     raise FormatError(
         f"the joint type {shown(joint_type)} is not one of SPHERICAL, TRANSLATION, UJOINT_AB (A, B different axes of "
-        "X, Y, Z), HELICAL p (metres to the radian, not zero), UNBOUNDED, FIXED",
+        "X, Y, Z), HELICAL p (metres per radian, not zero), UNBOUNDED, FIXED",
         element=element,
     )
 
@@ -61,7 +61,7 @@ def new_names(joint: str, joint_type: str) -> tuple[str, ...]:
 
 
 def joint_settings(record: dict) -> tuple[dict[str, str], dict[str, dict]]:
-    """The types and the values under ``joints``: name → type, and name → key of VALUES → one or several numbers."""
+    """The settings under ``joints``: name → type, and name → key of VALUES → one or several numbers."""
     types, values = {}, {}
     for joint, given in mapping(record.get("joints") or {}, "joints", "a joint's name").items():
         element = f"joints: {name(joint, 'joints')}"
@@ -71,17 +71,17 @@ def joint_settings(record: dict) -> tuple[dict[str, str], dict[str, dict]]:
         values[joint] = {key: amount(given[key], f"{element}: {key}") for key in VALUES if given.get(key) is not None}
         for key, value in values[joint].items():
             if np.min(value, initial=0.0) < 0:
-                raise FormatError(f"it is negative: {shown(given[key])}", element=f"{element}: {key}")
+                raise FormatError(f"{shown(given[key])} is negative", element=f"{element}: {key}")
     return types, values
 
 
 def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
     """A copy of a model with hinges or sliders replaced.
 
-    A universal joint becomes two hinges with a massless body between them, about the two named axes of the joint
-    frame in turn: Pinocchio's own universal and composite joints have wrong ``computeRNEADerivatives``. Limits go;
-    damping, friction and armature of the replaced joint act on each new velocity. Frames keep names and indices.
-    FormatError for a joint that is unknown or does not have one degree of freedom, and for names that clash.
+    A universal joint becomes two hinges about the two named axes of the joint frame, with a massless body between
+    them, because ``computeRNEADerivatives`` is wrong for Pinocchio's own universal and composite joints. Limits are
+    dropped; damping, friction and armature of the replaced joint act on each new velocity. Frames keep their names and
+    indices. FormatError if a joint is unknown or does not have one degree of freedom, or if names clash.
     """
     joints, parts = tuple(model.names)[1:], {}
     for joint, kind in types.items():
@@ -93,12 +93,12 @@ def replaced(model: pin.Model, types: dict[str, str]) -> pin.Model:
     names = [joint for joint in model.names if joint not in types]
     names += [part for some in parts.values() for part, _ in some]
     if twice := [joint for joint in names if names.count(joint) > 1]:
-        raise FormatError("a new joint has the name of another one", element=f"joint {twice[0]!r}")
+        raise FormatError("a new joint has the name of an existing one", element=f"joint {twice[0]!r}")
     return rebuilt(model, parts)
 
 
 def _parts(joint, kind, own):
-    """(name, joint model) of each joint that replaces one."""
+    """(name, joint model) of each new joint."""
     if kind in ("SPHERICAL", "TRANSLATION"):
         return [(joint, getattr(pin, f"JointModel{kind.capitalize()}")())]
     if helical := _HELICAL.fullmatch(kind):
@@ -112,14 +112,14 @@ def _parts(joint, kind, own):
 
 
 def with_values(model: pin.Model, values: dict[str, dict]) -> pin.Model:
-    """The model, changed: the numbers of :func:`joint_settings` set; FormatError for joints or sizes that are wrong."""
+    """Set the values of :func:`joint_settings` in the model and return it; FormatError for wrong joints or sizes."""
     for joint, given in values.items():
         require_known(joint, tuple(model.names)[1:], f"the model has no joint {joint!r}", f"joints: {joint}")
         i = model.getJointId(joint)
         part, size = places(model, i)[1], model.nvs[i]
         for key, value in given.items():
             if isinstance(value, tuple) and len(value) != size:
-                reason = f"one number or {size} are needed, one for each velocity of the joint; these are {len(value)}"
+                reason = f"it needs one number or {size}, one for each velocity of the joint; got {len(value)}"
                 raise FormatError(reason, element=f"joints: {joint}: {key}")
             for sign, vector in zip((1, -1), VALUES[key], strict=False):
                 getattr(model, vector)[part] = sign * np.array(value)
@@ -127,7 +127,7 @@ def with_values(model: pin.Model, values: dict[str, dict]) -> pin.Model:
 
 
 def in_order(model: pin.Model, order: tuple[str, ...]) -> pin.Model:
-    """The model with its joints in another order; FormatError if it is not an order of them, parents first."""
+    """The model with its joints in another order; FormatError unless it has each joint once, after its parent."""
     names = list(model.names)[1:]
     if not order or list(order) == names:
         return model
@@ -135,7 +135,7 @@ def in_order(model: pin.Model, order: tuple[str, ...]) -> pin.Model:
         if sorted(order) != sorted(names):
             strange = [joint for joint in order if joint not in names or order.count(joint) > 1]
             missing = [joint for joint in names if joint not in order]
-            raise FormatError(f"it must contain each joint once; unknown or twice: {strange}, missing: {missing}")
+            raise FormatError(f"it must contain each joint once; unknown or repeated: {strange}, missing: {missing}")
         places = [model.getJointId(joint) for joint in order]
         for place, joint in enumerate(places):
             parent = model.parents[joint]

@@ -22,7 +22,7 @@ _THEIR_KINDS = {
     "RigidConstraintModel of type CONTACT_3D": "point",
     "RigidConstraintModel of type CONTACT_6D": "frame",
 }
-_MUST_VANISH = ("offset", "velocity", "acceleration")  # desired ones of a constraint, or of a contact
+_MUST_VANISH = ("offset", "velocity", "acceleration")  # desired values of a constraint or a contact
 
 
 def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(), ignore=(), precision=0.0) -> Mechanism:
@@ -96,15 +96,15 @@ def read_scene(
     path, reader = scene.path, catalogue.READERS[scene.path.suffix.lower()]
     is_urdf = reader == "urdf"
     if free_flyer and reader == "mjcf":
-        raise InputError("free_flyer= is not for MJCF, where the file says what floats: give the body a <freejoint/>")
+        raise InputError("free_flyer= is not for MJCF files, which define what floats: give the body a <freejoint/>")
     if ignore and reader == "mjcf":
-        raise InputError('ignore= is not for MJCF: set active="false" on an equality that is to be left out')
+        raise InputError('ignore= is not for MJCF: set active="false" on the equalities to leave out')
     loop_path = None if loops is None else Path(loops)
     if loops is None and is_urdf and not scene.content:
         loop_path = loopfile.find_loop_file(path)
     record = scene.loop_file if loop_path is None else loopfile.read(loop_path)
     if record.joint_types and not is_urdf:
-        reason = f"joints can be replaced in URDF scenes only; change the {reader.upper()} file"
+        reason = f"joints can be replaced only in URDF scenes; change the {reader.upper()} file"
         raise FormatError(reason, path=loops)
     options = {"joint_types": record.joint_types, "content": scene.content} if is_urdf else {}
     if reader != "mjcf":
@@ -138,9 +138,9 @@ def read_scene(
 
 
 def _of_model(source, loops, closure) -> Mechanism:
-    """A mechanism from a ``pin.Model``, or from a RobotWrapper, of which only the model is taken."""
+    """A mechanism from a ``pin.Model``, or from the model of a RobotWrapper."""
     if isinstance(source, Mechanism):
-        raise InputError(f"{source.name!r} is a Mechanism already; its with_loops() gives it other loops")
+        raise InputError(f"{source.name!r} is already a Mechanism; its with_loops() changes the loops")
     model = source if isinstance(source, pin.Model) else getattr(source, "model", None)
     if not isinstance(model, pin.Model):
         kind = type(source).__name__
@@ -162,12 +162,12 @@ def _closed_by(loops, closure) -> tuple:
 
 
 def loops_of(constraint_models, model: pin.Model) -> tuple[list, pin.Model]:
-    """Loops equivalent to Pinocchio's constraint models, with other records unchanged, and their model.
+    """Loops equivalent to Pinocchio's constraint models, with other records unchanged, and the model that they need.
 
-    Supported are point and frame anchors, the legacy rigid constraints in 3D and 6D, and these inside the common
-    constraint model; InputError for other kinds, compliance, desired offsets or motions. Baumgarte gains are ignored. A
-    constraint without a name is named by its place, ``loop1``. The model is a copy with one more frame for each joint
-    that carries an anchor but no frame of a unique name.
+    Supported are point and frame anchors, the legacy rigid constraints in 3D and 6D, and both of these inside the
+    common constraint model; InputError for other kinds, compliance, and desired offsets or motions. Baumgarte gains are
+    ignored. An unnamed constraint is called ``loop1``, by its position. If a joint carries an anchor but no frame with
+    a unique name, the model is a copy with such a frame added.
     """
     loops, names = [], []
     for given in constraint_models:
@@ -192,7 +192,7 @@ def loops_of(constraint_models, model: pin.Model) -> tuple[list, pin.Model]:
 
 
 def _kind(constraint, name):
-    """The kind of the loop; InputError where the constraint is not rigid, or its anchors move."""
+    """The kind of the loop; InputError if the constraint is not rigid or its anchors move."""
     which = type(constraint).__name__
     if which == "RigidConstraintModel":
         which += f" of type {constraint.type}"
@@ -205,10 +205,10 @@ def _kind(constraint, name):
         value = getattr(constraint, attribute, 0.0)
         if np.any(getattr(value, "vector", value)):
             raise InputError(
-                f"constraint {name!r}: its {attribute} is not zero; a loop is closed, and its anchors do not move"
+                f"constraint {name!r}: its {attribute} is not zero, but a loop is closed and its anchors do not move"
             )
     if np.any(constraint.retrieveCompliance()):
-        raise InputError(f"constraint {name!r}: it is compliant; a loop is rigid, a SpringDamper is not")
+        raise InputError(f"constraint {name!r}: it is compliant, but a loop is rigid; use a SpringDamper")
     return _THEIR_KINDS[which]
 
 

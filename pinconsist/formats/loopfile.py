@@ -1,10 +1,11 @@
-"""Loop files: what closes a tree, in YAML, in two conventions.
+"""Loop files: YAML files with the loops of a tree, in two conventions.
 
-The project's own has ``loops`` and ``forces``, lists of records (:mod:`pinconsist.formats.records`), ``description``,
-``guess``, ``actuated`` (the joints that have motors; ``name_mot`` is read, too), ``duration`` (how long commands
-simulate by default, s; 5 if it is not given), and ``joints``, ``gravity`` and ``joint_order``
-(:mod:`pinconsist.formats.joints`). The other is the ``robot.yaml`` of the example-parallel-robots collection:
-``closed_loop`` (pairs of frames), ``type`` (3d or 6d), ``name_mot``, ``joint_name`` and ``joint_type``.
+The project's own convention has ``loops`` and ``forces``, which are lists of records
+(:mod:`pinconsist.formats.records`), ``description``, ``guess``, ``actuated`` (the motorised joints; ``name_mot`` is
+accepted, too), ``duration`` (how long commands simulate by default, s; 5 if it is missing), and ``joints``,
+``gravity`` and ``joint_order`` (:mod:`pinconsist.formats.joints`). The other convention is the ``robot.yaml`` of the
+example-parallel-robots collection: ``closed_loop`` (pairs of frames), ``type`` (3d or 6d), ``name_mot``,
+``joint_name`` and ``joint_type``.
 """
 
 import logging
@@ -26,7 +27,7 @@ from .reading import finite, located, near, read_bytes, require_known, shown
 from .records import amount, force_element, force_record, items, known_keys, loop_element, loop_record, name, numbers
 
 MAX_BYTES = 1_000_000
-MAX_VALUE = 10_000  # characters: the time to read 1:1:1:..., a number in base 60, grows with their square
+MAX_VALUE = 10_000  # characters: the time to parse 1:1:1:..., a number in base 60, grows with their square
 _OWN_KEYS = ("description", "loops", "forces", "guess", "actuated", "duration", "joints", "gravity", "joint_order")
 _ROBOT_KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _KINDS = {"3d": "point", "6d": "frame"}
@@ -35,28 +36,28 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class LoopFile:
-    """What a loop file says."""
+    """The content of a loop file."""
 
     loops: tuple[Loop | Coupling | Drive, ...] = ()
     forces: tuple = ()  # records of :mod:`pinconsist.mechanism.forces`
-    actuated: tuple[str, ...] = ()  # motorised joints, by the names they have after replacement
-    guess: dict = field(default_factory=dict)  # joint → value, or several, from where assembly starts
+    actuated: tuple[str, ...] = ()  # motorised joints, by their names after replacement
+    guess: dict = field(default_factory=dict)  # joint → one or several values, the initial guess of the assembly
     joint_types: dict[str, str] = field(default_factory=dict)  # see `joints.joint_settings`
     joint_values: dict[str, dict] = field(default_factory=dict)
     gravity: tuple[float, float, float] | None = None  # m/s², in world axes
     joint_order: tuple[str, ...] = ()  # all joints, or none
     description: str = ""  # one line for lists of models
-    duration: float = Mechanism.duration  # how long its motion is worth a look, s
+    duration: float = Mechanism.duration  # simulated by default, s
 
     def applied(self, model: pin.Model) -> pin.Model:
-        """The model in the order, with the values and the gravity of this file; it may be `model` itself, changed."""
+        """The model with this file's joint order, joint values and gravity; may modify and return `model` itself."""
         model = with_values(in_order(model, self.joint_order), self.joint_values)
         if self.gravity is not None:
             model.gravity.linear = np.array(self.gravity)
         return model
 
     def check(self, model) -> None:
-        """Raise FormatError for frames and joints that a model does not have, or that do not suit a record."""
+        """Raise FormatError for frames and joints that the model lacks, or that do not fit their record."""
         for number, loop in enumerate(self.loops, start=1):
             prefix = f"{'loop' if isinstance(loop, Loop) else loop.kind} {loop.name!r}: "
             with located(element=loop_element(number, loop.name), prefix=prefix):
@@ -70,24 +71,25 @@ class LoopFile:
 
 
 def find_loop_file(path: Path) -> Path | None:
-    """``<stem>.yaml`` or ``.yml`` beside a file, else ``robot.yaml`` or ``.yml`` there, else None."""
+    """``<stem>.yaml`` or ``.yml`` next to a file, else ``robot.yaml`` or ``.yml`` there, else None."""
     stems = (path, path.with_name("robot.urdf"))
     candidates = (stem.with_suffix(suffix) for stem in stems for suffix in (".yaml", ".yml"))
     return next((each for each in candidates if os.path.isfile(each)), None)
 
 
 def warn_of_other_yaml(path: Path) -> None:
-    """Warn of YAML files beside a robot without a loop file: most likely one of them was meant."""
+    """Warn of YAML files next to a robot without a loop file: one of them may be meant as its loop file."""
     if others := sorted(each.name for suffix in ("yaml", "yml") for each in path.parent.glob(f"*.{suffix}")):
-        advice = f"name one by loops= if it is {' or '.join(others)}"
-        plain = "and is read as a plain tree"
+        advice = f"if it is {' or '.join(others)}, pass it as loops="
+        plain = "and is loaded as a plain tree"
         _log.warning("%s has no loop file (%s.yaml or robot.yaml) %s; %s", path, path.stem, plain, advice)
 
 
 def with_distinct_frames(records, model):
-    """A copy in which the joint's frame has another name where link and joint have one name and one placement.
+    """A copy of the model in which the joint's frame is renamed if a link has the same name and the same placement.
 
-    They are common in exported files. If the two are apart they stay, and :meth:`LoopFile.check` refuses the name.
+    Exported files often have such names. If the placements differ, both names are kept, and :meth:`LoopFile.check`
+    refuses them.
     """
     used = {getattr(each, field, None) for each in records for field in ("frame", "frame1", "frame2")}
     names, model = [frame.name for frame in model.frames], model.copy()
@@ -104,30 +106,30 @@ def with_distinct_frames(records, model):
 
 
 def read(path) -> LoopFile:
-    """A loop file, in either convention; FormatError names the record at fault."""
+    """Read a loop file in either convention; FormatError names the invalid record."""
     path = Path(path)
     content = read_bytes(path, MAX_BYTES)
     with located(path):
         record = _parsed(content)
         if not isinstance(record, dict) or not all(isinstance(key, str) for key in record):
-            raise FormatError(f"a loop file has keys such as {', '.join(_OWN_KEYS)}; this one has none of them")
+            raise FormatError(f"this is not a loop file, which has keys such as {', '.join(_OWN_KEYS)}")
         theirs = set(record) & set(_ROBOT_KEYS)
         own = theirs <= {"name_mot"} and set(record) & set(_OWN_KEYS)
         return _own(record) if own or not theirs else _robot(record, path)
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Plain data only: no tags, no aliases (a few lines of them can expand to gigabytes), no key twice."""
+    """Plain data only: no tags, no aliases (a few lines can expand to gigabytes), no repeated keys."""
 
     def compose_node(self, parent, index):
         if self.check_event(yaml.AliasEvent):
-            _refuse("aliases (*name) are not read", self.peek_event())
+            _refuse("aliases (*name) are not supported", self.peek_event())
         return super().compose_node(parent, index)
 
     def construct_scalar(self, node):
         value = super().construct_scalar(node)
         if len(value) > MAX_VALUE:
-            _refuse(f"a value of {len(value)} characters", node)
+            _refuse(f"a value has {len(value)} characters", node)
         return value
 
     def construct_mapping(self, node, deep=False):
@@ -205,7 +207,7 @@ def _robot(record, path):
 
 
 def _pair_name(frame1, frame2, taken):
-    """'knee_A', 'knee_B' → 'knee'; 'a-b' if the names differ in more than a last character, or that is taken."""
+    """'knee_A', 'knee_B' → 'knee'; or 'a-b' if more than the last characters differ, or 'knee' is taken."""
     short = frame1[:-1].rstrip("_-. ") if frame1[:-1] == frame2[:-1] else ""
     title = short if short and short not in taken else f"{frame1}-{frame2}"
     return title if title not in taken else f"{title} ({len(taken) + 1})"

@@ -1,4 +1,4 @@
-"""What all readers of files share: bounded reading, safe XML, numbers, and errors that name file and element."""
+"""Helpers for all file readers: size limits, safe XML, numbers, and errors that name the file and the element."""
 
 import difflib
 import hashlib
@@ -17,7 +17,7 @@ from xml.parsers import expat
 from ..errors import FormatError, InputError
 from ..mechanism.checks import near as resembling
 
-LARGEST = 1e30  # of a scene's numbers, except limits: products of some such numbers still fit into a float
+LARGEST = 1e30  # of a scene's numbers, except limits: products of several of them still fit into a float
 MAX_XML_BYTES = 50_000_000
 _CLOSES = re.compile(r"loop|clos(ed|ure|ing)|constraint|equality|bushing|weld|coupl|mimic|gearbox", re.IGNORECASE)
 _log = logging.getLogger(__name__)
@@ -27,20 +27,20 @@ _read: ContextVar[list | None] = ContextVar("files read", default=None)
 
 @dataclass(frozen=True)
 class RobotFile:
-    """What a robot's file says, whatever its format."""
+    """The content of a robot's file, in any format."""
 
     model: Any  # pin.Model, the tree
     shapes: str  # a URDF text with the shapes of the links
     loops: tuple = ()
-    couplings: tuple = ()  # they come after all loops in the mechanism
+    couplings: tuple = ()  # in the mechanism they follow all loops
     forces: tuple = ()
-    guess: dict = field(default_factory=dict)  # joint → value, from where assembly starts
+    guess: dict = field(default_factory=dict)  # joint → value, the initial guess of the assembly
     actuated: tuple[str, ...] = ()  # motorised joints
 
 
 @contextmanager
 def files_read():
-    """Within the block, the list of (path, SHA-256) of the files that are read."""
+    """Return the list of (path, SHA-256) of all files that are read within the block."""
     before = _read.set(found := [])
     try:
         yield found
@@ -50,7 +50,7 @@ def files_read():
 
 @contextmanager
 def located(path="", element: str = "", prefix: str = ""):
-    """Add file and element to a FormatError that lacks them; turn an InputError, without `prefix`, into one."""
+    """Add file and element to a FormatError that lacks them; convert an InputError to one, without its `prefix`."""
     try:
         yield
     except FormatError as error:
@@ -64,7 +64,7 @@ def read_bytes(path: Path, limit: int = MAX_XML_BYTES) -> bytes:
     """The content of a regular file of at most `limit` bytes, or FormatError."""
     try:
         if not path.is_file():
-            reason = "a file is needed, this is a folder or a device" if path.exists() else "no such file"
+            reason = "this is a folder or a device, not a file" if path.exists() else "no such file"
             raise FormatError(reason, path=path)
         with path.open("rb") as file:
             content = file.read(limit + 1)
@@ -80,20 +80,20 @@ def read_bytes(path: Path, limit: int = MAX_XML_BYTES) -> bytes:
 
 
 def near(name: object, names) -> str:
-    """The end of a message about an unknown name: similar names, or else those there are."""
+    """The end of a message about an unknown name: similar names, or all existing ones."""
     names = sorted(set(names))
-    listed = f"; there are: {', '.join(names[:12])}{', …' if len(names) > 12 else ''}" if names else ""
+    listed = f"; available: {', '.join(names[:12])}{', …' if len(names) > 12 else ''}" if names else ""
     return resembling(name, names) or listed
 
 
 def require_known(name: object, names, reason: str, element: str = "") -> None:
-    """Raise FormatError with this reason, and similar names, if a name is none of `names`."""
+    """Raise FormatError with this reason, and similar names, if a name is not one of `names`."""
     if name not in names:
         raise FormatError(f"{reason}{near(name, names)}", element=element)
 
 
 def shown(value: object) -> str:
-    """A value of a file for a message, cut to a readable length."""
+    """A value of a file for a message, shortened to a readable length."""
     try:
         text = repr(value)
     except ValueError:  # Python does not write out integers of thousands of digits
@@ -102,7 +102,7 @@ def shown(value: object) -> str:
 
 
 def finite(value: object, largest: float = LARGEST) -> float | None:
-    """A number from a number or its text; None if it is neither, not finite, or larger than any scene needs."""
+    """A number, or a text converted to a number; None if it is not finite or larger than any scene needs."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         return None
     try:
@@ -113,13 +113,13 @@ def finite(value: object, largest: float = LARGEST) -> float | None:
 
 
 def bound(*values: object) -> str:
-    """The end of a message about values that are not finite numbers: the upper bound, if that is the reason."""
+    """The end of a message about values that are not valid numbers: the upper bound, if that is the reason."""
     immense = any(finite(value) is None and finite(value, math.inf) is not None for value in values)
-    return f" (they go up to {LARGEST:g})" if immense else ""
+    return f" (the largest is {LARGEST:g})" if immense else ""
 
 
 def floats(text: str, count: int, element: str, label: str = "", largest: float = LARGEST) -> tuple[float, ...]:
-    """The `count` finite numbers of a text, or FormatError, whose message starts with `label`."""
+    """The `count` finite numbers in a text, or a FormatError whose message starts with `label`."""
     words = text.split()
     values = tuple(value for word in words if (value := finite(word, largest)) is not None)
     if not len(values) == len(words) == count:
@@ -129,7 +129,7 @@ def floats(text: str, count: int, element: str, label: str = "", largest: float 
 
 
 def parsed(content: bytes) -> Element:
-    """The root element of an XML document without document types and entities, or FormatError."""
+    """The root element of an XML document; FormatError if it is invalid or has document types or entities."""
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import fromstring
 
@@ -144,7 +144,7 @@ def parsed(content: bytes) -> Element:
 
 
 def _with_prefixes_bound(content: bytes) -> bytes:
-    """A document whose root declares the prefixes of tags, such as ``drake:``, that it lacks; many robots' files do."""
+    """The document with undeclared tag prefixes, such as ``drake:``, declared in its root; many files need it."""
     prefixes = set(re.findall(rb"<([A-Za-z_][\w.-]*):", content)) - set(re.findall(rb"xmlns:([\w.-]+)", content))
     root = next((m for m in re.finditer(rb"(?s)<!--.*?-->|<\?.*?\?>|<([A-Za-z_][\w.:-]*)", content) if m[1]), None)
     if root is None:
@@ -154,13 +154,13 @@ def _with_prefixes_bound(content: bytes) -> bytes:
 
 
 def text(*values: float) -> str:
-    """Numbers as an XML attribute, exactly."""
-    # numbers below the smallest normal one trip other parsers, and mean zero
+    """Numbers as an XML attribute, without loss of digits."""
+    # other parsers fail on subnormal numbers, which mean zero here
     return " ".join(repr(float(value)) if abs(value) > 1e-300 else "0" for value in values)
 
 
 class Node:
-    """An XML element with the name that messages use for it; a missing element is false and has all defaults."""
+    """An XML element and its name in messages; a missing element is false, and all its values are defaults."""
 
     def __init__(self, xml: Element | None, name: str = ""):
         self.xml, self.name = xml, name
@@ -194,7 +194,7 @@ class Node:
         return self._inside(found, "nothing" if found is None else str(found.tag))
 
     def named(self, tag: str) -> dict:
-        """The children with this tag by their names, which must exist and differ."""
+        """The children with this tag by their names, which must be present and unique."""
         found = {}
         for number, each in enumerate(self.children(tag), start=1):
             name = each.get("name")
@@ -207,14 +207,14 @@ class Node:
         return found
 
     def numbers(self, key: str, count: int = 1, default=None, largest: float = LARGEST) -> tuple[float, ...]:
-        """The finite numbers of an attribute; without a default it is required."""
+        """The finite numbers of an attribute, which is required if there is no default."""
         given = self.get(key, None)
         if given is None and default is None:
             raise self.error(f"attribute {key!r} is missing")
         return default if given is None else floats(given, count, self.name, f"{key}=", largest)
 
     def number(self, key: str, default: float | None = None, largest: float = LARGEST) -> float:
-        """The finite number of an attribute; without a default it is required."""
+        """The finite number of an attribute, which is required if there is no default."""
         return self.numbers(key, 1, None if default is None else (default,), largest)[0]
 
     def _inside(self, xml, tag):
@@ -222,15 +222,15 @@ class Node:
 
 
 def closing(elements: Iterable[Element], known: Iterable[str]) -> list[tuple[str, Element]]:
-    """(tag, element) of those that close a loop elsewhere, judging by the tag, which may be a misspelt ``loop_joint``.
+    """(tag, element) of unknown elements that seem to close loops, by their tags; includes misspelt ``loop_joint``.
 
-    A robot without them would come apart, see :func:`refuse`. What else is unknown in a file (sensors, plugins, contact
-    parameters) has no part in the motion and is left out.
+    Without them the robot would come apart, see :func:`refuse`. Other unknown elements (sensors, plugins, contact
+    parameters) do not affect the motion and are ignored.
     """
     found = []
     for element in elements:
         space, _, tag = str(element.tag).rpartition("}")
-        tag = f"drake:{tag}" if "drake" in space else tag  # other namespaces are not shown
+        tag = f"drake:{tag}" if "drake" in space else tag  # messages omit other namespaces
         like = _CLOSES.search(tag) or difflib.get_close_matches(tag.lower(), ["loop_joint"], cutoff=0.8)
         if like and tag not in known:
             found.append((tag, element))
@@ -238,15 +238,15 @@ def closing(elements: Iterable[Element], known: Iterable[str]) -> list[tuple[str
 
 
 def refuse(found: Iterable[tuple[str, Element]], ignore, root: Element, content, advice: str) -> None:
-    """Raise FormatError for the first of the (tag, element) `found` that `ignore` does not name, by tag or name."""
+    """Raise FormatError for the first (tag, element) of `found` whose tag and name are not in `ignore`."""
     for tag, element in found:
         name = element.get("name", "")
         if {tag, tag.rpartition(":")[2], tag.rpartition("/")[2], name} & set(ignore):
-            _log.info("<%s> %s: left out, as ignore= says", tag, name)
+            _log.info("<%s> %s: left out because of ignore=", tag, name)
             continue
         raise FormatError(
-            f"<{tag}> is an extension that is not read: what it joins would come apart; {advice}. "
-            f"ignore=[{tag!r}] (--ignore {tag}) loads the file without",
+            f"the extension <{tag}> is not supported, and without it a loop would stay open; {advice}. "
+            f"ignore=[{tag!r}] (--ignore {tag}) loads the file without it",
             element=f"line {_line(content, root, element)}, {tag}{f' {name!r}' if name else ''}",
         )
 

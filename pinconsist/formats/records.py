@@ -44,7 +44,7 @@ _CODE_ONLY = "Callable | None"  # annotation of fields that a file cannot hold
 
 
 def loop_record(number: int, entry):
-    """The Loop, Coupling or Drive of the record at place `number`, counted from 1; FormatError if it is not valid."""
+    """The Loop, Coupling or Drive of record `number`, counted from 1; FormatError if it is invalid."""
     entry = dict(mapping(entry, loop_element(number), "name, kind, frame1"))
     given = entry.get("name")
     element = loop_element(number, given)
@@ -59,30 +59,30 @@ def loop_record(number: int, entry):
 
 
 def force_record(number: int, entry):
-    """The force of the record at place `number`, counted from 1; FormatError if it is not valid."""
+    """The force of record `number`, counted from 1; FormatError if it is invalid."""
     entry = dict(mapping(entry, force_element(number), "kind, joint, stiffness"))
     kind = _kind(entry, FORCES, force_element(number))
     return record_of(FORCES[kind], entry, f"force {number} ({kind})")
 
 
 def loop_element(number: int, given=None) -> str:
-    """The name that messages use for the loop at place `number`, with the name that its record gives."""
+    """The name that messages use for loop `number`, which includes the name in its record."""
     return f"loop {number} {given!r}" if isinstance(given, str) else f"loop {number}"
 
 
 def force_element(number: int, force=None) -> str:
-    """The name that messages use for the force at place `number`."""
+    """The name that messages use for force `number`."""
     kinds = [kind for kind, make in FORCES.items() if isinstance(force, make)]
     return f"force {number} ({kinds[0]})" if kinds else f"force {number}"
 
 
 def loop_entries(mechanism) -> list[dict]:
-    """The records under ``loops``, as plain data; InputError for a user's function or constraint."""
+    """The records under ``loops`` as plain data; InputError for user-defined functions and constraints."""
     entries = []
     for loop in mechanism.loops:
         what = f"{mechanism.name}: {loop.kind} {loop.name!r}"
         if not isinstance(loop, Loop | Coupling | Drive):
-            reason = "is a user-defined function, which a file cannot store; leave it out by with_loops()"
+            reason = "is a user-defined function, which a file cannot store; remove it by with_loops()"
             raise InputError(f"{what} {reason}")
         entry = {"name": loop.name, "kind": loop.kind} | _fields(loop, what)
         entries.append(entry | entry.pop("curve", {}))
@@ -90,7 +90,7 @@ def loop_entries(mechanism) -> list[dict]:
 
 
 def force_entries(mechanism) -> list[dict]:
-    """The records under ``forces``, as plain data; InputError for a user's law, or function that is not a Motion."""
+    """The records under ``forces`` as plain data; InputError for user-defined forces and functions."""
     entries = []
     for force in mechanism.forces:
         what = f"{mechanism.name}: the force {laws.label_of(force)!r}"
@@ -98,7 +98,7 @@ def force_entries(mechanism) -> list[dict]:
         if kind is None:
             raise InputError(f"{what} is a user-defined function, which a file cannot store; leave it out")
         field = next((each.name for each in dataclasses.fields(force) if each.type.startswith("Mapping")), None)
-        if field and not isinstance(values := getattr(force, field), Mapping):  # a number for each velocity
+        if field and not isinstance(values := getattr(force, field), Mapping):  # one number for each velocity
             shares = {joint: share for joint, share in by_joint(mechanism, values).items() if np.any(share)}
             force = dataclasses.replace(force, **{field: shares})
         entries.append({"kind": kind} | _fields(force, what))
@@ -129,7 +129,8 @@ def _plain(value, what):
 def record_of(make, entry: dict, element: str, prefix: str = ""):
     """The record of class `make` from a mapping, or FormatError; a key without a value counts as missing.
 
-    The annotations of its fields say how they are read. Its own messages begin with `prefix`, which is left out.
+    The annotations of its fields determine how they are read. If a message of the class starts with `prefix`, this is
+    removed.
     """
     fields = {each.name: each for each in dataclasses.fields(make) if each.type != _CODE_ONLY}
     known_keys(entry, fields, element)
@@ -143,14 +144,14 @@ def record_of(make, entry: dict, element: str, prefix: str = ""):
 
 
 def motion(value, element: str) -> Motion:
-    """A Motion from the mapping of its fields, of which there is at least one, or FormatError."""
+    """A Motion from a mapping of its fields; FormatError if it is empty or invalid."""
     if not value:
         raise FormatError(f"a motion needs one or more of {', '.join(_MOTION)}", element=element)
     return record_of(Motion, value, element)
 
 
 def known_keys(entry: dict, keys, element: str) -> None:
-    """Raise FormatError for a key that is none of `keys`, with similar keys."""
+    """Raise FormatError, with similar keys, for a key that is not one of `keys`."""
     for key in entry:
         if key not in keys:
             raise FormatError(f"the key {shown(key)} is not known{near(key, keys)}", element=element)
@@ -167,8 +168,8 @@ def name(value, element: str) -> str:
     """A name, or FormatError."""
     if not isinstance(value, str) or not value:
         raise FormatError(f"a name is needed, not {shown(value)} (quote names that look like numbers)", element=element)
-    if not value.isprintable():  # messages show it, and a terminal would obey it
-        raise FormatError(f"the name {shown(value)} has characters that cannot be printed", element=element)
+    if not value.isprintable():  # a terminal would execute control characters in a message
+        raise FormatError(f"the name {shown(value)} has unprintable characters", element=element)
     return value
 
 
@@ -196,14 +197,14 @@ def numbers(value, element: str, count: int = 0) -> tuple[float, ...]:
 
 
 def amount(value, element: str, kind: str = "tuple"):
-    """A finite number; or a list of them or a motion, if the annotation `kind` has a tuple or a function."""
+    """A finite number, or a list of numbers or a Motion if the annotation `kind` includes a tuple or a function."""
     if isinstance(value, dict) and "Callable" in kind:
         return motion(value, element)
     return numbers(value, element) if isinstance(value, list) and "tuple" in kind else number(value, element)
 
 
 def _value(value, kind, element):
-    """A field's value from plain data, by the annotation of the field."""
+    """A field's value from plain data, according to the annotation of the field."""
     if kind == "str" or (kind.startswith("str") and not isinstance(value, dict)):
         return name(value, element)
     if kind.startswith("tuple"):
@@ -211,7 +212,7 @@ def _value(value, kind, element):
     if "Mapping" not in kind:
         return amount(value, element, kind)
     if not isinstance(value, dict) or not value:
-        raise FormatError(f"joint names with a number each are needed, not {shown(value)}", element=element)
+        raise FormatError(f"a mapping of joint names to numbers is needed, not {shown(value)}", element=element)
     return {name(joint, element): amount(each, f"{element}: {joint}", kind) for joint, each in value.items()}
 
 
@@ -224,5 +225,5 @@ def _field(entry, key, element):
 def _kind(entry, kinds, element):
     kind = _field(entry, "kind", element)
     if kind not in tuple(kinds):
-        raise FormatError(f"unknown kind {shown(kind)}; known are {', '.join(kinds)}", element=element)
+        raise FormatError(f"unknown kind {shown(kind)}; choose from {', '.join(kinds)}", element=element)
     return entry.pop("kind")

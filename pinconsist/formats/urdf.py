@@ -1,10 +1,10 @@
 """URDF files.
 
-Everything is checked in our own code before Pinocchio sees it, so that whatever is wrong with a file is a FormatError
-that names the file and the element. Only what a simulation or a replay needs is carried over (links, joints, shapes),
-with every number rewritten, so that no parser after this one meets anything that was not checked. ``continuous`` joints
-become plain revolute joints, one angle that counts its turns (nq = nv), where Pinocchio would store a cosine and a
-sine; a limit that the file does not give is infinite. What closes loops: :mod:`pinconsist.formats.urdf_loops`.
+A file is checked completely before it is passed to Pinocchio, so that every error in it becomes a FormatError that
+names the file and the element. Only what a simulation or a replay needs (links, joints, shapes) is copied, and every
+number is written anew, so that Pinocchio's parsers never see unchecked input. ``continuous`` joints become plain
+revolute joints with one angle that counts turns (nq = nv), where Pinocchio would store a cosine and a sine. Limits
+that are missing in the file are infinite. For loops see :mod:`pinconsist.formats.urdf_loops`.
 """
 
 import logging
@@ -22,22 +22,22 @@ from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known
 from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-UNLIMITED = 1e300  # limit of joints without one
+UNLIMITED = 1e300  # stands for a missing limit
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 ROOT_JOINT = "root_joint"
 
-# Pinocchio requires all four: the values for those that are missing
+# defaults for missing limits, as Pinocchio requires all four
 _LIMIT = {"lower": (-UNLIMITED,), "upper": (UNLIMITED,), "effort": (UNLIMITED,), "velocity": (UNLIMITED,)}
 SHAPES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}, "mesh": {"scale": 3}}
-"""Shape → its attributes, and how many numbers each has."""
+"""Shape → its attributes, and the number of values of each."""
 _log = logging.getLogger(__name__)
 
 
 def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_types=None, content=None) -> RobotFile:
-    """What a URDF file, or a text as its `content`, says; a free-flyer is a joint ``root_joint``.
+    """Read a URDF file, or a text given as `content`; a free-flyer is a joint ``root_joint``.
 
-    `joint_types` are the joints to replace: name → type, see :mod:`pinconsist.formats.joints`; `ignore` names what
-    :func:`~pinconsist.formats.reading.refuse` refuses.
+    `joint_types` are the joints to replace: name → type, see :mod:`pinconsist.formats.joints`. `ignore` names elements
+    that :func:`~pinconsist.formats.reading.refuse` would refuse.
     """
     content = read_bytes(path) if content is None else content
     robot = checked(raw := parsed(content), name)
@@ -62,7 +62,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=(), joint_t
 
 def _built(urdf, free_flyer, kinds):
     if free_flyer and ROOT_JOINT in kinds:
-        raise FormatError("a free-flyer adds a joint of this name; rename the file's", element=f"joint {ROOT_JOINT!r}")
+        raise FormatError("a free-flyer adds a joint of this name; rename this one", element=f"joint {ROOT_JOINT!r}")
     if not free_flyer and set(kinds.values()) <= {"fixed"}:
         raise FormatError("nothing can move: all joints are fixed (free_flyer would let it move)")
     try:
@@ -72,8 +72,8 @@ def _built(urdf, free_flyer, kinds):
 
 
 def checked(raw: Element, name: str) -> Element:
-    """A clean `<robot>` from a parsed file; FormatError for the first thing that is wrong, with its element."""
-    namespace = raw.tag[: raw.tag.find("}") + 1]  # a default namespace is legal and means nothing
+    """A clean `<robot>` from a parsed file; FormatError for the first error, with its element."""
+    namespace = raw.tag[: raw.tag.find("}") + 1]  # a default namespace is legal and has no meaning here
     for node in raw.iter():
         node.tag = node.tag.removeprefix(namespace)
     if raw.tag != "robot":
@@ -85,7 +85,7 @@ def checked(raw: Element, name: str) -> Element:
         raise FormatError("there is no link")
     for found in (links, joints):
         if "universe" in found:
-            raise found["universe"].error("'universe' is the name of the ground here; give it another")
+            raise found["universe"].error("'universe' is the name of the ground here; rename this element")
     for link, node in links.items():
         out = SubElement(robot, "link", name=link)
         if inertial := node.child("inertial"):
@@ -117,7 +117,7 @@ def origin(out: Element, place: pin.SE3) -> None:
 
 
 def add_visual(link: Element, place: pin.SE3, kind: str, sizes: dict[str, str], rgba: str = "") -> None:
-    """Add a shape to a link; parsers give all materials of one name the colour of the first, so it is their name."""
+    """Add a shape to a link. Its material is named after its colour: parsers merge materials of the same name."""
     out = SubElement(link, "visual")
     origin(out, place)
     SubElement(SubElement(out, "geometry"), kind, sizes)
@@ -135,7 +135,7 @@ def _inertial(out, node):
     values = [inertia.number(key) for key in INERTIA]
     scale = max(map(abs, values)) or 1.0
     smallest = np.linalg.eigvalsh(symmetric(values) / scale)[0]
-    if smallest < -1e-9:  # files round
+    if smallest < -1e-9:  # numbers in files are rounded
         raise node.error(f"a principal inertia is negative: {smallest * scale:.3g} kg m²")
     SubElement(out, "inertia", {key: text(value) for key, value in zip(INERTIA, values, strict=True)})
 
@@ -150,7 +150,7 @@ def _shape(link, tag, node, colours):
     solid = node.solid()
     kind = solid.xml.tag if solid else ""
     if kind not in SHAPES:
-        _log.warning("%s: left out, its geometry is none of %s", node.name, ", ".join(SHAPES))
+        _log.warning("%s: left out, its geometry is not one of %s", node.name, ", ".join(SHAPES))
         return
     default = (1.0, 1.0, 1.0) if kind == "mesh" else None
     sizes = {key: solid.numbers(key, count, default) for key, count in SHAPES[kind].items()}
@@ -194,7 +194,7 @@ def _joint(robot, name, node, links):
         raise node.error("the axis is the zero vector")
     axis = tuple(each / length for each in axis)
     if kind == "planar" and axis != (0.0, 0.0, 1.0):  # Pinocchio ignores the axis of a planar joint
-        raise node.error('planar joints can be read only with <axis xyz="0 0 1"/>, motion in x-y')
+        raise node.error('planar joints must have <axis xyz="0 0 1"/>, motion in the x-y plane')
     SubElement(joint, "axis", xyz=text(*axis))
     if dynamics := node.child("dynamics"):
         _copy(joint, dynamics, "dynamics", {"damping": (0.0,), "friction": (0.0,)})
@@ -209,14 +209,14 @@ def _check_tree(links, joints):
     for joint in joints:
         parent, link = joint.find("parent").get("link"), joint.find("child").get("link")
         if link in joint_of:
-            advice = "URDF holds a tree: keep one of them and close the loop by a <loop_joint> or in a loop file"
+            advice = "A URDF is a tree: keep one of them and close the loop by a <loop_joint> or in a loop file"
             two = f"{joint_of[link]!r} and {joint.get('name')!r}"
             raise links[link].error(f"it is the child of two joints, {two}. {advice}")
         joint_of[link] = joint.get("name")
         children.setdefault(parent, []).append(link)
     roots = [link for link in links if link not in joint_of]
     if len(roots) > 1:
-        raise FormatError(f"the links {roots[0]!r} and {roots[1]!r} are both without a parent; join them by a joint")
+        raise FormatError(f"the links {roots[0]!r} and {roots[1]!r} both have no parent; connect them by a joint")
     for link in roots:  # the list grows
         roots += children.get(link, ())
     if len(roots) < len(links):
@@ -230,6 +230,6 @@ def _origin(out, node):
 
 
 def _copy(out, node, tag, defaults, largest=LARGEST):
-    """Write an element whose attributes are as many numbers as their defaults have."""
+    """Copy an element's numeric attributes; each has as many numbers as its default."""
     numbers = {key: node.numbers(key, len(default), default, largest) for key, default in defaults.items()}
     SubElement(out, tag, {key: text(*each) for key, each in numbers.items()})

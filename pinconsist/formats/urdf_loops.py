@@ -1,4 +1,4 @@
-"""What closes loops in a URDF: ``<loop_joint>`` and ``<mimic>`` elements, or else frames with closing names.
+"""Loops in a URDF: ``<loop_joint>`` and ``<mimic>`` elements, or else frames whose names say that they close loops.
 
 ``<loop_joint>`` is a joint that closes a loop::
 
@@ -8,31 +8,31 @@
       <axis xyz="0 1 0"/>
     </loop_joint>
 
-URDF itself has no such element; it comes from Drake's former reader (no type: origins together, axes aligned) and from
-Isaac Sim's (``type``; it reads ``spherical`` only). Both are read here. ``xyz`` and ``rpy`` place an anchor in its
-link; in a closed loop the anchors coincide, up to the motion that the type leaves free. ``axis`` has the same
-components in both anchors and is URDF's default, x, if it is missing.
+This element is not part of URDF. It comes from two other readers: a former one of Drake (no type: the origins coincide
+and the axes are aligned), and Isaac Sim's (with ``type``, of which it supports ``spherical`` only). Both forms are
+supported here. ``xyz`` and ``rpy`` place an anchor on its link; in a closed loop the anchors coincide, up to the motion
+that the type leaves free. ``axis`` has the same components in both anchors; its default is x, as in URDF.
 
-The types, what they leave free, and the kinds of loop that they become::
+The types, the motion that they leave free, and the kinds of loop that they become::
 
-    fixed                            nothing                       frame
-    revolute, continuous or no type  the angle about the axis      hinge
-    prismatic                        the way along the axis        slider
-    planar                           the plane normal to the axis  plane
-    spherical, ball                  all angles                    point
+    fixed                            none                              frame
+    revolute, continuous or no type  rotation about the axis           hinge
+    prismatic                        translation along the axis        slider
+    planar                           motion in the plane normal to it  plane
+    spherical, ball                  all rotations                     point
 
-Limits, damping and friction of a loop joint do not act; if they are given, a warning says so.
+Limits, damping and friction of a loop joint have no effect; if they are given, a warning says so.
 
 ``<mimic>`` becomes a coupling: a joint follows another, q = multiplier·q_other + offset.
 
-Frames with closing names are the two ends of a loop, read if nothing else says how a robot is closed:
+If nothing else defines the loops of a robot, pairs of frames with the following names are the two ends of a loop:
 
-* ``closing_x_1``, ``closing_x_2`` of onshape-to-robot become a point: the exporter does not write the kind of its mate;
-  the axis of its hinges is the frames' z.
-* ``closedloopX_A``, ``closedloopX_B`` of the collection example-parallel-robots become a frame (its default), or a
-  point where the name says 3D: ``closedloop3D_1A``, ``closedloop2_A_3D``.
+* ``closing_x_1`` and ``closing_x_2`` of onshape-to-robot become a point, because the exporter does not write the type
+  of the mate. The axis of its hinges is the z axis of the frames.
+* ``closedloopX_A`` and ``closedloopX_B`` of the collection example-parallel-robots become a frame (its default), or a
+  point if the name contains 3D: ``closedloop3D_1A``, ``closedloop2_A_3D``.
 
-``load(..., closure=...)`` chooses otherwise for all of them.
+``load(..., closure=...)`` selects another kind for all of them.
 """
 
 import logging
@@ -56,9 +56,9 @@ _log = logging.getLogger(__name__)
 
 
 def refuse_foreign(robot: Element, ignore, content) -> None:
-    """Raise FormatError for extensions that close loops and would be lost; see :func:`refuse`."""
+    """Raise FormatError for unsupported extensions that close loops; see :func:`refuse`."""
     found = closing(robot, _OWN) + [("mujoco/equality", each) for each in robot.iterfind("mujoco/equality")]
-    found += [("gazebo/joint", each) for each in robot.iterfind("gazebo/joint")]  # one of SDF's
+    found += [("gazebo/joint", each) for each in robot.iterfind("gazebo/joint")]  # an element of SDF
     refuse(found, ignore, robot, content, "write it as <loop_joint>, <mimic> or in a loop file")
 
 
@@ -101,10 +101,10 @@ def couplings(robot: Element) -> tuple[Coupling, ...]:
         for node in nodes:
             node.name = f"joint {name!r}: mimic"
             if len(nodes) > 1:
-                raise node.error("a joint can follow one other only")
+                raise node.error("a joint can follow only one other joint")
             other = node.get("joint")
             require_known(other, kinds, f"there is no joint {other!r} to follow", node.name)
-            for each, what in ((name, "follow another"), (other, "be followed")):
+            for each, what in ((name, "follow another joint"), (other, "be followed")):
                 if (kind := kinds[each]) not in _CAN_FOLLOW:
                     only = f"only {', '.join(_CAN_FOLLOW)} joints can"
                     raise node.error(f"joint {each!r} is {kind} and cannot {what}; {only}")
@@ -116,12 +116,12 @@ def couplings(robot: Element) -> tuple[Coupling, ...]:
         while path[-1] in found and path.count(path[-1]) == 1:
             path.append(found[path[-1]].other)
         if path.count(path[-1]) > 1:
-            raise FormatError(f"joints follow each other in a circle: {' → '.join(path)}", element=f"joint {name!r}")
+            raise FormatError(f"joints follow each other in a cycle: {' → '.join(path)}", element=f"joint {name!r}")
     return tuple(found.values())
 
 
 def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
-    """The loops between closing frames of a model, by hinges about the exporter's axis if the `closure` is "hinge"."""
+    """The loops between closing frames of a model; with `closure` "hinge", hinges about the exporter's axis."""
     pairs, found = {}, []
     for frame in model.frames:
         if match := _ONSHAPE.fullmatch(frame.name):
@@ -130,15 +130,15 @@ def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
             pairs.setdefault((match[1] + (match[3] or ""), "collection"), {})[match[2].upper()] = frame.name
     for (name, source), ends in pairs.items():
         if len(ends) < 2:
-            reason = "there is no other frame to pair it with"
-            _log.warning("%s: the frame %r closes no loop: %s", path, *ends.values(), reason)
+            reason = "the other frame of the pair is missing"
+            _log.warning("%s: the frame %r does not close a loop: %s", path, *ends.values(), reason)
             continue
         kind, axis = "point" if source == "onshape" or "3D" in name.upper() else "frame", None
         if source == "onshape" and closure == "hinge":
             kind, axis = "hinge", (0.0, 0.0, 1.0)
         found.append(Loop(name, kind, *(ends[side] for side in sorted(ends)), axis=axis))
     if found:
-        reason = "loops are closed between frames with closing names"
+        reason = "its loops are taken from the names of its frames"
         listed = ", ".join(f"{loop.name} ({loop.kind})" for loop in found)
         _log.warning("%s has no loop file; %s: %s. closure= or a loop file overrides this", path, reason, listed)
     return tuple(found)

@@ -1,7 +1,7 @@
 """Mechanism → URDF and loop file.
 
-A joint's body is a link, named like the first body frame that lies on the joint; every other frame is a massless link
-fixed where it lies. Numbers are written in full.
+The body of a joint becomes a link, named after the first body frame at the origin of the joint; every other frame
+becomes a massless link, fixed at its placement. Numbers are written with all digits.
 """
 
 import os
@@ -29,7 +29,7 @@ from .urdf import INERTIA, UNLIMITED, origin
 
 _STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 _SAME = 1e-9
-_JOINTS = {  # Pinocchio's name → (type in URDF, axis or None where the joint has its own, type in the loop file)
+_JOINTS = {  # Pinocchio's name → (type in URDF, axis or None if the joint has its own, type in the loop file)
     "FreeFlyer": ("floating", (), None),
     "Planar": ("planar", (0.0, 0.0, 1.0), None),
     "Spherical": ("revolute", (1.0, 0.0, 0.0), "spherical"),
@@ -80,7 +80,7 @@ def write(mechanism: Mechanism, path) -> Path:
             scene["joint_order"] = list(mechanism.joints)
             back = _read_back(urdf, scene, path.stem)
     except FormatError as error:
-        raise InputError(f"{mechanism.name} cannot be written as a URDF that reads back: {error.reason}") from error
+        raise InputError(f"{mechanism.name} cannot be written as a readable URDF: {error.reason}") from error
     if not _same(mechanism, back):
         raise InputError(f"{mechanism.name} cannot be written as URDF: it reads back differently. Please report this")
     with written_whole(path) as robot, written_whole(path.with_suffix(".yaml")) as loops:
@@ -92,7 +92,7 @@ def write(mechanism: Mechanism, path) -> Path:
 def _loop_file(mechanism, joints) -> dict:
     model = mechanism.model
     if np.any(model.gravity.angular):
-        raise InputError(f"{mechanism.name}: gravity has an angular part, which a file cannot hold")
+        raise InputError(f"{mechanism.name}: gravity has an angular part, which a file cannot store")
     gravity = model.gravity.linear.tolist()
     scene = {
         "gravity": gravity if tuple(gravity) != _STANDARD_GRAVITY else None,
@@ -119,7 +119,7 @@ def _read_back(urdf, scene, name):
 
 
 def _same(mechanism, back) -> bool:
-    """Whether the equations of motion that were read back are those of a mechanism: a last line of defence."""
+    """Whether the equations of motion that were read back are those of the mechanism: a final safety check."""
     if (back.joints, back.nq, back.nv, back.nc) != (mechanism.joints, mechanism.nq, mechanism.nv, mechanism.nc):
         return False
     rng = np.random.default_rng(0)
@@ -163,7 +163,7 @@ def _urdf(mechanism, name) -> tuple[str, dict]:
 
 
 def _frame_names(model):
-    """The link of each joint, and the frames that are mounted on links: (joint name, link, joint, place)."""
+    """The link of each joint, and the frames to mount on links: (name of the fixed joint, link, joint, placement)."""
     frames = list(enumerate(model.frames))[1:]
     fixed = {i: frame for i, frame in frames if frame.type == pin.FrameType.FIXED_JOINT}
     taken_links = {"universe"} | {frame.name for _, frame in frames}
@@ -247,7 +247,7 @@ def _joint(robot, mechanism, joint, links):
 
 
 def _kind(mechanism, joint):
-    """(type in URDF, axis, type in the loop file) of a joint; InputError for a kind that has no place in either."""
+    """(type in URDF, axis, type in the loop file) of a joint; InputError for a kind that neither file can describe."""
     model = mechanism.model
     which = model.joints[joint].shortname().removeprefix("JointModel")
     found = next((each for pattern, each in _JOINTS.items() if re.fullmatch(pattern, which)), None)

@@ -1,7 +1,8 @@
-"""The recursion of sensitivities over the accepted steps of a run.
+"""The recursion of sensitivities over the accepted BDF steps of a run.
 
-A table S holds the differences of s = [s_ξ | s_v | s_λ] as the run's table holds those of [ξ | v | λ], one for each
-parameter: shape (ROWS, P, nx+nv+nc). Prediction, change of step and update are linear, hence the same for S.
+Just as the run's table holds the backward differences of [ξ | v | λ], a table S of shape (ROWS, P, nx+nv+nc) holds
+those of s = [s_ξ | s_v | s_λ] for each parameter. Prediction, change of step and update are linear, so they are the
+same for S.
 """
 
 from dataclasses import dataclass, replace
@@ -21,15 +22,15 @@ from ..dae.segments import RadauSegment
 from .linear import Step
 from .stage_leg import StageLeg, stage_legs
 
-STAGES_OF_START = 5  # of order 9
-COLUMNS = ("t_old", "ends", "t", "h", "k", "base", "Z", "changes")  # of Tables
+STAGES_OF_START = 5  # order 9
+COLUMNS = ("t_old", "ends", "t", "h", "k", "base", "Z", "changes")  # fields of Tables
 
 
 @dataclass
 class Leg:
-    """The `steps` of a run from one start to the next, as arrays, of which the history is the first.
+    """The `steps` of a run from one start to the next, as arrays; the first entry is the starting history.
 
-    `tables`, (1+n, ROWS, P, nx+nv+nc), are those of S after the history and after each step.
+    `tables`, (1+n, ROWS, P, nx+nv+nc), are the tables S after the history and after each step.
     """
 
     steps: Tables
@@ -42,22 +43,22 @@ class Leg:
     span = property(lambda self: (float(self.steps.start), float(self.steps.ends[-1])))
 
     def step_at(self, t):
-        """(start, size) of the step that holds a time."""
+        """(start, size) of the step that contains a time."""
         i = int(self.steps.holders(t))
         return float(self.steps.t_old[i]), float(self.steps.h[i])
 
     def curve(self):
-        """t, h, k, chart centre and table of all, the history first."""
+        """t, h, k, chart centre and table of all steps, the history first."""
         steps = self.steps
         return steps.t, steps.h, steps.k, steps.base, steps.Z
 
     def close(self) -> None:
-        """There is nothing compiled to let go of."""
+        """Do nothing: there are no compiled systems to release."""
 
     def _history(self, index1):
-        """The first points as a leg of Radau IIA, their times, and the part of [ξ] in charts there with its T.
+        """The points of the history as a leg of Radau IIA, their times, the columns of ξ in charts, and T there.
 
-        The history is that of the equations of index 1. Steps of that order lose nothing in its derivatives.
+        The history solves the index-1 equations; steps of such a high order do not limit its accuracy.
         """
         first, system, formula = self.start, self.system, table(STAGES_OF_START)
         y = (bdf.differences(first.k) @ first.Z[: first.k + 1])[::-1]
@@ -72,7 +73,7 @@ class Leg:
         return StageLeg(steps, lambda _: index1), times, self._charts(y)
 
     def begin(self, variants, base, s):
-        """S of the history, from derivatives `s`, (P, nx+nv), of the state where the leg begins."""
+        """S of the history, from the derivatives `s`, (P, nx+nv), of the state at the start of the leg."""
         history, times, (turning, T) = self._history(index1 := base.index1(self.system))
         history.follow(index1, variants.residuals(self.system), s[None])
         rows = history.at(times)[2]
@@ -82,11 +83,11 @@ class Leg:
         return S
 
     def begin_back(self, variants, base, seed):
-        """The transpose: derivatives of a number by `s`, (nx+nv,), and by the parameters, (P,), from that by S."""
+        """The transpose: from the derivative of a number by S, those by `s`, (nx+nv,), and by the parameters, (P,)."""
         history, times, (turning, T) = self._history(index1 := base.index1(self.system))
         rows = (bdf.differences(len(times) - 1).T @ seed[: len(times)])[::-1]
         rows[:, turning] = np.einsum("nj,nji->ni", rows[:, turning], T)
-        history.sow(times, rows, seeds := history.seeds())
+        history.add_seeds(times, rows, seeds := history.seeds())
         own = history.follow_back(index1, variants.residuals(self.system), seeds)
         return seeds[0][0], own
 
@@ -98,11 +99,11 @@ class Leg:
             follow(self, residuals, S)
 
     def seeds(self):
-        """Zeros, to which :meth:`sow` adds: derivatives of a number by each of the tables S."""
+        """Zeros to which :meth:`add_seeds` adds: the derivatives of a number by each of the tables S."""
         return np.zeros(self.steps.Z.shape)
 
     def follow_back(self, index1, residuals, seeds):
-        """What the parameters change of a number in the steps, (P,); `seeds[0]` becomes its derivative by S there."""
+        """The derivative of a number by the parameters in the steps, (P,); `seeds[0]` becomes that by the first S."""
         if isinstance(index1, CompiledIndex1):
             return CompiledFollower(index1, residuals).backward(self, seeds)
         return follow_back(self, residuals, seeds)
@@ -124,7 +125,7 @@ class Leg:
         return turning, chart_matrix(system, y[:, : system.nx], turning)
 
     def states(self, times):
-        """p, [ξ | v | λ], the tables that hold the times, 0 being that of the history, and weights of their rows."""
+        """p, [ξ | v | λ], the indices of the tables for the times, 0 for the history, and the weights of their rows."""
         t, h, k, base, Z = self.curve()
         i = self.steps.holders(times)
         basis = bdf.interpolate(highest := int(k.max()), (times - t[i]) / h[i])
@@ -135,7 +136,7 @@ class Leg:
             return xi, y, i, basis
         return np.array([self.system.integrate(*pair) for pair in zip(base[i], xi, strict=True)]), y, i, basis
 
-    def sow(self, times, derivatives, seeds) -> None:
+    def add_seeds(self, times, derivatives, seeds) -> None:
         """Add to `seeds` the derivatives of a number by s at times, (n, nx+nv+nc)."""
         (_, y, holders, basis), rows = self.states(times), np.array(derivatives)
         turning, T = self._charts(y)
@@ -145,7 +146,7 @@ class Leg:
 
 
 def legs_of(dense, index1_of=Index1) -> list[Leg] | list[StageLeg]:
-    """The legs of a run from its dense output; `index1_of` gives the equations of index 1 of a system."""
+    """The legs of a run from its dense output; `index1_of` returns the index-1 equations of a system."""
     if not hasattr(dense.curves[0].plain(0), "changes"):
         return [StageLeg(steps, index1_of) for curve in dense.curves for steps in stage_legs(curve)]
     legs: list[list[Tables]] = []
@@ -156,7 +157,7 @@ def legs_of(dense, index1_of=Index1) -> list[Leg] | list[StageLeg]:
             part = replace(steps, **{name: getattr(steps, name)[i:end] for name in COLUMNS})
             if steps.changes[i] is None:
                 legs.append([part])
-            else:  # goes on from the curve before
+            else:  # continues the previous curve
                 legs[-1].append(part)
     return [Leg(first.with_others(others)) for first, *others in legs]
 
@@ -172,7 +173,7 @@ def _as_tables(curve):
 
 
 def follow(leg, residuals, S) -> None:
-    """Fill the leg's `tables` from `S` of its history; `residuals`, for each parameter, as of :meth:`Point.rates`."""
+    """Fill the leg's `tables` from `S` of its history; `residuals` are the parameters of :meth:`Point.rates`."""
     system, steps, n = leg.system, zip(*leg.curve(), strict=True), leg.system.nx + leg.system.nv
     leg.tables = np.empty((1 + len(leg.t), *S.shape))
     leg.tables[0] = S
@@ -188,10 +189,10 @@ def follow(leg, residuals, S) -> None:
 
 
 def follow_back(leg, residuals, seeds):
-    """What parameters change in the steps, in the derivative of a number, (P,): the transpose of :func:`follow`.
+    """The derivative of a number by the parameters through the steps, (P,): the transpose of :func:`follow`.
 
-    `seeds`, (1+n, ROWS, nx+nv+nc), are the derivatives of the number by each of the tables S. The first becomes the one
-    by the table of the history, with all that follows from it.
+    `seeds`, (1+n, ROWS, nx+nv+nc), are the direct derivatives of the number by each of the tables S. The first one
+    becomes the total derivative by the table of the history.
     """
     system, curve = leg.system, list(zip(*leg.curve(), strict=True))
     rates, n = np.zeros(len(residuals)), system.nx + system.nv
@@ -212,7 +213,7 @@ def follow_back(leg, residuals, seeds):
 
 
 def recenter(system, base, new_base, Z, S, rows, back=False) -> None:
-    """Carry S from the chart at `base`, where the run's table is `Z`, to `new_base`, in place; or the transpose."""
+    """Transform S in place from the chart at `base`, with the run's table `Z`, to that at `new_base`; or transposed."""
     D, nx = bdf.differences(rows - 1), system.nx
     way = D.T if back else D
     past = np.tensordot(way, S[:rows, :, :nx], 1)

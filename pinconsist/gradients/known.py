@@ -1,9 +1,9 @@
-"""Derivatives of the equations that are known exactly: by numbers of bodies, by gravity, by numbers of one force.
+"""Known derivatives of the equations: by inertial parameters, by gravity, and by numbers of one force.
 
-Such a parameter changes f = M a + nle - τ alone, in which masses, first moments and inertias about joints are linear,
-and so is gravity. Each part has r_θ at a state, ``force(model, data, t, q, v, a)``, and ``hand_over(rates, column,
-weight)`` adds it to compiled rates. As a system whose f it is, with rows that are zero, it stands where others have the
-weighted residuals of mechanisms beside.
+Such a parameter changes only f = M a + nle - τ, which is linear in masses, first moments and inertias about joints, and
+in gravity. Each part returns r_θ at a state, ``force(model, data, t, q, v, a)``; ``hand_over(rates, column, weight)``
+adds it to compiled rates. For other parameters, r_θ is a weighted sum of residuals of mechanisms; :class:`Known` makes
+a part usable in their place, as a system with f = r_θ and zero rows.
 """
 
 from dataclasses import dataclass, replace
@@ -20,13 +20,13 @@ from ..mechanism.parameters import Parameter, difference_step
 OF_STEPS = {-1: -1 / 2, 1: 1 / 2}
 BEHIND, SECOND_BEHIND = {-m: -weight for m, weight in AHEAD.items()}, {0: 3 / 2, -1: -2.0, -2: 1 / 2}
 SIDES = (CENTRAL, OF_STEPS), (AHEAD, {0: -3 / 2, 1: 2.0, 2: -1 / 2}), (BEHIND, SECOND_BEHIND)
-"""Weights by offsets, of fourth order and of second: about a value, and on one side where a bound is near."""
-CLOSE = 0.1  # of the step of others: laws of forces are smooth, and most of them linear in their numbers
+"""Weights by offset, of fourth and of second order: central, and one-sided for values near a bound."""
+CLOSE = 0.1  # relative to the step of other parameters: most forces are linear in their numbers, and all are smooth
 
 
 @dataclass
 class Inertial:
-    """By the ten numbers of a joint's body in Pinocchio's regressor: their rates."""
+    """The derivative by inertial parameters of a body: `rates` of its ten numbers in Pinocchio's regressor."""
 
     joint: int
     rates: np.ndarray
@@ -41,7 +41,7 @@ class Inertial:
 
 @dataclass
 class Gravity:
-    """By gravity in a direction."""
+    """The derivative by gravity in a direction."""
 
     rates: np.ndarray
 
@@ -56,7 +56,7 @@ class Gravity:
 
 @dataclass
 class Pull:
-    """The torques of one force, with a number of it a little larger or smaller."""
+    """The torques of one force in which a number is slightly larger or smaller."""
 
     bound: Any
 
@@ -68,7 +68,7 @@ class Pull:
         rates.act(column, [0], [column])
 
     def side_of(self, rates, key, weight) -> None:
-        """Add it to the forces of a key."""
+        """Add it to the forces with this key."""
         if not self.bound.hand_over(rates):
             rates.add_python_force(self.bound)
         rates.close(key, weight)
@@ -76,18 +76,18 @@ class Pull:
 
 @dataclass
 class Nodes:
-    """By values of a table: the force by all of them at once, from weights and sides, times the hat of each."""
+    """The derivative by values of a table: that by all of them at once, from weighted `sides`, times hat functions."""
 
     times: tuple
     sides: list[tuple[float, Pull]]
     nodes: list[int]
 
     def one(self, i):
-        """That by one of the values."""
+        """The derivative by one of the values."""
         return replace(self, nodes=[self.nodes[i]])
 
     def force(self, model, data, t, q, v, a):
-        """Of a single value."""
+        """r_θ for a single value."""
         hat = np.interp(t, self.times, np.arange(len(self.times)) == self.nodes[0])
         return hat * sum(weight * side.force(model, data, t, q, v, a) for weight, side in self.sides)
 
@@ -100,7 +100,7 @@ class Nodes:
 
 
 class Known:
-    """One of these as a system, with zeros for the rows of the system `like`; `data` is shared with others."""
+    """One of these parts as a system, with zero rows as many as in the system `like`; `data` is shared."""
 
     def __init__(self, part, like, data):
         self.part, self.model, self.nv, self.nc = part, like.model, like.nv, like.nc
@@ -112,12 +112,12 @@ class Known:
         return self.part.force(self.model, self.data, t, p, v, a), zero, np.zeros((self.nv, self.nc)), zero
 
     def acceleration_bias(self, t, p, v):
-        """That of its rows, (nc,)."""
+        """The acceleration bias of its rows, (nc,): zero."""
         return np.zeros(self.nc)
 
 
 def parts_of(parameter: Parameter, model, step) -> list[tuple[float, Any]]:
-    """(weight, part) whose sum is the derivative by a parameter, if it is known; else none."""
+    """Pairs (weight, part) whose sum is the derivative by a parameter; empty if it is not known."""
     if parameter.part is None:
         return []
     kind, *where = parameter.part(parameter.value)
@@ -138,7 +138,7 @@ def parts_of(parameter: Parameter, model, step) -> list[tuple[float, Any]]:
 
 
 def _nodes(model, record, path, nodes) -> Nodes:
-    """A record's force by values of the table at a path."""
+    """The derivative of a record's force by values of the table at a path."""
     table, sides = part_at(record, path), []
     step = CLOSE * difference_step(max(map(abs, table.values)))
     for m, weight in OF_STEPS.items():

@@ -1,7 +1,7 @@
-"""The linear equations of one step, by BDF and by Radau IIA, and of the multipliers at a state.
+"""The linearised equations of one step of BDF or Radau IIA, and of the multipliers at a state.
 
 BDF. With r = M a + nle - τ - G λ, c = h/α_k and a = (v - ψ_v)/c, all at the accepted state, the derivatives
-s = (s_ξ, s_v, s_λ) by a parameter θ follow from those of ψ, which are known from the steps before:
+s = (s_ξ, s_v, s_λ) by a parameter θ follow from those of ψ, which are known from the previous steps:
 
     K (s_v', s_λ') = -(c r_θ + c (f_x - F) E s_ψξ - M s_ψv,  (Φ_θ + W E s_ψξ)/c)
     s_ξ            = E (s_ψξ + c s_v')
@@ -11,27 +11,28 @@ s = (s_ξ, s_v, s_λ) by a parameter θ follow from those of ψ, which are known
     K = [ M + c f_v + c² (f_x - F) E   -c G ]     F = ∂(G λ)/∂ξ,  H = ∂ρ/∂ξ,
         [ W E                            0  ]     E = (1 - c L)⁻¹
 
-σ is the hidden residual of s itself: as every step of the run is put on the hidden constraint, so is every step of its
-derivatives, and s_λ has the order of the method (without, one less, and jumps at each change of step). L s is the
-derivative of the rate of chart coordinates at their centre, ½ [s, v]; it is zero where no joint has rotations of three
-degrees of freedom. For values it is of higher order than the method, for derivatives it is not.
+σ is the hidden residual of s itself. Every step of the run is put on the hidden constraint, and so is every step of its
+derivatives. Therefore s_λ has the order of the method (otherwise it would have one order less, and jump at each change
+of step). L s = ½ [s, v] is the derivative of the rate of chart coordinates at their centre; it is zero if no joint
+rotates with three degrees of freedom. For values this term is of higher order than the method; for derivatives it is
+not.
 
 Radau IIA. A step from (p₀, v₀) has stages (P_i, V_i, W_i) with multipliers L_i, see :mod:`pinconsist.dae.radau`. With
-the derivatives s_p, s_v of its start by θ and dξ_i = T_i (dP_i - Ad_i s_p), Ad_i = 1 - T_i⁻¹ ad ξ_i,
+the derivatives s_p, s_v of its start by θ, and dξ_i = T_i (dP_i - Ad_i s_p), Ad_i = 1 - T_i⁻¹ ad ξ_i,
 
     dV_i = T_i⁻¹ (Σ_j b_ij dξ_j/h - N_i dξ_i),   N_i = ∂(T_i V_i)/∂ξ_i,      dW_i = Σ_j b_ij (dV_j - s_v)/h,
     M_i dW_i + D_i dV_i + (K_i - F_i) dP_i + r_θi = G_i dL_i,    J_i dP_i + Φ_θi = 0,    r = f - G L,  F = ∂(G L)/∂ξ.
 
-As in the run, dP_i = Z_i y_i - N_i Φ_θi, and Zᵀ G = 0 leaves s (nv - nc) unknowns y. Here T and N are exact: what is
-differentiated is the step itself, and its derivatives have its order, 2s - 1.
+As in the run, dP_i = Z_i y_i - N_i Φ_θi, and Zᵀ G = 0 leaves s (nv - nc) unknowns y. Here T and N are exact, because
+the step itself is differentiated; the derivatives have its order, 2s - 1.
 
-The end is dP_s put on Φ, and dV_s on the hidden constraint, by [[M, -G], [J, 0]] at (p₁, v₁). The velocity was moved by
-δ = v₁ - V_s = M⁻¹ G ν, in the metric of a place that moves with θ, too:
+At the end of the step, dP_s is projected onto Φ, and dV_s onto the hidden constraint, by [[M, -G], [J, 0]] at (p₁, v₁).
+The run moves the velocity by δ = v₁ - V_s = M⁻¹ G ν, with M at a configuration that also depends on θ:
 
     M (s_v1 - dV_s) - G dν + q_θ + ∂q/∂ξ s_p1 = 0,    q = M δ - G ν,      J s_v1 + H s_p1 + ρ_θ = 0.
 
-Without q, which is of the order of V_s, the order of the derivatives is that of the unprojected stages. No history is
-needed; the multipliers are those of the differential equation, at any state.
+Without q, whose size is of the order of V_s, the derivatives would have the order of the unprojected stages. No history
+is needed; the multipliers are those of the index-1 equations, at any state.
 """
 
 from functools import cached_property
@@ -45,14 +46,15 @@ from ..dae.kkt import KKT
 from ..dae.radau import Stages
 from ..mechanism.rank import null_space
 
-NUDGE = 3e-5  # rad or m: of the differences of rows; exact to 2e-10 of their size
+NUDGE = 3e-5  # rad or m: step of the differences of rows, which are exact to 2e-10 of their size
 
 
 class Point:
-    """Linear equations at a place of a run: from derivatives (P, `starts`) and rates of residuals to derivatives there.
+    """Linear equations at a point of a run: derivatives there, from derivatives (P, `starts`) and rates of residuals.
 
-    A subclass has ``residuals(index1)`` of a system, one flat array (`size`,), and a linear map ``solved(s, rates)``.
-    Both ways use its one matrix, so that they are transposes of each other to rounding.
+    A subclass has the residuals of a system, ``residuals(index1)``, as a flat array (`size`,), and a linear map
+    ``solved(s, rates)``. The forward and the backward pass use the same matrix of this map, so that they are transposes
+    of each other to rounding.
     """
 
     starts: int
@@ -69,16 +71,16 @@ class Point:
         return self.solved(*np.hsplit(units, [self.starts])).T
 
     def forward(self, s, rates):
-        """Derivatives there, (P, ·), from those at the start and the rates of residuals."""
+        """Derivatives at the point, (P, ·), from those at the start and the rates of residuals."""
         return np.hstack((s, rates)) @ self.map.T
 
     def backward(self, bar):
-        """(derivative by the start, weights of the residuals): the transpose, of one row."""
+        """The transpose, for one row: (derivative by the start, weights of the residuals)."""
         return np.split(self.map.T @ bar, [self.starts])
 
 
 class Step(Point):
-    """One accepted step of BDF, of order `k` and size `h` to `t`, where `Z` is the table; from ψ to s."""
+    """The map from ψ to s in one accepted step of BDF, of order `k` and size `h`, to time `t` with table `Z`."""
 
     def __init__(self, system, t, h, k, base, Z):
         nx, nv = system.nx, system.nv
@@ -117,7 +119,7 @@ class Step(Point):
 
 
 def row_gradients(system, t, p, v, lam):
-    """(F, H) = (∂(G λ)/∂ξ, ∂ρ/∂ξ), by central differences of the rows as they are used in the run."""
+    """(F, H) = (∂(G λ)/∂ξ, ∂ρ/∂ξ), by central differences of the rows that the run uses."""
     zero = np.zeros(system.nv)
 
     def at(xi):
@@ -129,7 +131,7 @@ def row_gradients(system, t, p, v, lam):
 
 
 class Motion(Point):
-    """The derivatives of the end of a step, a :class:`~pinconsist.dae.segments.RadauSegment`, by those of its start."""
+    """The map from derivatives at the start of a :class:`~pinconsist.dae.segments.RadauSegment` to those at its end."""
 
     def __init__(self, step):
         self.system = system = step.system
@@ -144,7 +146,7 @@ class Motion(Point):
         self._end()
 
     def _carry(self):
-        """X leads dP - Ad s_p of all stages to dV, both (s nv)."""
+        """X maps dP - Ad s_p of all stages to dV, both (s nv)."""
         of, system = self.of, self.system
         s, nx, b = of.table.s, system.nx, of.table.inverse / of.h
         if system.vector_like:
@@ -159,7 +161,7 @@ class Motion(Point):
         self.X = np.block(blocks)
 
     def _stage_matrix(self):
-        """Zᵀ of the equations of all stages, by dP and by s_p and s_v."""
+        """The equations of all stages, multiplied by Zᵀ: their coefficients of dP, s_p and s_v."""
         system, b, h = self.system, self.of.table.inverse, self.of.h
         s, nv, nd = len(b), system.nv, system.nv - system.nc
         dW = np.kron(b, np.eye(nv)) / h @ self.X
@@ -180,7 +182,7 @@ class Motion(Point):
         self.matrix = self.by_P @ self.Z
 
     def _end(self):
-        """The last stage is put on the constraints."""
+        """The matrices of the projection of the last stage onto the constraints."""
         system, state = self.system, (self.t, self.p, self.v)
         _, _, G, _ = system.evaluate(*state, self.still)
         self.J = G.T.copy()
@@ -192,7 +194,7 @@ class Motion(Point):
         self.q = system.matrices(*state, self.gap)[2] - K - F
 
     def solved(self, s, rates):
-        """[s_p | s_v] at the end, (P, nx+nv), from that at the start; `rates` as of :meth:`Point.rates`."""
+        """[s_p | s_v] at the end, (P, nx+nv), from that at the start; `rates` as in :meth:`Point.rates`."""
         nv, carried = self.system.nv, s[:, : self.system.nv] @ self.Ad.T
         ends = np.cumsum([len(self.Z), self.N.shape[1], len(self.J), len(self.J)])
         r, closing, phi, rho, q = np.split(rates, ends, axis=1)
@@ -206,7 +208,7 @@ class Motion(Point):
         return np.hstack((s_p, self.kkt.solve(np.hstack((upper, lower)).T).T[:, :nv]))
 
     def residuals(self, index1):
-        """r and Φ of the stages, and Φ, ρ and q of the end, of the system of `index1`."""
+        """r and Φ of the stages, and Φ, ρ and q at the end, of the system of `index1`."""
         system, nu, r, closing = index1.system, self.nu, [], []
         for state, L in zip(self.stages, self.L, strict=True):
             f, phi, G, _ = system.evaluate(*state)
@@ -218,7 +220,7 @@ class Motion(Point):
 
 
 class Multipliers(Point):
-    """The derivatives of λ at a state by those of the state: M a + f₀ = G λ and β = J a + γ = 0, differentiated."""
+    """The derivatives of λ at a state from those of the state: M a + f₀ = G λ and β = J a + γ = 0, differentiated."""
 
     def __init__(self, system, t, p, v):
         self.system, self.t, self.p, self.v = system, t, p, v
@@ -250,5 +252,5 @@ class Multipliers(Point):
 
 
 def _beta(system, t, p, v, a):
-    """J a + γ: what remains of the constraints of acceleration."""
+    """J a + γ, the residual of the acceleration constraints."""
     return system.evaluate(t, p, v, a)[2].T @ a + system.acceleration_bias(t, p, v)

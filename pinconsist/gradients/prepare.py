@@ -1,4 +1,4 @@
-"""The run that is differentiated, and its parameters: given by names, or as those of a function."""
+"""The run to be differentiated, and its parameters: by names, or as arguments of a function."""
 
 import inspect
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ SPEED = "_speed"
 
 
 def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options):
-    """(solution, legs, variants, base, names, theta): the run, and the mechanisms beside the one that was run."""
+    """(solution, legs, variants, base, names, theta): the run, and its parameters with the mechanisms they need."""
     control = options.pop("control", None)
     if isinstance(build, Mechanism):
         mechanism, control = build if control is None else build.with_control(control), None
@@ -31,8 +31,8 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
         raise InputError(f"steps= needs one for each of the {len(theta)} parameters, got {len(steps)}")
     if (mode := options.get("consistency", "every-step")) != "every-step":
         raise InputError(
-            f"sensitivities need consistency='every-step', not {mode!r}: raw BDF leaves a hidden residual, whose "
-            "derivative makes those of the multipliers wrong"
+            f"sensitivities need consistency='every-step', not {mode!r}: otherwise BDF leaves a hidden residual, whose "
+            "derivative falsifies those of the multipliers"
         )
     make = _maker(build, t_span[0], q0, v0, forces, events, backend, control)
     base = make(theta)
@@ -45,14 +45,14 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     legs = legs_of(solution.sol, base.index1)
     first = legs[0].start
     state, parameters = first(first.t_old)[:2], getattr(build, "parameters", ())
-    end = legs[-1].span[1]  # where what depends on t has changed most
+    end = legs[-1].span[1]  # where time-dependent terms have changed most
     variants = variants_of(make, theta, names, steps, base, first.system, end, *state, parameters)
     return solution, legs, variants, base, names, theta
 
 
 def _names(names, theta):
     if theta.ndim != 1 or not len(theta):
-        raise InputError(f"theta needs at least one number in one row, got shape {theta.shape}")
+        raise InputError(f"theta must be a vector with at least one number, got shape {theta.shape}")
     names = tuple(names) if names is not None else tuple(f"theta[{i}]" for i in range(len(theta)))
     if len(names) != len(theta):
         raise InputError(f"names= needs one for each of the {len(theta)} parameters, got {len(names)}")
@@ -73,9 +73,9 @@ def _maker(build, t, q0, v0, forces, events, backend, control=None):
         acting = made[id(mechanism)][1]
         if any(isinstance(force, HeldTorque | Piecewise | Sampled) for force in acting.forces):
             raise InputError(
-                "derivatives of runs do not pass times at which forces jump, such as held or sampled torques: "
-                "the steps start anew there, and the multipliers jump. Give smooth functions of time, or commands of "
-                "an Actuator as a table"
+                "runs cannot be differentiated past times at which forces jump, as held or sampled torques do: "
+                "the steps start anew there, and the multipliers jump. Use smooth functions of time, or a table of "
+                "commands of an Actuator"
             )
         starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]
         return Side(acting, starts[0], starts[1], t, as_events(_of_theta(events, values)), backend != "python")
@@ -84,7 +84,7 @@ def _maker(build, t, q0, v0, forces, events, backend, control=None):
 
 
 def _of_theta(events, values):
-    """The events, by a function of theta alone if they are given as one."""
+    """The events; if they are a function of theta, its value."""
     if callable(events) and len(inspect.signature(events).parameters) == 1:
         return events(values.copy())
     return events
@@ -93,7 +93,7 @@ def _of_theta(events, values):
 def named_start(mechanism, names, q0, v0):
     """(build, names, theta, q0, v0) of a mechanism and names of its parameters, as functions of theta."""
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
-        raise InputError(f"of a mechanism, parameters are given by their names, got {names!r}")
+        raise InputError(f"the parameters of a mechanism must be given by their names, got {names!r}")
     names = tuple(names)
     places = {joint + SPEED: ("v0", joint, v0) for joint in mechanism.joints}
     places |= {joint: ("q0", joint, q0) for joint in mechanism.joints}
@@ -116,7 +116,7 @@ def named_start(mechanism, names, q0, v0):
 
 
 class Named:
-    """``build(theta)`` of a mechanism and `parameters` of it, with their indices in theta; `own` are all of these."""
+    """``build(theta)`` for `parameters` of a mechanism, with their indices in theta; `own` are all these indices."""
 
     def __init__(self, mechanism, parameters, own, theta):
         self.mechanism, self.parameters, self._own = mechanism, parameters, own
@@ -124,7 +124,7 @@ class Named:
 
     def __call__(self, values):
         wanted = values[self._own]
-        if not np.array_equal(wanted, self._last[0]):  # parameters of the start leave the mechanism the same object
+        if not np.array_equal(wanted, self._last[0]):  # with other initial values only, return the same object
             built = self.mechanism
             for columns, each in self.parameters:
                 if np.any(values[columns] != each.value):
@@ -134,7 +134,7 @@ class Named:
 
 
 def _parameters(mechanism, names: Mapping[int, str]) -> list:
-    """(index, parameter) of `names`, by their indices; of values of one table (indices, all of them)."""
+    """(index, parameter) of each of the `names`; for values of the same table, one (indices, parameter)."""
     tables: dict[str, list[int]] = {}
     for i, name in names.items():
         stem, _, node = name.rpartition("[")
@@ -152,12 +152,12 @@ def _parameters(mechanism, names: Mapping[int, str]) -> list:
 
 
 def _together(mechanism, names, record, path) -> Parameter:
-    """The values of these names in the table at a path of a record."""
+    """One parameter for all values with these names in the table at a path of a record."""
     table = part_at(record, path)
     nodes = [int(name[name.rindex("[") + 1 : -1]) for name in names]
     for node, name in zip(nodes, names, strict=True):
         if node >= len(table.values):
-            parameter(mechanism, name)  # says what there is
+            parameter(mechanism, name)  # raises an error that lists the numbers
     now = np.array(table.values)[nodes]
 
     def put(mechanism, values):
@@ -169,11 +169,11 @@ def _together(mechanism, names, record, path) -> Parameter:
 
 
 def _value_of_start(mechanism, name, which, joint, given) -> float:
-    """Of a parameter of the start, which is given as a mapping."""
+    """The value of a parameter that is an initial value, given as a mapping."""
     columns = mechanism.columns(joint)
     if columns.stop - columns.start != 1:
         raise InputError(f"{name} cannot be a parameter: joint {joint!r} has several degrees of freedom")
     if not (given is None or isinstance(given, Mapping)):
-        raise InputError(f"{name} is a parameter: give {which}= as a mapping joint name → value, not an array")
+        raise InputError(f"{name} is a parameter: pass {which}= as a mapping joint name → value, not as an array")
     value = 0.0 if which == "v0" else coordinates(mechanism.model, joint, mechanism.guess)[0]
     return float((given or {}).get(joint, value))

@@ -1,4 +1,4 @@
-"""Derivatives of a run: of all of it by a few parameters, forwards, or of one number by many, backwards."""
+"""Derivatives of a run: of all its rows by a few parameters, forwards, or of one number by many, backwards."""
 
 import weakref
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from ..mechanism.checks import finite_array
 from ..mechanism.mechanism import Mechanism
 from ..solution import Solution
 from .forward import Leg
-from .lead import Back, Lead, Number
+from .passes import BackwardPass, ForwardPass, Number
 from .prepare import prepared
 from .starts import moved
 
@@ -50,7 +50,7 @@ class Sensitivities:
     event_times: list
     work: dict
     _legs: list[Leg] = field(repr=False)
-    _lead: Lead = field(repr=False)
+    _pass: ForwardPass = field(repr=False)
 
     def __repr__(self):
         return f"Sensitivities of {self.solution.scene or 'a run'} by {', '.join(self.names)}: {len(self.dq)} rows"
@@ -76,12 +76,12 @@ class Sensitivities:
         times = finite_array(t, "t")
         asked, (begin, end) = np.atleast_1d(times), (self._legs[0].span[0], self._legs[-1].span[1])
         if (asked < min(begin, end)).any() or (asked > max(begin, end)).any():
-            raise InputError(f"the run goes from t = {begin:g} to {end:g} s, asked for {t}")
-        sign, ends = self._lead.sign, np.array([leg.span[1] for leg in self._legs])
+            raise InputError(f"the run covers t = {begin:g} to {end:g} s, requested {t}")
+        sign, ends = self._pass.sign, np.array([leg.span[1] for leg in self._legs])
         holders = np.minimum(np.searchsorted(sign * ends, sign * asked), len(ends) - 1)
         rows = np.empty((len(asked), len(self.names), 2 * self.dv.shape[1] + self.dlam.shape[1]))
         for i in np.unique(holders):
-            rows[holders == i] = self._lead.finished(self._legs[i], asked[holders == i])
+            rows[holders == i] = self._pass.finished(self._legs[i], asked[holders == i])
         parts = _parts(rows, self.dv.shape[1])
         return parts if times.ndim else tuple(part[0] for part in parts)
 
@@ -98,7 +98,7 @@ class Sensitivities:
         ndarray, shape (n, …, P)
             The axes between the first and the last are those of the return value of `function`.
         """
-        base, system, rows = self._lead.base, self._legs[0].system, []
+        base, system, rows = self._pass.base, self._legs[0].system, []
 
         def at(side, t, q, v_and_lam):
             v, lam = np.split(v_and_lam, [system.nv])
@@ -108,7 +108,7 @@ class Sensitivities:
         derivatives = np.concatenate((self.dq, self.dv, self.dlam), axis=1).transpose(0, 2, 1)
         for t, q, v, lam, s in zip(sol.t, sol.q, sol.v, sol.lam, derivatives, strict=True):
             state = base, system, float(t), q, np.concatenate((v, lam))
-            pairs = zip(self._lead.variants, s, strict=True)
+            pairs = zip(self._pass.variants, s, strict=True)
             rows.append(np.stack([moved(at, variant, *state, row) for variant, row in pairs], axis=-1))
         return np.array(rows)
 
@@ -174,12 +174,12 @@ def sensitivities(
     """
     run = build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options
     solution, legs, variants, base, names, values = prepared(*run)
-    lead = Lead(solution, legs, variants, base)
-    lead.run()
-    dq, dv, dlam = _parts(np.concatenate(lead.rows), base.mechanism.nv)
-    rows = dq, dv, dlam, lead.event_times
-    found = Sensitivities(solution, names, values, variants.steps, *rows, lead.work, legs, lead)
-    weakref.finalize(found, lead.close)  # at the latest where Python ends
+    forward = ForwardPass(solution, legs, variants, base)
+    forward.run()
+    dq, dv, dlam = _parts(np.concatenate(forward.rows), base.mechanism.nv)
+    rows = dq, dv, dlam, forward.event_times
+    found = Sensitivities(solution, names, values, variants.steps, *rows, forward.work, legs, forward)
+    weakref.finalize(found, forward.close)  # at the latest when Python exits
     return found
 
 
@@ -260,7 +260,7 @@ def gradient(
         The run did not reach its end.
     """
     if rows is None and terminal is None:
-        raise InputError("gradient() needs a number: rows=, a function of each row, or terminal=, of the last state")
+        raise InputError("gradient() needs a number: a function rows= of each row, or terminal= of the last state")
     if (rows is None) != (t_eval is None):
         raise InputError("rows= and t_eval= go together: the function, and the times over which it is summed")
     times = np.zeros(0) if t_eval is None else np.atleast_1d(np.asarray(t_eval, float))
@@ -268,8 +268,8 @@ def gradient(
     run = build, theta, t_span, q0, v0, names, steps, forces, events, rtol, atol, backend, options
     solution, legs, variants, base, names, _ = prepared(*run)
     if solution.status != 0:
-        raise PinconsistError(f"the number is one of the whole run, and it ended early: {solution.message}")
+        raise PinconsistError(f"the number needs the whole run, which ended early: {solution.message}")
 
     number = Number(solution, rows, terminal)
-    gradient = Back(solution, legs, variants, base, number.derivative).run()
+    gradient = BackwardPass(solution, legs, variants, base, number.derivative).run()
     return Gradient(number.value(), gradient, names, solution)

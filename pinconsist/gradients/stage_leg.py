@@ -1,7 +1,7 @@
-"""The steps of Radau IIA from one start to the next: their derivatives forwards, and back.
+"""The steps of Radau IIA from one start to the next: their derivatives, forwards and backwards.
 
-A step has no history: S is [s_p | s_v] where it begins, one row for each parameter. A time inside a step is reached by
-the step made again up to there; rows there have the order of the method, and need no formulas of their own.
+A step has no history: S is [s_p | s_v] at its start, one row for each parameter. For a time inside a step, a shorter
+step to this time is solved; its result has the order of the method, and needs no formulas of its own.
 """
 
 from collections.abc import Callable
@@ -19,21 +19,21 @@ from ..dae.rounding import rounding_weights
 from ..dae.segments import RadauSegment, not_made_again
 from .linear import Motion, Multipliers
 
-AT_ONCE = 1e-6  # of a step: times so near to its end are there, as shorter steps would be rounding
+AT_ONCE = 1e-6  # of a step: times nearer than this to an end count as equal, as shorter steps would be rounding
 
 
 class StageWay:
-    """What is done along steps, in Python, one after another.
+    """Computations along steps, in Python, one step after another.
 
-    Steps are :class:`~pinconsist.dae.segments.RadauSegment`. `parameters` are lists of (weight, Index1), whose weighted
-    residuals are those by the parameter.
+    Steps are :class:`~pinconsist.dae.segments.RadauSegment`. Each of the `parameters` is a list of (weight, Index1);
+    the weighted sum of their residuals is the derivative of the residual by the parameter.
     """
 
     def __init__(self, system, parameters=()):
         self.system, self.parameters = system, parameters
 
     def again(self, steps):
-        """Steps that are not solved yet, see ``RadauSegment.led_to``, solved to rounding."""
+        """Solve steps to rounding that are not solved yet, see ``RadauSegment.ending_at``."""
         return list(map(self._again, steps))
 
     def _again(self, step):
@@ -46,13 +46,13 @@ class StageWay:
         return replace(step, W=stages.W, U=stages.U, p=p, v=project_velocity(system, t, p, stages.V[-1]))
 
     def forward(self, steps, S, ends) -> None:
-        """Rows (P, nx+nv) of `ends` become the ends of steps from those of `S`, maybe the same, one further on."""
+        """Write the derivatives at the ends of steps to `ends`, from those at their starts, `S`, which may overlap."""
         for step, begin, end in zip(steps, S, ends, strict=True):
             of = Motion(step)
             end[:] = of.forward(begin, of.rates(self.parameters))
 
     def backward(self, steps, given, bars):
-        """The transpose, from the last step to the first: `bars` are added to; returns what parameters change, (P,)."""
+        """The transpose, from the last step to the first: add to `bars`; return the derivative by parameters, (P,)."""
         return self._back(map(Motion, steps[::-1]), given[::-1], bars[::-1])
 
     def multipliers(self, t, p, v, s):
@@ -63,7 +63,7 @@ class StageWay:
         return np.reshape(lam, (len(t), nc)), np.reshape(found, (*s.shape[:2], nc))
 
     def multipliers_back(self, t, p, v, lam, bars):
-        """The transpose, of one number: `bars`, (n, nx+nv), are added to; returns what parameters change, (P,)."""
+        """The transpose for one number: add to `bars`, (n, nx+nv); return the derivative by the parameters, (P,)."""
         return self._back(map(partial(Multipliers, self.system), t, p, v), lam, bars)
 
     def _back(self, points, given, bars):
@@ -76,7 +76,7 @@ class StageWay:
 
 
 def way_along(index1, parameters) -> StageWay | CompiledStageWay:
-    """The way along steps of the system of `index1`, compiled where that can be had."""
+    """The computations along steps of the system of `index1`, compiled if possible."""
     if isinstance(index1, CompiledIndex1):
         return CompiledStageWay(index1, parameters)
     return StageWay(index1.system, parameters)
@@ -84,9 +84,9 @@ def way_along(index1, parameters) -> StageWay | CompiledStageWay:
 
 @dataclass
 class StageLeg:
-    """The steps of a run from one start to the next; answers what :class:`~pinconsist.gradients.forward.Leg` does.
+    """The steps of a run from one start to the next, with the methods of :class:`~pinconsist.gradients.forward.Leg`.
 
-    `index1_of` gives the equations of index 1 of a system. `tables`, (1+n, 1, P, nx+nv), are S at the start and after
+    `index1_of` returns the index-1 equations of a system. `tables`, (1+n, 1, P, nx+nv), are S at the start and after
     each step.
     """
 
@@ -98,7 +98,7 @@ class StageLeg:
     def __post_init__(self):
         self._way = way_along(self.index1_of(self.system), [])
         if _is_cut(last := self.steps[-1]):
-            self.steps = [*self.steps[:-1], *self._way.again([last.led_to(last.end)])]
+            self.steps = [*self.steps[:-1], *self._way.again([last.ending_at(last.end)])]
 
     start = property(lambda self: self.steps[0])
     t = property(lambda self: np.array([step.end for step in self.steps]))
@@ -109,7 +109,7 @@ class StageLeg:
         self._way = None
 
     def step_at(self, t):
-        """(start, size) of the step that holds a time."""
+        """(start, size) of the step that contains a time."""
         step = self.steps[self._holders(np.array([t]))[0]]
         return step.t_old, step.h
 
@@ -118,17 +118,17 @@ class StageLeg:
         return np.minimum(np.searchsorted(sign * self.t, sign * times), len(self.steps) - 1)
 
     def _placed(self, times):
-        """(n, inside, steps): times are after n steps, or `inside` of the next one, which is made again up to them."""
+        """(n, inside, steps): times are after n steps; those with indices `inside` at the ends of shorter `steps`."""
         n = self._holders(times)
         starts, sizes = np.array([(self.steps[i].t_old, self.steps[i].h) for i in n]).reshape(-1, 2).T
         part = (times - starts) / sizes
         at_end = np.abs(part - 1.0) <= AT_ONCE
         n[at_end] += 1
         inside = np.flatnonzero(~at_end & (np.abs(part) > AT_ONCE))
-        return n, inside, self._way.again([self.steps[n[i]].led_to(float(times[i])) for i in inside])
+        return n, inside, self._way.again([self.steps[n[i]].ending_at(float(times[i])) for i in inside])
 
     def _states(self, n, inside, steps):
-        """t, p and v there."""
+        """t, p and v at the times of :meth:`_placed`."""
         states = [(step.end, step.p, step.v) for step in (self.steps[i - 1] for i in n)]
         for i in np.flatnonzero(n == 0):
             states[i] = self.start.t_old, self.start.p0, self.start.v0
@@ -152,7 +152,7 @@ class StageLeg:
 
     @staticmethod
     def begin_back(variants, base, seed):
-        """The transpose, and what the parameters change there."""
+        """The transpose, and the derivative by the parameters, which is zero."""
         return seed[0], 0.0
 
     def at(self, times):
@@ -174,25 +174,25 @@ class StageLeg:
         self._way.forward(self.steps, self.tables[:-1, 0], self.tables[1:, 0])
 
     def seeds(self):
-        """What :meth:`sow` adds to: the derivative of a number by S at the start, and those by s in each place."""
+        """The object that :meth:`add_seeds` adds to: derivatives of a number by S at the start, and by s elsewhere."""
         return [np.zeros((1, self.system.nx + self.system.nv)), []]
 
-    def sow(self, times, derivatives, seeds) -> None:
+    def add_seeds(self, times, derivatives, seeds) -> None:
         """Add derivatives of a number by s at times, (n, nx+nv+nc), to `seeds`."""
         if len(times):
             seeds[1].append((times, np.array(derivatives)))
 
     def follow_back(self, index1, residuals, seeds):
-        """What the parameters change of a number in the steps, (P,); `seeds[0]` becomes its derivative by S there."""
+        """The derivative of a number by the parameters in the steps, (P,); `seeds[0]` becomes that by the first S."""
         self._way, split = way_along(index1, residuals), self.system.nx + self.system.nv
         bars, total = np.zeros((1 + len(self.steps), split)), np.zeros(len(residuals))
         for times, derivatives in seeds[1]:
             n, inside, steps = self._placed(times)
             state, given = self._states(n, inside, steps), np.array(derivatives[:, :split])
-            felt = derivatives[:, split:].any(axis=1)
-            by_state = np.zeros((felt.sum(), split))
-            total += self._way.multipliers_back(*(x[felt] for x in state), derivatives[felt, split:], by_state)
-            given[felt] += by_state
+            with_lam = derivatives[:, split:].any(axis=1)
+            by_state = np.zeros((with_lam.sum(), split))
+            total += self._way.multipliers_back(*(x[with_lam] for x in state), derivatives[with_lam, split:], by_state)
+            given[with_lam] += by_state
             own = np.zeros((len(inside), split))
             total += self._way.backward(steps, given[inside], own)
             given[inside] = own
@@ -203,12 +203,12 @@ class StageLeg:
 
 
 def _is_cut(step) -> bool:
-    """Whether a step is used only up to a time inside of it."""
+    """Whether a step is used only up to a time inside it."""
     return abs(step.t_old + step.h - step.end) > 8.0 * np.spacing(max(abs(step.t_old), abs(step.end)))
 
 
 def stage_legs(curve) -> list[list[RadauSegment]]:
-    """The steps of a curve of Radau IIA, parted where one does not go on from the one before."""
+    """The steps of a curve of Radau IIA, split at steps that do not continue the previous one."""
     legs: list[list] = []
     for i in range(len(curve.ends)):
         step, last = curve.plain(i), legs[-1][-1] if legs else None

@@ -1,7 +1,7 @@
-"""The derivatives with which a run begins, and begins again after an event.
+"""Initial derivatives, at the start of a run and after an event.
 
-Those of the assembled state follow from the loops, J s_q = -Φ_θ, where these and the joints that are named determine
-it; else they are differences of assembled states.
+The derivatives of the assembled state follow from the loops, J s_q = -Φ_θ, if these and the given joint values
+determine it; otherwise they are differences of assembled states.
 """
 
 from collections.abc import Mapping
@@ -14,14 +14,14 @@ from ..mechanism.closing import CLOSED
 from ..mechanism.motion import slope
 from ..mechanism.parameters import check_closing
 
-NUDGE = 1e-3  # by which a state is moved, over its size: differences of fourth order
-BESIDE = 1e-3  # of a step, over which the rate of an event's function is taken
-GRAZING = 0.02  # of the slope with which an event's function reached zero in its step
+NUDGE = 1e-3  # relative to the size of a state: step of fourth-order differences
+BESIDE = 1e-3  # relative to a step of the run: step of the differences of an event's function
+GRAZING = 0.02  # relative to the mean slope of an event's function in the step: smallest slope of a crossing
 GAP = 1e-10  # m or rad
 
 
 class Start:
-    """The assembled state at which a run begins, and its derivative by each parameter."""
+    """The assembled state at the start of a run, and its derivative by each parameter."""
 
     def __init__(self, base, system):
         self.base, self.system, self.solver = base, system, base.solver
@@ -66,17 +66,17 @@ class Start:
             gap = max(side.assembled[2] for side in variant.beside[0].values())
         except AssemblyError as error:
             raise InputError(
-                f"the parameter {variant.name!r} cannot vary alone: the loops do not close any more ({error})"
+                f"the parameter {variant.name!r} cannot vary alone: the loops would no longer close ({error})"
             ) from error
         if gap > allowed:
             raise InputError(
-                f"the parameter {variant.name!r} cannot vary alone: it parts redundant loops, which stay open by "
-                f"{gap:.1e}. Vary what keeps them consistent, by one parameter of build()"
+                f"the parameter {variant.name!r} cannot vary alone: it opens redundant loops, by {gap:.1e}. Vary all "
+                "values that keep them consistent together, by one parameter of build()"
             )
         return variant.derivative(lambda side: self.system.difference(self.q, side.assembled[0]))
 
 
-def begun(variants, base, system):
+def initial_derivatives(variants, base, system):
     """The derivatives (P, nx+nv) of the assembled state."""
     start, rates = Start(base, system), np.zeros((len(variants), system.nx + system.nv))
     for i in variants.moved if start.follows else range(len(variants)):
@@ -85,9 +85,9 @@ def begun(variants, base, system):
 
 
 def moved(function, variant, base, system, t, p, v, s, rate=0.0, scale=1.0):
-    """The derivative of ``function(side, t, p, v)`` by a parameter, with those of the state, `s`, and of t, `rate`.
+    """The total derivative of ``function(side, t, p, v)`` by a parameter, with those of the state, `s`, and t, `rate`.
 
-    The function changes considerably over times of `scale`.
+    `scale` is the time over which the function changes considerably.
     """
     s_p, s_v = s[: system.nx], s[system.nx :]
     size = max(np.abs(s_p).max(), (np.abs(s_v) / (1.0 + np.abs(v))).max(), abs(rate) / scale)
@@ -121,9 +121,9 @@ class Crossing:
         reach = (value(t) - value(before)) / (t - before) if t != before else falls
         if not abs(falls) > GRAZING * abs(reach):
             raise InputError(
-                f"the event {event.name!r} at t = {t:.6g} only grazes zero (its rate there is {falls:.1e} 1/s): "
-                "whether it happens depends on the parameters, and its time has no derivative. Leave it out, or "
-                "shift its threshold"
+                f"the event {event.name!r} at t = {t:.6g} only grazes zero (its rate there is {falls:.1e} 1/s), so "
+                "that its occurrence depends on the parameters and its time has no derivative. Omit it, or shift its "
+                "threshold"
             )
 
         def at(side, time, q, v_and_lam):
@@ -136,7 +136,7 @@ class Crossing:
         self.dt = -np.array(rates) / falls
 
     def after(self, events, variants, base, leg):
-        """The derivatives (P, nx+nv) of the state from which the next `leg` begins, at a fixed time."""
+        """The derivatives (P, nx+nv) of the state at the start of the next `leg`, at a fixed time."""
         system, t = leg.system, self.t
         p_after, v_after, _ = leg.start(leg.start.t_old)
 

@@ -1,8 +1,8 @@
-"""All parameters of a run, and what they change in its equations.
+"""All parameters of a run, and the derivatives of its equations with respect to them.
 
-Of a parameter without a known derivative of the equations it is found by differences, from mechanisms beside the one
-that was run: of fourth order where they are taken once (of assembled states and of starts), of second order in each
-step. At a bound, where `build` refuses one side, they are one-sided.
+If the derivative by a parameter is not known, it is computed by differences of mechanisms with slightly different
+values: of fourth order for assembled states and other starts, of second order in each step. They are one-sided at a
+bound, that is, if `build` refuses values on one side.
 """
 
 import warnings
@@ -23,14 +23,14 @@ from ..mechanism.parameters import difference_step
 from ..mechanism.system import MechanismSystem
 from .known import SIDES, Known, parts_of
 
-SMOOTH, ROUGH = 3e-8, 1e-5  # by which residual differences over two steps are to differ, and may differ, relative
+SMOOTH, ROUGH = 3e-8, 1e-5  # relative change of a difference quotient when the step is doubled: desired, and allowed
 MOST_TRIES, SHORTER = 4, 5.0
-WIDE = 1e-3  # of a value: steps of differences of fourth order alone
+WIDE = 1e-3  # relative to a value: step of parameters that need only fourth-order differences
 
 
 @dataclass
 class Side:
-    """A mechanism at one offset of a parameter, with the start of its run and the events that are looked for."""
+    """A mechanism at one offset of a parameter, with the initial values of its run and its events."""
 
     mechanism: Mechanism
     q0: Any
@@ -45,7 +45,7 @@ class Side:
     def assembled(self):
         """(q, v, largest gap) at the start of the run."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the run itself they were given
+            warnings.simplefilter("ignore")  # they were already issued for the run itself
             assembly = assembled(self.solver, self.q0, self.v0, advises=False)
         return assembly.q, assembly.v, assembly.largest_gap[1]
 
@@ -54,16 +54,16 @@ class Side:
         return LoopSolver(self.mechanism, self.t)
 
     def velocity(self, q, kept):
-        """That at the start of the run, at another configuration."""
+        """The initial velocity of the run, at another configuration."""
         return velocity_on_constraints(self.solver, q, self.v0, kept)
 
     @cached_property
     def workspace(self):
-        """Data for what is known of the equations."""
+        """Data for the known derivatives of the equations."""
         return self.mechanism.model.createData()
 
     def multipliers(self, like, p, lam):
-        """The multipliers of all rows, from those that the system `like` keeps."""
+        """The multipliers of all rows, from those of the rows that the system `like` keeps."""
         return self.index1(like).system.full_multipliers(p, lam)
 
     def jacobian(self, like, p):
@@ -77,7 +77,7 @@ class Side:
         self._jacobian = None
 
     def index1(self, like):
-        """The equations of index 1 with the rows that the system `like` keeps."""
+        """The index-1 equations with the rows that the system `like` keeps."""
         key = like.kept.tobytes()
         if key not in self._systems:
             q = self.mechanism.guess
@@ -89,9 +89,9 @@ class Side:
 
 @dataclass
 class Variant:
-    """One parameter: its value and its step, and what is known of the derivative of the equations, in `parts`.
+    """One parameter: its value, its step, and the `parts` of the derivative of the equations if it is known.
 
-    ``make(m)`` gives the mechanism m steps beside `base`; they are made where they are asked for.
+    ``make(m)`` returns the mechanism with the parameter m steps away from `base`; it is called when needed.
     """
 
     name: str
@@ -103,7 +103,7 @@ class Variant:
 
     @cached_property
     def beside(self) -> tuple[dict, dict, dict]:
-        """The sides by their offsets in steps, and weights of differences of fourth order and of second."""
+        """The sides by their offsets in steps, and the weights of differences of fourth and of second order."""
         errors = []
         for weights, near in SIDES:
             try:
@@ -121,12 +121,12 @@ class Variant:
 
     @cached_property
     def inert(self) -> bool:
-        """Whether it is one of the start alone: the equations are those of the run."""
+        """Whether the parameter changes only the start, not the equations."""
         return not self.parts and all(side.mechanism is self.base.mechanism for side in self.beside[0].values())
 
     @cached_property
     def idle(self) -> bool:
-        """Whether the events are those of the run, too."""
+        """Whether the parameter changes neither the equations nor the events."""
         return self.inert and all(side.events == self.base.events for side in self.beside[0].values())
 
     @property
@@ -139,12 +139,12 @@ class Variant:
             side.close()
 
     def derivative(self, function: Callable):
-        """That of ``function(side)``, an array."""
+        """The derivative of ``function(side)``, an array, by the parameter."""
         sides, weights, _ = self.beside
         return sum(weight * function(sides[m]) for m, weight in weights.items()) / self.step
 
     def residuals(self, like):
-        """(weight, equations of index 1) whose residuals give r_θ, Φ_θ and ρ_θ in the steps of the system `like`."""
+        """(weight, index-1 equations) whose weighted residuals are r_θ, Φ_θ and ρ_θ in steps of the system `like`."""
         if self.parts:
             return [(weight, Index1(Known(part, like, self.base.workspace))) for weight, part in self.parts]
         if self.inert:
@@ -157,7 +157,7 @@ class Variants(Sequence):
     """The variants of all parameters, in order.
 
     `moved` are those without a known derivative of the equations, by their indices. For the others, `known` has
-    (index, parts), or of a table (indices, parts); ``make(i, parts)`` gives theirs where they are asked for.
+    (index, parts), or (indices, parts) for values of a table; ``make(i, parts)`` creates their variants when needed.
     """
 
     def __init__(self, names, steps, base, moved, known, make):
@@ -181,7 +181,7 @@ class Variants(Sequence):
         return parts
 
     def residuals(self, like):
-        """What they change in the steps of the system `like`."""
+        """The derivatives of the residuals in steps of the system `like`."""
         return Residuals(self, like)
 
     def close(self) -> None:
@@ -190,7 +190,7 @@ class Variants(Sequence):
 
 
 class Residuals(Sequence):
-    """For each parameter, what :meth:`Variant.residuals` gives; `known` of them as in :class:`Variants`."""
+    """The :meth:`Variant.residuals` of each parameter; `known` is that of :class:`Variants`."""
 
     def __init__(self, variants, like):
         self._variants, self._like, self.known = variants, like, variants.known
@@ -208,14 +208,14 @@ class Residuals(Sequence):
 
     @property
     def workspace(self):
-        """Model and data for what is known."""
+        """Model and data for the known derivatives."""
         return self._like.model, self._variants.base.workspace
 
 
 def variants_of(make, theta, names, steps, base: Side, system, t, p, v, parameters=()) -> Variants:
-    """The variants of all parameters; ``make(theta)`` gives a Side. Checked at the state (`t`, `p`, `v`).
+    """The variants of all parameters; ``make(theta)`` returns a Side. Smoothness is checked at the state (t, p, v).
 
-    `parameters` are those given by names, with their indices.
+    `parameters` are the parameters that were given by names, with their indices.
     """
     given = np.array([step is not None for step in steps] if steps is not None else [False] * len(names))
     chosen = difference_step(theta)
@@ -237,7 +237,7 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v, paramete
 
 
 def _smooth(beside, step, tries, system, t, p, v) -> Variant:
-    """The variant whose step is so short that the equations are smooth over it; ``beside(step)`` makes one."""
+    """The variant with a step over which the equations are smooth; ``beside(step)`` creates a variant."""
     tried, sizes = [], []
     for _ in range(tries):
         variant = beside(step)
@@ -248,19 +248,19 @@ def _smooth(beside, step, tries, system, t, p, v) -> Variant:
             break
         step /= SHORTER
     rough, _, variant = min(tried)
-    if max(sizes) > 2.0 * min(sizes):  # flat pieces of stairs
+    if max(sizes) > 2.0 * min(sizes):  # a step function
         rough = 1.0
     if rough > ROUGH:
         raise InputError(
             f"the equations are not smooth in the parameter {variant.name!r}: differences over {variant.step:.1e} and "
             f"{2 * variant.step:.1e} differ by {rough:.1e} of their size. A table, a rounded number or a kink "
-            "depends on it; give steps= for it, or leave it out"
+            "depends on it; pass steps= for it, or omit it"
         )
     return variant
 
 
 def _roughness(variant, system, t, p, v) -> tuple[float, float]:
-    """How much residual differences over one step and over two differ, relative to their largest, and that."""
+    """The relative change of residual differences when the step is doubled, and their largest value."""
     v = v + 0.3 * np.cos(np.arange(system.nv))
     a = 1.0 + np.abs(v)
     sizes, values = 1e-300, {}
@@ -277,10 +277,10 @@ def _roughness(variant, system, t, p, v) -> tuple[float, float]:
 
 
 def _require_same(mechanism, base, where) -> None:
-    """Refuse a mechanism beside that is another one."""
+    """Raise InputError if a mechanism with another parameter value has other joints or rows."""
     for what in ("nq", "nv", "joints", "row_labels") if mechanism is not base else ():
         if getattr(mechanism, what) != getattr(base, what):
             raise InputError(
-                f"build() gives another kind of mechanism where {where}: its {what} differs. "
-                "Joints and loops must stay the same while parameters vary"
+                f"build() returns another kind of mechanism if {where}: its {what} differs. "
+                "Joints and loops must not depend on the parameters"
             )

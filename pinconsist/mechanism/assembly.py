@@ -13,10 +13,10 @@ from .closing import CLOSED, NEARLY, LoopSolver
 from .correction import hint
 from .rank import dependencies, weak_text
 
-KEPT = 1e-9  # rad or m: a joint that is farther from its value has not kept it
+KEPT = 1e-9  # rad or m: a joint farther than this from its value has not kept it
 MOST_SHOWN = 6  # joints in one warning
-DRIVEN = 1e-6  # rad or m: a drive that has a joint farther from its value contradicts it
-ROUNDED_GAP = 1e-3  # m or rad: gaps from here on are no rounding
+DRIVEN = 1e-6  # rad or m: a given joint value farther than this from that of its drive contradicts the drive
+ROUNDED_GAP = 1e-3  # m or rad: larger gaps are not caused by rounded numbers
 NEARLY_SINGULAR = 1e-6  # smallest singular value of the loops' kept rows, relative to the largest
 
 
@@ -46,7 +46,7 @@ class Assembly:
     mobility: int
     moved: float
     iterations: int
-    _rows: tuple  # J, the rows kept of it, and the labels of all
+    _rows: tuple  # J, its kept rows, and the labels of all rows
 
     @cached_property
     def redundant(self) -> dict[tuple[str, str], dict[tuple[str, str], float]]:
@@ -101,7 +101,7 @@ def assemble(mechanism, q0=None, v0=None, *, fixed=None, t: float = 0.0, toleran
 
 
 def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, advises=True) -> Assembly:
-    """What :func:`assemble` does, by a solver that goes on to be used; advice takes long to find."""
+    """:func:`assemble` with a solver that the caller goes on using; `advises` searches for advice, which takes long."""
     mechanism, t = solver.mechanism, solver.t
     if not (fixed is None or isinstance(fixed, Mapping)):
         raise InputError(f"fixed= needs a mapping joint name → value, got {fixed!r}")
@@ -111,12 +111,12 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
     held = {**named, **fixed}
     base = mechanism.configuration(mechanism.guess if q is None or isinstance(q, Mapping) else q)
     start = guess = mechanism.configuration(held, base=base) if held else base
-    for joint in _driven(solver, held, guess):  # which have the drive's value, rounding apart
+    for joint in _driven(solver, held, guess):  # their values are those of the drives, except for rounding
         held.pop(joint)
         fixed.pop(joint, None)
-    if held and (led := solver.led(base, guess, solver.free_columns(held))) is not None:
-        start = mechanism.configuration(held, base=led)
-    for names in (held, fixed):  # named joints stay if the loops close that way, else only the fixed ones
+    if held and (moved := solver.moved(base, guess, solver.free_columns(held))) is not None:
+        start = mechanism.configuration(held, base=moved)
+    for names in (held, fixed):  # hold the named joints if the loops can close then, otherwise only the fixed ones
         best, iterations = solver.close(start, solver.free_columns(names))
         if names.keys() == fixed.keys() or solver.size(best) <= tolerance:
             break
@@ -129,8 +129,8 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
     if gaps and gaps[worst] > CLOSED and tolerance <= NEARLY:
         warn(
             f"{mechanism.name}: the loops contradict each other slightly: {worst!r} closes only to "
-            f"{gaps[worst]:.1e} m or rad. Most likely the numbers of the file are rounded: load(…, precision=1e-6), or "
-            "mechanism.corrected(1e-6), makes them consistent"
+            f"{gaps[worst]:.1e} m or rad. Most likely the numbers in the file are rounded: load(…, precision=1e-6) or "
+            "mechanism.corrected(1e-6) makes them consistent"
         )
     if named and (moved := not_kept(mechanism, named, best)):
         shown = moved[:MOST_SHOWN] if len(named) > MOST_SHOWN else named
@@ -143,7 +143,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
     mobility = mechanism.nv - len(kept)
     immobile = not (mobility or solver.loop_rows.moving) and bool(mechanism.anchored_loops)
     if advises and (weak or immobile) and (advice := hint(mechanism)):
-        why = f"rank {len(kept)} and mobility {mobility} rest on less than 1e-6: {weak_text(weak)}" if weak else ""
+        why = f"rank {len(kept)} and mobility {mobility} depend on rounding: {weak_text(weak)}" if weak else ""
         warn(f"{mechanism.name}: {why or 'nothing can move'}. Most likely {advice}")
     return Assembly(
         q=best,
@@ -159,13 +159,13 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
 
 
 def not_kept(mechanism, named, q, tolerance: float = KEPT) -> list[str]:
-    """The joints of a mapping `named`, joint → value, that are elsewhere in a configuration."""
+    """The joints of `named`, joint → value, that have other values in the configuration `q`."""
     apart = np.abs(pin.difference(mechanism.model, q, mechanism.configuration(named, base=q)))
     return [joint for joint in named if apart[mechanism.columns(joint)].max() > tolerance]
 
 
 def _driven(solver, held, q) -> set[str]:
-    """Those of the joints `held` at their values in `q` that a drive moves; AssemblyError if it has one elsewhere."""
+    """The joints in `held` that a drive moves; AssemblyError if a drive contradicts their values in `q`."""
     found = set()
     for row in solver.loop_rows.closures:
         if row.loop.kind == "drive" and row.loop.joint in held:
@@ -174,7 +174,7 @@ def _driven(solver, held, q) -> set[str]:
             if abs(gap) > DRIVEN:
                 raise AssemblyError(
                     f"{solver.mechanism.name}: joint {row.loop.joint!r} cannot start at {value:.6g}: drive "
-                    f"{row.loop.name!r} has it at {value - gap:.6g} at t = {solver.t:g} s. Leave the joint out, or "
+                    f"{row.loop.name!r} holds it at {value - gap:.6g} at t = {solver.t:g} s. Leave the joint out, or "
                     "change the curve",
                     gaps={row.loop.name: abs(gap)},
                     q=q,
@@ -187,7 +187,7 @@ def _text(values) -> str:
 
 
 def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None) -> np.ndarray:
-    """A velocity with J v + Φ_t = 0 at a closed configuration, as :func:`assemble` takes it; of the rows `kept`."""
+    """A velocity with J v + Φ_t = 0 in the rows `kept` at a closed configuration; `v` as in :func:`assemble`."""
     mechanism, model, t, moving = solver.mechanism, solver.model, solver.t, solver.loop_rows.moving
     start = mechanism.velocity({} if v is None else v)
     if not (moving or start.any()):  # rest
@@ -203,17 +203,17 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None) -> np.ndar
     U, sizes, Vt = np.linalg.svd(E)
     rank = int((sizes > 1e-12 * sizes.max(initial=0.0)).sum())
     result, Z = Vt[:rank].T @ ((U.T @ target)[:rank] / sizes[:rank]), Vt[rank:].T
-    ahead = -result if held.any() else start - result  # least energy, by what is free to move
+    ahead = -result if held.any() else start - result  # least kinetic energy, or least distance from `start`
     result = result + Z @ np.linalg.lstsq(Z.T @ M @ Z, Z.T @ (M @ ahead), rcond=1e-13)[0]
     miss = np.abs(E @ result - target)
     if miss.max(initial=0.0) > 1e-8 * (1.0 + np.abs(target).max(initial=0.0)):
         names, advice = ", ".join(v) if isinstance(v, Mapping) else "", "name fewer joints"
         if len(s := np.linalg.svd(J, compute_uv=False)) and s[-1] < NEARLY_SINGULAR * s[0]:
-            advice = "loop rows are nearly dependent here: a singular position is close, start a little away from it"
+            advice = "loop rows are nearly dependent here, close to a singular position; start a little away from it"
         rows = solver.loop_rows.closures if isinstance(v, Mapping) else ()
         if driven := [row for row in rows if row.loop.kind == "drive" and row.loop.joint in v]:
             given = ", ".join(f"{row.loop.name!r} gives {row.loop.joint} {-row.rate(t, q)[0]:.6g}" for row in driven)
-            advice = f"drive {given} at t = {t:g} s; leave out what is driven"
+            advice = f"drive {given} at t = {t:g} s; leave out the driven joints"
         raise AssemblyError(
             f"{mechanism.name}: the loops do not allow the velocities given for {names} "
             f"(the loops are off by {miss.max():.3g} rad/s or m/s); {advice}"
@@ -222,7 +222,7 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None) -> np.ndar
 
 
 def impossible_alone(mechanism, guess, gaps, fixed, t: float = 0.0) -> dict:
-    """Loop → best gap, of the loops open by `gaps` that stay open even if all others are cut."""
+    """Loop → smallest gap, for loops of `gaps` that stay open even if all other loops are cut."""
     alone = {}
     for loop in mechanism.loops:
         if not gaps.get(loop.name, 0.0) <= CLOSED:
@@ -240,25 +240,25 @@ def _not_closed(solver, guess, best, open_loops, fixed):
         ((name, gap),) = named = list(open_loops.items())
         worst = int(np.argmax(np.abs(solver.rows(best)[0])))
         unit = "rad" if solver.loop_rows.turns[worst] else "m"
-        unit = unit if mechanism.anchored_loops else "m or rad"  # other rows are measured by their joint
+        unit = unit if mechanism.anchored_loops else "m or rad"  # the unit of other rows depends on their joint
         row = mechanism.row_labels[worst][1]
-        what = f"loop {name!r} cannot close{held}: {gap:.3g} {unit} stay open in row {row}"
+        what = f"loop {name!r} cannot close{held}: a gap of {gap:.3g} {unit} remains in row {row}"
     else:
         alone = impossible_alone(mechanism, guess, open_loops, fixed, solver.t)
         named = sorted((alone or open_loops).items(), key=lambda item: -item[1])
         in_metres = [loop.name for loop in mechanism.loops if loop.kind in ("point", "distance")]
         listed = ", ".join(f"{name!r} (gap {gap:.3g} m{' or rad' * (name not in in_metres)})" for name, gap in named)
-        what = f"the loops cannot close together{held}, though each can alone; left open: {listed}"
+        what = f"the loops cannot close together{held}, although each can close alone; still open: {listed}"
         if alone:
-            each, order = ("each ", ", the worst first") if len(alone) > 1 else ("", "")
+            each, order = ("each ", ", worst first") if len(alone) > 1 else ("", "")
             what = f"loops cannot close{held}, {each}even with all others cut{order}: {listed}"
             what = f"{len(alone)} of {len(mechanism.loops)} {what}"
     if max(open_loops.values()) < ROUNDED_GAP and not fixed and (advice := hint(mechanism)):
         what += f". Most likely {advice}"
-    let_go = ", let the held joints go" if fixed else ""
+    let_go = ", release the fixed joints" if fixed else ""
     return AssemblyError(
         f"{mechanism.name}: {what}. Check lengths, units and anchors; try "
-        f'another guess{let_go}, load with closure="point", or take mechanism.reanchored(), which moves the anchors '
+        f'another guess{let_go}, load with closure="point", or use mechanism.reanchored(), which moves the anchors '
         "to the best fit",
         gaps=dict(named),
         q=best,

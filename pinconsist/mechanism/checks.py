@@ -1,4 +1,4 @@
-"""Checks that the records of forces, loops and motions share: of fields, of models and their names, of functions."""
+"""Checks shared by forces, loops and motions: of fields, of models and their names, of user-defined functions."""
 
 import difflib
 import os
@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from ..errors import InputError, UserFunctionError
 
-UNIT = 1e-9  # how far from unit length an orientation may be
-ROTATION = 1e-6  # how far from the unit matrix RᵀR of a placement may be
+UNIT = 1e-9  # largest deviation of an orientation from unit length
+ROTATION = 1e-6  # largest deviation of RᵀR of a placement from the unit matrix
 
 
 def put(record, **values) -> None:
@@ -23,7 +23,7 @@ def put(record, **values) -> None:
 
 
 def number(value, what: str, least: float = -inf, above: float = -inf) -> float:
-    """A finite float from what a user gave, at least `least` and greater than `above`; else InputError."""
+    """A finite float from user input, at least `least` and greater than `above`; else InputError."""
     try:
         if isinstance(value, str | bytes | bool | np.bool_) or _ndim(value):
             raise TypeError
@@ -39,7 +39,7 @@ def number(value, what: str, least: float = -inf, above: float = -inf) -> float:
 
 
 def put_checked(record, who: str, check, *fields: str, **bounds) -> None:
-    """Replace fields of a record by what a check returns of them: :func:`number`, :func:`triple` or :func:`name`."""
+    """Replace fields of a record by the result of a check: :func:`number`, :func:`triple` or :func:`name`."""
     for field in fields:
         put(record, **{field: check(getattr(record, field), f"{who}: {field}", **bounds)})
 
@@ -64,7 +64,7 @@ def finite_array(value, what: str) -> np.ndarray:
     if isinstance(value, float) and isfinite(value):  # most often
         return np.array(value, dtype=float)
     try:
-        if np.asarray(value).dtype.kind not in "biufO":  # numpy would read "0.1" and drop imaginary parts
+        if np.asarray(value).dtype.kind not in "biufO":  # numpy would convert "0.1" and drop imaginary parts
             raise TypeError
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
@@ -75,7 +75,7 @@ def finite_array(value, what: str) -> np.ndarray:
 
 
 def several(values) -> tuple:
-    """The values of an argument that may also be given as one."""
+    """The values of an argument that may also be a single value."""
     alone = isinstance(values, str | os.PathLike) or not hasattr(values, "__iter__")
     return (values,) if alone else tuple(values)
 
@@ -88,7 +88,7 @@ def name(value, what: str) -> str:
 
 
 def require_functions(record, who: str, of: str, *fields: str, optional: tuple[str, ...] = ()) -> None:
-    """Raise InputError where one of these fields is not a function `of` its arguments; the `optional` may be None."""
+    """Raise InputError if one of these fields is not a function; `optional` fields may be None."""
     for field in (*fields, *optional):
         given = getattr(record, field)
         if not (callable(given) or (given is None and field in optional)):
@@ -112,7 +112,7 @@ def amounts(values, what: str, least: float = -inf, functions: bool = False):
 
 
 def spread(model, values, what: str, alike: bool = False) -> np.ndarray:
-    """`amounts` on a model, shape (nv,); with `alike` one number counts for each velocity of its joint."""
+    """`amounts` as an array (nv,); with `alike`, a single number applies to every velocity of its joint."""
     if not isinstance(values, Mapping):
         if len(values) != model.nv:
             raise InputError(
@@ -129,13 +129,13 @@ def spread(model, values, what: str, alike: bool = False) -> np.ndarray:
 
 
 def near(name, names) -> str:
-    """``"; near it: …"`` for the end of a message, with up to four of `names`; empty where nothing resembles."""
+    """``"; similar: …"`` for the end of a message, with up to four similar `names`; empty if there are none."""
     found = difflib.get_close_matches(str(name), sorted(set(names)), n=4, cutoff=0.5)
-    return f"; near it: {', '.join(found)}" if found else ""
+    return f"; similar: {', '.join(found)}" if found else ""
 
 
 def joint_index(model, joint: str, what: str) -> int:
-    """The index of a joint; InputError with similar names where the model has none of this name."""
+    """The index of a joint; InputError with similar names if the model has no such joint."""
     i = model.getJointId(joint) if isinstance(joint, str) else 0
     if not 0 < i < model.njoints:
         raise InputError(f"{what}: the model has no joint {joint!r}{near(joint, list(model.names)[1:])}")
@@ -143,25 +143,25 @@ def joint_index(model, joint: str, what: str) -> int:
 
 
 def places(model, i: int) -> tuple[slice, slice]:
-    """Where the numbers of joint `i` stand in a configuration, and in a velocity."""
+    """The slices of joint `i` in a configuration and in a velocity."""
     q, v = model.idx_qs[i], model.idx_vs[i]
     return slice(q, q + model.nqs[i]), slice(v, v + model.nvs[i])
 
 
 def columns(model, joint: str, what: str) -> slice:
-    """The columns of a joint in v; InputError as by :func:`joint_index`."""
+    """The columns of a joint in v; raises InputError like :func:`joint_index`."""
     return places(model, joint_index(model, joint, what))[1]
 
 
 def coordinates(model, joint: str, q) -> tuple[float, ...]:
-    """The numbers of a joint in a configuration as ``Mechanism.configuration`` takes them, one angle for (cos, sin)."""
+    """The numbers of a joint in `q`, as for ``Mechanism.configuration``: one angle in place of (cos, sin)."""
     i = model.getJointId(joint)
     part = tuple(q[places(model, i)[0]].tolist())
     return (atan2(part[1], part[0]),) if len(part) == 2 and model.nvs[i] == 1 else part
 
 
 def frame_of(model, frame: str, what: str):
-    """The frame of a name; InputError where there is none, or several."""
+    """The frame with this name; InputError if there is none or more than one."""
     names = [each.name for each in model.frames]
     if frame not in names:
         raise InputError(f"{what}: the model has no frame {frame!r}{near(frame, names)}")
@@ -173,9 +173,9 @@ def frame_of(model, frame: str, what: str):
 
 
 def checked_model(model: pin.Model) -> pin.Model:
-    """A copy in which each joint is a frame, unless one has its name; models built in Python often lack these.
+    """A copy with a frame for each joint, unless a frame has its name; models built in Python often lack them.
 
-    InputError for a model that makes Pinocchio's algorithms silently wrong, or whose inertias are impossible.
+    InputError for a model for which Pinocchio's algorithms are silently wrong, or with impossible inertias.
     """
     model = model.copy()
     named = {frame.name for frame in model.frames}
@@ -183,8 +183,8 @@ def checked_model(model: pin.Model) -> pin.Model:
         if "Mimic" in model.joints[joint].shortname():
             raise InputError(
                 f"joint {name!r} of model {model.name!r} is one of Pinocchio's mimic joints, which most of its "
-                "algorithms do not support. Build the model without (mimic=False), with a Coupling among the loops; "
-                "load() of the URDF file does that"
+                "algorithms do not support. Build the model without them (mimic=False) and add a Coupling to the "
+                "loops, as load() does with a URDF file"
             )
         if joint > 1 and model.parents[joint] not in set(model.supports[joint - 1]):
             raise InputError(
@@ -214,13 +214,13 @@ def checked_model(model: pin.Model) -> pin.Model:
 
 
 def require_mechanism(mechanism, caller: str) -> None:
-    """Raise InputError for anything but a Mechanism, recognised by its class: that imports this file."""
+    """Raise InputError for anything but a Mechanism, recognised by an attribute: its module imports this one."""
     if not hasattr(type(mechanism), "anchored_loops"):
         raise InputError(f"{caller} needs a Mechanism, got {type(mechanism).__name__}; see pinconsist.load()")
 
 
 def normalized(model, q, who: str) -> np.ndarray:
-    """A configuration with its quaternions and (cos, sin) pairs at unit length; InputError where one has none."""
+    """A configuration with quaternions and (cos, sin) pairs of unit length; InputError if one has length zero."""
     if model.nq == model.nv:  # no joint has an orientation
         return np.array(q)
     q = pin.normalize(model, q)
@@ -233,7 +233,7 @@ def normalized(model, q, who: str) -> np.ndarray:
 
 
 def called(function, what: str, t: float, *state):
-    """What a user's function returns for arrays that it cannot write to; exceptions become a UserFunctionError."""
+    """Call a user's function with read-only arrays; its exceptions become a UserFunctionError."""
     try:
         return function(t, *map(read_only, state))
     except Exception as error:
@@ -241,18 +241,18 @@ def called(function, what: str, t: float, *state):
 
 
 def returned(function, what: str, shape: tuple, t: float, *state, hint: str = "") -> np.ndarray:
-    """The float array of this shape that a user's function returns; InputError where it returns another."""
+    """Call a user's function that must return a float array of this shape; else InputError."""
     return real_array(called(function, what, t, *state), what, shape, t, hint)
 
 
 def real_array(value, what: str, shape: tuple, t: float, hint: str = "") -> np.ndarray:
-    """The float array of this shape that a user's function has returned; else InputError."""
+    """A value that a user's function returned, as a float array of this shape; else InputError."""
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "biuf":
             raise TypeError("complex numbers" if array.dtype.kind == "c" else f"{value!r}")
     except (TypeError, ValueError) as error:
-        raise InputError(f"{what} returned no numbers at t = {t:.6g}: {error}") from None
+        raise InputError(f"{what} did not return real numbers at t = {t:.6g}: {error}") from None
     if array.shape != shape:
         wanted = str(shape) if shape else "one number"
         raise InputError(f"{what} returned shape {array.shape} at t = {t:.6g}; it must return {wanted}{hint}")
@@ -260,7 +260,7 @@ def real_array(value, what: str, shape: tuple, t: float, hint: str = "") -> np.n
 
 
 def warn(message: str) -> None:
-    """A UserWarning at the line of the user's code that called this package."""
+    """Issue a UserWarning at the line of the user's code that called this package."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "pinconsist":
         frame, level = frame.f_back, level + 1
@@ -275,12 +275,12 @@ def read_only(array):
 
 
 def function_name(function) -> str:
-    """A function for messages."""
+    """The name of a function in messages."""
     return getattr(function, "__qualname__", None) or repr(function)
 
 
 def _ndim(value) -> int:
-    """Dimensions of an array; 0 of anything else, -1 of nested sequences that do not match."""
+    """Number of dimensions; 0 for anything but an array or a sequence, -1 for ragged nested sequences."""
     try:
         return np.ndim(value)
     except ValueError:

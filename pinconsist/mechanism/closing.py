@@ -1,4 +1,4 @@
-"""Closing loops from near and from far, and leading joints while the loops stay closed."""
+"""Closing loops from nearby and distant guesses, and moving joints while the loops stay closed."""
 
 import numpy as np
 import pinocchio as pin
@@ -8,14 +8,14 @@ from .rank import HELD, RANK_TOLERANCE, Ranking, free_motions, row_scales
 from .rows import LoopRows
 
 CLOSED = 1e-10  # m or rad; rounding errors are far below
-NEARLY = 1e-8  # accepted with a warning: numbers of files are rounded, and redundant loops then contradict a little
+NEARLY = 1e-8  # accepted with a warning: redundant loops contradict each other slightly if a file's numbers are rounded
 MAX_ITERATIONS = 200
 RESTARTS = 8
 MAX_CORRECTIONS = 30
-STRIDE = 0.1  # rad or m, of the joints that are led, in one step
+STRIDE = 0.1  # rad or m: step size of the prescribed joints
 SHORTEST = STRIDE / 64
 MOST_STRIDES = 400
-LEAP = 0.5  # rad or m: no other joint moves farther in one step
+LEAP = 0.5  # rad or m: largest change of another joint in one step
 
 
 def steady(loops) -> list:
@@ -24,7 +24,7 @@ def steady(loops) -> list:
 
 
 class LoopSolver:
-    """The loops of one mechanism at one time, and the ways to close them. `free` marks the velocities that may move."""
+    """Closes the loops of a mechanism at a fixed time. `free` is a mask of the velocities that may change."""
 
     def __init__(self, mechanism, t: float = 0.0):
         self.t = t
@@ -36,7 +36,7 @@ class LoopSolver:
         return self.loop_rows.at(self.data, q, self.t)
 
     def ranking(self, q) -> Ranking:
-        """Which rows are independent at a configuration."""
+        """The independent rows at a configuration."""
         J, ranked = self.rows(q)[1], self.loop_rows.ranked
         if (known := ranked.get(place := J.tobytes())) is None:
             ranked.clear()
@@ -64,11 +64,11 @@ class LoopSolver:
         return free
 
     def close(self, guess, free=None):
-        """The best configuration reached from any guess, and the iterations; tries perturbed starts where it sticks."""
+        """The best configuration reached from a guess, and the iterations; tries perturbed guesses if it gets stuck."""
         free = self.free_columns() if free is None else free
         closed, place = self.loop_rows.closed, (self.t, guess.tobytes(), free.tobytes())
         known = closed.get(place)
-        if known is not None and self.size(known[0]) <= known[2]:  # many runs begin at one place
+        if known is not None and self.size(known[0]) <= known[2]:  # many runs start from the same guess
             return known[0].copy(), known[1]
         best, total = self._closed(guess, free)
         if (size := self.size(best)) <= NEARLY:
@@ -90,10 +90,10 @@ class LoopSolver:
         return best, total
 
     def descend(self, q, free=None, enough=0.0):
-        """Downhill to gaps of at most `enough`, if that can be reached, and the iterations.
+        """Reduce the gaps, to at most `enough` if possible; return the configuration and the number of iterations.
 
-        Levenberg-Marquardt, dx = -Jᵀ (J Jᵀ + μ 1)⁻¹ Φ with |dx| ≤ 1 and μ ~ |Φ|² near the end: it needs no mass
-        matrix and converges with redundant rows, too.
+        Levenberg-Marquardt, dx = -Jᵀ (J Jᵀ + μ 1)⁻¹ Φ with |dx| ≤ 1, and μ ~ |Φ|² near the solution. It needs no mass
+        matrix and converges even with redundant rows.
         """
         free = self.free_columns() if free is None else free
         phi, J = self.rows(q)
@@ -119,11 +119,12 @@ class LoopSolver:
                 damping = max(damping * 8, 1e-3)
         return q, MAX_ITERATIONS
 
-    def led(self, q, goal, free):
-        """From a closed configuration to one where the joints that are not free stand as in `goal`, in small steps.
+    def moved(self, q, goal, free):
+        """Move the joints that are not free to their values in `goal`, in small steps from a closed configuration.
 
-        Each step is closed by Newton's method, so that the assembly mode stays the same. None where the way is blocked:
-        by the end of a reach, a singular position, or joints that the loops do not let go that way together.
+        The loops are closed at each step by Newton's method, so that the assembly mode stays the same. Returns None if
+        the path is blocked: at the end of the workspace, at a singular position, or because the loops do not allow
+        these joints to move that way together.
         """
         way = np.where(free, 0.0, pin.difference(self.model, q, goal))
         length = np.abs(way).max(initial=0.0)
@@ -132,15 +133,15 @@ class LoopSolver:
         share, left = min(1.0, STRIDE / length), 1.0
         while left > 0.0:
             share = min(share, left)
-            following = self._followed(q, share * way, free)
+            following = self._small_step(q, share * way, free)
             if following is not None:
                 q, left = following, left - share
             elif (share := share / 2) * length < SHORTEST:
                 return None
         return q
 
-    def _followed(self, q, step, free):
-        """The other joints follow a small step of some; None where they would leap, or the loops do not close."""
+    def _small_step(self, q, step, free):
+        """The configuration after a small step of some joints; None if others would jump or the loops do not close."""
         _, J = self.rows(q)
         dx = step - np.linalg.lstsq(np.where(free, J, 0.0), J @ step, rcond=RANK_TOLERANCE)[0]
         if np.abs(dx).max() > LEAP:
@@ -151,17 +152,17 @@ class LoopSolver:
 
 
 def newton(rows, model, turns, q, longest, free=True, tolerance=RANK_TOLERANCE):
-    """The closed configuration that Gauss-Newton steps reach from a nearby `q`; None where they do not converge.
+    """The closed configuration reached from a nearby `q` by Gauss-Newton steps; None if they do not converge.
 
-    `rows` is a function q → (Φ, J), `turns` marks its rows in rad, `longest` bounds the entries of one step, singular
-    values of J below the `tolerance`, relative to the largest, count as zero.
+    `rows` is a function q → (Φ, J), `turns` marks its rows in rad, and `longest` bounds the entries of one step.
+    Singular values of J below `tolerance`, relative to the largest, count as zero.
     """
     last = np.inf
     for _ in range(MAX_CORRECTIONS):
         phi, J = rows(q)
         scales = row_scales(J, turns)
         size = np.max(np.abs(phi) / scales, initial=0.0)
-        if size <= 1e-15 or (size <= tolerance and size > 0.5 * last):  # dependent rows may be open by that much
+        if size <= 1e-15 or (size <= tolerance and size > 0.5 * last):  # dependent rows may stay open by this much
             return q
         dq = np.linalg.lstsq(np.where(free, J, 0.0) / scales[:, None], -phi / scales, rcond=tolerance)[0]
         if not (np.isfinite(dq).all() and np.max(np.abs(dq) / longest) < 1.0):
@@ -171,7 +172,7 @@ def newton(rows, model, turns, q, longest, free=True, tolerance=RANK_TOLERANCE):
 
 
 def held_motors(mechanism, q) -> list[str]:
-    """The motorised joints that the loops, drives apart, do not let move by themselves at a closed configuration."""
+    """The motorised joints that cannot move independently at a closed configuration; drives are not considered."""
     solver = LoopSolver(mechanism.with_loops(*(loop for loop in mechanism.loops if loop.kind != "drive")))
     every = range(mechanism.nv)
     columns = [(column, joint) for joint in mechanism.actuated for column in every[mechanism.columns(joint)]]

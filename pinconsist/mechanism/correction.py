@@ -1,11 +1,12 @@
-"""Numbers of a file that are rounded: the smallest change of them by which loops that belong together agree again.
+"""Correction of rounded numbers: the smallest change that makes dependent loops consistent again.
 
-A parallelogram with three cranks moves because one loop follows from the other. A length that is off by 1e-9 m makes
-them contradict each other, and the rows that were dependent lock the mechanism. Here these rows are found by the
-singular values of J, at closed configurations along a random walk, where the loops may stay open by the error of the
-numbers. With N the combinations of rows that move nothing (left singular vectors of the small values) and P = ∂Φ/∂p for
-the placements p of all joints and anchors, N Φ + N P δp = 0 at all these configurations makes the rows dependent to
-second order; the δp of smallest norm is taken, and the step repeated until the loops close to rounding.
+A parallelogram with three cranks can move because one loop follows from the other. If a length is wrong by 1e-9 m, the
+loops contradict each other, and the rows that should be dependent lock the mechanism. Such rows are found from the
+singular values of J at closed configurations along a random walk, on which the loops may stay open by the error of the
+numbers. Let N be the left singular vectors of the small singular values, the combinations of rows that should vanish,
+and P = ∂Φ/∂p for the placements p of all joints and anchors. Then N Φ + N P δp = 0 at all these configurations makes
+the rows dependent to second order. The solution δp of smallest norm is used, and the step is repeated until the loops
+close to rounding.
 """
 
 from dataclasses import replace
@@ -19,16 +20,16 @@ from .description import digests
 from .loops import anchor
 from .rank import ROUNDED, row_scales
 
-_WEAK = (30.0, 3.0)  # how many errors may add up in a row of J, tried one after the other
-_REACH = 0.4  # rad and m, from one configuration of the walk to the next
-_ONWARD = 5.0
-_LEAST, _MOST = 6, 40  # configurations
-_SEARCHES, _FREEDOM = 8, 2  # for positions where mechanisms branch, and the mobility up to which they are looked for
-_STEP = 1e-6  # of differences of J
+_WEAK = (30.0, 3.0)  # how many errors may add up in a row of J; both values are tried
+_REACH = 0.4  # rad and m, distance between configurations of the walk
+_ONWARD = 5.0  # weight of the last direction in a walk that should cover long distances
+_LEAST, _MOST = 6, 40  # number of configurations
+_SEARCHES, _FREEDOM = 8, 2  # searches for singular positions, and the largest mobility for which they are made
+_STEP = 1e-6  # of difference quotients of J
 _VANISHES, _NEAR = 1e-9, 1e-2  # singular values, relative to the largest: zero; close to a singular position
 _ITERATIONS = 8
-_BEYOND = 3.0  # of the precision: no further iteration makes a step that large good
-_AGREE = 1e-12  # m or rad: loops that agree are open by less
+_BEYOND = 3.0  # times the precision: after a larger step the iteration is given up
+_AGREE = 1e-12  # m or rad: gaps of consistent loops are smaller
 _LEAP = 0.5  # rad or m
 _found: dict[tuple, Any] = {}
 
@@ -41,7 +42,7 @@ class Correction(NamedTuple):
 
 
 def correction(mechanism, precision: float) -> Correction | None:
-    """The smallest correction with which rows leave that errors of this size can make independent; None without any."""
+    """The smallest correction that makes rows dependent which errors of this size made independent, or None."""
     if not mechanism.anchored_loops:
         return None
     still = mechanism.with_loops(*steady(mechanism.loops))
@@ -59,38 +60,38 @@ def correction(mechanism, precision: float) -> Correction | None:
 
 
 def rounding_of(mechanism) -> Correction | None:
-    """The correction within 1e-6, or if need be 1e-5, that a mechanism needs to close, or to move; None without any."""
+    """The correction, within 1e-6 or else 1e-5, with which a mechanism closes or can move, or None."""
     parts = digests(mechanism)
     key = parts["model"], parts["loops"], parts["guess"]
-    if key not in _found:  # of the last mechanism: the search takes up to seconds, and every assembly may ask
+    if key not in _found:  # cached for the last mechanism: the search can take seconds, and any assembly may need it
         _found.clear()
         _found[key] = correction(mechanism, ROUNDED) or correction(mechanism, 10 * ROUNDED)
     return _found[key]
 
 
 def hint(mechanism) -> str:
-    """What to do about rounded numbers, where that was found to help: the end of a message, or an empty text."""
+    """Advice about rounded numbers for the end of a message; empty if no correction helps."""
     found = rounding_of(mechanism)
     if found is None:
         return ""
     change = found.mechanism.corrected_by
     precision = f"{ROUNDED if change <= ROUNDED else 10 * ROUNDED:.0e}"
     return (
-        f"the numbers of the file are rounded: load(…, precision={precision}) "
-        f"changes them by up to {change:.1e} m or rad, the loops then agree and the mobility is "
+        f"the numbers in the file are rounded: load(…, precision={precision}) "
+        f"changes them by up to {change:.1e} m or rad; the loops are then consistent and the mobility is "
         f"{found.mobility}"
     )
 
 
 def _corrected(walk, places, precision, branching) -> Correction | None:
-    """The correction that begins with the first `places` of a walk; None where none is found.
+    """The correction that is found from the first `places` of a walk, or None.
 
-    With `branching` the positions where the mechanism branches stay such positions.
+    With `branching`, positions where the mechanism branches are preserved.
     """
     mechanism, rank = walk.mechanism, walk.full
     parameters, dependent = 6 * (len(mechanism.joints) + 2 * len(mechanism.loops)), walk.solver.loop_rows.nc - rank
     if np.max(np.abs(_step([walk.equations(place, rank) for place in places]))) > _BEYOND * precision:
-        return None  # more places need a larger change
+        return None  # with more places, the change can only grow
     if branching and not 0 < rank + _FREEDOM >= mechanism.nv:
         return None
     places = places + walk.places(min(parameters // dependent, _MOST), places[-1])
@@ -116,22 +117,22 @@ def _corrected(walk, places, precision, branching) -> Correction | None:
         if not places:
             return None
     fresh = walk.places(_LEAST, places[0], seed=1)
-    if not fresh or max(map(walk.solver.size, fresh)) > _AGREE or walk.hangs(fresh):
+    if not fresh or max(map(walk.solver.size, fresh)) > _AGREE or walk.has_excess_rank(fresh):
         return None
     result = replace(result, guess=places[0], corrected_by=_change(mechanism, result))
     return Correction(result, mechanism.nv - rank)
 
 
 def _step(equations):
-    """The smallest change with which these equations hold to second order."""
+    """The smallest change that satisfies these equations to second order."""
     left, P = (np.concatenate(parts) for parts in zip(*equations, strict=True))
     return np.linalg.lstsq(P, -left, rcond=1e-6)[0]
 
 
 class Walk:
-    """Configurations in which the loops are closed apart from rows that are independent by less than `weak`.
+    """Configurations with closed loops, except for rows that are independent by less than `weak`.
 
-    `full` is the rank of the others where the mechanism does not branch.
+    `full` is the rank of the other rows wherever the mechanism does not branch.
     """
 
     def __init__(self, mechanism, weak, full=0):
@@ -139,7 +140,7 @@ class Walk:
         self.turns = self.solver.loop_rows.turns
 
     def split(self, q):
-        """Φ, the scales of the rows, U, s, Vᵀ of J with rows of one scale, and the rank."""
+        """Φ, the scales of the rows, the SVD U, s, Vᵀ of the scaled J, and its rank."""
         phi, J = self.solver.rows(q)
         scales = row_scales(J, self.turns)
         U, s, Vt = np.linalg.svd(J / scales[:, None])
@@ -151,33 +152,33 @@ class Walk:
     def rank(self, q) -> int:
         return self.split(q)[-1]
 
-    def hangs(self, places) -> bool:
-        """Whether more rows are independent as the numbers stand."""
+    def has_excess_rank(self, places) -> bool:
+        """Whether the rank of all rows, with the current numbers, exceeds ``full``."""
         return any(len(self.solver.kept(place)) > self.full for place in places)
 
     def contradictions(self) -> list:
-        """The first places, and ``full`` for them; none where the loops agree, or all rows are independent."""
+        """The first places, and sets ``full``; empty if the loops are consistent, or all rows should be independent."""
         places = self.places(_LEAST)
         if places:
-            self.full = int(np.argmax(np.bincount([self.rank(place) for place in places])))  # on the branch it is on
-        agree = not self.hangs(places) and max(map(self.solver.size, places), default=0.0) < _AGREE
+            self.full = int(np.argmax(np.bincount([self.rank(place) for place in places])))  # the most frequent rank
+        agree = not self.has_excess_rank(places) and max(map(self.solver.size, places), default=0.0) < _AGREE
         if agree or self.full == self.solver.loop_rows.nc:
             return []
         return [place for place in places if self.rank(place) == self.full]
 
     def settled(self, q, least=0.0):
-        """The configuration near `q` in which what is not weak is closed; None where there is none.
+        """The configuration near `q` in which all but weak combinations of rows are closed, or None.
 
-        Singular values below `least`, relative to the largest, count as weak too.
+        Singular values below `least`, relative to the largest, also count as weak.
         """
         J = self.solver.rows(q)[1]
         least = max(least, self._least(row_scales(J, self.turns)))
         return newton(self.solver.rows, self.solver.model, self.turns, q, _LEAP, tolerance=least)
 
     def places(self, count, start=None, seed=0, onward=0.0) -> list:
-        """Up to so many configurations along a random walk, the first one near `start`, by default the guess.
+        """Up to `count` configurations along a random walk from `start`, by default the guess.
 
-        With `onward`, how much its last direction counts, it gets around.
+        `onward` is the weight of the last direction in the next one; with a large weight, the walk gets farther.
         """
         rng, found, model = np.random.default_rng(seed), [], self.solver.model
         at = self.settled(self.solver.descend(self.mechanism.guess if start is None else start, enough=self.weak)[0])
@@ -195,13 +196,13 @@ class Walk:
             motion = free @ (chosen + onward * free.T @ ahead / max(np.linalg.norm(ahead), 1e-300))
             near = pin.integrate(model, found[-1], reach * motion / np.linalg.norm(motion))
             at = self.settled(self.solver.descend(near, enough=self.weak)[0])
-            if at is not None and (self.solver.size(at) > self.weak or self.rank(at) < rank):  # open, or it branches
+            if at is not None and (self.solver.size(at) > self.weak or self.rank(at) < rank):  # open, or a branch
                 at = None
             ahead = rng.standard_normal(model.nv) if at is None else pin.difference(model, found[-1], at)
         return found
 
     def singular(self, q):
-        """A position near `q` where the mechanism branches: one singular value more of J vanishes; None without one."""
+        """A position near `q` where the mechanism branches, as one more singular value of J vanishes; or None."""
         k, best = self.full - 1, None
         for _ in range(2 * _ITERATIONS):
             _, scales, U, s, Vt, rank = self.split(q)
@@ -217,20 +218,20 @@ class Walk:
                 break
             way = -s[k] * slope / steep
             way *= min(1.0, _REACH / np.linalg.norm(way))
-            weak = 3.0 * s[k] / s[0]  # there what branches need not be closed
+            weak = 3.0 * s[k] / s[0]  # the combination of rows that vanishes there need not be closed
             q = self.settled(pin.integrate(self.solver.model, q, way @ free), weak if weak < _NEAR else 0.0)
             if q is None:
                 break
         return best and best[1]
 
     def equations(self, q, rank):
-        """N Φ and N P at a configuration of this rank; P has six columns for each joint, then for each anchor."""
+        """N Φ and N P at a configuration of this rank; P has six columns for each joint, then six for each anchor."""
         phi, scales, U, *_ = self.split(q)
         N = U[:, rank:].T
         return N @ (phi / scales), N @ (self._by_placement(q) / scales[:, None])
 
     def _by_placement(self, q):
-        """∂Φ/∂p, (nc, 6(joints + 2 loops)), by twists of the placements of joints and anchors in their own axes."""
+        """∂Φ/∂p, (nc, 6(joints + 2 loops)); p are twists of the placements of joints and anchors in their own axes."""
         model, data, rows = self.solver.model, self.solver.data, self.solver.loop_rows
         pin.forwardKinematics(model, data, q)
         n = model.njoints - 1
@@ -258,7 +259,7 @@ def _changed(mechanism, twists):
     loops = []
     for loop, pair in zip(mechanism.loops, twists[n:].reshape(-1, 2, 6), strict=True):
         for end, twist in enumerate(pair, start=1):
-            if twist.any():  # not of couplings and drives
+            if twist.any():  # never for couplings and drives
                 loop = replace(loop, **anchor(end, getattr(loop, f"placement{end}") * pin.exp6(twist)))
         loops.append(loop)
     return replace(mechanism, model=model, loops=tuple(loops))

@@ -12,8 +12,8 @@ from .checks import name, number, put, put_checked, require_functions, returned
 from .joint_constraints import Rows
 from .motion import TIME_STEP, check_slope, first, second
 
-REACH = 10.0  # how many times its `step` a constraint is moved where its curvature along the motion is wanted
-CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)  # parts of the steps over which given derivatives are checked
+REACH = 10.0  # times `step`: step of the second difference along the motion
+CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)  # fractions of the steps with which user-defined derivatives are checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Constraint:
         if isinstance(self.size, bool) or not isinstance(self.size, int | np.integer) or self.size < 1:
             raise InputError(f"{who}: size must be a positive whole number, got {self.size!r}")
         if self.rate is not None and not self.moving:
-            raise InputError(f"{who}: it has a rate, so it cannot promise moving=False")
+            raise InputError(f"{who}: it has a rate, which contradicts moving=False")
         number(self.step, f"{who}: step", above=0.0)
         rows = tuple(map(str, range(self.size))) if self.rows is None else self.rows
         if isinstance(rows, str) or len(rows := tuple(rows)) != self.size or not all(isinstance(r, str) for r in rows):
@@ -85,7 +85,7 @@ class ConstraintRows(Rows):
     def __init__(self, model: pin.Model, constraint: Constraint):
         self.model, self.loop = model, constraint
         self.moving, self.steady = constraint.moving, not constraint.moving
-        self.turns = (True,) * constraint.size  # measured as they are
+        self.turns = (True,) * constraint.size  # Φ is not scaled
         self.difference_step = np.inf if constraint.jacobian is not None else constraint.step
         self._units = np.eye(model.nv)
 
@@ -101,9 +101,7 @@ class ConstraintRows(Rows):
 
     def acceleration_bias(self, data, t, q, v):
         if not self.moving and (self._phi(t + TIME_STEP, q) != self._phi(t, q)).any():
-            raise InputError(
-                f"constraint {self.loop.name!r} promises moving=False, but Φ changes with time at t = {t:.6g}"
-            )
+            raise InputError(f"constraint {self.loop.name!r} has moving=False, but Φ changes with time at t = {t:.6g}")
         fastest = np.max(np.abs(v), initial=0.0)
         step = min(TIME_STEP if self.moving else np.inf, REACH * self.loop.step / fastest if fastest else np.inf)
         if step == np.inf:
@@ -140,7 +138,7 @@ class ConstraintRows(Rows):
 
     def _call(self, field, t, q, columns=()):
         what, shape = f"constraint {self.loop.name!r}: its {field}", (self.loop.size, *columns)
-        hint = ", a column for each joint velocity" if columns else ""
+        hint = ", one column for each joint velocity" if columns else ""
         value = np.array(returned(getattr(self.loop, field), what, shape, t, q, hint=hint))
         if not np.isfinite(value).all():
             raise InputError(

@@ -1,4 +1,4 @@
-"""A mechanism as text and HTML, with a small picture, and as short texts that say whether two are the same."""
+"""Descriptions of a mechanism: text, HTML with a small picture, and digests to compare mechanisms."""
 
 import dataclasses
 import functools
@@ -15,11 +15,11 @@ from .rows import LoopRows
 
 WIDTH = 100  # characters of a line
 SIZE, MARGIN = 320.0, 24.0  # pixels
-LEVEL = 0.05  # rad or so: a plane that is level by less is seen from above
+LEVEL = 0.05  # sine of the slope below which a plane counts as horizontal and is seen from above
 
 
 def text_of(mechanism) -> str:
-    """Name and sizes; then the names of joints, loops, forces and motors, a line each, cut where they are many."""
+    """Name and sizes, then one line each with the names of joints, loops, forces and motors, shortened if long."""
     model = mechanism.model
     loops = [f"{loop.name} ({loop.kind})" for loop in mechanism.loops]
     head = f"{mechanism.name}: {_counted(mechanism.joints, 'joint')} (nq {model.nq}, nv {model.nv})"
@@ -70,9 +70,9 @@ def _table(heads, rows) -> str:
 
 
 def svg_of(mechanism) -> str:
-    """Lines from joint to joint in the guess, circles where loops close, motors filled, as SVG.
+    """An SVG picture of the guess: lines between joints, circles at loop anchors, motorised joints filled.
 
-    It is seen across the plane in which it is largest; heights point up where they can.
+    The view is normal to the plane of largest extent; the vertical points up if possible.
     """
     model, data, motors = mechanism.model, mechanism.model.createData(), set(mechanism.actuated)
     pin.forwardKinematics(model, data, mechanism.guess)
@@ -87,7 +87,7 @@ def svg_of(mechanism) -> str:
             lines.append((*places, "loop"))
             anchors += places
             tips -= {closure.joint1, closure.joint2}
-    for i in sorted(tips):  # a last body ends at its centre of mass
+    for i in sorted(tips):  # the last body of a branch is drawn to its centre of mass
         lines.append((joints[i], data.oMi[i].act(model.inertias[i].lever), "body"))
     points = np.array([*joints[1:], *anchors, *(end for line in lines for end in line[:2])])
     middle, axes = _plane(points)
@@ -117,7 +117,7 @@ def svg_of(mechanism) -> str:
 
 
 def _plane(points):
-    """The middle of points, and two unit vectors of the plane in which they are widest, (2, 3), the second upwards."""
+    """The middle of points, and two unit vectors, (2, 3), of the plane of largest extent, the second one upwards."""
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     normal = np.linalg.svd(points - points.mean(axis=0))[2][2]
     up = np.array([0.0, 0.0, 1.0]) - normal[2] * normal
@@ -131,7 +131,7 @@ def _plane(points):
 def digests(mechanism) -> dict[str, str]:
     """SHA-256 of ``model`` (as this version of Pinocchio writes it), ``loops``, ``forces`` and ``guess``.
 
-    User-defined functions and objects are identified by their names alone.
+    User-defined functions and objects are identified only by their names.
     """
     parts = {"model": mechanism.model.saveToString()}
     parts |= {name: repr(_plain(getattr(mechanism, name))) for name in ("loops", "forces", "guess")}
@@ -139,7 +139,7 @@ def digests(mechanism) -> dict[str, str]:
 
 
 def _plain(value):
-    """An equivalent of `value` that has the same `repr` in every process."""
+    """An equivalent of `value` with the same `repr` in every process."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = [field.name for field in dataclasses.fields(value)]
         return type(value).__name__, [(name, _plain(getattr(value, name))) for name in fields]

@@ -1,4 +1,4 @@
-"""Mechanisms made from mechanisms: joints locked or replaced, redundant joints and rows left out, anchors moved."""
+"""Modified mechanisms: joints locked or replaced, redundant joints and rows removed, anchors moved."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -21,10 +21,10 @@ from .names import by_joint
 from .rank import RANK_TOLERANCE, free_motions
 from .rows import LoopRows
 
-PLACES = 5  # closed configurations, besides the first, in which joints and rows are examined
-IMMOBILE = 1e-7  # share of a free motion, and displacement in rad or m, below which a joint counts as immobile
+PLACES = 5  # closed configurations, besides the first, at which joints and rows are examined
+IMMOBILE = 1e-7  # share in the free motions, and displacement in rad or m, below which a joint counts as immobile
 _LIMITS = [f"{end}{what}Limit" for what in ("DryFriction", "Effort", "Velocity") for end in ("lower", "upper")]
-_PER_JOINT = [  # what a model holds for each coordinate, and for each velocity
+_PER_JOINT = [  # the arrays of a model with an entry for each coordinate, and for each velocity
     ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin"),
     ("armature", "damping", "rotorInertia", "rotorGearRatio", *_LIMITS),
 ]
@@ -38,7 +38,7 @@ def reduced(mechanism, q=None):
     places = [closed, *walk.places(1 + PLACES, closed)[1:]]
     still = _still_joints(walk.solver, places)
     if len(still) == len(mechanism.joints):
-        raise InputError(f"{mechanism.name}: the loops leave no motion at all: nothing would be left of the mechanism")
+        raise InputError(f"{mechanism.name}: the loops leave no motion, so the reduced mechanism would have no joints")
     result = mechanism.lock(still, closed) if still else replace(mechanism, guess=closed)
     shares = [by_joint(mechanism, place) for place in places]
     left = [result.configuration({joint: each[joint] for joint in result.joints}) for each in shares]
@@ -48,7 +48,7 @@ def reduced(mechanism, q=None):
 
 
 def _still_joints(solver, places):
-    """The joints that no free motion moves in any of the places, and that are at the same value in all of them."""
+    """The joints that no free motion moves at any of the places, and that have the same value at all of them."""
     share, mechanism = np.zeros(solver.model.nv), solver.mechanism
     for place in places[1:] or places:  # the first may be a singular position
         free = free_motions(solver.rows(place)[1], solver.loop_rows.turns)
@@ -58,7 +58,7 @@ def _still_joints(solver, places):
 
 
 def _with_fewer_rows(mechanism, places):
-    """Loops that add nothing to the others dropped, and loops whose turning rows add nothing made points."""
+    """Drop redundant loops, and replace loops whose rotational rows are redundant by points."""
     ranks = _ranks(mechanism, mechanism.loops, places)
     for loop in reversed(mechanism.anchored_loops):
         others = [other for other in mechanism.loops if other is not loop]
@@ -70,13 +70,13 @@ def _with_fewer_rows(mechanism, places):
             loops = [point if other is loop else other for other in mechanism.loops]
             if _ranks(mechanism, loops, places) == ranks:
                 mechanism = mechanism.with_loops(*loops)
-                reason = "follow from the others; it is a point now"
-                _log.info("%s: the turning rows of loop %r %s", mechanism.name, loop.name, reason)
+                reason = "follow from the others; it becomes a point"
+                _log.info("%s: the rotational rows of loop %r %s", mechanism.name, loop.name, reason)
     return mechanism
 
 
 def _ranks(mechanism, loops, places):
-    """The rank of these loops, without those that move, in each place."""
+    """The rank of these loops, without those that depend on time, at each place."""
     solver = LoopSolver(mechanism.with_loops(*steady(loops)))
     return [len(solver.kept(place)) for place in places]
 
@@ -87,7 +87,7 @@ def reanchored(mechanism, q=None):
     best, _ = solver.close(mechanism.guess if q is None else mechanism.configuration(q, base=mechanism.guess))
     anchored = [loop.name for loop in mechanism.anchored_loops]  # a drive has no anchor to move
     to_move = impossible_alone(mechanism, best, solver.gaps(best), {}).keys() & set(anchored)
-    while True:  # first the loops that cannot close alone; then, if the others do not follow, those too
+    while True:  # first the loops that cannot close alone; then, if others stay open, those too
         gaps = solver.gaps(best)
         worst = max((gaps[name] for name in anchored), default=0.0)
         to_move = to_move or {name for name in anchored if worst > CLOSED and gaps[name] > 1e-3 * worst}
@@ -115,7 +115,7 @@ def _move(before, after):
 
 
 def _moved_anchor(model, data, loop):
-    """The loop with anchor 2 at the nearest pose that closes it; a distance gets the length that is there."""
+    """The loop with anchor 2 at the nearest pose that closes it; a distance gets its current length."""
     pose1 = data.oMf[model.getFrameId(loop.frame1)] * loop.placement1
     pose2 = data.oMf[model.getFrameId(loop.frame2)]
     gap = pose1.actInv(pose2 * loop.placement2)
@@ -134,7 +134,7 @@ def lock(mechanism, joints, q=None):
         raise InputError(f"lock needs the name of one joint or of several, got {joints!r}")
     locked = {joint: mechanism.joint_index(joint) for joint in several(joints)}
     if len(locked) == len(mechanism.joints):
-        raise InputError(f"{mechanism.name}: with all its joints locked nothing can move")
+        raise InputError(f"{mechanism.name}: with all its joints locked, nothing can move")
     full = mechanism.guess if q is None else mechanism.configuration(q, base=mechanism.guess)
     model, data = mechanism.model, mechanism.model.createData()
     pin.forwardKinematics(model, data, full)
@@ -154,7 +154,7 @@ def lock(mechanism, joints, q=None):
 
 
 def _loop(loop, mechanism, smaller, locked, state):
-    """The loop on the smaller model; None if it always holds there; InputError where it cannot be kept."""
+    """The loop on the smaller model; None if it always holds there; InputError if it cannot be kept."""
     if isinstance(loop, Loop):
         if _body(smaller, loop.frame1) != _body(smaller, loop.frame2):
             return loop
@@ -165,9 +165,9 @@ def _loop(loop, mechanism, smaller, locked, state):
             return loop
         refused = f"{mechanism.name}: joint {held[0]!r} cannot be locked"
         if isinstance(loop, Drive):
-            raise InputError(f"{refused}: drive {loop.name!r} moves it; take the drive out first, by with_loops()")
+            raise InputError(f"{refused}: drive {loop.name!r} moves it; remove the drive first, by with_loops()")
         if others:
-            raise InputError(f"{refused} alone: coupling {loop.name!r} then holds {others[0]!r} too. Lock both")
+            raise InputError(f"{refused} alone: coupling {loop.name!r} would also hold {others[0]!r}. Lock both")
     else:
         given = {"jacobian": state.v_left, "rate": None}
         functions = {field: _OfWhole(state, f, only) for field, only in given.items() if (f := getattr(loop, field))}
@@ -184,7 +184,7 @@ def _loop(loop, mechanism, smaller, locked, state):
 
 
 def _force(force, mechanism, smaller, locked, state):
-    """The force on the smaller model; None if it has nothing left to act on."""
+    """The force on the smaller model; None if all its joints are locked."""
     if isinstance(force, Actuator):
         return _actuator(force, mechanism.model, locked, state)
     if isinstance(force, SpringDamper):
@@ -212,7 +212,7 @@ def _force(force, mechanism, smaller, locked, state):
 
 
 def _actuator(force, model, locked, state):
-    """The actuator on the joints that are left, its law for the length that these have."""
+    """The actuator on the remaining joints; its gain and bias include the length of the locked ones."""
     left = {joint: arm for joint, arm in force.arms.items() if joint not in locked}
     if len(left) == len(force.arms) or not left:
         return force if left else None
@@ -227,7 +227,7 @@ def _body(model, frame):
 
 
 class _WholeState:
-    """The whole state of a mechanism from that of the joints that are left; the locked ones are at rest."""
+    """Expands the state of the remaining joints to that of the whole mechanism, with the locked joints at rest."""
 
     def __init__(self, model, locked, full):
         self.full, self.rest = full, np.zeros(model.nv)
@@ -244,7 +244,7 @@ class _WholeState:
 
 
 class _OfWhole:
-    """A user's function of the whole state as one of the joints that are left; of its last axes `only` is taken."""
+    """A user's function of the whole state as a function of the remaining joints; `only` indexes its last axes."""
 
     def __init__(self, state, function, only=None):
         self.state, self.function, self.only = state, function, only
@@ -262,9 +262,10 @@ class _OfWhole:
 def rebuilt(model: pin.Model, parts: Mapping, poses: Mapping = {}, order: Sequence[int] | None = None) -> pin.Model:
     """A copy of a model with joints replaced; frames keep their names and indices, bodies their inertia.
 
-    `parts`: joint name → the (name, joint model) that replace it, one after the other; the last carries its body, all
-    have its damping, friction and armature. An empty sequence fixes the joint (``pin.buildReducedModel`` would need a
-    frame for it), with its body at `poses` in the joint frame. `order`: of the joints, parents before children.
+    `parts` maps a joint name to the (name, joint model) of the joints that replace it, in series; the last one carries
+    the body, and all have the damping, friction and armature of the old joint. An empty sequence fixes the joint
+    (``pin.buildReducedModel`` would need a frame for it), with its body at `poses` in the joint frame. `order` is the
+    order of the joints, parents before children.
     """
     new = pin.Model()
     new.name, new.gravity = model.name, model.gravity

@@ -13,7 +13,7 @@ from .forces.force import BoundForce
 from .forces.held import sided
 from .rows import KeptRows, LoopRows, Workspace
 
-EVENTS = "events"  # where ``work`` has what the jumps at events change
+EVENTS = "events"  # key in ``work`` of the energy change in the jumps at events
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,8 +77,7 @@ class Energy:
 def energy_of(solution, mechanism, workspace=None, forces=None, found=None) -> Energy:
     """Measure the energies and powers of a solution of a mechanism.
 
-    `forces` are those of the mechanism, bound to its model, and `found` is what :func:`measure` returns, if these are
-    known.
+    `forces` are those of the mechanism, bound to its model, and `found` is the result of :func:`measure`, if known.
     """
     model, workspace, rows = mechanism.model, workspace or Workspace(mechanism.model), LoopRows.of(mechanism)
     forces = bound_forces(model, mechanism.forces) if forces is None else forces
@@ -115,9 +114,10 @@ def energy_of(solution, mechanism, workspace=None, forces=None, found=None) -> E
 
 
 def measure(forces, t, q, v, workspace):
-    """The labels of the forces that are compiled, and energies in columns.
+    """The labels of the compiled forces, and energies as columns.
 
-    These are kinetic energy, rotors included, potential energy, and the power and elastic energy of each of the forces.
+    The columns are the kinetic energy, including that of rotors, the potential energy, and the power and elastic energy
+    of each compiled force.
     """
     if (twin := workspace.compiled()) is not None:
         parts = compiled_forces(forces, workspace)
@@ -128,9 +128,10 @@ def measure(forces, t, q, v, workspace):
 
 
 def compiled_forces(forces, workspace):
-    """The forces that are compiled, each in systems of its own.
+    """The compiled forces: label → two compiled systems.
 
-    The first has what counts as its power, the second, which is None for most, the spring that stores its energy.
+    The power of the force is that of the first system. The second has the spring that stores its energy, and is None
+    for most forces.
     """
     parts = {}
     for label, force in forces.items():
@@ -144,7 +145,7 @@ def compiled_forces(forces, workspace):
 
 
 def _brought(force, t, q, v):
-    """Power of a force, without what it stores, and its elastic energy, or None, in Python."""
+    """Power of a force without the rate of its stored energy, and its elastic energy or None, computed in Python."""
     power = np.array([force.torque(*state) @ state[2] for state in zip(t, q, v, strict=True)])
     if not hasattr(force, "stored"):
         return power, None
@@ -169,7 +170,7 @@ def _time_rates(rows, t, q, workspace):
 
 
 def _weights(model, data, q) -> float:
-    """The sizes of what the potential energy is the sum of, added up, J."""
+    """Sum of the absolute values of the terms of the potential energy, J."""
     pin.forwardKinematics(model, data, q)
     bodies = zip(data.oMi, model.inertias, strict=True)
     heights = [inertia.mass * hypot(*pose.act(inertia.lever)) for pose, inertia in bodies]
@@ -177,7 +178,7 @@ def _weights(model, data, q) -> float:
 
 
 def _integrals(t, powers):
-    """∫ powers dt up to each row, of (n, k), piecewise between events."""
+    """∫ powers dt up to each row, shape (n, k), piecewise between events."""
     pieces, steps = np.zeros(powers.shape), np.diff(t)
     for start, stop in pairwise([0, *(np.flatnonzero(steps == 0.0) + 1), len(t)]):
         if stop - start > 1:

@@ -15,14 +15,14 @@ from .checks import called, joint_index, name, number, numbers, put, put_checked
 from .motion import TIME_STEP, Motion, check_slope, first, second
 
 TURN = math.tau
-CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps over which given derivatives are checked
+CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps with which user-defined derivatives are checked
 
 
 class Coordinate:
-    """The coordinate of a joint with one degree of freedom, however Pinocchio stores it; InputError for other joints.
+    """The coordinate of a joint with one degree of freedom, in any storage of Pinocchio; InputError for other joints.
 
-    ``column`` is its place in v. ``period`` is 2π where the joint stores (cos, sin) and its angle is known up to whole
-    turns only, else None.
+    ``column`` is its index in v. ``period`` is 2π if the joint stores (cos, sin), so that its angle is known only up to
+    whole turns, else None.
     """
 
     def __init__(self, model, joint: str, whose: str, purpose: str):
@@ -37,42 +37,43 @@ class Coordinate:
 
     @property
     def place(self) -> tuple[int, int, int]:
-        """Column of v, place in q and whether it wraps, for the compiled system."""
+        """Column of v, index in q and whether the angle wraps, for the compiled system."""
         return self.column, self._q, int(self.period is not None)
 
     def value(self, q) -> float:
-        """rad or m; in (-π, π] where the joint wraps."""
+        """The coordinate, rad or m; in (-π, π] if it wraps."""
         return float(q[self._q]) if self.period is None else math.atan2(q[self._q + 1], q[self._q])
 
     def beyond(self, q, target: float) -> float:
-        """How far the coordinate is from `target`, the shorter way round where the joint wraps."""
+        """The distance of the coordinate from `target`, the shorter way round if it wraps."""
         return _nearest(self.value(q) - target, self.period)
 
 
 class Rows:
-    """The rows of one record on a model; by default they do not depend on time and only Python can evaluate them.
+    """The rows of one record on a model; by default they do not depend on time, and only Python evaluates them.
 
-    ``turns`` says of each row whether it is in rad, ``moving`` whether Φ depends on time, ``steady`` that J does not;
-    ``difference_step`` is the step of the quotients that stand for J, inf where it is exact.
-    Each also has ``evaluate(data, q, t)``, Φ and J, and ``acceleration_bias(data, t, q, v)``, J̇ v and the like.
+    ``turns`` marks the rows in rad, ``moving`` is True if Φ depends on time, ``steady`` is True if J does not.
+    ``difference_step`` is the step of the difference quotients that replace J, or inf if J is exact. Subclasses also
+    have ``evaluate(data, q, t)``, which returns Φ and J, and ``acceleration_bias(data, t, q, v)``, which returns J̇ v
+    and the terms from Φ's dependence on time.
     """
 
     moving, steady, difference_step = False, True, math.inf
-    turns: tuple[bool, ...] = (True,)  # a row of joint coordinates is measured as it is
+    turns: tuple[bool, ...] = (True,)  # a row of joint coordinates is not scaled
 
     def rate(self, t, q):
         """Φ_t."""
         return np.zeros(len(self.turns))
 
     def check_derivatives(self, t, q) -> None:
-        """Raise InputError where derivatives that a user gave contradict the functions they belong to."""
+        """Raise InputError if user-defined derivatives contradict their functions."""
 
     def apart(self):
-        """The same rows with a workspace of their own."""
+        """The same rows with their own workspace."""
         return self
 
     def hand_over(self, twin) -> bool:
-        """Add the rows to the compiled system; False where that has to call Python."""
+        """Add the rows to the compiled system; False if they must be evaluated in Python."""
         return False
 
 
@@ -229,18 +230,18 @@ class CouplingRow(Rows):
         self._nv = model.nv
 
     def _common_period(self, coupling) -> float | None:
-        """What may be added to Φ without changing any body's place: whole turns of the joints that wrap."""
+        """The period of Φ: adding it moves no body, as it stands for whole turns of the joints that wrap."""
         joint, other, ratio = self._joint, self._other, abs(coupling.ratio)
         if not other.period:
             return joint.period
         whole = 1.0 / ratio if 0.0 < ratio < 1.0 else ratio
-        problem = "its powers are not known" if any(coupling.higher) else ""
+        problem = "its powers are not unique" if any(coupling.higher) else ""
         if joint.period and abs(whole - round(whole)) > 1e-12 * whole:
-            problem = problem or f"a ratio of {coupling.ratio:g} needs more (a whole number or one over it would do)"
+            problem = problem or f"the ratio {coupling.ratio:g} is neither a whole number nor the reciprocal of one"
         if problem:
             raise InputError(
                 f"coupling {coupling.name!r}: joint {coupling.other!r} stores cosine and sine, so that its angle is "
-                f"known up to whole turns only, and {problem}: make it a plain revolute joint, which counts its turns"
+                f"known only up to whole turns, and {problem}; make it a plain revolute joint, which counts its turns"
             )
         return min((period for period in (joint.period, TURN * ratio) if period), default=None)
 

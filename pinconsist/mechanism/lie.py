@@ -1,4 +1,4 @@
-"""Lie groups of joints where Pinocchio's formulas lose digits: brackets, and planar joints without cancellation."""
+"""Lie-group formulas where Pinocchio's lose digits: Lie brackets, and planar joints without cancellation."""
 
 import numpy as np
 import pinocchio as pin
@@ -7,8 +7,8 @@ import pinocchio as pin
 def structure_constants(model: pin.Model):
     """C, shape (nv, nv, nv), with [x, y] = Σ_i x_i C_i y for tangent vectors of a model's configurations: 0, 1 or -1.
 
-    Derivatives of charts come from them, as Pinocchio's own (``dDifference``) are wrong by up to 5e-7 at turns near
-    1e-3. C_i is the derivative of Ad exp(s e_i) in s, rounded.
+    Derivatives of charts are computed from them, as Pinocchio's own (``dDifference``) have errors up to 5e-7 at
+    rotations near 1e-3 rad. C_i is the derivative of Ad exp(s e_i) with respect to s, rounded to integers.
     """
     q, nv, s = pin.neutral(model), model.nv, 1e-3
     C = np.zeros((nv, nv, nv))
@@ -19,20 +19,20 @@ def structure_constants(model: pin.Model):
 
 
 class PlanarJoints:
-    """The planar joints, SE(2), of a model, within its configurations and tangent vectors.
+    """The planar joints, SE(2), of a model, as parts of its configurations and tangent vectors.
 
-    Pinocchio's exponential and logarithm lose half the digits at turns of about 1e-8 and some at 1e-4, which is where
-    charts centred at a prediction live. A configuration is (x, y, cos θ, sin θ), a tangent vector (x, y, w) in the axes
-    of the first one.
+    Pinocchio's exponential and logarithm lose half the digits at rotations of about 1e-8 rad and some at 1e-4, which
+    are typical of charts centred at a prediction. A configuration is (x, y, cos θ, sin θ), and a tangent vector
+    (x, y, w) is in the axes of the first configuration.
     """
 
     def __init__(self, model: pin.Model):
-        joints = [] if model.nq == model.nv else model.joints  # where no joint is planar
+        joints = [] if model.nq == model.nv else model.joints  # with nq = nv, no joint is planar
         planar = [joint for joint in joints if joint.shortname() == "JointModelPlanar"]
         self._places = [(slice(joint.idx_q, joint.idx_q + 4), slice(joint.idx_v, joint.idx_v + 3)) for joint in planar]
 
     def integrate(self, q, xi, out) -> None:
-        """Their part of q ⊕ ξ, into `out`."""
+        """Write their part of q ⊕ ξ into `out`."""
         for at, along in self._places:
             x, y, w = xi[along]
             half = 0.5 * w
@@ -44,7 +44,7 @@ class PlanarJoints:
             out[at] = (q[at][0] + cos * dx - sin * dy, q[at][1] + sin * dx + cos * dy, c / length, s / length)
 
     def difference(self, q0, q1, out) -> None:
-        """Their part of ξ with q0 ⊕ ξ = q1, into `out`."""
+        """Write their part of ξ with q0 ⊕ ξ = q1 into `out`."""
         for at, along in self._places:
             (cos, sin), (c, s) = q0[at][2:], q1[at][2:]
             dx, dy = q1[at][:2] - q0[at][:2]

@@ -1,4 +1,4 @@
-"""Loop: the record by which a user closes a loop, and the conventions of all constraint rows.
+"""Loop: the record that closes a loop, and the conventions of all constraint rows.
 
 Conventions (stated here once)
 ------------------------------
@@ -54,7 +54,7 @@ OWN_FIELDS = {
     **dict.fromkeys(("hinge", "slider", "cylinder", "plane"), ("axis",)),
     "universal": ("axis", "axis2"),
     "distance": ("length",),
-}  # the fields that only some kinds have
+}  # fields of some kinds only
 GROUND = "universe"
 
 
@@ -102,15 +102,15 @@ class Loop:
     def __post_init__(self):
         who = f"loop {self.name!r}"
         if not isinstance(self.kind, str) or self.kind not in ROW_NAMES:
-            raise InputError(f"{who}: unknown kind {self.kind!r}; known are {', '.join(ROW_NAMES)}")
+            raise InputError(f"{who}: unknown kind {self.kind!r}; choose from {', '.join(ROW_NAMES)}")
         put_checked(self, who, name, "name", "frame1", "frame2")
         own = OWN_FIELDS.get(self.kind, ())
         for field in ("axis", "axis2", "length"):
             if field not in own and getattr(self, field) is not None:  # most likely another kind was meant
                 kinds = ", ".join(kind for kind, fields in OWN_FIELDS.items() if field in fields)
                 raise InputError(
-                    f"{who}: a loop of kind {self.kind!r} has no {field}, which is for {kinds}; besides frames and "
-                    f"anchors it has {' and '.join(own) or 'nothing'}"
+                    f"{who}: a loop of kind {self.kind!r} has no {field}, which is for {kinds}; in addition to frames "
+                    f"and anchors it has {' and '.join(own) or 'no fields'}"
                 )
         put_checked(self, who, triple, "xyz1", "rpy1", "xyz2", "rpy2")
         if self.kind == "distance":
@@ -140,20 +140,20 @@ class Loop:
 
 
 def anchor(end: int, place: pin.SE3) -> dict:
-    """The fields of a loop's anchor 1 or 2 that stands at `place` in its frame."""
+    """The fields of a loop for anchor 1 or 2 at `place` in its frame."""
     return {f"xyz{end}": tuple(place.translation), f"rpy{end}": tuple(pin.rpy.matrixToRpy(place.rotation))}
 
 
-# The blocks of rows that the kinds are made of. `d` and `R` are position and rotation of anchor 2 in the axes of
-# anchor 1; `linear` and `angular`, (3, n), the derivatives by n coordinates of d and of the rotation of body 2
-# relative to that of body 1, in these axes; `dd` and `ddd` the time derivatives of d; `spin` and `spin_rate` the
-# relative angular velocity, and its derivative as seen from body 1. Each block has rows(d, R, linear, angular), Φ and
-# J; bias(d, dd, ddd, R, spin, spin_rate), J̇ v, of Turn and Tilt where the loop is closed; and closest, the nearest d
-# or R with Φ = 0.
+# The blocks of rows that make up the kinds. `d` and `R` are the position and rotation of anchor 2 in the axes of
+# anchor 1. `linear` and `angular`, (3, n), are the derivatives of d, and of the rotation of body 2 relative to body 1,
+# with respect to n coordinates, in these axes. `dd` and `ddd` are the time derivatives of d; `spin` and `spin_rate` are
+# the relative angular velocity and its derivative as seen from body 1. Each block has the methods
+# rows(d, R, linear, angular), which returns Φ and J; bias(d, dd, ddd, R, spin, spin_rate), which returns J̇ v (of Turn
+# and Tilt for closed loops only); and closest, which returns the nearest d or R with Φ = 0.
 
 
 def unit(vector) -> np.ndarray:
-    """The vector at length 1."""
+    """The vector scaled to length 1."""
     vector = np.array(vector, float)
     vector /= np.abs(vector).max()
     return vector / np.linalg.norm(vector)
@@ -211,7 +211,7 @@ class Turn:
 class _Axis:
     """Rows of one axis of body 2, a = R axis2, along fixed directions of anchor 1.
 
-    Where a loop is closed, Φ and J are those of ``directions @ a``, with ``directions`` of shape (k, 3).
+    In a closed loop, Φ and J are those of ``directions @ a``, with ``directions`` of shape (k, 3).
     """
 
     axis2: np.ndarray
@@ -227,10 +227,10 @@ class _Axis:
 
 
 class Tilt(_Axis):
-    """Tilt of the axis a = R e of body 2 against e, measured by the chord 2 sin(angle/2).
+    """Tilt of the axis a = R e of body 2 relative to e, measured by the chord 2 sin(angle/2).
 
-    The chord grows monotonically up to the antiparallel axis, which is therefore no false solution; there its direction
-    is undetermined, and within TURNED rad of it Φ and J are those at TURNED.
+    The chord grows monotonically up to the antiparallel axis, which is therefore not a false solution. Its direction
+    is undetermined there; within TURNED rad of it, Φ and J are those at TURNED.
     """
 
     TURNED = 1e-6
@@ -257,9 +257,9 @@ class Tilt(_Axis):
 
 
 class Cross(_Axis):
-    """e₁·a, the cosine between the axis of body 1 and that of body 2: zero where they are perpendicular.
+    """e₁·a, the cosine of the angle between the axes of body 1 and body 2: zero if they are perpendicular.
 
-    Parallel axes are a stationary point, which assembly leaves by its perturbed starts.
+    Parallel axes are a stationary point, which assembly leaves through its perturbed guesses.
     """
 
     def __init__(self, e1, e2):
@@ -276,7 +276,7 @@ class Cross(_Axis):
 
 
 def blocks(loop):
-    """(place, turn) of a loop: its block of translational rows, and of rotational ones or None."""
+    """(place, turn) of a loop: its block of translational rows, and its block of rotational rows or None."""
     kind, everywhere = loop.kind, np.eye(3)
     if kind == "distance":
         return Length(loop.length), None

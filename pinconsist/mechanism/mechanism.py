@@ -87,10 +87,10 @@ class Mechanism:
             raise InputError(f"loops= needs Loop, Drive, Coupling and Constraint objects, got {self.loops!r}")
         names = [loop.name for loop in self.loops]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise InputError(f"two loops are named {min(twice)!r}; reactions and reports need different names")
-        LoopRows(model, self.loops)  # checks frames and bodies
+            raise InputError(f"two loops are named {min(twice)!r}; reactions and reports need unique names")
+        LoopRows(model, self.loops)  # this checks frames and bodies
         put(self, forces=tuple(as_force(force) for force in self.forces))
-        bound_forces(model, self.forces)  # checks joints, frames and sizes
+        bound_forces(model, self.forces)  # this checks joints, frames and sizes
         put(self, guess=self.configuration({} if self.guess is None else self.guess))
         for joint in self.actuated:
             self.joint_index(joint)
@@ -282,7 +282,7 @@ def _sequence(value, what: str) -> tuple:
 
 
 def with_forces(mechanism, forces, caller: str) -> Mechanism:
-    """The mechanism with the forces of one call added, after a check of both; one force need not be in a list."""
+    """The mechanism with the `forces` argument of a function added, after checks; it may be a single force."""
     require_mechanism(mechanism, caller)
     if callable(forces) or isinstance(forces, Mapping) or hasattr(forces, "torque") or hasattr(forces, "bind"):
         forces = (forces,)

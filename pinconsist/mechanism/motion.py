@@ -1,4 +1,4 @@
-"""Functions of one number: Motion, a curve of time with exact derivatives, and difference quotients for others."""
+"""Functions of one variable: Motion, a function of time with exact derivatives, and difference quotients for others."""
 
 from __future__ import annotations
 
@@ -50,17 +50,17 @@ class Motion:
         return self.start + self.speed * t + self.amplitude * sin(2 * pi * self.frequency * t + self.phase)
 
     def rate(self, t: float) -> float:
-        """The derivative at time `t`, s: rad/s or m/s; per second, whatever the unit of ``start``."""
+        """The derivative at time `t`, s: rad/s or m/s; for other units of ``start``, that unit per second."""
         w = 2 * pi * self.frequency
         return self.speed + self.amplitude * w * cos(w * t + self.phase)
 
     def acceleration(self, t: float) -> float:
-        """The second derivative at time `t`, s: rad/s² or m/s²; per second squared, whatever the unit of ``start``."""
+        """The second derivative at time `t`, s: rad/s² or m/s²; for other units of ``start``, that unit per s²."""
         w = 2 * pi * self.frequency
         return -self.amplitude * w**2 * sin(w * t + self.phase)
 
 
-# Weights of differences of fourth order, by their places in steps; for one side alone
+# Weights of fourth-order differences, by position in steps: central, and one-sided
 CENTRAL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
 
@@ -71,23 +71,23 @@ def slope(function, step: float = 1.0):
 
 
 def first(function, step: float):
-    """f'(0) by central differences: error near step⁶ f⁽⁷⁾/140 and 2 eps |f|/step; exact for a constant `function`."""
+    """f'(0) by central differences: error about step⁶ f⁽⁷⁾/140 + 2 eps |f|/step; exact for a constant `function`."""
     f = {i: np.asarray(function(i * step), float) for i in (-3, -2, -1, 1, 2, 3)}
     return (45.0 * (f[1] - f[-1]) - 9.0 * (f[2] - f[-2]) + (f[3] - f[-3])) / (60.0 * step)
 
 
 def second(function, step: float):
-    """f''(0) by central differences: error near step⁶ f⁽⁸⁾/560 and 8 eps |f|/step²; exact for a constant `function`."""
+    """f''(0) by central differences: error about step⁶ f⁽⁸⁾/560 + 8 eps |f|/step²; exact for a constant `function`."""
     f = {i: np.asarray(function(i * step), float) for i in (-3, -2, -1, 0, 1, 2, 3)}
     bends = [(f[i] - f[0]) + (f[-i] - f[0]) for i in (1, 2, 3)]
     return (270.0 * bends[0] - 27.0 * bends[1] + 2.0 * bends[2]) / (180.0 * step**2)
 
 
 def check_slope(what: str, of: str, slope, function, steps, size=0.0) -> None:
-    """Raise InputError where `slope` is not f'(0) to a thousandth (of `size` where that is larger), by differences.
+    """Raise InputError if `slope` differs from f'(0) by more than a thousandth of itself, or of `size` if larger.
 
-    One-sided slopes count, as functions may have a corner at zero, and several steps are tried, as they may have scales
-    of their own: a false alarm would be worse than a wrong slope that is not found.
+    f'(0) is computed by differences. One-sided differences are accepted, as a function may have a kink at zero, and
+    several steps are tried, as its scale is unknown: a false alarm would be worse than an undetected error.
     """
     slope = np.asarray(slope, float)
     try:
@@ -105,6 +105,6 @@ def check_slope(what: str, of: str, slope, function, steps, size=0.0) -> None:
         return
     given, found = (np.array2string(each, precision=6) for each in (slope, found))
     raise InputError(
-        f"{what} is {given}, which is not the derivative of its {of}: differences give {found}. Correct it, or leave "
-        "it out: differences are then used"
+        f"{what} is {given}, which is not the derivative of its {of}: differences give {found}. Correct it, or omit "
+        "it, so that differences are used"
     )

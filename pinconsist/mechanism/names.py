@@ -1,4 +1,4 @@
-"""The numbers of configurations and velocities: names, units, what a user may give for them, and a file's limits."""
+"""The numbers of configurations and velocities: names, units, conversion of user input, and joint limits."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ ROUNDING = 1e-9  # rad or m, beyond a limit
 
 
 def position_names(model) -> list[str]:
-    """A name for each number of a configuration: ``crank``, or ``ball[0]`` of a joint that has several."""
+    """A name for each number of a configuration: ``crank``, or ``ball[0]`` if the joint has several."""
     return _names(model, model.nqs)
 
 
 def velocity_names(model) -> list[str]:
-    """A name for each number of a velocity: ``crank``, or ``ball[0]`` of a joint that has several."""
+    """A name for each number of a velocity: ``crank``, or ``ball[0]`` if the joint has several."""
     return _names(model, model.nvs)
 
 
@@ -29,9 +29,9 @@ def _names(model, sizes):
 
 
 def velocity_units(model) -> list[str]:
-    """``rad`` or ``m`` for each number of a velocity; a second is left out."""
+    """``rad`` or ``m`` for each number of a velocity, without "per second"."""
     data, units = model.createData(), []
-    pin.computeJointJacobians(model, data, pin.neutral(model))  # helical joints have their axes only then
+    pin.computeJointJacobians(model, data, pin.neutral(model))  # sets the axes of helical joints
     for joint in list(data.joints)[1:]:
         motions = np.reshape(joint.S, (6, -1))
         units += ["rad" if turns else "m" for turns in np.abs(motions[3:]).max(axis=0) > 0.0]
@@ -39,7 +39,7 @@ def velocity_units(model) -> list[str]:
 
 
 def position_units(model) -> list[str]:
-    """``rad``, ``m``, or nothing (of quaternions, and of cosine and sine) for each number of a configuration."""
+    """``rad``, ``m``, or empty (for quaternions, and for cosine and sine) for each number of a configuration."""
     of_velocities, units = velocity_units(model), []
     for i in range(1, model.njoints):
         own = of_velocities[places(model, i)[1]]
@@ -59,7 +59,7 @@ def by_joint(mechanism, numbers) -> dict:
 
 
 def filled(mechanism, values, full, velocity=False):
-    """`full`, a configuration or a velocity, with the `values` of some joints in it; or these, if they are an array."""
+    """`full`, a configuration or velocity, with the `values` of some joints inserted; or `values`, if an array."""
     model, what = mechanism.model, "velocity" if velocity else "configuration"
     if not isinstance(values, Mapping):
         values = finite_array(values, what)
@@ -79,12 +79,12 @@ def filled(mechanism, values, full, velocity=False):
 
 _ALSO = {
     (7, 6): ", or x, y, z and a rotation matrix, or x, y, z, roll, pitch, yaw, or a pin.SE3",
-    (4, 3): ", or fewer: roll, pitch, yaw (of a planar joint x, y and an angle)",
+    (4, 3): ", or fewer: roll, pitch, yaw (for a planar joint x, y and an angle)",
 }
 
 
 def _position(model, i, value, what):
-    """The numbers of a joint as a configuration stores them."""
+    """The numbers of a joint as stored in a configuration."""
     kind = model.nqs[i], model.nvs[i]
     if kind in ((7, 6), (4, 3)):
         if isinstance(value, pin.SE3):
@@ -114,7 +114,7 @@ def _quaternion(turn, what):
 
 
 def joints_in(mechanism, variations) -> tuple[str, ...]:
-    """The joints that have a considerable share in any of the columns of `variations`, (nv,) or (nv, n)."""
+    """The joints with a considerable share in any column of `variations`, (nv,) or (nv, n)."""
     share = np.abs(variations).reshape(mechanism.nv, -1)
     share = (share / np.maximum(share.max(axis=0), 1e-300)).max(axis=1)
     return tuple(joint for joint in mechanism.joints if share[mechanism.columns(joint)].max(initial=0.0) > 0.3)
@@ -137,10 +137,11 @@ class BeyondLimit:
 
 
 def beyond_limits(mechanism, t, q) -> tuple[BeyondLimit, ...]:
-    """The joints that are outside of their limits in some row; `t` (n,) are times and `q` (n, nq) configurations.
+    """The joints that are outside their limits in some row; `t` (n,) are times and `q` (n, nq) configurations.
 
-    Whole turns by which a joint starts away from its limits do not count, those that it makes do. A coordinate of a
-    joint of several is called ``joint[k]``; joints that store quaternions, or cosine and sine, have no such limits.
+    Whole turns between the start of a joint and its limits are subtracted, but not turns that it makes afterwards. A
+    coordinate of a joint with several is called ``joint[k]``; joints that store quaternions, or cosine and sine, have
+    no such limits.
     """
     model, found = mechanism.model, []
     lower, upper, columns = model.lowerPositionLimit, model.upperPositionLimit, np.ascontiguousarray(q.T)

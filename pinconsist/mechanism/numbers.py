@@ -1,4 +1,4 @@
-"""The numbers in a record, by their paths."""
+"""The numbers in a record, addressed by paths."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from ..errors import InputError
 
 
 def path_of(record, label, name) -> tuple:
-    """The path to the number of this name in a record; its last word is enough where there is one such number."""
+    """The path to the number with this name in a record; its last word is enough if it is unique."""
     numbers = numbers_of(record)
     found = [path for path in numbers if ".".join(path) == name] or [path for path in numbers if path[-1] == name]
     if len(found) == 1:
@@ -45,14 +45,14 @@ def _is_number(record) -> bool:
 
 
 def part_at(record, path):
-    """What there is at a path, or None."""
+    """The part at a path, or None."""
     for name in path:
         record = _parts(record).get(name)
     return record
 
 
 def _parts(record) -> dict:
-    """What a tuple, a mapping or a record holds, by name."""
+    """The parts of a tuple, a mapping or a record, by name."""
     if isinstance(record, tuple):
         return {str(i): part for i, part in enumerate(record)}
     if not dataclasses.is_dataclass(record):

@@ -1,18 +1,18 @@
 """Parameters of a mechanism by name: numbers of its bodies, joints, loops, forces and gravity.
 
 =======================  ===========================================================================================
-``mass:NAME``            mass of a body, kg; its centre of mass and its inertia about it stay. NAME is a body, or the
-                         joint that carries it: what is fixed to it is one body with it
+``mass:NAME``            mass of a body, kg; its centre of mass, and its inertia about it, do not change. NAME is a body
+                         or the joint that carries it; links that are fixed to each other are one body
 ``com:NAME[i]``          its centre of mass in the axes of the joint, m; i is 0, 1, 2
 ``inertia:NAME[ij]``     its inertia about the centre of mass in these axes, kg·m²; ij is xx, xy, yy, xz, yz, zz
-``length:NAME``          of a loop or spring that has a length; else distance of a joint from the one before it, or of
-                         a frame from its joint, m, in the direction that it has
+``length:NAME``          of a loop or spring that has a length; otherwise the distance of a joint from its parent joint,
+                         or of a frame from its joint, m; the direction does not change
 ``stiffness:NAME``       of a spring or servo, by its label or joint
 ``damping:NAME``         of a spring, servo or joint
 ``friction:NAME``        of a joint
 ``anchor:LOOP.xyz2[0]``  a number of a loop; ``xyz1``, ``xyz2``, ``rpy1``, …
-``gravity[2]``           m/s², of the axes 0, 1, 2; also ``gravity.z``
-``NAME.NUMBER``          any number of a loop or force, by the names of the scene file: ``gear.ratio``, ``motor.speed``
+``gravity[2]``           m/s², along the axes 0, 1, 2; also ``gravity.z``
+``NAME.NUMBER``          any number of a loop or force, named as in the scene file: ``gear.ratio``, ``motor.speed``
 =======================  ===========================================================================================
 """
 
@@ -34,7 +34,7 @@ from .numbers import has_number, numbers_of, part_at, path_of, with_number
 
 AXES = {name: i for i, axis in enumerate("xyz") for name in (f"gravity.{axis}", f"gravity[{i}]")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
-OF_BODIES: dict[str, dict[str, list]] = {  # kind → index in the name → places in mass, centre of mass, inertia
+OF_BODIES: dict[str, dict[str, list]] = {  # kind → index in the name → indices in mass, centre of mass or inertia
     "mass": {"": [()]},
     "com": {str(i): [i] for i in range(3)},
     "inertia": {index: [(i, j), (j, i)] for index, (i, j) in OF_INERTIA.items()},
@@ -42,21 +42,21 @@ OF_BODIES: dict[str, dict[str, list]] = {  # kind → index in the name → plac
 OF_RECORDS = ("length", "stiffness", "damping", "friction")
 OF_JOINTS = {"damping": JointDamping, "friction": JointFriction}
 RELATIVE_STEP, SMALLEST = 1e-4, 0.1
-PARTED = 1e-7  # of Φ_θ: what no motion can follow
+PARTED = 1e-7  # relative to Φ_θ: largest part that no motion can compensate
 
 
 class UnknownParameterError(InputError):
-    """Nothing in a mechanism has this name."""
+    """A mechanism has no parameter of this name."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a mechanism: what it is, and ``put(mechanism, value)``, the same mechanism with another one.
+    """A number of a mechanism: its value, and ``put(mechanism, value)``, which returns the mechanism with another one.
 
-    If it changes neither loops nor lengths, ``part(value)`` is what it changes: ``("inertia", joint, numbers)``, mass,
-    first moments and inertias about the joint as in Pinocchio's regressor, ``("gravity", numbers)``, ``("force",
-    record)``, or of values of a table ``("nodes", record, path of the table, indices)``. What stands for several values
-    of a table has an array of them.
+    If it changes neither loops nor lengths, ``part(value)`` describes the change: ``("inertia", joint, numbers)``, with
+    mass, first moments and inertias about the joint as in Pinocchio's regressor; ``("gravity", numbers)``; ``("force",
+    record)``; or ``("nodes", record, path of the table, indices)`` for values of a table. A parameter for several
+    values of a table has an array as its value.
     """
 
     name: str
@@ -66,16 +66,16 @@ class Parameter:
 
 
 def difference_step(value):
-    """The step of differences by a parameter, or by each of several: 1e-4 max(|θ|, 0.1)."""
+    """The step of differences with respect to a parameter, or to each of several: 1e-4 max(|θ|, 0.1)."""
     return RELATIVE_STEP * np.maximum(np.abs(value), SMALLEST)
 
 
 def check_closing(name, left, rate) -> None:
-    """Refuse a parameter with which the loops would part: no motion takes what is `left` of their `rate` by it."""
+    """Raise InputError if varying a parameter opens the loops: no motion compensates `left`, a part of their `rate`."""
     if np.abs(left).max(initial=0.0) > PARTED * np.abs(rate).max(initial=1e-3):
         raise InputError(
-            f"the parameter {name!r} cannot vary alone: the loops part. Lengths of an overconstrained loop depend on "
-            "each other; vary them together, by one parameter of build()"
+            f"the parameter {name!r} cannot vary alone, because the loops would open. The lengths of an "
+            "overconstrained loop depend on each other; vary them together, by one parameter of build()"
         )
 
 
@@ -89,7 +89,7 @@ def with_parameters(mechanism, values: Mapping[str, float]):
 
 
 def parameter(mechanism, name: str) -> Parameter:
-    """The parameter of this name, or InputError where nothing has it."""
+    """The parameter of this name; InputError if there is none."""
     if name in AXES:
         return _of_gravity(mechanism, name)
     kind, sign, whose = name.partition(":")
@@ -176,13 +176,13 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
 
 
 def _about_joint(mass, lever, inertia):
-    """The ten numbers of a body in which its equations are linear."""
+    """The ten inertial parameters of a body, in which its equations of motion are linear."""
     about = inertia + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
     return np.array([mass, *(mass * lever), *(about[i] for i in OF_INERTIA.values())])
 
 
 def _of_record(mechanism, name, kind, whose) -> Parameter | None:
-    """The number `kind` of a loop or force, by its label, or by the joint that it is of; None if there is none."""
+    """The number `kind` of a loop or force, found by its label or its joint; None if there is none."""
     for label, (place, i, record) in records_of(mechanism).items():
         of_joints = kind in OF_JOINTS and isinstance(record, OF_JOINTS[kind])
         if of_joints and has_number(record, ("coefficients", whose)):
@@ -218,7 +218,7 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
     arm = pose(model).translation.copy()
     size = float(np.linalg.norm(arm))
     if size == 0.0:
-        raise InputError(f"{name!r}: {whose!r} has no distance from the joint before it, and hence no direction")
+        raise InputError(f"{name!r}: {whose!r} is at the origin of its parent, so its length has no direction")
 
     def put_length(mechanism, value):
         model = mechanism.model.copy()
@@ -229,7 +229,7 @@ def _of_tree(mechanism, name, kind, whose) -> Parameter:
 
 
 def _number_of(name, place, i, record, path) -> Parameter:
-    """The number at a path in a record, number `i` of a mechanism's loops or forces."""
+    """The number at a path in the record with index `i` among a mechanism's loops or forces."""
 
     def put(mechanism, value):
         records = list(getattr(mechanism, place))
@@ -246,7 +246,7 @@ def _number_of(name, place, i, record, path) -> Parameter:
 
 @lru_cache(maxsize=1)
 def records_of(mechanism) -> dict:
-    """Name → ("loops" or "forces", place among them, record) of all loops and forces, the longest names first."""
+    """Name → ("loops" or "forces", index among them, record) of all loops and forces, the longest names first."""
     own = len(model_forces(mechanism.model))
     labels = list(bound_forces(mechanism.model, mechanism.forces))[own:]
     found = {label: ("forces", i, mechanism.forces[i]) for i, label in enumerate(labels)}
@@ -255,7 +255,7 @@ def records_of(mechanism) -> dict:
 
 
 def unknown(mechanism, name, also=(), listed="") -> UnknownParameterError:
-    """The error for a name: similar ones, of the parameters and of `also`, and what there is, with `listed`."""
+    """The error for an unknown name: lists similar names, including those of `also`, all kinds, and `listed`."""
     records = records_of(mechanism)
     known = [*also, *AXES]
     for kind in ("mass", *OF_RECORDS):
@@ -263,7 +263,7 @@ def unknown(mechanism, name, also=(), listed="") -> UnknownParameterError:
     known += [f"{label}.{path[-1]}" for label, path in _numbers(mechanism)]
     joints, named = (", ".join([*names][:12]) + ", …" * (len(names) > 12) for names in (mechanism.joints, records))
     return UnknownParameterError(
-        f"{mechanism.name} has no parameter {name!r}{near(name, known)}. There are mass:, com:, inertia:, length:, "
-        f"damping: and friction: of the joints {joints} and what they carry, the numbers of "
+        f"{mechanism.name} has no parameter {name!r}{near(name, known)}. Its parameters are mass:, com:, inertia:, "
+        f"length:, damping: and friction: of the joints {joints} and their bodies, the numbers of "
         f"{named or 'no loop or force'} (NAME.NUMBER), gravity[0], gravity[1], gravity[2]{listed}"
     )

@@ -1,4 +1,4 @@
-"""Which constraint rows are independent, what the others depend on, and whether equations have one solution."""
+"""Independent constraint rows, the dependences of the others, and whether the equations have a unique solution."""
 
 from math import sqrt
 
@@ -9,43 +9,42 @@ from ..errors import SingularSystemError
 from .names import joints_in
 
 RANK_TOLERANCE = 1e-8
-"""Relative to the largest pivot. Ratios of real robots go down to 1e-5, redundant rows stay below 1e-12."""
+"""Relative to the largest pivot. Independent rows of real robots have at least 1e-5, redundant rows below 1e-12."""
 ROUNDED = 1e-6  # m or rad: the error of numbers with six digits
-NO_LENGTH = 1e-13  # m; rows that are all shorter are rounding
+NO_LENGTH = 1e-13  # m: if all rows are shorter, they are rounding errors
 MASSLESS = 1e-14  # inertia of a free motion, relative to the largest, below which it counts as zero
 HELD = 1e-6  # share of a motor in the free motions below which it cannot move
 
 
 def row_scales(J, turns) -> np.ndarray:
-    """Natural size of each row: 1 where `turns` (rad), else the largest norm of the rows in m, the loops' size."""
+    """Natural size of each row: 1 for rows in rad (`turns`); for rows in m their largest norm, the loops' size."""
     longest = sqrt(np.einsum("ij,ij->i", J, J).max(where=~turns, initial=0.0))
     return np.where(turns, 1.0, longest) if longest > NO_LENGTH else np.ones(len(J))
 
 
 class Ranking:
-    """The rows of J in the order in which pivoted QR of Jᵀ takes them, and by how much each one is independent.
+    """The rows of J in the order of a pivoted QR factorisation of Jᵀ, and how independent each one is.
 
-    `turns` marks the rows in rad; they and the rows in m are brought to one scale first, so that the choice does not
-    depend on the size of the mechanism. ``kept`` has the indices, ascending, of a largest set of well-conditioned
-    independent rows.
+    `turns` marks the rows in rad; they and the rows in m are scaled first, so that the choice does not depend on the
+    size of the mechanism. ``kept`` has the ascending indices of a maximal set of well-conditioned independent rows.
     """
 
     def __init__(self, J, turns):
         self.scales, self._pivots, self._by = row_scales(J, turns), np.zeros(0, int), np.zeros(0)
-        if J.size:  # qr(J.T, mode="r", pivoting=True) checks and copies for longer than it works
+        if J.size:  # qr(J.T, mode="r", pivoting=True) spends most of its time on checks and copies
             R, pivots, *_ = dgeqp3((J / self.scales[:, None]).T)
             self._pivots, self._by = pivots - 1, np.abs(R.diagonal())
         self._rank = np.count_nonzero(self._by > RANK_TOLERANCE * self._by.max(initial=0.0))
         self.kept = np.sort(self._pivots[: self._rank])
 
     def weak(self, labels) -> dict[tuple[str, str], float]:
-        """The rows that are independent of the others by less than 1e-6, and by how much, m or rad."""
+        """The rows whose distance from a combination of the others is below 1e-6, and that distance, m or rad."""
         by = zip(self._pivots.tolist(), self._by[: self._rank].tolist(), strict=False)
         return {labels[row]: size for row, pivot in by if (size := pivot * float(self.scales[row])) < ROUNDED}
 
 
 def independent_rows(J, turns) -> np.ndarray:
-    """Indices, ascending, of a largest set of well-conditioned independent rows of J, see :class:`Ranking`."""
+    """Ascending indices of a maximal set of well-conditioned independent rows of J, see :class:`Ranking`."""
     return Ranking(J, turns).kept
 
 
@@ -60,7 +59,7 @@ def null_space(J) -> np.ndarray:
 
 
 def dependencies(J, kept) -> dict[int, dict[int, float]]:
-    """For each dropped row, the kept rows it is a combination of and their coefficients ({} for a zero row)."""
+    """For each dropped row, the kept rows that it is a combination of, with coefficients ({} for a zero row)."""
     dropped = [row for row in range(len(J)) if row not in set(kept)]
     if not len(kept):
         return {row: {} for row in dropped}
@@ -78,44 +77,45 @@ def weak_text(weak) -> str:
 
 
 def require_nonsingular(system, q) -> None:
-    """Raise SingularSystemError where the equations of a MechanismSystem have no unique solution at `q`.
+    """Raise SingularSystemError if the equations of a MechanismSystem have no unique solution at `q`.
 
-    There are more drives than free motions; or some motion that the loops allow has no inertia; or `q` is a singular
-    position: rows that depend on others here do not in closed configurations nearby, and the motion branches.
+    Either there are more drives than free motions; or some motion that the loops allow has no inertia; or `q` is a
+    singular position: some rows are dependent here but independent at closed configurations nearby, and the motion
+    branches.
     """
     rows, name = system.rows, system.mechanism.name
     drives = [loop.name for loop in rows.loops if loop.kind == "drive"]
     others = [row for row, (loop, _) in enumerate(rows.labels) if loop not in drives]
     if drives and system.nc < len(independent_rows(system.loop_rows(q)[1][others], rows.turns[others])) + len(drives):
         raise SingularSystemError(
-            f"{name}: the drives {', '.join(drives)} are more than the loops leave free (or a dead centre, where they "
-            "cannot move it): their motions contradict each other. Drive fewer joints",
+            f"{name}: the drives {', '.join(drives)} are more than the motions that the loops leave free (or at a dead "
+            "centre, where they cannot move the mechanism), so they contradict each other. Drive fewer joints",
             names=tuple(drives),
         )
     M = system.mass_matrix(q)
     if system.dropped_are_zero:
-        inertia = np.linalg.eigvalsh(M)  # that of the motions that the loops leave free is within these bounds
+        inertia = np.linalg.eigvalsh(M)  # bounds for the inertias of the free motions
         if inertia[0] > MASSLESS * inertia[-1]:
             return
     free = null_space(system.loop_rows(q)[1][system.kept])
     inertia, motions = np.linalg.eigh(free.T @ M @ free)
-    weightless = inertia <= MASSLESS * inertia.max(initial=0.0)
-    if weightless.any():
-        why = ": the mass matrix is singular and the loops do not make up for it"
-        raise without_inertia(system.mechanism, free @ motions[:, weightless], why)
+    massless = inertia <= MASSLESS * inertia.max(initial=0.0)
+    if massless.any():
+        why = ": the mass matrix is singular, and the loops allow these motions"
+        raise without_inertia(system.mechanism, free @ motions[:, massless], why)
     rank = 0 if system.dropped_are_zero else system.rank_nearby(q, free)
     if rank > system.nc:
         loops = tuple(dict.fromkeys(loop for loop, _ in rows.labels))
         raise SingularSystemError(
             f"{name}: a singular position: the loops ({', '.join(loops)}) have rank {system.nc} here and {rank} "
             "nearby, so that the motion branches and the forces are not determined. Start a little away from it; "
-            "running through one is no problem",
+            "passing through it during a run is no problem",
             names=loops,
         )
 
 
 def without_inertia(mechanism, motions, why) -> SingularSystemError:
-    """The error about motions, columns (nv, k), that have no inertia; `why` that matters."""
+    """The error for motions without inertia, columns (nv, k); `why` is appended to the message."""
     names = joints_in(mechanism, motions)
     return SingularSystemError(
         f"{mechanism.name}: joints {', '.join(names)} can move without any inertia{why}. Give the massless links an "

@@ -15,13 +15,13 @@ from .rows import KeptRows, LoopRows, Workspace
 
 AXES = ("world", "anchor")
 NEARLY = 2e-5
-"""Singular value of independent rows, relative to the largest, below which only rounded numbers of a file keep them so.
+"""Relative singular value below which rows are independent only because numbers of a file are rounded.
 
-Measured: 4e-6 and 3e-7 at the shins of ``cassie``; the least that forces are well determined with is 1.7e-4, at a foot
-of ``cassie_reduced``, then 4e-4 at one of ``cassie_v2``, 7e-4 in ``kangaroo_like``, 1e-2 in ``digit_like``.
+Measured: 4e-6 and 3e-7 at the shins of ``cassie``. The smallest values of well-determined forces are 1.7e-4, at a foot
+of ``cassie_reduced``, 4e-4 at a foot of ``cassie_v2``, 7e-4 in ``kangaroo_like`` and 1e-2 in ``digit_like``.
 """
-SHARE = 0.1  # of a dependence, from which on a loop belongs to it; besides the shins of Cassie others have 5e-4
-LOOKS = 5  # rows of a run at which dependences are looked for
+SHARE = 0.1  # smallest share of a loop in a dependence that it belongs to; unrelated loops of Cassie have 5e-4
+LOOKS = 5  # rows of a run at which dependences are searched for
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class HasReactions:
 
 
 def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world", workspace=None) -> Reaction:
-    """The reaction of one loop at given states; `lam`, (n, nc), has the multipliers of all rows."""
+    """The reaction of one loop at given states; `lam`, (n, nc), are the multipliers of all rows."""
     if axes not in AXES:
         raise InputError(f"reaction: axes={axes!r} is not one of {', '.join(map(repr, AXES))}")
     names = [loop.name for loop in mechanism.loops]
@@ -126,10 +126,10 @@ def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", works
 
 
 def undetermined(mechanism: Mechanism, t, q, data=None, rows=None) -> dict[str, float]:
-    """Loops whose multipliers are meaningless, with the relative singular value by which their rows are independent.
+    """Loops whose multipliers are meaningless, with the small relative singular value of their rows.
 
-    It is small in all rows of the run that are examined: when a singular position is passed, forces are large but
-    real. Rows that depend on others exactly share their load with least norm, and are not included.
+    This value must be small at all examined times: while a singular position is passed, forces are large but real.
+    Exactly dependent rows share their load at minimum norm, and are not included.
     """
     data, rows, looks = data or mechanism.model.createData(), rows or LoopRows.of(mechanism), []
     if not rows.nc or not len(t):

@@ -1,6 +1,6 @@
 """The rows Φ(t, q), J(t, q) of the loops, drives, couplings and constraints of a mechanism.
 
-This is the only file that names Pinocchio's constraint classes. What each row means: :mod:`pinconsist.mechanism.loops`.
+Only this file refers to Pinocchio's constraint classes. The rows are defined in :mod:`pinconsist.mechanism.loops`.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from .loops import Length, Loop, Place, Turn, blocks
 from .names import velocity_units
 
 TURNING = ("rx", "ry", "rz", "tilt1", "tilt2", "cross")  # rows in rad
-POSE = None  # instead of a shift: all six rows of a pose
+POSE = None  # in place of a shift: all six rows of a pose
 
 
 class Workspace:
-    """Pinocchio's data of a model, created on first use, on which many states are evaluated.
+    """Pinocchio's data of a model, created on first use and shared by many evaluations.
 
-    ``compiled()`` returns an empty compiled system on it, to which rows and forces are added and which evaluates all
-    states at once; None without a compiled part. `blank(model, data)` creates it.
+    ``compiled()`` returns an empty compiled system with this data, to which rows and forces are added and which
+    evaluates many states at once; None if there is no compiled part. `blank(model, data)` creates it.
     """
 
     def __init__(self, model, blank=None, data=None):
@@ -48,9 +48,9 @@ class Workspace:
 class LoopRows:
     """The rows of several loops on one model, evaluated together.
 
-    ``labels`` has loop and row name of each of the ``nc`` rows, ``slices`` the rows of each loop by its name. Arrays
-    (nc,) mark rows measured in rad, ``turns``, and those whose J does not depend on time, ``steady``; ``moving`` is
-    True if some Φ does.
+    ``labels`` has the loop and row name of each of the ``nc`` rows, and ``slices`` the rows of each loop by its name.
+    The boolean arrays (nc,) ``turns`` and ``steady`` mark rows measured in rad, and rows whose J does not depend on
+    time. ``moving`` is True if some Φ depends on time.
     """
 
     def __init__(self, model: pin.Model, loops):
@@ -65,14 +65,14 @@ class LoopRows:
         self.turns = np.array([turns for closure in self.closures for turns in closure.turns], dtype=bool)
         self.steady = np.array([closure.steady for closure in self.closures for _ in closure.turns], dtype=bool)
         self.moving = any(closure.moving for closure in self.closures)
-        self._last: tuple = (None,)  # (place, Φ, J): the same place is asked for again and again where a run starts
+        self._last: tuple = (None,)  # (place, Φ, J): several functions evaluate the same place at the start of a run
         self.vanishing: dict[bytes, bool] = {}  # indices of rows → whether they vanish everywhere
-        self.closed: dict[tuple, tuple] = {}  # what was closed last, see LoopSolver.close
+        self.closed: dict[tuple, tuple] = {}  # the last result of LoopSolver.close
         self.ranked: dict[bytes, Any] = {}  # the last J → the ranking of its rows
 
     @staticmethod
     def of(mechanism) -> LoopRows:
-        """The rows of a mechanism, which are built once, with a workspace of their own."""
+        """The rows of a mechanism, with their own workspace; they are built once and then copied."""
         if (built := _BUILT.get(mechanism)) is None:
             built = _BUILT[mechanism] = LoopRows(mechanism.model, mechanism.loops)
         rows = copy(built)
@@ -128,11 +128,11 @@ class LoopRows:
 class KeptRows:
     """Φ and J of some rows of the loops of a model, for use near closed configurations.
 
-    Where a loop is closed, the exact Jacobian is a fixed linear map of the rows of Pinocchio's own constraints, and Φ
-    has the zeros of the same map of Pinocchio's position errors. So Newton's solution is the same, and a hinge whose
-    tilts are not kept is as cheap as a point. An axis of body 2 is the difference of two points 1 m apart,
+    In a closed loop, the exact Jacobian is a constant linear map of the rows of Pinocchio's own constraints, and Φ has
+    the same zeros as this map of Pinocchio's position errors. Newton's iteration therefore has the same solution, and a
+    hinge whose tilts are not kept is as cheap as a point. An axis of body 2 is the difference of two points 1 m apart,
     R axis2 = d(at axis2) − d. Distances, drives, couplings and user-defined constraints are evaluated directly.
-    `kept` are the indices of the required rows among all `rows`, ascending.
+    `kept` are the ascending indices of the required rows among all `rows`.
     """
 
     def __init__(self, model: pin.Model, rows: LoopRows, kept):
@@ -146,7 +146,7 @@ class KeptRows:
 
     @cached_property
     def pinocchios(self) -> list:
-        """Pinocchio's constraint models of each loop, with data and matrices; the compiled system has its own."""
+        """Pinocchio's constraint models of each loop, with data and matrices; not used by the compiled system."""
         return [[(*_constraint(self.model, each, shift), A) for shift, A in parts] for each, _, parts in self._closures]
 
     def evaluate(self, data, q, t):
@@ -162,7 +162,7 @@ class KeptRows:
         return rows[0] if len(rows) == 1 else [one + other for one, other in zip(*rows, strict=True)]
 
     def hand_over(self, twin) -> None:
-        """Add these rows to the compiled system; it calls Python for those that it does not have."""
+        """Add these rows to the compiled system, which calls Python for kinds that it does not support."""
         for closure, local, parts in self._closures:
             for i, (shift, matrix) in enumerate(parts):
                 twin.add_anchored(*closure.ends(shift), matrix, i == 0)
@@ -171,7 +171,7 @@ class KeptRows:
 
 
 class AnchoredRows(Rows):
-    """One loop on one model: anchors as (joint, placement), and the blocks of its rows, of which `turn` may be None."""
+    """One loop on one model: anchors as (joint, placement), and the blocks of its rows; `turn` may be None."""
 
     def __init__(self, model: pin.Model, loop: Loop):
         self.model, self.loop, who = model, loop, f"loop {loop.name!r}"
@@ -180,8 +180,8 @@ class AnchoredRows(Rows):
         self.joint2, self.place2 = frame2.parentJoint, frame2.placement * loop.placement2
         if self.joint1 == self.joint2:
             raise InputError(
-                f"{who}: frames {loop.frame1!r} and {loop.frame2!r} sit on the same body; "
-                "a loop joins two bodies, or a body and the ground"
+                f"{who}: frames {loop.frame1!r} and {loop.frame2!r} are on the same body; "
+                "a loop connects two bodies, or a body and the ground"
             )
         self.turns = tuple(row in TURNING for row in loop.rows)
         self.place, self.turn = blocks(loop)
@@ -200,7 +200,7 @@ class AnchoredRows(Rows):
             return self.place.rows(error, None, jacobian, None)
         pose = self.constraint_data.c1Mc2
         d, R = pose.translation, pose.rotation
-        angular = jacobian[3:]  # the twist of body 2 relative to body 1 in axes 1, taken at anchor 1; d is at anchor 2
+        angular = jacobian[3:]  # twist of body 2 relative to body 1, in axes 1, at anchor 1; d is at anchor 2
         return self.rows(d, R, jacobian[:3] - pin.skew(d) @ angular, angular)
 
     def rows(self, d, R, linear, angular):
@@ -217,13 +217,13 @@ class AnchoredRows(Rows):
         return np.concatenate([block.bias(*motion) for block in self._blocks])
 
     def by_twist(self, data):
-        """J by the twist of body 2 at anchor 2 relative to body 1, in the axes of anchor 1; and the anchors' poses."""
+        """J with respect to the relative twist at anchor 2, in the axes of anchor 1; and the poses of both anchors."""
         pose1, pose2 = data.oMi[self.joint1] * self.place1, data.oMi[self.joint2] * self.place2
         gap, unit = pose1.actInv(pose2), np.eye(6)
         return self.rows(gap.translation, gap.rotation, unit[:3], unit[3:])[1], pose1, pose2
 
     def ends(self, shift=POSE):
-        """Anchor 1, and anchor 2 or the point at `shift` from it, as the compiled system takes them."""
+        """Anchor 1, and anchor 2 or the point at `shift` from it, in the form of the compiled system."""
         return self.joint1, self.place1.homogeneous, self.joint2, _shifted(self.place2, shift).homogeneous
 
     def hand_over(self, twin) -> bool:
@@ -234,9 +234,9 @@ class AnchoredRows(Rows):
 
 
 def near_closed(closure, local):
-    """The rows `local` of a loop as pairs (shift, matrix), whose products add up.
+    """The rows `local` of a loop as pairs (shift, matrix), whose products are added.
 
-    `matrix` is applied to the position of the point at `shift` from anchor 2, or, where this is POSE, to the pose.
+    `matrix` is applied to the position of the point at `shift` from anchor 2 or, if `shift` is POSE, to the pose.
     """
     place, turn, here = closure.place, closure.turn, np.zeros(3)
     n = len(place.directions)
@@ -253,14 +253,14 @@ def near_closed(closure, local):
 
 
 def _shifted(place, shift):
-    """The placement of the point at `shift` from an anchor, or of the anchor where that is POSE."""
+    """The placement of the point at `shift` from an anchor, or of the anchor itself if `shift` is POSE."""
     return pin.SE3(place.rotation, place.act(shift)) if shift is not POSE and shift.any() else place
 
 
 def _constraint(model, closure, shift):
-    """Pinocchio's constraint between the anchors of a closure, of the pose or of the point at `shift` from anchor 2.
+    """Pinocchio's constraint between the anchors of a closure: of the pose, or of the point at `shift` from anchor 2.
 
-    Error and Jacobian of a point, seen from anchor 1, are exact also while the loop is open.
+    The error and the Jacobian of a point, seen from anchor 1, are exact even while the loop is open.
     """
     record = pin.FrameAnchorConstraintModel if shift is POSE else pin.PointAnchorConstraintModel
     constraint = record(model, closure.joint1, closure.place1, closure.joint2, _shifted(closure.place2, shift))
@@ -270,7 +270,7 @@ def _constraint(model, closure, shift):
 def _calculated(model, data, constraint, constraint_data):
     """Pinocchio's position error and Jacobian of a constraint."""
     constraint.calc(model, data, constraint_data)
-    jacobian = constraint.jacobian(model, data, constraint_data)  # of one velocity it is flat
+    jacobian = constraint.jacobian(model, data, constraint_data)  # a 1-d array if nv = 1
     return constraint_data.constraint_position_error, jacobian.reshape(-1, model.nv)
 
 
@@ -291,6 +291,6 @@ def _anchor_motion(model, data, joint, placement):
     return pose.translation, pose.rotation, *velocity.np.reshape(2, 3), *acceleration.np.reshape(2, 3)
 
 
-_BUILT: WeakKeyDictionary[Any, LoopRows] = WeakKeyDictionary()  # by mechanism; never evaluated themselves
+_BUILT: WeakKeyDictionary[Any, LoopRows] = WeakKeyDictionary()  # mechanism → rows that are only copied, not evaluated
 RECORDS = {Loop: AnchoredRows, Drive: DriveRow, Coupling: CouplingRow, Constraint: ConstraintRows}
-"""What the loops of a mechanism may be, with the class of their rows."""
+"""Record types among the loops of a mechanism → the class of their rows."""

@@ -1,7 +1,7 @@
 """Mechanism → Index3System, with its private workspace.
 
-The system integrates the *kept* rows of the loops: rows that are identically zero or depend on others leave it, so
-that the KKT matrix is regular. Multipliers of all rows come back, at minimum norm, by :meth:`full_multipliers`.
+The system integrates the *kept* rows of the loops. Rows that are identically zero or depend on others are dropped, so
+that the KKT matrix is regular; :meth:`full_multipliers` restores the multipliers of all rows, at minimum norm.
 """
 
 import numpy as np
@@ -16,28 +16,28 @@ from .lie import PlanarJoints, structure_constants
 from .mechanism import Mechanism
 from .rows import KeptRows
 
-OPEN = 1e-6  # gap, relative to the mechanism's size, at which a row that left the system has been needed
-NEAR = np.array([1e-8, 1e-6, 1e-4, 1e-3])  # changes of velocity, relative to the largest, over which forces may jump
-JUMP = 1e-3  # relative to the force
-AT_ONCE = 1e-9  # of the way there: changes that are so near to each other are one
-NEARBY = 1e-3  # rad and m: how far around a position with dependent rows the rank of the loops is checked
-WEAK = 0.2  # smallest singular value of the kept rows, relative to that of all rows, at which others are chosen
+OPEN = 1e-6  # gap of a dropped row, relative to the mechanism's size, that shows that it was needed
+NEAR = np.array([1e-8, 1e-6, 1e-4, 1e-3])  # changes of velocity, relative to the largest, over which jumps are sought
+JUMP = 1e-3  # smallest jump, relative to the force
+AT_ONCE = 1e-9  # relative difference of times below which changes count as simultaneous
+NEARBY = 1e-3  # rad and m: distance at which the rank of the loops is checked around a position with dependent rows
+WEAK = 0.2  # smallest singular value of the kept rows, relative to that of all rows, below which others are chosen
 
 
 class MechanismSystem(Index3System):
     """The equations M v' + nle = τ + Jᵀλ, Φ(q) = 0 of a mechanism.
 
-    ``kept`` has the indices of the rows in use among all rows; they are chosen at the closed configuration `q` and the
-    time `t`, ``chosen_at``. ``dropped_are_zero`` says that the others vanish everywhere, as out-of-plane rows do.
-    A `solver` that has assembled the mechanism at that time gives its rows and workspace. With `kept` these rows are
-    kept.
+    ``kept`` has the indices of the rows in use; they are chosen at the closed configuration `q` and the time `t`,
+    ``chosen_at``, unless they are given as `kept`. ``dropped_are_zero`` is True if the others vanish everywhere, as
+    out-of-plane rows do. The rows and the workspace of a `solver` that has assembled the mechanism at time `t` are
+    reused.
     """
 
     def __init__(self, mechanism: Mechanism, q, t: float = 0.0, solver: LoopSolver | None = None, kept=None):
         self.mechanism, self.model, self.chosen_at = mechanism, mechanism.model, t
         solver = solver or LoopSolver(mechanism, t)
         self.data, self.rows = solver.data, solver.loop_rows
-        self.vector_like = self.model.nq == self.model.nv  # else some joint turns on SO(2), SO(3), SE(2) or SE(3)
+        self.vector_like = self.model.nq == self.model.nv  # otherwise some joint is in SO(2), SO(3), SE(2) or SE(3)
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
         ranking = solver.ranking(q)
         self.kept, self._sizes = ranking.kept if kept is None else kept, ranking.scales
@@ -47,7 +47,7 @@ class MechanismSystem(Index3System):
         self._kept_rows = self.kept_rows.evaluate
         self.dropped_are_zero = self._zero_everywhere(np.delete(np.arange(self.rows.nc), self.kept), q)
         self._take(bound_forces(self.model, mechanism.forces))
-        # Live views of the workspace; M lies column by column, and M = Mᵀ in the order of the others adds up faster.
+        # Views of the workspace. M is stored by columns; its transpose, which is equal, can be added faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
         self._planar = PlanarJoints(self.model)
         self.moving, self._J = self.rows.moving, None
@@ -60,7 +60,7 @@ class MechanismSystem(Index3System):
 
     @property
     def held(self) -> dict[str, np.ndarray]:
-        """The tables of the forces that are held, by their labels; see :attr:`Solution.held`."""
+        """The tables of sampled forces, by their labels; see :attr:`Solution.held`."""
         return {label: force.held for label, force in self.forces.items() if isinstance(force, BoundHeld)}
 
     def start(self, t, p, v, backwards):
@@ -130,7 +130,7 @@ class MechanismSystem(Index3System):
         return self._M.copy(), f_v, f_q
 
     def force_gradient(self, t, p, v, lam):
-        """∂(Jᵀλ)/∂q, shape (nv, nv), by forward differences: wanted only where Newton is slow."""
+        """∂(Jᵀλ)/∂q, shape (nv, nv), by forward differences; needed only if Newton's iteration is slow."""
 
         def force(q):
             pin.computeJointJacobians(self.model, self.data, q)
@@ -164,7 +164,7 @@ class MechanismSystem(Index3System):
         return tau
 
     def hand_over(self, twin) -> None:
-        """Add the rows and forces to a compiled system; those that are user-defined are called back in Python."""
+        """Add the rows and forces to a compiled system, which calls back user-defined ones in Python."""
         self.kept_rows.hand_over(twin)
         self.hand_over_forces(twin)
 
@@ -175,11 +175,11 @@ class MechanismSystem(Index3System):
                 twin.add_python_force(force)
 
     def all_rows(self) -> KeptRows:
-        """All rows of the loops, dropped ones included."""
+        """All rows of the loops, including dropped ones."""
         return KeptRows(self.model, self.rows, np.arange(self.rows.nc))
 
     def not_finite(self, t, q, v) -> tuple[str, ...]:
-        """Labels of the forces whose torque or derivatives are not finite at a state that is."""
+        """Labels of the forces whose torque or derivatives are not finite although the state is."""
         if not np.isfinite(np.concatenate((q, v))).all():
             return ()
         parts = {label: (f.torque(t, q, v), *f.derivatives(t, q, v)) for label, f in self.forces.items()}
@@ -187,11 +187,11 @@ class MechanismSystem(Index3System):
         return tuple(label for label, found in known.items() if not all(np.isfinite(part).all() for part in found))
 
     def weights(self, q, v):
-        """Weights and the inertial forces of the velocities, shape (nv,)."""
+        """Gravity, Coriolis and centrifugal forces, shape (nv,)."""
         return pin.rnea(self.model, self.data, q, v, np.zeros(self.nv))
 
     def jumps(self, t, q, v) -> tuple[str, ...]:
-        """Labels of the forces that jump at velocities near `v`, such as relays."""
+        """Labels of the forces that are discontinuous at velocities near `v`, such as relays."""
         return tuple(label for label, force in self.forces.items() if _jumps(lambda v, f=force: f.torque(t, q, v), v))
 
     def mass_matrix(self, q):
@@ -199,9 +199,9 @@ class MechanismSystem(Index3System):
         return np.array(pin.crba(self.model, self.data, q))
 
     def loop_rows(self, q, t: float | None = None):
-        """Φ and J of all rows at `q`, dropped ones included; without `t` at the time at which the rows were chosen.
+        """Φ and J of all rows at `q`, including dropped ones; by default at the time at which the rows were chosen.
 
-        J depends on time only in constraints of the user's own, Φ in drives too.
+        J depends on time only in user-defined constraints; Φ also in drives.
         """
         return self.rows.at(self.data, q, self.chosen_at if t is None else t)
 
@@ -210,13 +210,13 @@ class MechanismSystem(Index3System):
         return self.rows.nc
 
     def full_multipliers(self, q, lam, complete=None):
-        """λ of all rows, shape (nc,): the one of smallest norm with the same joint forces Jᵀλ. Stacks of rows, too.
+        """λ of all rows, shape (nc,): the vector of smallest norm with the same joint forces Jᵀλ; also for many states.
 
-        Rows whose J depends on time keep the λ that they have.
+        Rows whose J depends on time keep their λ.
         """
         if self.nc == self.rows.nc:
             return lam
-        if lam.ndim == 1:  # at every look of an event, every call of a callback
+        if lam.ndim == 1:  # called for every evaluation of an event and every callback
             full = np.zeros(self.rows.nc)
             full[self.kept] = lam
         else:
@@ -234,7 +234,7 @@ class MechanismSystem(Index3System):
         return full
 
     def reselected(self, q):
-        """The same system with other rows kept, where those kept here have become a poor choice at `q`; else None."""
+        """The same system with other rows kept, if the current ones have become a poor choice at `q`; else None."""
         if self.dropped_are_zero:
             return None
         J = self.loop_rows(q)[1] / self._sizes[:, None]
@@ -242,11 +242,11 @@ class MechanismSystem(Index3System):
         if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > WEAK * strongest:
             return None
         fresh = MechanismSystem(self.mechanism, q, self.chosen_at)
-        fresh._take(self.forces)  # those that are held go on
+        fresh._take(self.forces)  # sampled forces keep their state
         return fresh if fresh.nc == self.nc and (fresh.kept != self.kept).any() else None
 
     def rank_nearby(self, q, free) -> int:
-        """The highest rank of the loops at three closed positions near `q`, by motions in the columns `free`, or 0."""
+        """The highest rank of the loops at three closed positions near `q`, along the columns of `free`; else 0."""
         if not free.size:
             return 0
         solver, rng, highest = LoopSolver(self.mechanism, self.chosen_at), np.random.default_rng(0), 0
@@ -259,7 +259,7 @@ class MechanismSystem(Index3System):
     def opened(self, times, configurations, gaps=None):
         """(index, gap, row) of the first configuration in which a dropped row is open, or None.
 
-        It happens where the kept rows lose their rank on the way, or the start was a singular position.
+        This happens if the kept rows lose rank during the run, or the start was a singular position.
         """
         if self.dropped_are_zero:
             return None
@@ -268,12 +268,12 @@ class MechanismSystem(Index3System):
             suspects = np.flatnonzero((np.abs(gaps(times, configurations)) / self._sizes).max(axis=1) > OPEN)
         for i in suspects:
             phi = np.abs(self.loop_rows(configurations[i], times[i])[0]) / self._sizes
-            if phi.max() > OPEN + 100 * phi[self.kept].max(initial=0.0):  # interpolated rows are open in all alike
+            if phi.max() > OPEN + 100 * phi[self.kept].max(initial=0.0):  # interpolation opens all rows alike
                 return int(i), float((phi * self._sizes).max()), self.rows.labels[int(np.argmax(phi))]
         return None
 
     def _zero_everywhere(self, rows, q) -> bool:
-        """Whether these rows of J vanish in three random places."""
+        """Whether these rows of J vanish at three random configurations."""
         if not len(rows):
             return True
         if (known := self.rows.vanishing.get(rows.tobytes())) is not None:
@@ -282,7 +282,7 @@ class MechanismSystem(Index3System):
         places = [pin.integrate(self.model, q, rng.uniform(-1, 1, self.nv)) for _ in range(3)]
         try:
             found = not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
-        except PinconsistError:  # a user's own constraint need not be defined there
+        except PinconsistError:  # a user-defined constraint need not be defined there
             return False
         if self.rows.steady.all():
             self.rows.vanishing[rows.tobytes()] = found
@@ -290,7 +290,7 @@ class MechanismSystem(Index3System):
 
 
 def _jumps(function, v) -> bool:
-    """Whether a function of the velocity changes by as much over an eighth of a small way as over all of it."""
+    """Whether a function changes over an eighth of a small velocity difference as much as over all of it."""
     for way in np.multiply.outer(NEAR * (1.0 + np.abs(v).max()), np.eye(len(v))).reshape(-1, len(v)):
         far, near = (function(v + part * way) - function(v - part * way) for part in (1.0, 0.125))
         if 10.0 * np.abs(far - near).max() < np.abs(far).max() > JUMP * np.abs(function(v)).max():

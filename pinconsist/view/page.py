@@ -164,7 +164,7 @@ def _viewer() -> str:
     for folder in found.submodule_search_locations if found else ():
         if (bundle := Path(folder, "viewer", "dist", "main.min.js")).is_file():
             return bundle.read_text(encoding="utf-8")
-    raise MissingExtraError("replays need the package meshcat; install it by: pip install meshcat")
+    raise MissingExtraError("replays need the package meshcat; install it with: pip install meshcat")
 
 
 def _serve(page: bytes):

@@ -59,7 +59,7 @@ def require_figure(file=None) -> str:
     try:
         import matplotlib.backend_bases
     except ImportError:
-        raise MissingExtraError("figures need matplotlib; install it by: pip install 'pinconsist[plot]'") from None
+        raise MissingExtraError("figures need matplotlib; install it with: pip install 'pinconsist[plot]'") from None
     known = matplotlib.backend_bases.FigureCanvasBase.get_supported_filetypes()
     ending = Path(file or "").suffix.lstrip(".").lower()
     if file is not None and ending not in known:
@@ -158,8 +158,8 @@ class DrawnSolution:
     def need_mechanism(self, of_what: str):
         """The mechanism, or an error that says how to give it."""
         if self.mech is None:
-            why = "A solution read from a file does not hold it, a general problem has none"
-            raise InputError(f"a picture of the {of_what} needs the mechanism: give it as mech=. {why}")
+            why = "A solution read from a file does not contain it, and a general problem has none"
+            raise InputError(f"a picture of the {of_what} needs the mechanism: pass it as mech=. {why}")
         return self.mech
 
     def residuals(self) -> tuple[list[str], np.ndarray, np.ndarray]:

@@ -69,7 +69,7 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
     names = list(dict.fromkeys([what] if isinstance(what, str) else what))
     if not names or (unknown := [name for name in names if name not in PICTURES]):
         reason = f"there is no picture {unknown[0]!r}" if names else "what= names no picture"
-        raise InputError(f"{reason}; there are {', '.join(PICTURES)}")
+        raise InputError(f"{reason}; available: {', '.join(PICTURES)}")
     drawn = DrawnSolution(sol, mech)
     if len(names) > 1 and not drawn.lam.shape[1]:
         names = [name for name in names if name != "multipliers"]

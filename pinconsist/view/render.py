@@ -51,11 +51,11 @@ def require_file(file, at=()) -> str:
     if ending not in (*FILMS, ".svg"):
         raise InputError(f"{file}: a film ends in .mp4 or .gif, a drawing in .svg")
     if len(at) and ending != ".svg":
-        raise InputError(f"at= chooses times of drawings, .svg; {file} is a film, which shows all")
+        raise InputError(f"at= selects the times of a drawing (.svg); {file} is a film, which shows all times")
     needed = {".mp4": {"PIL": "Pillow", "imageio_ffmpeg": "imageio-ffmpeg"}, ".gif": {"PIL": "Pillow"}, ".svg": {}}
     for module, package in needed[ending].items():
         if find_spec(module) is None:
-            how = "install it by: pip install 'pinconsist[render]'"
+            how = "install it with: pip install 'pinconsist[render]'"
             raise MissingExtraError(f"films in {ending} need {package}; {how}")
     return ending
 
@@ -127,13 +127,13 @@ def _drawing(mech, sol, at, options) -> bytes:
     (run,) = runs_of(mech, sol)
     low, high = sorted(run.t[[0, -1]])
     if outside := [t for t in at if not low <= t <= high]:
-        raise InputError(f"at={outside[0]:g} is outside of the run, {low:g} … {high:g} s")
+        raise InputError(f"at={outside[0]:g} is outside the run, {low:g} … {high:g} s")
     elapsed = np.abs(at - run.t[0])
     times = np.union1d(playing_times([run], 1.0, 30.0), elapsed)
     page = picture(mech, sol, fps=30.0, times=times, **options | {"speed": 1.0})
     stage = Stage(page)
     if not stage.planar:
-        raise InputError(f"{mech.name} moves in space; a drawing, .svg, is for planar mechanisms: take .mp4 or .gif")
+        raise InputError(f"{mech.name} moves in space; drawings (.svg) are for planar mechanisms: use .mp4 or .gif")
     scale = 0.86 * PANEL / stage.extent.max()
     height, columns = scale * stage.extent[1] + 60.0, min(len(at), ABREAST)
     below = height * -(-len(at) // ABREAST)

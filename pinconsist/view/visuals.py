@@ -28,7 +28,7 @@ def visuals(mech: Mechanism) -> list[Shape]:
         log.warning("%s: the robot file's shapes do not fit the model (%s); simple shapes instead", mech.name, error)
         return []
     if missing:
-        reason = "not found (outside of the scene's folder only those of package_dirs= are searched) or unreadable"
+        reason = "not found (outside the scene's folder, only package_dirs= are searched) or unreadable"
         log.warning("%s: %d mesh(es) %s, e.g. %s", mech.name, len(missing), reason, missing[0])
     return [shape for each in found.geometryObjects if (shape := _shape(each)) is not None]
 

@@ -78,7 +78,7 @@ def test_cases_of_every_subject_have_names_of_their_own():
 
 
 def test_unknown_subjects():
-    with pytest.raises(InputError, match="no stress subject 'chain'; known are steps"):
+    with pytest.raises(InputError, match="no stress subject 'chain'; choose from steps"):
         cases(["chain"])
 
 

@@ -1,12 +1,13 @@
-"""MJCF, the XML of MuJoCo: compiled by MuJoCo (``pip install 'pinconsist[mjcf]'``), and read from the compiled model.
+"""MJCF files: MuJoCo compiles them (``pip install 'pinconsist[mjcf]'``), and the compiled model is converted.
 
-Bodies with hinge, slide, ball and free joints, several in a body too; inertias and sites; connect, weld and joint
-equalities; damping, dry friction, springs and armature of joints; gravity and its compensation. Limits of joints,
-contacts, sensors and solver settings have no effect. Actuators of joints act: motor, position, velocity, and general
-ones with affine gain and bias, with gear and limits; their commands are those of the first keyframe, else zero, and a
-position actuator holds ``ref``. What else acts on the bodies in MuJoCo
-is refused with its name. (Pinocchio's own reader takes the first body of the world alone, and makes composite joints,
-whose derivatives are wrong.)
+Supported are bodies with any number of hinge, slide, ball and free joints; inertias and sites; connect, weld and joint
+equalities; damping, dry friction, springs and armature of joints; gravity and gravity compensation. So are motor,
+position, velocity and general actuators of joints, with affine gain and bias, gear and limits. Their controls are those
+of the first keyframe if there is one; otherwise they are zero, and a position actuator holds ``ref``.
+
+Joint limits, contacts, sensors and solver settings have no effect. Anything else that acts on the bodies in MuJoCo is
+refused by name. (Pinocchio's own reader takes only the first body of the world, and makes composite joints, whose
+derivatives are wrong.)
 """
 
 import logging
@@ -30,10 +31,10 @@ _log = logging.getLogger(__name__)
 
 
 def read(path: Path, name: str, folders) -> RobotFile:
-    """What an MJCF file says.
+    """Read an MJCF file.
 
-    The active equality constraints close the scene. Joints have MuJoCo's values: ``ref`` where the bodies stand as the
-    file places them. Assembly starts at the first keyframe, else there.
+    The active equality constraints become loops. Joint positions are those of MuJoCo: ``ref`` in the configuration of
+    the file. Assembly starts at the first keyframe or, without one, in that configuration.
     """
     try:
         with np.errstate(all="ignore"):  # numbers that are not finite are reported by Tree
@@ -52,13 +53,13 @@ def read(path: Path, name: str, folders) -> RobotFile:
 
 
 def _visible(m, stand_ins, bodies, meshes) -> str:
-    """The visible shapes as URDF, without planes, height fields, ellipsoids, and meshes outside of the folder."""
-    robot, links = fixed_links(bodies)  # all on the world: the model's frames say where they are
+    """The visible shapes as URDF, without planes, height fields, ellipsoids, and meshes outside the folder."""
+    robot, links = fixed_links(bodies)  # all fixed to the world: the frames of the model give their poses
     for g in np.flatnonzero((m.geom_group <= _VISIBLE) & ((m.geom_type == _MESH) | ~stand_ins)):
         colour = m.geom_rgba[g]
         if m.geom_matid[g] >= 0 and np.array_equal(colour, _GREY):
             colour = m.mat_rgba[m.geom_matid[g]]
-        rgba = " ".join(f"{value:.7g}" for value in colour)  # of single precision
+        rgba = " ".join(f"{value:.7g}" for value in colour)  # MuJoCo stores colours in single precision
         for shape in _shapes(m, g, meshes):
             add_visual(links[bodies[m.geom_bodyid[g]]], *shape, rgba)
     return tostring(robot, encoding="unicode")
@@ -80,12 +81,12 @@ def _shapes(m, g, meshes):
         file = m.paths[m.mesh_pathadr[i] :].partition(b"\0")[0].decode() if m.mesh_pathadr[i] >= 0 else ""
         mesh = meshes[int(file.partition(".")[0])] if file else None
         if mesh is None or not mesh.path:
-            reason = "its file is outside of the scene's folder" if mesh else "it has no file"
+            reason = "its file is outside the scene's folder" if mesh else "it has no file"
             _log.warning("mesh %r: not shown, %s", m.mesh(i).name, reason)
             return
         given = (mesh.node.get("refquat", "1 0 0 0"), mesh.node.get("refpos", "0 0 0"))
         quat, pos = ([finite(word) or 0.0 for word in words.split()] for words in given)
         back, scale = pin.Quaternion(*quat).normalized().toRotationMatrix().T, m.mesh_scale[i]
-        place = place * pose(m.mesh_pos[i], m.mesh_quat[i]).inverse()  # MuJoCo has moved it to its centre of mass
+        place = place * pose(m.mesh_pos[i], m.mesh_quat[i]).inverse()  # undo MuJoCo's shift to the centre of mass
         place = place * pin.SE3(back, -scale * (back @ pos))
         yield place, "mesh", {"filename": mesh.path, "scale": text(*scale)}

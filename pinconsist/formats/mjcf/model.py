@@ -1,7 +1,7 @@
-"""MuJoCo's compiled model → the tree of a pin.Model, what closes it, and the forces of its springs.
+"""MuJoCo's compiled model → the tree of a pin.Model, its loops, and its forces.
 
-Several joints of one body become a chain of joints with massless bodies between them. The value of a joint is MuJoCo's
-``qpos``: ``ref`` where its body stands as the file places it. Source: MuJoCo's "XML Reference", and mjmodel.h.
+Several joints of one body become a chain of joints with massless bodies between them. The position of a joint is
+MuJoCo's ``qpos``, which is ``ref`` in the configuration of the file. Source: MuJoCo's "XML Reference", and mjmodel.h.
 """
 
 import logging
@@ -22,7 +22,7 @@ _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _KINDS = ("free", "ball", "slide", "hinge")
 _EQUALITIES = ("connect", "weld", "joint")
 _SITE = 6
-_TENDON, _WRAPS_JOINT = 3, 1  # kinds of transmissions, and of what a tendon is made of
+_TENDON, _WRAPS_JOINT = 3, 1  # a kind of transmission, and a kind of tendon element
 _AXES = {(1.0, 0.0, 0.0): "X", (0.0, 1.0, 0.0): "Y", (0.0, 0.0, 1.0): "Z"}
 _JOINTS = {_SLIDE: ("P", pin.JointModelPrismaticUnaligned), _HINGE: ("R", pin.JointModelRevoluteUnaligned)}
 _POSITIVE = "jnt_stiffness dof_armature dof_damping dof_frictionloss".split()
@@ -34,12 +34,12 @@ _ZERO = (
     "jnt_springyield jnt_stiffnesspoly dof_dampingpoly actuator_armature actuator_damping actuator_dampingpoly "
     "tendon_stiffness tendon_damping tendon_frictionloss tendon_armature"
 ).split()
-"""What acts on the bodies in MuJoCo and is not supported; older versions do not have all of it."""
+"""Quantities that act on the bodies in MuJoCo and are not supported here; older versions lack some of them."""
 _log = logging.getLogger(__name__)
 
 
 class Tree:
-    """The tree of a compiled model; FormatError where something acts on the bodies that is not supported."""
+    """The tree of a compiled model; FormatError if something unsupported acts on the bodies."""
 
     def __init__(self, compiled, name: str):
         import mujoco
@@ -48,7 +48,7 @@ class Tree:
         _check(m)
         bits = mujoco.mjtDisableBit.__members__.items()
         self._off = {name.removeprefix("mjDSBL_").lower() for name, bit in bits if m.opt.disableflags & bit.value}
-        self._off |= {"spring", "damper"} if "passive" in self._off else set()  # of older versions
+        self._off |= {"spring", "damper"} if "passive" in self._off else set()  # the flag of older versions
         self.joints, self.bodies, self.sites = _names(m)
         self.model = model = pin.Model()
         model.name = name
@@ -72,7 +72,7 @@ class Tree:
             model.addFrame(pin.Frame(self.sites[site], joint, frame, place, pin.FrameType.OP_FRAME))
 
     def _add_joint(self, j, parent, place):
-        """Add a joint to a body at `place` on the parent joint; returns the joint, and the place of the body on it."""
+        """Add a joint to a body at `place` on the parent joint; return the joint, and the body's placement on it."""
         m, model, kind = self._m, self.model, int(self._m.jnt_type[j])
         axis, ref = np.array(m.jnt_axis[j]), m.qpos0[m.jnt_qposadr[j]]
         there = pin.SE3(np.eye(3), np.array(m.jnt_pos[j]))
@@ -100,7 +100,7 @@ class Tree:
         return joint, after
 
     def configuration(self, qpos) -> np.ndarray:
-        """The configuration of a ``qpos``, whose quaternions have the order w, x, y, z."""
+        """The configuration of a ``qpos``, whose quaternions are ordered w, x, y, z."""
         q = np.array(qpos)
         for kind, start in zip(self._m.jnt_type, self._m.jnt_qposadr, strict=True):
             if kind not in _JOINTS:
@@ -113,22 +113,22 @@ class Tree:
         m = self._m
         for j in np.flatnonzero(m.jnt_stiffness) if "spring" not in self._off else ():
             yield JointSpring(self.joints[j], float(m.jnt_stiffness[j]), float(m.qpos_spring[m.jnt_qposadr[j]]))
-        if not {"spring", "damper"} <= self._off:  # MuJoCo switches off all passive forces with both
+        if not {"spring", "damper"} <= self._off:  # together, the two flags disable all passive forces
             for body in np.flatnonzero(m.body_gravcomp * m.body_mass):
                 force = -m.body_gravcomp[body] * m.body_mass[body] * self.model.gravity.linear
                 if self._stands[body][0]:
                     yield Wrench(self.bodies[body], tuple(force), xyz=tuple(m.body_ipos[body]))
 
     def actuators(self):
-        """(joint, its Actuator or None) on joints, (None, Actuator) on fixed tendons; warns of what exerts no force."""
+        """(joint, Actuator or None) on joints, (None, Actuator) on fixed tendons; warns if one exerts no force."""
         m, names, none = self._m, set(), np.zeros(self._m.nu)
         alone = np.bincount(m.actuator_trnid[m.actuator_trntype < 2, 0], minlength=m.njnt) == 1
         for i, (kind, (target, *_)) in enumerate(zip(m.actuator_trntype, m.actuator_trnid, strict=True)):
             joints = self._moved(kind, target)
             if not joints:
-                warn(f"{_element(m, 'actuator', i)}: it acts on no joint, and is left out")
+                warn(f"{_element(m, 'actuator', i)}: it acts on no joint and is left out")
                 continue
-            group = int(np.clip(m.actuator_group[i], 0, 31))  # those from 31 on have no switch
+            group = int(np.clip(m.actuator_group[i], 0, 31))  # all groups from 31 on share a switch
             limited = [joint for joint in joints if m.jnt_actfrclimited[joint]]
             reasons = {
                 "its joint has several degrees of freedom": any(m.jnt_type[joint] not in _JOINTS for joint in joints),
@@ -136,8 +136,8 @@ class Tree:
                 or getattr(m, "actuator_delay", none)[i],
                 "its gain or bias is not affine": m.actuator_gaintype[i] > 1 or m.actuator_biastype[i] > 1,
                 "the options disable it": "actuation" in self._off or m.opt.disableactuator >> group & 1,
-                "several share a joint whose actuator force is limited": any(not alone[joint] for joint in limited),
-                "the actuator force of its tendon, or of a joint of it, is limited": kind == _TENDON
+                "its joint has other actuators, and a limited actuator force": any(not alone[each] for each in limited),
+                "the actuator force of its tendon, or of one of its joints, is limited": kind == _TENDON
                 and (limited or getattr(m, "tendon_actfrclimited", np.zeros(m.ntendon))[target]),
             }
             joint = self.joints[target] if kind != _TENDON else None
@@ -150,7 +150,7 @@ class Tree:
             yield joint, self._actuator(i, joints, name)
 
     def _moved(self, kind, target) -> dict[int, float]:
-        """Joint → what its position adds to the length of a transmission; empty where that is of another kind."""
+        """Joint → its coefficient in the length of a transmission; empty if this is not a joint or a fixed tendon."""
         if kind != _TENDON:
             return {target: 1.0} if kind < 2 else {}  # joint and jointinparent
         m, start = self._m, self._m.tendon_adr[target]
@@ -183,7 +183,7 @@ class Tree:
         return Actuator(name, on, *numbers, gear, float(control), *ranges)
 
     def closures(self):
-        """Loops, couplings and drives of the active equality constraints, in their order; a warning for the others."""
+        """Loops, couplings and drives of the active equality constraints, in their order; warns of the others."""
         m, off = self._m, sorted(self._off & {"equality", "constraint"})
         if m.neq:
             data = self.model.createData()
@@ -220,7 +220,7 @@ class Tree:
         (joint, ref1), (other, ref2) = ((self.joints[j], float(m.qpos0[m.jnt_qposadr[j]])) for j in ends)
         if ends[1] < 0:
             return Drive(name, joint, Motion(start=ref1 + a[0]))
-        law = Polynomial(a[:5])(Polynomial((-ref2, 1.0))).coef.tolist()  # without highest powers that are zero
+        law = Polynomial(a[:5])(Polynomial((-ref2, 1.0))).coef.tolist()  # trailing zeros are dropped
         offset, ratio, *higher = law if len(law) > 1 else (*law, 0.0)
         return Coupling(name, joint, other, ratio=ratio, offset=ref1 + offset, higher=tuple(higher))
 
@@ -231,7 +231,7 @@ def pose(pos, quat) -> pin.SE3:
 
 
 def _check(m) -> None:
-    """FormatError for numbers that no scene has, and for what acts on the bodies and is not supported."""
+    """FormatError for invalid numbers, and for anything unsupported that acts on the bodies."""
     for key in _FINITE:
         _refuse(m, key, ~(np.abs(getattr(m, key)) <= LARGEST), f"not finite, or above {LARGEST:g}")
     for key in _POSITIVE:
@@ -240,18 +240,18 @@ def _check(m) -> None:
         _refuse(m, key, getattr(m, key, np.zeros(0)) != 0, "not supported")
     _refuse(m, "body_plugin", m.body_plugin >= 0, "not supported")
     rounds, free = m.jnt_type < _SLIDE, m.jnt_type[m.dof_jntid] == _FREE
-    _refuse(m, "jnt_stiffness", rounds & (m.jnt_stiffness != 0), "computed for hinges and slides alone")
+    _refuse(m, "jnt_stiffness", rounds & (m.jnt_stiffness != 0), "supported for hinges and slides only")
     _refuse(m, "jnt_actgravcomp", m.jnt_actgravcomp & m.jnt_actfrclimited, "not supported with an actuatorfrcrange")
     for key in ("dof_armature", "dof_frictionloss"):  # they act along the world's axes
-        _refuse(m, key, free & (getattr(m, key) != 0), "not computed for a free joint; a <freejoint/> has none")
+        _refuse(m, key, free & (getattr(m, key) != 0), "not supported for a free joint; a <freejoint/> has none")
     if m.opt.density or m.opt.viscosity:
-        raise FormatError("lift, drag and viscous forces of a fluid are not supported", element="option")
+        raise FormatError("lift, drag and viscous forces in a fluid are not supported", element="option")
     if m.nv == 0:
         raise FormatError("nothing can move: no body has a joint")
 
 
 def _refuse(m, key, bad, reason):
-    """FormatError with the name of the first element of which a number is bad."""
+    """FormatError that names the first element with a bad number."""
     if np.any(bad):
         kind, _, what = key.partition("_")
         number = int(np.argmax(bad.reshape(len(bad), -1).any(axis=1)))
@@ -266,10 +266,10 @@ def _element(m, kind, number) -> str:
 
 
 def _names(m):
-    """The names of joints, bodies and sites, which are all frames in Pinocchio; sites without a name have none here.
+    """The names of joints, bodies and sites, which are all frames in Pinocchio; unnamed sites stay without a name.
 
-    Joints keep their names. A body or a site that has the name of another frame gets ``_body`` or ``_site`` behind it.
-    What has no name is called ``body3``, ``body3_hinge``, or ``body3_hinge2`` where a body has several hinges.
+    Joints keep their names. ``_body`` or ``_site`` is appended to the name of a body or site if another frame has it.
+    Unnamed bodies and joints are called ``body3``, ``body3_hinge``, or ``body3_hinge2`` if a body has several hinges.
     """
     every = ((m.jnt, m.njnt), (m.body, m.nbody), (m.site, m.nsite))
     joints, bodies, sites = ([found(i).name for i in range(count)] for found, count in every)

@@ -1,8 +1,8 @@
-"""An MJCF file → the model that MuJoCo compiles of it.
+"""An MJCF file → the model that MuJoCo compiles from it.
 
-MuJoCo itself opens no file: includes are expanded here, attached models are texts of their own, and both come from the
-folder of the scene. It is compiled with two different stand-ins for meshes, which are read only if an inertia depends
-on them.
+MuJoCo itself opens no files: includes are expanded here, attached models are passed as separate texts, and both must be
+in the folder of the scene. The scene is compiled twice, with different stand-ins for its meshes; if this changes an
+inertia, the mesh files are read.
 """
 
 import logging
@@ -22,10 +22,10 @@ from ..reading import finite, located, parsed, read_bytes, shown
 
 MOST_FILES = 200
 MOST_ELEMENTS = 100_000  # with all copies
-MOST_NESTED = 10  # files, one in another
+MOST_NESTED = 10  # files, each included by the one before
 _LEFT_OUT = {"size", "custom", "deformable", "texture", "skin", "layer"}
 _IGNORED = "fusestatic discardvisual strippath meshdir texturedir assetdir fuse texture content_type".split()
-"""Elements and attributes without an effect here, which name files, fill the memory or drop what is shown."""
+"""Elements and attributes to remove: they have no effect here, but name files, take memory or hide shapes."""
 _COUNTS = {"replicate": "count", "composite": "count", "mesh": "params"}
 _MAIN = "scene.xml"
 _CORNERS = "v 0 0 0\nv {} 0 0\nv 0 {} 0\nv 0 0 {}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -45,7 +45,7 @@ class Mesh:
 
 
 class Source:
-    """The texts and mesh files that MuJoCo compiles; the last of the folders with meshes is that of the scene.
+    """The texts and mesh files that MuJoCo compiles. Of `folders`, which may hold meshes, the last is the scene's.
 
     In the compiled model the file name of a mesh begins with its index in ``meshes``.
     """
@@ -54,7 +54,7 @@ class Source:
         self.meshes: list[Mesh] = []
         self._folders = [Path(os.path.abspath(each)) for each in folders]
         self._texts: dict[str, list[Element]] = {}  # all elements of a text
-        self._files: dict[Element, Path] = {}  # of the outermost elements of each file
+        self._files: dict[Element, Path] = {}  # outermost elements → their file
         self._opened = 0
         root, file = _parsed(path), Path(os.path.abspath(path))
         if root.tag != "mujoco":
@@ -64,12 +64,12 @@ class Source:
         self._add(_MAIN, root, (file,))
 
     def _add(self, name, root, files) -> float:
-        """Add a text, after the models that it attaches; returns its number of elements.
+        """Add a text, after the models that it attaches; return its number of elements.
 
-        The last of the files is that of the text; each of them includes or attaches the next.
+        The last of the files is that of the text; each file includes or attaches the next one.
         """
         self._include(root, files)
-        if root.find("body") is not None:  # MuJoCo passes over it
+        if root.find("body") is not None:  # MuJoCo ignores it silently
             raise FormatError("<body> belongs in <worldbody>", path=self._files[root])
         keys = [key for key in root.findall("keyframe/key") if "qpos" in key.attrib and name == _MAIN]
         for section in root.findall("keyframe"):
@@ -97,7 +97,7 @@ class Source:
         return sizes[root]
 
     def _clean(self, node, compiler, folder):
-        """Remove from an element what names files; that of a mesh is noted."""
+        """Remove the file names from an element; the file of a mesh is added to ``meshes``."""
         node.attrib = {key: value for key, value in node.attrib.items() if key not in _IGNORED}
         if given := node.attrib.pop("file", "").replace("\\", "/"):
             node.attrib.setdefault("name", PurePosixPath(given).stem)
@@ -110,7 +110,7 @@ class Source:
             self.meshes.append(Mesh(node, "" if path.startswith("..") else path))
 
     def _include(self, root, files):
-        """Replace the includes below an element of a file by what stands in the files that they name."""
+        """Replace the includes below an element by the contents of the files that they name."""
         for node in list(root.iter()):
             for child in node.findall("include"):
                 included, chain = self._open(child, files)
@@ -119,18 +119,18 @@ class Source:
                 node[place : place + 1] = list(included)
 
     def _open(self, node, files):
-        """The root of the file that an element names, and the files up to it."""
+        """The root element of the file that an element names, and the chain of files up to it."""
         name, folder = node.get("file", ""), self._folders[-1]
         reason = "there is no such file" if name else "attribute 'file' is missing"
         for start in (folder, files[-1].parent) if name else ():
             found = Path(os.path.normpath(start / name))
             if not _inside(found, folder):
-                reason = f"it is outside of the folder of the scene, {folder}; only files in that folder are read"
+                reason = f"it is outside the folder of the scene, {folder}; only files in that folder are read"
                 break
             if os.path.isfile(found):
                 self._opened += 1
                 if found in files or len(files) > MOST_NESTED or self._opened > MOST_FILES:
-                    reason = f"it includes itself, or there are more than {MOST_FILES} files, or {MOST_NESTED} in turn"
+                    reason = f"it includes itself, or there are over {MOST_FILES} files or {MOST_NESTED} levels of them"
                     break
                 root = _parsed(found)
                 self._files |= dict.fromkeys((root, *root), found)
@@ -138,7 +138,7 @@ class Source:
         raise FormatError(reason, path=files[-1], element=f"{node.tag} {shown(name)}")
 
     def compiled(self):
-        """The mjModel, and of each geom whether its size is that of a stand-in; FormatError in MuJoCo's words."""
+        """The mjModel, and for each geom whether its size is that of a stand-in; FormatError with MuJoCo's message."""
         for needed in (False, True):
             for mesh in self.meshes if needed else ():
                 places = [(folder / mesh.path, folder) for folder in self._folders if mesh.path]
@@ -160,7 +160,7 @@ class Source:
         try:
             import mujoco
         except ImportError:
-            need = "MJCF files are compiled by MuJoCo; install it by: pip install 'pinconsist[mjcf]'"
+            need = "MJCF files are compiled by MuJoCo; install it with: pip install 'pinconsist[mjcf]'"
             raise MissingExtraError(need) from None
         assets = {}
         for number, mesh in enumerate(self.meshes):  # MuJoCo caches meshes by these names
@@ -169,7 +169,7 @@ class Source:
             mesh.node.set("file", name)
             assets[name] = content
         lines: list[Element] = []
-        for name, nodes in self._texts.items():  # no two elements are on lines of the same number
+        for name, nodes in self._texts.items():  # every element has a line number of its own, which MuJoCo reports
             assets[name] = b"\n" * len(lines) + tostring(nodes[0], encoding="us-ascii")
             lines += nodes
         before = mujoco.get_mju_user_warning()
@@ -200,10 +200,10 @@ class Source:
 
 
 def _copies(node, models) -> float:
-    """How many copies of an element MuJoCo makes; of a mesh that it generates, about the number of its vertices."""
+    """How many copies of an element MuJoCo makes; for a generated mesh, about the number of its vertices."""
     numbers = [max(1.0, finite(word) or 1.0) for word in node.get(_COUNTS.get(node.tag, ""), "").split()]
     if node.tag == "mesh":
-        return max(numbers, default=1.0) ** 2  # of a grid
+        return max(numbers, default=1.0) ** 2  # the vertices form a grid
     return models.get(node.get("model"), 1.0) if node.tag == "attach" else prod(numbers)
 
 
@@ -213,5 +213,5 @@ def _parsed(path):
 
 
 def _inside(path, folder) -> bool:
-    """Whether a path, and the file to which it leads, lie in a folder."""
+    """Whether a path, and the file that it resolves to, lie in a folder."""
     return all(Path(form(path)).is_relative_to(form(folder)) for form in (os.path.abspath, os.path.realpath))

@@ -1,20 +1,21 @@
-"""SDF files (sdformat.org), read without libsdformat, which the pip builds of Pinocchio do not have.
+"""SDF files (sdformat.org), read without libsdformat, which the pip builds of Pinocchio do not include.
 
-The specification is that of versions 1.4 to 1.12. What a file says is carried over as follows:
+Versions 1.4 to 1.12 of the specification are supported. A file is converted as follows:
 
-* ``<joint>`` elements make a net of links, of which a tree is taken; the joints that are left over close loops
-  (:mod:`.net` says which, and how). The poses of a file describe it closed, at q = 0.
-* A link without ``<inertial>`` has 1 kg and 1 kg·m², as the specification has it.
-* A model that no joint ties to the world floats in SDF. Here it is fixed where it is unless
-  ``load(..., free_flyer=True)`` lets it float, as with URDF files. ``<static>`` models never move.
-* The name of the only model of a file is left out; else links, joints and frames are ``model::name``. Before version
-  1.7 a link and a joint may have one name: the joint is then ``name_joint``.
-* Damping and friction of a ball joint act about all its axes. Position limits are kept in the model and do not act.
-* Joint controllers of Gazebo act (``formats/actuators.py``). Contacts, sensors, other plugins and lights
-  are left out. What would change the motion and cannot be carried over is refused: ``<include>``, kinematic links,
-  inertias from shapes, fluid added mass, gravity on some links only.
-* A screw is one joint of Pinocchio's (helical), a universal joint two hinges ``name_axis``, ``name_axis2`` with a
-  massless body between them: Pinocchio's own universal joint has wrong ``computeRNEADerivatives``.
+* Links and joints form a graph. A spanning tree of it becomes the model, and the remaining joints close loops
+  (:mod:`.graph` explains which, and how). At q = 0 all bodies have the poses of the file, and all loops are closed.
+* A link without ``<inertial>`` has 1 kg and 1 kg·m², the defaults of the specification.
+* In SDF a model without a joint to the world floats. Here its root link is fixed at its pose unless
+  ``load(..., free_flyer=True)`` lets it float, as for URDF files. ``<static>`` models never move.
+* If a file has a single model, links, joints and frames are known by their names, otherwise as ``model::name``. Before
+  version 1.7 a link and a joint may have the same name: the joint is then called ``name_joint``.
+* Damping and friction of a ball joint act about all its axes. Position limits are kept in the model, without effect.
+* Gazebo's joint controllers become forces (``formats/actuators.py``). Contacts, sensors, other plugins and lights are
+  ignored. Elements that would change the motion and cannot be converted are refused: ``<include>``, kinematic links,
+  inertias computed from shapes, fluid added mass, gravity on some of the links only.
+* A screw joint becomes Pinocchio's helical joint. A universal joint becomes two hinges, ``name_axis`` and
+  ``name_axis2``, with a massless body between them, because ``computeRNEADerivatives`` is wrong for Pinocchio's own
+  universal joint.
 """
 
 import logging
@@ -30,8 +31,8 @@ from ..actuators import controllers
 from ..reading import RobotFile, closing, parsed, read_bytes, refuse, shown, text
 from ..urdf import INERTIA, SHAPES, add_visual, checked, fixed_links, symmetric
 from .document import Body, Document
+from .graph import JointGraph, build, couplings
 from .joints import read_joints
-from .net import Net, build, couplings
 
 _DEFAULT_INERTIA = dict(zip(INERTIA, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), strict=True))  # kg·m²
 _LINK = ("pose", "inertial", "collision", "visual", "sensor", "projector", "audio_sink", "audio_source", "battery")
@@ -41,7 +42,7 @@ _log = logging.getLogger(__name__)
 
 
 def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> RobotFile:
-    """What an SDF file says; links and `<frame>` elements become frames of the model, a free-flyer ``root_joint``."""
+    """Read an SDF file. Links and `<frame>` elements become frames of the model; a free-flyer is ``root_joint``."""
     raw = parsed(content := read_bytes(path))
     holders = [each for tag in ("world", "model", "joint", "axis", "axis2") for each in raw.iter(tag)]
     found = [
@@ -51,16 +52,16 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> Robo
     document = Document(raw)
     joints = read_joints(document)
     robot = checked(in_urdf(document, [Path(folder).resolve() for folder in folders]), name)
-    net = Net(document, joints)
-    if len(net.roots) > 1:
-        _log.warning("%s: no joints tie %s together or to the world", path, ", ".join(map(repr, net.roots)))
-    model, guess = build(document, net, inertias(document), name, free_flyer)
+    graph = JointGraph(document, joints)
+    if len(graph.roots) > 1:
+        _log.warning("%s: no joints connect %s to each other or to the world", path, ", ".join(map(repr, graph.roots)))
+    model, guess = build(document, graph, inertias(document), name, free_flyer)
     if weightless(document):
         model.gravity.linear = np.zeros(3)
-    motions = [motion for joint in net.joints for motion in zip(joint.parts, joint.axes, strict=False)]
+    motions = [motion for joint in graph.joints for motion in zip(joint.parts, joint.axes, strict=False)]
     springs = [JointSpring(part, axis.stiffness, axis.reference) for part, axis in motions if axis.stiffness]
     guess |= {part: axis.initial for part, axis in motions if axis.initial and model.existJointName(part)}
-    shapes, loops = tostring(robot, encoding="unicode"), tuple(net.loops(document))
+    shapes, loops = tostring(robot, encoding="unicode"), tuple(graph.loops(document))
     acting = controllers(document, joints, model)
     return RobotFile(
         model, shapes, loops, tuple(couplings(joints)), forces=(*springs, *acting), guess=guess,
@@ -69,7 +70,7 @@ def read(path: Path, name: str, folders, *, free_flyer=False, ignore=()) -> Robo
 
 
 def in_urdf(document: Document, folders: list[Path]) -> Element:
-    """A raw `<robot>` with the links of a file, their inertias and shapes, all fixed to the first one."""
+    """A raw `<robot>` with the links of a file, their inertias and shapes; all links are fixed to the first one."""
     robot, links = fixed_links(document.bodies)
     for name, body in document.bodies.items():
         body.node.warn_unknown(_LINK)
@@ -81,7 +82,7 @@ def in_urdf(document: Document, folders: list[Path]) -> Element:
 
 
 def inertias(document: Document) -> dict[str, pin.Inertia]:
-    """Link → its inertia in its own frame; the numbers are those of :func:`in_urdf`."""
+    """Link → its inertia in its own frame, with the same numbers as in :func:`in_urdf`."""
     found = {}
     for name, body in document.bodies.items():
         node = body.node.child("inertial")
@@ -91,27 +92,27 @@ def inertias(document: Document) -> dict[str, pin.Inertia]:
 
 
 def weightless(document: Document) -> bool:
-    """Whether gravity acts on no link; FormatError if it acts on some of the moving ones only."""
+    """Whether gravity acts on none of the moving links; FormatError if it acts on some of them only."""
     pulled, free = [], []
     for name, body in document.bodies.items():
         if body.node.flag("kinematic"):
-            raise body.node.error("kinematic links, moved by a program, cannot be read")
+            raise body.node.error("kinematic links, which a program moves, are not supported")
         if any(body.node.child("velocity_decay").value(tag) for tag in ("linear", "angular")):
             _log.warning("%s: velocity_decay has no effect", body.node.name)
         if not body.static:
             (pulled if body.node.flag("gravity", True) else free).append((name, body.node))
     if pulled and free:
         raise free[0][1].error(
-            f"gravity does not act on it, but on {pulled[0][0]!r}; it can be switched off for all links only"
+            f"gravity is off for this link, but on for {pulled[0][0]!r}; it can be switched off only for all links"
         )
     return bool(free)
 
 
 def _inertial(out, node):
     if node.truth(node.get("auto", "false")):
-        raise node.error("inertias from shapes (auto) cannot be read; write them out")
+        raise node.error("inertias computed from shapes (auto) are not supported; give their values")
     if node.child("fluid_added_mass"):
-        raise node.error("fluid_added_mass cannot be read")
+        raise node.error("fluid_added_mass is not supported")
     SubElement(out, "mass", value=text(node.value("mass", 1.0)))
     inertia = node.child("inertia")
     SubElement(out, "inertia", {key: text(inertia.value(key, each)) for key, each in _DEFAULT_INERTIA.items()})
@@ -124,7 +125,7 @@ def _visual(link, node, body: Body, document, folders):
     if kind == "mesh":
         uri = solid.word("uri")
         if uri.startswith(("http://", "https://")):
-            _log.warning("%s: uri: left out, nothing is fetched from the network: %s", solid.name, shown(uri))
+            _log.warning("%s: uri: left out, nothing is downloaded: %s", solid.name, shown(uri))
             return
         sizes["filename"] = _mesh(uri, folders, solid.child("uri"))
     place, relative_to = node.pose()
@@ -137,7 +138,7 @@ def _visual(link, node, body: Body, document, folders):
 
 
 def _mesh(uri, folders, node):
-    """A mesh's name in URDF's words; FormatError if it leads out of the folders."""
+    """The file name of a mesh as URDF writes it; FormatError if it is outside the folders."""
     scheme, _, rest = uri.rpartition("://")
     if scheme in ("model", "package"):
         inside = not os.path.normpath(rest).startswith((os.pardir, os.sep))
@@ -145,8 +146,8 @@ def _mesh(uri, folders, node):
         targets = [Path(os.path.normpath(folder / rest)) for folder in folders]
         inside = any(target.is_relative_to(folder) for target in targets for folder in folders)
     else:
-        raise node.error(f"the scheme of {shown(uri)} is none of model, package, file")
+        raise node.error(f"the scheme of {shown(uri)} is not one of model, package, file")
     if "\0" in uri or not inside:
-        reason = "leads out of the folder of the scene; name the folders of its meshes by package_dirs="
+        reason = "is outside the folder of the scene; pass the folders of its meshes as package_dirs="
         raise node.error(f"{shown(uri)} {reason}")
     return f"package://{rest}" if scheme == "model" else uri

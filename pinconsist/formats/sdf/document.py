@@ -1,7 +1,7 @@
-"""SDF elements → bodies, joints and frames with their places in the world, before any tree is made of them.
+"""SDF elements → bodies, joints and frames with their poses in the world, before the tree is built.
 
-Full names join the models and the name, ``model::link``; the world is ``"world"``. Sources: the tutorials "Pose frame
-semantics" and "Model composition" of sdformat.org.
+A full name contains the names of the models, ``model::link``; the world is ``"world"``. Sources: the tutorials "Pose
+frame semantics" and "Model composition" of sdformat.org.
 """
 
 import logging
@@ -19,7 +19,7 @@ from ..reading import Node, floats, near, require_known, shown
 
 WORLD = "world"
 OLDEST = (1, 4)
-FRAMES = (1, 7)  # the version from which names are unique, and axes expressed in named frames
+FRAMES = (1, 7)  # the version from which names are unique and axes may be expressed in named frames
 DEEPEST = 30
 GRAVITY = (0.0, 0.0, -9.8)  # of a world without <gravity>, m/s²
 INFINITE = 1e16  # limits from this size on are infinite, as in libsdformat
@@ -32,19 +32,19 @@ _log = logging.getLogger(__name__)
 
 
 class SdfNode(Node):
-    """An element of SDF, whose numbers, flags and names are the texts of its child elements."""
+    """An element of SDF; its numbers, flags and names are the texts of its child elements."""
 
     def values(self, tag: str, default: tuple[float, ...]) -> tuple[float, ...]:
-        """The finite numbers of a child, as many as the default has."""
+        """The finite numbers in a child, as many as in the default."""
         found = self.child(tag)
         return floats(found.text(), len(default), found.name) if found else default
 
     def value(self, tag: str, default: float = 0.0) -> float:
-        """The finite number of a child."""
+        """The finite number in a child."""
         return self.values(tag, (default,))[0]
 
     def limit(self, tag: str, default: float) -> float:
-        """The number of a child, which may be infinite."""
+        """The number in a child, which may be infinite."""
         found = self.child(tag)
         try:
             value = float(found.text()) if found else default
@@ -66,14 +66,14 @@ class SdfNode(Node):
         return word in ("true", "1")
 
     def word(self, tag: str) -> str:
-        """The text of a child that is required."""
+        """The text of a required child."""
         found = self.child(tag, required=True)
         if not found.text():
             raise self.error(f"<{tag}> is empty")
         return found.text()
 
     def pose(self) -> tuple[pin.SE3, str]:
-        """The `<pose>`, and the frame that it is relative to (empty: the default one).
+        """The `<pose>`, and the name of the frame that it is relative to (empty: the default frame).
 
         x y z in m, then roll pitch yaw in rad, or degrees, or a quaternion x y z w, which is normalised.
         """
@@ -95,7 +95,7 @@ class SdfNode(Node):
         return pin.SE3(rotation, values[:3]), found.get("relative_to") or found.get("frame")  # the latter before 1.7
 
     def warn_unknown(self, known: tuple[str, ...]) -> None:
-        """Warn of children that are not known, most likely misspelt; they have no effect."""
+        """Warn of unknown children, which are probably misspelt; they have no effect."""
         for tag in dict.fromkeys(child.tag for child in self.xml):
             if tag not in known:
                 _log.warning("%s: the element <%s> is not known and has no effect%s", self.name, tag, near(tag, known))
@@ -105,12 +105,12 @@ class SdfNode(Node):
         if include := self.child("include"):
             raise self.error(
                 f"<include> of {include.child('uri').text()[:80]!r}: other files are not read. `gz sdf -p file` "
-                "writes one file that holds everything"
+                "writes a single file that contains everything"
             )
 
 
 class Body(NamedTuple):
-    """A link: its element, its place in the world, the model that it belongs to, and whether it cannot move."""
+    """A link: its element, its pose in the world, the model that it belongs to, and whether it is fixed."""
 
     node: SdfNode
     pose: pin.SE3
@@ -119,36 +119,36 @@ class Body(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """A frame as the file writes it. It refers to others by a scope, the full name of a model or empty, and a name."""
+    """A frame as given in the file. It refers to others by (scope, name); a scope is a model's full name, or empty."""
 
     element: str  # the name that messages use
-    pose: pin.SE3  # in its base; with `placement`, that of the frame inside a model by which the model is placed
+    pose: pin.SE3  # in `base`; for a model with a `placement` frame, the pose of that frame
     base: tuple[str, str]
-    attached: tuple[str, str] | None  # what it moves with; None: a link
+    attached: tuple[str, str] | None  # the frame that it moves with; None: it is a link itself
     placement: str = ""
 
 
 def join(scope: str, name: str) -> str:
-    """The full name of what is called `name` in a scope."""
+    """The full name of the element called `name` in a scope."""
     return f"{scope}::{name}" if scope else name
 
 
 class Document:
-    """What a parsed file holds, by the names in the mechanism; FormatError for the first thing that is wrong.
+    """The contents of a parsed file, by their names in the mechanism; FormatError for the first error.
 
-    The names of a file are collected first, and what they refer to is looked up afterwards. `frames` are the `<frame>`
-    elements with the body that each moves with and its place in the world, `roots` the bodies that the file names as
-    canonical links.
+    All names of a file are collected first, and references are resolved afterwards. `frames` are the `<frame>`
+    elements, each with the body that it moves with and its pose in the world; `roots` are the bodies that the file
+    names as canonical links.
     """
 
     def __init__(self, raw: Element):
         self.version, top = _version(raw), SdfNode(raw, "sdf")
-        self.joints: list[tuple[str, SdfNode, str]] = []  # full name, element, scope; without those of static models
+        self.joints: list[tuple[str, SdfNode, str]] = []  # full name, element, scope; not of static models
         self.plugins: list[tuple[SdfNode, str]] = []  # of models: element, scope
         self.gravity: np.ndarray | None = None  # m/s²; None if there is no world
         if worlds := raw.findall("world"):
             if len(worlds) > 1:
-                raise FormatError(f"one world is needed, this file has {len(worlds)}; keep one of them")
+                raise FormatError(f"this file has {len(worlds)} worlds; keep one of them")
             top = SdfNode(worlds[0], "world")
             top.warn_unknown(_WORLD)
             if top.child("state"):
@@ -156,10 +156,10 @@ class Document:
             holder = top if self.version > (1, 5) else top.child("physics")
             self.gravity = np.array(holder.values("gravity", GRAVITY))
         top.refuse_includes()
-        models, self._cut = top.children("model"), 0  # letters of full names that the mechanism leaves out
+        models, self._cut = top.children("model"), 0  # length of the prefix that the mechanism drops
         if len(models) == 1 and not top.child("joint") and not top.child("frame"):
             self._cut = len(join(models[0].get("name"), ""))
-        self._all: dict[str, Frame] = {}  # by full names, as the following ones
+        self._all: dict[str, Frame] = {}  # by full name, like the following dictionaries
         self._poses = {WORLD: pin.SE3.Identity()}
         self._links, self._extra, self._canonical = {}, [], []
         for model in models:
@@ -202,7 +202,7 @@ class Document:
         for joint in node.children("joint"):
             full = self._name(joint, "joint", scope)
             child = joint.child("child").text()
-            if self.version < FRAMES and full in self._links:  # allowed then
+            if self.version < FRAMES and full in self._links:  # allowed before 1.7
                 full += "_joint"
             self._add(full, joint, scope, (scope, child), child)
             if not static:
@@ -214,7 +214,7 @@ class Document:
             self._extra.append(full)
 
     def _name(self, node, tag, scope):
-        """The full name of an element, which also gets its name for messages."""
+        """The full name of an element; also sets the name that messages use for it."""
         name = node.get("name")
         if not name.strip():
             raise FormatError(f"a {tag} has no name")
@@ -230,15 +230,15 @@ class Document:
         self._all[full] = Frame(node.name, pose, (scope, given or base), attached, placement)
 
     def short(self, full: str) -> str:
-        """The name in the mechanism and in messages, from the full one: without that of the only model of a file."""
+        """The name in the mechanism and in messages: the full name, without the model's if the file has only one."""
         return full if full == WORLD else full[self._cut :] or full
 
     def short_in(self, scope: str, name: str) -> str:
-        """The name in the mechanism of what a scope calls `name`."""
+        """The name in the mechanism of the element called `name` in a scope."""
         return self.short(join(scope, name))
 
     def resolve(self, scope: str, name: str, element: str) -> str:
-        """The full name of what a scope calls `name`; empty means the model or the world itself."""
+        """The full name of the element called `name` in a scope; empty means the model or the world itself."""
         if name in ("", "__model__"):
             return scope or WORLD
         full = WORLD if name == WORLD else join(scope, name)
@@ -249,7 +249,7 @@ class Document:
         return full
 
     def pose(self, full: str) -> pin.SE3:
-        """The pose in the world of a frame by its full name."""
+        """The pose in the world of the frame with this full name."""
         path, each = {}, full
         while each not in self._poses:
             each = self._step(path, each)
@@ -258,7 +258,7 @@ class Document:
         return self._poses[full]
 
     def body(self, full: str) -> str:
-        """The name of the link that a frame moves with, or the world; the frame by its full name."""
+        """The short name of the link that the frame with this full name moves with, or the world."""
         path = {}
         while full != WORLD and self._all[full].attached is not None:
             full = self._step(path, full, to_body=True)
@@ -270,7 +270,7 @@ class Document:
         if full in path:
             names = [*map(self.short, path), self.short(full)]
             listed = " → ".join(names[names.index(names[-1]) :][:8])
-            raise FormatError(f"a cycle of frames: {listed}", element=frame.element)
+            raise FormatError(f"the frames form a cycle: {listed}", element=frame.element)
         path[full] = self.resolve(*(frame.attached if to_body else frame.base), frame.element)
         return path[full]
 
@@ -296,5 +296,5 @@ def _version(raw) -> tuple[int, ...]:
     if not re.fullmatch(r"\d{1,4}\.\d{1,4}", text):
         raise FormatError(f"<sdf> needs a version such as 1.7, not {text[:20]!r}")
     if (version := tuple(map(int, text.split(".")))) < OLDEST:
-        raise FormatError(f"version {text} is too old, 1.4 is the first that can be read; `gz sdf -p` converts files")
+        raise FormatError(f"version {text} is too old: the oldest supported version is 1.4; `gz sdf -p` converts files")
     return version

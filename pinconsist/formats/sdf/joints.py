@@ -1,4 +1,4 @@
-"""Joints of SDF: types, axes, what acts in them, gears and followers."""
+"""Joints of SDF: types, axes, joint forces, gearboxes and mimic joints."""
 
 import math
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from .document import FRAMES, WORLD, Document, SdfNode
 
 AXES = dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), 1) | dict.fromkeys(("ball", "fixed"), 0)
 AXES |= dict.fromkeys(("universal", "revolute2", "gearbox"), 2)
-"""Joint types, and how many axes they have."""
+"""Joint type → its number of axes."""
 PARALLEL = 1e-6  # sine of the angle between two axes below which they count as parallel
 _PARTS = ("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio", "gearbox_reference_body")
 _PARTS += ("thread_pitch", "screw_thread_pitch")
@@ -20,7 +20,7 @@ _IN_AXIS = ("xyz", "dynamics", "limit", "mimic", "use_parent_model_frame", "init
 
 
 class Follower(NamedTuple):
-    """The `<mimic>` of an axis: position = ratio · position of the leader's axis + offset."""
+    """The `<mimic>` of an axis: its position = ratio · position of the leader's axis + offset."""
 
     joint: str
     axis: int
@@ -30,7 +30,7 @@ class Follower(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """One axis of a joint, in the joint's frame, and what the file says of the motion along it (SI units)."""
+    """One axis of a joint, in the joint's frame, and the parameters of the motion along it (SI units)."""
 
     direction: np.ndarray
     damping: float = 0.0
@@ -47,27 +47,27 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint between two bodies, at the configuration of the file."""
+    """A joint between two bodies, in the configuration of the file."""
 
     name: str
-    kind: str  # one of `AXES`; ``revolute2`` has become ``universal``, ``continuous`` ``revolute``
+    kind: str  # one of `AXES`; ``revolute2`` is replaced by ``universal``, and ``continuous`` by ``revolute``
     parent: str  # a body, or ``"world"``
     child: str
     pose: pin.SE3  # of the joint's frame, in the world
-    axes: tuple[Axis, ...]  # as many as the kind has; that of a ball means all directions
-    pitch: float = 0.0  # of a screw: m along the axis for each revolution, positive for a right-handed thread
-    ratio: float = 1.0  # of a gearbox: θ₂ = -ratio θ₁, angles of child and parent against the body `reference`
+    axes: tuple[Axis, ...]  # as many as the kind has; the axis of a ball stands for all directions
+    pitch: float = 0.0  # of a screw: m per revolution, positive for a right-handed thread
+    ratio: float = 1.0  # of a gearbox: θ₂ = -ratio θ₁, the angles of child and parent relative to the body `reference`
     reference: str = ""
-    must_cut: bool = False  # the file asks that this joint closes a loop
+    must_cut: bool = False  # the file requests that this joint close a loop
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Names of the joints that it becomes: one for each axis where it has two."""
+        """Names of the joints that it becomes: one for each axis if it has two."""
         return (f"{self.name}_axis", f"{self.name}_axis2") if self.kind == "universal" else (self.name,)
 
 
 def read_joints(document: Document) -> list[Joint]:
-    """The joints of a file, as far as they are not in static models; FormatError for the first that is wrong."""
+    """The joints of a file, without those in static models; FormatError for the first invalid one."""
     return [_Reader(document, scope).joint(full, node) for full, node, scope in document.joints]
 
 
@@ -110,7 +110,7 @@ class _Reader:
 
     def _axis(self, node, pose) -> Axis:
         if not node:
-            raise node.error("it is missing")
+            raise node.error("the element is missing")
         node.warn_unknown(_IN_AXIS)
         direction = np.array(node.values("xyz", (0.0, 0.0, 1.0)))
         if not direction.any():
@@ -129,11 +129,11 @@ class _Reader:
         return Axis(direction, *acting, *bounds, node.value("initial_position"), follows)
 
     def _expressed_in(self, node):
-        """The frame of the components of an axis; empty: the joint's own."""
+        """The frame in which an axis is expressed; empty: the joint's own."""
         frame = node.child("xyz").get("expressed_in")
         if self.version <= (1, 4):
             return "__model__"
-        if self.version < FRAMES and not frame:  # the flag was given up for expressed_in
+        if self.version < FRAMES and not frame:  # the flag was later replaced by expressed_in
             return "__model__" if node.flag("use_parent_model_frame") else ""
         return frame
 
@@ -149,7 +149,7 @@ class _Reader:
 
 
 def _ball(node):
-    """The damping and friction that simulators let act about all axes of a ball; its direction means nothing."""
+    """The axis of a ball: simulators apply its damping and friction about all axes; its direction has no meaning."""
     damping, friction, stiffness, _ = _dynamics(node.child("dynamics"))
     if stiffness:
         raise node.error("a ball joint has no axis about which a spring could act")
@@ -167,9 +167,9 @@ def _dynamics(node: SdfNode) -> list[float]:
 
 
 def _pitch(node: SdfNode) -> float:
-    """m per revolution, positive for a right-handed thread, as libsdformat takes it.
+    """The pitch in m per revolution, positive for a right-handed thread, as in libsdformat.
 
-    ``thread_pitch`` is the older element: rad per m, positive for a left-handed thread.
+    The older element ``thread_pitch`` is in rad per m, and positive for a left-handed thread.
     """
     old = node.child("thread_pitch")
     if node.child("screw_thread_pitch") or not old:

@@ -1,4 +1,4 @@
-"""Forces: what acts on a mechanism besides gravity and the loops.
+"""Forces on a mechanism, in addition to gravity and the loop forces.
 
 ============= ============================================================ ==========================================
 record        law                                                          unit
@@ -11,14 +11,14 @@ JointTorque   τ by joint name, constant or a function of time              N·m
 Servo         τ = k (θ_d(t) - θ) + d (θ̇_d(t) - θ̇)                          N·m/rad, N·m·s/rad or N/m, N·s/m
 Actuator      τ = gear f, f affine in its command, position and velocity   N·m or N
 Wrench        a force and a moment on a frame, in world or its own axes    N, N·m
-HeldTorque    τ of a table, held until the next time, or linear            N·m or N
-Sampled       τ = law(t, q, v) once a period, held until the next time     N·m or N
-Torque        τ = f(t, q, v), a user's function                            N·m or N
-Piecewise     any of them, with the times at which it jumps
+HeldTorque    τ from a table, held until the next time, or linear          N·m or N
+Sampled       τ = law(t, q, v) once per period, held until the next        N·m or N
+Torque        τ = f(t, q, v), a user-defined function                      N·m or N
+Piecewise     any of these, with the times at which it jumps
 ============= ============================================================ ==========================================
 
-They are records in plain numbers, by the names of joints and frames; ``bind(model)`` makes what a system evaluates.
-The equations are M v' + nle = τ + Jᵀλ, so that τ·v is the power that goes into the mechanism.
+They are records of plain numbers that refer to joints and frames by name; ``bind(model)`` returns the object that a
+system evaluates. The equations are M v' + nle = τ + Jᵀλ, so that τ·v is the power supplied to the mechanism.
 """
 
 import numpy as np
@@ -37,13 +37,13 @@ __all__ = [
 
 
 def model_forces(model) -> tuple[JointDamping | JointFriction, ...]:
-    """The forces a model carries itself: its joints' damping and dry friction, where they are not zero."""
+    """The forces of the model itself: damping and dry friction of its joints, unless they are zero."""
     own = (JointDamping, model.damping), (JointFriction, model.upperDryFrictionLimit)
     return tuple(record(coefficients) for record, coefficients in own if np.any(coefficients))
 
 
 def bound_forces(model, forces) -> dict[str, Force]:
-    """The model's own forces and the given ones, ready to be evaluated, under different labels; InputError by them."""
+    """The model's own forces and the given ones, bound to the model, by unique labels; passes on their InputErrors."""
     bound: dict[str, Force] = {}
     for force in (*model_forces(model), *forces):
         label = unused(label_of(force), bound)

@@ -1,4 +1,4 @@
-"""Actuators of robot files: affine laws with a gear and limits, commanded by name, by a program, or as in a run."""
+"""Actuators of robot files: affine laws with a gear and limits; their commands by name, from a program, or of a run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UNLIMITED = (-np.inf, np.inf)
 
 
 class BoundActuator(BoundForce):
-    """An actuator on a model; `held` gives the commands of a program, which come before those of the record."""
+    """An actuator on a model; commands that `held` returns, those of a program, take precedence over the record's."""
 
     def __init__(self, record, model, held=None):
         self._record, self._held = record, held
@@ -30,21 +30,21 @@ class BoundActuator(BoundForce):
         self._what = f"the command of {record._who}"
 
     def command(self, t) -> float:
-        """The command before it is limited."""
+        """The command before clipping."""
         if self._held is not None and (held := self._held(t)) is not None:
             return held
         control = self._record.control
         return float(returned(control, self._what, (), t)) if callable(control) else control
 
     def unlimited(self, t, q, v) -> tuple[float, float, np.ndarray]:
-        """The force before it is limited, N·m or N, the command that is obeyed, and the law's numbers under it."""
+        """The force before clipping, N·m or N, the clipped command, and the coefficients of 1, l and l̇."""
         command = min(max(self.command(t), self._control[0]), self._control[1])
         length = self._arms.dot([joint.value(q) for joint in self._joints])
         law = self._gain * command + self._bias
         return law.dot((1.0, length, self._arms.dot(v[self._columns]))), command, law
 
     def at_limit(self, t, q, v) -> bool:
-        """Whether the command or the force is cut at a state."""
+        """Whether the command or the force is clipped at a state."""
         force, command, _ = self.unlimited(t, q, v)
         return command != self.command(t) or not self._force[0] <= force <= self._force[1]
 
@@ -161,7 +161,7 @@ def commanded(mechanism, control: Mapping):
             names = [forces[i].name for i in places]
             what = "several actuators act on joint" if found else "no actuator"
             raise InputError(
-                f"{mechanism.name}: {what} {given!r}{near(given, names)}; there are {', '.join(names) or 'none'}"
+                f"{mechanism.name}: {what} {given!r}{near(given, names)}; available: {', '.join(names) or 'none'}"
             )
         if (first := by.setdefault(found[0], given)) != given:
             raise InputError(f"{mechanism.name}: {first!r} and {given!r} are the same actuator, which has one command")
@@ -170,28 +170,28 @@ def commanded(mechanism, control: Mapping):
 
 
 def commands(mechanism) -> dict[str, float | list | None]:
-    """The commands of the actuators by name, as plain data: tables are (times, values), and functions None."""
+    """The commands of the actuators by name, as plain data: tables become (times, values), and functions None."""
     controls = {force.name: force.control for force in mechanism.forces if isinstance(force, Actuator)}
     tables = {name: [list(each.times), list(each.values)] for name, each in controls.items() if isinstance(each, Table)}
     return {name: None if callable(control) else control for name, control in controls.items()} | tables
 
 
 def _command(actuator, command):
-    """A command from what a user may give: a number, a function of time, or a table (times, values)."""
+    """A command from user input: a number, a function of time, or a table (times, values)."""
     if callable(command) or np.ndim(command) == 0:
         return command
     table = finite_array(command, f"the command of {actuator!r}")
     if table.ndim != 2 or table.shape[0] != 2 or table.shape[1] < 2 or (np.diff(table[0]) <= 0.0).any():
         raise InputError(
-            f"the command of {actuator!r} needs a number, a function of time, or (times, values) with times that rise; "
-            f"got shape {table.shape}"
+            f"the command of {actuator!r} must be a number, a function of time, or (times, values) with increasing "
+            f"times; got shape {table.shape}"
         )
     return Table(*map(tuple, table.tolist()))
 
 
 @dataclass(frozen=True)
 class Table:
-    """A command by a table, interpolated in straight lines; at its ends the values stay."""
+    """A command from a table, linearly interpolated; constant before the first time and after the last."""
 
     times: tuple[float, ...]
     values: tuple[float, ...]
@@ -201,7 +201,7 @@ class Table:
 
 
 def saturated(mechanism, t, q, v) -> dict[str, float]:
-    """Actuator → share of the rows in which its command or force was cut, of those for which that happens."""
+    """Actuator → fraction of the rows in which its command or force was clipped; only if this happened."""
     found = {}
     for force in mechanism.forces:
         if isinstance(force, Actuator) and (force.control_range or force.force_range):
@@ -213,7 +213,7 @@ def saturated(mechanism, t, q, v) -> dict[str, float]:
 
 
 class BoundHeldActuator(BoundHeld):
-    """An actuator of which a program gives the commands."""
+    """An actuator with commands from a program."""
 
     def __init__(self, record, model):
         entries = np.zeros((0, 2)) if record.entries is None else record.entries
@@ -234,7 +234,7 @@ class BoundHeldActuator(BoundHeld):
 
 @dataclass(frozen=True, eq=False)
 class HeldActuator(Actuator):
-    """An actuator that a program commands while a run is made, or has commanded: since when, and what, (n, 2)."""
+    """An actuator with commands from a program, now or in a run: `entries` (n, 2) are start times and commands."""
 
     entries: np.ndarray | None = None
     sign: float = 1.0
@@ -243,19 +243,19 @@ class HeldActuator(Actuator):
 
     @classmethod
     def of(cls, actuator, entries=None, sign=1.0):
-        """The same actuator, commanded so."""
+        """The same actuator with these commands."""
         known = {each.name: getattr(actuator, each.name) for each in fields(Actuator)}
         return cls(**known, entries=entries, sign=sign)
 
 
 def programmed(mechanism):
-    """The mechanism with a force ``"control"`` and actuators that a program commands."""
+    """The mechanism with actuators that take their commands from a program, and a force ``"control"``."""
     forces = [HeldActuator.of(force) if isinstance(force, Actuator) else force for force in mechanism.forces]
     return replace(mechanism, forces=(*forces, Held("control")))
 
 
 def _commands_of(solution) -> dict:
-    """Actuator → command of a run; None for functions of one that was read from a file."""
+    """Actuator → its command in a run; None for functions if the run was read from a file."""
     own = getattr(getattr(solution, "system", None), "mechanism", None)
     if own is None:
         return getattr(solution, "method", {}).get("control", {})
@@ -263,14 +263,14 @@ def _commands_of(solution) -> dict:
 
 
 def replayed(mechanism, solution):
-    """The mechanism with the commands of a run of it, and what it has held in the place of the forces that made it."""
+    """The mechanism with the commands of its run, and with recorded torques in place of forces that were sampled."""
     if mechanism is not None and (control := _commands_of(solution)):
         given = {force.name for force in mechanism.forces if isinstance(force, Actuator) and callable(force.control)}
         known = {name: command for name, command in control.items() if command is not None}
         if unknown := [name for name in control if name not in known.keys() | given | solution.held.keys()]:
             raise InputError(
-                f"the command of {unknown[0]!r} was a function of time, which is not kept with a solution: give it to "
-                f"the mechanism, mechanism.with_control({{{unknown[0]!r}: …}})"
+                f"the command of {unknown[0]!r} was a function of time, which a solution file does not store: pass it "
+                f"again, mechanism.with_control({{{unknown[0]!r}: …}})"
             )
         mechanism = commanded(mechanism, known)
     if mechanism is None or not getattr(solution, "held", None):

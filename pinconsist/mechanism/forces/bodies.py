@@ -16,11 +16,11 @@ from ..loops import GROUND
 from .force import BoundForce, ForceRecord
 
 SHORTEST = 1e-9
-"""Distance of the two points within which the direction of a spring fades away, m."""
+"""Distance of the two points, m, below which the force of a spring is smoothed, as its direction is undefined at 0."""
 ZERO = (0.0, 0.0, 0.0)
 
 
-# A point of a body at a configuration, in world axes: position (3,), and J of its velocity and spin, (3, nv).
+# A point of a body at a configuration, in world axes: position (3,), and Jacobians of velocity and spin, (3, nv).
 _Point = namedtuple("_Point", "joint x J spin")
 
 
@@ -29,7 +29,7 @@ class _Points:
 
     def __init__(self, model: pin.Model):
         self.model = model.copy()
-        self.model.gravity.setZero()  # static torques are then those of the given forces alone
+        self.model.gravity.setZero()  # static torques are then those of the given forces only
         self.data = self.model.createData()
         self._loads = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         self._still = np.zeros((3, model.nv))
@@ -48,17 +48,17 @@ class _Points:
         return _Point(joint, pose.translation + arm, J[:3] - pin.skew(arm).dot(spin), spin)
 
     def gradient(self, q, loads, *, turning: bool) -> np.ndarray:
-        """∂(Σ Jᵀ f + spinᵀ m)/∂q, shape (nv, nv) in the tangent space, at the `q` to which :meth:`move` went.
+        """∂(Σ Jᵀ f + spinᵀ m)/∂q, shape (nv, nv) in the tangent space, at the `q` of the last :meth:`move`.
 
-        `loads` are (point, force, moment) in world axes, always on the same bodies, each at most once; `turning` says
-        whether they turn with their bodies or keep their directions in the world.
+        `loads` are (point, force, moment) in world axes, always on the same bodies, each at most once. With `turning`
+        they rotate with their bodies; otherwise they keep their directions in the world.
         """
         change = 0.0
         for point, force, moment in loads:
             if point.joint:
                 about_origin = moment + pin.skew(point.x).dot(force)
                 self._loads[point.joint] = self.data.oMi[point.joint].actInv(pin.Force(force, about_origin))
-                if not turning:  # a fixed direction turns in the axes of its body
+                if not turning:  # a fixed direction rotates relative to its body
                     change += (point.J.T.dot(pin.skew(force)) + point.spin.T.dot(pin.skew(moment))).dot(point.spin)
         return change - pin.computeStaticTorqueDerivatives(self.model, self.data, q, self._loads)
 
@@ -71,7 +71,7 @@ class _BoundSpring(BoundForce):
             frame = frame_of(model, frame, spring._who)
             self.ends.append((frame.parentJoint, frame.placement.act(np.array(xyz))))
         if self.ends[0][0] == self.ends[1][0]:
-            raise InputError(f"the {spring._who} joins a body to itself")
+            raise InputError(f"the {spring._who} connects a body to itself")
 
     def torque(self, t, q, v):
         l, u, J = self._line(q)[:3]
@@ -79,7 +79,7 @@ class _BoundSpring(BoundForce):
         return -self._tension(l, along @ v) * along
 
     def derivatives(self, t, q, v):
-        """Exact: stiffness and damping along the line, and T/l across it with the turning of the bodies."""
+        """Exact: stiffness and damping along the line, T/l across it, and the rotation of the bodies."""
         l, u, J, point1, point2 = self._line(q)
         along, spring, no_moment = u.dot(J), self.spring, np.zeros(3)
         squared = along[:, None] * along
@@ -96,7 +96,7 @@ class _BoundSpring(BoundForce):
         return True
 
     def hand_over_damper(self, twin) -> None:
-        """Add the damper alone to the compiled system: what the spring does not store."""
+        """Add only the damper to the compiled system, the part without stored energy."""
         spring, (end1, end2) = self.spring, self.ends
         twin.add_spring(*end1, *end2, 0.0, spring.length, spring.damping, SHORTEST)
 
@@ -110,7 +110,7 @@ class _BoundSpring(BoundForce):
         return self.spring.stiffness * (l - self.spring.length) + self.spring.damping * rate
 
     def _line(self, q):
-        """Length, direction from point 1 to 2, (3,), J of their difference, (3, nv), and the two points."""
+        """Length, direction from point 1 to point 2, (3,), J of their difference, (3, nv), and the two points."""
         self._points.move(q)
         point1, point2 = (self._points.at(joint, offset) for joint, offset in self.ends)
         r = point2.x - point1.x
@@ -168,7 +168,7 @@ class _BoundWrench(BoundForce):
     def __init__(self, wrench, model):
         frame = frame_of(model, wrench.frame, wrench._who)
         if frame.parentJoint == 0:
-            raise InputError(f"{wrench._who}: the frame belongs to the ground, which nothing moves")
+            raise InputError(f"{wrench._who}: the frame belongs to the ground, which cannot move")
         self._wrench, self._joint, self._turn = wrench, frame.parentJoint, frame.placement.rotation
         self._offset = frame.placement.act(np.array(wrench.xyz))
         self._points, self._local = _Points(model), wrench.axes == "local"
@@ -192,7 +192,7 @@ class _BoundWrench(BoundForce):
         return own
 
     def _in_world(self, t, q):
-        """Force and moment in world axes, at a configuration to which this moves."""
+        """Force and moment in world axes at a configuration; moves the points there."""
         self._points.move(q)
         wrench, parts = self._wrench, []
         for field, part in ("force", wrench.force), ("moment", wrench.moment):

@@ -1,4 +1,4 @@
-"""What a force is: the protocol, records in plain numbers, their laws on a model; torques at joints, users' laws."""
+"""The interface of forces: protocol, records, records bound to a model; joint torques and user-defined laws."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ MOST_NAMED = 3  # joints in a label
 
 
 class Force(Protocol):
-    """What acts on the joints: generalised torque τ, shape (nv,), N·m (or N).
+    """A generalised force τ on the joints, shape (nv,), N·m (or N).
 
-    A force that needs to know the model has instead a method ``bind(model)`` that returns such an object. It may also
-    have a ``label``, its name in reports, and a method ``stored(q, v) -> (energy, rate)``, J and W, for the part of it
-    that is elastic.
+    A force that depends on the model has a method ``bind(model)`` instead, which returns such an object. It may also
+    have a ``label``, its name in reports, and a method ``stored(q, v) -> (energy, rate)``, J and W, if it stores
+    elastic energy.
     """
 
     def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -32,10 +32,10 @@ class Force(Protocol):
 
 
 class ForceRecord:
-    """A force in plain numbers, by the names of joints and frames; it knows no model yet."""
+    """A force in plain numbers that refers to joints and frames by name; it is not bound to a model."""
 
     _kind: ClassVar[str]
-    _acts_on: ClassVar[str]  # the field that says where
+    _acts_on: ClassVar[str]  # the field with the joints or frames
     _law: ClassVar[Any]  # (record, model) → BoundForce
 
     @property
@@ -43,7 +43,7 @@ class ForceRecord:
         """The name of the force in energy reports and messages: "damping crank, rocker", without joints if many."""
         where = getattr(self, self._acts_on) or ()
         names = [where] if isinstance(where, str) else list(where)
-        named = 0 < len(names) <= MOST_NAMED and isinstance(names[0], str)  # not a number for each velocity
+        named = 0 < len(names) <= MOST_NAMED and isinstance(names[0], str)  # otherwise one number for each velocity
         return f"{self._kind} {', '.join(names)}" if named else self._kind
 
     def bind(self, model) -> Any:
@@ -56,7 +56,7 @@ class ForceRecord:
 
 
 class BoundForce(ABC):
-    """A record on a model, by default one that depends on time alone and that only Python can evaluate."""
+    """A record bound to a model; by default it depends on time only, and only Python can evaluate it."""
 
     @abstractmethod
     def torque(self, t, q, v): ...
@@ -65,7 +65,7 @@ class BoundForce(ABC):
         return None, None
 
     def hand_over(self, twin) -> bool:
-        """Add this law to the compiled system; False where that has to call Python."""
+        """Add this law to the compiled system; False if it must be evaluated in Python."""
         return False
 
 
@@ -182,7 +182,7 @@ class Torque:
 
 
 class UserForce(BoundForce):
-    """A user-defined force object: what it returns is checked before it is used."""
+    """A user-defined force object, whose return values are checked."""
 
     def __init__(self, force, label):
         self._force, self._label = force, label
@@ -197,9 +197,9 @@ class UserForce(BoundForce):
 
 
 def as_force(force) -> Any:
-    """A force from what a user may give: a Force, joint torques by name or as an array, or a callable f(t, q, v)."""
+    """A force from user input: a Force, joint torques by name or as an array, or a callable f(t, q, v)."""
     if isinstance(force, type):
-        raise InputError(f"a force must be an object, not the class {force.__name__}: give {force.__name__}(…)")
+        raise InputError(f"a force must be an object, not the class {force.__name__}: pass {force.__name__}(…)")
     if hasattr(force, "bind") or (hasattr(force, "torque") and hasattr(force, "derivatives")):
         return force
     if isinstance(force, Mapping):
@@ -220,7 +220,7 @@ def label_of(force) -> str:
 
 
 def bound_force(model, force, label):
-    """A force of any kind, ready to be evaluated."""
+    """A force of any kind, bound to a model."""
     force = force.bind(model) if hasattr(force, "bind") else force
     return force if isinstance(force, Torque | BoundForce) else UserForce(force, label)
 
@@ -237,7 +237,7 @@ def _gradient(function, what, t, q, v):
 
 
 def unused(wanted: str, taken) -> str:
-    """`wanted`, or "wanted 2", "wanted 3", … where that is taken."""
+    """`wanted`, or "wanted 2", "wanted 3", … if it is taken."""
     found, count = wanted, 1
     while found in taken:
         count += 1

@@ -1,4 +1,4 @@
-"""Torques that are held: tables of them, and digital controllers, which make such a table while they run."""
+"""Held torques: tables, and digital controllers, which record such a table while they run."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
@@ -10,20 +10,20 @@ from ...errors import InputError
 from ..checks import columns, finite_array, number, put, read_only, require_functions, returned, several
 from .force import BoundForce, ForceRecord
 
-SAME_TIME = 1e-9  # periods within which two times are one
-BESIDE = 1e-13  # of a time, or of 1 s: so far from a jump forces are as before or after it
+SAME_TIME = 1e-9  # in periods: times that differ by less are equal
+BESIDE = 1e-13  # relative to a time, or to 1 s: offset at which forces are evaluated before and after a jump
 
 
 def beside(t):
-    """How far from times `t` two times are one."""
+    """The difference of times near `t` below which they are equal."""
     return BESIDE * np.maximum(1.0, np.abs(t))
 
 
 class BoundHeld(BoundForce):
     """A table of torques (nv,), each held from its time to the next, in the direction of the run.
 
-    The first `entered` entries count: a step that ends at a time of the table still has the torques before. In a
-    `linear` one torques go to the next in straight lines.
+    Only the first `entered` entries are in effect, so that a step that ends at a time of the table uses the torques
+    before that time. With `linear`, torques are interpolated linearly.
     """
 
     def __init__(self, nv, times=(), torques=(), sign=1.0, linear=False):
@@ -33,13 +33,13 @@ class BoundHeld(BoundForce):
 
     @property
     def held(self) -> np.ndarray:
-        """The entries that count, a row each: time and torques, shape (n, 1 + nv)."""
+        """The entries in effect as rows of time and torques, shape (n, 1 + nv)."""
         n = len(self._keys) if self._linear else self.entered
         times, torques = self._sign * np.array(self._keys[:n]), np.array(self._torques[:n])
         return np.hstack((times.reshape(n, 1), torques.reshape(n, self._nv)))
 
     def entry(self, t):
-        """What is held at a time, or None before the first entry."""
+        """The torques at a time, or None before the first entry."""
         keys, torques = self._keys, self._torques
         i = bisect_right(keys, self._sign * t, 0, self.entered)
         if not (self._linear and 0 < i < len(keys)):
@@ -51,7 +51,7 @@ class BoundHeld(BoundForce):
         return np.zeros(self._nv) if held is None else held.copy()
 
     def hold(self, t, torque) -> None:
-        """Hold a torque (nv,) from now on; one at the same time takes the place of the last."""
+        """Hold a torque (nv,) from `t` on; it replaces a torque that was added at the same time."""
         self._keys.append(self._sign * t)
         self._torques.append(torque)
         self.entered = len(self._keys)
@@ -59,8 +59,8 @@ class BoundHeld(BoundForce):
             self._table.hold(t, torque)
 
     def start(self, t, backwards) -> None:
-        """A run starts at `t`: of the entries those count that are reached."""
-        if backwards != (self._sign < 0.0):  # torques then change to those before
+        """Start a run at `t`: the entries up to this time are in effect."""
+        if backwards != (self._sign < 0.0):  # reverse the table
             held = self.entry(t)
             now = np.zeros(self._nv) if held is None else held
             first = bisect_right(self._keys, self._sign * t)
@@ -77,11 +77,11 @@ class BoundHeld(BoundForce):
         return self._sign * (later[0] if later else np.inf)
 
     def change(self, t, q, v) -> bool:
-        """Enter what is due at a time; whether torques jump."""
+        """Put the entries up to a time into effect; return whether the torques jump."""
         before, now = self.entered, self._sign * t
         n = bisect_right(self._keys, now + beside(t))
         if self._keys[before:n] != (met := [min(key, now) for key in self._keys[before:n]]):
-            self._keys[before:n] = met  # `t` was added up, and is a little less
+            self._keys[before:n] = met  # `t` is a sum of steps, and slightly too small
             self._fill()
         self.entered = n
         if self._table is not None:
@@ -99,7 +99,7 @@ class BoundHeld(BoundForce):
         return self._table
 
     def _fill(self):
-        """Make the compiled table the same."""
+        """Copy the table to the compiled one."""
         if self._table is None:
             return
         self._table.clear(self._sign)
@@ -110,13 +110,13 @@ class BoundHeld(BoundForce):
 
 
 def columns_of(model, joints, who) -> np.ndarray:
-    """The velocity columns of some joints, all without."""
+    """The velocity columns of some joints; all columns if `joints` is None."""
     every = np.arange(model.nv)
     return every if joints is None else np.concatenate([every[columns(model, joint, who)] for joint in joints])
 
 
 class HeldRecord(ForceRecord):
-    """A record whose torques are held: a run keeps their table, and is judged by it."""
+    """A record with held torques; a run records their table, which its checks then use."""
 
     joints: str | Sequence[str] | None = None
     _acts_on = "joints"
@@ -124,7 +124,7 @@ class HeldRecord(ForceRecord):
 
 @dataclass(frozen=True, eq=False)
 class Held(HeldRecord):
-    """Torques that a program gives while the run is made, or the `table` of what a run has held, by a name."""
+    """Named torques from a program during a run, or a `table` recorded by a run."""
 
     name: str
     table: np.ndarray | None = None
@@ -174,8 +174,8 @@ class HeldTorque(HeldRecord):
         ways = set(np.sign(np.diff(times)).tolist()) if times.ndim == 1 else {0.0}
         if len(ways) > 1 or ways == {0.0} or torques.ndim != 2 or len(torques) != len(times):
             raise InputError(
-                f"HeldTorque needs times that rise (or fall) and a row of torques for each, got shapes {times.shape} "
-                f"and {torques.shape}"
+                f"HeldTorque needs increasing (or decreasing) times and a row of torques for each, got shapes "
+                f"{times.shape} and {torques.shape}"
             )
         put(self, times=read_only(times), torques=read_only(torques), joints=self.joints and several(self.joints))
 
@@ -201,7 +201,7 @@ class _BoundSampled(BoundHeld):
         self._keys, self._torques, self.entered = [], [], 0
         self._fill()
         late = record.delay / record.period
-        self._late = round(late) if abs(late - round(late)) < SAME_TIME else late  # else two times would nearly be one
+        self._late = round(late) if abs(late - round(late)) < SAME_TIME else late  # avoids almost equal times
 
     def next_change(self, t):
         due = min(self._taken, self._waiting[0][0]) if self._waiting else self._taken
@@ -264,6 +264,6 @@ class Sampled(HeldRecord):
 
 
 def sided(t):
-    """The times of rows; those before and after a jump a little earlier and later, with the torques at these sides."""
+    """The times of rows, shifted slightly before and after jumps, so that forces are evaluated on the right side."""
     jumps, sign = np.diff(t) == 0.0, 1.0 if t[-1] >= t[0] else -1.0
     return t + sign * beside(t) * (np.append(False, jumps) * 1.0 - np.append(jumps, False))

@@ -147,7 +147,7 @@ class _BoundServo(BoundForce):
 
 
 class _BoundSpring(_BoundServo):
-    """A spring is an undamped servo that holds one place, and stores energy."""
+    """A spring: an undamped servo with a constant target, which also stores energy."""
 
     def __init__(self, spring, model):
         self._set(spring, model, "sprung", spring.rest)
@@ -159,7 +159,7 @@ class _BoundSpring(_BoundServo):
         return 0.5 * load * deflection, load * v[self._coordinate.column]
 
     def hand_over_damper(self, twin) -> None:
-        """There is none."""
+        """Do nothing: there is no damper."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +238,7 @@ class Servo(ForceRecord):
             put(self, target=number(self.target, f"{self._who}: target"))
             if self.rate is not None:
                 raise InputError(
-                    f"{self._who}: a rate goes with a target that is a function of time, not {self.target!r}"
+                    f"{self._who}: a rate requires a target that is a function of time, got {self.target!r}"
                 )
         require_functions(self, self._who, "time", optional=("rate",))
         put_checked(self, self._who, number, "stiffness", "damping", least=0.0)

@@ -16,11 +16,11 @@ from ..checks import finite_array, number, put
 from .force import BoundForce, ForceRecord, as_force, bound_force, label_of
 from .held import beside
 
-MOST = float(np.finfo(float).max) / 2.0  # instead of infinity: differences of it are finite
+MOST = float(np.finfo(float).max) / 2.0  # in place of infinity: its differences are finite
 
 
 class BoundPiecewise(BoundForce):
-    """A force on a model; while a run is made it stays in the interval that `change` has entered."""
+    """A force on a model; during a run it stays in the interval that `change` has entered."""
 
     def __init__(self, record, force):
         self._force, self._times, self._period = force, record.times, record.period
@@ -35,16 +35,16 @@ class BoundPiecewise(BoundForce):
         return self._force.derivatives(self._inside(t), q, v)
 
     def start(self, t, backwards) -> None:
-        """A run starts at `t`."""
+        """Start a run at `t`."""
         self._backwards, self._here = backwards, None
         self._here = self._around(t)
 
     def next_change(self, t) -> float:
-        """The time of the next jump, or one that is never reached, in the direction of the run."""
+        """The time of the next jump in the direction of the run, or one that is never reached."""
         return self._here[0] if self._backwards else self._here[1]
 
     def change(self, t, q, v) -> bool:
-        """Enter the next interval if it is reached; whether it is."""
+        """Enter the next interval if it is reached; return whether it is."""
         due, sign = self.next_change(t), -1.0 if self._backwards else 1.0
         if sign * (due - t) > beside(t):
             return False
@@ -52,7 +52,7 @@ class BoundPiecewise(BoundForce):
         return True
 
     def _around(self, t):
-        """The interval between jumps that a time belongs to: at a jump that after it, in the direction of the run."""
+        """The interval between jumps that contains `t`; at a jump, the next one in the direction of the run."""
         if self._period:
             n, reached = floor(t / self._period), gt if self._backwards else ge
             if not reached(t, n * self._period):  # the quotient is rounded
@@ -64,9 +64,9 @@ class BoundPiecewise(BoundForce):
         return self._times[i - 1] if i else -MOST, self._times[i] if i < len(self._times) else MOST
 
     def _inside(self, t):
-        """The nearest time within the interval, whatever the law is at its ends."""
+        """The nearest time inside the interval, excluding its ends."""
         here = self._here
-        if here is None or (t > here[1] if self._backwards else t < here[0]):  # one that is long gone
+        if here is None or (t > here[1] if self._backwards else t < here[0]):  # a time before the current interval
             here = self._around(t)
         return float(min(max(t, here[0] + beside(here[0])), here[1] - beside(here[1])))
 
@@ -108,9 +108,9 @@ class Piecewise(ForceRecord):
     def __post_init__(self):
         times = finite_array(self.times, "Piecewise: times")
         if times.ndim != 1 or (np.diff(times) <= 0.0).any():
-            raise InputError(f"Piecewise: times must rise, got {self.times!r}")
+            raise InputError(f"Piecewise: times must increase, got {self.times!r}")
         if (len(times) == 0) == (self.period is None):
-            raise InputError("Piecewise needs times, or a period, at which the force jumps")
+            raise InputError("Piecewise needs either times or a period at which the force jumps")
         period = None if self.period is None else number(self.period, "Piecewise: period", above=0.0)
         put(self, force=as_force(self.force), times=tuple(times.tolist()), period=period)
 

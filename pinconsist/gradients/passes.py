@@ -1,30 +1,31 @@
-"""Derivatives along all legs of a run, forwards and back: starts, steps, events, and the rows that users see.
+"""Forward and backward pass over all legs of a run: starts, steps, events, and the rows that users see.
 
-Multipliers of redundant rows: those of all rows are x = Π y: y has the multipliers that the run keeps, and zeros, and
-Π = J J⁺ projects onto the columns of J of all rows, whose rank r does not change. With z = J⁺ y and u = (1 - Π) y
+Multipliers of redundant rows: the multipliers of all rows are x = Π y. Here y consists of the multipliers of the kept
+rows and zeros, and Π = J J⁺ projects onto the columns of J of all rows, whose rank r is constant. With z = J⁺ y and
+u = (1 - Π) y,
 
     dx = Π dy + (1 - Π) dJ z + J⁺ᵀ dJᵀ u
 
-for any motion that keeps the rank, that is, on the loops. Where the parts of dJ by state and parameter lead off the
-loops, only their sum has a meaning.
+for any motion that keeps the rank, that is, with the loops closed. If the parts of dJ by state and by parameter open
+the loops, only their sum is meaningful.
 """
 
 import numpy as np
 
 from ..errors import UserFunctionError
 from ..mechanism.motion import slope
-from .starts import Crossing, begun
+from .starts import Crossing, initial_derivatives
 from .variants import Variant
 
-AT_ONCE = 1e-12  # relative: rows of one time
-NUDGE = 1e-3  # rad or m, of differences of fourth order
-PUSH = 1e-4  # of the size of a coordinate, the same
-STILL = Variant("", 0.0, 1.0, None, None)  # type: ignore[arg-type]  # a direction of the state
+AT_ONCE = 1e-12  # relative difference of times that count as equal
+NUDGE = 1e-3  # rad or m, step of fourth-order differences
+PUSH = 1e-4  # relative to the size of a coordinate, step of fourth-order differences
+STILL = Variant("", 0.0, 1.0, None, None)  # type: ignore[arg-type]  # stands for a direction of the state
 STILL.beside = {}, {}, {}
 
 
-class Lead:
-    """Leads S along the legs of a run, from start to start."""
+class ForwardPass:
+    """Propagates S along the legs of a run."""
 
     def __init__(self, solution, legs, variants, base):
         self.solution, self.legs, self.variants, self.base = solution, legs, variants, base
@@ -35,7 +36,7 @@ class Lead:
 
     def run(self):
         variants, base = self.variants, self.base
-        s = begun(variants, base, self.legs[0].system)
+        s = initial_derivatives(variants, base, self.legs[0].system)
         times = times_of(self.solution, self.legs)
         for leg, following in zip(self.legs, [*self.legs[1:], None], strict=True):
             residuals = variants.residuals(leg.system)
@@ -46,12 +47,12 @@ class Lead:
             self.rows.append(self.finished(leg, next(times)))
 
     def close(self) -> None:
-        """Let go of compiled systems: they hold users' functions where the garbage collector does not see them."""
+        """Release compiled systems: they hold users' functions in cycles that the garbage collector cannot see."""
         for each in (self.base, self.variants, *self.legs):
             each.close()
 
     def _cross(self, leg, following):
-        """Note the events of a leg; the derivatives of the state at which the `following` one begins."""
+        """Record the events of a leg; return the derivatives of the state at which the `following` one begins."""
         for i, times in enumerate(self.solution.t_events):
             for row, t in enumerate(times):
                 if self.sign * (t - leg.span[0]) > 0 and self.sign * (t - leg.span[1]) <= 0:
@@ -61,10 +62,10 @@ class Lead:
         if following is None:
             return None
         (s,) = leg.at(np.array([leg.span[1]]))[2]
-        return through(leg, following, self.solution, self.variants, self.base, s)
+        return across_event(leg, following, self.solution, self.variants, self.base, s)
 
     def finished(self, leg, times):
-        """[dq | dv | dlam], (n, P, …), with the multipliers as the user sees them."""
+        """[dq | dv | dlam], (n, P, …), with the multipliers of all rows, as in a solution."""
         system = leg.system
         p, y, s = leg.at(times)
         nx, nv = system.nx, system.nv
@@ -82,13 +83,14 @@ class Lead:
         return rows
 
 
-class Back:
-    """Goes back along the legs of a run, to the derivative of a number by all parameters.
+class BackwardPass:
+    """Computes the derivative of a number by all parameters, backwards along the legs of a run (adjoint).
 
-    The transpose of :mod:`forward`, step by step. What a step passes on does not depend on the parameters; each of them
-    costs the residuals of two mechanisms along the run, and what it changes at its start.
+    It is the transpose of :mod:`forward`, step by step. The work per step that does not depend on the parameters is
+    shared; each parameter costs the residuals of two mechanisms along the run, and its derivative at the start.
 
-    ``derivative(system, i)`` is that of the number by [q | v | λ] at row i of the run, (nx+nv+n_multipliers,).
+    ``derivative(system, i)`` is the derivative of the number by [q | v | λ] at row i of the run,
+    (nx+nv+n_multipliers,).
     """
 
     def __init__(self, solution, legs, variants, base, derivative):
@@ -102,25 +104,25 @@ class Back:
             leg, begin = self.legs[i], end - len(times[i])
             seeds = leg.seeds()
             if bar is not None:
-                leg.sow(np.array([leg.span[1]]), [self._through(leg, self.legs[i + 1], bar)], seeds)
-            leg.sow(times[i], self._pulled(leg, times[i], range(begin, end)), seeds)
+                leg.add_seeds(np.array([leg.span[1]]), [self._across_event(leg, self.legs[i + 1], bar)], seeds)
+            leg.add_seeds(times[i], self._pulled(leg, times[i], range(begin, end)), seeds)
             residuals = self.variants.residuals(leg.system)
             self.total += leg.follow_back(self.base.index1(leg.system), residuals, seeds)
             bar, rates = leg.begin_back(self.variants, self.base, seeds[0])
             self.total, end = self.total + rates, begin
-        return self.total + begun(self.variants, self.base, self.legs[0].system) @ bar
+        return self.total + initial_derivatives(self.variants, self.base, self.legs[0].system) @ bar
 
-    def _through(self, leg, following, bar):
-        """The derivative by s where a leg ends, from that by the state where the `following` one begins."""
+    def _across_event(self, leg, following, bar):
+        """The derivative by s at the end of a leg, from that by the state at the start of the `following` one."""
         n = leg.system.nx + leg.system.nv + leg.system.nc
         s = np.vstack((np.eye(n), np.zeros((len(self.variants), n))))
         both = [STILL] * n + list(self.variants)
-        rates = through(leg, following, self.solution, both, self.base, s) @ bar
+        rates = across_event(leg, following, self.solution, both, self.base, s) @ bar
         self.total += rates[n:]
         return rates[:n]
 
     def _pulled(self, leg, times, rows):
-        """Derivatives by s of the rows, from those by the multipliers as the user sees them."""
+        """Derivatives by s at the rows of the run, from those by the multipliers of all loop rows."""
         system = leg.system
         nx, nv = system.nx, system.nv
         if not len(times):
@@ -145,7 +147,7 @@ class Back:
 class Number:
     """The sum of ``rows(t, q, v, lam)`` over the rows of a run, with ``terminal`` for the last one.
 
-    Each is a function, or a pair of it and its derivatives, or None.
+    Each of the two is a function, a pair of a function and its derivatives, or None.
     """
 
     def __init__(self, solution, rows, terminal):
@@ -156,7 +158,7 @@ class Number:
         return sum(_called(each, *state) for each, state in zip(self._functions, self._states, strict=True))
 
     def derivative(self, system, i):
-        """By [q | v | λ] at row i, shape (2 nv + nc,)."""
+        """The derivative by [q | v | λ] at row i, shape (2 nv + nc,)."""
         function, (t, q, v, lam) = self._functions[i], self._states[i]
         if function is None:
             return np.zeros(2 * len(v) + len(lam))
@@ -179,7 +181,7 @@ def _called(function, t, q, v, lam) -> float:
     try:
         return float((function[0] if isinstance(function, tuple) else function)(t, q, v, lam))
     except Exception as error:
-        raise UserFunctionError("the function of rows or of the end", t, error) from error
+        raise UserFunctionError("the function rows= or terminal=", t, error) from error
 
 
 def sign_of(legs) -> float:
@@ -188,7 +190,7 @@ def sign_of(legs) -> float:
 
 
 def times_of(solution, legs):
-    """The times of the solution's rows in each leg: at an event that changes the state one before it and one after."""
+    """The times of the solution's rows in each leg; an event that changes the state has a row in both legs."""
     t, taken, sign = solution.t, 0, sign_of(legs)
     for leg, following in zip(legs, [*legs[1:], None], strict=True):
         end = leg.span[1]
@@ -202,14 +204,14 @@ def times_of(solution, legs):
 
 
 def applied_at(solution, end) -> list[int]:
-    """The events at a time that change the state."""
+    """The events at a time `end` that change the state."""
     near = AT_ONCE * max(1.0, abs(end))
     events = enumerate(zip(solution._events, solution.t_events, strict=True))
     return [i for i, (event, times) in events if event.apply is not None and (np.abs(times - end) <= near).any()]
 
 
-def through(leg, following, solution, variants, base, s):
-    """The derivatives (P, nx+nv) of the state where the `following` leg begins, from those, `s`, where `leg` ends."""
+def across_event(leg, following, solution, variants, base, s):
+    """The derivatives (P, nx+nv) of the state at the start of the `following` leg, from `s` at the end of `leg`."""
     t, nx, nv = leg.span[1], leg.system.nx, leg.system.nv
     if not (applied := applied_at(solution, t)):
         return s[:, : nx + nv]
@@ -217,7 +219,7 @@ def through(leg, following, solution, variants, base, s):
 
 
 class Completion:
-    """The multipliers of all rows at a configuration, from the kept ones `lam`, for derivatives forwards and back."""
+    """The map from the multipliers of kept rows, `lam`, to those of all rows, differentiated forwards and backwards."""
 
     def __init__(self, base, system, q, lam):
         self._base, self._system, self._q = base, system, q
@@ -230,7 +232,7 @@ class Completion:
         self._z, self._u = self._inverse @ y, y - self._projected(y)
 
     def forward(self, variant, s_q, s_lam):
-        """Derivatives of all multipliers, from those of the configuration and of the kept ones."""
+        """Derivatives of all multipliers, from those of the configuration and of the kept multipliers."""
         change = self._spread(s_lam)
         size = np.abs(s_q).max(initial=0.0)
         dJ = 0.0 if size == 0.0 else self._along(s_q * NUDGE / size) * (size / NUDGE)
@@ -243,7 +245,7 @@ class Completion:
         return change
 
     def backward(self, variants, bar):
-        """The transpose: derivatives by configuration, (nx,), by kept multipliers, and by the parameters."""
+        """The transpose: derivatives by the configuration, (nx,), by the kept multipliers, and by the parameters."""
         of_steady, kept = bar[self._steady], bar.copy()
         kept[self._steady] = self._projected(of_steady)
         weights = np.outer(of_steady - self._projected(of_steady), self._z)

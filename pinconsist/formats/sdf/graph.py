@@ -1,12 +1,13 @@
-"""The net of joints of an SDF file, cut open into a tree and loops; its couplings; and the tree as a pin.Model.
+"""The graph of joints of an SDF file, cut into a tree and loops; its couplings; and the tree as a pin.Model.
 
-The tree is the one of largest weight. It pays to cut joints that leave few rows, so a ball rather than a hinge; and a
-joint in which something acts (damping, friction, a spring, a coupling) belongs in the tree, where it has a coordinate.
-If such a joint must be cut all the same, it stays, carries a massless copy of its child link, and this is held to the
-link by six rows. Of loops of like joints the tree takes the shortest chains. ``<must_be_loop_joint>`` asks for a cut.
+The tree is a spanning tree of maximum weight. A joint with few constraint rows is cheap to cut, so a ball is cut rather
+than a hinge; a joint with a force in it (damping, friction, a spring, a coupling) belongs in the tree, where it has a
+coordinate. If such a joint must close a loop nevertheless, it is added to the tree with a massless copy of its child
+link, and six rows hold the copy to the link. Between joints of equal weight, the tree prefers the shortest chains.
+``<must_be_loop_joint>`` requests a cut.
 
 A ball that is cut becomes a point, a revolute or continuous joint a hinge, a prismatic joint a slider, a fixed joint a
-frame, a universal joint a universal if its axes are perpendicular. Other universal joints and screws are copied.
+frame, and a universal joint with perpendicular axes a universal. Other universal joints and screws are copied.
 """
 
 import heapq
@@ -29,17 +30,18 @@ _KINDS = {"ball": "point", "revolute": "hinge", "prismatic": "slider", "fixed": 
 _ROWS = {"ball": 3, "universal": 4, "revolute": 5, "prismatic": 5, "screw": 5, "fixed": 6}
 _ACTS, _ASKED = 10, 100
 _PERPENDICULAR = 1e-6
-_ALONG = 1e-3  # sine of the angle up to which an axis of a gearbox counts as that of the joint
+_ALONG = 1e-3  # sine of the largest angle between the axis of a gearbox and that of its joint
 
 
 def spanning_tree(
     ends: Sequence[tuple[str, str]], weights: Sequence[float], held: Iterable[str], candidates: Iterable[str]
 ) -> tuple[list[tuple[int, str, str]], list[str]]:
-    """The tree of largest weight (Prim's algorithm): its branches, and its roots beside those that are `held`.
+    """The spanning tree of maximum weight (Prim's algorithm): its branches, and its roots other than `held`.
 
     A branch is the index of a joint, the body where it starts, which is nearer to a root, and the body where it ends.
-    Ties go to joints that lead from parent to child, then to short chains, then to the order given. `ends` are parent
-    and child body of each joint. Of the `candidates`, all bodies, the first that no joint ties to a root becomes one.
+    Ties go to joints that lead from parent to child, then to short chains, then to the order given. `ends` are the
+    parent and the child body of each joint. `candidates` are all bodies; each one that no joint connects to an earlier
+    root becomes a root.
     """
     at: dict[str, list[int]] = {}
     for joint, pair in enumerate(ends):
@@ -69,19 +71,20 @@ def spanning_tree(
     return branches, roots
 
 
-class Net:
+class JointGraph:
     """The joints of a file as a tree and loops.
 
-    `joints` tie bodies together, of which at least one can move. `held` are bodies that do not move, the world first,
-    and `roots` those that no joint ties to one of them. `branches` are the tree, in the order of the file. The other
-    joints close loops: those `copied` by a copy of the child, those `cut` by rows of their own kind.
+    `joints` are the joints of which at least one body can move. `held` are the bodies that do not move, the world
+    first, and `roots` the starting bodies of trees that no joint connects to them. `branches` are the tree, in the
+    order of the file. The other joints close loops: `copied` joints by a copy of the child, `cut` joints by rows of
+    their own kind.
     """
 
     def __init__(self, document: Document, joints: Sequence[Joint]):
         bodies = document.bodies
         self.held = (WORLD, *(name for name, body in bodies.items() if body.static))
         self.joints = [j for j in joints if j.kind != "gearbox" and not {j.parent, j.child} <= {*self.held}]
-        whole = {joint.name for joint in self.joints if _whole(joint)} | _coupled(joints)
+        whole = {joint.name for joint in self.joints if _needs_coordinates(joint)} | _coupled(joints)
         weights = [_ROWS[j.kind] + _ACTS * (j.name in whole) - _ASKED * j.must_cut for j in self.joints]
         children = {joint.child for joint in self.joints}
         candidates = (*document.roots, *(body for body in bodies if body not in children), *bodies)
@@ -94,18 +97,18 @@ class Net:
         self.cut = [joint for joint in loose if joint.name not in whole]
 
     def loops(self, document: Document) -> list[Loop]:
-        """What closes the net. Anchors are the joint's frame on both bodies, so that all loops are closed at q = 0."""
+        """The loops. Their anchors are the joint's frame on both bodies, so that all loops are closed at q = 0."""
         loops = [_loop(joint, document, "frame", copy_name(joint), joint.child) for joint in self.copied]
         return loops + [_loop(joint, document, _KINDS[joint.kind], joint.parent, joint.parent) for joint in self.cut]
 
 
 def copy_name(joint: Joint) -> str:
-    """Name of the frame of a joint's copy of its child."""
+    """Name of the frame on a joint's copy of its child."""
     return f"{joint.name}_end"
 
 
-def _whole(joint):
-    """Whether a joint needs its coordinates also where it closes a loop."""
+def _needs_coordinates(joint):
+    """Whether a joint needs its coordinates even if it closes a loop."""
     if joint.kind == "universal" and abs(joint.axes[0].direction @ joint.axes[1].direction) > _PERPENDICULAR:
         return True
     return joint.kind == "screw" or any(a.damping or a.friction or a.stiffness or a.follows for a in joint.axes)
@@ -121,10 +124,10 @@ def _loop(joint, document, kind, frame1, body1):
 
 
 def couplings(joints: Sequence[Joint]) -> list[Coupling]:
-    """The gearboxes and followers of a file as couplings of two joints; FormatError for those that do not exist.
+    """The gearboxes and mimic joints of a file as couplings of two joints; FormatError if one of these is missing.
 
-    A gearbox holds θ₂ = -ratio θ₁, with θ₁ the angle from its reference body to its parent about its first axis, and
-    θ₂ that to its child about the second.
+    A gearbox enforces θ₂ = -ratio θ₁, where θ₁ is the angle from its reference body to its parent about its first
+    axis, and θ₂ the angle from the reference body to its child about the second.
     """
     made, by_name = [], {joint.name: joint for joint in joints}
     for joint in joints:
@@ -150,8 +153,8 @@ def _geared(joints, gearbox):
         ends = {gearbox.reference, body}
         between = [joint for joint in joints if joint.kind == "revolute" and {joint.parent, joint.child} == ends]
         if len(between) != 1:
-            reason = f"one revolute joint between its reference body {gearbox.reference!r} and {body!r} is needed"
-            raise FormatError(f"{reason}, there are {len(between)}", element=f"joint {gearbox.name!r}")
+            reason = f"it needs one revolute joint between its reference body {gearbox.reference!r} and {body!r}"
+            raise FormatError(f"{reason}, but there are {len(between)}", element=f"joint {gearbox.name!r}")
         found += between
     return found
 
@@ -161,7 +164,7 @@ def _sign(gearbox, number, joint, body) -> float:
     axis = gearbox.pose.rotation @ gearbox.axes[number].direction
     own = joint.pose.rotation @ joint.axes[0].direction
     if np.linalg.norm(np.cross(axis, own)) > _ALONG:
-        reason = f"its {('axis', 'axis2')[number]} is not along that of joint {joint.name!r}"
+        reason = f"its {('axis', 'axis2')[number]} is not parallel to that of joint {joint.name!r}"
         raise FormatError(reason, element=f"joint {gearbox.name!r}")
     return np.sign(axis @ own) * (1.0 if joint.child == body else -1.0)
 
@@ -178,25 +181,25 @@ def _follow(by_name, joint, part, follower):
     return Coupling(f"{part} mimic", part, other, ratio=follower.ratio, offset=follower.offset)
 
 
-def build(document: Document, net: Net, inertias: Mapping[str, pin.Inertia], name: str, free_flyer: bool):
-    """The model of a net, and the configurations of its floating roots by the names of their joints.
+def build(document: Document, graph: JointGraph, inertias: Mapping[str, pin.Inertia], name: str, free_flyer: bool):
+    """The model of a graph, and the configurations of its floating roots by the names of their joints.
 
-    With `free_flyer` the roots that no joint ties to the world float; else they are fixed where they are. `inertias`
-    are those of links in their own frames. FormatError for names that clash, or if nothing moves or floats.
+    With `free_flyer` the roots float; otherwise they are fixed at their poses. `inertias` are those of the links, in
+    their own frames. FormatError if names clash, or if nothing moves or floats.
     """
-    if free_flyer and not net.roots:
-        raise FormatError("nothing can float: all links are tied to the world; omit free_flyer")
-    tree, guess = _Tree(document, net, inertias, name), {}
-    for body in net.held:
-        tree.plant(body)
-    for body in net.roots:
+    if free_flyer and not graph.roots:
+        raise FormatError("nothing can float: all links are connected to the world; omit free_flyer")
+    tree, guess = _Tree(document, graph, inertias, name), {}
+    for body in graph.held:
+        tree.add_subtree(body)
+    for body in graph.roots:
         if free_flyer:
-            root, pose = ROOT_JOINT if len(net.roots) == 1 else f"{body}_{ROOT_JOINT}", document.bodies[body].pose
+            root, pose = ROOT_JOINT if len(graph.roots) == 1 else f"{body}_{ROOT_JOINT}", document.bodies[body].pose
             tree.carrier[body] = tree.add(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), pose, root)
             guess[root] = pin.SE3ToXYZQUAT(pose)
-        tree.plant(body)
+        tree.add_subtree(body)
     frames = [(name, *each) for name, each in document.frames.items()]
-    for frame, body, pose in frames + [(joint.name, joint.child, joint.pose) for joint in net.cut]:
+    for frame, body, pose in frames + [(joint.name, joint.child, joint.pose) for joint in graph.cut]:
         tree.add_frame(frame, tree.carrier[body], pose, pin.FrameType.OP_FRAME)
     if not tree.model.nv:
         raise FormatError("nothing can move: all joints are fixed (free_flyer would let it move)")
@@ -204,46 +207,46 @@ def build(document: Document, net: Net, inertias: Mapping[str, pin.Inertia], nam
 
 
 class _Tree:
-    """A model that grows."""
+    """The model while it is built."""
 
-    def __init__(self, document, net, inertias, name):
+    def __init__(self, document, graph, inertias, name):
         self.model = pin.Model()
         self.model.name = name
         if document.gravity is not None:
             self.model.gravity.linear = document.gravity
         self._document, self._inertias = document, inertias
-        self._leaving = defaultdict(list)  # body → (joint, other body) of what leaves it; None: a copy of the child
-        for number, start, end in net.branches:
-            self._leaving[start].append((net.joints[number], end))
-        for joint in net.copied:
-            self._leaving[joint.parent].append((joint, None))
+        self._branches = defaultdict(list)  # body → (joint, outer body) of its branches; None: a copy of the child
+        for number, start, end in graph.branches:
+            self._branches[start].append((graph.joints[number], end))
+        for joint in graph.copied:
+            self._branches[joint.parent].append((joint, None))
         self._poses = [pin.SE3.Identity()]  # of the model's joints in the world, at q = 0
         self.carrier = {WORLD: 0}  # body → the joint that carries it
 
-    def plant(self, root):
-        """Add a body and its descendants, each branch completely before the next one."""
-        waiting = self._arrive(root, self.carrier.setdefault(root, 0))
+    def add_subtree(self, root):
+        """Add a body and its descendants, depth first."""
+        waiting = self._add_body(root, self.carrier.setdefault(root, 0))
         while waiting:
             carrier, joint, end = waiting.pop()
-            carrier = self._hang(joint, carrier, forward=end != joint.parent)
+            carrier = self._add_joint(joint, carrier, forward=end != joint.parent)
             if end is None:
                 pose = self._document.bodies[joint.child].pose
                 self.add_frame(copy_name(joint), carrier, pose, pin.FrameType.OP_FRAME)
             else:
-                waiting += self._arrive(end, carrier)
+                waiting += self._add_body(end, carrier)
 
-    def _arrive(self, name, carrier):
-        """Add a body; return what leaves it, the first last."""
+    def _add_body(self, name, carrier):
+        """Add a body; return its branches, the first one last."""
         self.carrier[name] = carrier
         if name != WORLD:
             pose = self._document.bodies[name].pose
             if carrier:
                 self.model.appendBodyToJoint(carrier, self._inertias[name], self._poses[carrier].actInv(pose))
             self.add_frame(name, carrier, pose, pin.FrameType.BODY)
-        return [(carrier, *each) for each in reversed(self._leaving[name])]
+        return [(carrier, *each) for each in reversed(self._branches[name])]
 
     def add(self, parent, joint, place, pose, name):
-        """Add a joint by its place on its parent and its pose in the world; its index."""
+        """Add a joint with its placement on the parent and its pose in the world; return its index."""
         if self.model.existJointName(name):
             raise FormatError("another joint has this name", element=f"joint {shown(name)}")
         index = self.model.addJoint(parent, joint, place, name)
@@ -251,13 +254,13 @@ class _Tree:
         self._poses.append(pose)
         return index
 
-    def _hang(self, joint: Joint, carrier, forward):
-        """Add a joint of the file; the index of the model's joint that then carries its other body."""
+    def _add_joint(self, joint: Joint, carrier, forward):
+        """Add a joint of the file; return the index of the model's joint that carries its other body."""
         if joint.kind == "fixed":
             self.add_frame(joint.name, carrier, joint.pose, pin.FrameType.FIXED_JOINT)
             return carrier
         place = self._poses[carrier].actInv(joint.pose)
-        # backwards, the parent moves against the child: the same coordinates along the opposite axes
+        # backwards, the parent moves relative to the child: the same coordinates along the opposite axes
         parts = list(zip(joint.parts, joint.axes, strict=True))
         for name, axis in parts if forward else parts[::-1]:
             motion = _joint_model(joint, axis.direction if forward else -axis.direction)
@@ -273,7 +276,7 @@ class _Tree:
 
 
 def _set_values(model, joint, axis):
-    """Write what limits and brakes a joint."""
+    """Set the limits, damping and friction of a joint."""
     q, v = places(model, joint)
     model.damping[v] = axis.damping
     model.upperDryFrictionLimit[v], model.lowerDryFrictionLimit[v] = axis.friction, -axis.friction
