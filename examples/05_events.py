@@ -39,7 +39,7 @@ def run():
 
 
 def main() -> float:
-    """Return how far the rod swings, rad."""
+    """Return the angle to which the rod swings, rad."""
     _, sol = run()
     print(f"caught at {sol.t[0]:.4f} s, at rest at {sol.t[-1]:.4f} s")
     print(sol.reaction("latch"))

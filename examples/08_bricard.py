@@ -1,4 +1,4 @@
-"""Bricard's mechanism: six hinges. By the count of constraints it could not move; one of them is always redundant."""
+"""Bricard's mechanism: six hinges. By counting constraints it could not move, but one of them is always redundant."""
 
 import pinocchio as pin
 

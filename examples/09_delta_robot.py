@@ -8,13 +8,13 @@ import pinconsist as pc
 
 
 def run():
-    """One cycle of the platform; the arms follow sines that are a third of a turn apart."""
+    """One cycle of the platform; the arms follow sine curves with phases a third of a turn apart."""
     mech = pc.load("delta_robot")
     drives = []
     for i in (1, 2, 3):
         sine = pc.Motion(0.3, amplitude=0.25, frequency=1.0, phase=2 * np.pi * (i - 1) / 3)
         drives.append(pc.Drive(f"motor{i}", f"leg{i}_arm", sine))
-    driven = replace(mech, loops=(*mech.loops, *drives), forces=())  # instead of the servos of the model
+    driven = replace(mech, loops=(*mech.loops, *drives), forces=())  # in place of the servos of the model
     return driven, pc.simulate(driven, (0.0, 1.0), t_eval=np.linspace(0, 1, 101))
 
 

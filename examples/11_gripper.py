@@ -1,4 +1,4 @@
-"""A closed-chain gripper: two geared parallelograms close until an event detects contact; then the grip force."""
+"""A closed-chain gripper: two geared parallelograms close until an event detects contact; the grip force."""
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +10,7 @@ TORQUE = 0.3  # N·m, of the motor on the left crank
 
 
 def finger(model, side, sign):
-    """Crank and follower turn about y on the palm, the pad on the crank; the loop joins follower and pad."""
+    """Crank and follower turn about y on the palm, and the pad on the crank; the loop connects follower and pad."""
 
     def body(parent, name, place, mass, centre):
         joint = model.addJoint(parent, pin.JointModelRY(), pin.SE3(np.eye(3), np.array(place)), f"{side}_{name}")

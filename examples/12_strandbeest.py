@@ -7,7 +7,7 @@ import pinconsist as pc
 
 
 def run():
-    """One turn of the crank, which a drive of the model turns at constant speed."""
+    """One revolution of the crank, which is driven at constant speed by a drive of the model."""
     mech = pc.load("jansen_leg")
     return mech, pc.simulate(mech, (0.0, 1.0), t_eval=np.linspace(0, 1, 121))
 

@@ -11,7 +11,7 @@ TIMES = np.linspace(0.0, 3.0, 61)
 
 
 def starts(count=24, seed=0):
-    """Initial angles of the rod, from hanging, rad."""
+    """Initial angles of the rod from the hanging position, rad."""
     return np.random.default_rng(seed).normal(1.0, 0.3, count)
 
 
@@ -26,7 +26,7 @@ def run():
 
 
 def main() -> float:
-    """Return the mean angle from hanging at the end, rad."""
+    """Return the mean angle from the hanging position at the end, rad."""
     _, solutions = run()
     angles = np.array([np.pi / 2 - sol.q[:, 0] for sol in solutions])
     for i in range(0, len(TIMES), 20):

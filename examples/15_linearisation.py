@@ -1,4 +1,4 @@
-"""Statics: where a closed chain rests, what its loop carries there, and how it vibrates about that position."""
+"""Statics: the rest position of a closed chain, the force in its loop, and the vibrations about that position."""
 
 import pinconsist as pc
 

@@ -12,7 +12,7 @@ def law(t, q, v):
 
 def run():
     """The mechanism, and half a second of its motion."""
-    mech = pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))  # its inertia is then the same at each angle
+    mech = pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))  # its inertia does not depend on the angle
     controller = pc.Sampled(PERIOD, law, joints="crank0")
     return mech, pc.simulate(mech, (0.0, 0.5), method="Radau", forces=[controller])
 

@@ -15,7 +15,7 @@ def circuit(current, speed):
 
 def run():
     """The mechanism, and a fifth of a second of its motion."""
-    mech = pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))  # its inertia is then the same at each angle
+    mech = pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))  # its inertia does not depend on the angle
     sim, current = pc.Simulation(mech), 0.0
     for _ in range(200):
         torque, current = CONSTANT * current, circuit(current, sim.state.v[0])

@@ -1,22 +1,22 @@
-"""What two motors do to a five-bar: the tip's workspace, its singular curves, the forces that unit torques give."""
+"""Two motors of a five-bar: the workspace of the tip, its singular curves, and the forces of unit torques."""
 
 import numpy as np
 
 import pinconsist as pc
 
-DISTAL = 0.3  # m, of the links that meet at the tip; the cranks have 0.25 m and are 0.2 m apart
+DISTAL = 0.3  # m, length of the links that meet at the tip; the cranks are 0.25 m long and 0.2 m apart
 LEFT, RIGHT = np.radians(np.arange(-270.0, -69.0, 4.0)), np.radians(np.arange(-110.0, 91.0, 4.0))
 
 
 def five_bar():
-    """The built-in five-bar with shorter distal links, so that the cranks can tear them apart."""
+    """The built-in five-bar with distal links too short for some crank angles."""
     mech, at = pc.load("five_bar"), (DISTAL, 0.0, 0.0)
     tip = pc.Loop("tip", "hinge", "left_distal_bar", "right_distal_bar", xyz1=at, xyz2=at, axis=(0, 1, 0))
     return mech.with_loops(tip)
 
 
 def tip_of(act, q):
-    """The tip's place (x, height), and the Jacobian from the motors to it, (2, 2)."""
+    """The position of the tip (x, height), and its Jacobian with respect to the motors, (2, 2)."""
     hinge = act.frame("left_distal_bar")
     pose, J = hinge.pose(q), hinge.jacobian(q)
     arm = pose.rotation @ np.array([DISTAL, 0.0, 0.0])
@@ -24,14 +24,14 @@ def tip_of(act, q):
 
 
 def run():
-    """The mechanism, and of its workspace: tips that are reached, their condition, ends of the way, force ellipses."""
+    """The mechanism, and its workspace: tip positions, their condition, blocked ends of paths, force ellipses."""
     mech = five_bar()
     act, tips, condition, ends, ellipses = pc.Actuation(mech), [], [], [], []
     found = act.table({"left_crank": LEFT, "right_crank": RIGHT})
     turns = np.linspace(0.0, 2 * np.pi, 40)
     for i, (q, ok) in enumerate(zip(found["q"], found["ok"], strict=True)):
         if not ok:
-            if found["condition"][i] < 1e-2:  # it was led to a singular position
+            if found["condition"][i] < 1e-2:  # its path ended at a singular position
                 ends.append(act.frame("left_distal_bar").pose(q).act(np.array([DISTAL, 0.0, 0.0]))[[0, 2]])
             continue
         place, J = tip_of(act, q)
@@ -44,7 +44,7 @@ def run():
 
 
 def main() -> float:
-    """Return how far the left crank turns, the right one held at -0.8 rad, until the distal links are in line, rad."""
+    """Return the left crank's angle, rad, at which the distal links are in line while the right one is at -0.8 rad."""
     act = pc.Actuation(five_bar())
     act.closure({"left_crank": -2.2, "right_crank": -0.8})
     left = act.limits()[0]

@@ -12,22 +12,22 @@ MECH = pc.load("crank_rocker").with_forces(pc.JointSpring("crank", 0.5))
 
 
 def derivatives(x):
-    """The run with parameters x and its derivatives by them."""
+    """The run with parameters x, and its derivatives with respect to them."""
     mech = MECH.with_parameters(dict(zip(NAMES, x, strict=True)))
     return pc.sensitivities(mech, NAMES, (0.0, 2.0), v0={"crank": 12.0}, t_eval=TIMES)
 
 
 def measurements():
-    """What two encoders with noise would read, (60, 2)."""
+    """The angles that two noisy encoders would measure, (60, 2)."""
     exact = derivatives(TRUE).solution.q[:, MEASURED]
     return exact + NOISE * np.random.default_rng(0).normal(size=exact.shape)
 
 
 def fit(angles):
-    """What least_squares finds, the standard deviations, and the last run."""
+    """The result of least_squares, the standard deviations, and the last run."""
     last = {}
 
-    def at(x):  # residuals and derivatives of one place are asked for in turn
+    def at(x):  # residuals and derivatives are requested one after the other for the same parameters
         if last.get("x") != tuple(x):
             last.update(x=tuple(x), found=derivatives(x))
         return last["found"]
@@ -48,7 +48,7 @@ def run():
 
 
 def main() -> float:
-    """Return the mass of the coupler that the fit finds, kg."""
+    """Return the fitted mass of the coupler, kg."""
     found, deviations, _ = run()[1]
     for name, value, deviation in zip(NAMES, found.x, deviations, strict=True):
         print(f"{name:16} {value:.5f} ± {deviation:.5f}")

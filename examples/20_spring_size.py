@@ -1,4 +1,4 @@
-"""A spring sized so that the peak force in a pin is least: the largest of many forces, by their derivatives."""
+"""A spring sized to minimise the peak force in a pin, the largest of many forces, by their derivatives."""
 
 from functools import lru_cache
 
@@ -24,7 +24,7 @@ PIN = [i for i, (loop, row) in enumerate(MECH.row_labels) if loop == "coupler_ro
 
 
 def forces(x):
-    """The squared force in the pin over a turn, of SIZE², and its derivatives."""
+    """The squared force in the pin during one revolution, divided by SIZE², and its derivatives."""
     mech = MECH.with_parameters(dict(zip(NAMES, x, strict=True)))
     found = pc.sensitivities(mech, NAMES, (0.0, TIMES[-1]), t_eval=TIMES, rtol=1e-7, atol=1e-9)
     F, dF = found.solution.lam[:, PIN] / SIZE, found.dlam[:, PIN] / SIZE
@@ -32,7 +32,7 @@ def forces(x):
 
 
 def run():
-    """The mechanism with the best spring; times, forces of the guess and of the best, and its numbers."""
+    """The mechanism with the best spring; times, forces for the guess and for the best spring, and its parameters."""
     remembered = lru_cache(lambda *x: forces(x))
 
     def at(x):

@@ -14,7 +14,7 @@ COLUMNS, PHASES = np.arange(2, 18, 3), np.arange(6) * np.pi / 3.0
 
 
 def law(t, q, v):
-    """Forces of the legs: PD control of their lengths."""
+    """The forces in the legs: PD control of their lengths."""
     wobble = AMPLITUDE * np.sin(np.pi * t) * np.sin(2.0 * np.pi * t + PHASES) if t < 1.0 else 0.0
     return STIFFNESS * (LENGTH + wobble - q[COLUMNS]) - DAMPING * v[COLUMNS]
 
@@ -30,7 +30,7 @@ def main() -> float:
     begun = perf_counter()
     sol = run()[1]
     taken = perf_counter() - begun
-    print(f"{sol.nsteps} steps, {END / taken:.1f} times as fast as in reality")
+    print(f"{sol.nsteps} steps, {END / taken:.1f} times faster than real time")
     return float(sol.position("platform_pose")[-1, 2])
 
 

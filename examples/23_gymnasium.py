@@ -1,4 +1,4 @@
-"""A Gymnasium environment: torques turn a parallelogram linkage to random angles, 50 actions a second."""
+"""A Gymnasium environment: torques turn a parallelogram linkage to random angles, with 50 actions per second."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ DT, MOST, END = 0.02, 20.0, 1.0  # s of an action, N·m, s of an episode
 
 
 class Crank(gymnasium.Env):
-    """Turn the crank to an angle; observed are how far away it is, and its speed."""
+    """Turn the crank to an angle; the observations are the distance to it and the speed."""
 
     observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (2,), np.float64)
     action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float64)
@@ -22,7 +22,7 @@ class Crank(gymnasium.Env):
         self.sim = pc.Simulation(pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0)))
 
     def reset(self, *, seed=None, options=None):
-        """A new episode: at rest, with another target."""
+        """Start a new episode: at rest, with a new target."""
         super().reset(seed=seed)
         self.target = self.np_random.uniform(-1.0, 1.0)
         self.sim.reset()
@@ -35,7 +35,7 @@ class Crank(gymnasium.Env):
         return self.observation(), -(away**2) - 0.01 * speed**2, False, self.sim.state.t > END - DT / 2, {}
 
     def observation(self):
-        """How far the target is, and the speed."""
+        """The distance to the target, and the speed."""
         return np.array([self.target - self.sim.state.q[0], self.sim.state.v[0]])
 
 

@@ -1,4 +1,4 @@
-"""A linkage as a functional mock-up unit (FMI 3), which other tools can simulate beside their own models; here FMPy."""
+"""A linkage as a functional mock-up unit (FMI 3), which other tools can simulate with their own models; here FMPy."""
 
 import tempfile
 
@@ -38,7 +38,7 @@ class Linkage(Fmi3Slave, CoSimulation):
 
 
 def run():
-    """The mechanism, and angle and speed of a run in FMPy under a torque that grows with time."""
+    """The mechanism, and the angle and speed of a run in FMPy under a torque that grows with time."""
     with tempfile.TemporaryDirectory() as folder:
         unit = FmuBuilder.build_FMU(__file__, folder)  # a file that other tools can import
         torque = np.array([(0.0, 0.0), (END, TORQUE)], [("time", float), ("torque", float)])

@@ -1,6 +1,6 @@
 """The pictures of the gallery, made by the examples themselves: python examples/pictures.py [FOLDER [NAME ...]].
 
-Each shows a still of the page that `pinconsist.export_html` writes (by a headless Chromium) and a curve of the run.
+Each shows a still of the page written by `pinconsist.export_html`, made by a headless Chromium, and a curve of it.
 """
 
 import importlib.util
@@ -36,7 +36,7 @@ BLUE, ORANGE = "#0072b2", "#d55e00"
 
 
 def photograph(mech, sol, time, look="", size=(WIDE, HIGH), **options):
-    """The page of a run at a time: an array of pixels; `look` is CSS."""
+    """The page of a run at a given time as an array of pixels; `look` is CSS."""
     if BROWSER is None:
         raise SystemExit("the stills need chromium, chromium-browser or google-chrome")
     with tempfile.TemporaryDirectory() as folder:
@@ -51,12 +51,12 @@ def photograph(mech, sol, time, look="", size=(WIDE, HIGH), **options):
 
 
 def still(mech, sol, time, traces, forces):
-    """The mechanism at a time, as its page shows it."""
+    """The mechanism at a given time, as shown by its page."""
     return cropped(photograph(mech, sol, time, PLAIN, traces=traces, forces=forces, panel=False))
 
 
 def cropped(pixels):
-    """The part of an image that is darker than a background, with a margin around it."""
+    """The part of an image that is darker than the background, with a margin."""
     rows, columns = (np.flatnonzero((pixels.min(axis=2) < 170).any(axis=axis)) for axis in (1, 0))
     top, left = max(rows[0] - MARGIN, 0), max(columns[0] - MARGIN, 0)
     return pixels[top : rows[-1] + MARGIN, left : columns[-1] + MARGIN]

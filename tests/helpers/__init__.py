@@ -1,1 +1,1 @@
-"""What several test modules share: models, files as text, tables and comparisons."""
+"""Shared by several test modules: models, files as text, tables and comparisons."""

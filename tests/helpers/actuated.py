@@ -15,7 +15,7 @@ CRANK, DISTAL, APART = 0.25, 0.3, 0.2  # of five_bar: its distal links are too s
 
 
 def five_bar() -> pc.Mechanism:
-    """The built-in model, its distal links shorter: two cranks about y on the ground, and two links with one tip."""
+    """The built-in model with shorter distal links: two cranks about y on the ground and two links to the tip."""
     at = (DISTAL, 0.0, 0.0)
     tip = pc.Loop("tip", "hinge", "left_distal_bar", "right_distal_bar", xyz1=at, xyz2=at, axis=(0, 1, 0))
     return replace(pc.load("five_bar").with_loops(tip), guess=five_bar_configuration(-2.0, -1.2))
@@ -40,18 +40,18 @@ def five_bar_configuration(left, right):
 
 
 def five_bar_side(q) -> float:
-    """On which side of the line from elbow to elbow the tip is: its distance, m, positive on the left."""
+    """The distance of the tip from the line from elbow to elbow, m, positive on the left."""
     (p, r), angle = elbows(q[0], q[2]), q[0] + q[1]
     along, arm = r - p, DISTAL * np.array([np.cos(angle), -np.sin(angle)])
     return float(along[0] * arm[1] - along[1] * arm[0]) / max(float(np.linalg.norm(along)), 1e-12)
 
 
 HORN, ROD, HEIGHT, BACK, WIDE = 0.04, 0.26, 0.25, 0.05, 0.03
-"""Of ankle: the motors' horns, the rods, the motors' height over the ankle, and where the rods meet the foot."""
+"""Dimensions of the ankle: motor horns, rods, height of the motors above it, and attachment of the rods to the foot."""
 
 
 def ankle() -> pc.Mechanism:
-    """A foot on two hinges, pitch about y and roll about x, moved by two motors over two rods behind it."""
+    """A foot on two hinges, pitch about y and roll about x, moved by two motors through two rods behind it."""
     model = pin.Model()
     pitch = add_body(model, 0, pin.JointModelRY(), pin.SE3.Identity(), "pitch", 0.05, (0, 0, 0), 1e-5)
     roll = add_body(model, pitch, pin.JointModelRX(), pin.SE3.Identity(), "roll", 0.8, (0.04, 0, -0.03), 2e-3)
@@ -84,7 +84,7 @@ FOOT, TOP = 0.5, 0.7  # of boom: from the boom's hinge to the cylinder's, and to
 
 
 def boom() -> pc.Mechanism:
-    """A boom about y, raised by a hydraulic cylinder: barrel on a hinge, rod that slides along its x."""
+    """A boom about y, raised by a hydraulic cylinder: a barrel on a hinge, and a rod that slides along its x axis."""
     model = pin.Model()
     lever = add_body(model, 0, pin.JointModelRY(), pin.SE3.Identity(), "boom", 20.0, (0.9, 0, 0), 5.0)
     add_point(model, lever, "eye", TOP, 0)
@@ -97,7 +97,7 @@ def boom() -> pc.Mechanism:
 
 
 def boom_angle(length):
-    """The angle of the boom, up is negative, for a length of the cylinder: the law of cosines."""
+    """The angle of the boom, negative upwards, for a length of the cylinder, by the law of cosines."""
     return np.pi / 2 - np.arccos((FOOT**2 + TOP**2 - length**2) / (2 * FOOT * TOP))
 
 
@@ -107,7 +107,7 @@ FREE = {
     "ball": (pin.JointModelSpherical, 3),
     "translation": (pin.JointModelTranslation, 3),
 }
-"""Joints of a body that is held by rods alone, and how many rods that takes."""
+"""Joints of a body that is held only by rods, and the number of rods needed."""
 AXIS = np.array([0.48, 0.6, 0.64])
 MOTORS = (
     lambda: pin.JointModelHelicalUnaligned(AXIS, 0.3),
@@ -120,7 +120,7 @@ MOTORS = (
 
 
 def held(kind, seed=41) -> pc.Mechanism:
-    """A body on a joint of several degrees of freedom, moved over rods by motors of every kind with one."""
+    """A body on a joint of several degrees of freedom, moved through rods by motors on every kind of 1-DOF joint."""
     rng, model, (joint, count) = np.random.default_rng(seed), pin.Model(), FREE[kind]
     turned = pin.SE3(pin.exp3(rng.normal(size=3)), np.zeros(3))
     body, loops = add_body(model, 0, joint(), turned, kind, 2.0, (0.1, 0, 0.05), 0.1), []

@@ -1,4 +1,4 @@
-"""Hand-built trees for tests: every kind of joint, frames away from the joints, full inertias."""
+"""Hand-built trees for tests: every kind of joint, frames displaced from the joints, full inertias."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def differences(function, x, step=1e-4):
 
 
 def circles_meet(p, r, q, s, left):
-    """Where circles of radii r about p and s about q meet in the plane, on the left of p → q or on its right."""
+    """The intersection of circles of radii r about p and s about q in the plane, left of p → q or right of it."""
     along = q - p
     n = np.linalg.norm(along)
     x = (r**2 - s**2 + n**2) / (2 * n)

@@ -1,4 +1,4 @@
-"""A page in a real headless browser, driven over the DevTools protocol: clicks, drags, keys, and what they lead to."""
+"""A page in a real headless browser, driven by the DevTools protocol: clicks, drags, keys, and their effects."""
 
 import itertools
 import json
@@ -130,7 +130,7 @@ class Tab:
 
 @contextmanager
 def opened(page, size=(1280, 800), mobile=False):
-    """A page that was read and drawn, and that has not complained in the end."""
+    """A page that has been loaded and drawn; at the end it must not have reported an error."""
     tab = Tab(size, mobile)
     tab.ask("Page.navigate", url=page.resolve().as_uri())
     tab.wait("document.readyState == 'complete' && typeof viewer == 'object'")

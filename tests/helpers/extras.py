@@ -1,4 +1,4 @@
-"""What is not installed skips a test, and says what it is."""
+"""Skip tests whose optional packages are not installed, with their names."""
 
 from contextlib import contextmanager
 
@@ -9,7 +9,7 @@ import pinconsist as pc
 
 @contextmanager
 def skips_missing_extras():
-    """Within it, an extra that is missing skips the test."""
+    """A context in which a missing extra skips the test."""
     try:
         yield
     except pc.MissingExtraError as error:

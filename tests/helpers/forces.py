@@ -10,7 +10,7 @@ def law(t, q, v):
 
 
 def law_gradient(t, q, v):
-    """Of the law above on vector-like joints."""
+    """The derivatives of the law above on vector-like joints."""
     return np.diag(-3.0 * np.cos(q) * v**2), np.diag(-6.0 * np.sin(q) * v)
 
 

@@ -1,4 +1,4 @@
-"""Valid files with nearly every word that is read, for the fuzz test to spoil."""
+"""Valid files with nearly all supported elements, which the fuzz test mutates."""
 
 from helpers import sdf_texts
 from helpers.urdf_texts import BAR, joint

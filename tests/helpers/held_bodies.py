@@ -1,4 +1,4 @@
-"""One free body held to a moving arm by every kind of loop, and the same scene with tree joints instead."""
+"""A free body held to a moving arm by every kind of loop, and the same scene with tree joints in their place."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from helpers.scenes import add_body, add_point
 AXIS, AXIS2 = (0.3, -0.5, 0.8), (0.9, 0.2, -0.4)
 E, A = (np.array(axis) / np.linalg.norm(axis) for axis in (AXIS, AXIS2))
 U = np.linalg.svd(E[None, :])[2][1:]  # two directions across E, found without the package
-CROSSED = pin.Quaternion.FromTwoVectors(A, U[0]).matrix()  # brings AXIS2 across AXIS
+CROSSED = pin.Quaternion.FromTwoVectors(A, U[0]).matrix()  # makes AXIS2 perpendicular to AXIS
 LENGTH = 0.7
 XYZ1, RPY1, XYZ2, RPY2 = (0.1, -0.2, 0.4), (0.4, 0.1, -0.6), (-0.1, 0.15, 0.1), (-0.2, 0.5, 0.3)
 BODY = pin.Inertia(1.3, np.array([0.15, -0.1, 0.05]), np.diag([0.04, 0.06, 0.05]) + 0.01)
@@ -67,14 +67,14 @@ def as_tree(kind):
 
 
 def own_fields(kind, axis, axis2, length):
-    """Those of the fields axis, axis2 and length that a loop of this kind has."""
+    """The fields axis, axis2 and length, if a loop of this kind has them."""
     given = {"axis": axis, "axis2": axis2, "length": length}
     own = {"point": (), "frame": (), "distance": ("length",), "universal": ("axis", "axis2")}.get(kind, ("axis",))
     return {field: given[field] for field in own}
 
 
 def as_loop(kind, guess=None):
-    """The body free, closed to the arm by a loop of this kind."""
+    """The free body, connected to the arm by a loop of this kind."""
     model = pin.Model()
     arm(model)
     free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "body")
@@ -87,7 +87,7 @@ def as_loop(kind, guess=None):
 
 
 def free_state(tree, q, v):
-    """(q, v) of the loop-closed scene in a state of the tree: the arm's, then the body's pose and velocity."""
+    """(q, v) of the scene with a loop for a state of the tree: those of the arm, then the body's pose and velocity."""
     model, data = tree.model, tree.model.createData()
     pin.forwardKinematics(model, data, q, v)
     pose = frame_pose(model, q, "body")
@@ -96,7 +96,7 @@ def free_state(tree, q, v):
 
 
 def joint_wrench(tree, q, v):
-    """World force and moment that the joints give to the body at anchor 2: Newton and Euler on the body alone."""
+    """Force and moment of the joints on the body at anchor 2, in world axes, by the Newton-Euler equations."""
     model, data, frame = tree.model, tree.model.createData(), tree.model.getFrameId("body")
     pin.forwardKinematics(model, data, q, v, pin.aba(model, data, q, v, np.zeros(model.nv)))
     twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL)

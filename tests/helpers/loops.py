@@ -20,17 +20,17 @@ def loop_of(kind, frame1, frame2, **fields):
 
 
 def loop_open_by(model, q, kind, frame1, frame2, gap):
-    """A loop whose anchor 2 stands at `gap` (SE3) seen from its anchor 1 at configuration q."""
+    """A loop whose anchor 2 has the pose `gap` (SE3) relative to anchor 1 at configuration q."""
     loop = loop_of(kind, frame1, frame2)
     anchor = frame_pose(model, q, frame2).actInv(frame_pose(model, q, frame1) * loop.placement1 * gap)
     return loop_of(kind, frame1, frame2, xyz2=anchor.translation, rpy2=pin.rpy.matrixToRpy(anchor.rotation))
 
 
 def closed_gap(kind, rng):
-    """A pose of anchor 2 seen from anchor 1 that closes a loop of this kind, anywhere in what it leaves free."""
+    """A random pose of anchor 2 relative to anchor 1 that closes a loop of this kind."""
     slide, angle, cross = rng.uniform(-0.5, 0.5), rng.uniform(-2, 2), np.cross(E, rng.normal(size=3))
     turn = np.eye(3) if kind in ("point", "frame", "slider") else pin.exp3(angle * E)
-    if kind == "universal":  # any turn that leaves the two axes perpendicular
+    if kind == "universal":  # any rotation with perpendicular axes
         across, a = cross / np.linalg.norm(cross), np.array(AXIS2) / np.linalg.norm(AXIS2)
         turn = turn @ pin.Quaternion.FromTwoVectors(a, across).matrix() @ pin.exp3(1.3 * a)
     shift = {"slider": slide * E, "cylinder": slide * E, "plane": cross, "distance": 0.7 * E}.get(kind, np.zeros(3))
@@ -38,7 +38,7 @@ def closed_gap(kind, rng):
 
 
 def stayed_lid(lever):
-    """A lid on two balls along x, kept from turning about them by a stay that passes their line at `lever`, m."""
+    """A lid on two balls along x; a stay at the distance `lever`, m, from their line prevents rotation about it."""
     model = pin.Model()
     inertia, ends = np.diag([0.1, 0.2, 0.15]), ("universe", "lid")
     free = add_body(model, 0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "lid", 2.0, (0, 0, -0.4), inertia)

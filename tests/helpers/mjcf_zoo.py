@@ -1,4 +1,4 @@
-"""MJCF scenes with every word that we read, as texts between <mujoco> tags."""
+"""MJCF scenes with all supported elements, as texts between <mujoco> tags."""
 
 ROD = '<geom type="capsule" size="0.05" fromto="0 0 0 0.5 0.1 0.2"/>'
 BRICK = '<inertial pos="0.1 0.2 -0.3" euler="10 20 30" mass="2" diaginertia="0.1 0.2 0.25"/>'
@@ -13,7 +13,7 @@ def body(inside, attributes=""):
 
 
 def chain(*levels):
-    """A world of nested bodies, each hung on the one before: (attributes, what stands inside)."""
+    """A world of nested bodies, each a child of the previous one: (attributes, content)."""
     start = "".join(f'<body pos="0.3 -0.1 0.2" {attributes}>{inside}' for attributes, inside in levels)
     return world(start + "</body>" * len(levels))
 

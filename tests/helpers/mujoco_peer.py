@@ -1,4 +1,4 @@
-"""MuJoCo's own reading of an MJCF file beside ours: kinematics, mass matrix, bias and passive forces, equalities."""
+"""MuJoCo's model of an MJCF file compared with ours: kinematics, mass matrix, bias and passive forces, equalities."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ OFF = (
 
 
 class Peer:
-    """A model of MuJoCo's that takes our configurations and velocities."""
+    """A model in MuJoCo that accepts our configurations and velocities."""
 
     def __init__(self, path):
         self.model = mujoco.MjModel.from_xml_path(str(path))
@@ -43,7 +43,7 @@ class Peer:
         return q
 
     def move(self, q, v):
-        """Go to a state of ours; (T, Ṫ v) with MuJoCo's velocity T v: free joints have their shifts in world axes."""
+        """Set one of our states; return (T, Ṫ v) with MuJoCo's velocity T v: free joints translate in world axes."""
         model, data = self.model, self.data
         data.qpos[:] = self.qpos(q)
         T, rate = np.eye(model.nv), np.zeros(model.nv)
@@ -76,7 +76,7 @@ def random_state(mech, rng):
 
 
 def differences(mech, path, rng, states=3, passive=True):
-    """Largest differences over random states, each relative to the size of what is compared."""
+    """Largest differences over random states, each relative to the size of the quantity."""
     peer, model = Peer(path), mech.model
     assert (peer.model.nq, peer.model.nv, peer.model.njnt) == (model.nq, model.nv, len(mech.joints))
     for ours, theirs in zip(mech.joints, peer.joints, strict=True):
@@ -140,7 +140,7 @@ def _rows(mech, q):
 
 
 def _comparable(kind, ours, theirs, torquescale):
-    """Residuals in words that both speak: a distance, an angle, a joint's error."""
+    """Residuals in terms common to both: a distance, an angle, a joint's error."""
     if kind == "point":
         return np.linalg.norm(ours), np.linalg.norm(theirs[:3])
     if kind == "frame":

@@ -1,4 +1,4 @@
-"""Valid files spoilt a little, for fuzz tests: elements, attributes, keys and numbers changed, texts cut."""
+"""Mutations of valid files for fuzz tests: changed elements, attributes, keys and numbers, and cut texts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VALUES = (
 
 
 def mutated_text(text: str, rng: Random) -> bytes:
-    """Bytes cut, doubled, dropped or changed somewhere."""
+    """Cut, duplicate, drop or change bytes at a random place."""
     content = bytearray(text.encode())
     for _ in range(rng.randint(1, 3)):
         place = rng.randrange(len(content) + 1)
@@ -42,7 +42,7 @@ def mutated_text(text: str, rng: Random) -> bytes:
 
 
 def mutated_xml(text: str, rng: Random) -> bytes:
-    """One to four changes of elements and attributes; now and then of the text itself."""
+    """One to four changes of elements and attributes; sometimes of the text itself."""
     if rng.random() < 0.15:
         return mutated_text(text, rng)
     root = fromstring(text)
@@ -93,7 +93,7 @@ def _line(node, parents):
 
 
 def mutated_yaml(text: str, rng: Random) -> bytes:
-    """One to four changes of keys and values; now and then of the text itself."""
+    """One to four changes of keys and values; sometimes of the text itself."""
     if rng.random() < 0.2:
         return mutated_text(text, rng)
     record = yaml.safe_load(text)
@@ -103,7 +103,7 @@ def mutated_yaml(text: str, rng: Random) -> bytes:
 
 
 def _change_plain(record, rng: Random):
-    """The record, changed at one of its places."""
+    """The record, changed at a random place."""
     holders = [record] if isinstance(record, dict | list) else []
     for holder in holders:
         inside = holder.values() if isinstance(holder, dict) else holder

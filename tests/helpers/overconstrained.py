@@ -1,4 +1,4 @@
-"""Mechanisms that move only because some of their loops follow from the others, and the same with rounded numbers."""
+"""Mechanisms that can move only because some of their loops follow from others, and the same with rounded numbers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from helpers.scenes import add_body, at
 
 
 def parallelogram(longer=0.0, kind="hinge"):
-    """A coupler on three cranks of 1 m, 1 m apart, of which the last is longer; angles about +y, hanging at π/2."""
+    """A coupler on three cranks of 1 m, 1 m apart, the last of which is longer; angles about +y, hanging at π/2."""
     model = pin.Model()
 
     def rod(parent, name, x, length):
@@ -35,7 +35,7 @@ def parallelogram(longer=0.0, kind="hinge"):
 def wrist(off=0.0, radius=0.1):
     """A spherical 3-RRR: three motors, all axes through one point; with joints displaced by up to `off` in each axis.
 
-    Its anchors are where the loops close in the configuration zero.
+    Its anchors close the loops in the zero configuration.
     """
     rng, model, ends = np.random.default_rng(0), pin.Model(), []
 
@@ -71,7 +71,7 @@ def wrist(off=0.0, radius=0.1):
 
 
 def rounded(mechanism, digits):
-    """The same with the positions and angles of all joints and anchors rounded to so many decimals."""
+    """The same mechanism with the positions and angles of all joints and anchors rounded to `digits` decimals."""
     model = mechanism.model.copy()
     for j in range(1, model.njoints):
         place = model.jointPlacements[j]
@@ -88,7 +88,7 @@ def rounded(mechanism, digits):
 
 
 def turned(mechanism):
-    """The same with the whole tree and its ground anchors turned and displaced, so that no number is a round one."""
+    """The same mechanism with the tree and its ground anchors rotated and displaced, so that no number is round."""
     model = mechanism.model.copy()
     move = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.5, 0.7), np.array([0.1234567891, 0.2, -1 / 3]))
     for j in range(1, model.njoints):

@@ -1,4 +1,4 @@
-"""What is drawn in a replay: its objects, tracks, arrows and legend."""
+"""The contents of a replay: its objects, tracks, arrows and legend."""
 
 import numpy as np
 import pinocchio as pin
@@ -38,6 +38,6 @@ def drawn(page, start):
 
 
 def stated(page, kind="N"):
-    """Newtons per metre, or newton metres, as a bar of the legend says."""
+    """Newtons or newton metres per metre, from a bar of the legend."""
     (bar,) = [each["bar"] for each in page["legend"] if "bar" in each and each["bar"]["text"].split()[1] == kind]
     return float(bar["text"].split()[0]) / bar["metres"]

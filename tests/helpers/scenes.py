@@ -1,4 +1,4 @@
-"""Answers of the benchmarks among the shipped scenes, and further mechanisms, built from bodies and joints."""
+"""Reference values of built-in scenes that are benchmarks, and further mechanisms, built from bodies and joints."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ANDREWS_JOINTS = ("beta", "theta", "gamma", "phi", "delta", "omega", "epsilon")
 
 
 def on_stage(model, q, frame):
-    """Pose of a frame in the axes of the link `stage`, those of the benchmark that a scene stands for."""
+    """Pose of a frame in the axes of the link `stage`, which are those of the benchmark."""
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
     return data.oMf[model.getFrameId("stage")].actInv(data.oMf[model.getFrameId(frame)])
@@ -47,7 +47,7 @@ def slider(mass=2.0, gravity=0.0):
 
 
 def heavy_top():
-    """A free body held at its pivot by a point loop: a top on SO(3) with its multipliers."""
+    """A free body held at its pivot by a point loop: a top on SO(3) with multipliers."""
     model = pin.Model()
     model.gravity.linear = np.array([0, 0, -9.81])
     free = pin.JointModelFreeFlyer()
@@ -86,7 +86,7 @@ def held_mass(rows):
 
 
 def car_axis():
-    """(problem, p0, v0): the car axis of the IVP test set, a constraint that moves."""
+    """(problem, p0, v0): the car axis of the IVP test set, with a time-dependent constraint."""
     eps, M, L, L0, r, omega, g = 1e-2, 10.0, 1.0, 0.5, 0.1, 10.0, 1.0
     K = M * eps**2 / 2
 

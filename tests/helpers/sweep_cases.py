@@ -1,4 +1,4 @@
-"""Functions of one case that other processes can be sent."""
+"""Functions of one case that can be sent to other processes."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def mechanism(name):
 
 
 def turning(speed):
-    """All numbers of a run that is certified, too, and two random numbers of the case's own."""
+    """All numbers of a checked run, and two random numbers of the case."""
     sol = pc.simulate(mechanism("crank_rocker"), (0.0, 0.3), v0={"crank": speed})
     rows = b"".join(part.tobytes() for part in (sol.t, sol.q, sol.v, sol.lam))
     return rows + repr(sol.check(error=False).force).encode()
 
 
 def drawn(case):
-    """Random numbers of the case's seed and of two more that it spawns."""
+    """Random numbers from the case's seed and from two seeds that it spawns."""
     _, seed = case
     return [np.random.default_rng(each).random() for each in (seed, *seed.spawn(2))]
 
@@ -51,7 +51,7 @@ class TwoWords(Exception):
 
 
 def killer(case):
-    """Kill this process without a word, as the kernel does when memory runs out; not before others have had a turn."""
+    """Kill this process silently, as the kernel does when memory runs out, after other cases have run."""
     if case == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(0.02)
@@ -68,7 +68,7 @@ def unsendable(case):
 
 
 def interrupted_by_itself(case):
-    """Ctrl-C in the middle of a run, which catches it."""
+    """Send Ctrl-C in the middle of a run, which catches it."""
     signal_at = 0.1 if case == 2 else 9.0
 
     def callback(t, *_):

@@ -1,4 +1,4 @@
-"""The terms of the compiled twin against those in Python."""
+"""The terms of the compiled method compared with those in Python."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from pinconsist.mechanism.rank import null_space
 from pinconsist.mechanism.system import MechanismSystem
 
 needs_twin = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
-LOOSE = {"rtol": 5e-3, "atol": 5e-5}  # errors far above rounding, which the choice of steps enlarges
+LOOSE = {"rtol": 5e-3, "atol": 5e-5}  # errors far above rounding, which step-size control amplifies
 
 
 def twin_of(system):
@@ -21,13 +21,13 @@ def twin_of(system):
 
 
 def assert_same(a, b, size=1e-12):
-    """Equal to rounding of the largest number."""
+    """Assert equality up to rounding of the largest number."""
     a, b = np.asarray(a), np.asarray(b)
     np.testing.assert_allclose(a, b, atol=size * (1.0 + np.abs(a).max(initial=0.0)), rtol=0)
 
 
 def compare_terms(mech, q, t=0.3, seed=0):
-    """Residuals, matrix, accelerations and projections of both, with all rows that the system keeps."""
+    """Compare residuals, matrix, accelerations and projections of both, with all kept rows."""
     system, rng = MechanismSystem(mech, q, t), np.random.default_rng(seed)
     twin = twin_of(MechanismSystem(mech, q, t))
     assert twin.nc == system.nc
@@ -51,13 +51,13 @@ def compare_terms(mech, q, t=0.3, seed=0):
 
 
 class Still(list):
-    """Parameters that change nothing in the equations."""
+    """Parameters that do not change the equations."""
 
     beside, known = {}, ()
 
 
 def compare_multipliers(system, twin, t, p, v):
-    """Multipliers and their derivatives, at a state on the constraints, along them."""
+    """Compare the multipliers and their derivatives at a state on the constraints, along them."""
     J = np.array(system.evaluate(t, p, v, v)[2]).T
     H, Z = row_gradients(system, t, p, v, np.zeros(system.nc))[1], null_space(J)
     ways = np.block([[Z, np.zeros_like(Z)], [-np.linalg.pinv(J) @ H @ Z, Z]])
@@ -69,7 +69,7 @@ def compare_multipliers(system, twin, t, p, v):
 
 
 def compare_row_gradients(system, twin, t, q, v):
-    """Those of the forces with some multipliers and of the hidden constraint, where not left to differences."""
+    """Compare the derivatives of constraint forces and of the hidden constraint, unless they are differences."""
     lam = np.cos(np.arange(system.nc))
     known = twin.row_gradients(t, q, v, lam) or row_gradients(system, t, q, v, lam)
     for ours, theirs in zip(row_gradients(system, t, q, v, lam), known, strict=True):

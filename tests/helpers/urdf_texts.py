@@ -17,7 +17,7 @@ CHAIN = (
 
 
 def write(folder, body, loops=None, head='<robot name="r">', name="scene"):
-    """A URDF, and a loop file if given, in a folder; returns the path of the URDF."""
+    """Write a URDF, and a loop file if given, to a folder; return the path of the URDF."""
     path = folder / f"{name}.urdf"
     path.write_text(head + body + "</robot>")
     if loops is not None:

@@ -22,7 +22,7 @@ def de(phi):
 
 
 class _TwoRods:
-    """A crank and a rod in a chain, in absolute angles, and where their end has to be by a third coordinate."""
+    """A crank and a rod in series, in absolute angles, and the position of their end from a third coordinate."""
 
     T = np.array([[1.0, 0, 0], [1.0, 1.0, 0], [0, 0, 1.0]])  # absolute angles from q
 
@@ -55,7 +55,7 @@ class FourBar(_TwoRods):
     third_moment = property(lambda self: self.m[2] * self.l[2] / 2)
 
     def third(self, angle):
-        """The end of the rocker, and its first two derivatives."""
+        """The position of the rocker's end, and its first two derivatives."""
         return np.array([self.ground, 0]) + self.l[2] * e(angle), self.l[2] * de(angle), -self.l[2] * e(angle)
 
 
@@ -68,12 +68,12 @@ class SliderCrank(_TwoRods):
         self.m, self.l, self.third_mass = masses, lengths, masses[2]
 
     def third(self, place):
-        """The piston, and its first two derivatives."""
+        """The position of the piston, and its first two derivatives."""
         return np.array([place, 0]), np.array([1.0, 0]), np.zeros(2)
 
 
 def reduced_motion(linkage, q0, rate0, span):
-    """A function of times that gives rows (q, v, Jᵀλ), by scipy's DOP853 on the crank angle alone, rtol 1e-12.
+    """A function of times that returns rows (q, v, Jᵀλ), by scipy's DOP853 on the crank angle only, rtol 1e-12.
 
     The other two coordinates follow from the closed loop by Newton's method; Jᵀλ = M q'' + bias in coordinates q.
     """
@@ -128,7 +128,7 @@ def reduced_solution(linkage, q0, rate0, times):
 
 
 def scaled_bead():
-    """(problem, exact): a bead driven round the unit circle, its velocity counted in units that change with t and p."""
+    """(problem, exact): a bead driven round the unit circle; its velocity has units that depend on t and p."""
     alpha = 0.8  # rad/s²
 
     def scale(t, p):
