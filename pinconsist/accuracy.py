@@ -149,7 +149,7 @@ def _rows(solution, most):
 
 
 def _finer(system, method, t, start, events, interrupted):
-    """(p, v, λ) at the times and the times of the events; None where the run does not reach the end."""
+    """(p, v, λ) at the times, and the times of the events; None if the run does not reach the end."""
     # between steps Radau has velocities of a lower order; and with the steps of the other run errors would be alike
     exact = method.name == "Radau"
     asked = np.insert(t, slice(1, None), 0.5 * (t[1:] + t[:-1])) if exact else t

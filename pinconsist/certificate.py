@@ -51,7 +51,7 @@ class Certificate:
     fixed_step : bool
         Whether the run had a fixed step, to which advice then refers.
     ended_early : bool
-        Whether the run could not continue; its message then says what to try.
+        Whether the run could not continue; its message has the reason and advice.
     error : GlobalError or None
         The difference from a finer run; None if none was made.
     saturated : dict of str to float

@@ -54,7 +54,7 @@ class Recipe:
 
     @classmethod
     def read(cls, solution, file) -> Recipe:
-        """The recipe of a saved run; FormatError where the file holds none."""
+        """The recipe of a saved run; FormatError if the file has none."""
         if solution.recipe is None:
             raise FormatError(
                 "it does not contain how it was made: a solution of simulate() alone does not know from which file its "
@@ -283,7 +283,7 @@ class _Callback:
     def __init__(self, callback):
         self.callback, self.order, self.t, self.error = callback, 0, 0.0, None
         self.each_step = getattr(callback, "each_step", True)
-        self.skip = False  # the first row of a part that goes on from a checkpoint
+        self.skip = False  # the first row of a part that continues from a checkpoint
 
     def __call__(self, t, *about):
         if self.skip and self.each_step:

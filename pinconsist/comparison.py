@@ -73,7 +73,7 @@ class Run:
 
     @property
     def sizes(self) -> str:
-        """The first force from exact values beside the true one: ``38.4 N instead of 19.1 N``."""
+        """The first force from exact values compared with the true one: ``38.4 N instead of 19.1 N``."""
         true, found = self.true[self.order], self.from_exact[self.order]
         if len(true) == 1:
             return f"{self._amount(found[0])} instead of {self._amount(true[0])}"
@@ -174,7 +174,7 @@ def compare(subject, steps, *, order=1, count=6, q0=None, v0=None) -> Comparison
 
 
 def _subject(subject, q0, v0):
-    """(name, system, t0, p0, v0, λ at times) of what is compared."""
+    """(name, system, t0, p0, v0, λ at times) of the subject of a comparison."""
     if isinstance(subject, Mechanism):
         assembly = assemble(subject, q0, v0)
         origin = 0.0, assembly.q, assembly.v

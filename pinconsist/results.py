@@ -172,7 +172,7 @@ class ByName:
         return (self._acting(mechanism, label)[:, part] * self.v[:, part]).sum(axis=1)
 
     def _label(self, mechanism, name) -> str | None:
-        """The label of the force that a name stands for, or None for a joint."""
+        """The label of the force with this name, or None if the name is that of a joint."""
         forces = bound_forces(mechanism.model, mechanism.forces)
         begin = [label for label in forces if label.split()[0] == name]
         if name in forces or len(begin) == 1:
@@ -274,7 +274,7 @@ def _of(mechanism, joint, rows):
 
 
 def _joint_of(mechanism, label) -> str | None:
-    """The joint that the force of a label acts on alone, if it has one degree of freedom."""
+    """The only joint that the force with this label acts on, if it has one degree of freedom."""
     at = list(bound_forces(mechanism.model, mechanism.forces)).index(label) - len(bound_forces(mechanism.model, ()))
     force, nvs = mechanism.forces[at] if at >= 0 else None, mechanism.model.nvs
     where = getattr(force, "_acts_on", "")

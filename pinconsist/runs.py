@@ -206,7 +206,7 @@ def changed_files(then, now) -> list[str]:
 
 
 def _changed_mechanism(then, now, same_pinocchio) -> list[str]:
-    """A sentence if a mechanism is not what it was, by its digests: of models only with the same Pinocchio."""
+    """A sentence if the digests of a mechanism differ; those of models are compared only for the same Pinocchio."""
     parts = {"model": "bodies, joints or gravity", "loops": "loops", "forces": "own forces", "guess": "guess"}
     other = [parts[part] for part in parts if (part != "model" or same_pinocchio) and then.get(part) != now[part]]
     return [f"the mechanism has different {', different '.join(other)}"] if other else []
@@ -233,7 +233,7 @@ def _scene(scene, load, file):
 
 
 def _again(file, scene, forces):
-    """The run in a file, its recipe, its mechanism with all forces, and what has changed in its scene."""
+    """The run in a file, its recipe, its mechanism with all forces, and the changes in its scene."""
     solution = Solution.load(file)
     recipe = Recipe.read(solution, file)
     if isinstance(scene, Mechanism):

@@ -38,7 +38,7 @@ def write(solution, file) -> Path:
 def read(file) -> dict:
     """The fields of the solution in a file; FormatError for anything but a whole file of this format."""
     try:
-        with zipfile.ZipFile(file) as archive:  # compressed, a few kB can stand for all of the memory
+        with zipfile.ZipFile(file) as archive:  # if compressed, a few kB can expand to all of the memory
             if any(member.compress_type != zipfile.ZIP_STORED for member in archive.infolist()):
                 raise ValueError("its arrays are compressed")
         with np.load(file, allow_pickle=False) as stored:

@@ -35,7 +35,7 @@ _loaded: dict[str, Mechanism] = {}
 
 
 def loaded(scene, *, anew=False) -> Mechanism:
-    """The mechanism of a scene, loaded once in each process; `anew` where its files may have changed since."""
+    """The mechanism of a scene, loaded once in each process; use `anew` if its files may have changed since."""
     if anew or repr(scene) not in _loaded:
         _loaded.clear()
         _loaded[repr(scene)] = scene.load()
@@ -87,7 +87,7 @@ class SceneSweep:
     """How each case of a sweep is run: plain data that can be sent to any process."""
 
     scene: Any  # plain data with a method load() -> Mechanism
-    names: tuple[str, ...]  # what the numbers of a case are, as `Run.put` knows them
+    names: tuple[str, ...]  # meaning of the numbers of a case, see `Run.put`
     start: float
     until: float
     q0: Mapping  # of the joints that are not varied
@@ -118,7 +118,7 @@ class SceneSweep:
             self._simulated(self.run(case), self.start)
         except InputError:
             raise
-        except PinconsistError as error:  # that concerns this case alone, and stands in its row
+        except PinconsistError as error:  # it concerns only this case, and is in its row
             _log.debug("the first case: %s", error)
 
     def _simulated(self, run, until):
@@ -151,7 +151,7 @@ class SceneSweep:
         return ["case", *self.names, *MEASURED, *ends, "message"]
 
     def rows(self, cases, measured: dict[int, dict]) -> list[list]:
-        """The rows of the cases that have been run, in their order; None where a number is missing."""
+        """The rows of the cases that have been run, in their order; None for missing numbers."""
         empty = [None] * (len(self.columns()) - len(self.names) - len(MEASURED) - 2)
         return [
             [i, *cases[i], *(row.get(name) for name in MEASURED), *(row.get("end") or empty), row["message"]]

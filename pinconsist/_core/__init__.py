@@ -1,4 +1,4 @@
-"""The methods of dae/ in C++, and everything that exists for speed alone: many accepted steps in one call.
+"""The methods of dae/ in C++, with everything that exists only for speed: many accepted steps in one call.
 
 It is built if ``pip install`` finds a compiler. The C++ files are named like the Python ones: newton.hpp does what
 dae/newton.py does, and so on. User-defined forces and constraints are called back in Python.

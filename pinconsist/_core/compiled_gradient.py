@@ -21,7 +21,7 @@ def index1_of(system, compiled: bool) -> Index1:
 
 
 def _known_rates(parameters):
-    """The compiled derivatives that are known, or None where there are none."""
+    """The compiled known derivatives, or None if there are none."""
     if not parameters.known:
         return None
     rates = load()[0].Rates(*parameters.workspace)
@@ -32,7 +32,7 @@ def _known_rates(parameters):
 
 
 def all_rows(index1):
-    """The function of a configuration that gives J of all rows of a mechanism's loops, (n_multipliers, nv)."""
+    """The function of a configuration that returns J of all rows of a mechanism's loops, (n_multipliers, nv)."""
     system = index1.system
     if not isinstance(index1, CompiledIndex1):
         return lambda q: system.loop_rows(q)[1]

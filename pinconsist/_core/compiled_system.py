@@ -39,7 +39,7 @@ def with_all_rows(system):
 
 
 def blank_system(model, data):
-    """A compiled system of a model without rows and forces, on this workspace; None in Python alone."""
+    """A compiled system of a model without rows and forces, on this workspace; None without the compiled part."""
     module = load()[0]
     return None if module is None else module.MechanismSystem(model, data)
 

@@ -1,4 +1,4 @@
-// dae/control.py, and RadauControl of dae/radau_stepper.py: step and order.
+// dae/control.py, and RadauControl of dae/radau_control.py: step and order.
 #pragma once
 
 #include "newton.hpp"

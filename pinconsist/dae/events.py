@@ -44,7 +44,7 @@ class Event:
 
 
 def as_events(events) -> tuple[Event, ...]:
-    """Events from what a user may give: Event objects or functions with scipy's attributes."""
+    """Events from user input: Event objects, or functions with scipy's attributes."""
     if events is None:
         return ()
     events = (events,) if callable(events) or isinstance(events, Event) else events

@@ -43,7 +43,7 @@ def failure_report(stepper, failure: str) -> str:
 
 
 def jumping(stepper) -> str:
-    """The names of forces that jump where the run stands."""
+    """The names of forces that jump at the current state of the run."""
     system = stepper.system
     v = stepper.y[system.nx : system.nx + system.nv]
     try:

@@ -32,7 +32,7 @@ class Method:
     first_step: float | None = None
     max_steps: int | None = None
     switches: Switches = field(default_factory=Switches)
-    stages: int | None = None  # of Radau IIA; 0 where the method chooses them, None for BDF
+    stages: int | None = None  # of Radau IIA; 0 if the method chooses them, None for BDF
 
     @property
     def name(self) -> str:

@@ -29,7 +29,7 @@ from .tuning import FAILURES, FRESH_RATE, LAST, MAX_ITERATIONS, STAGNANT, STAGNA
 
 @dataclass(slots=True)
 class Attempt:
-    """Outcome of one call of :meth:`Newton.attempt`: the solution, not yet corrected, or why there is none."""
+    """Outcome of one call of :meth:`Newton.attempt`: the uncorrected solution, or the reason for its failure."""
 
     t: float
     c: float  # h/α_k, s

@@ -1,4 +1,4 @@
-"""A run of Radau IIA: one step after another, each from (q, v) alone."""
+"""A run of Radau IIA: one step after another, each depending only on (q, v)."""
 
 from dataclasses import dataclass, replace
 from math import copysign, hypot
@@ -104,7 +104,7 @@ class RadauStepper(Stepper):
             self.shape.W = self.shape.W + (self.a - before)
 
     def _first_step(self, t_end):
-        """A step with an error of FIRST_ERROR, from the time in which the acceleration changes by as much as it is."""
+        """A first step with error FIRST_ERROR, from the time in which the acceleration changes by its own size."""
         system, control, limit = self.system, self.control, abs(t_end - self.t)
         if self.method.first_step is not None:
             return np.copysign(min(self.method.first_step, limit), t_end - self.t)
@@ -132,12 +132,12 @@ class RadauStepper(Stepper):
         return np.copysign(max(min(h, control.max_step), shortest_step(self.t, t_end)), t_end - self.t)
 
     def prepare_next(self) -> None:
-        """Shorten the step where it would turn a joint beyond its chart."""
+        """Shorten the step if it would turn a joint beyond its chart."""
         if self.method.step is None and (speed := fastest_turn(self._turns, self.system.rate(self.t, self.p, self.v))):
             self.h = np.copysign(min(abs(self.h), tuning.MAX_CHART_TURN / speed), self.h)
 
     def advance(self, t_end) -> str:
-        """One accepted step towards `t_end`; returns why there is none, or an empty string."""
+        """Make one accepted step towards `t_end`; return the reason of a failure, or an empty string."""
         control = self.control
         control.reached(self.system, self._columns(), self.p)
         while True:

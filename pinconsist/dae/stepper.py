@@ -63,7 +63,7 @@ class Stepper:
         self.system, self.index1 = system, Index1(system)
 
     def passes_changes(self, with_curve: bool) -> bool:
-        """Whether :meth:`steps` takes ``forces``, to continue by itself at the times at which they jump."""
+        """Whether :meth:`steps` accepts ``forces``, and continues on its own at the times at which they jump."""
         return False
 
     def full_multipliers(self, p, lam):
@@ -82,7 +82,7 @@ class Stepper:
         Returns
         -------
         list of (t, p, v, λ)
-            The states of the history, from `t` on; the run stands at the last of them.
+            The states of the history, from `t` on; the last one is the current state of the run.
         """
         system, method = self.system, self.method
         self.control.restart()
@@ -163,12 +163,12 @@ class Stepper:
                     break
                 if signs is not None and signs.stop:
                     raise KeyboardInterrupt
-        except BaseException as raised:  # what was reached is kept; the caller raises it
+        except BaseException as raised:  # the steps made so far are kept; the caller raises it
             error = raised
         return StepBatch.of(states, orders, Curve(segments) if segments else None, failure, error)
 
     def advance(self, t_end) -> str:
-        """One accepted step towards `t_end`; returns why there is none, or an empty string."""
+        """Make one accepted step towards `t_end`; return the reason of a failure, or an empty string."""
         system, control = self.system, self.control
         control.reached(system, self.y, self.p)
         if self._turns is not None and (too_fast := self._turns_too_far(self.velocity_and_multipliers()[0])):
@@ -209,7 +209,7 @@ class Stepper:
             self._choice = control.after_rounding(h, tried[0]), k
         else:
             self._choice = control.next_step(system, Z, k, h, error, weight)
-        # A longer step that is tried after one that would have passed must pass by itself.
+        # A longer step that is tried after one that would have passed must pass on its own.
         self._on_trial = rounding and error <= 1.0 and abs(self._choice[0]) > max(abs(h), tried[0])
         self.rounding.accepted()
         self.headway.reached(self.t)
@@ -240,7 +240,7 @@ class Stepper:
             self._shorten_to_charts()
 
     def _shorten_to_charts(self) -> None:
-        """Shorten the step where the velocity it leads to would turn a joint beyond its chart."""
+        """Shorten the step if the velocity at its end would turn a joint beyond its chart."""
         nx, nv, h = self.system.nx, self.system.nv, self.h
         while self._longest_step(self.Z[: self.k + 1, nx : nx + nv].sum(axis=0), self.k) < (1.0 - 1e-9) * abs(self.h):
             self.rescale(0.7 * self.h, self.k)

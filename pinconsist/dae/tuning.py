@@ -100,7 +100,7 @@ FAILURES = {
 
 @dataclass(frozen=True)
 class Switches:
-    """What the compiled method does for speed alone. With all of them off it makes the steps of the Python method.
+    """Features of the compiled method that exist only for speed. With all off, it makes the same steps as Python.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ from .shapes import OCTAHEDRON, SMALLEST, Shape, cylinder, link_ends, ring
 
 FORCE, MOMENT = "force", "moment"
 COLORS = {FORCE: 0x8E44AD, MOMENT: 0x2E7D32}
-WRONG, RIGHT = 0xD50000, 0x5F6B73  # of forces beside the true ones, and of these
+WRONG, RIGHT = 0xD50000, 0x5F6B73  # of wrong forces, and of the true ones next to them
 TRUE, WIDE = "true: ", 2.2  # before the name of a true force; the width of its arrow, under that of another
 UNITS = {FORCE: "N", MOMENT: "N·m"}
 LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # the longest arrow, in sizes of the picture, or less where parts are small
@@ -48,7 +48,7 @@ class Action:
 def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> list[Action]:
     """Forces and moments of the loops, torques of drives and motors.
 
-    A loop acts on its body 2, or on its body 1 where the other is the ground; drives and motors act on their joints,
+    A loop acts on its body 2, or on its body 1 if the other is the ground; drives and motors act on their joints,
     of which those with one degree of freedom are drawn. Couplings are not drawn: they act on two joints at once. Left
     out are the loops `without` determined forces, and moments that are rounding for a picture of this `size`, m.
     """
@@ -117,7 +117,7 @@ def longest_arrows(mechs, actions: list[Action], size: float) -> dict[str, float
 
 
 def scale_of(kind: str, actions: list[Action], longest: float) -> Scale | None:
-    """One scale for all forces, or moments, of a picture; None where there are none.
+    """One scale for all forces, or moments, of a picture; None if there are none.
 
     The largest has the longest arrow, unless it is an outlier, such as a peak near a dead centre: that is cut.
     """
@@ -152,7 +152,7 @@ def arrow(path: str, action: Action, scale: Scale) -> tuple[list[tuple[Node, lis
     turns = np.array([rotation_to(each, axis).coeffs() for each in along])
     if action.kind == FORCE:
         radius, head = wide * RADIUS * scale.longest, HEAD * scale.longest
-        short = np.minimum(1.0, reach / (2 * head))  # its head is half of it at most
+        short = np.minimum(1.0, reach / (2 * head))  # its head is at most half of it
         thin, length = np.minimum(short.clip(THINNEST), 5 * short), reach - head * short
         shaft = Node(f"{path}/shaft", np.hstack((points, turns)), np.column_stack((thin, length, thin)).clip(SMALLEST))
         necks = np.hstack((points + along * length[:, None], turns))

@@ -117,7 +117,7 @@ def stage(axes: np.ndarray, size: float) -> list[dict]:
     right, up, back = axes
     fill = "/Lights/FillLight/<object>"
     return [
-        put("/Lights/PointLightNegativeX", "visible", False),  # these two stand at fixed places and reach 10 m
+        put("/Lights/PointLightNegativeX", "visible", False),  # these two have fixed positions and reach 10 m
         put("/Lights/PointLightPositiveX", "visible", False),
         put("/Background", "visible", False),  # the page's own costs nothing, this is most of a frame in software
         put("/Axes", "scale", [0.2 * size] * 3),

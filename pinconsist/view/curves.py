@@ -1,4 +1,4 @@
-"""The curves beside the motion: forces, torques, energies, joints, steps and orders, at rows that show all peaks."""
+"""The curves next to the motion: forces, torques, energies, joints, steps and orders, at rows that show all peaks."""
 
 from base64 import b64encode
 from dataclasses import replace
@@ -51,7 +51,7 @@ def _telling(run: Run) -> np.ndarray:
 
 
 def _curves(run: Run, rows: np.ndarray, size: float, without, planar: bool):
-    """(group, unit, name, values, what it is of) of each curve."""
+    """(group, unit, name, values, subject) of each curve."""
     some, source, model = run.rows(rows), run.source, run.mech.model
     if run.lam is not None and (run.v is not None or not run.mech.forces):
         poses, words = body_poses(model, some.q), {loop.name: _word(loop.kind, planar) for loop in run.mech.loops}

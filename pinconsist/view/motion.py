@@ -134,7 +134,7 @@ def playing_times(runs, speed: float, fps: float) -> np.ndarray:
 
 
 def on_joint(model: pin.Model, frame: str, offset: pin.SE3 | None = None) -> tuple[int, pin.SE3]:
-    """Joint, and placement on it, of what has an offset from a frame."""
+    """Joint, and placement on it, of a point or pose with an offset from a frame."""
     found = model.frames[model.getFrameId(frame)]
     return found.parentJoint, found.placement if offset is None else found.placement * offset
 

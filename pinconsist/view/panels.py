@@ -80,19 +80,19 @@ def sparse(count: int, marks: int, shift: int = 0) -> tuple[int, int]:
 
 
 def legend_beside(axis):
-    """A legend on the right of the panel, where it does not cover curves."""
+    """A legend to the right of the panel, so that it does not cover curves."""
     axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=4.5)
 
 
 def clock(t) -> tuple[np.ndarray, str]:
-    """Times in a unit that fits how long they last, and the label of their axis."""
+    """Times in a unit that fits their duration, and the label of their axis."""
     span = np.ptp(t)
     factor, unit = next(((factor, unit) for most, factor, unit in SHORT if 0.0 < span < most), (1.0, "s"))
     return factor * np.asarray(t), f"t  [{unit}]"
 
 
 def wrapped(t, angle) -> tuple[np.ndarray, np.ndarray]:
-    """An angle within ±π over time, with a gap where it goes round."""
+    """An angle within ±π over time, with a gap where it wraps."""
     within = (angle + np.pi) % (2 * np.pi) - np.pi
     gaps = 1 + np.flatnonzero(np.abs(np.diff(within)) > np.pi)
     return np.insert(t, gaps, np.nan), np.insert(within, gaps, np.nan)
@@ -156,7 +156,7 @@ class DrawnSolution:
             self.labels[name] = names if len(names) == len(labels) else labels
 
     def need_mechanism(self, of_what: str):
-        """The mechanism, or an error that says how to give it."""
+        """The mechanism, or an error that explains how to pass it."""
         if self.mech is None:
             why = "A solution read from a file does not contain it, and a general problem has none"
             raise InputError(f"a picture of the {of_what} needs the mechanism: pass it as mech=. {why}")

@@ -27,7 +27,7 @@ SEATS |= {
 }
 ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): "moment", (MOMENT, True): "torque"}
 NAMED = 3  # bodies in a line of the legend
-POINT = 1e-12  # m; what is smaller is a point and rounding
+POINT = 1e-12  # m; a smaller extent is that of a point
 GAP = 0.3  # between neighbours, in sizes of the picture
 
 
@@ -176,7 +176,7 @@ def _part(name: str) -> str:
 
 
 def _offsets(extents, right: np.ndarray, size: float) -> list[np.ndarray]:
-    """Where the runs stand: in a row to the viewer's right, the first where its world is."""
+    """Offsets that place the runs in a row to the viewer's right, the first one without an offset."""
     ends = [((points @ right).min(), (points @ right).max()) for points in extents]
     shifts = [0.0]
     for (_, before), (start, _) in pairwise(ends):

@@ -31,7 +31,7 @@ PICTURES = {
     "steps": ("step size and order over time", panels.steps),
     "phase": ("phase portrait, velocity over configuration of each joint", panels.phase),
 }
-"""Name → what it shows, and what draws it: on two panels side by side, the phase portrait on a grid of its own."""
+"""Name → description, and function that draws it: on two panels side by side; the phase portrait has its own grid."""
 
 
 def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers")) -> Figure:

@@ -46,7 +46,7 @@ def render(mech, sol, file, *, speed=1.0, traces=(), forces=False, at=(), watch=
 
 
 def require_file(file, at=()) -> str:
-    """The ending of `file`; InputError for one that cannot be written, MissingExtraError where a package is missing."""
+    """The ending of `file`; InputError if it cannot be written, MissingExtraError if a package is missing."""
     ending = Path(file).suffix.lower()
     if ending not in (*FILMS, ".svg"):
         raise InputError(f"{file}: a film ends in .mp4 or .gif, a drawing in .svg")
@@ -93,7 +93,7 @@ def _frames(page, width, height, watch=None) -> Iterator:
 
 
 def _about(entry) -> str:
-    """An entry of the page's legend; the sizes of arrows that are cut stand on pages alone."""
+    """An entry of the page's legend; the sizes of cut arrows are shown on pages only."""
     text = entry["text"].removesuffix(", with their size beside them")
     return f"{entry['bar']['text']}  {text}" if "bar" in entry else text
 

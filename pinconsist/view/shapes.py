@@ -24,7 +24,7 @@ OCTAHEDRON = np.vstack((np.eye(3), -np.eye(3)))
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape on one node: the ground 0, a joint, or, from ``njoints`` on, a bar that stands for a distance loop."""
+    """One shape on one node: the ground 0, a joint, or, from ``njoints`` on, a bar that represents a distance loop."""
 
     node: int
     geometry: dict  # as three.js reads it
@@ -33,7 +33,7 @@ class Shape:
     color: int = RAIL
     opacity: float = 1.0
     on_top: int = 0  # drawn over everything that is lower, so that no mesh hides it
-    loop: str = ""  # the loop for which it stands
+    loop: str = ""  # the loop that it represents
 
     @property
     def points(self) -> np.ndarray:
@@ -120,7 +120,7 @@ def skeleton(mech: Mechanism, poses: np.ndarray) -> np.ndarray:
 
 
 def bars(mech: Mechanism, poses: np.ndarray) -> dict[str, np.ndarray]:
-    """Poses, shape (n, 7) each, of the bars that stand for the distance loops, by their names."""
+    """Poses, shape (n, 7) each, of the bars that represent distance loops, by their names."""
     rods = {loop.name: anchors(mech.model, loop) for loop in mech.anchored_loops if loop.kind == "distance"}
     return {
         name: bar_poses(*(point_in_world(poses, j, place.translation) for j, place in ends))
@@ -132,7 +132,7 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
     """Links, joints, ground and rails of every body; anchors of all loops.
 
     Left out are the bodies of the joints `covered`, which have shapes of their own; 0 is the ground. Thicknesses are
-    relative to the `size` of the picture, m. Rails are as long as the way that a joint slides.
+    relative to the `size` of the picture, m. Rails are as long as the distance that a joint slides.
     """
     radius = LINK * size
     out, fixed, of_bodies = [], [], link_ends(mech)
@@ -178,7 +178,7 @@ def _rail(mech: Mechanism, joint: int, poses: np.ndarray, size: float) -> np.nda
 
 
 def _ground(points, radius: float) -> list[Shape]:
-    """A block at every fixed point, and thin bars between them: the frame that stands still."""
+    """A block at every fixed point, and thin bars between them: the fixed frame."""
     places = np.unique(np.round(np.reshape(points, (-1, 3)), 12), axis=0)
     side = 3.2 * radius
     blocks = [block(0, place, (0, 1, 0), side, side, color=GROUND, opacity=0.5) for place in places]
@@ -235,7 +235,7 @@ def springs(mech: Mechanism, poses: np.ndarray, size: float) -> list[tuple[np.nd
 
 
 def _coil(length: float, size: float) -> Shape:
-    """A coil of length 1 along y, about its middle; its wire is round where it is stretched to `length`."""
+    """A coil of length 1 along y, about its middle; its wire is round if it is stretched to `length`."""
     share = np.concatenate(([0.0], np.linspace(STRAIGHT, 1 - STRAIGHT, TURNS * SEGMENTS + 1), [1.0]))
     coiled = ((share - STRAIGHT) / (1 - 2 * STRAIGHT)).clip(0, 1)
     angle = 2 * np.pi * TURNS * coiled

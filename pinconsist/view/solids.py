@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-ROUND = 18  # sides of what is round
+ROUND = 18  # sides of round shapes
 LONG, CAP = 12, 3  # parts of a cylinder's length and of its ends: of crossing ones the right parts hide the others
 LIGHT = np.array([-0.35, 0.55, 0.76])  # to the right, up, towards the viewer
 DARK = 0.45  # share of its colour that an unlit face keeps
@@ -82,7 +82,7 @@ class Stage:
         return np.asarray(centre) + scale * (points - self._middle) * (1, -1)
 
     def patches(self, frame: int, scale: float, centre, *, outlines: bool = False) -> list[Patch]:
-        """The polygons of a frame, those behind first; convex solids as their outlines where they are clear, or all."""
+        """The polygons of a frame, back to front; convex solids as their outlines if they are transparent, or all."""
         found, depths = [], []
         for solid, poses in zip(self.solids, self._poses, strict=True):
             pose = poses[min(frame, len(poses) - 1)]

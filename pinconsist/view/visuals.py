@@ -54,11 +54,11 @@ def _loadable(geometry: Geometry, loader) -> tuple[str, list[str]]:
 
 
 def _find(name: str, folders) -> Path:
-    """The mesh of this name inside one of the folders, never elsewhere; ValueError if there is none."""
+    """The mesh of this name in one of the folders, never elsewhere; ValueError if there is none."""
     scheme, _, rest = name.rpartition("://")
     if scheme in ("", "file", "package") and "\0" not in rest:
         for folder in (Path(folder).resolve() for folder in folders):
-            tries = [folder / rest, folder / rest.lstrip("/")]  # the first is `rest` itself where that is absolute
+            tries = [folder / rest, folder / rest.lstrip("/")]  # the first is `rest` itself if that is absolute
             if scheme == "package" and rest.startswith(folder.name + "/"):  # the folder is the package itself
                 tries.append(folder.parent / rest)
             for path in (each.resolve() for each in tries):
