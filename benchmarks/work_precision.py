@@ -150,7 +150,7 @@ def _chosen(methods, over=OWN):
 
     for word in methods:
         if not any(named(peer, word) for peer in known):
-            raise InputError(f"no method {word!r}; there are {', '.join(peer.name for peer in known)}")
+            raise InputError(f"no method {word!r}; choose from {', '.join(peer.name for peer in known)}")
     return [peer for peer in known if peer.name in (OWN, over) or any(named(peer, word) for word in methods)]
 
 

@@ -388,7 +388,7 @@ def test_exact_consistency_fails_with_variable_steps_and_says_why(name):
     build, q0, v0, _ = SCENES[name]
     sol = pc.simulate(build(), (0.0, 5.0), q0=q0, v0=v0, consistency="exact")
     assert (sol.success, sol.status) == (False, -1) and 0.0 < sol.t[-1] < 5.0
-    for part in (f"at t = {sol.t[-1]:.9g}", "step", "consistency='exact'", "take consistency='every-step'"):
+    for part in (f"at t = {sol.t[-1]:.9g}", "step", "consistency='exact'", "use consistency='every-step'"):
         assert part in sol.message
     assert sol.check(error=False).position < 1e-8  # what was reached is kept
 

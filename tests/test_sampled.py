@@ -193,7 +193,7 @@ def test_two_controllers_whose_samples_nearly_agree():
         (lambda: pc.Sampled(0.0, law), "period"),
         (lambda: pc.Sampled(1e-3, 3.0), "law"),
         (lambda: pc.Sampled(1e-3, law, delay=-1.0), "delay"),
-        (lambda: pc.HeldTorque([0.0, 1.0, 0.5], np.zeros((3, 3))), "rise"),
+        (lambda: pc.HeldTorque([0.0, 1.0, 0.5], np.zeros((3, 3))), "increasing"),
         (lambda: pc.simulate(crank_rocker(), (0, 0.1), forces=[pc.Sampled(1e-3, law, "crnk")]), "crank"),
         (lambda: pc.simulate(crank_rocker(), (0, 0.1), forces=[pc.Sampled(1e-3, law)]), "shape"),
         (lambda: pc.simulate(crank_rocker(), (0, 0.1), forces=[pc.HeldTorque([0.0], [[1.0]])]), "columns"),

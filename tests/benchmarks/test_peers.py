@@ -106,7 +106,7 @@ def test_raw_bdf_of_variable_step_says_why_it_fails(order):
     problem = problem_of("problem51", 0.3)
     peer = next(peer for peer in peers() if peer.name == f"pinconsist BDF ≤ {order}, exact")
     solve, read = peer.prepare(problem, 1e-7)
-    with pytest.raises(SolverFailed, match="take consistency='every-step'"):
+    with pytest.raises(SolverFailed, match="use consistency='every-step'"):
         read(solve(), np.arange)
 
 
