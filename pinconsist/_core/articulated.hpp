@@ -5,17 +5,17 @@
 
 namespace pinconsist {
 
-constexpr double HARDLY = 1e-8; // of the inertia with the joints behind locked
+constexpr double HARDLY = 1e-8; // relative to the inertia with the outer joints locked
 
 // M = Lᵀ L, where L(k, i) is zero unless i leads to k: section 6.5.
 class TreeFactors {
 public:
   explicit TreeFactors(const Data &data) : before_(data.parents_fromRow) {}
 
-  // The number of velocities that lead to one, itself included.
+  // The number of velocities on the path to `k`, including `k`.
   int depth(int k) const { return k < 0 ? 0 : 1 + depth(before_[k]); }
 
-  // L(k, i) in place of M(i, k); false where a velocity moves hardly anything.
+  // Overwrites M(i, k) with L(k, i); false if a velocity moves almost nothing.
   bool factorise(Mat &M) {
     bool regular = true;
     whole_ = M.diagonal();
@@ -48,8 +48,8 @@ private:
   Vec whole_;
 };
 
-// The same in O(n) for each right-hand side: section 7.3, in world axes, about a point of the mechanism, as far from it
-// inertias are differences of large numbers.
+// The same in O(n) for each right-hand side: section 7.3, in world axes, about a point of the mechanism: about a distant
+// point, inertias would be differences of large numbers.
 class ArticulatedBodies {
 public:
   explicit ArticulatedBodies(const Model &model)
@@ -82,7 +82,7 @@ public:
     return regular;
   }
 
-  // As that of TreeFactors.
+  // Like TreeFactors::solve_half.
   void solve_half(Mat &X) {
     for (auto &force : forces_) force.setZero(X.rows(), 6);
     for (int i = model_.njoints - 1; i > 0; --i) {
@@ -97,7 +97,7 @@ public:
 
 private:
   struct Body {
-    Eigen::Matrix<double, 6, 6> inertia, rigid; // with the joints behind free, and locked
+    Eigen::Matrix<double, 6, 6> inertia, rigid; // with the outer joints free, and locked
   };
 
   const Model &model_;

@@ -53,7 +53,7 @@ inline void rescale(int k, double factor, Table &Z) {
   Z.topRows(k + 1).noalias() = change * old;
 }
 
-// To the table at n+1: `d` is y_{n+1} minus its prediction.
+// Advances the table to n+1; `d` is y_{n+1} minus its prediction.
 inline void advance(int k, const Vec &d, Table &Z) {
   Z.row(k + 2) = d.transpose() - Z.row(k + 1);
   Z.row(k + 1) = d.transpose();

@@ -30,7 +30,7 @@ public:
     const bool regular = (q.size() == last_q_.size() && q == last_q_) || factorise(q, here_, J_y_);
     last_q_.resize(0);
     for (int tries = 0; regular && share < 1.0 && tries < TRIES; ++tries) {
-      const bool is_short = part < 1.0 && part * length < shortest; // by rejections, not as a short way or its rest
+      const bool is_short = part < 1.0 && part * length < shortest; // made short by rejections, not by a short path or remainder
       const bool last = part >= 1.0 - share;
       part = std::min(part, 1.0 - share);
       double longer = 0.5;

@@ -80,7 +80,7 @@ public:
 
   const System &system() const { return system_; }
 
-  // p, v and λ at a time of a step; false if the equations are singular.
+  // p, v and λ at a time within a step; false if the equations are singular.
   bool sample(const Collocations::value_type &of, double t) {
     interpolate(of, t);
     return index1_.settle(t, p, v, lam);

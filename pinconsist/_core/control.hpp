@@ -12,19 +12,19 @@ struct Choice {
   int k;
 };
 
-// Error control with the tolerances of [ξ | v] in a step; with none, the same step throughout.
+// Error control with the tolerances of [ξ | v] in a step; without tolerances, the step size is fixed.
 class Tolerances {
 public:
   Vec rtol, atol;
-  Vec sizes;   // the largest that [ξ | v] have been
+  Vec sizes;   // largest size of [ξ | v] so far
   Vec sums_up; // the sum of the errors of all steps, in tolerances of one step; or empty
   double max_step = INF;
-  bool noise = true; // whether errors may pass for rounding
+  bool noise = true; // whether errors may count as rounding
   long rejected_by_error = 0, rejected_by_newton = 0;
 
   bool fixed() const { return !rtol.size(); }
 
-  // Notes how large the columns are at the state reached.
+  // Updates the sizes at an accepted state.
   void reached(const System &system, const Vec &p, const Vec &v) {
     if (fixed()) return;
     magnitudes(system, p, v, at_present_);
@@ -59,7 +59,7 @@ private:
 class Control : public Tolerances {
 public:
   int max_order = 1, equal_steps = 0;
-  int noisy_steps = 0; // whose errors were rounding, since a longer step was last tried
+  int noisy_steps = 0; // with errors that were rounding, since a longer step was last tried
   bool keep_weights = true;
 
   // Fills the weights; returns Newton's stopping size.
@@ -123,7 +123,7 @@ public:
     return {h * std::min(std::max(factor, MIN_FACTOR), max_step / std::abs(h)), best};
   }
 
-  // The step after one whose error is rounding: as long as the longer one tried before, sometimes twice as long.
+  // The step after one with an error that is rounding: as long as the longer one tried before, sometimes twice as long.
   double after_rounding(double h, double tried) {
     restart();
     double length = std::max(std::abs(h), tried);
@@ -137,7 +137,7 @@ public:
   void restart() { equal_steps = 0; }
 };
 
-// The step from the error estimate, by Gustafsson's prediction; the stages from how Newton's iteration goes.
+// The step size from the error estimate, by Gustafsson's prediction; the number of stages from the rate of Newton's iteration.
 class RadauControl : public Tolerances {
 public:
   struct OfStages {
@@ -170,7 +170,7 @@ public:
     return of_stages.at(s).newton_factor;
   }
 
-  // After an accepted step in which Newton contracted by `rate`: more stages where that was quick for a while.
+  // After an accepted step in which Newton contracted by `rate`: more stages if it has converged quickly for a while.
   void choose_after_step(double rate) {
     if (++calm_ < CALM) return;
     failures_ = 0;
@@ -178,7 +178,7 @@ public:
     const int more = static_cast<int>(few ? FIRST_STAGES : MOST_STAGES);
     if (chooses && (few || worth_most) && rate <= QUICK && more != s) use(more);
   }
-  // After Newton failed: fewer stages where it did so before.
+  // After Newton failed: fewer stages if it has also failed shortly before.
   void choose_after_failure() {
     calm_ = 0;
     const int fewer = static_cast<int>(s > FIRST_STAGES ? FIRST_STAGES : FEWEST_STAGES);
@@ -212,8 +212,8 @@ public:
   int exponent() const { return s >= 3 ? s + 2 : s + 1; }
 
 private:
-  double last_h_ = 0.0, last_error_ = 0.0; // of the last step, 0 where there is none
-  int calm_ = 0, failures_ = 0;            // steps since the stages or Newton changed; failures since they were calm
+  double last_h_ = 0.0, last_error_ = 0.0; // of the last step, 0 if there is none
+  int calm_ = 0, failures_ = 0;            // steps since the stages changed or Newton failed; failures until CALM such steps
 };
 
 } // namespace pinconsist

@@ -99,7 +99,7 @@ struct HeldTable {
     torques.push_back(torque);
     entered = since.size();
   }
-  // The torque held at a time, none before the first entry.
+  // The torque held at a time; null before the first entry.
   const Vec *at(double t) const {
     const size_t i = reached(t);
     return i ? &torques[i - 1] : nullptr;
@@ -112,7 +112,7 @@ struct HeldTable {
   }
 
 private:
-  // How many of the entries in use a time has reached.
+  // The number of entries in use up to a time.
   size_t reached(double t) const {
     if (!entered || sign * t >= since[entered - 1]) return entered;
     return std::upper_bound(since.begin(), since.begin() + entered, sign * t) - since.begin();
@@ -169,7 +169,7 @@ public:
   }
 
 private:
-  // The force before it is limited: its constant, and its factors of l and l'.
+  // The force before it is limited: its constant, and its coefficients of l and l'.
   std::pair<double, Vector3d> evaluate(double t, const Vec &q, const Vec &v) const {
     double length = 0.0, speed = 0.0;
     for (size_t i = 0; i < joints_.size(); ++i) {
@@ -305,7 +305,7 @@ private:
   std::vector<Column> columns_;
 };
 
-// A law that only Python knows, called with new arrays.
+// A law that is implemented in Python, called with new arrays.
 class PythonForce : public Force {
 public:
   explicit PythonForce(nb::object law) : law_(std::move(law)) {}

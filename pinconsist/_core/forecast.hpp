@@ -27,8 +27,8 @@ public:
     contraction_ = std::max(rate / (c * c), 0.3 * contraction_);
     trusted_ = static_cast<int>(REMEMBERED);
   }
-  // Whether loops and hidden constraint need no second evaluation; `force` is the error allowed in the constraint
-  // forces, which the hidden residual changes in proportion to 1/c.
+  // Whether the loops and the hidden constraint need no second evaluation; `force` is the error allowed in the
+  // constraint forces, which the hidden residual changes in proportion to 1/c.
   bool stays_closed(double size, double c, double tol, double force) {
     --looks_;
     const double moved = std::abs(c) * size, allowed = HIDDEN * tol;
@@ -36,8 +36,8 @@ public:
     return of_loops_ && foreseen && gap_ * moved * moved <= CLOSED && hidden_ * moved <= allowed &&
            force_ * size <= force;
   }
-  // The part of the last gap that a correction with the Jacobian of the prediction leaves: a gap is half of the change
-  // of the Jacobian along the way, times the way `moved`.
+  // The fraction of the last gap that remains after a correction with the Jacobian of the prediction: a gap is half of
+  // the change of the Jacobian along the displacement, times the displacement `moved`.
   double closing_rate(double size, double c, double moved) const {
     return moved != 0.0 ? std::min(1.0, 2.0 * gap_ * c * c * size * size / moved) : 0.0;
   }
@@ -83,9 +83,9 @@ private:
   int left_ = 0;
 };
 
-// Keeps a Newton matrix as long as the step it serves costs less than a step has cost on average since it was made.
-// That minimises the cost of a step: it falls as long as another step adds less than the average. Everything is counted
-// in iterations, not in seconds, so that runs can be repeated.
+// Keeps a Newton matrix as long as a step with it costs less than the average step since it was made. This minimises
+// the cost per step: the average falls as long as another step adds less. Costs are counted in iterations, not in
+// seconds, so that runs can be repeated.
 class JacobianReuse {
 public:
   JacobianReuse(int nv, bool on) : possible_(on && nv >= WORTH), price_(nv / WORTH) {}
@@ -108,7 +108,7 @@ public:
     return kept_;
   }
   void made(double c) {
-    if (kept_) { // the old matrix failed, its iterations are lost
+    if (kept_) { // the old matrix failed, and its iterations are lost
       cost_ += iterations_;
       iterations_ = 0;
       kept_ = false;

@@ -14,7 +14,7 @@ struct Leg {
   Vec t, h;
   Integers k;
   Table base, Z;    // of Z (ROWS, nx+nv+nc) each
-  Integers changes; // which of `changed`, (ROWS, ROWS) each, came before the step; -1 where none did
+  Integers changes; // index of the change before the step in `changed`, (ROWS, ROWS) each; -1 without a change
   Table changed;
 
   int steps() const { return static_cast<int>(t.size()) - 1; }
@@ -83,7 +83,7 @@ public:
     s.bottomRows(nv + nc) -= rhs_;
   }
 
-  // The transpose of `forward`, of one column; y becomes the derivative by ψ, its last part zero; adds to `rates`, (P).
+  // The transpose of `forward` for one column; y becomes the derivative by ψ, with zeros for λ; adds to `rates`, (P).
   void backward(Vec &y, Eigen::Ref<Vec> rates) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
     Vec x = y.head(nx), rest = -y.tail(nv + nc), weights(nv + 2 * nc);
@@ -112,13 +112,13 @@ private:
   Mat F_, f_v_, Gt_, rates_, rhs_, moved_;
 };
 
-// The recursion over a leg: tables S, (ROWS, P (nx+nv+nc)) each, row by row. Both ways return the number of the step that is
-// singular, or -1.
+// The recursion over a leg: tables S, (ROWS, P (nx+nv+nc)) each, row by row. Both directions return the index of the
+// singular step, or -1.
 class Derivatives : public Way {
 public:
   explicit Derivatives(System &system) : Way(system), step_(system, parameters) {}
 
-  // Fill the tables (1+n) from the first.
+  // Fill the tables (1+n), starting from the first.
   int forward(const Leg &leg, Eigen::Map<Table> tables) {
     const int P = parameters.size(), ny = system_.nx + system_.nv + system_.nc;
     Table S = Eigen::Map<const Table>(tables.data(), bdf::ROWS, P * ny);
@@ -137,8 +137,8 @@ public:
     return -1;
   }
 
-  // The transpose: `seeds`, (ROWS, nx+nv+nc) each, are the derivatives of a number by each table; the first becomes that by
-  // the table of the history, with all that follows from it. `rates`, (P), becomes that by the parameters.
+  // The transpose: `seeds`, (ROWS, nx+nv+nc) each, are the partial derivatives of a result by each table; the first becomes
+  // the total derivative by the table of the history, and `rates`, (P), that by the parameters.
   int backward(const Leg &leg, Eigen::Map<Table> seeds, Eigen::Map<Vec> rates) {
     rates.setZero();
     const auto seed = [&](int i) { return Eigen::Map<Table>(seeds.row(i).data(), bdf::ROWS, seeds.cols() / bdf::ROWS); };
@@ -163,7 +163,7 @@ public:
   }
 
 private:
-  // Carry S from the chart of the step before to that of step `i`, or the transpose.
+  // Transform S from the chart of the previous step to that of step `i`, or apply the transpose.
   void recenter(const Leg &leg, int i, Table &S, int rows, int P, bool back = false) {
     const int nx = system_.nx, ny = nx + system_.nv + system_.nc;
     Table Z = leg.table(i - 1).leftCols(nx);

@@ -1,4 +1,4 @@
-// What Python sees of gradients.
+// Python bindings of the gradients.
 #include "gradient.hpp"
 #include "stage_follow.hpp"
 
@@ -9,7 +9,7 @@ namespace {
 
 using namespace nb::literals;
 
-// A method that goes along steps; others run meanwhile if they can.
+// Binds a method that goes along steps; releases the GIL unless Python is called.
 template <class Along, class... Given> auto along(int (Along::*method)(Given...)) {
   return [method](Along &way, Given... given) {
     if (way.calls_python()) return (way.*method)(given...);

@@ -26,7 +26,7 @@ public:
     return solve_acceleration(t, p, v, a, lam);
   }
 
-  // The same at the position whose constraint was evaluated last; its matrix, too, if `known`.
+  // The same at the position at which the constraint was evaluated last, with the matrix `known` if it is not null.
   bool acceleration_after_constraint(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam, const KKT *known) {
     system_.evaluate_after_constraint(t, p, v, zero_);
     return solve_acceleration(t, p, v, a, lam, known);
@@ -44,7 +44,8 @@ public:
     return state;
   }
 
-  // Project p and v, near both constraints, onto them; λ there, with the same factors; false if they are singular.
+  // Project p and v, which nearly satisfy both constraints, onto them, and compute λ with the same factors; false if these
+  // are singular.
   bool settle(double t, Vec &p, Vec &v, Vec &lam) {
     const int nv = system_.nv, nc = system_.nc;
     lam.resize(nc);
@@ -85,8 +86,8 @@ private:
     return kkt_.solve_new(system_.W, system_.G_transposed(), 1.0, rhs_, 1);
   }
 
-  // The smallest velocity, in the mass metric, that has the residual; W is that at p, or the last one `factored`, very
-  // near it.
+  // The smallest velocity, in the mass metric, that has this residual; W is evaluated at p or, if `factored`, is the last
+  // factorised one, from very near p.
   bool shift(double t, const Vec &p, const Vec &v, const Vec &residual, bool factored = false) {
     rhs_.setZero();
     rhs_.col(0).tail(system_.nc) = residual;
@@ -136,7 +137,7 @@ public:
   bool finished = false;
   long evaluations = 0;
   Vec y;
-  // Where evaluations were singular or not finite since the last successful one; empty if none was.
+  // Where an evaluation was singular or not finite since the last successful one; empty without such an evaluation.
   double culprit_t = 0.0;
   Vec culprit_p, culprit_v;
 
@@ -149,7 +150,7 @@ public:
     size_ = initial_step();
   }
 
-  // One step; returns why there is none, or an empty string.
+  // Make one step; returns why it failed, or an empty string.
   const char *step() {
     const double smallest = 10.0 * std::abs(std::nextafter(t, direction_ * INF) - t);
     const int stages = static_cast<int>(method.B.size());
@@ -189,7 +190,7 @@ public:
     return "";
   }
 
-  // [ξ | v] at times inside the steps made, one a row.
+  // [ξ | v] at times inside the steps made, one per row.
   Table sample(const Vec &times) const {
     Table rows(times.size(), y.size());
     for (Eigen::Index i = 0; i < times.size(); ++i) {

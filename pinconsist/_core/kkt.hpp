@@ -9,8 +9,8 @@
 
 namespace pinconsist {
 
-// SciPy's LAPACK, handed over by Python; it is faster from about LARGE unknowns on. Its solve wakes the threads of
-// OpenBLAS even for a microsecond's work, and is used for SLOW solutions only.
+// SciPy's LAPACK, passed from Python; it is faster for LARGE or more unknowns. Its solve wakes the threads of OpenBLAS
+// even for a microsecond's work, and is used only for SLOW solutions.
 struct Lapack {
   using Factorise = void (*)(int *, int *, double *, int *, int *, int *);
   using Solve = void (*)(char *, int *, int *, double *, int *, int *, double *, int *, int *);
@@ -105,7 +105,7 @@ private:
     }
   }
 
-  // Two columns of few unknowns, side by side.
+  // Two columns with few unknowns, side by side.
   void substitute_two(double *x) const {
     Eigen::Array2d rows[Lapack::LARGE];
     for (int k = 0; k < n_; ++k) rows[k] << x[k], x[n_ + k];
@@ -163,7 +163,7 @@ public:
   void solve_transposed(Eigen::VectorXd &x) const { lu_.substitute_transposed(x.data()); }
 
 private:
-  static constexpr int FEW = 8; // constraints are few from so many velocities per constraint on
+  static constexpr int FEW = 8; // velocities per constraint from which constraints count as few
 
   int nv_, n_;
   bool few_;

@@ -1,12 +1,12 @@
-// Residuals by parameters (gradients/variants.py) and rows by the state (row_gradients of gradients/linear.py): what the
-// linear equations of steps are made of.
+// Derivatives of residuals by parameters (gradients/variants.py) and of rows by the state (row_gradients of
+// gradients/linear.py), for the linear equations of the steps.
 #pragma once
 
 #include "system.hpp"
 
 namespace pinconsist {
 
-// Derivatives of f by parameters that are known, a column each.
+// Known derivatives of f by parameters, a column each.
 class Known {
 public:
   virtual ~Known() = default;
@@ -17,7 +17,7 @@ public:
   virtual void contract(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &w, Eigen::Ref<Vec> rates) = 0;
 };
 
-// What gives (r, Φ, ρ) of a mechanism at the point evaluated last, r = f - G λ.
+// A function that returns (r, Φ, ρ) of a mechanism at the point evaluated last, with r = f - G λ.
 inline auto residuals_with(Vec lam) {
   return [lam = std::move(lam)](const System &system) {
     Vec all(system.nv + 2 * system.nc);
@@ -42,7 +42,7 @@ public:
     return any;
   }
 
-  // Add the rates of residuals at a state to columns, r first; residual(mechanism) gives those of one evaluated there.
+  // Add the derivatives of residuals at a state to columns, r first; residual(mechanism) returns those of an evaluated one.
   template <class Residual>
   void add_columns(double t, const Vec &p, const Vec &v, const Vec &a, const Residual &residual, Eigen::Ref<Mat> columns) const {
     if (known) known->add_columns(t, p, v, a, columns.topRows(v.size()));
@@ -79,7 +79,7 @@ private:
   std::vector<Term> terms_;
 };
 
-// What propagates derivatives by parameters along a run.
+// Propagates derivatives by parameters along a run.
 class Way {
 public:
   Parameters parameters;
@@ -106,7 +106,7 @@ class RowGradients {
 public:
   explicit RowGradients(System &system) : system_(system) {}
 
-  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ, at the point evaluated last; it need not be that afterwards.
+  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ at the point evaluated last; another point may be evaluated last afterwards.
   void find(double t, const Vec &p, const Vec &v, const Vec &lam, Mat &F, Mat &H) {
     for (int known = 1; known >= 0; --known) {
       F.setZero(system_.nv, system_.nx);
@@ -124,7 +124,7 @@ public:
     }
   }
 
-  // F, and the derivatives of β by ξ and by v, in which it is quadratic.
+  // F, and the derivatives of β by ξ and by v; β is quadratic in v.
   void find_second(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &lam, Mat &F, Mat &by_p, Mat &by_v) {
     begin(t, p, v);
     F.setZero(system_.nv, system_.nx);

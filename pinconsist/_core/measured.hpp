@@ -40,11 +40,11 @@ inline double kinetic_energy(const Model &model, const Data &data, const Vec &v)
   return 0.5 * twice;
 }
 
-// Each force in systems of its own: one with what counts as its power, and, if it is a spring, one that stores its energy.
+// Each force in systems of its own: one with the part that counts as power, and, for a spring, one that stores energy.
 using Forces = std::vector<std::pair<MechanismSystem *, MechanismSystem *>>;
 
-// Kinetic and potential energy, then power and elastic energy of each force, at the joints' last poses, velocities and
-// Jacobians.
+// Kinetic and potential energy, then power and elastic energy of each force, with the last poses, velocities and
+// Jacobians of the joints.
 inline void measure_energies(MechanismSystem &system, const Forces &forces, double t, const Vec &p, const Vec &v,
                              Eigen::Ref<Eigen::RowVectorXd> energies) {
   energies[0] = kinetic_energy(system.model(), system.data(), v);
@@ -61,8 +61,8 @@ inline Eigen::Index width_of(const Forces &forces) { return static_cast<Eigen::I
 struct Certified {
   Table phi, rho, forces, exact; // Φ, the hidden residual, Jᵀλ, and that of the differential equation
   Table energies;                // see measure_energies
-  double acting = 0.0;           // largest weight or inertial force of velocities, or these with all other forces
-  bool complete = true;          // false if the equations are singular or not finite at some row
+  double acting = 0.0;           // largest weight or velocity-dependent inertial force, or their sum with all other forces
+  bool complete = true;          // false if the equations are singular or not finite at any row
 };
 
 // Jᵀλ of the differential equation, by rows that are independent.
@@ -76,7 +76,7 @@ public:
     by_bodies_ = products > DEEP * system.nv;
   }
 
-  // After `evaluate` without accelerations; false where the equations are singular.
+  // Call after `evaluate` with zero accelerations; false if the equations are singular.
   bool find(double t, const Vec &p, const Vec &v, Eigen::Ref<Eigen::RowVectorXd> forces) {
     forces.setZero();
     if (!nc_) return true;
@@ -88,7 +88,7 @@ public:
   }
 
 private:
-  // J M⁻¹ Jᵀ λ = J M⁻¹ f − J̇ v; false for bodies without a mass, and near singular positions, where LU keeps more digits.
+  // J M⁻¹ Jᵀ λ = J M⁻¹ f − J̇ v; false for massless bodies, and near singular positions, where LU keeps more digits.
   bool by_products(double t, const Vec &p, const Vec &v) {
     X_ << W_, system_.f.transpose();
     if (by_bodies_) {
@@ -146,7 +146,7 @@ private:
   bool by_bodies_;
 };
 
-// Divides the rows of a solution between equal systems, one for each thread; `kept` are the independent ones of their rows.
+// Divides the rows of a solution between equal systems, one per thread; `kept` are the independent constraint rows.
 inline Certified certified(const std::vector<std::pair<MechanismSystem *, Forces>> &systems, const std::vector<int> &kept,
                            const Vec &t, const Table &p, const Table &v, const Table &lam) {
   const auto n = t.size(), parts = static_cast<Eigen::Index>(systems.size());

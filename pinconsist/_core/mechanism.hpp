@@ -56,7 +56,7 @@ public:
   Data &data() { return data_; }
   nb::object data_object() const { return data_object_; }
 
-  // Several parts may add up in the same rows: `fresh` says whether a part starts new rows.
+  // Several parts may add up in the same rows; a `fresh` part starts new rows.
   void add_rows(std::unique_ptr<Rows> rows, bool fresh = true) {
     const int at = fresh ? nc : nc - rows->size();
     nc = at + rows->size();
@@ -138,14 +138,14 @@ public:
   }
 
   void evaluate_after_constraint(double t, const Vec &p, const Vec &v, const Vec &a) override {
-    f = pinocchio::rnea(model_, data_, p, v, a); // leaves joint Jacobians as they are
+    f = pinocchio::rnea(model_, data_, p, v, a); // does not change the joint Jacobians
     add_the_rest(t, p, v);
   }
 
   void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) override {
     bias.setZero(nc);
     if (rows_.empty()) return;
-    for (int i = 1; i < model_.njoints; ++i) // rnea leaves velocities, and accelerations minus gravity
+    for (int i = 1; i < model_.njoints; ++i) // rnea has computed velocities, and accelerations minus gravity
       data_.a[i] = data_.a_gf[i] + data_.oMi[i].actInv(model_.gravity);
     for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
   }
@@ -169,7 +169,7 @@ public:
     M = data_.M.selfadjointView<Eigen::Upper>();
   }
 
-  // By composite bodies in world axes: uses what `constraint` computed, which the library's `crba` would compute again.
+  // By composite bodies in world axes, with results of `constraint` that the library's `crba` would compute again.
   void mass_matrix(double, const Vec &p, const Vec &, Eigen::Ref<Mat> M) override {
     if (nobody_needs_jacobians()) pinocchio::computeJointJacobians(model_, data_, p);
     M.setZero();
@@ -235,7 +235,7 @@ public:
     for (const auto &[rows, at] : rows_) rows->add_wrench(data_, lam.segment(at, rows->size()), x, force, moment);
   }
 
-  // ∂(Jᵀλ)/∂q by forward differences: needed only if Newton is slow.
+  // ∂(Jᵀλ)/∂q by forward differences; needed only if Newton is slow.
   void subtract_force_gradient(double t, const Vec &p, const Vec &, const Vec &lam, double c,
                                Eigen::Ref<Mat> A) override {
     const Mat kept_W = W;
@@ -266,7 +266,7 @@ public:
   }
 
 protected:
-  // Poses and Jacobians of the joints, after rnea, which leaves the poses in their parents.
+  // Poses and Jacobians of the joints, after rnea, which computes poses only relative to the parents.
   void find_jacobians() {
     for (size_t i = 1; i < model_.joints.size(); ++i)
       data_.oMi[i] = model_.parents[i] ? data_.oMi[model_.parents[i]] * data_.liMi[i] : data_.liMi[i];
@@ -326,9 +326,9 @@ private:
 
   LieGroup group_;
   std::vector<Planar> planar_;
-  bool calls_python_ = false, forces_on_bodies_ = false, axes_stay_ = true; // in the bodies that joints move
+  bool calls_python_ = false, forces_on_bodies_ = false, axes_stay_ = true; // axes_stay_: joint axes are fixed in the moved bodies
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
-  Mat by_v_, by_q_; // of all forces, kept
+  Mat by_v_, by_q_; // of all forces; kept for later steps
 };
 
 } // namespace pinconsist

@@ -1,4 +1,4 @@
-// What Python sees: a system to which rows and forces are added, and what works on it.
+// Python bindings: a system to which rows and forces are added, and the classes that use it.
 #include "closure.hpp"
 #include "collocation.hpp"
 #include "index1.hpp"
@@ -16,8 +16,8 @@
 
 namespace pinconsist {
 
-void bind_steppers(nb::module_ &m);  // steppers.cpp, which compilers can work on at the same time
-void bind_gradients(nb::module_ &m); // gradients.cpp, too
+void bind_steppers(nb::module_ &m);  // steppers.cpp, compiled in parallel
+void bind_gradients(nb::module_ &m); // gradients.cpp
 
 namespace {
 
@@ -27,7 +27,7 @@ using Place = std::array<int, 3>;     // of a joint: Coordinate
 using Numbers = std::array<double, 5>; // of a Motion
 using Range = std::pair<double, double>;
 
-// What Python gives, as rows and forces take it.
+// Arguments from Python as the types that rows and forces take.
 SE3 taken(const Pose &pose) { return SE3(Matrix3d(pose.topLeftCorner<3, 3>()), Vector3d(pose.topRightCorner<3, 1>())); }
 Motion taken(const Numbers &n) { return {n[0], n[1], n[2], n[3], n[4]}; }
 Coordinate taken(const Place &n) { return {n[0], n[1], n[2] != 0}; }
@@ -38,7 +38,7 @@ template <class Part, class... Given> auto made(const MechanismSystem &s, const 
     return std::make_unique<Part>(s.model(), taken(given)...);
   else return std::make_unique<Part>(taken(given)...);
 }
-// What adds rows or a force made of these.
+// Functions that add rows, or a force, constructed from these arguments.
 template <class Part, class... Given> auto adds() {
   return [](MechanismSystem &s, const Given &...given) {
     if constexpr (std::is_base_of_v<Rows, Part>) s.add_rows(made<Part>(s, given...));
@@ -52,7 +52,7 @@ template <class Part, class... Given> auto adds() {
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 28; // the same number stands in __init__.py; another build than the Python beside it is refused
+  m.attr("INTERFACE") = 28; // the same number is in __init__.py; a build for other Python code is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)

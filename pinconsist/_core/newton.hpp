@@ -74,7 +74,7 @@ public:
       if (slow || !(stale || iteration > 1)) {
         const bool fresh = !derivatives_.possible() || derivatives_.fresh(slow);
         system_.linearize(t, step.p, v_, a_, x_.tail(nc), c, kkt_.A(), fresh);
-        if (slow && !stale) // the turning of the constraint forces, left out at first, slows Newton down
+        if (slow && !stale) // the rotation of the constraint forces, neglected at first, slows Newton down
           system_.subtract_force_gradient(t, step.p, v_, x_.tail(nc), c, kkt_.A());
         stale = false;
         reuse_.made(c);
@@ -119,7 +119,7 @@ public:
       if (settled || (noise > 0.0 && !stale && is_noise(psi.segment(nx, nv), step.p, noise))) {
         step.change = step.y - predicted;
         step.size = weighted_norm(step.change, weight, nv);
-        const bool always = !correct_at_once_; // nothing has been removed yet
+        const bool always = !correct_at_once_; // no residual has been removed yet
         const double closing = iteration > 1 ? rate : 1.0;
         const bool hidden =
             (stale && rate * rms(rhs_.col(2).head(nv).cwiseProduct(weight.tail(nv))) > HIDDEN * tol) ||
@@ -152,7 +152,7 @@ private:
   }
 
   // Close the loops at the new position and remove ρ; the dynamics are not evaluated again. After several iterations
-  // the `rate` at which they contracted is known; after one it is MEASURED.
+  // their contraction `rate` is known; after one it is MEASURED.
   void close(double t, const Vec &base, double c, const Vec &weight, const Vec &predicted, Attempt &step, double rate) {
     const int nx = system_.nx, nv = system_.nv, nc = system_.nc;
     for (int turn = 0; turn < CLOSINGS; ++turn) {
@@ -200,14 +200,14 @@ private:
     least_ = force_.norm();
   }
 
-  // Whether they have changed so much since then that Newton would be slow, or diverge, in some direction: near
-  // singular positions its increments do not show that direction.
+  // Whether the constraints have changed so much since then that Newton would be slow, or diverge, in some direction,
+  // which near singular positions its increments do not show.
   bool constraints_changed() {
     if (!system_.nc) return false;
     return ((system_.G_transposed() - kept_).rowwise().norm().cwiseQuotient(lengths_)).norm() > FRESH_RATE * least_;
   }
 
-  // Σ (weight · increment)² of the positions that the constraint moves.
+  // Σ (weight · increment)² of the positions that the correction of the constraint moves.
   double moved_size(const Vec &weight) const {
     const int nx = system_.nx, nv = system_.nv;
     const auto moved = rhs_.col(1).head(nv);
@@ -216,7 +216,7 @@ private:
     return most * most * moved.squaredNorm();
   }
 
-  // Whether Newton's increments are what rounding leaves.
+  // Whether Newton's increments are only rounding errors.
   template <class Velocity> bool is_noise(const Velocity &psi_v, const Vec &p, double noise) const {
     const int nv = system_.nv;
     const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv));

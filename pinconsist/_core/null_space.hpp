@@ -32,7 +32,7 @@ inline void combine(const Mat &x, const Mat &weights, Mat &out, double scale = 1
 }
 
 
-// aᵀ b, its columns `apart` numbers from one another.
+// aᵀ b, with its columns `apart` numbers from one another.
 inline void across(const Mat &a, const Mat &b, double *out, Eigen::Index apart) {
   const Eigen::Index n = a.rows();
   if (n >= SMALL_PRODUCT) {
@@ -71,7 +71,7 @@ public:
   }
 
 private:
-  static constexpr double STEEPEST = 10.0; // slope of the dependent columns by the others from which others are chosen
+  static constexpr double STEEPEST = 10.0; // slope of the dependent columns by the others above which others are chosen
 
   double steep() const {
     double most = 0.0;

@@ -42,7 +42,7 @@ public:
     double last = 0.0, first = 0.0;
     rate = 0.0;
     const double longer = std::max(1.0, std::abs(stages.h / h_before_));
-    contraction_ *= longer * longer; // it grows like h² at most, where the start values are those of shorter steps
+    contraction_ *= longer * longer; // it grows at most like h²; the start values are those of shorter steps
     h_before_ = stages.h;
     stages.xi.setZero();
     stages.move();
@@ -81,7 +81,7 @@ public:
     return Failure::not_converged;
   }
 
-  // Record the state from which on a value is not finite.
+  // Record the state at which a value is not finite.
   Failure not_finite(double t, const Vec &p, const Vec &v) {
     culprit_t = t;
     culprit_p = p;
@@ -107,7 +107,7 @@ private:
   System &system_;
   StageMatrix matrix_;
   bool eager_;
-  // Contraction in the last steps, over the root of the first increment: the matrix belongs to the state before it.
+  // Contraction in the last steps, over the root of the first increment: the matrix is that of the state before it.
   double contraction_ = 0.0;
   double h_before_ = INF; // the step tried before
   Mat dP_, dV_, dW_;

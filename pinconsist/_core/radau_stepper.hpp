@@ -12,7 +12,7 @@ namespace pinconsist {
 class RadauStepper : public Run<RadauStepper, Collocations> {
 public:
   int used_s = 0;
-  double step = 0.0; // of fixed steps
+  double step = 0.0; // size of fixed steps
   Vec v, a, lam;
   RadauControl control;
   StageNewton newton;
@@ -20,7 +20,7 @@ public:
   RadauStepper(System &system, const Switches &switches)
       : Run(system), newton(system, switches), sampler(system), kkt_(system.nv, system.nc), index1_(system) {}
 
-  // A step with an error of FIRST_ERROR, from the time in which the acceleration changes by as much as it is.
+  // A first step with error FIRST_ERROR, from the time in which the acceleration changes by its own size.
   double first_step(double t_end) {
     const double limit = std::abs(t_end - t), tiny = 1e-300, near = FIRST_REACH * (1.0 + largest(p));
     weights();
@@ -61,7 +61,7 @@ public:
     unseen_ = 0;
   }
 
-  // Forces have jumped: the accelerations that start Newton's iteration are moved by as much.
+  // Forces have jumped: the accelerations that start Newton's iteration change by the same amount.
   Failure jump() {
     moved_ = a;
     if (!index1_.acceleration(t, p, v, a, lam)) return Failure::singular;
@@ -76,7 +76,7 @@ public:
     return Failure::none;
   }
 
-  // Fixed steps from here to an end, of the wanted size or a little less.
+  // Fixed steps from here to `t_end`, of the wanted size or slightly smaller.
   void divide(double t_end) {
     if (!fixed()) return;
     steps = std::max(1L, std::lround(std::ceil(std::abs(t_end - t) / step - 1e-9)));
@@ -85,11 +85,11 @@ public:
     h = (t_end - t) / steps;
   }
 
-  // Repeat a step up to another end; none if it fails.
+  // Repeat a step up to another end; null if it fails.
   Collocations::value_type retake(const Collocation &step, double t_end) {
     place(step.shape.table->s, step.shape.t, t_end - step.shape.t, step.p0, step.v0);
     step.shape.predict(newton.stages);
-    newton.forget(); // derivatives at the end of the last step are not those at the start of this one
+    newton.forget(); // the last step did not end where this one starts
     const double tol = control.weights(system_, step.p0, step.v0, weight_);
     double error;
     if (newton.solve(weight_, tol) != Failure::none) return nullptr;
@@ -98,8 +98,7 @@ public:
     return made(solved_shape(), p1_, v1_);
   }
 
-  // The time of an event between the last checks of `signs`; the state there is that of `sampler`. False if there is
-  // none.
+  // The time of an event between the last checks of `signs`, with its state in `sampler`; false if there is no event.
   bool locate(Signs &signs, size_t i, double near, double beside, double &root) {
     bool regular = true;
     const auto g = [&](const Collocations::value_type &of, double at) {
@@ -149,7 +148,7 @@ private:
         control.choose_after_failure();
       }
       if (failure != Failure::none || std::abs(smaller) <= MIN_FACTOR * std::abs(h)) {
-        shaped_ = false; // perhaps these are stages in another closed position
+        shaped_ = false; // the stages may have converged to another closed position
         slope_.setZero();
       }
       if (headway_.setback() || std::abs(smaller) < shortest_step(t))
@@ -208,7 +207,7 @@ private:
     shape_ = solved_shape();
   }
 
-  // Results of a step that ends in this state.
+  // Results of a step that ends at this state.
   Collocations::value_type made(const Shape &shape, const Vec &p1, const Vec &v1) const {
     const Stages &of = newton.stages;
     return std::make_shared<Collocation>(Collocation{shape, of.U(), of.p, of.v, p1, v1});
@@ -255,12 +254,12 @@ private:
     }
     error = modes ? error_of(modes) : 0.0;
     if (error > 1.0 || !with_error) return Failure::none; // a and λ are not needed
-    const KKT *known = moved || !system_.rate_is_velocity ? nullptr : &kkt_; // else W depends on v
+    const KKT *known = moved || !system_.rate_is_velocity ? nullptr : &kkt_; // otherwise W depends on v
     return index1_.acceleration_after_constraint(t_next, p1_, v1_, a1_, lam1_, known) ? Failure::none : Failure::singular;
   }
 
-  // The data of the error estimate: the highest modes of the accelerations, their difference from the acceleration at
-  // the start, and that of the stages before it.
+  // The data of the error estimate: the highest modes of the accelerations, and the differences of the acceleration at
+  // the start from their polynomial and from the last stage of the previous step.
   void estimate(int modes) {
     const Mat &W = newton.stages.W, &of = newton.stages.table->modes;
     const int s = newton.stages.size();
@@ -278,7 +277,7 @@ private:
     if (modes == 1) return size_of(0);
     constexpr double tiny = 1e-300;
     const double middle = size_of(1), before = size_of(2), step = newton.stages.h;
-    double highest = size_of(0), upper, lower; // single modes may pass through zero, two together hardly ever
+    double highest = size_of(0), upper, lower; // a single mode may pass through zero, two rarely do so together
     if (newton.stages.size() > 3) {
       upper = std::hypot(highest, middle);
       lower = std::hypot(before, size_of(3));
@@ -294,8 +293,8 @@ private:
       return std::sqrt(std::max(size * size - noise * noise * felt * felt, 0.0));
     };
     const double last = left(highest, table.leading), missed = left(size_of(4), table.starting);
-    // Forces that turn before the first stage, as friction does at rest, hardly show in the modes. Stiff ones make the
-    // stages of the last step miss the acceleration as well.
+    // Forces that change before the first stage, as friction does at rest, hardly appear in the modes. With stiff forces,
+    // the stages of the last step miss the acceleration as well.
     return std::max(last * decay, 0.5 * table.c[0] * (missed - size_of(5) - last) * control.slack());
   }
 
@@ -332,7 +331,7 @@ private:
   KKT kkt_;
   Projection index1_;
   Vec slope_; // of the acceleration at a start
-  Vec stage_a_; // the acceleration here, by the stages of the last step
+  Vec stage_a_; // the acceleration here according to the stages of the last step
   bool shaped_ = false;
   Shape shape_;
   Collocations::value_type last_;

@@ -8,15 +8,14 @@
 
 namespace pinconsist {
 
-// For parameters of bodies, gravity and forces, a column each. Until `close`, the forces of this system are those of
-// one parameter.
+// For parameters of bodies, gravity and forces, a column each. Forces added before `close` are those of one parameter.
 class Rates : public MechanismSystem, public Known {
 public:
   using MechanismSystem::MechanismSystem;
 
   bool calls_python() const override { return MechanismSystem::calls_python(); }
 
-  // By mass, mass times its centre, and inertia about the joint (xx, xy, yy, xz, yz, zz), at these rates.
+  // `numbers`: rates of the mass, mass times its centre, and inertia about the joint (xx, xy, yy, xz, yz, zz).
   void add_inertia(int column, double weight, int joint, const Vec &numbers) {
     Body body{column, joint, weight * numbers[0], weight * numbers.segment<3>(1), Matrix3d::Zero()};
     body.inertia << numbers[4], numbers[5], numbers[7], numbers[5], numbers[6], numbers[8], numbers[7], numbers[8], numbers[9];
@@ -24,7 +23,7 @@ public:
     bodies_.push_back(body);
   }
   void add_gravity(int column, double weight, const Vector3d &rate) { gravities_.push_back({column, weight * rate}); }
-  // Makes the forces added last, with a weight, one side of the difference for a key; a table has many columns, one for
+  // Uses the forces added last, with a weight, as one side of the difference for a key; a table has many columns, one for
   // each node.
   void close(int key, double weight) {
     pulls_[key].sides.push_back({weight, std::move(forces_), constant_, damping_});

@@ -79,7 +79,7 @@ inline SE3 placed(const Data &data, int joint, const SE3 &placement) {
   return joint ? data.oMi[joint] * placement : placement;
 }
 
-// Where its origin is.
+// The world position of its origin.
 inline Vector3d origin(const Data &data, int joint, const SE3 &placement) {
   return joint ? Vector3d(data.oMi[joint].act(placement.translation())) : placement.translation();
 }

@@ -67,7 +67,7 @@ public:
   void accepted() { noise_ *= 0.5; }
 
 private:
-  double noise_ = 0.0; // in v of the last steps; a step's noise fades from the differences after it
+  double noise_ = 0.0; // in v of the last steps; the noise of a step fades from later differences
 };
 
 class Headway {

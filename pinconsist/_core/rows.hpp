@@ -11,7 +11,8 @@ struct Rows {
   virtual void evaluate(const Data &data, double t, const Vec &p, int at, Vec &phi, Mat &J) const = 0;
   // Add Φ_t from row `at` on.
   virtual void add_rate(double, const Vec &, int, Vec &) const {}
-  // Write J̇ v and the like from row `at` on (add, if parts add up); forward kinematics have been computed.
+  // Write γ, the rate of J v + Φ_t without accelerations, from row `at` on (or add it, if parts add up); forward kinematics
+  // have been computed.
   virtual void add_bias(const Data &data, double t, const Vec &p, const Vec &v, int at, Vec &bias) const = 0;
   // Add force and moment about x on the second body, of rows between two anchors, in world axes.
   virtual void add_wrench(const Data &, const Vec &, const Vector3d &, Vector3d &, Vector3d &) const {}
@@ -24,15 +25,15 @@ struct Rows {
 
 using Six = Eigen::Matrix<double, 6, 1>; // a twist (linear, angular) or wrench (force, moment) about the origin, world axes
 
-// Of a force at x and a moment; or of their rates where x stays.
+// Of a force at x and a moment, or of their rates for constant x.
 inline Six wrench_of(const Vector3d &x, const Vector3d &force, const Vector3d &moment = Vector3d::Zero()) {
   Six wrench;
   wrench << force, x.cross(force) + moment;
   return wrench;
 }
 
-// What rows between two bodies have in common: their forces are those of a wrench on body 2, and back on body 1, which changes
-// by change(k) where coordinate k moves; take(k, rate) gets that of Σ ± J v.
+// The common part of rows between two bodies: a wrench on body 2 and its reaction on body 1, which changes by change(k)
+// if coordinate k moves; take(k, rate) receives the change of Σ ± J v.
 template <class Change, class Take>
 void differentiate(const Data &data, const std::vector<Signed> &columns, const Vec &v, const Six &wrench, const Change &change,
                    const Take &take, Mat &F) {
@@ -272,7 +273,7 @@ private:
   Vec law_;
 };
 
-// Rows that only Python knows: its function is called, with new arrays.
+// Rows that are implemented in Python: the function is called with new arrays.
 class PythonRows : public Rows {
 public:
   PythonRows(nb::object closure, nb::object data, std::vector<int> local, bool moving, double difference_step)

@@ -12,7 +12,7 @@ template <class Numbers> void put(std::vector<double> &to, const Numbers &x) {
   to.insert(to.end(), x.data(), x.data() + x.size());
 }
 
-// Accepted steps, one entry per step, with their polynomials; after how many of them forces jumped, and λ there.
+// Accepted steps, one entry per step, with their polynomials; the numbers of steps before jumps of forces, and λ there.
 template <class Curve> struct StepBatch {
   int steps = 0;
   std::vector<double> t, h, p, v, lam, lam_after;
@@ -34,7 +34,7 @@ public:
   // Steps that Python has not read yet.
   StepBatch<Curve> unread;
 
-  // Continue to t_end in one go, after a jump of forces if `jumped`; the steps are added to `unread`.
+  // Continue to t_end, after a jump of forces if `jumped`; the steps are added to `unread`.
   Failure reach(double t_end, long most, bool jumped, const nb::object &forces) {
     const Failure failure = jumped ? jump_here(unread) : Failure::none;
     return failure != Failure::none ? failure : run(t_end, unread.steps + most, false, nullptr, nb::none(), forces, unread);
@@ -98,8 +98,8 @@ public:
 protected:
   explicit Run(System &system) : system_(system) {}
 
-  bool resumes_ = false; // forces may jump at the time reached
-  int unseen_ = 0; // evaluations in the last step that are left
+  bool resumes_ = false; // forces may jump at the current time
+  int unseen_ = 0; // remaining evaluations in the last step
 
   bool fixed() const { return static_cast<const Method &>(*this).control.fixed(); }
 
@@ -109,7 +109,7 @@ protected:
     const double left = (t_end - t) / h;
     if (left >= 2.0) return t + h;
     const bool last = left < 1.0 + 1e-9;
-    self().shorten((t_end - t) / (last ? 1 : 2)); // two equal steps: no tiny last one
+    self().shorten((t_end - t) / (last ? 1 : 2)); // two equal steps avoid a tiny last one
     return last ? t_end : t + h;
   }
 
@@ -130,7 +130,7 @@ private:
     return nb::cast<double>(forces.attr("next_change")(t, t_end));
   }
 
-  // Forces may jump here: the state is kept, and the multipliers jump with the forces.
+  // Forces may jump here: the state stays the same, and the multipliers jump with the forces.
   Failure change(const nb::object &forces, StepBatch<Curve> &out) {
     nb::gil_scoped_acquire holds;
     resumes_ = true;

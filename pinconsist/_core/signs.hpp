@@ -38,8 +38,8 @@ public:
   bool changed = false, stop = false;
   const bool with_multipliers;
 
-  // The owner of the signs keeps these functions alive, which the garbage collector does not see here. Functions get
-  // all multipliers: by `finish` or, if it is None, zeros except at these places.
+  // The owner of the signs keeps these functions alive; the garbage collector does not see them here. Functions get all
+  // multipliers: from `finish` or, if it is None, with zeros except at these places.
   Signs(const nb::tuple &events, bool with_multipliers, nb::handle interrupted, nb::handle finish,
         std::vector<int> places, int number)
       : with_multipliers(with_multipliers), interrupted_(interrupted), finish_(finish), places_(std::move(places)),

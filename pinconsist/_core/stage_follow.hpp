@@ -66,13 +66,13 @@ private:
   Mat K_, by_p_, by_v_;
 };
 
-// Each method returns the number of the step or state that is singular, or -1.
+// Each method returns the index of the singular step or state, or -1.
 class StageDerivatives : public Way {
 public:
   explicit StageDerivatives(System &system)
       : Way(system), motion_(system, parameters), multipliers_(system, parameters), newton_(system, Switches{}), index1_(system) {}
 
-  // Steps solved to rounding from their accelerations, which are renewed, with their ends.
+  // Solve the steps to rounding from their accelerations; updates these and the ends of the steps.
   int again(StageSteps &steps) {
     const int nx = system_.nx, nv = system_.nv;
     Vec weight, y = Vec::Zero(nx + nv);
@@ -97,7 +97,7 @@ public:
     return -1;
   }
 
-  // Rows (P, nx+nv) of `ends` from those of `starts`, which may be the same, one further on.
+  // Rows (P, nx+nv) of `ends` from those of `starts`, which may be the same table shifted by one row.
   int forward(const StageSteps &steps, Eigen::Map<const Table> starts, Eigen::Map<Table> ends) {
     const int n = 2 * system_.nv, P = parameters.size();
     Mat end;

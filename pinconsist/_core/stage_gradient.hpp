@@ -18,7 +18,7 @@ struct StageSteps {
   Vec W;
 
   int size() const { return static_cast<int>(t.size()); }
-  // The start of a step whose accelerations begin at W, and these.
+  // Sets the start of a step and its accelerations, which begin at W.
   void place(int i, const double *of, Stages &stages) const {
     stages.t = t_old[i];
     stages.h = h[i];
@@ -57,7 +57,7 @@ public:
       : parameters_(parameters), system_(system), stages_(system), rows_(system), end_(system), lu_(0),
         zero_(Vec::Zero(system.nv)) {}
 
-  // At step `i`, whose accelerations begin at W; false if it is singular.
+  // Evaluates step `i`, with accelerations that begin at W; false if it is singular.
   bool set(const StageSteps &steps, int i, const double *W) {
     const int s = static_cast<int>(steps.s[i]);
     stages_.use(RadauTable::of.at(s));
@@ -90,7 +90,7 @@ public:
         y.middleRows(i * nd, nd) -= Z_[i].transpose() * rates_.middleRows(i * n, nv) + stiff_[i] * closing.middleRows(i * nv, nv);
       lu_.substitute(y.data(), P);
     }
-    carried = closing - carried; // dP less what is carried
+    carried = closing - carried; // dP minus the carried part
     for (int i = 0; i < s && nd; ++i) carried.middleRows(i * nv, nv) += Z_[i] * y.middleRows(i * nd, nd);
     Mat dP = closing.bottomRows(nv), dV = X_ * carried, rhs = Mat::Zero(nv + nc, P);
     if (nd) dP += Z_[s - 1] * y.bottomRows(nd);
@@ -249,7 +249,7 @@ private:
     parameters_.contract(t_, p_, v_, a, residuals_with(lam), weights, rates);
   }
 
-  // Those of the stages, and of the end, with q instead of r.
+  // Rates of the stages, and of the end, with q instead of r.
   void find_rates(int nv, int nc, int s) {
     const int P = parameters_.size(), n = nv + 2 * nc;
     rates_.setZero(s * n, P);

@@ -125,13 +125,13 @@ public:
   }
 
 private:
-  // Whether derivatives are evaluated: in the middle, at the end and, if the last step has none, near the start.
+  // Whether derivatives are evaluated at stage `i`: in the middle, at the end and, if the last step has none, near the start.
   bool has_derivatives(int i) const {
     const int last = stages_.size() - 1;
     return !few_ || last < 3 || i == last / 2 || i == last || (i == 0 && !begun_);
   }
 
-  // M, D and K of the other stages by the parabola through three of them, or through the end of the last step and two.
+  // M, D and K of the other stages, from the parabola through three stages, or through the end of the last step and two.
   void interpolate() {
     const Vec &c = stages_.table->c;
     const int s = stages_.table->s, middle = (s - 1) / 2;
@@ -200,7 +200,7 @@ private:
 
   System &system_;
   const Stages &stages_;
-  bool few_, begun_ = false; // begun_: M, D and K are known where the step begins
+  bool few_, begun_ = false; // begun_: M, D and K are known at the start of the step
   LU lu_;
   Mat f_, closing_, along_, twice_, MY_, DY_, KY_, row_, left_over_, matrix_, M_before_, D_before_, K_before_;
   std::vector<Mat> Z_, Y_, M_, D_, K_, T_, ad_;

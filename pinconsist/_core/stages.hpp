@@ -12,7 +12,7 @@ struct RadauTable {
   int s = 0;
   Vec c;
   Mat A, inverse, inverse2, modes; // modes: to the coefficients of Legendre polynomials
-  Vec at_start;                    // weights of the stages in the value of their polynomial at the start
+  Vec at_start;                    // weights of the stages for the value of their polynomial at the start
   // How much rounding of stage positions affects the highest coefficient, and this value, times h².
   double leading = 0.0, starting = 0.0;
 
@@ -42,7 +42,7 @@ public:
   // Rates of ξ.
   const Mat &U() const { return plain() ? V : U_; }
 
-  // Velocities and positions of the accelerations W; rates that depend on positions by substitution.
+  // Velocities and positions from the accelerations W; rates that depend on positions by fixed-point iteration.
   bool move() {
     combine(W, table->A, V, h);
     for (int i = 0; i < size(); ++i) V.col(i) += v;
@@ -52,7 +52,7 @@ public:
       return xi.allFinite();
     }
     for (int sweep = 0; sweep < MAX_SWEEPS; ++sweep) {
-      if (!system_.rate_is_velocity) place(); // else rates do not depend on positions
+      if (!system_.rate_is_velocity) place(); // otherwise rates do not depend on positions
       for (int i = 0; i < size(); ++i) {
         p_ = P.col(i);
         v_ = V.col(i);

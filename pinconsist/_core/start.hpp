@@ -13,14 +13,14 @@ struct History {
   std::vector<Vec> p, v, lam;
 };
 
-// The states with which a run of the control's highest order begins; `turns` as in the stepper.
+// The states with which a run begins at the highest order of the control; `turns` as in the stepper.
 class Start {
 public:
   Start(System &system, Projection &index1, const Control &control, const Mat &turns)
       : system_(system), index1_(index1), control_(control), turns_(turns), k_(control.max_order) {}
 
-  // False if the index-1 equations cannot be integrated, or a state cannot be projected onto the constraints. A first
-  // step of 0 means that it is chosen here.
+  // False if the index-1 equations cannot be integrated, or a state cannot be projected onto the constraints. If the first
+  // step is 0, it is chosen here.
   bool history(double t0, const Vec &p0, const Vec &v0, double t_end, double first_step, History &out) {
     const int nx = system_.nx;
     const double speed = bdf::fastest_turn(turns_, system_.rate(t0, p0, v0));
@@ -31,7 +31,7 @@ public:
     OneStep run(index1_, p0, t0, y0, t_end, std::max(rtol, 1e-13), std::max(atol, 1e-14),
                 speed != 0.0 ? START_TURN / speed : INF, true);
     double longest = 0.0;
-    for (int i = 0; i < static_cast<int>(START_STEPS); ++i) { // it starts with a careful step: on while they grow
+    for (int i = 0; i < static_cast<int>(START_STEPS); ++i) { // the first step is cautious: continue while steps grow
       if (*run.step()) return false;
       const bool grows = run.step_size > START_GROWTH * longest;
       longest = run.step_size;

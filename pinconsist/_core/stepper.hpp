@@ -9,7 +9,7 @@ namespace pinconsist {
 // Chart centres and tables of steps.
 struct TableCurve {
   std::vector<double> bases, tables;
-  std::vector<int> changed; // the steps with `changes` of the table before them, see Segment in dae/dense.py
+  std::vector<int> changed; // the steps before which the table changed by `changes`, see Segment in dae/dense.py
   std::vector<double> changes;
 };
 
@@ -59,7 +59,7 @@ private:
     return Failure::none;
   }
 
-  // The run starts again from here towards `until`; `leave` takes each state of its history.
+  // The run starts again from here towards `until`; `leave` is called with each state of its history.
   template <class Leave> Failure resume(double until, const Leave &leave) {
     History past;
     if (!history(t, p, velocity(), until, 0.0, past)) return Failure::no_start;
@@ -94,7 +94,7 @@ private:
     bool rounding;
     while (true) {
       t_next = next_time(t_end);
-      if (t_next == t) return Failure::error_test; // accepted steps have become this short, as near a pole
+      if (t_next == t) return Failure::error_test; // accepted steps have become too short, as near a pole
       order = k;
       bdf::predict(system_, k, base, Z, predicted_, psi_);
       const double tol = control.weights(system_, predicted_, base, h, weight_);
@@ -158,7 +158,7 @@ private:
                             [&] { return velocity_rounding(system_, kkt_, t_next, attempt_.p, v); });
   }
 
-  // Change to the step and order that the control chose.
+  // Change to the step size and order that the control has chosen.
   void prepare_next() {
     changed_.resize(0, 0);
     double wanted = choice.h;

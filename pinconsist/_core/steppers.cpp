@@ -1,4 +1,4 @@
-// What Python sees of BDF and Radau IIA: steppers that make batches of steps.
+// Python bindings of BDF and Radau IIA: steppers that make batches of steps.
 #include "radau_stepper.hpp"
 #include "stepper.hpp"
 
@@ -19,14 +19,14 @@ Switches switches_of(nb::object switches) {
           on("few_derivatives"), on("kept_derivatives")};
 }
 
-// Run something; others run meanwhile if they can.
+// Run something; releases the GIL unless Python is called.
 template <class Run> Failure released(bool calls_python, const Run &run) {
   if (calls_python) return run();
   nb::gil_scoped_release release;
   return run();
 }
 
-// Make steps until something ends them; returns its name and an exception of Python's.
+// Make steps until something ends them; returns its name and the Python exception, if any.
 template <class Run> std::pair<const char *, nb::object> attempted(bool calls_python, const Run &run) {
   Failure failure = Failure::none;
   nb::object error = nb::none();
@@ -40,7 +40,7 @@ template <class Run> std::pair<const char *, nb::object> attempted(bool calls_py
   return {name_of(failure), error};
 }
 
-// The polynomials of a batch, for Python; None where there are none.
+// The polynomials of a batch, for Python; None if there are none.
 nb::object in_python(TableCurve &curve) {
   if (curve.tables.empty()) return nb::none();
   const size_t changed = curve.changed.size(), changes = curve.changes.size();
@@ -49,7 +49,7 @@ nb::object in_python(TableCurve &curve) {
 }
 nb::object in_python(Collocations &curve) { return curve.empty() ? nb::none() : nb::cast(StageCurve{std::move(curve)}); }
 
-// A batch: why it ended, an exception of Python's, its rows, its polynomials, and where forces jumped.
+// A batch: why it ended, the Python exception if any, its rows, its polynomials, and where forces jumped.
 template <class Curve> nb::object in_python(const char *failure, nb::object error, StepBatch<Curve> &made, const System &system) {
   const size_t n = made.steps, npos = system.npos, nv = system.nv, nc = system.nc, jumped = made.jumps.size();
   const nb::object jumps = jumped ? nb::make_tuple(array(made.jumps, {jumped}), array(made.lam_after, {jumped, nc}))
@@ -58,7 +58,7 @@ template <class Curve> nb::object in_python(const char *failure, nb::object erro
                         array(made.h, {n}), array(made.order, {n}), in_python(made.curve), jumps);
 }
 
-// What both steppers have.
+// Members of both steppers.
 template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) {
   bound.def_ro("t", &Stepper::t)
       .def_rw("h", &Stepper::h)
@@ -72,7 +72,7 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
              s.steps = steps;
            })
       .def("watched", [](Stepper &s, Signs &signs) { return name_of(s.watched(signs)); })
-      .def("work", // since it was asked last
+      .def("work", // since the last call
            [](Stepper &s) {
              const auto taken = [](long &count) { return std::exchange(count, 0); };
              return nb::make_tuple(taken(s.newton.nfev), taken(s.newton.njev), taken(s.newton.nlu),
@@ -85,13 +85,13 @@ template <class Curve, class Stepper> void bind_run(nb::class_<Stepper> &bound) 
              const auto [failure, error] = attempted(system.calls_python() || !sees.is_none(), [&] { return s.run(t_end, most, with_curve, signs, sees, forces, out); });
              return in_python(failure, error, out, system);
            }, "system"_a, "t_end"_a, "most"_a, "with_curve"_a, "signs"_a.none(), "sees"_a.none(), "forces"_a.none())
-      .def("reach", // (t, p, v); None where the steps end before, and where they are of no use to Python
+      .def("reach", // (t, p, v); None if the steps end before t_end, or if Python has no use for them
            [](Stepper &s, const System &system, double t_end, long most, bool jumped, nb::object forces) -> nb::object {
              released(system.calls_python(), [&] { return s.reach(t_end, most, jumped, forces); });
              if (s.t != t_end) return nb::none();
              return nb::make_tuple(t_end, array(s.p), array(s.velocity()));
            }, "system"_a, "t_end"_a, "most"_a, "jumped"_a, "forces"_a.none())
-      .def("unread", // the batch of all steps of `reach` since it was asked for last
+      .def("unread", // the batch of all steps of `reach` since the last call
            [](Stepper &s, const System &system) {
              StepBatch<Curve> made = std::exchange(s.unread, {});
              return in_python("", nb::none(), made, system);
@@ -138,7 +138,7 @@ void bind_bdf(nb::module_ &m) {
              s.Z = Z;
              s.begin_anew(start);
            })
-      .def("history", // its step, and t, p, v, λ of each state; None where there is none
+      .def("history", // its step, and t, p, v, λ of each state; None without a history
            [](Stepper &s, const System &system, double t, const Vec &p, const Vec &v, double t_end, double first_step) -> nb::object {
              History past;
              bool found = false;
@@ -177,7 +177,7 @@ void bind_radau(nb::module_ &m) {
       .def_prop_ro("a", [](const RadauStepper &s) { return array(s.a); })
       .def_prop_ro("lam", [](const RadauStepper &s) { return array(s.lam); })
       .def_prop_ro("last_step", [](RadauStepper &s) { return StageCurve{{s.last_step()}}; })
-      .def("locate", // None where states have no value there
+      .def("locate", // None if the states have no value there
            [](RadauStepper &s, Signs &signs, size_t i, double near, double beside) -> nb::object {
              double root;
              if (!s.locate(signs, i, near, beside, root)) return nb::none();
@@ -220,7 +220,7 @@ void bind_radau(nb::module_ &m) {
              for (const StageCurve *other : others) all.steps.insert(all.steps.end(), other->steps.begin(), other->steps.end());
              return all;
            })
-      .def("step", [](const StageCurve &curve, size_t i) { // its start, size and stages, and what RadauSegment takes after them
+      .def("step", [](const StageCurve &curve, size_t i) { // its start, size and stages, then the other arguments of RadauSegment
         const auto &[shape, U, p0, v0, p1, v1] = *curve.steps.at(i);
         return nb::make_tuple(shape.t, shape.h, shape.table->s, array(p0), array(v0), array(Table(shape.W.transpose())),
                               array(Table(U.transpose())), array(p1), array(v1));

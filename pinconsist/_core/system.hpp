@@ -26,7 +26,7 @@ template <class Derived> double largest(const Eigen::MatrixBase<Derived> &x) {
   return x.size() ? x.cwiseAbs().maxCoeff() : 0.0;
 }
 
-// A numpy array with these numbers, row by row; nanobind's own conversions take several times as long.
+// A numpy array with these numbers, row by row; nanobind's conversions take several times as long.
 template <class Number> nb::object array(const Number *numbers, std::initializer_list<size_t> shape) {
   static const nb::handle empty = nb::object(nb::module_::import_("numpy").attr("empty")).release();
   const char *type = std::is_same_v<Number, double> ? "d" : "i";
@@ -45,7 +45,7 @@ inline nb::object array(const Table &x) {
   return array(x.data(), {static_cast<size_t>(x.rows()), static_cast<size_t>(x.cols())});
 }
 
-// The same for many numbers, which are not copied.
+// The same for many numbers, without a copy.
 inline nb::object array_of(std::vector<double> &&numbers) {
   auto *kept = new std::vector<double>(std::move(numbers));
   const nb::capsule owner(kept, [](void *p) noexcept { delete static_cast<std::vector<double> *>(p); });
@@ -65,8 +65,8 @@ public:
   int npos = 0, nx = 0, nv = 0, nc = 0;
   bool vector_like = true;
   bool rate_is_velocity = true, keeps_derivatives = true;
-  double difference_step = INF; // of the quotients that stand for W
-  // Where dξ/dt in a chart is not the rate itself: first tangent coordinate and number, of each joint.
+  double difference_step = INF; // of the difference quotients used for W
+  // Joints for which dξ/dt in a chart differs from the rate: first tangent coordinate, and their number.
   std::vector<std::pair<int, int>> curved;
   // Results of `evaluate` and `constraint`: f = M a + f0, Φ and the hidden residual ρ; and W of `linearize`, which for
   // rigid bodies is J and already known after `constraint`.
@@ -90,7 +90,7 @@ public:
   virtual void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const = 0;
   virtual void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) = 0;
   virtual void constraint(double t, const Vec &p, const Vec &v) = 0;
-  // `evaluate` at the position whose constraint was evaluated last, without evaluating its rows again.
+  // `evaluate` at the position at which the constraint was evaluated last, without evaluating its rows again.
   virtual void evaluate_after_constraint(double t, const Vec &p, const Vec &v, const Vec &a) { evaluate(t, p, v, a); }
   // γ with dρ/dt = W v' + γ, at the point evaluated last, with a = 0.
   virtual void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) = 0;
@@ -101,7 +101,7 @@ public:
                          bool fresh = true) = 0;
   // As `evaluate`, with M, D = ∂f/∂v and K = ∂f/∂p; for Radau IIA.
   virtual void evaluate_parts(double t, const Vec &p, const Vec &v, const Vec &a, Mat &M, Mat &D, Mat &K) = 0;
-  // M at a point whose constraint was evaluated last; W and G belong to it afterwards.
+  // M at the point at which the constraint was evaluated last; afterwards, W and G are those of this point.
   virtual void mass_matrix(double t, const Vec &p, const Vec &v, Eigen::Ref<Mat> M) = 0;
   // A -= c² ∂(G λ)/∂ξ
   virtual void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c,
@@ -113,7 +113,7 @@ public:
     if (vector_like) scale = p.cwiseAbs();
     else scale.setOnes();
   }
-  // ∂U/∂v times a change of velocities, dae/index1.py.
+  // ∂U/∂v times a change of velocities, see dae/index1.py.
   Vec moved_by(double t, const Vec &p, const Vec &v, const Vec &change) const {
     if (rate_is_velocity) return change;
     const double small = 1e-4 * (1.0 + largest(v)) / std::max(largest(change), 1e-300);
@@ -127,7 +127,7 @@ protected:
   }
 };
 
-// An Index3System of Python's, called back.
+// An Index3System implemented in Python, called back.
 class CallbackSystem : public System {
 public:
   explicit CallbackSystem(nb::object system) : system_(std::move(system)) {

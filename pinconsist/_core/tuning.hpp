@@ -21,12 +21,12 @@ namespace pinconsist {
 PINCONSIST_TUNING(PINCONSIST_DECLARE)
 #undef PINCONSIST_DECLARE
 
-constexpr int MAX_ORDER = 6; // sizes arrays; module.cpp compares it with dae/tuning.py
+constexpr int MAX_ORDER = 6; // size of arrays; module.cpp compares it with dae/tuning.py
 
 constexpr double EPS = std::numeric_limits<double>::epsilon(), INF = std::numeric_limits<double>::infinity(),
                  NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
 
-// What is done for speed alone; see dae/tuning.py.
+// Features that exist only for speed; see dae/tuning.py.
 struct Switches {
   bool iteration_forecast = true, loop_forecast = true, jacobian_reuse = true, few_constraints = true,
        kept_weights = true, few_derivatives = true, kept_derivatives = true;
