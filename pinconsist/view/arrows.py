@@ -13,18 +13,18 @@ from .shapes import OCTAHEDRON, SMALLEST, Shape, cylinder, link_ends, ring
 
 FORCE, MOMENT = "force", "moment"
 COLORS = {FORCE: 0x8E44AD, MOMENT: 0x2E7D32}
-WRONG, RIGHT = 0xD50000, 0x5F6B73  # of wrong forces, and of the true ones next to them
-TRUE, WIDE = "true: ", 2.2  # before the name of a true force; the width of its arrow, under that of another
+WRONG, RIGHT = 0xD50000, 0x5F6B73  # colours of wrong forces, and of the true ones next to them
+TRUE, WIDE = "true: ", 2.2  # of a true force: prefix of its name; width of its arrow, relative to the one above it
 UNITS = {FORCE: "N", MOMENT: "N·m"}
-LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # the longest arrow, in sizes of the picture, or less where parts are small
-PARTS = 0.4, 2.0  # sizes of the picture, at least; sizes of the parts that the arrows act on
-RADIUS, HEAD = 0.011, 0.1  # of a shaft; length of a head; of the longest arrow
-THINNEST = 0.55  # of their widths: a short arrow is seen before the loop that it acts on
-ARC = 1.5 * np.pi  # of a ring, rad
-TUBE, TIP = 0.04, 0.35  # thickness of a ring and length of its head, in its radii
-ROUNDING = 1e-9  # of the largest: below it a moment is rounding, such as a hinge's tilts in a planar loop
-MOSTLY = 95  # per cent of the time
-SPIKE = 3.0  # an outlier: so many times the percentile MOSTLY
+LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # longest arrow, relative to the size of the picture; shorter if parts are small
+PARTS = 0.4, 2.0  # smallest factor of LONGEST; this factor relative to the size of the parts
+RADIUS, HEAD = 0.011, 0.1  # radius of a shaft and length of a head, relative to the longest arrow
+THINNEST = 0.55  # relative width of short arrows, so that they are visible in front of their loop
+ARC = 1.5 * np.pi  # angle of a ring, rad
+TUBE, TIP = 0.04, 0.35  # thickness of a ring and length of its head, relative to its radius
+ROUNDING = 1e-9  # smaller moments, relative to the largest, are rounding, such as tilts of a planar hinge
+MOSTLY = 95  # percentage of the time
+SPIKE = 3.0  # an outlier exceeds the percentile MOSTLY by this factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +34,10 @@ class Action:
     name: str
     of: str  # the loop, the drive, or "motor"
     kind: str  # FORCE or MOMENT
-    points: np.ndarray  # (m, 3), m, where it acts
+    points: np.ndarray  # (m, 3), m, points at which it acts
     vectors: np.ndarray  # (m, 3), world axes
-    bodies: tuple[str, ...] = ()  # joints of the bodies between which it acts, first that on which it is drawn
-    on_joint: np.ndarray | None = None  # (m,), signed, of a drive or motor; else it is of a loop
+    bodies: tuple[str, ...] = ()  # joints of the two bodies between which it acts, first the one on which it is drawn
+    on_joint: np.ndarray | None = None  # (m,), signed; only for a drive or motor, not for a loop
     color: int | None = None
 
     @property
@@ -48,9 +48,9 @@ class Action:
 def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> list[Action]:
     """Forces and moments of the loops, torques of drives and motors.
 
-    A loop acts on its body 2, or on its body 1 if the other is the ground; drives and motors act on their joints,
-    of which those with one degree of freedom are drawn. Couplings are not drawn: they act on two joints at once. Left
-    out are the loops `without` determined forces, and moments that are rounding for a picture of this `size`, m.
+    A loop acts on its body 2, or on its body 1 if the other is the ground. Drives and motors act on their joints; only
+    joints with one degree of freedom are drawn. Couplings are not drawn: they act on two joints at once. The loops
+    `without` determined forces, and moments that are rounding for a picture of this `size`, m, are left out.
     """
     out = []
     loops = {loop.name: loop for loop in run.mech.loops if loop.name not in without}
@@ -104,13 +104,13 @@ class Scale:
 
 
 def longest_arrows(mechs, actions: list[Action], size: float) -> dict[str, float]:
-    """Length of the longest arrow of each kind, m, in proportion to the parts on which they act."""
+    """Length of the longest arrow of each kind, m, in proportion to the parts on which the arrows act."""
     lengths = []
     for mech in mechs:
         ends = zip(mech.joints, link_ends(mech).values(), strict=True)
         of_parts = {name: max(map(np.linalg.norm, its), default=0.0) for name, its in ends}
         found = [of_parts.get(each.bodies[0], 0.0) for each in actions if each.bodies]
-        lengths += [length for length in found if length > 0]  # a point is of no size
+        lengths += [length for length in found if length > 0]  # a point has no size
     least, times = PARTS
     share = float(np.clip(times * np.median(lengths or [size]) / size, least, 1.0))
     return {kind: share * size * length for kind, length in LONGEST.items()}
@@ -132,7 +132,7 @@ def scale_of(kind: str, actions: list[Action], longest: float) -> Scale | None:
 
 
 def round_amount(amount: float) -> float:
-    """The largest of 1, 2 or 5 times a power of ten that is not above an amount."""
+    """The largest number 1, 2 or 5 times a power of ten that does not exceed `amount`."""
     power = 10.0 ** np.floor(np.log10(amount))
     return float(max(step for step in (1, 2, 5) if step * power <= amount * (1 + 1e-12)) * power)
 
@@ -152,7 +152,7 @@ def arrow(path: str, action: Action, scale: Scale) -> tuple[list[tuple[Node, lis
     turns = np.array([rotation_to(each, axis).coeffs() for each in along])
     if action.kind == FORCE:
         radius, head = wide * RADIUS * scale.longest, HEAD * scale.longest
-        short = np.minimum(1.0, reach / (2 * head))  # its head is at most half of it
+        short = np.minimum(1.0, reach / (2 * head))  # the head is at most half of the arrow
         thin, length = np.minimum(short.clip(THINNEST), 5 * short), reach - head * short
         shaft = Node(f"{path}/shaft", np.hstack((points, turns)), np.column_stack((thin, length, thin)).clip(SMALLEST))
         necks = np.hstack((points + along * length[:, None], turns))

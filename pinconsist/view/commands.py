@@ -21,8 +21,8 @@ class Node:
 
 
 def draw(path: str, shape: Shape, **about) -> dict:
-    """Draw a shape; `about` is stored with it for the page: which part, and its name."""
-    mesh = "data" in shape.geometry  # it may be open, and shares corners between faces that meet at an edge
+    """Draw a shape; `about` is stored with it for the page: the part that it belongs to, and its name."""
+    mesh = "data" in shape.geometry  # it may be open, and its faces share corners
     look = {"type": "MeshPhongMaterial", "flatShading": True, "shininess": 20, "side": 2}
     material = {"uuid": f"{path} material", "color": shape.color} | (look if mesh else {"type": "MeshLambertMaterial"})
     material |= {"opacity": shape.opacity, "transparent": shape.opacity < 1, "depthTest": not shape.on_top}
@@ -32,7 +32,7 @@ def draw(path: str, shape: Shape, **about) -> dict:
 
 
 def line(path: str, kind: str, points: np.ndarray, color: int, part: str) -> dict:
-    """Draw a line through points, shape (k, 3), or between each two of them."""
+    """Draw a line through points, shape (k, 3), or separate lines between pairs of them."""
     material = {"uuid": f"{path} material", "type": "LineBasicMaterial", "color": color}
     return _set_object(path, {"uuid": path, "type": kind, "userData": {"part": part}}, buffer(points), material)
 
@@ -50,12 +50,12 @@ def put(path: str, name: str, value) -> dict:
 
 
 def transform(path: str, matrix: np.ndarray) -> dict:
-    """Place everything drawn below a path, by a matrix of shape (4, 4)."""
+    """Set the pose of everything drawn below a path to a matrix of shape (4, 4)."""
     return {"type": "set_transform", "path": path, "matrix": matrix.T.ravel().tolist()}
 
 
 def animated(nodes: list[Node], clock: np.ndarray) -> list[dict]:
-    """Place the nodes as at the first frame, then move them; `clock` holds the frames' times, s, shape (m,)."""
+    """Show the nodes as in the first frame, then move them; `clock` has the times of the frames, s, shape (m,)."""
     reach = max((np.abs(node.poses[:, :3]).max() for node in nodes), default=0.0)
     digits = 7 - int(np.floor(np.log10(reach or 1.0)))
     times, commands, animations = clock.round(6).tolist(), [], []
@@ -77,7 +77,7 @@ def animated(nodes: list[Node], clock: np.ndarray) -> list[dict]:
 
 
 def y_up(point) -> list[float]:
-    """A point in the axes of three.js's own world, into which meshcat turns the picture."""
+    """A point in the world axes of three.js, to which meshcat rotates the picture."""
     x, y, z = map(float, point)
     return [x, z, -y]
 
@@ -105,7 +105,7 @@ def view_axes(skeletons) -> tuple[np.ndarray, bool]:
     """The viewer's right, up and towards-the-viewer directions as rows; and whether all move in parallel planes."""
     normal, *others = map(plane_normal, skeletons)
     planar = normal is not None and all(each is not None and abs(each @ normal) > 1 - 1e-6 for each in others)
-    back = normal if planar else np.array([1.3, -0.68, 0.75])  # not along an arm of a threefold robot
+    back = normal if planar else np.array([1.3, -0.68, 0.75])  # not parallel to an arm of a robot with three arms
     back = back / np.linalg.norm(back)
     right = np.array([-back[1], back[0], 0.0]) if np.hypot(*back[:2]) > 1e-6 else np.array([1.0, 0.0, 0.0])
     right /= np.linalg.norm(right)
@@ -119,16 +119,16 @@ def stage(axes: np.ndarray, size: float) -> list[dict]:
     return [
         put("/Lights/PointLightNegativeX", "visible", False),  # these two have fixed positions and reach 10 m
         put("/Lights/PointLightPositiveX", "visible", False),
-        put("/Background", "visible", False),  # the page's own costs nothing, this is most of a frame in software
+        put("/Background", "visible", False),  # that of the page is free; this one is slow in software
         put("/Axes", "scale", [0.2 * size] * 3),
-        put("/Grid", "visible", False),  # of fixed size, and seen edge-on in planar pictures
+        put("/Grid", "visible", False),  # its size is fixed, and in planar pictures it is seen edge-on
         put(fill, "position", (back + 0.6 * up - 0.5 * right).tolist()),
         put(fill, "intensity", 0.6),
     ]
 
 
 def outline(points: np.ndarray, axes: np.ndarray) -> list[list[float]]:
-    """Those of the points, shape (k, 3), that reach farthest in some direction, to which the page fits its camera."""
+    """The points, of shape (k, 3), that are outermost in any direction; the page fits its camera to them."""
     farthest = np.unique(np.argmax(points @ axes.T @ DIRECTIONS, axis=0))
     return [y_up(point) for point in points[farthest]]
 

@@ -1,14 +1,14 @@
-// Curves: a group of them over the time, each with its value at the cursor
+// Curves: a group of them over time, each with its value at the cursor
 const COLORS = ["#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9", "#b8a800", "#7e57c2"], SHOWN = 4;
 const panel = element("panel"), plot = element("plot"), cursor = element("cursor"), svg = plot.querySelector("svg");
 const curves = [];
 let group = null;
 for (const each of replay.panel?.groups ?? []) {
-  if (first) each.curves.sort((a, b) => (b.of == first.of) - (a.of == first.of));  // what the header is about
+  if (first) each.curves.sort((a, b) => (b.of == first.of) - (a.of == first.of));  // those of the compared loop first
   each.curves.forEach((curve, k) => {
     const values = unpacked(curve.y).map(each.name == "step" ? Math.log10 : x => x);
     const at = times[curve.run], finite = values.filter(Number.isFinite).sort();
-    let left = 0.05 * length;  // but for a twentieth of the time the curve is within `usual` of zero
+    let left = 0.05 * length;  // in all but 5 % of the time, the curve is within `usual` of zero
     const falling = [...values.keys()].sort((a, b) => Math.abs(values[b]) - Math.abs(values[a]));
     const usual = Math.abs(values[falling.find(row => (left -= (at[row + 1] ?? at[row]) - at[row]) <= 0)]);
     Object.assign(curve, {values, low: finite[0], usual, high: finite[finite.length - 1]});
@@ -43,7 +43,7 @@ function draw() {
   const largest = Math.max(high, -low), usual = 1.5 * Math.max(...shown.map(curve => curve.usual));
   const cut = !log && usual > 0 && largest > 3 * usual;
   if (cut) [low, high] = [Math.max(low, -usual), Math.min(high, usual)];
-  if (log) [low, high] = [Math.floor(low), Math.ceil(high)];  // decades, of which there is one at least
+  if (log) [low, high] = [Math.floor(low), Math.ceil(high)];  // whole decades, at least one
   if (!(low < high)) [low, high] = shown.length ? [low - (Math.abs(low) || 1) / 2, high + (Math.abs(high) || 1) / 2] : [0, 1];
   const spare = log ? 0 : 0.04 * (high - low);
   [low, high] = [low - spare, high + spare];

@@ -14,7 +14,7 @@ ROWS = 500  # at most
 
 
 def packed(values) -> str:
-    """Numbers as the page unpacks them, in single precision."""
+    """Numbers in the format that the page unpacks, in single precision."""
     return b64encode(np.asarray(values, "<f4").tobytes()).decode()
 
 
@@ -39,7 +39,7 @@ def panel(runs: list[Run], size: float, without, planar: bool) -> dict:
 
 
 def _telling(run: Run) -> np.ndarray:
-    """Rows of a run: all, or of each part the first and those with the largest and smallest multiplier and speed."""
+    """Rows of a run: all, or of each part the first and those with the extreme multipliers and speeds."""
     n = len(run.t)
     if n <= ROWS:
         return np.arange(n)

@@ -31,14 +31,14 @@ class Run:
 
     mech: Mechanism
     title: str
-    consistency: str  # of the initial values; empty if the solution does not say
-    elapsed: np.ndarray  # (n,), s, since the first row, forward or backward in time; never falling
+    consistency: str  # of the initial values; empty if not known
+    elapsed: np.ndarray  # (n,), s, since the first row, forward or backward in time; not decreasing
     t: np.ndarray  # (n,)
     q: np.ndarray  # (n, nq)
     source: Any = None  # the solution
     lam: np.ndarray | None = None  # (n, nc), if the solution has them
     v: np.ndarray | None = None  # (n, nv), if it has them
-    true: Run | None = None  # with which it is compared
+    true: Run | None = None  # the run with which it is compared
 
     @classmethod
     def of(cls, mech: Mechanism, sol, title: str = "", *, forces: bool = False) -> Run:
@@ -69,7 +69,7 @@ class Run:
         return cls(mech, title, consistency, elapsed, t, source=sol, **found)
 
     def workspace(self) -> Workspace:
-        """For measurements: that of the solution, which may evaluate all rows at once."""
+        """The workspace for measurements: that of the solution, which may evaluate all rows at once."""
         of_solution = getattr(self.source, "_workspace", Workspace)
         return of_solution(self.mech.model)
 
@@ -101,7 +101,7 @@ def motors(mech: Mechanism) -> list:
 def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:
     """The runs that are shown, from left to right; parameters and errors as in :func:`pinconsist.export_html`.
 
-    Without titles, several runs are named by what they differ in: consistency, else the mechanism, else a number.
+    Without titles, several runs are named by consistency if it differs, else by mechanism, else by a number.
     """
     several = sol.values() if isinstance(sol, Mapping) else sol
     sols = list(several) if isinstance(sol, Mapping | list | tuple) else [sol]
@@ -123,7 +123,7 @@ def runs_of(mech, sol, *, forces: bool = False) -> list[Run]:
 
 
 def playing_times(runs, speed: float, fps: float) -> np.ndarray:
-    """Even steps of playing time, s, from 0 to the end of the longest run, shape (m,), m at most `MAX_FRAMES`."""
+    """Equidistant playing times, s, from 0 to the end of the longest run, shape (m,), with m at most `MAX_FRAMES`."""
     speed, fps = number(speed, "speed", above=0.0), number(fps, "fps", above=0.0)
     duration = max(run.elapsed[-1] for run in runs) / speed
     frames = ceil(duration * fps * (1 - 1e-12)) + 1

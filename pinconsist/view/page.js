@@ -1,4 +1,4 @@
-// The header: whether to believe it
+// The header: the verdict
 const header = document.querySelector("header");
 header.hidden = !replay.panel;
 for (const {text, ok} of replay.verdicts) added(header, "span", {textContent: text, className: ok ? "ok" : "look"});
@@ -20,14 +20,14 @@ function look(event) {
   place = [event.clientX - box.left, event.clientY - box.top];
 }
 pane.append(hint);
-for (const kind of ["pointermove", "pointerdown"]) pane.addEventListener(kind, look);  // a finger only taps
+for (const kind of ["pointermove", "pointerdown"]) pane.addEventListener(kind, look);  // a finger can only tap
 pane.addEventListener("pointerleave", event => { if (event.pointerType != "touch") under = null; });
 function described({name, run, part}, time) {
   const here = curves.filter(curve => curve.run == run || curve.true);
   const acting = here.filter(curve => curve.of == name || curve.bodies?.includes(name));
   return [...(part == "body" || !acting.length ? [name] : []), ...acting.map(curve => worded(curve, time))].join("\n");
 }
-function show(words) {  // beside the pointer, within the pane
+function show(words) {  // next to the pointer, within the pane
   hint.textContent = words;
   const [x, y] = place, [across, down] = [hint.offsetWidth, hint.offsetHeight];
   const left = Math.max(0, Math.min(x + 14, wide - across)), below = y + 14 + down <= high;
@@ -58,7 +58,7 @@ function follow(frame) {
   if (!running || frame > toldAt + TELLING) tell(frame);
   requestAnimationFrame(follow);
 }
-const TELLING = 100;  // ms; words cost more than the scene
+const TELLING = 100;  // ms; updates of texts cost more than the scene
 let toldAt = 0, told = "";
 function tell(frame) {
   const time = Math.abs(rate) * now, state = [now, running, under, pixels(), group, element("speed").value].join();

@@ -77,7 +77,7 @@ def export_html(
 
 
 def write_page(file, mech, sol, **options) -> Path:
-    """Write the page of `page_of`, whole or not at all."""
+    """Write the page of `page_of`, completely or not at all."""
     page = page_of(mech, sol, **options)
     with written_whole(file) as stream:
         stream.write(page)
@@ -157,7 +157,7 @@ def _frame(sol, mechanism) -> str:
 
 
 def _viewer() -> str:
-    """meshcat's packaged viewer; found without importing meshcat, which brings a server and IPython."""
+    """meshcat's packaged viewer; found without importing meshcat, which would import a server and IPython."""
     from importlib.util import find_spec
 
     found = find_spec("meshcat")

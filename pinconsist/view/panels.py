@@ -15,10 +15,10 @@ from ..mechanism.rows import LoopRows
 
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9")
 DASHES = ("-", "--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))
-MARKERS = ("o", "s", "^", "D", "v", "x", "P")  # 7, 6 and 5: 210 lines differ, and 35 without colour
+MARKERS = ("o", "s", "^", "D", "v", "x", "P")  # 6, 5 and 7 have no common factor: 210 lines differ, 35 in grey
 GREY = "#b0b4b8"  # of lines without a name in the legend
 LEGEND = 12  # entries at most
-SHORT = ((1e-4, 1e6, "µs"), (0.1, 1e3, "ms"))  # s up to which times are in a smaller unit
+SHORT = ((1e-4, 1e6, "µs"), (0.1, 1e3, "ms"))  # times up to this, s, are in a smaller unit
 LOOK = {
     "font.size": 9,
     "axes.titlesize": 9,
@@ -36,13 +36,13 @@ LOOK = {
     "savefig.dpi": 160,
 }
 FIRST_STEPS = 20
-ROUNDING = 1e-16  # where axes of residuals begin
-PORTRAITS, ABREAST = 12, 4  # phase portraits at most, and in a line
+ROUNDING = 1e-16  # lower end of axes of residuals
+PORTRAITS, ABREAST = 12, 4  # largest number of phase portraits; portraits in a row
 
 
 @contextmanager
 def new_figure(width, height, file=None):
-    """An empty figure in this look, inches, written to `file` at the end of the block, whole or not at all."""
+    """An empty figure in this style, inches, written to `file` at the end of the block, completely or not at all."""
     ending = require_figure(file)
     from matplotlib import rc_context
     from matplotlib.figure import Figure
@@ -99,7 +99,7 @@ def wrapped(t, angle) -> tuple[np.ndarray, np.ndarray]:
 
 
 def widest(values, most: int) -> list[int]:
-    """The columns with the largest range, in their own order."""
+    """The columns with the largest range, in their original order."""
     return sorted(int(k) for k in np.argsort(-np.ptp(values, axis=0), kind="stable")[:most])
 
 
@@ -125,7 +125,7 @@ def curves(axis, t, values, labels, title, *, magnified=None, running=()):
         label = f"{labels[column]}, modulo 2π" if column in running else labels[column]
         axis.plot(*line, label=label, markevery=marks, **style(k))
     axis.set(title=title, xlabel=time)
-    axis.ticklabel_format(scilimits=(-2, 4))  # short, so that none is cut at the figure's edge
+    axis.ticklabel_format(scilimits=(-2, 4))  # short, so that no label is cut off at the figure's edge
     axis.locator_params(axis="x", nbins=6)
     if magnified is None and len(labels):
         legend_beside(axis)
@@ -185,7 +185,7 @@ class DrawnSolution:
 
     @property
     def running(self) -> list[int]:
-        """Columns of angles that make whole turns, where others of `q` do not."""
+        """Columns of angles that make whole turns, if other columns of `q` do not."""
         if self.mech is None:
             return []
         turns = np.array(position_units(self.mech.model)) == "rad"

@@ -26,9 +26,9 @@ SEATS |= {
     "distance": "at its bar's end",
 }
 ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): "moment", (MOMENT, True): "torque"}
-NAMED = 3  # bodies in a line of the legend
-POINT = 1e-12  # m; a smaller extent is that of a point
-GAP = 0.3  # between neighbours, in sizes of the picture
+NAMED = 3  # largest number of bodies in a line of the legend
+POINT = 1e-12  # m; anything smaller counts as a point
+GAP = 0.3  # between neighbours, relative to the size of the picture
 
 
 class DrawnRun:
@@ -82,7 +82,7 @@ class DrawnRun:
     def _draw_arrow(self, path: str, action: Action, scale, number: int) -> np.ndarray:
         parts, around = arrows.arrow(path, action, scale)
         self.nodes += [node for node, _ in parts]
-        about = {"part": "force", "name": action.of, "run": number}  # by which the page finds its curve
+        about = {"part": "force", "name": action.of, "run": number}  # the page finds its curve by these
         self.commands += [draw(f"{node.path}/{k}", each, **about) for node, its in parts for k, each in enumerate(its)]
         if scale.cuts and action.norms.max() > scale.most:
             cut = {"path": parts[-1][0].path, "values": packed(action.norms), "most": scale.most}

@@ -15,14 +15,14 @@ from .panels import DrawnSolution, clock, legend_beside, new_figure, sparse, sty
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-WIDTH, HEIGHT = 11.0, 3.0  # inches, of a row of panels
-OWN = "pinconsist BDF"  # drawn bold, others are compared with it
+WIDTH, HEIGHT = 11.0, 3.0  # size of a row of panels, inches
+OWN = "pinconsist BDF"  # drawn bold; other methods are compared with it
 STARTS = {  # name in a comparison → style, and label
     "exact": (1, "exact start"),
     "consistent": (0, "consistent start"),
     "every_step": (2, "every step corrected"),
 }
-EXACT = 1e-6  # of the largest error: below it a first row is an exact start
+EXACT = 1e-6  # relative to the largest error: a first row with a smaller one is an exact start
 PICTURES = {
     "trajectory": ("configurations and velocities over time", panels.trajectory),
     "multipliers": ("constraint forces over time, the first steps magnified", panels.multipliers),

@@ -16,11 +16,11 @@ from .picture import picture
 from .solids import Stage
 
 FILMS = {".mp4": (1280, 720, 30.0), ".gif": (720, 405, 20.0)}  # width, height, frames per second
-FINER = 2  # times as many pixels are painted, and then averaged
+FINER = 2  # factor of the resolution in which frames are painted before pixels are averaged
 PAPER, INK = (250, 251, 252), (51, 51, 51)
-PANEL, ABREAST = 400.0, 4  # width of a position in a drawing; positions in a line
-EDGE = 0.6  # of a colour, round the shapes of a drawing
-MOTION = (0.88, 0.76)  # of a film's width and height
+PANEL, ABREAST = 400.0, 4  # width of a position in a drawing; positions in a row
+EDGE = 0.6  # brightness of outlines in a drawing, relative to the colour of the shape
+MOTION = (0.88, 0.76)  # share of a film's width and height
 
 
 def render(mech, sol, file, *, speed=1.0, traces=(), forces=False, at=(), watch=None) -> Path:
@@ -38,7 +38,7 @@ def render(mech, sol, file, *, speed=1.0, traces=(), forces=False, at=(), watch=
         width, height, rate = FILMS[ending]
         page = picture(mech, sol, fps=rate, **options)
         duration, count = page["clock"][2:]
-        rate = (count - 1) / duration if count > 1 else rate  # lower for long ones
+        rate = (count - 1) / duration if count > 1 else rate  # lower for long films
         content = write(_frames(page, width, height, watch), (width, height), rate)
     with written_whole(file) as stream:
         stream.write(content)
@@ -79,7 +79,7 @@ def _frames(page, width, height, watch=None) -> Iterator:
             reach = place[0] * bar["metres"]
         draw.line((line / 2, row * line, line / 2 + reach, row * line), f"#{color:06x}", 3 * FINER)
         draw.text((line + reach, row * line), text, INK, font, anchor="lm")
-    digits = int(np.clip(2 - np.floor(np.log10(abs(pace) * duration or 1.0)), 2, 9))  # that show the motion
+    digits = int(np.clip(2 - np.floor(np.log10(abs(pace) * duration or 1.0)), 2, 9))  # enough to show the motion
     for frame in range(count):
         image = behind.copy()
         draw = ImageDraw.Draw(image, "RGBA")

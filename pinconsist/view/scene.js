@@ -9,20 +9,20 @@ const short = (number, unit) => +number.toPrecision(3) + " " + unit;
 const {Vector2, Vector3, Raycaster, PerspectiveCamera, OrthographicCamera} = MeshCat.THREE;
 const pane = element("meshcat-pane"), viewer = new MeshCat.Viewer(pane);
 for (const command of replay.commands) viewer.handle_command(command);
-viewer.set_3d_pane_size = () =>  // the window's by default
+viewer.set_3d_pane_size = () =>  // by default that of the window
   MeshCat.Viewer.prototype.set_3d_pane_size.call(viewer, wide, high);
 const object = path => viewer.scene_tree.find(path.split("/").filter(Boolean)).object;
 const parts = {force: [], loop: [], trace: [], ground: [object("/Axes")], body: []};
 viewer.scene.traverse(thing => parts[thing.userData.part]?.push(thing));
 
-// The camera shows all points of the outline; margins in shares of the pane
+// The camera shows all points of the outline; margins are relative to the pane
 const VIEW = 40, MARGIN = 1.12;  // degrees
 const {planar, size} = replay.view, points = replay.view.points.map(place => new Vector3(...place));
 const [right, up, back] = replay.view.axes.map(axis => new Vector3(...axis));
 viewer.controls.dispose();
 viewer.set_camera(planar ? new OrthographicCamera() : new PerspectiveCamera(VIEW));
 const camera = viewer.camera, target = viewer.controls.target;
-let moved = false, wide, high;  // of the pane, pixels
+let moved = false, wide, high;  // size of the pane, pixels
 viewer.controls.addEventListener("start", () => moved = true);
 function fit() {
   const aspect = wide / high;
@@ -41,14 +41,14 @@ function fit() {
   viewer.set_3d_pane_size();
   moved = false;
 }
-let before = null;  // where a finger began to turn the view: what turns out to scroll the page turns nothing
+let before = null;  // the view when a finger touched it; restored if the gesture scrolls the page
 pane.addEventListener("pointerdown", () => before = camera.position.clone());
 pane.addEventListener("pointercancel", () => {
   camera.position.copy(before);
   viewer.controls.update();
   viewer.set_dirty();
 });
-const pixels = () => high / 2 * (planar  // of a metre
+const pixels = () => high / 2 * (planar  // pixels per metre
   ? camera.zoom / camera.top : 1 / (Math.tan(VIEW / 360 * Math.PI) * camera.position.distanceTo(target)));
 function measure() {
   [wide, high] = [pane.clientWidth, pane.clientHeight];
@@ -56,7 +56,7 @@ function measure() {
 }
 new ResizeObserver(measure).observe(pane);
 
-// Words over the scene
+// Labels over the scene
 const labels = [];
 function label(text, kind, place, shown = () => true) {
   labels.push({word: added(pane, "div", {className: "label " + kind, textContent: text}), place, shown});
@@ -85,7 +85,7 @@ function within(thing, parent) {
   return thing;
 }
 
-// Switches, for what there is
+// Switches, only for existing parts
 const switches = {};
 for (const [name, part] of Object.entries({forces: "force", names: "", loops: "loop", traces: "trace", ground: "ground"})) {
   if (part && !parts[part].length) continue;
@@ -108,10 +108,10 @@ for (const {color, text, bar} of replay.legend) {
 const animator = viewer.animator, [start, rate, duration, frames] = replay.clock, {first} = replay;
 const length = Math.abs(rate) * duration, times = (replay.panel?.times ?? []).map(unpacked);  // s
 const rows = [...new Set(times.flatMap(each => [...each]))].sort((a, b) => a - b);
-const few = replay.panel?.whole && 2 * rows.length <= frames;  // what is between them was not computed
+const few = replay.panel?.whole && 2 * rows.length <= frames;  // states between the rows were not computed
 const [play, scrub, speed, again] = ["play", "scrub", "speed", "again"].map(element);
 const frame = duration / (frames - 1) || 1, digits = decimals(Math.abs(rate) * frame);
-function decimals(step) {  // that tell one step from the next: two of its digits, or up to four where it is round
+function decimals(step) {  // enough to tell successive steps apart: two digits of the step, or up to four if it is then round
   const first = -Math.floor(Math.log10(step)), round = places => Math.abs(step * 10 ** places % 1 - 0.5) > 0.4999;
   const enough = [0, 1, 2, 3].map(more => first + more).find(round) ?? first + 1;
   return Math.max(0, Math.min(9, enough));

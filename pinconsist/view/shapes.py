@@ -12,13 +12,13 @@ from .motion import anchors, bar_poses, in_world, joint_axis, point_in_world, ro
 
 LINK_COLORS = (0x0072B2, 0xE69F00, 0x009E73, 0x56B4E9, 0xCC79A7, 0xB8A800)  # Okabe and Ito's, without red
 JOINT, GROUND, RAIL, CLOSED, SPRING = 0x333333, 0x555555, 0xA0A4AA, 0xD50000, 0x5D4037
-LINK = 0.011  # radius of a link, in sizes of the picture
-SHELL, CORE, BALL = 2.2, 0.9, 1.45  # radii of anchors 1 and 2 and of a joint, in radii of a link
-TURNS, STRAIGHT = 9, 0.12  # of a coil; share of its length that is straight, at each end
-COIL, WIRE = 0.018, 0.003  # radius of a coil and of its wire, in sizes of the picture
-SEGMENTS, SIDES = 16, 6  # of a turn, and of the wire's section
-TOUCHING = 1e-3  # of the scene: bodies this close meet at a joint or a loop
-SMALLEST = 1e-5  # of a scale; three.js cannot invert a transformation of scale 0
+LINK = 0.011  # radius of a link, relative to the size of the picture
+SHELL, CORE, BALL = 2.2, 0.9, 1.45  # radii of anchors 1 and 2 and of a joint, relative to that of a link
+TURNS, STRAIGHT = 9, 0.12  # number of turns of a coil; share of its length that is straight, at each end
+COIL, WIRE = 0.018, 0.003  # radius of a coil and of its wire, relative to the size of the picture
+SEGMENTS, SIDES = 16, 6  # segments of a turn, and sides of the cross-section of the wire
+TOUCHING = 1e-3  # relative to the scene: bodies this close meet at a joint or a loop
+SMALLEST = 1e-5  # smallest scale; three.js cannot invert a transformation with scale 0
 OCTAHEDRON = np.vstack((np.eye(3), -np.eye(3)))
 
 
@@ -29,10 +29,10 @@ class Shape:
     node: int
     geometry: dict  # as three.js reads it
     placement: pin.SE3 = field(default_factory=pin.SE3.Identity)
-    bounds: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))  # enclose it, in the axes of `placement`
+    bounds: np.ndarray = field(default_factory=lambda: np.zeros((1, 3)))  # enclosing points, in the axes of `placement`
     color: int = RAIL
     opacity: float = 1.0
-    on_top: int = 0  # drawn over everything that is lower, so that no mesh hides it
+    on_top: int = 0  # drawn over everything with a lower number, so that no mesh hides it
     loop: str = ""  # the loop that it represents
 
     @property
@@ -73,7 +73,7 @@ def ring(node: int, arc: float, tube: float, **look) -> Shape:
 
 def buffer(points: np.ndarray, triangles: np.ndarray | None = None) -> dict:
     """Points, shape (k, 3), and optionally triangles, shape (m, 3), as three.js reads them."""
-    numbers = [float(f"{value:.7g}") for value in points.ravel()]  # seven digits are all that arrives
+    numbers = [float(f"{value:.7g}") for value in points.ravel()]  # the page keeps only seven digits
     data: dict = {"attributes": {"position": {"itemSize": 3, "type": "Float32Array", "array": numbers}}}
     if triangles is not None:
         data["index"] = {"itemSize": 1, "type": "Uint32Array", "array": triangles.ravel().tolist()}
@@ -92,7 +92,7 @@ def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
         if joint:
             ends[joint].append(place.translation.copy())
     for joint, inertia in zip(ends, list(model.inertias)[1:], strict=True):
-        if not ends[joint] and inertia.mass > 0:  # beyond the centre of mass by half a uniform rod of this inertia
+        if not ends[joint] and inertia.mass > 0:  # beyond the centre of mass by half a uniform rod with this inertia
             half = np.sqrt(3 * np.linalg.eigvalsh(inertia.inertia)[-1] / inertia.mass)
             reach = max(np.linalg.norm(inertia.lever), 1e-300)
             ends[joint].append(inertia.lever * (1 + min(half / reach, 1.0)))
@@ -100,7 +100,7 @@ def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
 
 
 def link_colors(mech: Mechanism, poses: np.ndarray, ends: dict[int, list[np.ndarray]]) -> dict[int, int]:
-    """A colour for each joint's body: of those that no body has that shares a point with it, the rarest so far."""
+    """A colour for each joint's body: the least used so far that no body has that shares a point with it."""
     points = {joint: in_world(poses[:1, joint], [np.zeros(3), *its])[0] for joint, its in ends.items()}
     size = np.ptp(np.concatenate([*points.values(), np.zeros((1, 3))]), axis=0).max()
     colors: dict[int, int] = {}
@@ -162,7 +162,7 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
 
 
 def _rail(mech: Mechanism, joint: int, poses: np.ndarray, size: float) -> np.ndarray | None:
-    """The straight way, shape (2, 3), of a joint's origin on its parent's body; one point twice if it rests."""
+    """The straight path, shape (2, 3), of a joint's origin on its parent's body; one point twice if it rests."""
     home = mech.model.jointPlacements[joint].translation.copy()
     parent, child = poses[:, mech.model.parents[joint]], poses[:, joint]
     turn_back = np.column_stack((np.zeros((len(poses), 3)), -parent[:, 3:6], parent[:, 6]))
@@ -187,7 +187,7 @@ def _ground(points, radius: float) -> list[Shape]:
 
 
 def _closures(mech: Mechanism, poses: np.ndarray, radius: float) -> list[Shape]:
-    """Anchor 1 as a clear shell, anchor 2 as a red core: closed is a core inside its shell, on its rail or plate."""
+    """Anchor 1 as a clear shell, anchor 2 as a red core, which in a closed loop is inside its shell, rail or plate."""
     out, bar = [], mech.model.njoints
     for loop in mech.anchored_loops:
         (joint1, place1), (joint2, place2) = anchors(mech.model, loop)
@@ -203,7 +203,7 @@ def _closures(mech: Mechanism, poses: np.ndarray, radius: float) -> list[Shape]:
 
 
 def _guide(mech: Mechanism, loop: Loop, poses: np.ndarray, radius: float) -> list[Shape]:
-    """Along what anchor 2 may move on body 1: the rail of a slider or cylinder, the plate of a plane."""
+    """The guide of anchor 2 on body 1: the rail of a slider or cylinder, or the plate of a plane."""
     if loop.kind not in ("slider", "cylinder", "plane"):
         return []
     (joint1, place1), (joint2, place2) = anchors(mech.model, loop)
@@ -240,7 +240,7 @@ def _coil(length: float, size: float) -> Shape:
     coiled = ((share - STRAIGHT) / (1 - 2 * STRAIGHT)).clip(0, 1)
     angle = 2 * np.pi * TURNS * coiled
     outward = np.column_stack((np.cos(angle), np.zeros_like(angle), np.sin(angle)))
-    reach = COIL * size * (2 * TURNS * np.minimum(coiled, 1 - coiled)).clip(0, 1)  # full after half a turn
+    reach = COIL * size * (2 * TURNS * np.minimum(coiled, 1 - coiled)).clip(0, 1)  # full radius after half a turn
     line = reach[:, None] * outward + np.outer(length * (share - 0.5), (0, 1, 0))
     across = np.cross(np.gradient(line, axis=0), outward)
     across /= np.linalg.norm(across, axis=1)[:, None]

@@ -9,9 +9,9 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 ROUND = 18  # sides of round shapes
-LONG, CAP = 12, 3  # parts of a cylinder's length and of its ends: of crossing ones the right parts hide the others
+LONG, CAP = 12, 3  # parts of a cylinder's length and of its ends, so that crossing cylinders hide each other correctly
 LIGHT = np.array([-0.35, 0.55, 0.76])  # to the right, up, towards the viewer
-DARK = 0.45  # share of its colour that an unlit face keeps
+DARK = 0.45  # brightness of an unlit face
 
 
 @dataclass(eq=False)
@@ -78,11 +78,11 @@ class Stage:
         self.solids.append(Solid(path, corners, faces, convex, color, opacity, on_top, name, radius))
 
     def pixels(self, points: np.ndarray, scale: float, centre) -> np.ndarray:
-        """Points, m, shape (..., 2), in an image of `scale` pixels for a metre whose `centre` is that of the motion."""
+        """Points, m, shape (..., 2), in an image with `scale` pixels per metre and the motion at its `centre`."""
         return np.asarray(centre) + scale * (points - self._middle) * (1, -1)
 
     def patches(self, frame: int, scale: float, centre, *, outlines: bool = False) -> list[Patch]:
-        """The polygons of a frame, back to front; convex solids as their outlines if they are transparent, or all."""
+        """The polygons of a frame, back to front; convex solids as outlines if transparent, or all with `outlines`."""
         found, depths = [], []
         for solid, poses in zip(self.solids, self._poses, strict=True):
             pose = poses[min(frame, len(poses) - 1)]
@@ -102,7 +102,7 @@ class Stage:
 
 
 def _lit(quads, inside=None):
-    """Which faces, (f, 4, 3), are seen, where `inside` of a convex solid is known; and how bright these are."""
+    """Which faces, (f, 4, 3), are visible, if a point `inside` of a convex solid is known; and how bright these are."""
     normals = np.cross(quads[:, 2] - quads[:, 0], quads[:, 3] - quads[:, 1])
     sizes = np.linalg.norm(normals, axis=1)
     kept = sizes > 0.0
@@ -119,7 +119,7 @@ def _z_up(point):
 
 
 def _pose(path, placed) -> np.ndarray:
-    """Poses, (m, 4, 4), of a path whose beginnings, ``/a`` of ``/a/b``, may be placed, too."""
+    """Poses, (m, 4, 4), of a path; its parents, such as ``/a`` of ``/a/b``, may have poses, too."""
     found = np.eye(4)[None]
     for start in accumulate(path.strip("/").split("/"), "{}/{}".format):
         if (matrix := placed.get(f"/{start}")) is not None:
