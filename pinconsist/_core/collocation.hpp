@@ -35,12 +35,12 @@ struct Shape {
   }
 };
 
-// Weights b that turn values at the nodes into the integral of their polynomial up to a fraction of the step.
-inline FewNumbers integrals(const RadauTable &table, double theta) {
-  const FewNumbers P = legendre(theta, table.s + 1);
-  FewNumbers of_modes(table.s);
-  for (int k = 0; k < table.s; ++k) of_modes[k] = 0.5 * (P[k + 1] - (k ? P[k - 1] : -1.0)) / (2 * k + 1);
-  return table.modes.transpose().lazyProduct(of_modes);
+// The integrals of the first s of them up to a fraction of the step.
+inline FewNumbers integrals(double theta, int s) {
+  const FewNumbers P = legendre(theta, s + 1);
+  FewNumbers of_modes(s);
+  for (int k = 0; k < s; ++k) of_modes[k] = 0.5 * (P[k + 1] - (k ? P[k - 1] : -1.0)) / (2 * k + 1);
+  return of_modes;
 }
 
 // The collocation polynomial of a step, bent to its projected end.
@@ -106,18 +106,22 @@ private:
       system_.difference(step.p0, step.p1, missing_);
       missing_ -= step.U * whole;
       missing_v_ = step.v1 - step.v0 - shape.W * whole;
+      combine(step.U, table.modes, rates_);
+      combine(shape.W, table.modes, accelerations_);
     }
     const double theta = (t - shape.t) / shape.h;
-    const FewNumbers here = shape.h * integrals(table, theta);
-    xi_ = theta * theta * (3.0 - 2.0 * theta) * missing_ + step.U.lazyProduct(here);
+    const FewNumbers here = shape.h * integrals(theta, table.s);
+    xi_ = theta * theta * (3.0 - 2.0 * theta) * missing_ + rates_.lazyProduct(here);
     system_.integrate(step.p0, xi_, p);
-    v = step.v0 + theta * theta * missing_v_ + shape.W.lazyProduct(here);
+    v = step.v0 + theta * theta * missing_v_ + accelerations_.lazyProduct(here);
   }
 
   System &system_;
   Projection index1_;
-  Collocations::value_type last_; // whose `missing` are kept
-  Vec missing_, missing_v_, xi_, a_;
+  Collocations::value_type last_; // of which the following are kept
+  Vec missing_, missing_v_;
+  Mat rates_, accelerations_; // coefficients of Legendre polynomials
+  Vec xi_, a_;
 };
 
 } // namespace pinconsist

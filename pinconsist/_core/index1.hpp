@@ -16,20 +16,18 @@ struct State {
 class Projection {
 public:
   explicit Projection(System &system)
-      : system_(system), kkt_(system.nv, system.nc), rhs_(system.nv + system.nc, 1), zero_(Vec::Zero(system.nv)) {}
+      : system_(system), kkt_(system.nv, system.nc), rhs_(system.nv + system.nc, 1) {}
 
   System &system() const { return system_; }
 
   // Acceleration and multipliers of the differential equation itself; false if it is singular.
   bool acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam) {
-    system_.evaluate(t, p, v, zero_);
-    return solve_acceleration(t, p, v, a, lam);
+    return solve_acceleration(t, p, v, a, lam, false);
   }
 
   // The same at the position at which the constraint was evaluated last, with the matrix `known` if it is not null.
   bool acceleration_after_constraint(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam, const KKT *known) {
-    system_.evaluate_after_constraint(t, p, v, zero_);
-    return solve_acceleration(t, p, v, a, lam, known);
+    return solve_acceleration(t, p, v, a, lam, true, known);
   }
 
   // Project p and v onto the constraints, as project_position and project_velocity do.
@@ -52,21 +50,19 @@ public:
     if (!nc) return true;
     system_.constraint(t, p, v);
     if (!shift(t, p, v, system_.phi)) return false;
-    system_.integrate(p, -system_.moved_by(t, p, v, rhs_.col(0).head(nv)), moved_);
-    std::swap(p, moved_);
+    move(t, p, v);
     system_.constraint(t, p, v);
     shift(t, p, v, system_.rho, true);
     v -= rhs_.col(0).head(nv);
-    system_.evaluate_after_constraint(t, p, v, zero_);
-    negative_forces(t, p, v);
+    negative_forces(t, p, v, true);
     kkt_.solve(rhs_, 1.0, 1);
     lam = rhs_.col(0).tail(nc);
     return true;
   }
 
 private:
-  bool solve_acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam, const KKT *known = nullptr) {
-    negative_forces(t, p, v);
+  bool solve_acceleration(double t, const Vec &p, const Vec &v, Vec &a, Vec &lam, bool evaluated, const KKT *known = nullptr) {
+    negative_forces(t, p, v, evaluated);
     if (known) known->solve(rhs_, 1.0, 1);
     else if (!solve(t, p, v)) return false;
     a = rhs_.col(0).head(system_.nv);
@@ -74,10 +70,10 @@ private:
     return true;
   }
 
-  // The right-hand side for the accelerations, after `evaluate` without them.
-  void negative_forces(double t, const Vec &p, const Vec &v) {
+  // The right-hand side for the accelerations.
+  void negative_forces(double t, const Vec &p, const Vec &v, bool evaluated) {
+    system_.evaluate_bias(t, p, v, evaluated, bias_);
     rhs_.col(0).head(system_.nv) = -system_.f;
-    system_.acceleration_bias(t, p, v, bias_);
     rhs_.col(0).tail(system_.nc) = -bias_;
   }
 
@@ -96,6 +92,15 @@ private:
     return true;
   }
 
+  // Move p back by the velocities that `shift` found.
+  void move(double t, Vec &p, const Vec &v) {
+    shift_ = rhs_.col(0).head(system_.nv);
+    if (!system_.rate_is_velocity) shift_ = system_.moved_by(t, p, v, shift_);
+    shift_ *= -1.0;
+    system_.integrate(p, shift_, moved_);
+    std::swap(p, moved_);
+  }
+
   bool position(double t, State &state) {
     double last = INF;
     for (int i = 0; i < 20; ++i) {
@@ -103,9 +108,7 @@ private:
       const double size = largest(system_.phi);
       if (size <= EPS || (size <= rounding_gap(state.p, system_.W) && size >= 0.5 * last)) return true;
       if (!shift(t, state.p, state.v, system_.phi)) return singular(state), false;
-      Vec moved;
-      system_.integrate(state.p, -system_.moved_by(t, state.p, state.v, rhs_.col(0).head(system_.nv)), moved);
-      state.p = moved;
+      move(t, state.p, state.v);
       last = size;
     }
     state.failure = "open";
@@ -121,7 +124,7 @@ private:
   System &system_;
   KKT kkt_;
   Mat rhs_;
-  Vec zero_, bias_, moved_;
+  Vec bias_, shift_, moved_;
 };
 
 class OneStep {

@@ -22,7 +22,7 @@ struct Lapack {
 // Factors of a square matrix, with row pivots.
 class LU {
 public:
-  explicit LU(int n) : n_(n), lu_(n, n), pivots_(n) {}
+  explicit LU(int n) : n_(n), lu_(n, n), inverses_(n), pivots_(n) {}
 
   int size() const { return n_; }
 
@@ -32,6 +32,7 @@ public:
     if (n_ >= Lapack::LARGE) {
       int n = n_, info = 0;
       Lapack::factorise(&n, &n, lu_.data(), &n, pivots_.data(), &info);
+      if (info == 0) inverses_ = lu_.diagonal().cwiseInverse();
       return info == 0;
     }
     for (int k = 0; k < n_; ++k) {
@@ -43,7 +44,7 @@ public:
       if (column[pivot] == 0.0) return false;
       if (pivot != k)
         for (int j = 0; j < n_; ++j) std::swap(lu_(k, j), lu_(pivot, j));
-      const double inverse = 1.0 / column[k];
+      const double inverse = inverses_[k] = 1.0 / column[k];
       for (int i = k + 1; i < n_; ++i) column[i] *= inverse;
       for (int j = k + 1; j < n_; ++j) {
         double *other = &lu_(0, j);
@@ -100,7 +101,7 @@ private:
     }
     for (int k = n_; k-- > 0;) {
       const double *column = &lu_(0, k);
-      const double value = x[k] /= column[k];
+      const double value = x[k] *= inverses_[k];
       for (int i = 0; i < k; ++i) x[i] -= value * column[i];
     }
   }
@@ -113,7 +114,7 @@ private:
     for (int k = 0; k < n_; ++k)
       for (int i = k + 1; i < n_; ++i) rows[i] -= rows[k] * lu_(i, k);
     for (int k = n_; k-- > 0;) {
-      rows[k] /= lu_(k, k);
+      rows[k] *= inverses_[k];
       for (int i = 0; i < k; ++i) rows[i] -= rows[k] * lu_(i, k);
       x[k] = rows[k][0];
       x[n_ + k] = rows[k][1];
@@ -122,6 +123,7 @@ private:
 
   int n_;
   Eigen::MatrixXd lu_;
+  Eigen::VectorXd inverses_; // of its diagonal: divisions are slow
   std::vector<int> pivots_;
 };
 

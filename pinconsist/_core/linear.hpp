@@ -95,8 +95,7 @@ protected:
 // β = J a + γ
 inline Vec beta(System &system, double t, const Vec &p, const Vec &v, const Vec &a) {
   Vec beta;
-  system.evaluate(t, p, v, Vec::Zero(system.nv));
-  system.acceleration_bias(t, p, v, beta);
+  system.evaluate_bias(t, p, v, false, beta);
   beta += system.G_transposed() * a;
   return beta;
 }

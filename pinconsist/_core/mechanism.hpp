@@ -137,17 +137,23 @@ public:
     hidden_residual(t, p, v);
   }
 
-  void evaluate_after_constraint(double t, const Vec &p, const Vec &v, const Vec &a) override {
-    f = pinocchio::rnea(model_, data_, p, v, a); // does not change the joint Jacobians
-    add_the_rest(t, p, v);
+  void evaluate_bias(double t, const Vec &p, const Vec &v, bool known, Vec &bias) override {
+    if (nobody_needs_jacobians()) {
+      f = pinocchio::rnea(model_, data_, p, v, Vec::Zero(nv));
+    } else {
+      if (!known) evaluate_rows(t, p);
+      if (!by_jacobians()) f = pinocchio::rnea(model_, data_, p, v, Vec::Zero(nv)); // does not change the joint Jacobians
+      move_bodies(v);
+      if (by_jacobians()) weigh_bodies();
+    }
+    subtract_forces(t, p, v);
+    find_bias(t, p, v, bias);
   }
 
-  void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) override {
-    bias.setZero(nc);
-    if (rows_.empty()) return;
-    for (int i = 1; i < model_.njoints; ++i) // rnea has computed velocities, and accelerations minus gravity
-      data_.a[i] = data_.a_gf[i] + data_.oMi[i].actInv(model_.gravity);
-    for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
+  // J̇ v and the like, after `evaluate` without accelerations.
+  void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) {
+    if (!rows_.empty()) move_bodies(v);
+    find_bias(t, p, v, bias);
   }
 
   void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &, double c, Eigen::Ref<Mat> A,
@@ -289,6 +295,52 @@ protected:
   Vec constant_, damping_, tau_;
 
 private:
+  void find_bias(double t, const Vec &p, const Vec &v, Vec &bias) const {
+    bias.setZero(nc);
+    for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
+  }
+
+  // Whether the motion of bodies follows from Jacobians; rows in Python use what rnea computes.
+  bool by_jacobians() const { return axes_stay_ && !calls_python_; }
+
+  // Velocities and accelerations of the bodies, in world axes.
+  void move_bodies(const Vec &v) {
+    using pinocchio::Motion;
+    data_.ov[0].setZero();
+    data_.oa[0].setZero();
+    for (int i = 1; i < model_.njoints; ++i) {
+      if (!by_jacobians()) { // rnea has computed accelerations minus gravity
+        data_.a[i] = data_.a_gf[i] + data_.oMi[i].actInv(model_.gravity);
+        data_.ov[i] = data_.oMi[i].act(data_.v[i]);
+        data_.oa[i] = data_.oMi[i].act(data_.a[i]);
+        continue;
+      }
+      Six own = Six::Zero();
+      for (int k = model_.idx_vs[i]; k < model_.idx_vs[i] + model_.nvs[i]; ++k) own += v[k] * data_.J.col(k);
+      data_.ov[i] = data_.ov[model_.parents[i]] + Motion(own);
+      data_.oa[i] = data_.oa[model_.parents[i]] + data_.ov[i].cross(Motion(own));
+    }
+  }
+
+  // f of weights and of these motions.
+  void weigh_bodies() {
+    for (int i = 1; i < model_.njoints; ++i) {
+      const auto &inertia = model_.inertias[i];
+      const auto falling = data_.oa[i] - model_.gravity;
+      const Matrix3d &R = data_.oMi[i].rotation();
+      const Vector3d centre = data_.oMi[i].act(inertia.lever()), w = data_.ov[i].angular(), spin = R.transpose() * w;
+      const Vector3d rate = R.transpose() * falling.angular(), moved = data_.ov[i].linear() + w.cross(centre);
+      const Vector3d force = inertia.mass() * (falling.linear() + falling.angular().cross(centre) + w.cross(moved));
+      const Vector3d moment = R * (inertia.inertia() * rate + spin.cross(inertia.inertia() * spin));
+      data_.of[i] = pinocchio::Force(force, centre.cross(force) + moment);
+    }
+    for (int i = model_.njoints - 1; i > 0; --i) {
+      const Six force = data_.of[i].toVector();
+      for (int k = model_.idx_vs[i]; k < model_.idx_vs[i] + model_.nvs[i]; ++k) f[k] = force.dot(data_.J.col(k));
+      if (const auto parent = model_.parents[i]) data_.of[parent] += data_.of[i];
+    }
+  }
+
   // D and K of all forces; M, τ, poses and Jacobians of the joints are known after it.
   void differentiate_forces(double t, const Vec &p, const Vec &v, const Vec &a, Mat &D, Mat &K) {
     pinocchio::computeRNEADerivatives(model_, data_, p, v, a);

@@ -124,8 +124,7 @@ NB_MODULE(twin, m) {
            [](MechanismSystem &s, double t, const Vec &p, const Vec &v) {
              Vec bias;
              Mat M(s.nv, s.nv);
-             s.evaluate(t, p, v, Vec::Zero(s.nv));
-             s.acceleration_bias(t, p, v, bias);
+             s.evaluate_bias(t, p, v, false, bias);
              s.mass_matrix(t, p, v, M);
              return nb::make_tuple(M, s.f, s.W, bias);
            })

@@ -91,18 +91,12 @@ inline Matrix3d axes(const Data &data, int joint, const SE3 &placement) {
 
 // A point of a body, moving: classical acceleration a; the body's spin w and angular acceleration b; in world axes.
 struct Moving {
-  Vector3d x, v = Vector3d::Zero(), w = v, a = v, b = v;
+  Vector3d x, v, w, a, b;
 
-  Moving(const Data &data, int joint, const SE3 &placement) : x(placement.translation()) {
-    if (!joint) return;
-    const auto &R = data.oMi[joint].rotation();
-    const auto &velocity = data.v[joint], &acceleration = data.a[joint];
-    const Vector3d moved = velocity.linear() + velocity.angular().cross(x);
-    v = R * moved;
-    w = R * velocity.angular();
-    a = R * (acceleration.linear() + acceleration.angular().cross(x) + velocity.angular().cross(moved));
-    b = R * acceleration.angular();
-    x = R * x + data.oMi[joint].translation();
+  Moving(const Data &data, int joint, const SE3 &placement)
+      : x(origin(data, joint, placement)), w(data.ov[joint].angular()), b(data.oa[joint].angular()) {
+    v = data.ov[joint].linear() + w.cross(x);
+    a = data.oa[joint].linear() + b.cross(x) + w.cross(v);
   }
 };
 

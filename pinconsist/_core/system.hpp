@@ -90,10 +90,8 @@ public:
   virtual void position(double t, const Vec &base, const Vec &psi_x, double c, const Vec &v, Vec &p, Vec &xi) const = 0;
   virtual void evaluate(double t, const Vec &p, const Vec &v, const Vec &a) = 0;
   virtual void constraint(double t, const Vec &p, const Vec &v) = 0;
-  // `evaluate` at the position at which the constraint was evaluated last, without evaluating its rows again.
-  virtual void evaluate_after_constraint(double t, const Vec &p, const Vec &v, const Vec &a) { evaluate(t, p, v, a); }
-  // γ with dρ/dt = W v' + γ, at the point evaluated last, with a = 0.
-  virtual void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) = 0;
+  // f and W without accelerations, and γ with dρ/dt = W v' + γ; `known` if `constraint` was called last, at this p.
+  virtual void evaluate_bias(double t, const Vec &p, const Vec &v, bool known, Vec &bias) = 0;
   // W at the point evaluated last.
   virtual const Mat &velocity_jacobian(double, const Vec &, const Vec &) { return W; }
   // A = M + c ∂f/∂v + c² ∂f/∂p at the point evaluated last, with derivatives of the last `fresh` call where they are kept.
@@ -185,7 +183,8 @@ public:
     phi = vector(both[0], nc, "constraint");
     rho = vector(both[1], nc, "constraint");
   }
-  void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) override {
+  void evaluate_bias(double t, const Vec &p, const Vec &v, bool, Vec &bias) override {
+    evaluate(t, p, v, Vec::Zero(nv));
     bias = vector(ask(system_, "acceleration_bias", t, p, v), nc, "acceleration_bias");
   }
   const Mat &velocity_jacobian(double t, const Vec &p, const Vec &v) override {
