@@ -67,15 +67,18 @@ public:
         self().prepare_next();
         failure = self().advance(until);
         if (failure != Failure::none) return failure;
+        bool stop = false;
         if (signs) {
+          nb::gil_scoped_acquire holds; // once for all looks
           unseen_ = self().looks();
           failure = watched(*signs);
           ended = signs->changed;
+          stop = !ended && signs->interrupted();
         }
         if (with_curve) self().keep(out.curve);
         leave(t, p, self().velocity(), self().multipliers());
         if (failure != Failure::none) return failure;
-        if (signs && signs->stop) interrupt();
+        if (stop) interrupt();
       }
       if (std::chrono::steady_clock::now() - begun > std::chrono::duration<double>(PATIENCE)) break;
     }

@@ -35,7 +35,7 @@ class Signs {
 public:
   double begin = 0.0, end = 0.0;
   std::vector<double> before, values;
-  bool changed = false, stop = false;
+  bool changed = false;
   const bool with_multipliers;
 
   // The owner of the signs keeps these functions alive; the garbage collector does not see them here. Functions get all
@@ -59,7 +59,6 @@ public:
   }
 
   bool look(double t, const Vec &p, const Vec &v, const Vec &lam) {
-    nb::gil_scoped_acquire holds;
     begin = std::exchange(end, t);
     before.swap(values);
     changed = false;
@@ -67,9 +66,10 @@ public:
       values[i] = value(i, t, p, v, lam);
       changed = changed || (before[i] != 0.0 && !(before[i] * values[i] > 0.0));
     }
-    stop = !changed && nb::cast<bool>(interrupted_());
     return changed;
   }
+
+  bool interrupted() const { return nb::cast<bool>(interrupted_()); }
 
   bool at_zero() const { return std::count(values.begin(), values.end(), 0.0); }
 

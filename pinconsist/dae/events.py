@@ -72,14 +72,14 @@ class Signs:
     changed : bool
         Whether some function has changed its sign between them. One that is zero takes its sign at the next evaluation,
         which follows shortly after, so that the event is not found again.
-    stop : bool
-        Whether none has, and ``interrupted()`` says that the run is to end there.
+    interrupted : callable
+        ``interrupted() -> bool``, called after each step: whether the run is to end there.
     """
 
     def __init__(self, events, with_multipliers, interrupted, finish):
         self.events, self.with_multipliers, self.interrupted = events, with_multipliers, interrupted
         self._finish = finish
-        self.changed = self.stop = False
+        self.changed = False
 
     def restart(self, t, p, v, lam, fired=()) -> None:
         """Take the signs at a new start; events that just `fired` count as zero: only rounding is left."""
@@ -92,7 +92,6 @@ class Signs:
         self.values = [self.value(i, t, p, v, lam) for i in range(len(self.events))]
         signs = zip(self.before, self.values, strict=True)
         self.changed = any(before != 0.0 and not before * after > 0.0 for before, after in signs)
-        self.stop = not self.changed and self.interrupted()
         return self.changed
 
     def value(self, i, t, p, v, lam) -> float:

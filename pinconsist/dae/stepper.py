@@ -161,7 +161,7 @@ class Stepper:
                 segments += [self.segment()] if with_curve else []
                 if changed or (sees is not None and sees(*state, order)):
                     break
-                if signs is not None and signs.stop:
+                if signs is not None and signs.interrupted():
                     raise KeyboardInterrupt
         except BaseException as raised:  # the steps made so far are kept; the caller raises it
             error = raised
