@@ -106,15 +106,17 @@ def test_rows_are_built_once_and_evaluated_apart():
 
 def test_a_start_is_closed_and_ranked_once(monkeypatch):
     """A second run from one place finds the loops closed there; another place, another time, another guess do not."""
-    closed, ranked = [], []
+    closed, ranked, evaluated = [], [], []
+    evaluate = LoopRows.evaluate
+    monkeypatch.setattr(LoopRows, "evaluate", lambda rows, *args: evaluated.append(args) or evaluate(rows, *args))
     solved, pivoted = LoopSolver._closed, rank.dgeqp3
     monkeypatch.setattr(LoopSolver, "_closed", lambda solver, *args: closed.append(args) or solved(solver, *args))
     monkeypatch.setattr(rank, "dgeqp3", lambda J: ranked.append(J) or pivoted(J))
     mech = pc.load("four_bar").with_forces()
     mech = mech.with_loops(*mech.loops)  # nothing is known of it
-    first = pc.simulate(mech, (0.0, 0.1))
+    first, before = pc.simulate(mech, (0.0, 0.1)), len(evaluated)
     again = pc.simulate(mech, (0.0, 0.1))
-    assert len(closed) == len(ranked) == 1
+    assert len(closed) == len(ranked) == 1 and len(evaluated) <= before + 1
     np.testing.assert_array_equal(again.q, first.q)
     turned = pc.assemble(mech, {"crank": 1.0})
     assert len(closed) > 1 and turned.q[0] == pytest.approx(1.0)
@@ -123,11 +125,15 @@ def test_a_start_is_closed_and_ranked_once(monkeypatch):
         assert pc.assemble(driven, t=t).q[0] == pytest.approx(0.3 + t, abs=1e-12)
 
 
-def test_loops_that_have_changed_are_closed_anew():
-    """A user's constraint may depend on something that changes between two runs."""
+@pytest.mark.parametrize("kind", ["constraint", "drive"])
+def test_loops_that_have_changed_are_closed_anew(kind):
+    """A function of the user's may depend on something that changes between two runs."""
     length = [1.0]
     mech = pc.load("double_pendulum")
-    mech = mech.with_loops(pc.Constraint("held", lambda t, q: np.array([q[0] - length[0]]), 1))
+    if kind == "drive":
+        mech = mech.with_loops(pc.Drive("held", mech.joints[0], lambda t: length[0]))
+    else:
+        mech = mech.with_loops(pc.Constraint("held", lambda t, q: np.array([q[0] - length[0]]), 1))
     for length[0] in (1.0, 0.5):
         assert pc.assemble(mech).q[0] == pytest.approx(length[0], abs=1e-12)
 

@@ -15,7 +15,7 @@ from ..dae import tuning
 from ..dae.radau import table
 
 AGAIN = "install pinconsist again"
-INTERFACE = 28  # as in module.cpp: an editable install may hold an older build
+INTERFACE = 29  # as in module.cpp: an editable install may hold an older build
 
 
 def _absent(folder: Path) -> str:

@@ -78,12 +78,10 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         self._sampler = [load()[0].Sampler(self._compiled)]
         chooses = self.method.stages == 0
         if isinstance(control, RadauControl):
-            # The control goes on with the last of them.
-            for s in (FEWEST_STAGES, MOST_STAGES, FIRST_STAGES) if chooses else (self.method.stages,):
-                control.use(s)
-                self._core.add_tolerances(s, *control.spread, control.newton_factor, control.slack)
+            for s in (FEWEST_STAGES, FIRST_STAGES, MOST_STAGES) if chooses else (self.method.stages,):
+                self._core.allow(s, *control.of_stages(s))
             sizes = control.sizes if before is None else before.sizes
-            self._core.control_error(sizes, control.max_step, chooses, control.worth_most)
+            self._core.control_error(*control.wanted, sizes, control.max_step, chooses, control.worth_most)
 
     def begin(self, t, p, v, t_end, known=None):
         first = self._turns is None

@@ -141,10 +141,10 @@ public:
 class RadauControl : public Tolerances {
 public:
   struct OfStages {
-    Vec rtol, atol;
     double newton_factor, slack;
   };
   std::map<int, OfStages> of_stages;
+  Vec rtol_of_run, atol_of_run;
   bool chooses = false, worth_most = false; // the number of stages; and the highest if Newton allows it
   int s = 0;                                // of the next step
 
@@ -153,8 +153,10 @@ public:
     calm_ = failures_ = 0;
     restart();
     if (!of_stages.count(s)) return; // a fixed step
-    rtol = of_stages[s].rtol;
-    atol = of_stages[s].atol;
+    const Eigen::ArrayXd tol = rtol_of_run.cwiseMax(atol_of_run);
+    const Vec share = (STAGE_ACCURACY * tol).pow(exponent() / (2.0 * s - 1.0)) / tol;
+    rtol = share.cwiseProduct(rtol_of_run);
+    atol = share.cwiseProduct(atol_of_run);
   }
   void restart() { last_h_ = 0.0; }
 

@@ -190,9 +190,9 @@ void bind_radau(nb::module_ &m) {
              s.step = step;
              s.divide(t_end);
            })
-      .def("add_tolerances",
-           [](RadauStepper &stepper, int s, const Vec &rtol, const Vec &atol, double newton_factor, double slack) {
-             stepper.control.of_stages[s] = {rtol, atol, newton_factor, slack};
+      .def("allow",
+           [](RadauStepper &stepper, int s, double newton_factor, double slack) {
+             stepper.control.of_stages[s] = {newton_factor, slack};
            })
       .def("begin",
            [](RadauStepper &s, double t, int stages, const Vec &p, const Vec &v, const Vec &a, const Vec &lam) {
@@ -205,7 +205,9 @@ void bind_radau(nb::module_ &m) {
              s.begin_anew();
            })
       .def("control_error",
-           [](RadauStepper &s, const Vec &sizes, double max_step, bool chooses, bool worth_most) {
+           [](RadauStepper &s, const Vec &rtol, const Vec &atol, const Vec &sizes, double max_step, bool chooses, bool worth_most) {
+             s.control.rtol_of_run = rtol;
+             s.control.atol_of_run = atol;
              s.control.sizes = sizes;
              s.control.max_step = max_step;
              s.control.chooses = chooses;

@@ -79,20 +79,20 @@ class ErrorControl:
     equal_steps: int = 0
     noisy_steps: int = 0  # whose errors were rounding, since a longer step was last tried
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
-    _wanted: tuple = field(init=False, repr=False, compare=False)  # rtol, atol of the columns, set by `fit`
+    wanted: tuple = field(init=False, repr=False, compare=False)  # rtol, atol of the columns, set by `fit`
     _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns
     _atol: np.ndarray = field(init=False, repr=False, compare=False)
     sizes: np.ndarray = field(init=False, repr=False, compare=False)  # the largest that the columns have been
 
     def fit(self, system) -> None:
         """Tolerances for the columns [ξ | v] of a system."""
-        self._wanted = self._columns(system, "rtol"), self._columns(system, "atol")
+        self.wanted = self._columns(system, "rtol"), self._columns(system, "atol")
         self.sizes = np.zeros(system.nx + system.nv)
         self._hold_steps()
 
     def _hold_steps(self):
         """Tolerances of a step from those of the run."""
-        rtol, atol = self._wanted
+        rtol, atol = self.wanted
         tol = np.maximum(rtol, atol)
         share = self.step_tolerance(tol) / tol
         self._rtol, self._atol = share * rtol, share * atol
@@ -107,7 +107,7 @@ class ErrorControl:
 
     def apart(self, rows, others) -> float:
         """The largest difference of rows [ξ | v], divided by the accuracy of the run."""
-        rtol, atol = (np.maximum(wanted, self.best) for wanted in self._wanted)
+        rtol, atol = (np.maximum(wanted, self.best) for wanted in self.wanted)
         return float((np.abs(rows - others) / (atol + rtol * np.abs(rows).max(axis=0))).max())
 
     @cached_property

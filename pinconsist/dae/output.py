@@ -151,13 +151,15 @@ class Record:
         self.complete_multipliers()
         if not self._finished:
             return np.zeros(0), *(np.zeros((0, n)) for n in (system.npos, system.nv, system.n_multipliers))
+        if len(self._finished) == 1:
+            return self._finished[0]
         return tuple(map(np.concatenate, zip(*self._finished, strict=True)))
 
     def steps(self, t):
         """Step and order by which each of the rows at times `t` was reached; empty if rows are not steps."""
         if self._due is not None:
             return np.zeros(0), np.zeros(0, int)
-        return np.diff(t), np.concatenate([np.zeros(0, int), *self._orders])
+        return t[1:] - t[:-1], np.concatenate([np.zeros(0, int), *self._orders])
 
     def dense(self):
         """The continuous solution, if requested."""

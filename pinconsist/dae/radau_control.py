@@ -42,19 +42,22 @@ class RadauControl(ErrorControl):
 
         The estimate falls like hᵉ, e = :func:`exponent`, the error of the run like h²ˢ⁻¹.
         """
-        return (tuning.STAGE_ACCURACY * tol) ** (exponent(self.s) / (2 * self.s - 1))
+        return _tolerance(tol, self.s)
 
-    @property
-    def slack(self) -> float:
-        """The tolerance of the estimate divided by that of the run."""
-        tol = max(self.asked)
-        return self.step_tolerance(tol) / tol
+    def of_stages(self, s) -> tuple[float, float]:
+        """:attr:`newton_factor` and :attr:`slack` of `s` stages."""
+        slack = _tolerance(tol := max(self.asked), s) / tol
+        return min(tuning.STAGE_NEWTON_FACTOR[s], tuning.STAGE_LEFT / slack), slack
 
     @property
     def newton_factor(self) -> float:
         """Newton's tolerance as a fraction of τ: its errors add up, and do not fall with the order."""
-        tol = max(self.asked)
-        return min(tuning.STAGE_NEWTON_FACTOR[self.s], tuning.STAGE_LEFT * tol / self.step_tolerance(tol))
+        return self.of_stages(self.s)[0]
+
+    @property
+    def slack(self) -> float:
+        """The tolerance of the estimate divided by that of the run."""
+        return self.of_stages(self.s)[1]
 
     @property
     def worth_most(self) -> bool:
@@ -103,6 +106,10 @@ class RadauControl(ErrorControl):
         self._last = h, max(error, 1e-2)
         factor = min(growth, max(tuning.MIN_FACTOR, tuning.STAGE_SAFETY * factor))
         return h * min(factor, self.max_step / abs(h))
+
+
+def _tolerance(tol, s):
+    return (tuning.STAGE_ACCURACY * tol) ** (exponent(s) / (2 * s - 1))
 
 
 def exponent(s) -> int:

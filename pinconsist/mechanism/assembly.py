@@ -109,7 +109,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
         raise InputError(f"tolerance must be positive, got {tolerance!r}")
     fixed, named = dict(fixed or {}), dict(q) if isinstance(q, Mapping) else {}
     held = {**named, **fixed}
-    base = mechanism.configuration(mechanism.guess if q is None or isinstance(q, Mapping) else q)
+    base = mechanism.guess.copy() if q is None or isinstance(q, Mapping) else mechanism.configuration(q)
     start = guess = mechanism.configuration(held, base=base) if held else base
     for joint in _driven(solver, held, guess):  # their values are those of the drives, except for rounding
         held.pop(joint)
@@ -152,7 +152,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
         rows=len(J),
         rank=len(kept),
         mobility=mobility,
-        moved=float(np.max(np.abs(pin.difference(mechanism.model, guess, best)), initial=0.0)),
+        moved=float(np.abs(pin.difference(mechanism.model, guess, best)).max(initial=0.0)),
         iterations=iterations,
         _rows=(J, kept, solver.loop_rows.labels),
     )

@@ -49,7 +49,7 @@ class LoopSolver:
 
     def size(self, q) -> float:
         """Largest |Φ|, m or rad."""
-        return float(np.max(np.abs(self.rows(q)[0]), initial=0.0))
+        return float(np.abs(self.rows(q)[0]).max(initial=0.0))
 
     def gaps(self, q) -> dict:
         """Largest |Φ| of each loop, m or rad."""

@@ -3,7 +3,7 @@
 from math import sqrt
 
 import numpy as np
-from scipy.linalg.lapack import dgeqp3
+from scipy.linalg.lapack import dgeqp3, dsyev
 
 from ..errors import SingularSystemError
 from .names import joints_in
@@ -39,8 +39,9 @@ class Ranking:
 
     def weak(self, labels) -> dict[tuple[str, str], float]:
         """The rows whose distance from a combination of the others is below 1e-6, and that distance, m or rad."""
-        by = zip(self._pivots.tolist(), self._by[: self._rank].tolist(), strict=False)
-        return {labels[row]: size for row, pivot in by if (size := pivot * float(self.scales[row])) < ROUNDED}
+        rows = self._pivots[: self._rank]
+        sizes = self._by[: self._rank] * self.scales[rows]
+        return {labels[row]: size for row, size in zip(rows.tolist(), sizes.tolist(), strict=True) if size < ROUNDED}
 
 
 def independent_rows(J, turns) -> np.ndarray:
@@ -94,7 +95,7 @@ def require_nonsingular(system, q) -> None:
         )
     M = system.mass_matrix(q)
     if system.dropped_are_zero:
-        inertia = np.linalg.eigvalsh(M)  # bounds for the inertias of the free motions
+        inertia = dsyev(M, compute_v=0)[0]  # bounds for the inertias of the free motions
         if inertia[0] > MASSLESS * inertia[-1]:
             return
     free = null_space(system.loop_rows(q)[1][system.kept])

@@ -65,18 +65,20 @@ class LoopRows:
         self.turns = np.array([turns for closure in self.closures for turns in closure.turns], dtype=bool)
         self.steady = np.array([closure.steady for closure in self.closures for _ in closure.turns], dtype=bool)
         self.moving = any(closure.moving for closure in self.closures)
-        self._last: tuple = (None,)  # (place, Φ, J): several functions evaluate the same place at the start of a run
-        self.vanishing: dict[bytes, bool] = {}  # indices of rows → whether they vanish everywhere
+        self._evaluated: dict[tuple, list] = {}  # the last place → Φ and J; the start of a run is evaluated many times
+        self.near: dict[tuple, list] = {}  # loop and some of its rows → what KeptRows makes of them
+        self.vanishing: dict[tuple, bool] = {}  # indices of rows → whether they vanish everywhere
         self.closed: dict[tuple, tuple] = {}  # the last result of LoopSolver.close
         self.ranked: dict[bytes, Any] = {}  # the last J → the ranking of its rows
 
     @staticmethod
     def of(mechanism) -> LoopRows:
         """The rows of a mechanism, with their own workspace; they are built once and then copied."""
-        if (built := _BUILT.get(mechanism)) is None:
-            built = _BUILT[mechanism] = LoopRows(mechanism.model, mechanism.loops)
+        built = _BUILT.get(mechanism) or _BUILT.setdefault(mechanism, LoopRows(mechanism.model, mechanism.loops))
         rows = copy(built)
         rows.closures = [closure.apart() for closure in built.closures]
+        if not all(isinstance(loop, Loop | Coupling) for loop in built.loops):  # user-defined functions may change
+            rows._evaluated = {}
         return rows
 
     @property
@@ -102,11 +104,11 @@ class LoopRows:
 
     def at(self, data: pin.Data, q, t: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Copies of Φ and J at `q`; `data` is a workspace."""
-        if self._last[0] != (place := (t, q.tobytes())):
+        if (known := self._evaluated.get(place := (t, q.tobytes()))) is None:
             pin.computeJointJacobians(self.model, data, q)
-            self._last = place, *map(np.array, self.evaluate(data, q, t))
-        _, phi, J = self._last
-        return phi.copy(), J.copy()
+            self._evaluated.clear()
+            known = self._evaluated[place] = [each.copy() for each in self.evaluate(data, q, t)]
+        return known[0].copy(), known[1].copy()
 
     def time_rate(self, t: float, q=None) -> np.ndarray:
         """Φ_t, shape (nc,)."""
@@ -140,14 +142,16 @@ class KeptRows:
         for closure in rows.closures:
             start = rows.slices[closure.loop.name].start
             if local := [row - start for row in kept if 0 <= row - start < len(closure.turns)]:
-                parts = near_closed(closure, local) if isinstance(getattr(closure, "place", None), Place) else []
+                if (parts := rows.near.get(key := (closure.loop.name, *local))) is None:
+                    near = near_closed(closure, local) if isinstance(getattr(closure, "place", None), Place) else []
+                    parts = rows.near[key] = [(shift, matrix, closure.ends(shift)) for shift, matrix in near]
                 self._closures.append((closure, local, parts))
         self.difference_step = min((closure.difference_step for closure, _, _ in self._closures), default=np.inf)
 
     @cached_property
     def pinocchios(self) -> list:
         """Pinocchio's constraint models of each loop, with data and matrices; not used by the compiled system."""
-        return [[(*_constraint(self.model, each, shift), A) for shift, A in parts] for each, _, parts in self._closures]
+        return [[(*_constraint(self.model, each, at), A) for at, A, _ in parts] for each, _, parts in self._closures]
 
     def evaluate(self, data, q, t):
         """Φ and J, shapes (n,) and (n, nv), after ``pin.computeJointJacobians`` on `data`."""
@@ -164,8 +168,8 @@ class KeptRows:
     def hand_over(self, twin) -> None:
         """Add these rows to the compiled system, which calls Python for kinds that it does not support."""
         for closure, local, parts in self._closures:
-            for i, (shift, matrix) in enumerate(parts):
-                twin.add_anchored(*closure.ends(shift), matrix, i == 0)
+            for i, (_, matrix, ends) in enumerate(parts):
+                twin.add_anchored(*ends, matrix, i == 0)
             if not (parts or closure.hand_over(twin)):
                 twin.add_python_rows(closure, local, closure.moving, closure.difference_step)
 

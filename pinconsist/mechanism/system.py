@@ -45,7 +45,8 @@ class MechanismSystem(Index3System):
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self.difference_step = self.kept_rows.difference_step
         self._kept_rows = self.kept_rows.evaluate
-        self.dropped_are_zero = self._zero_everywhere(np.delete(np.arange(self.rows.nc), self.kept), q)
+        dropped = sorted(set(range(self.rows.nc)).difference(self.kept.tolist()))
+        self.dropped_are_zero = not dropped or self._zero_everywhere(tuple(dropped), q)
         self._take(bound_forces(self.model, mechanism.forces))
         # Views of the workspace. M is stored by columns; its transpose, which is equal, can be added faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
@@ -274,18 +275,16 @@ class MechanismSystem(Index3System):
 
     def _zero_everywhere(self, rows, q) -> bool:
         """Whether these rows of J vanish at three random configurations."""
-        if not len(rows):
-            return True
-        if (known := self.rows.vanishing.get(rows.tobytes())) is not None:
+        if (known := self.rows.vanishing.get(rows)) is not None:
             return known
         rng = np.random.default_rng(0)
         places = [pin.integrate(self.model, q, rng.uniform(-1, 1, self.nv)) for _ in range(3)]
         try:
-            found = not any(np.abs(self.loop_rows(place)[1][rows]).max(initial=0.0) > 1e-13 for place in places)
+            found = not any(np.abs(self.loop_rows(place)[1][list(rows)]).max(initial=0.0) > 1e-13 for place in places)
         except PinconsistError:  # a user-defined constraint need not be defined there
             return False
         if self.rows.steady.all():
-            self.rows.vanishing[rows.tobytes()] = found
+            self.rows.vanishing[rows] = found
         return found
 
 

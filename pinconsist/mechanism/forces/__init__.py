@@ -21,8 +21,6 @@ They are records of plain numbers that refer to joints and frames by name; ``bin
 system evaluates. The equations are M v' + nle = τ + Jᵀλ, so that τ·v is the power supplied to the mechanism.
 """
 
-import numpy as np
-
 from .actuators import Actuator
 from .bodies import SpringDamper, Wrench
 from .force import Force, JointTorque, Torque, as_force, bound_force, label_of, unused
@@ -39,7 +37,7 @@ __all__ = [
 def model_forces(model) -> tuple[JointDamping | JointFriction, ...]:
     """The forces of the model itself: damping and dry friction of its joints, unless they are zero."""
     own = (JointDamping, model.damping), (JointFriction, model.upperDryFrictionLimit)
-    return tuple(record(coefficients) for record, coefficients in own if np.any(coefficients))
+    return tuple(record(coefficients) for record, coefficients in own if coefficients.any())
 
 
 def bound_forces(model, forces) -> dict[str, Force]:
