@@ -10,12 +10,12 @@ from .tuning import MAX_CHART_TURN
 
 
 def chart_point(system, base, xi):
-    """base ⊕ ξ; ξ itself where positions are vectors."""
+    """base ⊕ ξ; ξ itself if positions are vectors."""
     return xi if system.vector_like else system.integrate(base, xi)
 
 
 def chart_matrix(system, xi, columns=slice(None)):
-    """T, shape (nx, nx): ξ changes at the rate T v where base ⊕ ξ moves with the tangent velocity v.
+    """T, shape (nx, nx): ξ changes at the rate T v if base ⊕ ξ moves with the tangent velocity v.
 
     T = ad/(1 - exp(-ad)) = 1 + ad/2 + Σ B₂ₙ/(2n)! ad²ⁿ, ad = ad ξ, whose terms fall like (turn/2π)²ⁿ. `xi` may be a
     stack (n, nx); `columns` selects coordinates that others do not turn.
@@ -70,7 +70,7 @@ def turning_coordinates(system, p):
     joints, nx = {}, system.nx
     if system.vector_like:
         return np.zeros((0, nx))
-    p = system.integrate(p, 0.3 + 0.01 * np.arange(nx))  # where each of them changes every number of a quaternion
+    p = system.integrate(p, 0.3 + 0.01 * np.arange(nx))  # at which each of them changes every number of a quaternion
     for i, turn in enumerate(2 * np.pi * np.eye(nx)):
         if np.abs(system.difference(p, system.integrate(p, turn))).max() < 1e-6:
             moved = np.abs(system.integrate(p, 0.1 * turn) - p) > 1e-6

@@ -66,7 +66,7 @@ class EveryStep(Exact):
     def correct(self, system, step):
         """Φ corrects the position, ρ velocity and multipliers; the dynamics are not evaluated again.
 
-        Repeated while a gap above rounding is left, as the matrix is that of the prediction.
+        Repeated while a gap above rounding remains, as the matrix is that of the prediction.
         """
         nv, raw = system.nv, step.v
         for _ in range(CLOSINGS):

@@ -50,7 +50,7 @@ class FixedStep:
         return h, k
 
     def reached(self, system, y, p):
-        """Nothing to note."""
+        """Nothing to update."""
 
     def restart(self):
         """Nothing to forget."""
@@ -75,14 +75,14 @@ class ErrorControl:
     atol: tuple
     max_order: int
     max_step: float
-    noise: bool = True  # False where errors that raw BDF makes at a change of step must not pass for rounding
+    noise: bool = True  # False if errors of raw BDF at a change of step must not count as rounding
     equal_steps: int = 0
-    noisy_steps: int = 0  # whose errors were rounding, since a longer step was last tried
+    noisy_steps: int = 0  # with errors that were rounding, since a longer step was last tried
     reasons: dict = field(default_factory=lambda: {"error": 0, "newton": 0})
     wanted: tuple = field(init=False, repr=False, compare=False)  # rtol, atol of the columns, set by `fit`
     _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns
     _atol: np.ndarray = field(init=False, repr=False, compare=False)
-    sizes: np.ndarray = field(init=False, repr=False, compare=False)  # the largest that the columns have been
+    sizes: np.ndarray = field(init=False, repr=False, compare=False)  # largest values of the columns so far
 
     def fit(self, system) -> None:
         """Tolerances for the columns [ξ | v] of a system."""
@@ -123,7 +123,7 @@ class ErrorControl:
 
     @property
     def _rounding(self) -> float:
-        """What rounding leaves in one step: eps/h in the velocities, which is below τ where τ > eps^((k+1)/(k+2))."""
+        """Rounding in one step: eps/h in the velocities, which is below τ if τ > eps^((k+1)/(k+2))."""
         return 3.0 * EPS ** ((self.max_order + 1) / (self.max_order + 2))
 
     def _columns(self, system, name) -> np.ndarray:
@@ -164,7 +164,7 @@ class ErrorControl:
         return 1.0 / allowed, NEWTON_FACTOR
 
     def reached(self, system, y, p):
-        """Note how large the columns are at the state reached."""
+        """Update the sizes of the columns at an accepted state."""
         self.sizes = np.maximum(self.sizes, self._magnitudes(system, y, p))
 
     @staticmethod
@@ -189,7 +189,7 @@ class ErrorControl:
         return AFTER_FAILURE * h
 
     def after_rejection(self, system, Z, d, k, h, error, weight):
-        """(h, k) with which to try again; a lower order where noise or a jump has spoilt the higher differences."""
+        """(h, k) for the next try; a lower order if noise or a jump has spoilt the higher differences."""
         self.equal_steps = 0
         self.reasons["error"] += 1
         factor = error ** (-1.0 / (k + 1))
@@ -200,7 +200,7 @@ class ErrorControl:
         return h * min(1.0, max(MIN_FACTOR, SAFETY * factor)), k
 
     def after_rounding(self, h, tried) -> float:
-        """The step after one whose error is rounding: as long as the one `tried` before, sometimes twice as long."""
+        """The step after one whose error was rounding: as long as the one `tried` before, sometimes twice as long."""
         self.restart()
         self.noisy_steps += 1
         length = max(abs(h), tried)
@@ -209,7 +209,7 @@ class ErrorControl:
         return float(np.copysign(length, h))
 
     def restart(self) -> None:
-        """Forget how many steps of equal size there were."""
+        """Forget the number of steps of equal size."""
         self.equal_steps = 0
 
     def next_step(self, system, Z, k, h, error, weight):

@@ -38,7 +38,7 @@ class Curve:
         return self.segments[i]
 
     def plain(self, i: int):
-        """The same, as a dataclass with all data of the step."""
+        """The same as a dataclass with all data of the step."""
         return self.segment(i)
 
     def until(self, end: float) -> Curve:
@@ -55,7 +55,7 @@ class Curve:
         return tuple(map(np.array, zip(*rows, strict=True)))
 
     def with_others(self, curves) -> Curve:
-        """One curve of this one and those that follow."""
+        """One curve made of this one and the ones that follow."""
         return Curve([segment for curve in (self, *curves) for segment in curve.segments])
 
 
@@ -127,7 +127,7 @@ class StepBatch:
     jumps: tuple = ((), ())  # numbers of steps after which forces jumped, and λ there
 
     def __post_init__(self):
-        for array in self.states:  # users' functions get them
+        for array in self.states:  # passed to users' functions
             array.flags.writeable = False
 
     @classmethod

@@ -12,8 +12,8 @@ from ..errors import InputError, UserFunctionError
 from .tuning import HALVING
 
 SAME_TIME = 1e-13  # relative: events closer than this are simultaneous
-BESIDE = 1e-3  # of the way to a root: how far before it the slope is measured
-ROUGHLY = 1e-7  # of a step: how well a root is located before a Newton step
+BESIDE = 1e-3  # distance before a root at which the slope is measured, relative to the search interval
+ROUGHLY = 1e-7  # accuracy of a root before a Newton step, relative to the step
 LOOKING = {"locals", "vars", "dir", "eval", "exec"}  # functions that can read all variables
 
 
@@ -68,7 +68,7 @@ class Signs:
     Attributes
     ----------
     begin, end, before, values : float, float, list of float
-        Times of the last two evaluations, and the values there.
+        Times of the last two evaluations, and the values at these times.
     changed : bool
         Whether some function has changed its sign between them. One that is zero takes its sign at the next evaluation,
         which follows shortly after, so that the event is not found again.
@@ -82,7 +82,7 @@ class Signs:
         self.changed = False
 
     def restart(self, t, p, v, lam, fired=()) -> None:
-        """Take the signs at a new start; events that just `fired` count as zero: only rounding is left."""
+        """Take the signs at a new start; events that just `fired` count as zero: their values are only rounding."""
         self.end = t
         self.values = [0.0 if i in fired else self.value(i, t, p, v, lam) for i in range(len(self.events))]
 
@@ -209,7 +209,7 @@ def nearness(begin, end, roughly) -> float:
 
 
 def zero(g, a, fa, b, fb, near):
-    """Where `g` passes zero between `a` and `b`, at which its signs differ, and its value there.
+    """The zero of `g` between `a` and `b`, where its signs differ, and its value there.
 
     By inverse quadratic interpolation or bisection, chosen as by Chandrupatla (Adv. Eng. Softw. 28, 1997); if that
     takes long, by bisection alone.

@@ -7,7 +7,7 @@ from .norms import largest
 from .tuning import FAILURES
 
 NEARLY_DEPENDENT = 1e-2
-SHARED = 0.9  # of the largest part in a dependency: a row with as much is named too
+SHARED = 0.9  # a row with this fraction of the largest part in a dependency is named, too
 
 
 def failure_report(stepper, failure: str) -> str:
@@ -71,7 +71,7 @@ def _weakest_rows(stepper):
     unused = np.empty((system.nv, system.nv))
     W = np.array(system.linearize(stepper.t, stepper.p, v, np.zeros(system.nv), 0.0 * lam, 0.0, unused))
     lengths = np.linalg.norm(W, axis=1, keepdims=True)
-    if lengths.min() > 1e-4 * lengths.max():  # a vanishing row is the failure, not a matter of units
+    if lengths.min() > 1e-4 * lengths.max():  # a vanishing row is the cause of the failure, not an effect of units
         W = W / np.maximum(lengths, 1e-300)
     if not np.isfinite(W).all():
         return 1.0, ""

@@ -174,7 +174,7 @@ class HessenbergProblem(Index3System):
 
 
 def _called(name, function, t, *state):
-    """What the user's function returns; its exceptions become UserFunctionError."""
+    """The return value of the user's function; its exceptions become UserFunctionError."""
     try:
         return function(t, *state)
     except Exception as error:

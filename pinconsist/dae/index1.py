@@ -60,7 +60,7 @@ def project_velocity(system, t, p, v):
     """`v` projected onto the hidden constraint W v + Φ_t = 0 in the mass metric, shape (nv,)."""
     if not system.nc:
         return v
-    for _ in range(2):  # the second pass removes what is left if U is not linear in v
+    for _ in range(2):  # the second pass removes the remainder if U is not linear in v
         v = v - velocity_shift(system, t, p, v, system.constraint(t, p, system.rate(t, p, v))[1])
     return v
 
@@ -101,7 +101,7 @@ def project_position(system, t, p, v):
 
 
 class Index1:
-    """What a run needs of the index-1 equations of its system."""
+    """The index-1 equations of a system, as far as a run needs them."""
 
     def __init__(self, system):
         self.system = system
@@ -184,7 +184,7 @@ class RightHandSide:
                 raise
             if np.isfinite(y).all():  # if not, an earlier stage failed
                 self.failure = error
-            return np.full(len(y), np.nan)  # a step far too long for a stiff force: scipy takes a shorter one
+            return np.full(len(y), np.nan)  # a step far too long for a stiff force: scipy then tries a shorter one
         self.failure, self._started = None, True
         rate = system.rate(t, p, v)
         return np.concatenate((rate if system.vector_like else chart_matrix(system, y[: system.nx]) @ rate, a))
@@ -196,5 +196,5 @@ def chart_state(system, base, p, v):
 
 
 def _overflow_allowed():
-    """A first try of a step may go so far that numbers overflow; a shorter one then follows."""
+    """Numbers may overflow in the first try of a step; a shorter one then follows."""
     return np.errstate(over="ignore", invalid="ignore")

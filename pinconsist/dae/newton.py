@@ -83,7 +83,7 @@ class Newton:
             if iteration == 1 or slow:
                 A = np.empty((nv, nv))
                 W = system.linearize(t, p, v, a, lam, c, A)
-                if slow:  # the derivative of G λ was left out at first: without it Newton is slow
+                if slow:  # the derivative of G λ was neglected at first: without it, Newton is slow
                     A -= c**2 * system.force_gradient(t, p, v, lam)
                 kkt = KKT(A, G, W, c)
                 self.njev += 1
@@ -115,7 +115,7 @@ class Newton:
 
 
 def to_come(size, rate) -> float:
-    """The sum of all increments after one of a size, where each is `rate` times the one before."""
+    """The sum of all increments after one of a given size, if each is `rate` times the previous one."""
     return size * rate / (1.0 - rate) if rate < 1.0 else np.inf
 
 
@@ -132,13 +132,13 @@ def _size(*parts) -> float:
 
 
 def _moved_weight(weight, nx, nv):
-    """Weights of the positions that the constraint's increments move, shape (nv,)."""
+    """Weights of the positions that the increments of the constraint move, shape (nv,)."""
     return weight[:nx] if nx == nv else weight[:nx].max(initial=0.0)
 
 
 def culprits(system, t, p, v) -> str:
     """The forces that are not finite at a state, for a message, if the system knows them."""
     names, step = system.not_finite(t, p, v), 1e-9 * (1.0 + largest(p)) / (1.0 + largest(v))
-    for side in (step, -step):  # at the very edge of a domain, its neighbours are tried
+    for side in (step, -step):  # at the edge of a domain, neighbouring states are tried
         names = names or system.not_finite(t, system.integrate(p, side * system.rate(t, p, v)), v)
     return f" ({', '.join(map(repr, names))} at t = {t:.9g})" if names else ""

@@ -196,7 +196,7 @@ class Record:
         return seen, ended
 
     def _called_back(self, row, order):
-        """Call the user's callback with a row; returns what ends the run there, or None."""
+        """Call the user's callback with a row; returns the reason to end the run there, or None."""
         callback = self.output.callback
         try:
             if order is not None:

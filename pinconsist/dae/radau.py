@@ -124,7 +124,7 @@ class Stages:
     def move(self, dW=0.0) -> bool:
         """Velocities and positions of the accelerations W + dW; returns whether they are inside the chart.
 
-        Rates that depend on positions are found by substitution, starting from the current ξ.
+        Rates that depend on positions are found by fixed-point iteration, starting from the current ξ.
         """
         system, A, h = self.system, self.table.A, self.h
         self.W = self.W + dW
@@ -274,7 +274,7 @@ class StageMatrix:
 
 
 def dependent_columns(J):
-    """The columns of J that follow from the others, by complete pivoting; fewer than rows where its rank is less."""
+    """The columns of J that follow from the others, by complete pivoting; fewer than rows if its rank is smaller."""
     rest, chosen = np.array(J), []
     for _ in range(len(J)):
         row, column = np.unravel_index(np.argmax(np.abs(rest)), rest.shape)

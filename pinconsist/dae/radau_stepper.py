@@ -18,7 +18,7 @@ from .rounding import rounding_gap, shortest_step
 from .segments import RadauSegment
 from .stepper import Stepper
 
-TINY = 1e-300  # instead of zero in a denominator
+TINY = 1e-300  # replaces zero in a denominator
 
 
 @dataclass(slots=True)
@@ -44,8 +44,8 @@ class RadauStepper(Stepper):
     s : int
         Stages of the next step.
     shape : (Stages, ndarray) or None
-        The last step, whose accelerations, a polynomial over it, start Newton's iteration; or linear ones, with the
-        slope from which the first step was chosen.
+        The last step: the polynomial of its accelerations starts Newton's iteration. If None, a linear one does,
+        with the slope from which the first step was chosen.
     """
 
     def __init__(self, system, method):
@@ -85,7 +85,7 @@ class RadauStepper(Stepper):
         """Pass the state to the object that makes the steps, if that is not this one."""
 
     def _divide(self, t_end):
-        """The fixed step from here to an end."""
+        """The size of fixed steps from here to an end."""
         self._steps = max(1, int(np.ceil(abs(t_end - self.t) / self.method.step - 1e-9)))
         self._start, self.h, self._taken = self.t, (t_end - self.t) / self._steps, 0
 
@@ -96,7 +96,7 @@ class RadauStepper(Stepper):
         return [(self.t, self.p, self.v, self.lam)]
 
     def jump(self) -> None:
-        """Forces have jumped: the accelerations that start Newton's iteration jump by as much."""
+        """Forces have jumped: the accelerations that start Newton's iteration change by the same amount."""
         before = self.a
         self.a, self.lam = self.index1.acceleration(self.t, self.p, self.v)
         self.stage_a = self.stage_a + (self.a - before)
@@ -156,7 +156,7 @@ class RadauStepper(Stepper):
                     return stages.failure
                 self._use(control.chosen_after_failure())
             if stages.failure or abs(smaller) <= tuning.MIN_FACTOR * abs(self.h):
-                self.shape, self.slope = None, 0.0 * self.slope  # perhaps these are stages in another closed position
+                self.shape, self.slope = None, 0.0 * self.slope  # the stages may be those of another closed position
             if self.headway.setback() or abs(smaller) < shortest_step(self.t):
                 return stages.failure or tuning.FAILURES["error_test"]
             self.h = smaller
@@ -237,7 +237,7 @@ class RadauStepper(Stepper):
             return size(at_start @ stages.W - self.a)
         modes = table.modes @ stages.W
         highest, middle, before, *further = (size(mode) for mode in modes[:-5:-1])
-        if further:  # single modes may pass through zero, two together hardly ever
+        if further:  # a single mode may pass through zero, two rarely do so together
             upper, lower = hypot(highest, middle), hypot(before, *further)
         else:
             upper = highest = max(highest, middle**2 / max(middle, before, TINY))
@@ -250,8 +250,8 @@ class RadauStepper(Stepper):
             return np.sqrt(max(size**2 - (noise * np.linalg.norm(row @ table.inverse2)) ** 2, 0.0))
 
         highest, missed = left(highest, table.modes[-1]), left(size(at_start @ stages.W - self.a), at_start)
-        # Forces that turn before the first stage, as friction does at rest, hardly show in the modes. Stiff ones make
-        # the stages of the last step miss the acceleration as well.
+        # Forces that change before the first stage, as friction does at rest, hardly appear in the modes. With stiff
+        # forces, the stages of the last step miss the acceleration as well.
         turn = 0.5 * table.c[0] * (missed - size(self.stage_a - self.a) - highest) * self.control.slack
         return float(max(highest * decay, turn))
 

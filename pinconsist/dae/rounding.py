@@ -20,7 +20,7 @@ def rounding_weights(system, y):
 
 
 def is_noise(dv, moved, v, psi_v, p, noise, closed=False) -> bool:
-    """Whether Newton's increments are what rounding leaves, so that more iterations or a smaller step cannot help.
+    """Whether Newton's increments are rounding errors, which more iterations or a smaller step cannot reduce.
 
     `dv` are increments of the velocity by the dynamics, `moved` of the position by the constraint; `noise` is the size,
     relative to the velocities, that may be rounding. If the loops are `closed` to rounding and the position still moves
@@ -32,7 +32,7 @@ def is_noise(dv, moved, v, psi_v, p, noise, closed=False) -> bool:
 
 
 def rounding_gap(p, W) -> float:
-    """The gap that rounding leaves in closed loops, from the position and from W or G."""
+    """The gap that rounding causes in closed loops, from the position and from W or G."""
     return tuning.GAP * (1.0 + largest(p)) * (1.0 + largest(W))
 
 
@@ -74,7 +74,7 @@ class RoundingTest:
 
     def restart(self) -> None:
         """Forget the noise of earlier steps."""
-        self._noise = 0.0  # in v of the last steps; a step's noise fades from the differences after it
+        self._noise = 0.0  # in v of the last steps; the noise of a step fades from later differences
 
     def passes(self, size, h, k, d, expected, tried, v, noise) -> bool:
         """Whether the error of a step h of order k is rounding.
@@ -100,7 +100,7 @@ class RoundingTest:
             return True
         worst, likely = noise()
         if worst >= tuning.BESIDE * speed and sure <= explained(min(worst, tuning.HALF * speed)):
-            return True  # without further evidence: else only tiny steps pass, by chance
+            return True  # without further evidence; otherwise only tiny steps would pass, by chance
         self._noise = max(self._noise, min(likely, speed))  # infinite noise would never fade
         return shows and error <= explained(self._noise)
 

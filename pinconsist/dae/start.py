@@ -27,8 +27,8 @@ from .tuning import (
 
 log = logging.getLogger(__name__)
 
-JUMPED, BEFORE_JUMP = 10.0, 4.0  # accuracies by which projection may move the start; else it is shortened by
-START_BUDGET = 400  # evaluations for each step of the history
+JUMPED, BEFORE_JUMP = 10.0, 4.0  # largest change of a start by projection, in accuracies; divisor of the step beyond it
+START_BUDGET = 400  # number of evaluations allowed for each step of the history
 
 
 class _TooMuchWork(Exception):
@@ -102,7 +102,7 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
     max_step = START_TURN / speed if speed else np.inf
     run = index1.one_step(p0, t0, p0, v0, t_end, max(rtol, 1e-13), max(atol, 1e-14), max_step, dense=True)
     longest = 0.0
-    for _ in range(START_STEPS):  # it starts with a careful step: go on while its steps grow
+    for _ in range(START_STEPS):  # its first step is cautious: continue while its steps grow
         run.step()
         grows, longest = run.step_size > START_GROWTH * longest, run.step_size
         if run.finished or not grows or fastest_turn(turns, run.y[: system.nx]) > START_TURN:
@@ -141,4 +141,4 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
             phi, rho = system.constraint(times[-1], p := points[-1], system.rate(times[-1], p, rows[-1, system.nx :]))
             row = system.describe_row(int(np.argmax(np.abs(phi) + abs(h) * np.abs(rho))))
             raise PinconsistError(f"the run cannot start at t = {t0:.6g}: {row} jumps there, or its rate does")
-        h /= BEFORE_JUMP  # a constraint jumps: leave that to the method and its error test
+        h /= BEFORE_JUMP  # a constraint jumps: the method and its error test handle this

@@ -176,7 +176,7 @@ class Stepper:
         tried = (0.0, 0.0)  # length of the step that failed the error test last, and its error
         while True:
             t_next = self._next_time(t_end)
-            if t_next == self.t:  # accepted steps have become this short, as near a pole
+            if t_next == self.t:  # accepted steps have become too short, as near a pole
                 return FAILURES["error_test"]
             h, k, Z = self.h, self.k, self.Z
             self.base, predicted, psi = bdf.predict(system, k, self.base, Z)
@@ -284,7 +284,7 @@ class Stepper:
         if left >= 2.0:
             return self.t + self.h
         last = left < 1.0 + 1e-9
-        self._shorten((t_end - self.t) / (1 if last else 2))  # two equal steps: no tiny last one
+        self._shorten((t_end - self.t) / (1 if last else 2))  # two equal steps avoid a tiny last one
         return t_end if last else self.t + self.h
 
     def _shorten(self, h) -> None:
