@@ -58,6 +58,26 @@ def test_powers_and_stored_energy_of_every_force(name):
         np.testing.assert_allclose(getattr(found, part), getattr(expected, part), rtol=1e-12, atol=1e-11)
 
 
+@pytest.mark.parametrize(
+    "workspace", [Workspace, pytest.param(lambda model: Workspace(model, blank_system), marks=needs_twin)]
+)
+def test_kinetic_energy_includes_the_rotors_of_all_joints(workspace):
+    """Pinocchio's computeKineticEnergy leaves out the rotors of revolute and helical joints about any axis."""
+    model, axis = pin.Model(), np.array([0.6, 0.0, 0.8])
+    kinds = pin.JointModelRevoluteUnaligned(axis), pin.JointModelHelicalUnaligned(axis, 0.1), pin.JointModelSpherical()
+    for joint in kinds:
+        last = model.addJoint(model.njoints - 1, joint, pin.SE3.Random(), joint.shortname())
+        model.appendBodyToJoint(last, pin.Inertia.Random(), pin.SE3.Random())
+    model.armature = np.linspace(0.1, 0.5, model.nv)
+    q, v = states_of(model)
+    run = SimpleNamespace(t=np.arange(float(len(q))), q=q, v=v, lam=np.zeros((len(q), 0)))
+    found = energy_of(run, pc.Mechanism(model), workspace(model)).kinetic
+    for kinetic, position, rate in zip(found, q, v, strict=True):
+        half = np.triu(pin.crba(model, model.createData(), position))
+        M = half + np.triu(half, 1).T
+        assert kinetic == pytest.approx(0.5 * rate @ M @ rate)
+
+
 @needs_twin
 @pytest.mark.parametrize("away", [0.0, 1e5])
 @pytest.mark.parametrize("without_mass", ["", "ball"])
