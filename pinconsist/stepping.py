@@ -21,7 +21,7 @@ from .mechanism.forces.actuators import BoundHeldActuator, programmed
 from .mechanism.mechanism import with_forces
 from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
-from .options import method_of
+from .options import method_of, positive_time
 from .solution import Solution
 
 
@@ -69,13 +69,14 @@ class Simulation:
         self.mechanism, self._events, self._backend = programmed(mech), as_events(events), backend
         self._step, self._columns = step, {}
         self._options = (method, step, max_order, rtol, atol, "every-step", None, max_step, None, backend)
-        self.reset(q0, v0, number(t0, "t0"))
+        self.reset(q0, v0, t0)
 
     def reset(self, q0=None, v0=None, t0=0.0) -> State:
         """The state at which a new run begins.
 
         `q0` and `v0` are as in :func:`simulate`; `t0` is the time, s.
         """
+        t0 = number(t0, "t0")
         solver = LoopSolver(self.mechanism, t0)
         assembly = assembled(solver, q0, v0)
         system = MechanismSystem(self.mechanism, assembly.q, t0, solver)
@@ -130,8 +131,8 @@ class Simulation:
         """
         if self._message:
             raise InputError(f"the run has ended: {self._message}. Start a new one with reset()")
-        if not 0.0 < dt < np.inf:
-            raise InputError(f"dt must be a positive number of seconds, got {dt!r}")
+        if not (isinstance(dt, float) and 0.0 < dt < np.inf):
+            dt = positive_time(dt, "dt")
         t, q, v = self._place
         t_end = t + dt
         jumped = self._changing is not None and self._changing.change(t, q, v)

@@ -112,9 +112,15 @@ def test_events_and_their_end(mech):
 
 def test_what_cannot_be_is_refused(mech):
     sim = pc.Simulation(mech)
-    for arguments in ((0.0,), (-1.0,), (np.nan,), (DT, {"crnk": 1.0}), (DT, [1.0]), (DT, {"crank": np.nan})):
+    for dt in (0.0, -1.0, np.nan, np.inf, None, "1", 1e-3j, [DT], np.array([DT])):
+        with pytest.raises(pc.InputError, match="dt"):
+            sim.step(dt)
+    for control in ({"crnk": 1.0}, [1.0], {"crank": np.nan}):
         with pytest.raises(pc.InputError):
-            sim.step(*arguments)
+            sim.step(DT, control)
+    for t0 in (np.nan, None, "1", [1.0]):
+        with pytest.raises(pc.InputError, match="t0"):
+            sim.reset(t0=t0)
     with pytest.raises(pc.InputError, match="method"):
         pc.Simulation(mech, method="RK4")
     sim.step(DT, [1.0, 0.0, 0.0])
