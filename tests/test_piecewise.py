@@ -106,6 +106,25 @@ def test_a_saved_run_is_judged_alike(mech, tmp_path):
         assert again.check(mech.with_forces(FORCES[name][2]), error=False).force < 1e-8
 
 
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+def test_a_run_that_ends_at_a_jump_has_the_force_before_it(mech, backend):
+    sol = pc.simulate(mech, (0.0, TIMES[-1]), forces=[FORCES["times"][2]], method="Radau", backend=backend)
+    assert sol.energy().power["torque crank0"][-1] == pytest.approx(VALUES[-2] * sol.v[-1, 0])
+    assert sol.check(mech.with_forces(FORCES["times"][2]), error=False).force < 1e-8
+
+
+@pytest.mark.parametrize("options", [{}, {"events": lambda t, q, v, lam: 1.0}, {"backend": "python"}])
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+def test_a_force_that_is_not_finite_after_a_jump_ends_the_run(mech, method, options):
+    """An integrator whose first step is not a number must not try for ever; what was reached can be judged."""
+    force = pc.Piecewise({"crank0": lambda t: np.nan if t > 0.01 else 1.0}, times=[0.01])
+    sol = pc.simulate(mech, (0.0, END), forces=[force], method=method, **options)
+    assert not sol.success
+    assert sol.t[-1] == 0.01
+    assert "torque crank0" in sol.message and "not finite" in sol.message
+    assert sol.check(error=False).force < 1e-4
+
+
 def test_a_recorded_run_is_made_again_and_has_no_checkpoints(mech, tmp_path):
     force = FORCES["period"][2]
     sol = pc.record(mech, (0.0, END), tmp_path / "run", forces=[force], method="Radau")

@@ -162,7 +162,7 @@ public:
     Vec y_new, f_new;
     while (true) {
       if (singular_ && !started_) return "singular";
-      if (size < smallest)
+      if (!(size >= smallest)) // nor is it a number
         return singular_ ? "singular" : "Required step size is less than spacing between numbers.";
       t_new = t + size * direction_;
       if (direction_ * (t_new - t_end_) > 0.0) t_new = t_end_;

@@ -180,7 +180,7 @@ class RightHandSide:
         try:
             a, _ = solve_acceleration(system, t, p, v)
         except (NotFiniteError, SingularSystemError) as error:
-            if not self._started and isinstance(error, SingularSystemError):
+            if not self._started:
                 raise
             if np.isfinite(y).all():  # if not, an earlier stage failed
                 self.failure = error

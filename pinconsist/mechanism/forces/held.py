@@ -263,7 +263,10 @@ class Sampled(HeldRecord):
         put(self, delay=number(self.delay, "Sampled: delay", least=0.0))
 
 
-def sided(t):
-    """The times of rows, shifted slightly before and after jumps, so that forces are evaluated on the right side."""
+def sided(t, may_end_at_jump=True):
+    """The times of rows, shifted slightly before and after jumps, so that forces are evaluated on the right side.
+
+    With `may_end_at_jump` the last time is shifted, too: a run that ends where a force jumps has the force before.
+    """
     jumps, sign = np.diff(t) == 0.0, 1.0 if t[-1] >= t[0] else -1.0
-    return t + sign * beside(t) * (np.append(False, jumps) * 1.0 - np.append(jumps, False))
+    return t + sign * beside(t) * (np.append(False, jumps) * 1.0 - np.append(jumps, may_end_at_jump and len(t) > 1))
