@@ -8,6 +8,7 @@ from helpers.twin import needs_twin
 from helpers.zoo import scaled_bead
 
 import pinconsist as pc
+from benchmarks.chains.scenes import random_chain
 from pinconsist.dae import radau_stepper
 from pinconsist.dae.kkt import KKT, kkt_at
 from pinconsist.dae.radau import table
@@ -259,3 +260,13 @@ def test_rows_that_are_nearly_dependent(backend):
     assert sol.success and sol.nsteps < 0.2 * other.nsteps
     np.testing.assert_allclose(sol.q[-1], other.q[-1], atol=1e-6)
     np.testing.assert_allclose(sol.v[-1], other.v[-1], atol=1e-5)
+
+
+@needs_both
+@pytest.mark.parametrize("seed", [92126, 92055])
+def test_friction_that_turns_within_a_step(backend, seed):
+    """Velocities cross the width of the friction between two stages: errors were up to 190 times the tolerance."""
+    mech, q, v = random_chain(seed)
+    sol = pc.simulate(mech, (0.0, 0.4), q, v, rtol=1e-7, atol=1e-9, method="Radau", backend=backend)
+    fine = pc.simulate(mech, (0.0, 0.4), q, v, rtol=1e-9, atol=1e-11, t_eval=sol.t)
+    assert np.abs(sol.v - fine.v).max() < 3e-7 * np.abs(fine.v).max()

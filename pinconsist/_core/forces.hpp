@@ -20,6 +20,8 @@ struct Force {
   virtual double stored(const Data &, const Vec &) const { return 0.0; }
   virtual bool on_bodies() const { return false; }
   virtual bool calls_python() const { return false; }
+  // Fill in narrow ranges about zero velocity over which it changes quickly.
+  virtual void narrow(Vec &) const {}
 };
 
 // τ = -f tanh(v / width)
@@ -35,6 +37,11 @@ public:
       const double sech = 1.0 / std::cosh(std::min(std::abs(v[i]) / width_, 300.0));
       D(i, i) += coefficients_[i] * sech * sech / width_;
     }
+  }
+  void narrow(Vec &widths) const override {
+    if (!widths.size()) widths.setConstant(coefficients_.size(), INF);
+    for (Eigen::Index i = 0; i < widths.size(); ++i)
+      if (coefficients_[i] > 0.0) widths[i] = std::min(widths[i], width_);
   }
 
 private:

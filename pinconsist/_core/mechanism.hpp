@@ -68,6 +68,7 @@ public:
   void add_force(std::unique_ptr<Force> force) {
     calls_python_ |= force->calls_python();
     forces_on_bodies_ |= force->on_bodies();
+    force->narrow(widths);
     forces_.push_back(std::move(force));
   }
   void add_constant(const Vec &torque) { constant_ += torque; }

@@ -295,7 +295,19 @@ private:
     const double last = left(highest, table.leading), missed = left(size_of(4), table.starting);
     // Forces that change before the first stage, as friction does at rest, hardly appear in the modes. With stiff forces,
     // the stages of the last step miss the acceleration as well.
-    return std::max(last * decay, 0.5 * table.c[0] * (missed - size_of(5) - last) * control.slack());
+    const double turn = 0.5 * table.c[0] * (missed - size_of(5) - last) * control.slack();
+    const double unseen = crosses() ? last * control.slack() : 0.0; // what the stages do not see need not decay further
+    return std::max({last * decay, turn, unseen});
+  }
+
+  // Whether velocities cross narrow ranges about zero that are not resolved.
+  bool crosses() const {
+    for (Eigen::Index i = 0; i < system_.widths.size(); ++i) {
+      const double width = system_.widths[i], v0 = newton.stages.v[i];
+      const double least = std::min(v0, newton.stages.V.row(i).minCoeff()), most = std::max(v0, newton.stages.V.row(i).maxCoeff());
+      if (least < width && most > -width && most - least > COARSE * width) return true;
+    }
+    return false;
   }
 
   double size_of(int mode) {

@@ -66,6 +66,7 @@ public:
   bool vector_like = true;
   bool rate_is_velocity = true, keeps_derivatives = true;
   double difference_step = INF; // of the difference quotients used for W
+  Vec widths;                   // of narrow ranges about zero velocity over which forces change quickly; empty if there are none
   // Joints for which dξ/dt in a chart differs from the rate: first tangent coordinate, and their number.
   std::vector<std::pair<int, int>> curved;
   // Results of `evaluate` and `constraint`: f = M a + f0, Φ and the hidden residual ρ; and W of `linearize`, which for

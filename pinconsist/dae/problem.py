@@ -32,6 +32,9 @@ class Index3System:
         exact.
     dropped_are_zero : bool
         False if constraint rows were left out that may become independent of the others during a run.
+    widths : ndarray or None
+        For each velocity, the width of the narrow range about zero over which forces change quickly, as friction does;
+        inf if there is none.
     """
 
     npos: int
@@ -43,6 +46,7 @@ class Index3System:
     difference_step: float = np.inf
     dropped_are_zero: bool = True
     moving: bool = True
+    widths: np.ndarray | None = None
 
     def integrate(self, p, xi):
         """p ⊕ ξ, shape (npos,): the position reached from `p` by the tangent vector `xi`."""

@@ -253,6 +253,8 @@ class RadauStepper(Stepper):
         # Forces that change before the first stage, as friction does at rest, hardly appear in the modes. With stiff
         # forces, the stages of the last step miss the acceleration as well.
         turn = 0.5 * table.c[0] * (missed - size(self.stage_a - self.a) - highest) * self.control.slack
+        if system.widths is not None and _crosses(np.vstack((stages.v, stages.V)), system.widths):
+            turn = max(turn, highest * self.control.slack)  # what the stages do not see need not decay further
         return float(max(highest * decay, turn))
 
     def segment(self):
@@ -284,6 +286,12 @@ class RadauStepper(Stepper):
 
     def _shorten(self, h):
         self.h = h
+
+
+def _crosses(V, widths) -> bool:
+    """Whether velocities, rows of V, cross narrow ranges about zero that are not resolved."""
+    least, most = V.min(axis=0), V.max(axis=0)
+    return bool(((least < widths) & (most > -widths) & (most - least > tuning.COARSE * widths)).any())
 
 
 def accelerations(stages, times):

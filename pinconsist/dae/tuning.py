@@ -66,6 +66,7 @@ FIRST_ERROR = 1e-4  # error of the first step relative to the tolerance
 RESTARTED = 3.0  # largest step after an event, relative to a first step, if steps were that long before
 FIRST_REACH, FIRST_CHANGE = 1e-2, 0.1  # trial of a first step: relative changes of positions, accelerations
 FIRST_TRIALS = 20  # each a quarter of the previous one
+COARSE = 4.0  # widths of friction that a velocity may cross in a step before its stages do not resolve it
 LAST_MODE = 0.01  # share of the two highest modes in the denominator of their decay, in the error estimate
 LOOKS = 12  # number of times in a step at which events are evaluated
 NUDGE = 1e-6  # fraction of the time to the next evaluation after which an event that was zero has its sign

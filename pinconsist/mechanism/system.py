@@ -58,6 +58,8 @@ class MechanismSystem(Index3System):
         self.forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
         self.changing = [each for each in forces.values() if hasattr(each, "next_change")]
         self.changes = bool(self.changing)
+        narrow = [each.widths for each in forces.values() if hasattr(each, "widths")]
+        self.widths = np.min(narrow, axis=0) if narrow else None
 
     @property
     def held(self) -> dict[str, np.ndarray]:

@@ -58,6 +58,7 @@ class _SmoothFriction(BoundForce):
     def __init__(self, friction, model):
         self._coefficients = spread(model, friction.coefficients, "JointFriction", alike=True)
         self._width = friction.width
+        self.widths = np.where(self._coefficients > 0.0, friction.width, np.inf)
 
     def torque(self, t, q, v):
         return -self._coefficients * np.tanh(v / self._width)
