@@ -18,8 +18,8 @@ PARAMETERS = {  # those after the bar by name only
     "Actuation": "mech motors q0",
     "Actuator": "name joint gain bias gear control control_range force_range",
     "Assembly": "q v gaps rows rank mobility moved iterations",
-    "Certificate": "position position_at velocity force force_first energy_error energy undetermined beyond_limits "
-    "corrected_by fixed_step ended_early error saturated speed units",
+    "Certificate": "position position_at velocity force force_first energy_error energy work_error undetermined "
+    "beyond_limits corrected_by fixed_step ended_early error saturated speed units",
     "Constraint": "name function size jacobian rate moving rows step",
     "Coupling": "name joint other ratio offset higher",
     "Derivatives": "names values",
@@ -112,7 +112,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     "Actuator": {"arms": None, "label": None, "bind": "model"},
     "Assembly": {"largest_gap": None, "redundant": None},
     "Certificate": {"concerns": None, "ok": None, "verdict": None},
-    "Energy": {"balance_error": None},
+    "Energy": {"balance_error": None, "work_error": None},
     "Equilibrium": {"stable": None, "derivatives": "parameters theta", "reaction": "loop | axes"},
     "GlobalError": {"amplified": None},
     "HeldTorque": {"label": None, "bind": "model"},

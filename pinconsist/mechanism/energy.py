@@ -59,9 +59,26 @@ class Energy:
         the largest work of each force. If hardly anything moves, it is a hundred-thousandth of the stored energies and
         of the weights' energies: the error then consists of rounding and tolerances only.
         """
+        return float(np.abs(self.error).max() / self._exchanged)
+
+    @property
+    def work_error(self) -> float:
+        """How far the work of all forces is uncertain because the rows are few, relative like ``balance_error``.
+
+        It is the largest change of this work if every second row is left out.
+        """
+        pieces = np.cumsum(np.diff(self.t, prepend=self.t[:1]) == 0.0)  # each row that repeats a time begins one
+        kept = np.ones(len(self.t), dtype=bool)
+        kept[1:-1] = (np.arange(1, len(self.t) - 1) % 2 == 0) | (np.diff(pieces)[1:] != 0) | (np.diff(pieces)[:-1] != 0)
+        power = sum(self.power.values(), np.zeros(len(self.t)))[:, None]
+        change = _integrals(self.t, power)[kept] - _integrals(self.t[kept], power[kept])
+        return float(np.abs(change).max() / self._exchanged)
+
+    @property
+    def _exchanged(self) -> float:
         exchanged = self.kinetic.max() + np.ptp(self.potential) + np.ptp(self.elastic)
         exchanged += sum(np.abs(work).max() for work in self.work.values())
-        return float(np.abs(self.error).max() / (max(exchanged, 1e-5 * self._terms) or 1.0))
+        return max(exchanged, 1e-5 * self._terms) or 1.0
 
     def __str__(self):
         parts = {"kinetic": self.kinetic, "potential": self.potential, "elastic": self.elastic, "total": self.total}
