@@ -270,3 +270,16 @@ def test_friction_that_turns_within_a_step(backend, seed):
     sol = pc.simulate(mech, (0.0, 0.4), q, v, rtol=1e-7, atol=1e-9, method="Radau", backend=backend)
     fine = pc.simulate(mech, (0.0, 0.4), q, v, rtol=1e-9, atol=1e-11, t_eval=sol.t)
     assert np.abs(sol.v - fine.v).max() < 3e-7 * np.abs(fine.v).max()
+
+
+def test_stages_whose_errors_are_rounding_give_way_to_fewer(monkeypatch):
+    """No shorter step helps: on Cassie seven stages made thousands of steps where five make twenty."""
+    error = radau_stepper.RadauStepper._error
+
+    def spoilt(self, stages, *end):
+        return 1e9 if stages.table.s == 7 else error(self, stages, *end)
+
+    monkeypatch.setattr(radau_stepper.RadauStepper, "_error", spoilt)
+    run = {"rtol": 1e-8, "atol": 1e-8, "method": "Radau", "backend": "python"}
+    sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.5), v0={"crank": 12.0}, **run)
+    assert sol.success and 9 in sol.order and 13 not in sol.order

@@ -145,9 +145,9 @@ private:
       } else {
         if (fixed()) return failure;
         smaller = control.after_failure(h);
-        control.choose_after_failure();
       }
       if (failure != Failure::none || std::abs(smaller) <= MIN_FACTOR * std::abs(h)) {
+        control.choose_after_failure();
         shaped_ = false; // the stages may have converged to another closed position
         slope_.setZero();
       }

@@ -154,8 +154,8 @@ class RadauStepper(Stepper):
                 smaller = control.after_failure(self.h)
                 if smaller is None:
                     return stages.failure
-                self._use(control.chosen_after_failure())
             if stages.failure or abs(smaller) <= tuning.MIN_FACTOR * abs(self.h):
+                self._use(control.chosen_after_failure())
                 self.shape, self.slope = None, 0.0 * self.slope  # the stages may be those of another closed position
             if self.headway.setback() or abs(smaller) < shortest_step(self.t):
                 return stages.failure or tuning.FAILURES["error_test"]
