@@ -112,11 +112,6 @@ class Certificate:
         return self.energy_error is not None and OFF < self.energy_error <= FEW * self.work_error
 
     @property
-    def _balance_of(self) -> str:
-        few = "; the rows are too few to see the work of the forces" if self._too_few_rows else ""
-        return f"relative to the exchanged energy{few}"
-
-    @property
     def _of_forces(self) -> float:
         return max(self.force, self.error.force if self.error else 0.0)
 
@@ -131,7 +126,9 @@ class Certificate:
                 figure("  at the first step", self.force_first, "", self.force_first > OFF),
             ]
         if self.energy_error is not None:
-            lines.append(figure("energy balance", self.energy_error, "", "energy" in named, self._balance_of))
+            few = "; the rows are too few to see the work of the forces" if self._too_few_rows else ""
+            where = f"relative to the exchanged energy{few}"
+            lines.append(figure("energy balance", self.energy_error, "", "energy" in named, where))
         if self.error is not None:
             lines += str(self.error).splitlines()
         if self.corrected_by:
@@ -216,6 +213,7 @@ def certify(solution, mechanism=None) -> Certificate:
             units = of_rows[row], of_rows[np.argmax(np.abs(rho)) % rho.shape[1]]
         where = f"{label} at t = {solution.t[i]:.6g} s"
     energy = None if mechanism is None else energy_of(solution, mechanism, workspace, system.forces, found)
+    balance = 0.0 if energy is None else energy.balance_error
     return Certificate(
         position=position,
         position_at=where,
@@ -224,8 +222,8 @@ def certify(solution, mechanism=None) -> Certificate:
         velocity=float(largest(rho)),
         force=float(np.max(error, initial=0.0) / scale),
         force_first=float(np.max(error[:1], initial=0.0) / scale),
-        energy_error=None if energy is None else energy.balance_error,
-        work_error=energy.work_error if energy is not None and energy.balance_error > OFF else 0.0,
+        energy_error=None if energy is None else balance,
+        work_error=energy.work_error if energy is not None and balance > OFF else 0.0,
         energy=None if energy is None else energy.total,
         undetermined={} if mechanism is None else undetermined(mechanism, t, q, system.data, system.rows),
         beyond_limits=() if mechanism is None else beyond_limits(mechanism, solution.t, solution.q),

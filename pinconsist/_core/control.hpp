@@ -180,7 +180,7 @@ public:
     const int more = static_cast<int>(few ? FIRST_STAGES : MOST_STAGES);
     if (chooses && (few || worth_most) && rate <= QUICK && more != s) use(more);
   }
-  // After Newton failed: fewer stages if it has also failed shortly before.
+  // After Newton failed or a step shrank by MIN_FACTOR: fewer stages if that also happened shortly before.
   void choose_after_failure() {
     calm_ = 0;
     const int fewer = static_cast<int>(s > FIRST_STAGES ? FIRST_STAGES : FEWEST_STAGES);

@@ -187,7 +187,7 @@ inline Table energies(MechanismSystem &system, const Vec &t, const Table &p, con
     q = p.row(i).transpose();
     rate = v.row(i).transpose();
     pinocchio::forwardKinematics(system.model(), system.data(), q, rate);
-    pinocchio::computeJointJacobians(system.model(), system.data());
+    if (!forces.empty()) pinocchio::computeJointJacobians(system.model(), system.data());
     measure_energies(system, forces, t[i], q, rate, energies.row(i));
   }
   return energies;

@@ -24,8 +24,8 @@ class RadauControl(ErrorControl):
     stages: int = 0
     s: int = field(default=0, init=False)
     _last: tuple | None = field(default=None, init=False, repr=False, compare=False)  # h and error of the last step
-    _calm: int = field(default=0, init=False, repr=False, compare=False)  # steps since stages changed or Newton failed
-    _failures: int = field(default=0, init=False, repr=False, compare=False)  # failures of Newton until CALM such steps
+    _calm: int = field(default=0, init=False, repr=False, compare=False)  # steps since stages changed or a failure
+    _failures: int = field(default=0, init=False, repr=False, compare=False)  # failures until CALM such steps
 
     best = 1e-12
 
@@ -75,7 +75,7 @@ class RadauControl(ErrorControl):
         return more if self.stages == 0 and worth and rate <= tuning.QUICK else self.s
 
     def chosen_after_failure(self) -> int:
-        """Stages after Newton failed: fewer if it had also failed shortly before."""
+        """Stages after Newton failed or a step shrank by MIN_FACTOR: fewer if that also happened shortly before."""
         self._calm, self._failures = 0, self._failures + 1
         fewer = tuning.FIRST_STAGES if self.s > tuning.FIRST_STAGES else tuning.FEWEST_STAGES
         return fewer if self.stages == 0 and self._failures >= 2 else self.s
