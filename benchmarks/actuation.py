@@ -15,7 +15,7 @@ import numpy as np
 
 from pinconsist import Actuation, Loop, PinconsistError, load
 from pinconsist.cli import output
-from pinconsist.cli.options import option
+from pinconsist.cli.scene import option
 
 from . import mjcf_actuators, report
 

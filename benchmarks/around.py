@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from pinconsist import Event, Torque, export_html, load, simulate
-from pinconsist.cli.terminal import RunProgress
+from pinconsist.cli.output import RunProgress
 
 from .report import least_times
 

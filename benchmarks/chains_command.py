@@ -10,7 +10,7 @@ import numpy as np
 
 from pinconsist import InputError
 from pinconsist.cli import output
-from pinconsist.cli.options import option
+from pinconsist.cli.scene import option
 
 from . import report
 from .chains import campaign

@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dgesv
 from pinconsist import _core, assemble, load, simulate
 from pinconsist._core.compiled import stepper_for
 from pinconsist.cli import output
-from pinconsist.cli.options import option
+from pinconsist.cli.scene import option
 from pinconsist.mechanism.system import MechanismSystem
 from pinconsist.options import method_of
 

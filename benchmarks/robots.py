@@ -14,7 +14,7 @@ import typer
 
 from pinconsist import AssemblyError, InputError, PinconsistError, assemble, load, simulate
 from pinconsist.cli import output
-from pinconsist.cli.options import option
+from pinconsist.cli.scene import option
 from pinconsist.formats.catalogue import is_built_in
 
 from . import report

@@ -10,7 +10,7 @@ import typer
 
 from pinconsist import InputError
 from pinconsist.cli import output
-from pinconsist.cli.options import option
+from pinconsist.cli.scene import option
 from pinconsist.interrupts import interrupted
 
 from . import report

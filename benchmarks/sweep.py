@@ -15,7 +15,7 @@ import numpy as np
 from pinconsist import load, simulate, sweep
 from pinconsist._core.compiled_system import CompiledRun
 from pinconsist.cli import output
-from pinconsist.cli.options import option
+from pinconsist.cli.scene import option
 from pinconsist.sweep_table import Journal, SceneSweep, write_table
 
 from . import report

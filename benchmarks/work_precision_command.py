@@ -11,7 +11,7 @@ import typer
 
 from pinconsist import plot_work_precision
 from pinconsist.cli import output
-from pinconsist.cli.options import Number, Texts, option
+from pinconsist.cli.scene import Number, Texts, option
 
 from . import report
 from .equal_error import COMPARED, Equal

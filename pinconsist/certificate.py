@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import OFF, GlobalError, figure
+from .accuracy import OFF, GlobalError, figure, measured
 from .dae.norms import largest
 from .mechanism.energy import energy_of
 from .mechanism.forces.actuators import saturated
@@ -14,7 +14,6 @@ from .mechanism.names import BeyondLimit, beyond_limits
 from .mechanism.reactions import not_determined, undetermined
 from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
-from .residuals import measured
 
 OPEN = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 FEW = 4.0  # times the uncertainty of the work: an energy balance that is not off by more shows nothing

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from .accuracy import accelerations
 from .errors import InputError, MissingExtraError
 from .files import write_csv
 from .mechanism.checks import frame_of, near, places, read_only
@@ -20,7 +21,6 @@ from .mechanism.mechanism import Mechanism
 from .mechanism.names import position_names, position_units, velocity_names, velocity_units
 from .mechanism.reactions import Reaction
 from .mechanism.rows import LoopRows, Workspace
-from .residuals import accelerations
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,10 +21,9 @@ MAY_IMPORT = {
     "_core": {"dae", "errors"},
     "mechanism": {"dae", "errors"},
     "analysis": {"mechanism", "_core", "files", "errors"},
-    "residuals": {"_core", "dae", "mechanism", "errors"},
-    "accuracy": {"options", "residuals", "_core", "dae", "mechanism", "errors"},
-    "certificate": {"accuracy", "residuals", "_core", "dae", "mechanism", "errors"},
-    "results": {"residuals", "mechanism", "files", "errors"},
+    "accuracy": {"options", "_core", "dae", "mechanism", "errors"},
+    "certificate": {"accuracy", "_core", "dae", "mechanism", "errors"},
+    "results": {"accuracy", "mechanism", "files", "errors"},
     "solution": {
         "accuracy",
         "certificate",
@@ -55,7 +54,7 @@ MAY_IMPORT = {
     | {"sweeps", "sweep_table", "checkpoints", "scene_source", "runs"}
     | {"__init__", "files", "interrupts", "comparison", "reference"},
 }
-DAE_SEEN_BY = {"certificate": {"norms"}, "residuals": {"index1", "norms"}, "mechanism": {"problem"}, "cli": set()}
+DAE_SEEN_BY = {"certificate": {"norms"}, "mechanism": {"problem"}, "cli": set()}
 OPTIONAL = {"meshcat", "matplotlib", "pandas", "casadi", "rich", "typer", "yaml", "defusedxml", "coal"}
 TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files only where they are used
     "formats/loopfile.py": {"yaml"},

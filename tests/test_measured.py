@@ -12,16 +12,16 @@ from helpers.twin import needs_twin
 from scipy.interpolate import CubicSpline
 
 import pinconsist as pc
-from pinconsist import certificate, residuals, solution
+from pinconsist import accuracy, certificate, solution
 from pinconsist._core.compiled_system import blank_system
 from pinconsist._core.compiled_system import compiled_system as twin_of
+from pinconsist.accuracy import measured
 from pinconsist.mechanism import rows
 from pinconsist.mechanism.energy import _integrals, energy_of
 from pinconsist.mechanism.names import beyond_limits
 from pinconsist.mechanism.reactions import reaction
 from pinconsist.mechanism.rows import Workspace
 from pinconsist.mechanism.system import MechanismSystem
-from pinconsist.residuals import measured
 
 
 def states_of(model, count=4):
@@ -126,9 +126,9 @@ def test_certificates_of_scenes(monkeypatch, name):
 def test_rows_are_shared_between_threads(monkeypatch, forces):
     """The same to the last bit, however many threads there are, and with forces that Python evaluates."""
     sol, found = pc.simulate(pc.load("four_bar"), (0.0, 0.5), forces=forces), []
-    monkeypatch.setattr(residuals, "_processors", lambda: 3)
+    monkeypatch.setattr(accuracy, "_processors", lambda: 3)
     for rows_of_a_thread in (len(sol.t) + 1, 10):
-        monkeypatch.setattr(residuals, "A_THREAD", rows_of_a_thread)
+        monkeypatch.setattr(accuracy, "A_THREAD", rows_of_a_thread)
         found.append(sol.check(error=False))
     assert found[0] == found[1] and found[0].force > 0.0
     np.testing.assert_array_equal(found[0].energy, found[1].energy)

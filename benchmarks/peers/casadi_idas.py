@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pinconsist import JointSpring, JointTorque, SpringDamper, Torque
-from pinconsist.analysis.symbolic import Symbols
+from pinconsist.analysis.motor_code import Symbols
 from pinconsist.dae.index1 import solve_acceleration
 
 from .problem import Peer, Rows, SolverFailed

@@ -10,8 +10,7 @@ import pinocchio as pin
 from ..errors import SingularSystemError
 from ..mechanism.rank import MASSLESS, without_inertia
 from .motor_code import to_c
-from .motor_forces import MotorFrame, MotorTorques, torques_for
-from .motor_reach import MotorRange, ranges, table
+from .motor_forces import MotorFrame, MotorRange, MotorTorques, ranges, table, torques_for
 from .motors import Motors
 
 

@@ -1,6 +1,7 @@
 """The `pinconsist` command: its overview, the exit codes, and how errors are reported."""
 
 import logging
+import os
 import re
 import sys
 import warnings
@@ -22,7 +23,6 @@ from .replay import plot, render, replay
 from .sensitivity import sensitivity
 from .simulate import rerun, resume, simulate
 from .sweep import sweep
-from .terminal import BrokenPipeTolerated
 
 OVERVIEW = """\
 pinconsist simulates closed-chain mechanisms, with constraint forces that are
@@ -115,6 +115,46 @@ class Warnings(logging.Handler):
     def emit(self, record):
         with suppress(OSError):  # an unwritable stderr must not end the run
             message("warning", record.getMessage())
+
+
+class BrokenPipeTolerated:
+    """A context in which a closed stdout does not end the run: the rest of the output is dropped.
+
+    Its value is the list of errors. The first error is reported on stderr, unless the pipe was closed by its reader, as
+    in ``... | head``.
+    """
+
+    def __enter__(self):
+        self.stream, self.errors = sys.stdout, []
+        sys.stdout = self
+        return self.errors
+
+    def __exit__(self, *_):
+        self.flush()
+        sys.stdout = self.stream
+
+    def __getattr__(self, name):
+        return getattr(self.stream, name)
+
+    def write(self, text):
+        self._try("write", text)
+        return len(text)
+
+    def flush(self):
+        self._try("flush")
+
+    def _try(self, method, *arguments):
+        if self.stream is None:  # it was closed at the start
+            return
+        try:
+            getattr(self.stream, method)(*arguments)
+        except OSError as error:
+            if not (self.errors or isinstance(error, BrokenPipeError)):
+                print(f"pinconsist: error: cannot print: {error.strerror}; files are written", file=sys.stderr)
+            self.errors.append(error)
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self.stream.fileno())  # also for what the interpreter flushes at its end
+            os.close(nowhere)
 
 
 def _show_warning(show, shown, text, category, *where, **more):

@@ -5,7 +5,6 @@ from dataclasses import fields
 import pinconsist as pc
 
 from ..errors import AssemblyError, MissingExtraError, SingularSystemError
-from . import options as given
 from . import output, scene
 
 LINES, TERMS = 12, 4  # largest numbers of redundant rows shown, and of the rows that each depends on
@@ -49,7 +48,7 @@ def _is_installed(robot) -> bool:
 
 
 @scene.loads_scene
-def check(source: given.Scene, as_json: output.Json = False) -> int:
+def check(source: scene.Scene, as_json: output.Json = False) -> int:
     """Describe a scene: bodies, loops, rank, redundant rows, mobility, and its closed configuration.
 
     --at sets the position. At a singular position more rows are dependent, the

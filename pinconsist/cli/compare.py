@@ -8,10 +8,8 @@ import typer
 import pinconsist as pc
 
 from ..errors import InputError
-from . import options as given
 from . import output, scene
-from .options import Text, option
-from .terminal import doing
+from .scene import Text, option
 
 STEPS = (0.002, 0.0002)  # relative to the duration
 LONGEST = 10.0  # s, playing time
@@ -21,7 +19,7 @@ LONGEST = 10.0  # s, playing time
 def compare(
     source: Annotated[scene.SceneSource, typer.Argument(
         metavar="SUBJECT", help="problem51, problem52, or a scene as for pinconsist simulate.")],
-    with_velocity: given.WithVelocity = None,
+    with_velocity: scene.WithVelocity = None,
     step: Annotated[list[float] | None, option(
         "--step", "SECONDS ...",
         "One or more step sizes. Default: 0.01 0.001; for a scene 1/500 and 1/5000 of its duration.")] = None,
@@ -60,7 +58,7 @@ def compare(
     steps = step or [duration * share for share in STEPS]
     runs = []
     for k, h in enumerate(steps, start=1):
-        with doing(f"step size {h:g} s, {k} of {len(steps)}: three runs of {rows} steps, and the reference"):
+        with output.doing(f"step size {h:g} s, {k} of {len(steps)}: three runs of {rows} steps, and the reference"):
             result = pc.compare(what, [h], order=order, count=rows, q0=q0, v0=v0)
             runs += result.runs
     if html:

@@ -1,4 +1,4 @@
-"""Output of commands: exit codes, messages, tables, JSON, and files, which are checked before a long run."""
+"""Output of commands: exit codes, messages, tables, JSON, progress, and files, which are checked before a long run."""
 
 import json
 import math
@@ -8,8 +8,9 @@ import shutil
 import sys
 import tempfile
 import textwrap
+import time
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import contextmanager, nullcontext, suppress
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,6 +32,9 @@ ARGUMENT = re.compile(
     r" ?= ?'?([^\s',;:()]*)'?|\b(max_order|max_steps?|rtol|atol|package_dirs|free_flyer)\b"
 )
 SPELT = {"max_order": "order", "package_dirs": "package_dir"}
+
+PATIENCE = 1.0  # s before the progress bar of a run appears
+PERIOD = 0.1  # s between its updates
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead.")]
 
@@ -213,3 +217,67 @@ def rescued(solution):
 def on_terminal() -> bool:
     """Whether somebody may be watching stderr."""
     return sys.stderr.isatty()
+
+
+def doing(what: str):
+    """A context in which stderr, if it is a terminal, shows what is being done."""
+    if not on_terminal():
+        return nullcontext()
+    from rich.console import Console
+    from rich.text import Text
+
+    return Console(stderr=True).status(Text(f"{what} …"))
+
+
+def bar(*after):
+    """A progress bar of `rich` on stderr, as wide as the terminal: percentage, time left, and further texts.
+
+    It disappears when done.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = TextColumn("{task.percentage:3.0f} %"), BarColumn(None), TimeRemainingColumn(), TextColumn("left,")
+    console = Console(stderr=True)
+    return Progress(*columns, *map(TextColumn, after), console=console, transient=True, expand=True)
+
+
+@contextmanager
+def counting(what: str, total=None, done=0):
+    """A context with a function of (number done, total) that updates a bar; None if stderr is not a terminal."""
+    if not on_terminal():
+        yield None
+        return
+    with bar(f"{{task.completed}} of {{task.total}} {what}") as shown:
+        task = shown.add_task("", total=total, completed=done)
+        yield lambda done, total=total: shown.update(task, completed=done, total=total)
+
+
+class RunProgress:
+    """A context with a callback for `simulate` that shows the progress of a run; None if stderr is not a terminal."""
+
+    each_step = False  # it is called with batches of steps, see dae/output.py
+
+    def __init__(self, start: float, end: float):
+        self.start, self.end, self.steps = start, end, 0
+        self.bar: Any = None
+        self.next_update = time.monotonic() + PATIENCE
+
+    def __enter__(self):
+        return self if on_terminal() else None
+
+    def __exit__(self, *_):
+        if self.bar is not None:
+            self.bar.stop()
+
+    def __call__(self, t, step, order, count):
+        self.steps += count
+        if time.monotonic() < self.next_update:
+            return
+        self.next_update = time.monotonic() + PERIOD
+        text = f"t = {t:.4g} of {self.end:g} s, {self.steps} steps"
+        if self.bar is None:
+            self.bar = bar("{task.description}")
+            self.task = self.bar.add_task(text, total=abs(self.end - self.start))
+            self.bar.start()
+        self.bar.update(self.task, completed=abs(t - self.start), description=text)

@@ -14,23 +14,21 @@ import typer
 import pinconsist as pc
 
 from ..errors import InputError
-from . import options as given
 from . import output, scene
-from .options import Text, look, option, require_drawable
+from .scene import Text, look, option, require_drawable
 from .simulate import exit_code, print_in_a_line
-from .terminal import RunProgress, counting
 
 OF_A_SCENE = ("drift", "energy")  # pictures that need the mechanism
 _log = logging.getLogger(__name__)
 
 
 def replay(
-    source: given.RunOrScene,
-    scene_of_run: given.SceneOfRun = None,
-    until: given.Until = None,
-    forces: given.Forces = False,
-    traces: given.Traces = None,
-    speed: given.Speed = None,
+    source: scene.RunOrScene,
+    scene_of_run: scene.SceneOfRun = None,
+    until: scene.Until = None,
+    forces: scene.Forces = False,
+    traces: scene.Traces = None,
+    speed: scene.Speed = None,
     loop: Annotated[bool, option("--loop/--once", None, "Play repeatedly, or once.")] = True,
     html: Annotated[Text, option("--html", "FILE.html", "Write the page instead of opening a browser.")] = None,
     no_browser: Annotated[bool, option(
@@ -70,16 +68,16 @@ def _serve(mech, sol, options, no_browser):
 
 
 def render(
-    source: given.RunOrScene,
+    source: scene.RunOrScene,
     out: Annotated[str, typer.Argument(
         metavar="FILE", help="A film (.mp4 or .gif), or drawings of a planar mechanism (.svg).")],
     at: Annotated[list[float] | None, option(
         "--at", "SECONDS ...", "Times to draw in an .svg. Default: the start.")] = None,
-    scene_of_run: given.SceneOfRun = None,
-    until: given.Until = None,
-    forces: given.Forces = False,
-    traces: given.Traces = None,
-    speed: given.Speed = None,
+    scene_of_run: scene.SceneOfRun = None,
+    until: scene.Until = None,
+    forces: scene.Forces = False,
+    traces: scene.Traces = None,
+    speed: scene.Speed = None,
 ) -> int:  # fmt: skip
     """Make a film of a saved run or a scene, or draw it at given times.
 
@@ -91,7 +89,7 @@ def render(
     painted.require_file(out, at or ())
     mech, sol, code = run_of(source, scene_of_run, until, partial(require_drawable, source, traces, speed))
     options = look(sol, forces, traces, speed) | {"at": at or ()}
-    with counting("frames") as watch:
+    with output.counting("frames") as watch:
         output.written(out, lambda: painted.render(mech, sol, out, **options, watch=watch))
     print_in_a_line(sol)
     output.print_written(out)
@@ -99,14 +97,14 @@ def render(
 
 
 def plot(
-    source: given.RunOrScene,
+    source: scene.RunOrScene,
     what: Annotated[str, option(
         "--what", "NAME,NAME,...",
         "Pictures, from top to bottom: trajectory, multipliers, drift, energy, steps, phase.",
     )] = "trajectory,multipliers",
     out: Annotated[Text, option("--out", "FILE.png", "The figure (or .pdf, .svg). Default: NAME.png here.")] = None,
-    until: given.Until = None,
-    scene_of_run: given.SceneOfRun = None,
+    until: scene.Until = None,
+    scene_of_run: scene.SceneOfRun = None,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
     """Plot a saved run, or a scene.
@@ -157,7 +155,7 @@ def run_of(source, scene_of_run, until, require=lambda mech: None):
     mech = scene.SceneSource(source).load()
     require(mech)
     span = (0.0, mech.duration if until is None else until)
-    with RunProgress(*span) as progress:
+    with output.RunProgress(*span) as progress:
         sol = pc.simulate(mech, span, callback=progress)
     return mech, sol, exit_code(sol)
 

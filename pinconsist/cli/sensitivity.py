@@ -5,10 +5,8 @@ from typing import Annotated
 import pinconsist as pc
 
 from ..errors import InputError
-from . import options as given
 from . import output, scene
-from .options import Texts, option
-from .terminal import doing
+from .scene import Texts, option
 
 SHARE = 0.01  # relative change of a parameter
 KINDS = ("mass", "length", "stiffness", "damping", "friction", "gravity")
@@ -16,17 +14,17 @@ KINDS = ("mass", "length", "stiffness", "damping", "friction", "gravity")
 
 @scene.loads_scene
 def sensitivity(
-    source: given.Scene,
+    source: scene.Scene,
     of: Annotated[str, option(
         "--of", "NAME", "The quantity: a frame (its position), a joint, or a loop (its force).")] = "",
     to: Annotated[Texts, option(
         "--to", "NAME ...", "The parameters: all of a kind (mass, length, stiffness, damping, friction, gravity), or "
         "by name, such as mass:coupler or motor.speed.")] = None,
-    start: given.From = 0.0,
-    until: given.Until = None,
-    with_velocity: given.WithVelocity = None,
-    rtol: given.Rtol = 1e-7,
-    atol: given.Atol = 1e-9,
+    start: scene.From = 0.0,
+    until: scene.Until = None,
+    with_velocity: scene.WithVelocity = None,
+    rtol: scene.Rtol = 1e-7,
+    atol: scene.Atol = 1e-9,
     as_json: output.Json = False,
 ) -> int:  # fmt: skip
     """Simulate a scene, and print the effect of its parameters at the end of the run.
@@ -52,7 +50,7 @@ def sensitivity(
         raise InputError(f"{mech.name} has no parameters of the kind {' '.join(to)}")
     until = start + mech.duration if until is None else until
     options = {"t_eval": [until], "rtol": rtol, "atol": atol}
-    with doing(f"the run, and its derivatives by {output.counted(len(names), 'parameter')}"):
+    with output.doing(f"the run, and its derivatives by {output.counted(len(names), 'parameter')}"):
         found, refused = _without_refused(mech, names, (start, until), q0 or None, v0 or None, options)
     rows = [
         {"parameter": name, "value": value, "derivatives": by, "percent": SHARE * abs(value) * np.linalg.norm(by)}

@@ -9,28 +9,26 @@ import pinconsist as pc
 
 from ..errors import InputError, SavingError
 from ..interrupts import deferred
-from . import options as given
 from . import output, scene
-from .options import METHOD, RESULTS, Count, Number, Text, look, option, present, require_drawable, require_page
-from .terminal import RunProgress, doing
+from .scene import METHOD, RESULTS, Count, Number, Text, look, option, present, require_drawable, require_page
 
 
 @scene.loads_scene
 def simulate(
-    source: given.Scene,
-    start: given.From = 0.0,
-    until: given.Until = None,
-    with_velocity: given.WithVelocity = None,
-    control: given.Control = None,
-    step: given.Step = None,
+    source: scene.Scene,
+    start: scene.From = 0.0,
+    until: scene.Until = None,
+    with_velocity: scene.WithVelocity = None,
+    control: scene.Control = None,
+    step: scene.Step = None,
     order: Annotated[Count, option(
         "--order", "K", "BDF: highest order, 1 to 5 (default 5); with --step the constant order, 1 to 6. Radau: "
         "the order, 1, 3, 5, 9 or 13 (default: variable).", METHOD)] = None,
     method: Annotated[str, option("--method", "NAME", "BDF, Radau or ImplicitEuler.", METHOD)] = "BDF",
-    rtol: given.Rtol = 1e-6,
-    atol: given.Atol = 1e-8,
+    rtol: scene.Rtol = 1e-6,
+    atol: scene.Atol = 1e-8,
     max_step: Annotated[Number, option("--max-step", "SECONDS", "Largest variable step.", METHOD)] = None,
-    max_steps: given.MaxSteps = None,
+    max_steps: scene.MaxSteps = None,
     consistency: Annotated[str, option(
         "--consistency", "MODE", "every-step: forces right throughout. initial: only the initial velocities are "
         "changed (needs --step). exact: plain BDF, whose first forces are wrong.", METHOD)] = "every-step",
@@ -39,9 +37,9 @@ def simulate(
         "--save-every", "SECONDS", "Also save the run at these intervals of simulated time; pinconsist resume "
         "continues from there.", RESULTS)] = None,
     html: Annotated[Text, option("--html", "FILE.html", "Write a page that plays the run.", RESULTS)] = None,
-    forces: given.Forces = False,
-    traces: given.Traces = None,
-    speed: given.Speed = None,
+    forces: scene.Forces = False,
+    traces: scene.Traces = None,
+    speed: scene.Speed = None,
     plot: Annotated[Text, option("--plot", "FILE.png", "Plot the run over time (or .pdf, .svg).", RESULTS)] = None,
     table: Annotated[Text, option(
         "--csv", "FILE.csv", "Write positions, velocities, accelerations and multipliers, by name, with units.",
@@ -79,7 +77,7 @@ def simulate(
     where = source.record(out or "run.npz")
     recipe = Recipe.of(where, hashes, mech, (start, until), q0 or None, v0 or None, (), settings, save_every)
     began = time.perf_counter()
-    with RunProgress(start, until) as progress:  # the run is saved before anything else can go wrong
+    with output.RunProgress(start, until) as progress:  # the run is saved before anything else can go wrong
         sol = carry_out(recipe, mech, out, callback=progress)
     seconds = time.perf_counter() - began
     certificate = checked(sol)
@@ -107,7 +105,7 @@ def simulate(
 def _written(file, sol, out, write):
     """Call `write`, which writes `file`; if that fails, a run that is not saved yet is not lost."""
     try:
-        with doing(f"writing {file}"):
+        with output.doing(f"writing {file}"):
             output.written(file, write)
     except InputError as error:
         if out:
@@ -138,7 +136,7 @@ def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
     }  # fmt: skip
 
 
-def rerun(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: output.Json = False) -> int:
+def rerun(run: scene.SavedRun, scene_of_run: scene.SceneOfRun = None, as_json: output.Json = False) -> int:
     """Repeat a saved run from the settings in its file, and compare every number.
 
     The exit code is 0 if all are the same, bit for bit, and 1 if not. Different
@@ -156,7 +154,7 @@ def rerun(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: o
     return output.FINE if made.same else output.FAILED
 
 
-def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: output.Json = False) -> int:
+def resume(run: scene.SavedRun, scene_of_run: scene.SceneOfRun = None, as_json: output.Json = False) -> int:
     """Continue an interrupted run from its last checkpoint.
 
     Checkpoints are made by simulate --save-every; a run without any starts
@@ -194,7 +192,7 @@ def resume(run: given.SavedRun, scene_of_run: given.SceneOfRun = None, as_json: 
 def _progress_of(sol, file):
     from ..checkpoints import Recipe
 
-    return RunProgress(*Recipe.read(sol, file).t_span)
+    return output.RunProgress(*Recipe.read(sol, file).t_span)
 
 
 def exit_code(sol) -> int:
@@ -221,7 +219,7 @@ def checked(sol):
     """The certificate of a run; None if Ctrl-C skipped it."""
     again = "again " if exit_code(sol) == output.INTERRUPTED else ""
     try:
-        with doing(f"checking (Ctrl-C {again}skips)"):
+        with output.doing(f"checking (Ctrl-C {again}skips)"):
             return sol.check(error=False if again else None)  # after an interrupt, no second run is made
     except KeyboardInterrupt:
         return None

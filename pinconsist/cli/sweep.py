@@ -13,10 +13,8 @@ from typing import Annotated
 import pinconsist as pc
 
 from ..errors import InputError
-from . import options as given
 from . import output, scene
-from .options import Count, Text, Texts, option, present
-from .terminal import counting
+from .scene import Count, Text, Texts, option, present
 
 CASES = "Cases"  # panel of the help
 LOGGED = 10  # smallest number of cases for which a log gets a line for every tenth of them
@@ -37,14 +35,14 @@ def sweep(
         "normal:MEAN:DEVIATION or uniform:LOW:HIGH. If repeated, all combinations are simulated.", CASES)] = None,
     count: Annotated[Count, option("--count", "N", "Number of samples of normal: or uniform: values.", CASES)] = None,
     seed: Annotated[Count, option("--seed", "N", "Seed of the samples. Default: 0.", CASES)] = None,
-    source: given.Scene,
-    start: given.From = 0.0,
-    until: given.Until = None,
-    with_velocity: given.WithVelocity = None,
-    step: given.Step = None,
-    rtol: given.Rtol = 1e-6,
-    atol: given.Atol = 1e-8,
-    max_steps: given.MaxSteps = None,
+    source: scene.Scene,
+    start: scene.From = 0.0,
+    until: scene.Until = None,
+    with_velocity: scene.WithVelocity = None,
+    step: scene.Step = None,
+    rtol: scene.Rtol = 1e-6,
+    atol: scene.Atol = 1e-8,
+    max_steps: scene.MaxSteps = None,
     workers: Annotated[int, option("--workers", "N", "Number of processes that share the cases.")] = 1,
     out: Annotated[Text, option(
         "--out", "FILE.csv", "Write the table here. Until it is complete, its rows are in FILE.csv.partial; the same "
@@ -185,7 +183,7 @@ def _run(scene_sweep, cases, workers, journal):
     from ..sweeps import sweep_in_processes
 
     total, missing = len(cases), [i for i in range(len(cases)) if i not in journal.rows]
-    with counting("cases", total, len(journal.rows)) as shown:
+    with output.counting("cases", total, len(journal.rows)) as shown:
 
         def arrived(outcome):
             if not outcome.finished:

@@ -4,7 +4,7 @@ A file is checked completely before it is passed to Pinocchio, so that every err
 names the file and the element. Only what a simulation or a replay needs (links, joints, shapes) is copied, and every
 number is written anew, so that Pinocchio's parsers never see unchecked input. ``continuous`` joints become plain
 revolute joints with one angle that counts turns (nq = nv), where Pinocchio would store a cosine and a sine. Limits
-that are missing in the file are infinite. For loops see :mod:`pinconsist.formats.urdf_loops`.
+that are missing in the file are infinite. For loops and motors see :mod:`pinconsist.formats.urdf_loops`.
 """
 
 import logging
@@ -16,10 +16,9 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import FormatError
-from .actuators import transmissions
 from .joints import AS_WRITTEN, replaced
 from .reading import LARGEST, Node, RobotFile, parsed, read_bytes, require_known, text
-from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign
+from .urdf_loops import X_AXIS, ZERO, couplings, loop_joints, refuse_foreign, transmissions
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 UNLIMITED = 1e300  # stands for a missing limit

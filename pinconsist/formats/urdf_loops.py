@@ -1,4 +1,4 @@
-"""Loops in a URDF: ``<loop_joint>`` and ``<mimic>`` elements, or else frames whose names say that they close loops.
+"""Loops and motors in a URDF: ``<loop_joint>``, ``<mimic>``, ``<transmission>``; frames whose names close loops.
 
 ``<loop_joint>`` is a joint that closes a loop::
 
@@ -33,16 +33,28 @@ If nothing else defines the loops of a robot, pairs of frames with the following
   point if the name contains 3D: ``closedloop3D_1A``, ``closedloop2_A_3D``.
 
 ``load(..., closure=...)`` selects another kind for all of them.
+
+``<transmission>`` becomes an actuator. The reduction n, ``<mechanicalReduction>``, may stand in the actuator, the joint
+or the transmission. The command of the actuator is the motor's torque in N·m; n times this torque acts on the joint,
+within the joint's effort limit. ``<rotorInertia>`` (or ``<motorInertia>``) of the actuator, in kg·m², is multiplied by
+n² and added to the armature. ``DifferentialTransmission`` and ``FourBarLinkageTransmission`` connect two actuators and
+two joints, in the order of their roles, by the equations of ROS: each actuator and each joint has a reduction, and
+there are no limits. If the rotors couple the inertias of the two joints, only the diagonal terms are used, with a
+warning. Other transmissions exert no force, also with a warning.
 """
 
 import logging
 import re
 from xml.etree.ElementTree import Element
 
+import numpy as np
+
 from ..errors import FormatError
+from ..mechanism.checks import warn
+from ..mechanism.forces import Actuator
 from ..mechanism.joint_constraints import Coupling
 from ..mechanism.loops import Loop
-from .reading import Node, closing, located, refuse, require_known
+from .reading import Node, closing, floats, located, refuse, require_known
 
 _KINDS = {"fixed": "frame", "revolute": "hinge", "continuous": "hinge", "prismatic": "slider", "planar": "plane"}
 _KINDS |= {"spherical": "point", "ball": "point"}
@@ -52,6 +64,12 @@ ZERO, X_AXIS = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
 _CAN_FOLLOW = ("revolute", "continuous", "prismatic")
 _ONSHAPE = re.compile(r"(closing_.+)_([12])")
 _COLLECTION = re.compile(r"(closedloop.*?)_?([AB])(_?[36]D)?", re.IGNORECASE)
+_INERTIAS = ("rotorInertia", "motorInertia")
+_REDUCTION = ("mechanicalReduction",)
+_MIXED = {  # reductions of two joints → for each actuator, its factor on each joint
+    "DifferentialTransmission": lambda first, second: ((first, second), (first, -second)),
+    "FourBarLinkageTransmission": lambda first, second: ((first, -first * second), (0.0, second)),
+}
 _log = logging.getLogger(__name__)
 
 
@@ -142,3 +160,48 @@ def closing_frames(model, path, closure=None) -> tuple[Loop, ...]:
         listed = ", ".join(f"{loop.name} ({loop.kind})" for loop in found)
         _log.warning("%s has no loop file; %s: %s. closure= or a loop file overrides this", path, reason, listed)
     return tuple(found)
+
+
+def transmissions(robot: Element, model, unlimited: float) -> tuple[Actuator, ...]:
+    """The actuators of a URDF file; adds their rotors to the armature of the model."""
+    found: dict[str, Actuator] = {}
+    for number, node in enumerate(Node(robot).children("transmission"), start=1):
+        node.name = f"transmission {(node.get('name') or str(number))!r}"
+        joints, actuators = (
+            sorted(node.children(tag), key=lambda each: each.child("role").text()) for tag in ("joint", "actuator")
+        )
+        mixed = _MIXED.get(node.child("type").text().rpartition("/")[2])
+        if len(joints) != (count := 2 if mixed else 1) or len(actuators) != count:
+            if joints or actuators:
+                warn(f"{node.name}: it exerts no force here: it connects several actuators or joints")
+            continue
+        names, known = [joint.get("name") for joint in joints], list(model.names)[1:]
+        wrong = [name for name in names if name not in known or model.nvs[model.getJointId(name)] != 1]
+        if wrong:
+            warn(f"{node.name}: it exerts no force here: {wrong[0]!r} is not a joint with one degree of freedom")
+            continue
+        columns = [model.idx_vs[model.getJointId(name)] for name in names]
+        rows = mixed(*(_number(_REDUCTION, (joint,), 1.0) for joint in joints)) if mixed else ((1.0,),)
+        coupled = np.zeros((count, count))
+        for actuator, row in zip(actuators, rows, strict=True):
+            reduction = _number(_REDUCTION, (actuator,) if mixed else (actuator, joints[0], node), 1.0)
+            inertia, arms = _number(_INERTIAS, (actuator,), 0.0), reduction * np.array(row)
+            if not arms.any() or inertia < 0.0:
+                raise node.error("a reduction is zero, or a rotor inertia is negative")
+            coupled += inertia * np.outer(arms, arms)
+            shares = {name: share for name, share in zip(names, row, strict=True) if share}
+            motor = actuator.get("name") or names[0]
+            label = motor if motor not in found else f"{motor} {number}"
+            limit = float(model.upperEffortLimit[columns[0]])
+            ends = (-limit / abs(reduction), limit / abs(reduction)) if 0.0 < limit < unlimited and not mixed else ()
+            found[label] = Actuator(label, shares if mixed else names[0], gear=reduction, force_range=ends)
+        model.armature[columns] += np.diagonal(coupled)
+        if np.abs(coupled - np.diag(np.diagonal(coupled))).max() > 1e-12 * np.abs(coupled).max():
+            warn(f"{node.name}: its rotors couple the two joints, which is ignored")
+    return tuple(found.values())
+
+
+def _number(tags, nodes, default) -> float:
+    """The number in the first of the elements `tags` that is found in one of the nodes."""
+    children = (child for node in nodes for tag in tags if (child := node.child(tag)))
+    return next((floats(child.text(), 1, child.name)[0] for child in children), default)
