@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from pinconsist import Actuator, FormatError, load
+from pinconsist.formats.mjcf import Source
 from pinconsist.formats.mjcf.model import Tree
-from pinconsist.formats.mjcf.source import Source
 
 STATES = 200
 

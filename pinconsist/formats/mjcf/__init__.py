@@ -8,21 +8,30 @@ of the first keyframe if there is one; otherwise they are zero, and a position a
 Joint limits, contacts, sensors and solver settings have no effect. Anything else that acts on the bodies in MuJoCo is
 refused by name. (Pinocchio's own reader takes only the first body of the world, and makes composite joints, whose
 derivatives are wrong.)
+
+MuJoCo itself opens no files: includes are expanded here, attached models are passed as separate texts, and both must be
+in the folder of the scene. The scene is compiled twice, with different stand-ins for its meshes; if this changes an
+inertia, the mesh files are read.
 """
 
 import logging
-from pathlib import Path
-from xml.etree.ElementTree import tostring
+import os
+import re
+from dataclasses import dataclass
+from hashlib import sha256
+from itertools import pairwise
+from math import prod
+from pathlib import Path, PurePosixPath
+from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 import pinocchio as pin
 
-from ...errors import FormatError
+from ...errors import FormatError, MissingExtraError
 from ...mechanism.checks import places
-from ..reading import RobotFile, finite, text
+from ..reading import RobotFile, finite, located, parsed, read_bytes, shown, text
 from ..urdf import add_visual, fixed_links
 from .model import Tree, pose
-from .source import Source
 
 _VISIBLE = 2  # the last group of geoms that is shown, as in MuJoCo's viewers
 _SPHERE, _CAPSULE, _CYLINDER, _BOX, _MESH = 2, 3, 5, 6, 7
@@ -90,3 +99,200 @@ def _shapes(m, g, meshes):
         place = place * pose(m.mesh_pos[i], m.mesh_quat[i]).inverse()  # undo MuJoCo's shift to the centre of mass
         place = place * pin.SE3(back, -scale * (back @ pos))
         yield place, "mesh", {"filename": mesh.path, "scale": text(*scale)}
+
+
+MOST_FILES = 200
+MOST_ELEMENTS = 100_000  # with all copies
+MOST_NESTED = 10  # files, each included by the one before
+_LEFT_OUT = {"size", "custom", "deformable", "texture", "skin", "layer"}
+_IGNORED = "fusestatic discardvisual strippath meshdir texturedir assetdir fuse texture content_type".split()
+"""Elements and attributes to remove: they have no effect here, but name files, take memory or hide shapes."""
+_COUNTS = {"replicate": "count", "composite": "count", "mesh": "params"}
+_MAIN = "scene.xml"
+_CORNERS = "v 0 0 0\nv {} 0 0\nv 0 {} 0\nv 0 0 {}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+_STAND_INS = tuple(_CORNERS.format(*edges).encode() for edges in ((10, 10, 10), (20, 30, 50)))
+_INERTIAS = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat")
+_log = logging.getLogger(__name__)
+
+
+@dataclass(eq=False)
+class Mesh:
+    """A mesh file: its element, its path in the folder of the scene (empty if it lies elsewhere), and its content."""
+
+    node: Element
+    path: str
+    content: bytes | None = None
+    suffix: str = ".obj"
+
+
+class Source:
+    """The texts and mesh files that MuJoCo compiles. Of `folders`, which may hold meshes, the last is the scene's.
+
+    In the compiled model the file name of a mesh begins with its index in ``meshes``.
+    """
+
+    def __init__(self, path: Path, folders):
+        self.meshes: list[Mesh] = []
+        self._folders = [Path(os.path.abspath(each)) for each in folders]
+        self._texts: dict[str, list[Element]] = {}  # all elements of a text
+        self._files: dict[Element, Path] = {}  # outermost elements → their file
+        self._opened = 0
+        root, file = _parsed(path), Path(os.path.abspath(path))
+        if root.tag != "mujoco":
+            hint = "; a URDF needs the ending .urdf" if root.tag == "robot" else ""
+            raise FormatError(f"the root element of an MJCF file is <mujoco>, this is <{root.tag}>{hint}", path=path)
+        self._files[root] = path
+        self._add(_MAIN, root, (file,))
+
+    def _add(self, name, root, files) -> float:
+        """Add a text, after the models that it attaches; return its number of elements.
+
+        The last of the files is that of the text; each file includes or attaches the next one.
+        """
+        self._include(root, files)
+        if root.find("body") is not None:  # MuJoCo ignores it silently
+            raise FormatError("<body> belongs in <worldbody>", path=self._files[root])
+        keys = [key for key in root.findall("keyframe/key") if "qpos" in key.attrib and name == _MAIN]
+        for section in root.findall("keyframe"):
+            section[:] = [key for key in section if key in keys[:1]]
+        compiler = {key: value for node in root.findall("compiler") for key, value in node.attrib.items()}
+        models, sizes = {}, {}
+        for node in list(root.iter()):
+            if node.tag in ("flex", "flexcomp"):
+                raise FormatError("flexible bodies are not supported", path=self._files[root], element=node.tag)
+            node[:] = [child for child in node if child.tag not in _LEFT_OUT]
+            if node.tag == "model":
+                inner, text = self._open(node, files), f"{self._opened}.xml"
+                models[node.get("name")] = self._add(text, *inner)
+                node.set("file", text)
+            else:
+                self._clean(node, compiler, files[-1].parent)
+        self._texts[name] = list(root.iter())
+        for node in reversed(self._texts[name]):
+            sizes[node] = _copies(node, models) * (1 + sum(map(sizes.get, node)))
+            node.text, node.tail = "\n" if len(node) else None, None
+            for child in node[:-1]:
+                child.tail = "\n"  # each element begins a line
+        if sizes[root] > MOST_ELEMENTS:
+            raise FormatError(f"more than {MOST_ELEMENTS:,} elements, with all copies", path=self._files[root])
+        return sizes[root]
+
+    def _clean(self, node, compiler, folder):
+        """Remove the file names from an element; the file of a mesh is added to ``meshes``."""
+        node.attrib = {key: value for key, value in node.attrib.items() if key not in _IGNORED}
+        if given := node.attrib.pop("file", "").replace("\\", "/"):
+            node.attrib.setdefault("name", PurePosixPath(given).stem)
+        if node.tag == "hfield":  # it has no mass
+            node.attrib = {"name": node.get("name", ""), "size": "1 1 1 1", "nrow": "2", "ncol": "2"}
+        elif node.tag == "mesh" and given:
+            given = PurePosixPath(given).name if compiler.get("strippath") == "true" else given
+            place = os.path.join(folder, compiler.get("meshdir", compiler.get("assetdir", "")), given)
+            path = os.path.relpath(place, self._folders[-1])
+            self.meshes.append(Mesh(node, "" if path.startswith("..") else path))
+
+    def _include(self, root, files):
+        """Replace the includes below an element by the contents of the files that they name."""
+        for node in list(root.iter()):
+            for child in node.findall("include"):
+                included, chain = self._open(child, files)
+                self._include(included, chain)
+                place = list(node).index(child)
+                node[place : place + 1] = list(included)
+
+    def _open(self, node, files):
+        """The root element of the file that an element names, and the chain of files up to it."""
+        name, folder = node.get("file", ""), self._folders[-1]
+        reason = "there is no such file" if name else "attribute 'file' is missing"
+        for start in (folder, files[-1].parent) if name else ():
+            found = Path(os.path.normpath(start / name))
+            if not _inside(found, folder):
+                reason = f"it is outside the folder of the scene, {folder}; only files in that folder are read"
+                break
+            if os.path.isfile(found):
+                self._opened += 1
+                if found in files or len(files) > MOST_NESTED or self._opened > MOST_FILES:
+                    reason = f"it includes itself, or there are over {MOST_FILES} files or {MOST_NESTED} levels of them"
+                    break
+                root = _parsed(found)
+                self._files |= dict.fromkeys((root, *root), found)
+                return root, (*files, found)
+        raise FormatError(reason, path=files[-1], element=f"{node.tag} {shown(name)}")
+
+    def compiled(self):
+        """The mjModel, and for each geom whether its size is that of a stand-in; FormatError with MuJoCo's message."""
+        for needed in (False, True):
+            for mesh in self.meshes if needed else ():
+                places = [(folder / mesh.path, folder) for folder in self._folders if mesh.path]
+                file = next((file for file, folder in places if _inside(file, folder) and os.path.isfile(file)), None)
+                if file is not None:
+                    mesh.content, mesh.suffix = read_bytes(file), file.suffix.lower()
+            model = self._compiled(_STAND_INS[0])
+            other = self._compiled(_STAND_INS[1]) if self.meshes else model
+            differences = [np.nan_to_num(getattr(model, key) - getattr(other, key)) for key in _INERTIAS]
+            bodies = np.flatnonzero(np.column_stack(differences).any(axis=1))
+            if not bodies.size:
+                return model, np.any(model.geom_size != other.geom_size, axis=1)
+        names = ", ".join(mesh.path or mesh.node.get("name") for mesh in self.meshes if mesh.content is None)
+        reason = f"its inertia depends on meshes whose files are not in the folder of the scene: {names}"
+        body = f"body {model.body(bodies[0]).name or bodies[0].item()!r}"
+        raise FormatError(f"{reason}. Give the body an <inertial>, or these geoms mass=0", element=body)
+
+    def _compiled(self, stand_in):
+        try:
+            import mujoco
+        except ImportError:
+            need = "MJCF files are compiled by MuJoCo; install it with: pip install 'pinconsist[mjcf]'"
+            raise MissingExtraError(need) from None
+        assets = {}
+        for number, mesh in enumerate(self.meshes):  # MuJoCo caches meshes by these names
+            content = mesh.content or stand_in
+            name = f"{number}.{sha256(content).hexdigest()}{mesh.suffix}"
+            mesh.node.set("file", name)
+            assets[name] = content
+        lines: list[Element] = []
+        for name, nodes in self._texts.items():  # every element has a line number of its own, which MuJoCo reports
+            assets[name] = b"\n" * len(lines) + tostring(nodes[0], encoding="us-ascii")
+            lines += nodes
+        before = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(lambda text: _log.warning("MuJoCo: %s", text))  # the default writes a file
+        try:
+            return mujoco.MjModel.from_xml_string(assets.pop(_MAIN).decode(), assets)
+        except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
+            message, _, where = re.sub("(XML )?Error: |Schema violation: ", "", str(error)).partition("\nElement")
+            line = re.search(r"line (\d+)", where)
+            file, element = self._place(lines[int(line[1]) - 1]) if line else ("", "")
+            raise FormatError(" ".join(message.split()), path=file, element=element) from error
+        finally:
+            mujoco.set_mju_user_warning(before)
+
+    def _place(self, node):
+        """The file of an element, and its name in messages."""
+        parents = {child: each for nodes in self._texts.values() for each in nodes for child in each}
+        line, words = [node], []
+        while line[-1] in parents:
+            line.append(parents[line[-1]])
+        for each, parent in pairwise(line):
+            alike = [one for one in (line[-1].iter() if each.tag == "body" else parent) if one.tag == each.tag]
+            label = f"{each.tag} {each.get('name') or alike.index(each) + 1!r}"
+            words.append(each.tag if parent is line[-1] else label)
+            if each.tag == "body":
+                break
+        return next(self._files[each] for each in line if each in self._files), ": ".join(reversed(words))
+
+
+def _copies(node, models) -> float:
+    """How many copies of an element MuJoCo makes; for a generated mesh, about the number of its vertices."""
+    numbers = [max(1.0, finite(word) or 1.0) for word in node.get(_COUNTS.get(node.tag, ""), "").split()]
+    if node.tag == "mesh":
+        return max(numbers, default=1.0) ** 2  # the vertices form a grid
+    return models.get(node.get("model"), 1.0) if node.tag == "attach" else prod(numbers)
+
+
+def _parsed(path):
+    with located(path):
+        return parsed(read_bytes(path))
+
+
+def _inside(path, folder) -> bool:
+    """Whether a path, and the file that it resolves to, lie in a folder."""
+    return all(Path(form(path)).is_relative_to(form(folder)) for form in (os.path.abspath, os.path.realpath))

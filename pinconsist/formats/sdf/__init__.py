@@ -10,7 +10,7 @@ Versions 1.4 to 1.12 of the specification are supported. A file is converted as 
 * If a file has a single model, links, joints and frames are known by their names, otherwise as ``model::name``. Before
   version 1.7 a link and a joint may have the same name: the joint is then called ``name_joint``.
 * Damping and friction of a ball joint act about all its axes. Position limits are kept in the model, without effect.
-* Gazebo's joint controllers become forces (``formats/actuators.py``). Contacts, sensors, other plugins and lights are
+* Gazebo's joint controllers become forces (:mod:`.joints`). Contacts, sensors, other plugins and lights are
   ignored. Elements that would change the motion and cannot be converted are refused: ``<include>``, kinematic links,
   inertias computed from shapes, fluid added mass, gravity on some of the links only.
 * A screw joint becomes Pinocchio's helical joint. A universal joint becomes two hinges, ``name_axis`` and
@@ -27,12 +27,11 @@ import numpy as np
 import pinocchio as pin
 
 from ...mechanism.forces import JointSpring
-from ..actuators import controllers
 from ..reading import RobotFile, closing, parsed, read_bytes, refuse, shown, text
 from ..urdf import INERTIA, SHAPES, add_visual, checked, fixed_links, symmetric
 from .document import Body, Document
 from .graph import JointGraph, build, couplings
-from .joints import read_joints
+from .joints import controllers, read_joints
 
 _DEFAULT_INERTIA = dict(zip(INERTIA, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0), strict=True))  # kg·m²
 _LINK = ("pose", "inertial", "collision", "visual", "sensor", "projector", "audio_sink", "audio_source", "battery")

@@ -1,4 +1,10 @@
-"""Joints of SDF: types, axes, joint forces, gearboxes and mimic joints."""
+"""Joints of SDF: types, axes, joint forces, gearboxes, mimic joints, and Gazebo's controllers, plugins of a model.
+
+``ApplyJointForce`` is a motor. ``JointPositionController`` holds ``<initial_position>`` with its proportional and
+derivative gains; ``JointController`` with ``<use_force_commands>`` holds ``<initial_velocity>`` with its proportional
+gain. Both stay within cmd_min … cmd_max and the joint's effort limit. Integral gains are ignored, with a warning.
+Source: API of gz-sim.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -7,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from ...mechanism.checks import warn
+from ...mechanism.forces import Actuator
 from ...mechanism.loops import unit
 from .document import FRAMES, WORLD, Document, SdfNode
 
@@ -17,6 +25,12 @@ PARALLEL = 1e-6  # sine of the angle between two axes below which they count as 
 _PARTS = ("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio", "gearbox_reference_body")
 _PARTS += ("thread_pitch", "screw_thread_pitch")
 _IN_AXIS = ("xyz", "dynamics", "limit", "mimic", "use_parent_model_frame", "initial_position")
+_LAWS = {  # default gains (proportional, integral, derivative), flag of the command mode, element of the command
+    "ApplyJointForce": ((0.0, 0.0, 0.0), "", ""),
+    "JointPositionController": ((1.0, 0.1, 0.01), "use_velocity_commands", "initial_position"),
+    "JointController": ((1.0, 0.0, 0.0), "use_force_commands", "initial_velocity"),
+}
+_GAINS = ("p_gain", "i_gain", "d_gain")
 
 
 class Follower(NamedTuple):
@@ -178,3 +192,47 @@ def _pitch(node: SdfNode) -> float:
     if abs(pitch) < 1e-100:
         raise old.error("zero means infinite travel")
     return -2 * math.pi / pitch
+
+
+def controllers(document, joints, model) -> tuple[Actuator, ...]:
+    """The actuators of an SDF file, named after their joints; warns of controllers that exert no force here."""
+    known, found = {joint.name: joint for joint in joints}, {}
+    for node, scope in document.plugins:
+        kind = node.get("name").rpartition("::")[2]
+        for given in node.children("joint_name") if kind in _LAWS else ():
+            short = document.short_in(scope, given.text())
+            joint = known.get(short) or known.get(f"{short}_joint")
+            if joint is None:
+                raise given.error(f"there is no joint {short[:80]!r}")
+            number = int(node.value("joint_index"))
+            name = joint.parts[number] if (there := 0 <= number < len(joint.parts)) else joint.name
+            reasons = {
+                "its joint closes a loop, or has no such axis": not (there and model.existJointName(name))
+                or model.nvs[model.getJointId(name)] != 1,
+                "it prescribes the motion of its joint, as a Drive does": kind != "ApplyJointForce"
+                and node.flag(_LAWS[kind][1]) == (kind == "JointPositionController"),
+            }
+            if why := next((reason for reason, holds in reasons.items() if holds), ""):
+                warn(f"{kind} {name!r}: it exerts no force here: {why}")
+                continue
+            label = name if name not in found else f"{name} {len(found) + 1}"
+            found[label] = _controller(label, name, kind, node, joint.axes[number].effort)
+    return tuple(found.values())
+
+
+def _controller(label, joint, kind, node, effort) -> Actuator:
+    """The force u, p (u - θ) - d θ', or p (u - θ'), within Gazebo's limits."""
+    defaults, _, first = _LAWS[kind]
+    ends = () if math.isinf(effort) else (-effort, effort)
+    if kind == "ApplyJointForce":
+        return Actuator(label, joint, force_range=ends)
+    p, i, d = (node.value(tag, default) for tag, default in zip(_GAINS, defaults, strict=True))
+    offset, holds = node.value("cmd_offset"), kind == "JointPositionController"
+    for tag, gain in (("i_gain", i), *(() if holds else (("d_gain", d),))):
+        if gain:
+            warn(f"{kind} {joint!r}: its {tag} of {gain:g} is ignored")
+    low, high = node.value("cmd_min", -1000.0), node.value("cmd_max", 1000.0)
+    if low <= high:
+        ends = tuple(min(max(end, -effort), effort) for end in (low, high))
+    bias = (offset, -p, -d) if holds else (offset, 0.0, -p)
+    return Actuator(label, joint, (p, 0.0, 0.0), bias, control=node.value(first), force_range=ends)
