@@ -192,7 +192,8 @@ def certify(solution, mechanism=None) -> Certificate:
     elif isinstance(system, MechanismSystem):
         mechanism = system.mechanism
     workspace = None if mechanism is None else Workspace(system.model, blank_system, system.data)
-    compared = _compared(solution)
+    made = 1 + np.flatnonzero(solution.order > 0)  # by the method's own steps; with t_eval all rows count
+    compared = made if len(made) else slice(None)
     t, q, v = solution.t, solution.q, solution.v
     phi, rho, forces, exact, found, acting = measured(system, (sided(t, system.changes), q, v, solution.lam), workspace)
     phi, exact = np.abs(phi), exact[compared]
@@ -231,9 +232,3 @@ def certify(solution, mechanism=None) -> Certificate:
         ended_early=solution.status < 0,
         saturated={} if mechanism is None else saturated(mechanism, solution.t, solution.q, solution.v),
     )
-
-
-def _compared(solution):
-    """The rows whose forces are compared: those of the method's own steps."""
-    made = 1 + np.flatnonzero(solution.order > 0)
-    return made if len(made) else np.arange(len(solution.t))  # with t_eval all rows count

@@ -203,7 +203,6 @@ class _Parts:
             self.ends = self.ends[self.ends.index(at["t"]) + 1 :]
 
     def run(self, end):
-        """Simulate the part up to a checkpoint."""
         at, options, start = self.recipe.checkpoint, dict(self.recipe.options), self._reached()
         options.pop("control", None)  # the mechanism obeys it in every part
         if at is not None and options.get("max_steps") is not None:

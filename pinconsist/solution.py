@@ -113,6 +113,7 @@ class Solution(ByName):
             array.setflags(write=False)
         for k, name in enumerate("tqv"):
             values[f"{name}_events"] = [np.array([row[k] for row in rows]) for rows in trajectory.events]
+        outcome = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
         scene, values["held"] = getattr(system, "mechanism", None), getattr(system, "held", {})
         about = {"backend": trajectory.backend, "skipped": skipped_work(trajectory)}
         about |= {"forces": len(scene.forces)} if scene else {}
@@ -120,7 +121,7 @@ class Solution(ByName):
         return cls(
             **values, system=system, method=method.describe() | about, scene=scene.name if scene else "",
             success=trajectory.status >= 0, sol=trajectory.dense,
-            _events=events, **{name: getattr(trajectory, name) for name in _OUTCOME},
+            _events=events, **{name: getattr(trajectory, name) for name in outcome},
         )  # fmt: skip
 
     def __repr__(self):
@@ -276,9 +277,6 @@ class Solution(ByName):
         Raises FormatError, which names the file, if it is missing, truncated, damaged, foreign or of another format.
         """
         return cls(**read(file))
-
-
-_OUTCOME = ("status", "message", "nsteps", "nfev", "njev", "nlu", "rejected")
 
 
 def require_mechanism(solution, mechanism, who="the solution", hint=""):

@@ -56,7 +56,10 @@ def torques_for(act, q, v, a, forces, t) -> MotorTorques:
     """See :meth:`Actuation.torques`."""
     if not isinstance(forces, Mapping):
         raise InputError(f"forces= needs a mapping of frames to forces, got {forces!r}")
-    loads = sum((_load(act, q, frame, force) for frame, force in forces.items()), np.zeros(act.mechanism.nv))
+    loads = np.zeros(act.mechanism.nv)
+    for frame, force in forces.items():
+        force = _checked(force, frame)
+        loads += _frame_jacobian(act, q, _frame_id(act, frame))[: len(force)].T @ force
     reduced = act._reduced(q, v, t, loads)
     every, a = act._of_motors(a, "a")
     y = a[act._chosen.columns] if every else reduced.coordinates(a)
@@ -78,12 +81,6 @@ def torques_for(act, q, v, a, forces, t) -> MotorTorques:
     torques = dict(zip(act.motors, tau.tolist(), strict=True))
     state = np.array(q), reduced.v.copy(), acceleration
     return MotorTorques(act.mechanism, t, *state, lam, tau, torques)
-
-
-def _load(act, q, frame, force):
-    """Jᵀ f of a force, or force and moment, at a frame, (nv,)."""
-    force, J = _checked(force, frame), _frame_jacobian(act, q, _frame_id(act, frame))
-    return J[: len(force)].T @ force
 
 
 def _checked(force, frame):

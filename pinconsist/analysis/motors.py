@@ -276,7 +276,6 @@ def _without_motors(mech, joints) -> Mechanism:
 
 
 def _on(force) -> set:
-    """The joints of an actuator or servo."""
     return set(force.arms) if isinstance(force, Actuator) else {force.joint} if isinstance(force, Servo) else set()
 
 

@@ -110,8 +110,6 @@ def main(argv=None, *, app=app, program="pinconsist", studies=("compare",)):
 
 
 class Warnings(logging.Handler):
-    """Prints the package's log messages on stderr."""
-
     def emit(self, record):
         with suppress(OSError):  # an unwritable stderr must not end the run
             message("warning", record.getMessage())

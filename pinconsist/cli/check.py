@@ -163,7 +163,6 @@ def _redundant_lines(redundant) -> list[str]:
 
 
 def _print_inventory(mech):
-    """Print bodies, motors, forces and loops."""
     from ..mechanism.forces import Actuator
 
     about, masses = _inventory(mech), [inertia.mass for inertia in list(mech.model.inertias)[1:]]
@@ -193,7 +192,6 @@ def _print_inventory(mech):
 
 
 def _inventory(mech) -> dict:
-    """The contents of the scene, for JSON."""
     from ..mechanism.forces import bound_forces
 
     return {

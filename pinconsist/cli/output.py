@@ -47,7 +47,10 @@ def table(columns, rows, *, title=None):
     """
     parted = [name.partition(">") for name in columns]
     aligned = [sign or "<" for _, sign, _ in parted]
-    cells = [[head, *(_cell(row[k], digits) for row in rows)] for k, (head, _, digits) in enumerate(parted)]
+    cells = [
+        [head, *(size(row[k], digits) if digits and isinstance(row[k], float) else str(row[k]) for row in rows)]
+        for k, (head, _, digits) in enumerate(parted)
+    ]
     whole = [
         [*head.split(), *(values if side == ">" else " ".join(values).split())]
         for (head, *values), side in zip(cells, aligned, strict=True)
@@ -67,10 +70,6 @@ def table(columns, rows, *, title=None):
             if number == 0:
                 print("─" * len(GAP.join(each)))
         print()
-
-
-def _cell(value, digits) -> str:
-    return size(value, digits) if digits and isinstance(value, float) else str(value)
 
 
 def _blocks(widths, room) -> list[list[int]]:
@@ -215,7 +214,6 @@ def rescued(solution):
 
 
 def on_terminal() -> bool:
-    """Whether somebody may be watching stderr."""
     return sys.stderr.isatty()
 
 

@@ -201,7 +201,6 @@ def exit_code(sol) -> int:
 
 
 def resume_hint(sol, file) -> str:
-    """What `pinconsist resume` will do with an interrupted run."""
     if at := sol.recipe["checkpoint"]:
         return f"pinconsist resume {file} continues it from t = {at['t']:g} s, its last checkpoint"
     start = f"{sol.recipe['t_span'][0]:g} s"

@@ -169,7 +169,6 @@ class Node:
         return self.xml is not None
 
     def error(self, reason: str) -> FormatError:
-        """A FormatError about this element."""
         return FormatError(reason, element=self.name)
 
     def get(self, key: str, default: str | None = ""):
@@ -179,7 +178,6 @@ class Node:
         return ((self.xml.text if self else "") or "").strip()
 
     def child(self, tag: str, required: bool = False):
-        """The first child with this tag."""
         found = None if self.xml is None else self.xml.find(tag)
         if found is None and required:
             raise self.error(f"<{tag}> is missing")

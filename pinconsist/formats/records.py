@@ -144,7 +144,6 @@ def record_of(make, entry: dict, element: str, prefix: str = ""):
 
 
 def motion(value, element: str) -> Motion:
-    """A Motion from a mapping of its fields; FormatError if it is empty or invalid."""
     if not value:
         raise FormatError(f"a motion needs one or more of {', '.join(_MOTION)}", element=element)
     return record_of(Motion, value, element)
@@ -165,7 +164,6 @@ def mapping(value, element: str, example: str) -> dict:
 
 
 def name(value, element: str) -> str:
-    """A name, or FormatError."""
     if not isinstance(value, str) or not value:
         raise FormatError(f"a name is needed, not {shown(value)} (quote names that look like numbers)", element=element)
     if not value.isprintable():  # a terminal would execute control characters in a message
@@ -182,7 +180,6 @@ def items(record: dict, key: str) -> list:
 
 
 def number(value, element: str) -> float:
-    """A finite number, or FormatError."""
     if (result := finite(value)) is None:
         raise FormatError(f"a finite number is needed, not {shown(value)}{bound(value)}", element=element)
     return result

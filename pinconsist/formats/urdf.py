@@ -111,7 +111,6 @@ def fixed_links(names) -> tuple[Element, dict[str, Element]]:
 
 
 def origin(out: Element, place: pin.SE3) -> None:
-    """Add an `<origin>`."""
     SubElement(out, "origin", xyz=text(*place.translation), rpy=text(*pin.rpy.matrixToRpy(place.rotation)))
 
 

@@ -13,9 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
-from ..mechanism.motion import AHEAD, CENTRAL
-from ..mechanism.numbers import part_at, with_number
-from ..mechanism.parameters import Parameter, difference_step
+from ..mechanism.motion import AHEAD, CENTRAL, difference_step
+from ..mechanism.parameters import Parameter, part_at, with_number
 
 OF_STEPS = {-1: -1 / 2, 1: 1 / 2}
 BEHIND, SECOND_BEHIND = {-m: -weight for m, weight in AHEAD.items()}, {0: 3 / 2, -1: -2.0, -2: 1 / 2}
@@ -83,7 +82,6 @@ class Nodes:
     nodes: list[int]
 
     def one(self, i):
-        """The derivative by one of the values."""
         return replace(self, nodes=[self.nodes[i]])
 
     def force(self, model, data, t, q, v, a):
@@ -112,7 +110,6 @@ class Known:
         return self.part.force(self.model, self.data, t, p, v, a), zero, np.zeros((self.nv, self.nc)), zero
 
     def acceleration_bias(self, t, p, v):
-        """The acceleration bias of its rows, (nc,): zero."""
         return np.zeros(self.nc)
 
 

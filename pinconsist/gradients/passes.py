@@ -185,7 +185,6 @@ def _called(function, t, q, v, lam) -> float:
 
 
 def sign_of(legs) -> float:
-    """The direction of time."""
     return 1.0 if legs[-1].span[1] >= legs[0].span[0] else -1.0
 
 

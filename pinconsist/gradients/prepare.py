@@ -10,8 +10,7 @@ from ..errors import InputError, PinconsistError
 from ..mechanism.checks import coordinates, finite_array
 from ..mechanism.forces import HeldTorque, Piecewise, Sampled
 from ..mechanism.mechanism import Mechanism, with_forces
-from ..mechanism.numbers import part_at
-from ..mechanism.parameters import Parameter, parameter
+from ..mechanism.parameters import Parameter, parameter, part_at
 from ..simulation import simulate
 from .forward import legs_of
 from .variants import Side, variants_of

@@ -11,8 +11,7 @@ import numpy as np
 from ..errors import AssemblyError, InputError
 from ..mechanism.assembly import not_kept
 from ..mechanism.closing import CLOSED
-from ..mechanism.motion import slope
-from ..mechanism.parameters import check_closing
+from ..mechanism.motion import check_closing, slope
 
 NUDGE = 1e-3  # relative to the size of a state: step of fourth-order differences
 BESIDE = 1e-3  # relative to a step of the run: step of the differences of an event's function

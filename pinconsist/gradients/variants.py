@@ -19,7 +19,7 @@ from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assembled, velocity_on_constraints
 from ..mechanism.closing import LoopSolver
 from ..mechanism.mechanism import Mechanism
-from ..mechanism.parameters import difference_step
+from ..mechanism.motion import difference_step
 from ..mechanism.system import MechanismSystem
 from .known import SIDES, Known, parts_of
 
@@ -131,7 +131,6 @@ class Variant:
 
     @property
     def keeps_rows(self) -> bool:
-        """Whether the constraints are the same."""
         return self.inert or bool(self.parts)
 
     def close(self) -> None:

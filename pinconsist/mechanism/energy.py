@@ -140,15 +140,13 @@ def measure(forces, t, q, v, workspace):
         parts = compiled_forces(forces, workspace)
         return list(parts), twin.energies(t, q, v, list(parts.values()))
     model, data = workspace.model, workspace.data
-    kinetic = [_kinetic(model, data, *state) for state in zip(q, v, strict=True)]
-    return [], np.column_stack((kinetic, [pin.computePotentialEnergy(model, data, each) for each in q]))
-
-
-def _kinetic(model, data, q, v) -> float:
-    """Kinetic energy; the library's function leaves out the rotors of revolute joints with any axis."""
-    pin.forwardKinematics(model, data, q, v)
-    bodies = zip(model.inertias, data.v, strict=True)
-    return 0.5 * (model.armature @ v**2 + sum(inertia.vtiv(motion) for inertia, motion in bodies))
+    rows = np.empty((len(q), 2))
+    for row, p, rate in zip(rows, q, v, strict=True):
+        pin.forwardKinematics(model, data, p, rate)  # Pinocchio's energy lacks rotors of revolute joints with any axis
+        bodies = zip(model.inertias, data.v, strict=True)
+        kinetic = 0.5 * (model.armature @ rate**2 + sum(inertia.vtiv(motion) for inertia, motion in bodies))
+        row[:] = kinetic, pin.computePotentialEnergy(model, data, p)
+    return [], rows
 
 
 def compiled_forces(forces, workspace):

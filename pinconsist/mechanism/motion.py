@@ -11,6 +11,8 @@ from ..errors import InputError, PinconsistError
 from .checks import number, put_checked
 
 TIME_STEP = 1e-3  # s, of the difference quotients in time
+RELATIVE_STEP, SMALLEST = 1e-4, 0.1  # of differences with respect to a parameter: relative to it, and least value
+PARTED = 1e-7  # relative to Φ_θ: largest part that no motion can compensate
 
 
 @dataclass(frozen=True)
@@ -108,3 +110,17 @@ def check_slope(what: str, of: str, slope, function, steps, size=0.0) -> None:
         f"{what} is {given}, which is not the derivative of its {of}: differences give {found}. Correct it, or omit "
         "it, so that differences are used"
     )
+
+
+def difference_step(value):
+    """The step of differences with respect to a parameter, or to each of several: 1e-4 max(|θ|, 0.1)."""
+    return RELATIVE_STEP * np.maximum(np.abs(value), SMALLEST)
+
+
+def check_closing(name, left, rate) -> None:
+    """Raise InputError if varying a parameter opens the loops: no motion compensates `left`, a part of their `rate`."""
+    if np.abs(left).max(initial=0.0) > PARTED * np.abs(rate).max(initial=1e-3):
+        raise InputError(
+            f"the parameter {name!r} cannot vary alone, because the loops would open. The lengths of an "
+            "overconstrained loop depend on each other; vary them together, by one parameter of build()"
+        )

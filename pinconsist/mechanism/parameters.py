@@ -18,7 +18,7 @@
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -30,7 +30,6 @@ from .checks import near, number
 from .forces import JointDamping, JointFriction, bound_forces, model_forces
 from .forces.actuators import Table
 from .forces.force import ForceRecord
-from .numbers import has_number, numbers_of, part_at, path_of, with_number
 
 AXES = {name: i for i, axis in enumerate("xyz") for name in (f"gravity.{axis}", f"gravity[{i}]")}
 OF_INERTIA = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "xz": (0, 2), "yz": (1, 2), "zz": (2, 2)}
@@ -41,8 +40,6 @@ OF_BODIES: dict[str, dict[str, list]] = {  # kind → index in the name → indi
 }
 OF_RECORDS = ("length", "stiffness", "damping", "friction")
 OF_JOINTS = {"damping": JointDamping, "friction": JointFriction}
-RELATIVE_STEP, SMALLEST = 1e-4, 0.1
-PARTED = 1e-7  # relative to Φ_θ: largest part that no motion can compensate
 
 
 class UnknownParameterError(InputError):
@@ -63,20 +60,6 @@ class Parameter:
     value: Any
     put: Callable
     part: Callable | None = None
-
-
-def difference_step(value):
-    """The step of differences with respect to a parameter, or to each of several: 1e-4 max(|θ|, 0.1)."""
-    return RELATIVE_STEP * np.maximum(np.abs(value), SMALLEST)
-
-
-def check_closing(name, left, rate) -> None:
-    """Raise InputError if varying a parameter opens the loops: no motion compensates `left`, a part of their `rate`."""
-    if np.abs(left).max(initial=0.0) > PARTED * np.abs(rate).max(initial=1e-3):
-        raise InputError(
-            f"the parameter {name!r} cannot vary alone, because the loops would open. The lengths of an "
-            "overconstrained loop depend on each other; vary them together, by one parameter of build()"
-        )
 
 
 def with_parameters(mechanism, values: Mapping[str, float]):
@@ -170,26 +153,22 @@ def _of_body(mechanism, name, kind, whose) -> Parameter:
         return replace(mechanism, model=model)
 
     def part(value):
-        return "inertia", joint, _about_joint(*changed(model, value))
+        mass, lever, inertia = changed(model, value)
+        about = inertia + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))  # the joint
+        return "inertia", joint, np.array([mass, *(mass * lever), *(about[i] for i in OF_INERTIA.values())])
 
     return Parameter(name, float(parts(model)[kind][indices[index][0]]), put, part)
-
-
-def _about_joint(mass, lever, inertia):
-    """The ten inertial parameters of a body, in which its equations of motion are linear."""
-    about = inertia + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
-    return np.array([mass, *(mass * lever), *(about[i] for i in OF_INERTIA.values())])
 
 
 def _of_record(mechanism, name, kind, whose) -> Parameter | None:
     """The number `kind` of a loop or force, found by its label or its joint; None if there is none."""
     for label, (place, i, record) in records_of(mechanism).items():
         of_joints = kind in OF_JOINTS and isinstance(record, OF_JOINTS[kind])
-        if of_joints and has_number(record, ("coefficients", whose)):
+        if of_joints and _is_number(part_at(record, ("coefficients", whose))):
             part = lambda value, record=record: ("force", replace(record, coefficients={whose: value}))  # noqa: E731
             return replace(_number_of(name, place, i, record, ("coefficients", whose)), part=part)
         named = whose in (label, label.partition(" ")[2], getattr(record, "joint", label))
-        if named and has_number(record, (kind,)):
+        if named and _is_number(part_at(record, (kind,))):
             return _number_of(name, place, i, record, (kind,))
     return None
 
@@ -267,3 +246,52 @@ def unknown(mechanism, name, also=(), listed="") -> UnknownParameterError:
         f"length:, damping: and friction: of the joints {joints} and their bodies, the numbers of "
         f"{named or 'no loop or force'} (NAME.NUMBER), gravity[0], gravity[1], gravity[2]{listed}"
     )
+
+
+def path_of(record, label, name) -> tuple:
+    """The path to the number with this name in a record; its last word is enough if it is unique."""
+    numbers = numbers_of(record)
+    found = [path for path in numbers if ".".join(path) == name] or [path for path in numbers if path[-1] == name]
+    if len(found) == 1:
+        return found[0]
+    there = ", ".join(".".join(path) for path in found or numbers) or "none"
+    raise InputError(f"{label!r} has {'several numbers' if found else 'no number'} {name!r}; it has {there}")
+
+
+def numbers_of(record) -> list[tuple]:
+    """The paths to all numbers in a record and its parts."""
+    if _is_number(record):
+        return [()]
+    return [(name, *path) for name, part in _parts(record).items() for path in numbers_of(part)]
+
+
+def with_number(record, path, value):
+    """The record with another number at a path."""
+    if not path:
+        return value
+    name, *rest = path
+    changed = with_number(_parts(record).get(name), rest, value)
+    if isinstance(record, tuple):
+        return (*record[: int(name)], changed, *record[int(name) + 1 :])
+    return replace(record, **{name: changed}) if is_dataclass(record) else {**record, name: changed}
+
+
+def _is_number(record) -> bool:
+    return isinstance(record, float | int) and not isinstance(record, bool)
+
+
+def part_at(record, path):
+    """The part at a path, or None."""
+    for name in path:
+        record = _parts(record).get(name)
+    return record
+
+
+def _parts(record) -> dict:
+    """The parts of a tuple, a mapping or a record, by name."""
+    if isinstance(record, tuple):
+        return {str(i): part for i, part in enumerate(record)}
+    if not is_dataclass(record):
+        return dict(record) if isinstance(record, Mapping) else {}
+    parts = {each.name: (getattr(record, each.name), each.type) for each in fields(record)}
+    return {name: 0.0 if part is None and kind == "float | None" else part for name, (part, kind) in parts.items()}

@@ -115,7 +115,6 @@ class LoopRows:
         return np.concatenate([np.zeros(0), *(closure.rate(t, q) for closure in self.closures)])
 
     def check_derivatives(self, t: float, q) -> None:
-        """See :meth:`Rows.check_derivatives`."""
         for closure in self.closures:
             closure.check_derivatives(t, q)
 

@@ -172,7 +172,6 @@ class MechanismSystem(Index3System):
         self.hand_over_forces(twin)
 
     def hand_over_forces(self, twin) -> None:
-        """Add the forces to a compiled system."""
         for force in self.forces.values():
             if not (hasattr(force, "hand_over") and force.hand_over(twin)):
                 twin.add_python_force(force)

@@ -139,21 +139,15 @@ def page_of(mech, sol, *, fps=FPS, panel=True, **options) -> bytes:
 def notebook_html(sol, mechanism) -> str:
     """The text of a solution and, if the packages are installed, its picture and page."""
     parts = [f"<pre>{escape(repr(sol))}</pre>"]
-    for part in _picture, _frame:
-        with suppress(MissingExtraError):
-            parts.append(part(sol, mechanism))
+    with suppress(MissingExtraError):
+        plot_solution(sol, mech=mechanism).savefig(image := BytesIO(), format="png", dpi=DOTS)
+        data = b64encode(image.getvalue()).decode()
+        parts.append(f'<img alt="the solution over time" src="data:image/png;base64,{data}"/>')
+    with suppress(MissingExtraError):
+        document = escape(page_of(mechanism, sol, forces=bool(mechanism.loops)).decode())
+        style = f"width: 100%; height: {HEIGHT}px; border: 0"
+        parts.append(f'<iframe srcdoc="{document}" style="{style}"></iframe>')
     return "\n".join(parts)
-
-
-def _picture(sol, mechanism) -> str:
-    figure, image = plot_solution(sol, mech=mechanism), BytesIO()
-    figure.savefig(image, format="png", dpi=DOTS)
-    return f'<img alt="the solution over time" src="data:image/png;base64,{b64encode(image.getvalue()).decode()}"/>'
-
-
-def _frame(sol, mechanism) -> str:
-    document = escape(page_of(mechanism, sol, forces=bool(mechanism.loops)).decode())
-    return f'<iframe srcdoc="{document}" style="width: 100%; height: {HEIGHT}px; border: 0"></iframe>'
 
 
 def _viewer() -> str:

@@ -35,12 +35,10 @@ class SdfNode(Node):
     """An element of SDF; its numbers, flags and names are the texts of its child elements."""
 
     def values(self, tag: str, default: tuple[float, ...]) -> tuple[float, ...]:
-        """The finite numbers in a child, as many as in the default."""
         found = self.child(tag)
         return floats(found.text(), len(default), found.name) if found else default
 
     def value(self, tag: str, default: float = 0.0) -> float:
-        """The finite number in a child."""
         return self.values(tag, (default,))[0]
 
     def limit(self, tag: str, default: float) -> float:
@@ -66,7 +64,6 @@ class SdfNode(Node):
         return word in ("true", "1")
 
     def word(self, tag: str) -> str:
-        """The text of a required child."""
         found = self.child(tag, required=True)
         if not found.text():
             raise self.error(f"<{tag}> is empty")
@@ -101,7 +98,6 @@ class SdfNode(Node):
                 _log.warning("%s: the element <%s> is not known and has no effect%s", self.name, tag, near(tag, known))
 
     def refuse_includes(self) -> None:
-        """Raise FormatError for an `<include>`."""
         if include := self.child("include"):
             raise self.error(
                 f"<include> of {include.child('uri').text()[:80]!r}: other files are not read. `gz sdf -p file` "

@@ -207,8 +207,6 @@ def build(document: Document, graph: JointGraph, inertias: Mapping[str, pin.Iner
 
 
 class _Tree:
-    """The model while it is built."""
-
     def __init__(self, document, graph, inertias, name):
         self.model = pin.Model()
         self.model.name = name
@@ -276,7 +274,6 @@ class _Tree:
 
 
 def _set_values(model, joint, axis):
-    """Set the limits, damping and friction of a joint."""
     q, v = places(model, joint)
     model.damping[v] = axis.damping
     model.upperDryFrictionLimit[v], model.lowerDryFrictionLimit[v] = axis.friction, -axis.friction

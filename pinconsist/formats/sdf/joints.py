@@ -86,8 +86,6 @@ def read_joints(document: Document) -> list[Joint]:
 
 
 class _Reader:
-    """Reads joints of one scope."""
-
     def __init__(self, document, scope):
         self.document, self.version, self.scope = document, document.version, scope
 

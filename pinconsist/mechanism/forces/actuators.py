@@ -243,7 +243,6 @@ class HeldActuator(Actuator):
 
     @classmethod
     def of(cls, actuator, entries=None, sign=1.0):
-        """The same actuator with these commands."""
         known = {each.name: getattr(actuator, each.name) for each in fields(Actuator)}
         return cls(**known, entries=entries, sign=sign)
 

@@ -101,7 +101,6 @@ class _BoundSpring(BoundForce):
         twin.add_spring(*end1, *end2, 0.0, spring.length, spring.damping, SHORTEST)
 
     def stored(self, q, v) -> tuple[float, float]:
-        """Elastic energy, J, and its rate, W."""
         l, u, J = self._line(q)[:3]
         load = self.spring.stiffness * (l - self.spring.length)
         return 0.5 * load * (l - self.spring.length), load * (u @ J @ v)

@@ -154,7 +154,6 @@ class _BoundSpring(_BoundServo):
         self._set(spring, model, "sprung", spring.rest)
 
     def stored(self, q, v) -> tuple[float, float]:
-        """Elastic energy, J, and its rate, W."""
         deflection = self._coordinate.beyond(q, self._target)
         load = self._stiffness * deflection
         return 0.5 * load * deflection, load * v[self._coordinate.column]

@@ -35,16 +35,13 @@ class BoundPiecewise(BoundForce):
         return self._force.derivatives(self._inside(t), q, v)
 
     def start(self, t, backwards) -> None:
-        """Start a run at `t`."""
         self._backwards, self._here = backwards, None
         self._here = self._around(t)
 
     def next_change(self, t) -> float:
-        """The time of the next jump in the direction of the run, or one that is never reached."""
         return self._here[0] if self._backwards else self._here[1]
 
     def change(self, t, q, v) -> bool:
-        """Enter the next interval if it is reached; return whether it is."""
         due, sign = self.next_change(t), -1.0 if self._backwards else 1.0
         if sign * (due - t) > beside(t):
             return False
