@@ -11,7 +11,7 @@ from benchmarks.gradient_reference import worst
 from pinconsist.dae import charts
 from pinconsist.gradients import linear, stage_leg
 from pinconsist.gradients.prepare import prepared
-from pinconsist.gradients.stage_leg import StageWay, way_along
+from pinconsist.gradients.stage_leg import StagePropagator, propagator_of
 from pinconsist.mechanism.system import MechanismSystem
 
 STEPS = {1: (60, 120), 2: (20, 40), 3: (5, 10)}
@@ -72,8 +72,8 @@ def test_the_compiled_way_is_the_python_one(scene):
     _, legs, variants, base, *_ = prepared(mech, names, (0.0, until), None, v0, None, None, (), None, *options)
     leg, rng = legs[0], np.random.default_rng(0)
     residuals = variants.residuals(leg.system)
-    plain, compiled = StageWay(leg.system, residuals), way_along(base.index1(leg.system), residuals)
-    assert not isinstance(compiled, StageWay)
+    plain, compiled = StagePropagator(leg.system, residuals), propagator_of(base.index1(leg.system), residuals)
+    assert not isinstance(compiled, StagePropagator)
     steps, n = leg.steps[:3], leg.system.nx + leg.system.nv
     inside = [step.ending_at(step.t_old + 0.4 * step.h) for step in steps]
     led = [way.again(inside) for way in (plain, compiled)]

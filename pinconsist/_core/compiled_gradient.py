@@ -40,7 +40,7 @@ def all_rows(index1):
     return lambda q: compiled.evaluate(system.chosen_at, q, still, still)[2]
 
 
-class CompiledWay:
+class CompiledPropagator:
     """Propagates derivatives by parameters along steps of the system of `index1`; `parameters` as above."""
 
     kind: str
@@ -71,7 +71,7 @@ def _rows(array):
     return array.reshape(len(array), array[0].size if len(array) else 0)
 
 
-class CompiledFollower(CompiledWay):
+class CompiledFollower(CompiledPropagator):
     """Propagates derivatives along legs of BDF."""
 
     kind = "Derivatives"
@@ -96,8 +96,8 @@ class CompiledFollower(CompiledWay):
         return load()[0].Leg(t, h, k, base, _rows(Z), np.where(changed, np.cumsum(changed) - 1, -1), changes)
 
 
-class CompiledStageWay(CompiledWay):
-    """The methods of :class:`~pinconsist.gradients.stage_leg.StageWay`, in C++."""
+class CompiledStagePropagator(CompiledPropagator):
+    """The methods of :class:`~pinconsist.gradients.stage_leg.StagePropagator`, in C++."""
 
     kind = "StageDerivatives"
 

@@ -28,7 +28,7 @@ import pinocchio as pin
 from ..errors import FormatError
 from ..mechanism.checks import places
 from ..mechanism.editing import rebuilt
-from .reading import finite, located, require_known, shown
+from .reading import finite, located, require_known, short_repr
 from .records import amount, known_keys, mapping, name
 
 _FRICTION = ("upperDryFrictionLimit", "lowerDryFrictionLimit")
@@ -48,8 +48,8 @@ def check_type(joint_type: object, element: str = "") -> str:
     if known or ((helical := _HELICAL.fullmatch(text)) and finite(helical[1])):
         return text
     raise FormatError(
-        f"the joint type {shown(joint_type)} is not one of SPHERICAL, TRANSLATION, UJOINT_AB (A, B different axes of "
-        "X, Y, Z), HELICAL p (metres per radian, not zero), UNBOUNDED, FIXED",
+        f"the joint type {short_repr(joint_type)} is not one of SPHERICAL, TRANSLATION, UJOINT_AB (A, B different axes "
+        "of X, Y, Z), HELICAL p (metres per radian, not zero), UNBOUNDED, FIXED",
         element=element,
     )
 
@@ -71,7 +71,7 @@ def joint_settings(record: dict) -> tuple[dict[str, str], dict[str, dict]]:
         values[joint] = {key: amount(given[key], f"{element}: {key}") for key in VALUES if given.get(key) is not None}
         for key, value in values[joint].items():
             if np.min(value, initial=0.0) < 0:
-                raise FormatError(f"{shown(given[key])} is negative", element=f"{element}: {key}")
+                raise FormatError(f"{short_repr(given[key])} is negative", element=f"{element}: {key}")
     return types, values
 
 

@@ -23,7 +23,7 @@ from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.rows import LoopRows
 from .joints import check_type, in_order, joint_settings, new_names, with_values
-from .reading import finite, located, near, read_bytes, require_known, shown
+from .reading import finite, located, near, read_bytes, require_known, short_repr
 from .records import amount, force_element, force_record, items, known_keys, loop_element, loop_record, name, numbers
 
 MAX_BYTES = 1_000_000
@@ -169,10 +169,10 @@ def _own(record):
         raise FormatError("it must map joint names to values", element="guess")
     description = record.get("description", "")
     if not isinstance(description, str):
-        raise FormatError(f"a line of text is needed, not {shown(description)}", element="description")
+        raise FormatError(f"a line of text is needed, not {short_repr(description)}", element="description")
     duration = finite(given := record.get("duration", Mechanism.duration))
     if duration is None or not duration > 0:
-        raise FormatError(f"a positive number of seconds is needed, not {shown(given)}", element="duration")
+        raise FormatError(f"a positive number of seconds is needed, not {short_repr(given)}", element="duration")
     guess = {joint: amount(value, f"guess: {joint}") for joint, value in guess.items()}
     gravity = None if record.get("gravity") is None else numbers(record["gravity"], "gravity", count=3)
     actuated = tuple(dict.fromkeys((*_names(record, "actuated"), *_names(record, "name_mot"))))
@@ -191,12 +191,12 @@ def _robot(record, path):
     loops = []
     for number, pair in enumerate(pairs, start=1):
         if not isinstance(pair, list) or len(pair) != 2:
-            raise FormatError(f"a pair of frame names is needed, not {shown(pair)}", element=loop_element(number))
+            raise FormatError(f"a pair of frame names is needed, not {short_repr(pair)}", element=loop_element(number))
         frames = [name(frame, loop_element(number)) for frame in pair]
         title = _pair_name(*frames, [loop.name for loop in loops])
         kind = str(kinds[number - 1]).lower() if kinds else "6d"
         if kind not in _KINDS:
-            raise FormatError(f"the type {shown(kind)} is neither 3d nor 6d", element=loop_element(number, title))
+            raise FormatError(f"the type {short_repr(kind)} is neither 3d nor 6d", element=loop_element(number, title))
         loops.append(Loop(title, _KINDS[kind], *frames))
     joints, types = _names(record, "joint_name"), items(record, "joint_type")
     if len(joints) != len(types) or len(set(joints)) != len(joints):

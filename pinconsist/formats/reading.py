@@ -92,7 +92,7 @@ def require_known(name: object, names, reason: str, element: str = "") -> None:
         raise FormatError(f"{reason}{near(name, names)}", element=element)
 
 
-def shown(value: object) -> str:
+def short_repr(value: object) -> str:
     """A value of a file for a message, shortened to a readable length."""
     try:
         text = repr(value)
@@ -124,7 +124,7 @@ def floats(text: str, count: int, element: str, label: str = "", largest: float 
     values = tuple(value for word in words if (value := finite(word, largest)) is not None)
     if not len(values) == len(words) == count:
         what = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise FormatError(f"{label}{shown(text)} is not {what}{bound(*words)}", element=element)
+        raise FormatError(f"{label}{short_repr(text)} is not {what}{bound(*words)}", element=element)
     return values
 
 

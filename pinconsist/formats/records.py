@@ -33,7 +33,7 @@ from ..mechanism.joint_constraints import Coupling, Drive
 from ..mechanism.loops import ROW_NAMES, Loop
 from ..mechanism.motion import Motion
 from ..mechanism.names import by_joint
-from .reading import bound, finite, located, near, shown
+from .reading import bound, finite, located, near, short_repr
 
 LOOPS = {kind: Loop for kind in ROW_NAMES} | {"coupling": Coupling, "drive": Drive}
 FORCES = {"damping": laws.JointDamping, "friction": laws.JointFriction, "spring": laws.JointSpring}
@@ -153,21 +153,23 @@ def known_keys(entry: dict, keys, element: str) -> None:
     """Raise FormatError, with similar keys, for a key that is not one of `keys`."""
     for key in entry:
         if key not in keys:
-            raise FormatError(f"the key {shown(key)} is not known{near(key, keys)}", element=element)
+            raise FormatError(f"the key {short_repr(key)} is not known{near(key, keys)}", element=element)
 
 
 def mapping(value, element: str, example: str) -> dict:
     """A mapping, or FormatError with an example of its keys."""
     if not isinstance(value, dict):
-        raise FormatError(f"keys such as {example} are needed, not {shown(value)}", element=element)
+        raise FormatError(f"keys such as {example} are needed, not {short_repr(value)}", element=element)
     return value
 
 
 def name(value, element: str) -> str:
     if not isinstance(value, str) or not value:
-        raise FormatError(f"a name is needed, not {shown(value)} (quote names that look like numbers)", element=element)
+        raise FormatError(
+            f"a name is needed, not {short_repr(value)} (quote names that look like numbers)", element=element
+        )
     if not value.isprintable():  # a terminal would execute control characters in a message
-        raise FormatError(f"the name {shown(value)} has unprintable characters", element=element)
+        raise FormatError(f"the name {short_repr(value)} has unprintable characters", element=element)
     return value
 
 
@@ -175,13 +177,13 @@ def items(record: dict, key: str) -> list:
     """The list under a key, empty if there is none, or FormatError."""
     value = record.get(key)
     if not isinstance(value, list | None):
-        raise FormatError(f"a list is needed, not {shown(value)}", element=key)
+        raise FormatError(f"a list is needed, not {short_repr(value)}", element=key)
     return value or []
 
 
 def number(value, element: str) -> float:
     if (result := finite(value)) is None:
-        raise FormatError(f"a finite number is needed, not {shown(value)}{bound(value)}", element=element)
+        raise FormatError(f"a finite number is needed, not {short_repr(value)}{bound(value)}", element=element)
     return result
 
 
@@ -189,7 +191,7 @@ def numbers(value, element: str, count: int = 0) -> tuple[float, ...]:
     """A list of finite numbers, three if `count` is 3, or FormatError."""
     if not isinstance(value, list) or count not in (0, len(value)):
         what = "three numbers are" if count == 3 else "a list of numbers is"
-        raise FormatError(f"{what} needed, not {shown(value)}", element=element)
+        raise FormatError(f"{what} needed, not {short_repr(value)}", element=element)
     return tuple(number(each, element) for each in value)
 
 
@@ -209,7 +211,7 @@ def _value(value, kind, element):
     if "Mapping" not in kind:
         return amount(value, element, kind)
     if not isinstance(value, dict) or not value:
-        raise FormatError(f"a mapping of joint names to numbers is needed, not {shown(value)}", element=element)
+        raise FormatError(f"a mapping of joint names to numbers is needed, not {short_repr(value)}", element=element)
     return {name(joint, element): amount(each, f"{element}: {joint}", kind) for joint, each in value.items()}
 
 
@@ -222,5 +224,5 @@ def _field(entry, key, element):
 def _kind(entry, kinds, element):
     kind = _field(entry, "kind", element)
     if kind not in tuple(kinds):
-        raise FormatError(f"unknown kind {shown(kind)}; choose from {', '.join(kinds)}", element=element)
+        raise FormatError(f"unknown kind {short_repr(kind)}; choose from {', '.join(kinds)}", element=element)
     return entry.pop("kind")

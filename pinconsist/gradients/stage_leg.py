@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from .._core.compiled_gradient import CompiledStageWay
+from .._core.compiled_gradient import CompiledStagePropagator
 from .._core.compiled_system import CompiledIndex1
 from ..dae.index1 import project_position, project_velocity
 from ..dae.radau import StageNewton, Stages
@@ -22,8 +22,8 @@ from .linear import Motion, Multipliers
 AT_ONCE = 1e-6  # of a step: times nearer than this to an end count as equal, as shorter steps would be rounding
 
 
-class StageWay:
-    """Computations along steps, in Python, one step after another.
+class StagePropagator:
+    """Propagates derivatives along steps, forwards and backwards, in Python, one step after another.
 
     Steps are :class:`~pinconsist.dae.segments.RadauSegment`. Each of the `parameters` is a list of (weight, Index1);
     the weighted sum of their residuals is the derivative of the residual by the parameter.
@@ -75,11 +75,11 @@ class StageWay:
         return total
 
 
-def way_along(index1, parameters) -> StageWay | CompiledStageWay:
-    """The computations along steps of the system of `index1`, compiled if possible."""
+def propagator_of(index1, parameters) -> StagePropagator | CompiledStagePropagator:
+    """The propagator for steps of the system of `index1`, compiled if possible."""
     if isinstance(index1, CompiledIndex1):
-        return CompiledStageWay(index1, parameters)
-    return StageWay(index1.system, parameters)
+        return CompiledStagePropagator(index1, parameters)
+    return StagePropagator(index1.system, parameters)
 
 
 @dataclass
@@ -93,12 +93,12 @@ class StageLeg:
     steps: list[RadauSegment]
     index1_of: Callable
     tables: Any = None
-    _way: Any = field(default=None, repr=False)
+    _propagator: Any = field(default=None, repr=False)
 
     def __post_init__(self):
-        self._way = way_along(self.index1_of(self.system), [])
+        self._propagator = propagator_of(self.index1_of(self.system), [])
         if _is_cut(last := self.steps[-1]):
-            self.steps = [*self.steps[:-1], *self._way.again([last.ending_at(last.end)])]
+            self.steps = [*self.steps[:-1], *self._propagator.again([last.ending_at(last.end)])]
 
     start = property(lambda self: self.steps[0])
     t = property(lambda self: np.array([step.end for step in self.steps]))
@@ -106,7 +106,7 @@ class StageLeg:
     span = property(lambda self: (self.start.t_old, self.steps[-1].end))
 
     def close(self) -> None:
-        self._way = None
+        self._propagator = None
 
     def step_at(self, t):
         """(start, size) of the step that contains a time."""
@@ -125,7 +125,7 @@ class StageLeg:
         at_end = np.abs(part - 1.0) <= AT_ONCE
         n[at_end] += 1
         inside = np.flatnonzero(~at_end & (np.abs(part) > AT_ONCE))
-        return n, inside, self._way.again([self.steps[n[i]].ending_at(float(times[i])) for i in inside])
+        return n, inside, self._propagator.again([self.steps[n[i]].ending_at(float(times[i])) for i in inside])
 
     def _states(self, n, inside, steps):
         """t, p and v at the times of :meth:`_placed`."""
@@ -161,17 +161,17 @@ class StageLeg:
         t, p, v = self._states(n, inside, steps)
         s = self.tables[n, 0]
         ends = np.empty((len(inside), *s.shape[1:]))
-        self._way.forward(steps, s[inside], ends)
+        self._propagator.forward(steps, s[inside], ends)
         s[inside] = ends
-        lam, of_lam = self._way.multipliers(t, p, v, s)
+        lam, of_lam = self._propagator.multipliers(t, p, v, s)
         return p, np.hstack((0.0 * v, v, lam)), np.concatenate((s, of_lam), axis=2)
 
     def follow(self, index1, residuals, S) -> None:
         """Fill `tables` from S at the start; `residuals`, for each parameter, is a list of (weight, Index1)."""
-        self._way = way_along(index1, residuals)
+        self._propagator = propagator_of(index1, residuals)
         self.tables = np.empty((1 + len(self.steps), *S.shape))
         self.tables[0] = S
-        self._way.forward(self.steps, self.tables[:-1, 0], self.tables[1:, 0])
+        self._propagator.forward(self.steps, self.tables[:-1, 0], self.tables[1:, 0])
 
     def seeds(self):
         """The object that :meth:`add_seeds` adds to: derivatives of a number by S at the start, and by s elsewhere."""
@@ -184,20 +184,22 @@ class StageLeg:
 
     def follow_back(self, index1, residuals, seeds):
         """The derivative of a number by the parameters in the steps, (P,); `seeds[0]` becomes that by the first S."""
-        self._way, split = way_along(index1, residuals), self.system.nx + self.system.nv
+        self._propagator, split = propagator_of(index1, residuals), self.system.nx + self.system.nv
         bars, total = np.zeros((1 + len(self.steps), split)), np.zeros(len(residuals))
         for times, derivatives in seeds[1]:
             n, inside, steps = self._placed(times)
             state, given = self._states(n, inside, steps), np.array(derivatives[:, :split])
             with_lam = derivatives[:, split:].any(axis=1)
             by_state = np.zeros((with_lam.sum(), split))
-            total += self._way.multipliers_back(*(x[with_lam] for x in state), derivatives[with_lam, split:], by_state)
+            total += self._propagator.multipliers_back(
+                *(x[with_lam] for x in state), derivatives[with_lam, split:], by_state
+            )
             given[with_lam] += by_state
             own = np.zeros((len(inside), split))
-            total += self._way.backward(steps, given[inside], own)
+            total += self._propagator.backward(steps, given[inside], own)
             given[inside] = own
             np.add.at(bars, n, given)
-        total += self._way.backward(self.steps, bars[1:], bars[:-1])
+        total += self._propagator.backward(self.steps, bars[1:], bars[:-1])
         seeds[0][:] = bars[0]
         return total
 

@@ -14,7 +14,7 @@ from ..mechanism.closing import CLOSED
 from ..mechanism.motion import check_closing, slope
 
 NUDGE = 1e-3  # relative to the size of a state: step of fourth-order differences
-BESIDE = 1e-3  # relative to a step of the run: step of the differences of an event's function
+SLOPE_STEP = 1e-3  # relative to a step of the run: step of the differences of an event's function
 GRAZING = 0.02  # relative to the mean slope of an event's function in the step: smallest slope of a crossing
 GAP = 1e-10  # m or rad
 
@@ -116,7 +116,7 @@ class Crossing:
             (q,), (y,) = leg.states(np.array([time]))[:2]
             return event.function(time, q, y[nx : nx + nv], base.multipliers(system, q, y[nx + nv :]))
 
-        falls = slope(lambda e: value(t + e), BESIDE * self.h)
+        falls = slope(lambda e: value(t + e), SLOPE_STEP * self.h)
         reach = (value(t) - value(before)) / (t - before) if t != before else falls
         if not abs(falls) > GRAZING * abs(reach):
             raise InputError(

@@ -21,7 +21,7 @@ Measured: 4e-6 and 3e-7 at the shins of ``cassie``. The smallest values of well-
 of ``cassie_reduced``, 4e-4 at a foot of ``cassie_v2``, 7e-4 in ``kangaroo_like`` and 1e-2 in ``digit_like``.
 """
 SHARE = 0.1  # smallest share of a loop in a dependence that it belongs to; unrelated loops of Cassie have 5e-4
-LOOKS = 5  # rows of a run at which dependences are searched for
+SAMPLES = 5  # rows of a run at which dependences are searched for
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,14 +131,14 @@ def undetermined(mechanism: Mechanism, t, q, data=None, rows=None) -> dict[str, 
     This value must be small at all examined times: while a singular position is passed, forces are large but real.
     Exactly dependent rows share their load at minimum norm, and are not included.
     """
-    data, rows, looks = data or mechanism.model.createData(), rows or LoopRows.of(mechanism), []
+    data, rows, samples = data or mechanism.model.createData(), rows or LoopRows.of(mechanism), []
     if not rows.nc or not len(t):
         return {}
-    for i in dict.fromkeys(k * (len(t) - 1) // (LOOKS - 1) for k in range(LOOKS)):
-        looks.append(_nearly_dependent(rows, rows.at(data, q[i], t[i])[1]))
-        if not looks[-1]:
+    for i in dict.fromkeys(k * (len(t) - 1) // (SAMPLES - 1) for k in range(SAMPLES)):
+        samples.append(_nearly_dependent(rows, rows.at(data, q[i], t[i])[1]))
+        if not samples[-1]:
             return {}
-    return {name: max(look[name] for look in looks) for name in looks[0] if all(name in look for look in looks)}
+    return {name: max(each[name] for each in samples) for name in samples[0] if all(name in each for each in samples)}
 
 
 def _nearly_dependent(rows: LoopRows, J) -> dict[str, float]:

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from pinconsist import _core
-from pinconsist._core.compiled_gradient import CompiledStageWay
+from pinconsist._core.compiled_gradient import CompiledStagePropagator
 from pinconsist._core.compiled_system import CompiledIndex1, compiled_system
 from pinconsist.dae.index1 import Index1, solve_acceleration
 from pinconsist.gradients.linear import row_gradients
-from pinconsist.gradients.stage_leg import StageWay
+from pinconsist.gradients.stage_leg import StagePropagator
 from pinconsist.mechanism.rank import null_space
 from pinconsist.mechanism.system import MechanismSystem
 
@@ -62,7 +62,7 @@ def compare_multipliers(system, twin, t, p, v):
     H, Z = row_gradients(system, t, p, v, np.zeros(system.nc))[1], null_space(J)
     ways = np.block([[Z, np.zeros_like(Z)], [-np.linalg.pinv(J) @ H @ Z, Z]])
     still, state = Still([[]] * ways.shape[1]), (np.array([t]), p[None], v[None])
-    both = StageWay(system, still), CompiledStageWay(CompiledIndex1(system, twin), still)
+    both = StagePropagator(system, still), CompiledStagePropagator(CompiledIndex1(system, twin), still)
     (lam, ours), (other, theirs) = (way.multipliers(*state, np.ascontiguousarray(ways.T)[None]) for way in both)
     assert_same(lam, other, 1e-10)
     assert_same(ours, theirs, 1e-7)

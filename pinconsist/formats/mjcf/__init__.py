@@ -29,7 +29,7 @@ import pinocchio as pin
 
 from ...errors import FormatError, MissingExtraError
 from ...mechanism.checks import places
-from ..reading import RobotFile, finite, located, parsed, read_bytes, shown, text
+from ..reading import RobotFile, finite, located, parsed, read_bytes, short_repr, text
 from ..urdf import add_visual, fixed_links
 from .model import Tree, pose
 
@@ -216,7 +216,7 @@ class Source:
                 root = _parsed(found)
                 self._files |= dict.fromkeys((root, *root), found)
                 return root, (*files, found)
-        raise FormatError(reason, path=files[-1], element=f"{node.tag} {shown(name)}")
+        raise FormatError(reason, path=files[-1], element=f"{node.tag} {short_repr(name)}")
 
     def compiled(self):
         """The mjModel, and for each geom whether its size is that of a stand-in; FormatError with MuJoCo's message."""

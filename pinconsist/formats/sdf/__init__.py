@@ -27,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...mechanism.forces import JointSpring
-from ..reading import RobotFile, closing, parsed, read_bytes, refuse, shown, text
+from ..reading import RobotFile, closing, parsed, read_bytes, refuse, short_repr, text
 from ..urdf import INERTIA, SHAPES, add_visual, checked, fixed_links, symmetric
 from .document import Body, Document
 from .graph import JointGraph, build, couplings
@@ -124,7 +124,7 @@ def _visual(link, node, body: Body, document, folders):
     if kind == "mesh":
         uri = solid.word("uri")
         if uri.startswith(("http://", "https://")):
-            _log.warning("%s: uri: left out, nothing is downloaded: %s", solid.name, shown(uri))
+            _log.warning("%s: uri: left out, nothing is downloaded: %s", solid.name, short_repr(uri))
             return
         sizes["filename"] = _mesh(uri, folders, solid.child("uri"))
     place, relative_to = node.pose()
@@ -145,8 +145,8 @@ def _mesh(uri, folders, node):
         targets = [Path(os.path.normpath(folder / rest)) for folder in folders]
         inside = any(target.is_relative_to(folder) for target in targets for folder in folders)
     else:
-        raise node.error(f"the scheme of {shown(uri)} is not one of model, package, file")
+        raise node.error(f"the scheme of {short_repr(uri)} is not one of model, package, file")
     if "\0" in uri or not inside:
         reason = "is outside the folder of the scene; pass the folders of its meshes as package_dirs="
-        raise node.error(f"{shown(uri)} {reason}")
+        raise node.error(f"{short_repr(uri)} {reason}")
     return f"package://{rest}" if scheme == "model" else uri

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from ...errors import FormatError
 from ...mechanism.loops import unit
-from ..reading import Node, floats, near, require_known, shown
+from ..reading import Node, floats, near, require_known, short_repr
 
 WORLD = "world"
 OLDEST = (1, 4)
@@ -49,7 +49,7 @@ class SdfNode(Node):
         except ValueError:
             value = math.nan
         if math.isnan(value):
-            raise found.error(f"{shown(found.text())} is not a number")
+            raise found.error(f"{short_repr(found.text())} is not a number")
         return math.copysign(math.inf, value) if abs(value) >= INFINITE else value
 
     def flag(self, tag: str, default: bool = False) -> bool:
@@ -60,7 +60,7 @@ class SdfNode(Node):
         """A truth value of SDF: true, false, 1 or 0."""
         word = text.strip().lower()
         if word not in ("true", "1", "false", "0"):
-            raise self.error(f"{shown(text.strip())} is neither true nor false")
+            raise self.error(f"{short_repr(text.strip())} is neither true nor false")
         return word in ("true", "1")
 
     def word(self, tag: str) -> str:
@@ -79,7 +79,7 @@ class SdfNode(Node):
             return pin.SE3.Identity(), ""
         style = found.get("rotation_format", "euler_rpy")
         if style not in ("euler_rpy", "quat_xyzw"):
-            raise found.error(f"the rotation_format {shown(style)} is neither euler_rpy nor quat_xyzw")
+            raise found.error(f"the rotation_format {short_repr(style)} is neither euler_rpy nor quat_xyzw")
         default = "0 0 0 0 0 0" if style == "euler_rpy" else "0 0 0 0 0 0 1"
         values = np.array(floats(found.text() or default, len(default.split()), found.name))
         turn = values[3:]

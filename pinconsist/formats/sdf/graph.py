@@ -21,7 +21,7 @@ from ...errors import FormatError
 from ...mechanism.checks import places
 from ...mechanism.joint_constraints import Coupling
 from ...mechanism.loops import GROUND, Loop, anchor
-from ..reading import require_known, shown
+from ..reading import require_known, short_repr
 from ..urdf import ROOT_JOINT
 from .document import WORLD, Document
 from .joints import Joint
@@ -246,7 +246,7 @@ class _Tree:
     def add(self, parent, joint, place, pose, name):
         """Add a joint with its placement on the parent and its pose in the world; return its index."""
         if self.model.existJointName(name):
-            raise FormatError("another joint has this name", element=f"joint {shown(name)}")
+            raise FormatError("another joint has this name", element=f"joint {short_repr(name)}")
         index = self.model.addJoint(parent, joint, place, name)
         self.model.addJointFrame(index)
         self._poses.append(pose)

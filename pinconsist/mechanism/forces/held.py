@@ -11,12 +11,12 @@ from ..checks import columns, finite_array, number, put, read_only, require_func
 from .force import BoundForce, ForceRecord
 
 SAME_TIME = 1e-9  # in periods: times that differ by less are equal
-BESIDE = 1e-13  # relative to a time, or to 1 s: offset at which forces are evaluated before and after a jump
+JUMP_OFFSET = 1e-13  # relative to a time, or to 1 s: offset at which forces are evaluated before and after a jump
 
 
-def beside(t):
+def jump_offset(t):
     """The difference of times near `t` below which they are equal."""
-    return BESIDE * np.maximum(1.0, np.abs(t))
+    return JUMP_OFFSET * np.maximum(1.0, np.abs(t))
 
 
 class BoundHeld(BoundForce):
@@ -79,7 +79,7 @@ class BoundHeld(BoundForce):
     def change(self, t, q, v) -> bool:
         """Put the entries up to a time into effect; return whether the torques jump."""
         before, now = self.entered, self._sign * t
-        n = bisect_right(self._keys, now + beside(t))
+        n = bisect_right(self._keys, now + jump_offset(t))
         if self._keys[before:n] != (met := [min(key, now) for key in self._keys[before:n]]):
             self._keys[before:n] = met  # `t` is a sum of steps, and slightly too small
             self._fill()
@@ -269,4 +269,6 @@ def sided(t, may_end_at_jump=True):
     With `may_end_at_jump` the last time is shifted, too: a run that ends where a force jumps has the force before.
     """
     jumps, sign = np.diff(t) == 0.0, 1.0 if t[-1] >= t[0] else -1.0
-    return t + sign * beside(t) * (np.append(False, jumps) * 1.0 - np.append(jumps, may_end_at_jump and len(t) > 1))
+    return t + sign * jump_offset(t) * (
+        np.append(False, jumps) * 1.0 - np.append(jumps, may_end_at_jump and len(t) > 1)
+    )

@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import InputError
 from ..checks import finite_array, number, put
 from .force import BoundForce, ForceRecord, as_force, bound_force, label_of
-from .held import beside
+from .held import jump_offset
 
 MOST = float(np.finfo(float).max) / 2.0  # in place of infinity: its differences are finite
 
@@ -43,7 +43,7 @@ class BoundPiecewise(BoundForce):
 
     def change(self, t, q, v) -> bool:
         due, sign = self.next_change(t), -1.0 if self._backwards else 1.0
-        if sign * (due - t) > beside(t):
+        if sign * (due - t) > jump_offset(t):
             return False
         self._here = self._around(due)
         return True
@@ -65,7 +65,7 @@ class BoundPiecewise(BoundForce):
         here = self._here
         if here is None or (t > here[1] if self._backwards else t < here[0]):  # a time before the current interval
             here = self._around(t)
-        return float(min(max(t, here[0] + beside(here[0])), here[1] - beside(here[1])))
+        return float(min(max(t, here[0] + jump_offset(here[0])), here[1] - jump_offset(here[1])))
 
 
 @dataclass(frozen=True, eq=False)
