@@ -23,28 +23,10 @@ from .solution import Solution
 
 
 def simulate(
-    mech,
-    t_span,
-    q0=None,
-    v0=None,
-    *,
-    method="BDF",
-    step=None,
-    max_order=None,
-    rtol=1e-6,
-    atol=1e-8,
-    forces=(),
-    control=None,
-    t_eval=None,
-    dense_output=False,
-    events=None,
-    callback=None,
-    consistency="every-step",
-    first_step=None,
-    max_step=np.inf,
-    max_steps=None,
-    backend="auto",
-) -> Solution:
+    mech, t_span, q0=None, v0=None, *, method="BDF", step=None, max_order=None, rtol=1e-6, atol=1e-8, forces=(),
+    control=None, t_eval=None, dense_output=False, events=None, callback=None, consistency="every-step",
+    first_step=None, max_step=np.inf, max_steps=None, backend="auto",
+) -> Solution:  # fmt: skip
     """Assemble a mechanism and integrate its index-3 equations of motion.
 
     Parameters
@@ -132,26 +114,10 @@ def simulate(
 
 
 def integrate(
-    system,
-    t_span,
-    p0,
-    v0,
-    *,
-    method="BDF",
-    step=None,
-    max_order=None,
-    rtol=1e-6,
-    atol=1e-8,
-    t_eval=None,
-    dense_output=False,
-    events=None,
-    callback=None,
-    consistency="every-step",
-    first_step=None,
-    max_step=np.inf,
-    max_steps=None,
-    backend="auto",
-) -> Solution:
+    system, t_span, p0, v0, *, method="BDF", step=None, max_order=None, rtol=1e-6, atol=1e-8, t_eval=None,
+    dense_output=False, events=None, callback=None, consistency="every-step", first_step=None, max_step=np.inf,
+    max_steps=None, backend="auto",
+) -> Solution:  # fmt: skip
     """Integrate an index-3 system from given initial values, without assembly.
 
     Parameters

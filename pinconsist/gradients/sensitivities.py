@@ -114,21 +114,9 @@ class Sensitivities:
 
 
 def sensitivities(
-    build: Callable | Mechanism,
-    theta,
-    t_span,
-    q0=None,
-    v0=None,
-    *,
-    names: Sequence[str] | None = None,
-    steps=None,
-    forces=(),
-    events=None,
-    rtol=1e-8,
-    atol=1e-10,
-    backend="auto",
-    **options: Any,
-) -> Sensitivities:
+    build: Callable | Mechanism, theta, t_span, q0=None, v0=None, *, names: Sequence[str] | None = None, steps=None,
+    forces=(), events=None, rtol=1e-8, atol=1e-10, backend="auto", **options: Any,
+) -> Sensitivities:  # fmt: skip
     """Simulate a mechanism, and differentiate motion, multipliers and event times with respect to parameters.
 
     The derivatives are propagated along the accepted steps by the method's own formulas (staggered, with every step on
@@ -214,24 +202,10 @@ class Gradient:
 
 
 def gradient(
-    build: Callable | Mechanism,
-    theta,
-    t_span,
-    q0=None,
-    v0=None,
-    *,
-    rows: Callable | tuple | None = None,
-    terminal: Callable | tuple | None = None,
-    names: Sequence[str] | None = None,
-    steps=None,
-    forces=(),
-    events=None,
-    t_eval=None,
-    rtol=1e-8,
-    atol=1e-10,
-    backend="auto",
-    **options: Any,
-) -> Gradient:
+    build: Callable | Mechanism, theta, t_span, q0=None, v0=None, *, rows: Callable | tuple | None = None,
+    terminal: Callable | tuple | None = None, names: Sequence[str] | None = None, steps=None, forces=(), events=None,
+    t_eval=None, rtol=1e-8, atol=1e-10, backend="auto", **options: Any,
+) -> Gradient:  # fmt: skip
     """Simulate a mechanism, and differentiate one number of the run with respect to many parameters.
 
     The number is the sum of ``rows(t, q, v, lam)`` over the times `t_eval`, plus ``terminal(t, q, v, lam)`` at the end.

@@ -20,21 +20,10 @@ GREY = "#b0b4b8"  # of lines without a name in the legend
 LEGEND = 12  # entries at most
 SHORT = ((1e-4, 1e6, "µs"), (0.1, 1e3, "ms"))  # times up to this, s, are in a smaller unit
 LOOK = {
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.titlelocation": "left",
-    "axes.grid": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": "#d8dce0",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.3,
-    "lines.markersize": 4,
-    "legend.fontsize": 7.5,
-    "legend.frameon": False,
-    "figure.dpi": 130,
-    "savefig.dpi": 160,
-}
+    "font.size": 9, "axes.titlesize": 9, "axes.titlelocation": "left", "axes.grid": True, "axes.spines.top": False,
+    "axes.spines.right": False, "grid.color": "#d8dce0", "grid.linewidth": 0.6, "lines.linewidth": 1.3,
+    "lines.markersize": 4, "legend.fontsize": 7.5, "legend.frameon": False, "figure.dpi": 130, "savefig.dpi": 160,
+}  # fmt: skip
 FIRST_STEPS = 20
 ROUNDING = 1e-16  # lower end of axes of residuals
 PORTRAITS, ABREAST = 12, 4  # largest number of phase portraits; portraits in a row

@@ -19,12 +19,7 @@ from .shapes import CLOSED, Shape, ball, bars, simple_shapes, skeleton, springs
 
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
-SEATS |= {
-    "slider": "on its rail",
-    "cylinder": "on its rail",
-    "plane": "on its plate",
-    "distance": "at its bar's end",
-}
+SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its plate", "distance": "at its bar's end"}
 ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): "moment", (MOMENT, True): "torque"}
 NAMED = 3  # largest number of bodies in a line of the legend
 POINT = 1e-12  # m; anything smaller counts as a point

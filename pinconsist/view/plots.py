@@ -148,7 +148,7 @@ def plot_comparison(rows, file=None) -> Figure:
         ``consistent``, shape (n,), the errors; and optionally ``every_step``, ``of`` and ``unit``: the quantity,
         by default λ, N or N·m.
     file : path, optional
-        Where the figure is written, whole or not at all; the ending chooses the format.
+        As in :func:`plot_solution`.
 
     Returns
     -------
@@ -203,7 +203,7 @@ def plot_work_precision(series, file=None, error="largest error of q  [rad, m]")
         Label → (times, errors), of shape (n,) each: run times, s, and errors; values that are not positive and finite
         are omitted.
     file : path, optional
-        Where the figure is written, whole or not at all; the ending chooses the format.
+        As in :func:`plot_solution`.
     error : str
         Label of the axis of the errors.
 
