@@ -35,6 +35,9 @@ public:
   // The next step begins where this one ends.
   void accepted() { matrix_.accepted(); }
 
+  // M, ∂f/∂v and ∂f/∂p at the last stage, as in Newton's matrix.
+  auto at_end() const { return matrix_.at_end(); }
+
   // Iterate from the accelerations W to the solution. `weight` are reciprocal tolerances of [ξ | v].
   Failure solve(const Vec &weight, double tol) {
     const int s = stages.size();

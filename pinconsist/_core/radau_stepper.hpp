@@ -18,7 +18,8 @@ public:
   StageNewton newton;
 
   RadauStepper(System &system, const Switches &switches)
-      : Run(system), newton(system, switches), sampler(system), kkt_(system.nv, system.nc), index1_(system) {}
+      : Run(system), newton(system, switches), sampler(system), kkt_(system.nv, system.nc), within_(system.nv, system.nc),
+        index1_(system) {}
 
   // A first step with error FIRST_ERROR, from the time in which the acceleration changes by its own size.
   double first_step(double t_end) {
@@ -252,10 +253,38 @@ private:
       system_.constraint(t1, p1_, v1_);
       if (largest(system_.phi) > rounding_gap(p1_, system_.G_transposed())) return Failure::not_converged;
     }
+    unstir();
     error = modes ? error_of(modes) : 0.0;
     if (error > 1.0 || !with_error) return Failure::none; // a and λ are not needed
     const KKT *known = moved || !system_.rate_is_velocity ? nullptr : &kkt_; // otherwise W depends on v
     return index1_.acceleration_after_constraint(t_next, p1_, v1_, a1_, lam1_, known) ? Failure::none : Failure::singular;
+  }
+
+  // Take back what the projection of the velocity v1_ has moved along stiff forces.
+  void unstir() {
+    const int nv = system_.nv, nc = system_.nc;
+    if (!nc || nc == nv) return;
+    const double c = newton.stages.h / STIFF;
+    const auto weight = weight_.tail(nv);
+    const auto [M, D, K] = newton.at_end();
+    stiff_ = c * D + c * c * K;
+    shift_ = v1_ - newton.stages.V.rightCols(1);
+    along_.setZero(nv + nc, 1);
+    const auto along = [&](KKT &kkt, const Vec &x, bool fresh) {
+      along_.col(0).head(nv).noalias() = stiff_.lazyProduct(x);
+      along_.col(0).tail(nc).setZero();
+      if (fresh) return kkt.solve_new(system_.W, system_.G_transposed(), 1.0, along_, 1);
+      kkt.solve(along_, 1.0, 1);
+      return true;
+    };
+    along(kkt_, shift_, false);
+    const auto size = [&](const auto &x) { return x.cwiseProduct(weight).norm(); };
+    if (!(size(along_.col(0).head(nv)) > STIFF_PART * size(shift_))) return; // nothing is stiff
+    within_.A() = M + stiff_;
+    if (!along(within_, shift_, true)) return;
+    shift_ = along_.col(0).head(nv);
+    along(within_, shift_, false);
+    v1_ -= along_.col(0).head(nv);
   }
 
   // The data of the error estimate: the highest modes of the accelerations, and the differences of the acceleration at
@@ -340,14 +369,14 @@ private:
     return true;
   }
 
-  KKT kkt_;
+  KKT kkt_, within_;
   Projection index1_;
   Vec slope_; // of the acceleration at a start
   Vec stage_a_; // the acceleration here according to the stages of the last step
   bool shaped_ = false;
   Shape shape_;
   Collocations::value_type last_;
-  Mat modes_, coefficients_, rhs_;
+  Mat modes_, coefficients_, rhs_, stiff_, along_;
   Vec weight_, p1_, v1_, a1_, lam1_, moved_, shift_;
 };
 

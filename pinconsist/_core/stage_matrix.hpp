@@ -4,6 +4,8 @@
 #include "kkt.hpp"
 #include "stages.hpp"
 
+#include <tuple>
+
 namespace pinconsist {
 
 class StageMatrix {
@@ -123,6 +125,9 @@ public:
     }
     along(dP, dV, 1.0 / h);
   }
+
+  // M, D and K at the last stage.
+  std::tuple<const Mat &, const Mat &, const Mat &> at_end() const { return {M_.back(), D_.back(), K_.back()}; }
 
 private:
   // Whether derivatives are evaluated at stage `i`: in the middle, at the end and, if the last step has none, near the start.

@@ -111,6 +111,7 @@ class Stages:
     rate: float = 0.0  # contraction of Newton's iteration, 0 if one was enough
     iterations: int = 0
     failure: str = ""
+    end_matrices: tuple = ()  # M, ∂f/∂v and ∂f/∂p at the last stage, as in Newton's matrix
 
     def __post_init__(self):
         self.xi = np.zeros((self.table.s, self.system.nx))
@@ -160,6 +161,7 @@ class StageNewton:
                 matrix = StageMatrix(stages, G, J)
                 self.njev += table.s
                 self.nlu += 1
+                stages.end_matrices = matrix.at_end
                 if matrix.singular:
                     failure = "singular"
                     break
@@ -221,6 +223,7 @@ class StageMatrix:
             M, D, K = system.matrices(t, p, v, w)
             self._blocks[i] = np.tensordot(M, dW[i], 1) + h * np.tensordot(D, dV[i], 1)
             self._blocks[i, :, i] += h**2 * K
+        self.at_end = M, D, K
         self._right = [dependent_columns(j) for j in J]
         self._left = [dependent_columns(g.T) for g in G]
         self.singular = any(len(columns) < system.nc for columns in (*self._right, *self._left))
