@@ -9,8 +9,8 @@ from ..errors import AssemblyError, PinconsistError
 from . import tuning
 from .charts import fastest_turn, turning_coordinates
 from .events import located
-from .index1 import moved_by, not_closed_message
-from .kkt import KKT, kkt_at
+from .index1 import moved_by, not_closed_message, unstirred
+from .kkt import kkt_at
 from .norms import EPS, largest, weighted_norm
 from .radau import StageNewton, Stages, table
 from .radau_control import exponent
@@ -201,8 +201,7 @@ class RadauStepper(Stepper):
 
     def landed(self, stages) -> Landing:
         """The end of a step; one factorisation at the last stage serves the projections and the error estimate."""
-        system, t = self.system, stages.times[-1]
-        p, v = stages.P[-1], stages.V[-1]
+        system, t, p, v = self.system, stages.times[-1], stages.P[-1], stages.V[-1]
         kkt, _, G, W = kkt_at(system, t, p, v)
         self.newton.nlu += 1
         zero = np.zeros(system.nv)
@@ -215,31 +214,10 @@ class RadauStepper(Stepper):
         else:
             if (gap := largest(system.constraint(t, p, v)[0])) > rounding_gap(p, G):
                 raise AssemblyError(not_closed_message(gap))
-        v = self._unstirred(stages, kkt, G, W, v)
+        of_v = self._weights()[0][system.nx :]
+        v = unstirred(kkt, stages.end_matrices, G, W, v, v - stages.V[-1], stages.h / tuning.STIFF, of_v)
         a, lam = self.index1.acceleration(t, p, v)
         return Landing(p, v, a, lam, self._error(stages, kkt, W, p, v))
-
-    def _unstirred(self, stages, kkt, G, W, v):
-        """`v` without what its projection has moved along stiff forces.
-
-        The projection moves the velocities as an impulse does. Along stiff forces, of which the stages are free, this is
-        an error of the order of the stages, which lasts for a moment only, but then is felt by the multipliers: with
-        A = M + c D + c² K, c = h/STIFF, it is x = (A⁻¹ (A - M))² Δv, restricted to W x = 0.
-        """
-        system, moved = self.system, v - stages.V[-1]
-        if not 0 < system.nc < system.nv:
-            return v
-        c, zero, weight = stages.h / tuning.STIFF, np.zeros(system.nc), self._weights()[0][system.nx :]
-        M, D, K = stages.end_matrices
-        stiff = c * D + c**2 * K
-
-        def along(kkt, x):
-            return kkt.solve(np.concatenate((stiff @ x, zero)))[: system.nv]
-
-        if not np.linalg.norm(weight * along(kkt, moved)) > tuning.STIFF_PART * np.linalg.norm(weight * moved):
-            return v  # nothing is stiff, and the order depends on the metric of M
-        within = KKT(M + stiff, G, W)
-        return v if within.singular else v - along(within, along(within, moved))
 
     def _error(self, stages, kkt, W, p, v):
         """The error of a step over its tolerance, from the highest modes of the accelerations along the constraints."""

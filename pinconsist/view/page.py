@@ -17,7 +17,7 @@ from .picture import picture
 from .plots import plot_solution
 
 FPS = 50
-PARTS = ("page.html", "scene.js", "page.js")
+PARTS = ("page.html", "page.css", "scene.js", "page.js")
 HEIGHT, DOTS = 420, 80  # in a notebook: pixels of the page, dots per inch of the picture
 log = logging.getLogger(__name__)
 
@@ -131,8 +131,8 @@ def page_of(mech, sol, *, fps=FPS, panel=True, **options) -> bytes:
     commands = picture(mech, sol, fps=fps, beside=panel, **options)
     text = json.dumps(commands, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     title = ", ".join(dict.fromkeys(each.name for each in (mech if isinstance(mech, list | tuple) else [mech])))
-    frame, *scripts = ((files(__package__) / name).read_text("utf-8") for name in PARTS)
-    parts = {"title": escape(title), "viewer": _viewer(), "replay": text, "script": "".join(scripts)}
+    frame, style, *scripts = ((files(__package__) / name).read_text("utf-8") for name in PARTS)
+    parts = {"title": escape(title), "style": style, "viewer": _viewer(), "replay": text, "script": "".join(scripts)}
     return Template(frame).substitute(parts).encode()
 
 
