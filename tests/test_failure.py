@@ -96,7 +96,7 @@ def test_forces_that_chatter_end_a_run_soon(law, backend):
     assert (
         f"'torque {law.__name__}' jumps" in sol.message
         and "tanh(s/width)" in sol.message
-        and "JointFriction" in sol.message
+        and "JointFriction, over a larger width" in sol.message
     )
 
 

@@ -33,7 +33,7 @@ def failure_report(stepper, failure: str) -> str:
     if names or failure == FAILURES["chatters"]:
         hints.append(
             f"{names or 'most likely a force'} jumps when the velocity changes slightly, as a relay or dry friction "
-            "with sign(s) does; smooth it, with tanh(s/width) in place of sign(s), or use the smooth JointFriction"
+            "with sign(s) does; smooth it, with tanh(s/width) in place of sign(s) or JointFriction, over a larger width"
         )
     if not hints:
         speed = largest(stepper.y[system.nx : system.nx + system.nv])
