@@ -545,7 +545,11 @@ def test_missing_axes_are_named(case):
             r"column 0 of its jacobian is \[2\.\], which is not the derivative .* \[1\.\]",
         ),
         ("jacobian", lambda t, q: [[1.0, 1e-2, 0.0]], "column 1 of its jacobian is"),
-        ("rate", lambda t, q: [1.0], r"rate is \[1\.\], which is not the derivative .* differences give \[-1\.\]"),
+        (
+            "rate",
+            lambda t, q: [1.0],
+            r"rate at t = 0 is \[1\.\], which is not the derivative .* differences give \[-1\.\]",
+        ),
     ],
 )
 def test_derivatives_of_ones_own_constraint_that_are_wrong_are_refused(given):

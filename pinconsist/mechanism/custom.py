@@ -10,7 +10,7 @@ import pinocchio as pin
 from ..errors import InputError
 from .checks import name, number, put, put_checked, require_functions, returned
 from .joint_constraints import Rows
-from .motion import TIME_STEP, check_slope, first, second
+from .motion import TIME_STEP, check_rate, check_slope, first, in_time
 
 REACH = 10.0  # times `step`: step of the second difference along the motion
 CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)  # fractions of the steps with which user-defined derivatives are checked
@@ -36,7 +36,8 @@ class Constraint:
         sixth-order differences, six calls of `function` for each of the nv columns, accurate to about 1e-12 of Φ's
         terms; the multipliers have the same error. BDF then keeps tolerances down to about 4e-10, Radau somewhat lower.
     rate : callable, optional
-        ``rate(t, q) -> array (size,)``, ∂Φ/∂t. Default: sixth-order differences over 1 ms, accurate to about 1e-12.
+        ``rate(t, q) -> array (size,)``, ∂Φ/∂t. Default: sixth-order differences over 1 ms, or less if Φ
+        is faster, accurate to about 1e-12.
     moving : bool
         False if Φ does not depend on t; its time derivatives are then not computed.
     rows : sequence of str, optional
@@ -97,7 +98,7 @@ class ConstraintRows(Rows):
             return super().rate(t, q)
         if self.loop.rate is not None:
             return self._call("rate", t, q)
-        return first(lambda s: self._phi(t + s, q), TIME_STEP)
+        return in_time(lambda s: self._phi(t + s, q))
 
     def acceleration_bias(self, data, t, q, v):
         if not self.moving and (self._phi(t + TIME_STEP, q) != self._phi(t, q)).any():
@@ -111,8 +112,8 @@ class ConstraintRows(Rows):
             return pin.integrate(self.model, q, s * v)
 
         if self.loop.jacobian is not None and (self.loop.rate is not None or not self.moving):
-            return first(lambda s: self._jacobian(t + s, x := place(s)) @ v + self.rate(t + s, x), step)
-        return second(lambda s: self._phi(t + s, place(s)), step)
+            return in_time(lambda s: self._jacobian(t + s, x := place(s)) @ v + self.rate(t + s, x), 1, step)
+        return in_time(lambda s: self._phi(t + s, place(s)), 2, step)
 
     def check_derivatives(self, t, q) -> None:
         who = f"constraint {self.loop.name!r}:"
@@ -123,7 +124,7 @@ class ConstraintRows(Rows):
                 check_slope(what, "function", J[:, i], along, steps, np.abs(J).max(axis=1))
         if self.loop.rate is not None:
             steps = [TIME_STEP * share for share in CHECKED_OVER]
-            check_slope(f"{who} its rate", "function", self.rate(t, q), lambda s: self._phi(t + s, q), steps)
+            check_rate(f"{who} its rate", "function", lambda t: self._phi(t, q), lambda t: self.rate(t, q), t, steps)
 
     def _along(self, t, q, unit):
         return lambda s: self._phi(t, pin.integrate(self.model, q, s * unit))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 
 from ..errors import InputError
 from .checks import called, joint_index, name, number, numbers, put, put_checked, require_functions
-from .motion import TIME_STEP, Motion, check_slope, first, second
+from .motion import Motion, check_rate, in_time
 
 TURN = math.tau
 CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps with which user-defined derivatives are checked
@@ -92,8 +93,9 @@ class Drive:
         ``curve(t)``, rad or m, twice differentiable; for instance a :class:`Motion`, which can be saved to a file.
     rate, acceleration : callable, optional
         Its derivatives. Default: the methods ``rate`` and ``acceleration`` of a curve that has them, as a Motion does;
-        else sixth-order differences over 1 ms, accurate to about 1e-12 and 1e-9 of the curve's size; the multipliers
-        have the same error. User-defined derivatives are compared with the curve at the start of a run.
+        else sixth-order differences over 1 ms, or less if the curve is faster, accurate to about 1e-12 and 1e-9 of the
+        curve's size; the multipliers have the same error. User-defined derivatives are compared with the curve at the
+        start of a run.
 
     Raises
     ------
@@ -138,15 +140,15 @@ class DriveRow(Rows):
         return np.array([self._joint.beyond(q, self._call("curve", t))]), self._J.copy()
 
     def rate(self, t, q):
-        return -np.reshape(self._derivative("rate", first, t), 1)
+        return -np.reshape(self._derivative("rate", 1, t), 1)
 
     def acceleration_bias(self, data, t, q, v):
-        return -np.reshape(self._derivative("acceleration", second, t), 1)  # J is constant
+        return -np.reshape(self._derivative("acceleration", 2, t), 1)  # J is constant
 
-    def _derivative(self, field, difference, t):
+    def _derivative(self, field, order, t):
         if field in self._functions:
             return self._call(field, t)
-        return difference(lambda s: self._call("curve", t + s), TIME_STEP)
+        return float(in_time(lambda s: self._call("curve", t + s), order))
 
     def hand_over(self, twin) -> bool:
         curve = self.loop.curve
@@ -158,8 +160,8 @@ class DriveRow(Rows):
     def check_derivatives(self, t, q) -> None:
         for field, of in ("rate", "curve"), ("acceleration", "rate"):
             if {field, of} <= self._functions.keys():
-                what = f"drive {self.loop.name!r}: its {field} at t = {t:.6g}"
-                check_slope(what, of, self._call(field, t), lambda s, of=of: self._call(of, t + s), CHECKED_OVER)
+                function, slope = (partial(self._call, each) for each in (of, field))
+                check_rate(f"drive {self.loop.name!r}: its {field}", of, function, slope, t, CHECKED_OVER)
 
     def _call(self, field, t) -> float:
         function, what = self._functions[field], f"the {field} of drive {self.loop.name!r}"

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from math import cos, pi, sin
+from operator import mul
 
 import numpy as np
 
 from ..errors import InputError, PinconsistError
 from .checks import number, put_checked
 
-TIME_STEP = 1e-3  # s, of the difference quotients in time
+NEARBY = 1.7e-3  # s, from the start, where given derivatives are checked as well
+TIME_STEP = 1e-3  # s, of difference quotients in time
+RESOLVED = 1e-7  # relative difference of the fourth and sixth order below which a step resolves a function
+ASIDE = 7.0  # steps, distance of differences that have no point in common
+EPS = float(np.finfo(float).eps)
 RELATIVE_STEP, SMALLEST = 1e-4, 0.1  # of differences with respect to a parameter: relative to it, and least value
 PARTED = 1e-7  # relative to Φ_θ: largest part that no motion can compensate
 
@@ -65,6 +70,17 @@ class Motion:
 # Weights of fourth-order differences, by position in steps: central, and one-sided
 CENTRAL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
+# Where differences in time are taken, in steps; not in a ratio of small numbers, or curves of 1 kHz could look constant
+NODES = 1.0, 1.9371, 3.0
+
+
+def _pair_weights(order: int, n: int):
+    """Weights of f(x h) -/+ f(-x h) at the first n nodes x, in hᵏ f⁽ᵏ⁾(0): of order 2n."""
+    powers = np.array(NODES[:n]) ** (order + 2.0 * np.arange(n)[:, None])
+    return np.linalg.solve(powers, 0.5 * order * np.eye(n)[0]).tolist()
+
+
+PAIRS = {order: [_pair_weights(order, n) for n in (3, 2)] for order in (1, 2)}
 
 
 def slope(function, step: float = 1.0):
@@ -78,11 +94,47 @@ def first(function, step: float):
     return (45.0 * (f[1] - f[-1]) - 9.0 * (f[2] - f[-2]) + (f[3] - f[-3])) / (60.0 * step)
 
 
-def second(function, step: float):
-    """f''(0) by central differences: error about step⁶ f⁽⁸⁾/560 + 8 eps |f|/step²; exact for a constant `function`."""
-    f = {i: np.asarray(function(i * step), float) for i in (-3, -2, -1, 0, 1, 2, 3)}
-    bends = [(f[i] - f[0]) + (f[-i] - f[0]) for i in (1, 2, 3)]
-    return (270.0 * bends[0] - 27.0 * bends[1] + 2.0 * bends[2]) / (180.0 * step**2)
+def in_time(function, order: int = 1, step: float = TIME_STEP):
+    """The first or second derivative at time 0, by central differences of sixth order; exact for a constant function.
+
+    The step is divided by 4 until it resolves a fast function. It is kept if it resolves the function on both sides,
+    for then a corner or a jump lies between, which it smooths; and if no step does, as with noise.
+    """
+    coarse, resolved = _difference(function, order, step)
+    if resolved or all(_resolved(function, order, step, aside) for aside in (-ASIDE * step, ASIDE * step)):
+        return coarse
+    for i in range(1, 8):
+        fine, resolved = _difference(function, order, step / 4.0**i)
+        if resolved:
+            return fine
+    return coarse
+
+
+def _difference(function, order: int, h: float):
+    """(the derivative, whether the formula of fourth order gives the same).
+
+    The error is about h⁶ f⁽⁷⁾/140 + 2 eps |f|/h, or h⁶ f⁽⁸⁾/560 + 8 eps |f|/h².
+    """
+    (a, b, c), (x, y, z) = ([function(side * node * h) for node in NODES] for side in (1.0, -1.0))
+    if order == 1:
+        pairs = a - x, b - y, c - z
+    else:
+        middle = function(0.0)
+        pairs = (a - middle) + (x - middle), (b - middle) + (y - middle), (c - middle) + (z - middle)
+    sixth, fourth = (sum(map(mul, weights, pairs)) / h**order for weights in PAIRS[order])
+    rounding = 50.0 * EPS * (_largest(c) + _largest(z)) / h**order
+    return sixth, _largest(sixth - fourth) <= RESOLVED * _largest(sixth) + rounding
+
+
+def _resolved(function, order, h, aside) -> bool:
+    try:
+        return _difference(lambda s: function(aside + s), order, h)[1]
+    except PinconsistError:  # it need not be defined there
+        return True
+
+
+def _largest(x) -> float:
+    return abs(x) if isinstance(x, float) else np.abs(x).max(initial=0.0)
 
 
 def check_slope(what: str, of: str, slope, function, steps, size=0.0) -> None:
@@ -115,6 +167,29 @@ def check_slope(what: str, of: str, slope, function, steps, size=0.0) -> None:
 def difference_step(value):
     """The step of differences with respect to a parameter, or to each of several: 1e-4 max(|θ|, 0.1)."""
     return RELATIVE_STEP * np.maximum(np.abs(value), SMALLEST)
+
+
+def check_rate(what: str, of: str, function, rate, t: float, steps) -> None:
+    """:func:`check_slope` of functions of time, at `t` and on both sides of it, one of which may be outside the run.
+
+    At t = 0 a wrong rate, as of a sine, is often zero as well.
+    """
+
+    def check(at, slope):
+        check_slope(f"{what} at t = {at:.6g}", of, slope, lambda s: function(at + s), steps)
+
+    check(t, rate(t))
+    refusals = []
+    for near in (t + NEARBY, t - NEARBY):
+        try:
+            slope = rate(near)
+        except PinconsistError:  # it need not be defined there
+            return
+        try:
+            return check(near, slope)
+        except InputError as error:
+            refusals.append(error)
+    raise refusals[0]
 
 
 def check_closing(name, left, rate) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import InputError
 from ..checks import amounts, name, number, put, put_checked, require_functions, returned, spread
 from ..joint_constraints import Coordinate
-from ..motion import TIME_STEP, Motion, first
+from ..motion import Motion, in_time
 from .force import BoundForce, ForceRecord
 
 
@@ -144,7 +144,7 @@ class _BoundServo(BoundForce):
         rate = self._rate or getattr(self._target, "rate", None)
         if rate is not None:
             return target, number_of(rate, "rate", t)
-        return target, float(first(lambda s: number_of(self._target, "target", t + s), TIME_STEP))
+        return target, float(in_time(lambda s: number_of(self._target, "target", t + s)))
 
 
 class _BoundSpring(_BoundServo):
@@ -213,7 +213,7 @@ class Servo(ForceRecord):
         d, N·m·s/rad (or N·s/m).
     rate : callable, optional
         θ̇_d as a function of time. Default: the method ``rate`` of the target if it has one, as a Motion does, else
-        sixth-order differences over 1 ms, accurate to about 1e-12.
+        sixth-order differences over 1 ms, or less if the target is faster, accurate to about 1e-12.
 
     Raises
     ------
