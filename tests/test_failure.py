@@ -4,9 +4,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from helpers.scenes import held_mass
+from helpers.scenes import held_mass, sliding_mass
 
 import pinconsist as pc
 from pinconsist.dae.failure import failure_report
@@ -67,14 +66,6 @@ def test_numbers_that_are_not_finite_are_traced_to_the_users_functions():
     assert "a force or a user's function returned NaN" in failure_report(
         stopped([[1, 0, 0]]), "the residual is not finite"
     )
-
-
-def sliding_mass(*forces):
-    """1 kg on a rail, pushed by 10 N."""
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "rail")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    return pc.Mechanism(model, forces=[pc.JointTorque({"rail": 10.0}), *forces])
 
 
 def surface(q, v):

@@ -1,9 +1,12 @@
 """Radau IIA on the index-3 equations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import scenes
+from helpers.scenes import sliding_mass
 from helpers.twin import needs_twin
 from helpers.zoo import scaled_bead
 
@@ -274,13 +277,58 @@ def test_rows_that_are_nearly_dependent(backend):
 
 
 @needs_both
-@pytest.mark.parametrize("seed", [92126, 92055])
+@pytest.mark.parametrize("seed", [92126, 92055, 92044, 92143, 92082])
 def test_friction_that_turns_within_a_step(backend, seed):
-    """Velocities cross the width of the friction between two stages: errors were up to 190 times the tolerance."""
+    """Between two stages: of JointFriction, and of a user's |v| v. Errors were up to 190 times the tolerance."""
     mech, q, v = random_chain(seed)
     sol = pc.simulate(mech, (0.0, 0.4), q, v, rtol=1e-7, atol=1e-9, method="Radau", backend=backend)
     fine = pc.simulate(mech, (0.0, 0.4), q, v, rtol=1e-9, atol=1e-11, t_eval=sol.t)
     assert np.abs(sol.v - fine.v).max() < 3e-7 * np.abs(fine.v).max()
+
+
+def stop(t, q, v):
+    return -300.0 * np.maximum(q - q.mean() - 0.05, 0.0)
+
+
+@needs_both
+@pytest.mark.parametrize("force", [
+    lambda t, q, v: -0.5 * np.tanh(v / 1e-3),
+    pc.Piecewise(pc.JointFriction([0.5, 0.5, 0.5], 1e-3), times=[0.25]),
+    stop,
+], ids=["user's friction", "piecewise friction", "user's stop"])  # fmt: skip
+def test_forces_that_bend_between_two_stages(backend, force):
+    """Errors were 40, 28 and 970 times the tolerance."""
+    mech, options = pc.load("four_bar"), {"forces": [force]}
+    sol = pc.simulate(mech, (0.0, 1.0), rtol=1e-7, atol=1e-7, method="Radau", backend=backend, **options)
+    fine = pc.simulate(mech, (0.0, 1.0), rtol=1e-10, atol=1e-10, t_eval=sol.t, **options)
+    assert np.abs(sol.v - fine.v).max() < 2e-6 * np.abs(fine.v).max()
+    assert sol.nsteps < 250
+
+
+@needs_both
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+@pytest.mark.parametrize("force", [
+    pc.JointFriction({"rail": 200.0}, 1e-6), lambda t, q, v: -200.0 * np.tanh(v / 1e-6),
+], ids=["JointFriction", "user's"])  # fmt: skip
+def test_friction_that_holds_a_body_takes_long_steps(backend, force, speed):
+    """It is not resolved: its force oscillates between the stages while the velocity is zero within the tolerance."""
+    mech, options = sliding_mass(force), {"rtol": 1e-7, "atol": 1e-7, "max_steps": 200}
+    sol = pc.simulate(mech, (0.0, 1.0), v0=[speed], method="Radau", backend=backend, **options)
+    assert sol.success and sol.nsteps < 60
+    braking = 0.5 * speed**2 / 190.0
+    assert abs(sol.q[-1, 0] - braking) < 2e-7 and abs(sol.v[-1, 0]) < 1e-7
+
+
+def test_smooth_forces_are_evaluated_at_the_stages_only():
+    smooth = [
+        pc.JointDamping([1.0, 1.0, 1.0]), pc.JointSpring("crank", 1.0), pc.JointTorque({"crank": pc.Motion(0.0, 1.0)}),
+        pc.Servo("crank", 0.0, 1.0, 1.0), pc.Wrench("coupler", (1.0, 0.0, 0.0)),
+        pc.Piecewise(pc.JointDamping([1.0, 1.0, 1.0]), period=0.1),
+    ]  # fmt: skip
+    sharp = [lambda t, q, v: -v, pc.JointFriction([1.0, 1.0, 1.0]), {"crank": np.sin}]
+    mech, q = pc.load("four_bar"), pc.assemble(pc.load("four_bar")).q
+    assert not MechanismSystem(replace(mech, forces=smooth), q).sharp
+    assert all(MechanismSystem(replace(mech, forces=[force]), q).sharp for force in sharp)
 
 
 def test_stages_whose_errors_are_rounding_give_way_to_fewer(monkeypatch):

@@ -13,9 +13,10 @@ import pinocchio  # loads the libraries that the compiled module is linked with
 
 from ..dae import tuning
 from ..dae.radau import table
+from ..dae.unseen import gauss
 
 AGAIN = "install pinconsist again"
-INTERFACE = 29  # as in module.cpp: an editable install may hold an older build
+INTERFACE = 30  # as in module.cpp: an editable install may hold an older build
 
 
 def _absent(folder: Path) -> str:
@@ -56,5 +57,5 @@ def load():
     twin.use_dop853(*(np.ascontiguousarray(getattr(DOP853, name)) for name in coefficients))
     for s in tuning.STAGES:
         of = table(s)
-        twin.use_radau(of.c, of.A, of.inverse, of.inverse2, of.modes)
+        twin.use_radau(of.c, of.A, of.inverse, of.inverse2, of.modes, *gauss(s))
     return twin, ""

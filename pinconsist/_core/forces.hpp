@@ -22,6 +22,8 @@ struct Force {
   virtual bool calls_python() const { return false; }
   // Fill in narrow ranges about zero velocity over which it changes quickly.
   virtual void narrow(Vec &) const {}
+  // Whether it may bend or jump within a step; then it uses t, q and v only.
+  virtual bool sharp() const { return false; }
 };
 
 // τ = -f tanh(v / width)
@@ -43,6 +45,7 @@ public:
     for (Eigen::Index i = 0; i < widths.size(); ++i)
       if (coefficients_[i] > 0.0) widths[i] = std::min(widths[i], width_);
   }
+  bool sharp() const override { return true; }
 
 private:
   Vec coefficients_;
@@ -174,6 +177,7 @@ public:
         D(joints_[i].column, joints_[j].column) -= arms_[i] * arms_[j] * numbers[2];
       }
   }
+  bool sharp() const override { return true; }
 
 private:
   // The force before it is limited: its constant, and its coefficients of l and l'.
@@ -315,7 +319,8 @@ private:
 // A law that is implemented in Python, called with new arrays.
 class PythonForce : public Force {
 public:
-  explicit PythonForce(nb::object law) : law_(std::move(law)) {}
+  explicit PythonForce(nb::object law)
+      : law_(std::move(law)), smooth_(nb::cast<bool>(nb::getattr(law_, "smooth", nb::bool_(false)))) {}
 
   void add_torque(const Data &, double t, const Vec &q, const Vec &v, Vec &tau) const override {
     const auto torque = nb::cast<Vec>(ask(law_, "torque", t, q, v));
@@ -329,6 +334,7 @@ public:
   }
   bool calls_python() const override { return true; }
   bool on_bodies() const override { return true; }
+  bool sharp() const override { return !smooth_; }
 
 private:
   static void subtract(const nb::object &matrix, Mat &A) {
@@ -339,6 +345,7 @@ private:
   }
 
   nb::object law_;
+  bool smooth_;
 };
 
 } // namespace pinconsist

@@ -69,6 +69,7 @@ public:
     calls_python_ |= force->calls_python();
     forces_on_bodies_ |= force->on_bodies();
     force->narrow(widths);
+    sharp |= force->sharp();
     forces_.push_back(std::move(force));
   }
   void add_constant(const Vec &torque) { constant_ += torque; }
@@ -223,6 +224,12 @@ public:
     f.setZero();
     add_the_rest(t, p, v);
     return -f;
+  }
+
+  void sharp_force(double t, const Vec &p, const Vec &v, Vec &tau) override {
+    tau.setZero(nv);
+    for (const auto &force : forces_)
+      if (force->sharp()) force->add_torque(data_, t, p, v, tau);
   }
 
   // Power of all forces and elastic energy of all springs, at the poses and Jacobians of another system of this model.

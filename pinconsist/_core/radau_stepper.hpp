@@ -325,8 +325,9 @@ private:
     // Forces that change before the first stage, as friction does at rest, hardly appear in the modes. With stiff forces,
     // the stages of the last step miss the acceleration as well.
     const double turn = 0.5 * table.c[0] * (missed - size_of(5) - last) * control.slack();
-    const double unseen = crosses() ? last * control.slack() : 0.0; // what the stages do not see need not decay further
-    return std::max({last * decay, turn, unseen});
+    const double crossing = crosses() ? last * control.slack() : 0.0; // what the stages do not see need not decay further
+    const double error = std::max({last * decay, turn, crossing});
+    return error <= 1.0 && system_.sharp ? with_unseen(error) : error;
   }
 
   // Whether velocities cross narrow ranges about zero that are not resolved.
@@ -337,6 +338,50 @@ private:
       if (least < width && most > -width && most - least > COARSE * width) return true;
     }
     return false;
+  }
+
+  // As in dae/unseen.py: the larger of an error and of what the stages miss of forces that bend or jump.
+  double with_unseen(double seen) {
+    const int nv = system_.nv, nc = system_.nc;
+    const double h = newton.stages.h;
+    const auto size = [&] {
+      const double part = rhs_.col(0).head(nv).cwiseProduct(weight_.tail(nv)).norm() / std::sqrt(nv);
+      return std::pow(UNSEEN * control.slack() * part, 0.5 * control.exponent()); // it falls like h²
+    };
+    find_missed_force();
+    rhs_.setZero(nv + nc, 1);
+    rhs_.col(0).head(nv) = h * missed_;
+    kkt_.solve(rhs_, 1.0, 1);
+    const double missed = size();
+    if (missed <= seen) return seen;
+    const auto [M, D, K] = newton.at_end();
+    within_.A() = M + h * D + h * h * K;
+    rhs_.setZero();
+    rhs_.col(0).head(nv) = h * missed_;
+    const bool solved = within_.solve_new(system_.W, system_.G_transposed(), 1.0, rhs_, 1);
+    return std::max(seen, solved ? std::min(missed, size()) : missed);
+  }
+
+  // The mean over a step of forces that may bend or jump, less what the stages see of it.
+  void find_missed_force() {
+    const Stages &of = newton.stages;
+    const RadauTable &table = *of.table;
+    missed_.setZero(system_.nv);
+    combine(of.W, table.reach, between_v_, of.h);
+    combine(of.U(), table.reach, between_, of.h);
+    for (Eigen::Index i = 0; i < table.between.size(); ++i) {
+      shift_ = between_.col(i);
+      system_.integrate(of.p, shift_, moved_);
+      v_between_ = of.v + between_v_.col(i);
+      system_.sharp_force(of.t + of.h * table.between[i], moved_, v_between_, tau_);
+      missed_ += table.weights[i] * tau_;
+    }
+    for (int i = 0; i < of.size(); ++i) {
+      moved_ = of.P.col(i);
+      v_between_ = of.V.col(i);
+      system_.sharp_force(of.time(i), moved_, v_between_, tau_);
+      missed_ -= table.A(of.size() - 1, i) * tau_;
+    }
   }
 
   double size_of(int mode) {
@@ -376,7 +421,8 @@ private:
   bool shaped_ = false;
   Shape shape_;
   Collocations::value_type last_;
-  Mat modes_, coefficients_, rhs_, stiff_, along_;
+  Mat modes_, coefficients_, rhs_, stiff_, along_, between_, between_v_;
+  Vec missed_, tau_, v_between_;
   Vec weight_, p1_, v1_, a1_, lam1_, moved_, shift_;
 };
 

@@ -12,6 +12,8 @@ struct RadauTable {
   int s = 0;
   Vec c;
   Mat A, inverse, inverse2, modes; // modes: to the coefficients of Legendre polynomials
+  Vec between, weights;            // Gauss's formula with s + 1 points
+  Mat reach;                       // integrals of the stages' polynomials up to these points
   Vec at_start;                    // weights of the stages for the value of their polynomial at the start
   // How much rounding of stage positions affects the highest coefficient, and this value, times h².
   double leading = 0.0, starting = 0.0;

@@ -67,6 +67,7 @@ public:
   bool rate_is_velocity = true, keeps_derivatives = true;
   double difference_step = INF; // of the difference quotients used for W
   Vec widths;                   // of narrow ranges about zero velocity over which forces change quickly; empty if there are none
+  bool sharp = false;           // whether there are forces that may bend or jump within a step
   // Joints for which dξ/dt in a chart differs from the rate: first tangent coordinate, and their number.
   std::vector<std::pair<int, int>> curved;
   // Results of `evaluate` and `constraint`: f = M a + f0, Φ and the hidden residual ρ; and W of `linearize`, which for
@@ -107,6 +108,8 @@ public:
                                        Eigen::Ref<Mat> A) = 0;
   // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ at the point evaluated last, passed as zeros; false if they are not known.
   virtual bool row_gradients(double, const Vec &, const Vec &, const Vec &, Mat &, Mat &) { return false; }
+  // The forces that may bend or jump within a step.
+  virtual void sharp_force(double, const Vec &, const Vec &, Vec &tau) { tau.setZero(nv); }
   // Sizes of the position coordinates.
   virtual void position_scale(const Vec &p, Eigen::Ref<Vec> scale) const {
     if (vector_like) scale = p.cwiseAbs();
@@ -135,6 +138,7 @@ public:
     nv = number("nv");
     nc = number("nc");
     vector_like = nb::cast<bool>(system_.attr("vector_like"));
+    sharp = nb::cast<bool>(system_.attr("sharp"));
     rate_is_velocity = keeps_derivatives = false;
     if (!vector_like) curved = {{0, nx}};
     f = Vec::Zero(nv);
@@ -217,6 +221,9 @@ public:
     const nb::object gradient = ask(system_, "force_gradient", t, p, v, lam);
     if (nb::hasattr(gradient, "shape") && nb::cast<int>(gradient.attr("ndim")) == 2)
       A -= c * c * matrix(gradient, nv, nv, "force_gradient");
+  }
+  void sharp_force(double t, const Vec &p, const Vec &v, Vec &tau) override {
+    tau = vector(ask(system_, "sharp_force", t, p, v), nv, "sharp_force");
   }
   void position_scale(const Vec &p, Eigen::Ref<Vec> scale) const override {
     scale = vector(ask(system_, "position_scale", p), nx, "position_scale");

@@ -35,6 +35,8 @@ class Index3System:
     widths : ndarray or None
         For each velocity, the width of the narrow range about zero over which forces change quickly, as friction does;
         inf if there is none.
+    sharp : bool
+        Whether there are forces that may bend or jump within a step, as friction does: :meth:`sharp_force`.
     """
 
     npos: int
@@ -47,6 +49,7 @@ class Index3System:
     dropped_are_zero: bool = True
     moving: bool = True
     widths: np.ndarray | None = None
+    sharp: bool = False
 
     def integrate(self, p, xi):
         """p ⊕ ξ, shape (npos,): the position reached from `p` by the tangent vector `xi`."""
@@ -166,6 +169,10 @@ class Index3System:
     def change(self, t, p, v) -> bool:
         """Whether forces jumped: those due at `t` are evaluated at (`t`, `p`, `v`), and act from then on."""
         return False
+
+    def sharp_force(self, t, p, v):
+        """The forces at (`t`, `p`, `v`) that may bend or jump within a step, shape (nv,); called if :attr:`sharp`."""
+        raise NotImplementedError
 
     def jumps(self, t, p, v) -> tuple[str, ...]:
         """The names of forces that jump at (`t`, `p`) at velocities near `v`, where the system knows them."""

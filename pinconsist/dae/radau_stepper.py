@@ -17,6 +17,7 @@ from .radau_control import exponent
 from .rounding import rounding_gap, shortest_step
 from .segments import RadauSegment
 from .stepper import Stepper
+from .unseen import crosses, with_unseen
 
 TINY = 1e-300  # replaces zero in a denominator
 
@@ -217,9 +218,9 @@ class RadauStepper(Stepper):
         of_v = self._weights()[0][system.nx :]
         v = unstirred(kkt, stages.end_matrices, G, W, v, v - stages.V[-1], stages.h / tuning.STIFF, of_v)
         a, lam = self.index1.acceleration(t, p, v)
-        return Landing(p, v, a, lam, self._error(stages, kkt, W, p, v))
+        return Landing(p, v, a, lam, self._error(stages, kkt, G, W, p, v))
 
-    def _error(self, stages, kkt, W, p, v):
+    def _error(self, stages, kkt, G, W, p, v):
         """The error of a step over its tolerance, from the highest modes of the accelerations along the constraints."""
         if self.method.step is not None:
             return 0.0
@@ -254,9 +255,12 @@ class RadauStepper(Stepper):
         # Forces that change before the first stage, as friction does at rest, hardly appear in the modes. With stiff
         # forces, the stages of the last step miss the acceleration as well.
         turn = 0.5 * table.c[0] * (missed - size(self.stage_a - self.a) - highest) * self.control.slack
-        if system.widths is not None and _crosses(np.vstack((stages.v, stages.V)), system.widths):
+        if system.widths is not None and crosses(stages):
             turn = max(turn, highest * self.control.slack)  # what the stages do not see need not decay further
-        return float(max(highest * decay, turn))
+        error = float(max(highest * decay, turn))
+        if error <= 1.0 and system.sharp:
+            return with_unseen(error, stages, kkt, G, W, self.control.slack * weight[system.nx :])
+        return error
 
     def segment(self):
         """The interpolant of the last step."""
@@ -287,12 +291,6 @@ class RadauStepper(Stepper):
 
     def _shorten(self, h):
         self.h = h
-
-
-def _crosses(V, widths) -> bool:
-    """Whether velocities, rows of V, cross narrow ranges about zero that are not resolved."""
-    least, most = V.min(axis=0), V.max(axis=0)
-    return bool(((least < widths) & (most > -widths) & (most - least > tuning.COARSE * widths)).any())
 
 
 def accelerations(stages, times):

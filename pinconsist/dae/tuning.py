@@ -69,6 +69,7 @@ FIRST_TRIALS = 20  # each a quarter of the previous one
 COARSE = 4.0  # widths of friction that a velocity may cross in a step before its stages do not resolve it
 STIFF = 30.0  # turn or decay of a motion within a step from which its force is stiff
 STIFF_PART = 0.3  # effect of stiff forces on a velocity, relative to it, from which it counts
+UNSEEN = 20.0  # factor of the impulse of sharp forces that the stages miss: two formulas may miss much of it alike
 LAST_MODE = 0.01  # share of the two highest modes in the denominator of their decay, in the error estimate
 LOOKS = 12  # number of times in a step at which events are evaluated
 NUDGE = 1e-6  # fraction of the time to the next evaluation after which an event that was zero has its sign

@@ -60,6 +60,8 @@ class MechanismSystem(Index3System):
         self.changes = bool(self.changing)
         narrow = [each.widths for each in forces.values() if hasattr(each, "widths")]
         self.widths = np.min(narrow, axis=0) if narrow else None
+        self._sharp = [each for each in forces.values() if not getattr(each, "smooth", False)]
+        self.sharp = bool(self._sharp)
 
     @property
     def held(self) -> dict[str, np.ndarray]:
@@ -161,10 +163,10 @@ class MechanismSystem(Index3System):
 
     def torque(self, t, q, v):
         """τ of all forces, shape (nv,)."""
-        tau = np.zeros(self.nv)
-        for force in self.forces.values():
-            tau += force.torque(t, q, v)
-        return tau
+        return sum((force.torque(t, q, v) for force in self.forces.values()), np.zeros(self.nv))
+
+    def sharp_force(self, t, p, v):
+        return sum((force.torque(t, p, v) for force in self._sharp), np.zeros(self.nv))
 
     def hand_over(self, twin) -> None:
         """Add the rows and forces to a compiled system, which calls back user-defined ones in Python."""

@@ -74,6 +74,14 @@ def spherical_chain():
     return pc.Mechanism(model, loops, name="spherical_chain")
 
 
+def sliding_mass(*forces):
+    """1 kg on a rail, pushed by 10 N."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "rail")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    return pc.Mechanism(model, forces=[pc.JointTorque({"rail": 10.0}), *forces])
+
+
 def held_mass(rows):
     """A unit mass held by constraints R = `rows` p, shape (nc, 3)."""
     return pc.HessenbergProblem(

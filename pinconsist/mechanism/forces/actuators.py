@@ -215,6 +215,8 @@ def saturated(mechanism, t, q, v) -> dict[str, float]:
 class BoundHeldActuator(BoundHeld):
     """An actuator with commands from a program."""
 
+    smooth = False
+
     def __init__(self, record, model):
         entries = np.zeros((0, 2)) if record.entries is None else record.entries
         super().__init__(1, entries[:, 0], np.ascontiguousarray(entries[:, 1:]), record.sign)

@@ -64,6 +64,8 @@ class _Points:
 
 
 class _BoundSpring(BoundForce):
+    smooth = True
+
     def __init__(self, spring, model):
         self.spring, self._points = spring, _Points(model)
         self.ends = []
@@ -171,6 +173,7 @@ class _BoundWrench(BoundForce):
         self._wrench, self._joint, self._turn = wrench, frame.parentJoint, frame.placement.rotation
         self._offset = frame.placement.act(np.array(wrench.xyz))
         self._points, self._local = _Points(model), wrench.axes == "local"
+        self.smooth = not (callable(wrench.force) or callable(wrench.moment))
 
     def torque(self, t, q, v):
         force, moment = self._in_world(t, q)
@@ -183,12 +186,11 @@ class _BoundWrench(BoundForce):
         return self._points.gradient(q, [(point, *load)], turning=self._local), None
 
     def hand_over(self, twin) -> bool:
-        own = not (callable(self._wrench.force) or callable(self._wrench.moment))
-        if own:
+        if self.smooth:
             turn = self._turn if self._local else np.eye(3)
             load = (turn @ np.array(part) for part in (self._wrench.force, self._wrench.moment))
             twin.add_wrench(self._joint, self._offset, *load, self._local)
-        return own
+        return self.smooth
 
     def _in_world(self, t, q):
         """Force and moment in world axes at a configuration; moves the points there."""

@@ -56,7 +56,12 @@ class ForceRecord:
 
 
 class BoundForce(ABC):
-    """A record bound to a model; by default it depends on time only, and only Python can evaluate it."""
+    """A record bound to a model; by default it depends on time only, and only Python can evaluate it.
+
+    It is `smooth` if it never bends or jumps within a step; otherwise Radau evaluates it also between its stages.
+    """
+
+    smooth = False
 
     @abstractmethod
     def torque(self, t, q, v): ...
@@ -80,6 +85,7 @@ class _BoundTorque(BoundForce):
             here = columns(model, joint, "JointTorque")
             shape = () if here.stop == here.start + 1 else (here.stop - here.start,)
             self._curves.append((curve, here, shape, f"the torque of joint {joint!r}"))
+        self.smooth = all(type(curve) is Motion for curve in functions.values())
 
     def torque(self, t, q, v):
         tau = self._constant.copy()

@@ -26,6 +26,8 @@ class BoundHeld(BoundForce):
     before that time. With `linear`, torques are interpolated linearly.
     """
 
+    smooth = True
+
     def __init__(self, nv, times=(), torques=(), sign=1.0, linear=False):
         self._nv, self._sign, self._linear, self._table = nv, sign, linear, None
         self._keys, self._torques = [sign * t for t in times], list(torques)

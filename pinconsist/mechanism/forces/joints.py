@@ -15,6 +15,8 @@ from .force import BoundForce, ForceRecord
 
 
 class _ViscousDamping(BoundForce):
+    smooth = True
+
     def __init__(self, damping, model):
         self._coefficients = spread(model, damping.coefficients, "JointDamping", alike=True)
         self._by_v = -np.diag(self._coefficients)
@@ -110,6 +112,7 @@ class _BoundServo(BoundForce):
         self._coordinate = Coordinate(model, record.joint, record._who, purpose)
         self._who, self._target, self._rate = record._who, target, rate
         self._stiffness, self._damping = record.stiffness, damping
+        self.smooth = rate is None and (type(target) is Motion or not callable(target))
         self._by_q, self._by_v = np.zeros((2, model.nv, model.nv))
         i = self._coordinate.column
         self._by_q[i, i], self._by_v[i, i] = -record.stiffness, -damping

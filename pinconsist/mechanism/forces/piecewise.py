@@ -25,6 +25,7 @@ class BoundPiecewise(BoundForce):
     def __init__(self, record, force):
         self._force, self._times, self._period = force, record.times, record.period
         self._backwards, self._here = False, None
+        self.smooth = getattr(force, "smooth", False)
         if hasattr(force, "stored"):
             self.stored = force.stored
 
