@@ -162,6 +162,11 @@ def _follow(system, state, t):
         found = closed_near(system, ahead, predicted) if np.max(np.abs(move) / sizes) < 1.0 else None
         if found is None or np.max(np.abs(system.difference(predicted, found)) / sizes) > WIDEST:
             h /= 2
-        else:
+            continue
+        try:
             state, h = _state(system, ahead, found), 2 * h
+        except SingularSystemError:  # this step happens to end at a dead centre
+            if ahead == t:
+                raise
+            h /= 2
     return state
