@@ -27,6 +27,8 @@ MOST_STEPS = 20  # of the finer run, per step of the run: order 1 takes ten; mor
 AMPLIFIED = 100.0  # tolerances: a larger error is worth a warning
 OFF = 0.01  # of velocities, forces and energies
 ROUNDING = 1e-10  # of the forces that act: loop forces that are all smaller are rounding
+A_THREAD = 200  # rows that justify one more thread, and its pin.Data, which has several arrays of nv³ numbers
+THREADS = 4  # at most
 
 
 @dataclass(frozen=True)
@@ -201,10 +203,6 @@ def _in_tolerances(about, system, q, v, error_q, error_v):
     sizes = np.abs([system.position_scale(p) for p in q]).max(axis=0), np.abs(v).max(axis=0)
     allowed = (np.multiply(r, size) + a for r, a, size in zip(about["rtol"], about["atol"], sizes, strict=True))
     return max(largest(error / limit) for error, limit in zip((error_q, error_v), allowed, strict=True))
-
-
-A_THREAD = 200  # rows that justify one more thread, and its pin.Data, which has several arrays of nv³ numbers
-THREADS = 4  # at most
 
 
 def measured(system, states, workspace):

@@ -260,7 +260,7 @@ private:
     return index1_.acceleration_after_constraint(t_next, p1_, v1_, a1_, lam1_, known) ? Failure::none : Failure::singular;
   }
 
-  // unstirred of dae/index1.py: take back what the projection of the velocity v1_ has moved along stiff forces.
+  // unstirred of dae/unseen.py: take back what the projection of the velocity v1_ has moved along stiff forces.
   void unstir() {
     const int nv = system_.nv, nc = system_.nc;
     if (!nc || nc == nv) return;

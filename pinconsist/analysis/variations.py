@@ -18,8 +18,8 @@ from scipy.linalg import qr, solve_triangular
 
 from ..errors import InputError, SingularSystemError
 from ..mechanism.checks import finite_array
-from ..mechanism.closing import newton
-from ..mechanism.motion import AHEAD, check_closing, difference_step, first
+from ..mechanism.closing import check_closing, newton
+from ..mechanism.motion import AHEAD, difference_step, first
 from ..mechanism.parameters import parameter
 from ..mechanism.rank import independent_rows
 from ..mechanism.system import MechanismSystem

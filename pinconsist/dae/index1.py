@@ -8,9 +8,8 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from ..errors import AssemblyError, PinconsistError, SingularSystemError
-from . import tuning
 from .charts import chart_matrix, chart_point, table_row
-from .kkt import KKT, kkt_at
+from .kkt import kkt_at
 from .newton import culprits
 from .norms import EPS, largest
 from .rounding import rounding_gap
@@ -99,29 +98,6 @@ def project_position(system, t, p, v):
         step = velocity_shift(system, t, p, v, phi)
         p, last = system.integrate(p, -moved_by(system, t, p, v, step)), size
     raise AssemblyError(not_closed_message(last))
-
-
-def unstirred(kkt, matrices, G, W, v, moved, c, weight):
-    """`v` without the part of its projection, `moved`, that is along stiff forces.
-
-    The projection moves the velocities as an impulse does. Along stiff forces, of which the stages of Radau IIA are
-    free, this is an error of the order of the stages, which lasts for a moment only but is felt by the multipliers.
-    With A = M + c D + c² K, it is (A⁻¹ (A - M))² `moved`, restricted to W x = 0. `kkt` is the matrix of M, `matrices`
-    are M, D and K, `weight` are the reciprocal tolerances of `v`.
-    """
-    M, D, K = matrices
-    nv, nc = G.shape
-    if not 0 < nc < nv:
-        return v
-    stiff = c * D + c**2 * K
-
-    def along(kkt, x):
-        return kkt.solve(np.concatenate((stiff @ x, np.zeros(nc))))[:nv]
-
-    if not np.linalg.norm(weight * along(kkt, moved)) > tuning.STIFF_PART * np.linalg.norm(weight * moved):
-        return v  # nothing is stiff, and the order depends on the metric of M
-    within = KKT(M + stiff, G, W)
-    return v if within.singular else v - along(within, along(within, moved))
 
 
 class Index1:

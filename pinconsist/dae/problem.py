@@ -172,7 +172,7 @@ class Index3System:
 
     def sharp_force(self, t, p, v):
         """The forces at (`t`, `p`, `v`) that may bend or jump within a step, shape (nv,); called if :attr:`sharp`."""
-        raise NotImplementedError
+        return np.zeros(self.nv)
 
     def jumps(self, t, p, v) -> tuple[str, ...]:
         """The names of forces that jump at (`t`, `p`) at velocities near `v`, where the system knows them."""

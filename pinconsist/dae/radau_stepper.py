@@ -9,7 +9,7 @@ from ..errors import AssemblyError, PinconsistError
 from . import tuning
 from .charts import fastest_turn, turning_coordinates
 from .events import located
-from .index1 import moved_by, not_closed_message, unstirred
+from .index1 import moved_by, not_closed_message
 from .kkt import kkt_at
 from .norms import EPS, largest, weighted_norm
 from .radau import StageNewton, Stages, table
@@ -17,7 +17,7 @@ from .radau_control import exponent
 from .rounding import rounding_gap, shortest_step
 from .segments import RadauSegment
 from .stepper import Stepper
-from .unseen import crosses, with_unseen
+from .unseen import crosses, unstirred, with_unseen
 
 TINY = 1e-300  # replaces zero in a denominator
 
@@ -215,17 +215,16 @@ class RadauStepper(Stepper):
         else:
             if (gap := largest(system.constraint(t, p, v)[0])) > rounding_gap(p, G):
                 raise AssemblyError(not_closed_message(gap))
-        of_v = self._weights()[0][system.nx :]
-        v = unstirred(kkt, stages.end_matrices, G, W, v, v - stages.V[-1], stages.h / tuning.STIFF, of_v)
+        weight, _ = self._weights()
+        v = unstirred(stages, kkt, G, W, v, weight[system.nx :])
         a, lam = self.index1.acceleration(t, p, v)
-        return Landing(p, v, a, lam, self._error(stages, kkt, G, W, p, v))
+        return Landing(p, v, a, lam, self._error(stages, kkt, G, W, p, v, weight))
 
-    def _error(self, stages, kkt, G, W, p, v):
+    def _error(self, stages, kkt, G, W, p, v, weight):
         """The error of a step over its tolerance, from the highest modes of the accelerations along the constraints."""
         if self.method.step is not None:
             return 0.0
         system, table, h = self.system, stages.table, stages.h
-        weight, _ = self._weights()
 
         def size(values):
             free = values

@@ -1,4 +1,4 @@
-"""What the stages of Radau IIA miss of forces that change between them."""
+"""Forces that the stages of Radau IIA do not see: stiff ones in the projection, and those that bend between stages."""
 
 from functools import cache
 
@@ -29,6 +29,28 @@ def crosses(stages) -> bool:
     return bool(((least < widths) & (most > -widths) & (most - least > tuning.COARSE * widths)).any())
 
 
+def unstirred(stages, kkt, G, W, v, weight):
+    """The projected velocity `v` without the part of the projection that is along stiff forces.
+
+    The projection moves the velocities as an impulse does. Along stiff forces, of which the stages are free, this is an
+    error of the order of the stages, which lasts for a moment only but is felt by the multipliers. With
+    A = M + c D + c² K, c = h/STIFF, it is (A⁻¹ (A - M))² Δv, restricted to W x = 0. `kkt` is the matrix of M, `weight`
+    are the reciprocal tolerances of velocities.
+    """
+    nv, nc = G.shape
+    if not 0 < nc < nv:
+        return v
+    (M, stiff), moved = _at_end(stages, stages.h / tuning.STIFF), v - stages.V[-1]
+
+    def along(kkt, x):
+        return kkt.solve(np.concatenate((stiff @ x, np.zeros(nc))))[:nv]
+
+    if not np.linalg.norm(weight * along(kkt, moved)) > tuning.STIFF_PART * np.linalg.norm(weight * moved):
+        return v  # nothing is stiff, and the order depends on the metric of M
+    within = KKT(M + stiff, G, W)
+    return v if within.singular else v - along(within, along(within, moved))
+
+
 def with_unseen(seen, stages, kkt, G, W, weight) -> float:
     """The larger of an error and of the one from what the stages miss of forces that bend or jump.
 
@@ -45,9 +67,14 @@ def with_unseen(seen, stages, kkt, G, W, weight) -> float:
 
     if (missed := error(kkt)) <= seen:
         return seen
-    M, D, K = stages.end_matrices
-    within = KKT(M + h * D + h**2 * K, G, W)
+    within = KKT(sum(_at_end(stages, h)), G, W)
     return max(seen, missed if within.singular else min(missed, error(within)))
+
+
+def _at_end(stages, c):
+    """(M, c D + c² K) at the last stage; their sum is the A of :class:`~pinconsist.dae.kkt.KKT`."""
+    M, D, K = stages.end_matrices
+    return M, c * D + c**2 * K
 
 
 def missed_force(stages):

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import AssemblyError, InputError
 from ..mechanism.assembly import not_kept
-from ..mechanism.closing import CLOSED
-from ..mechanism.motion import check_closing, slope
+from ..mechanism.closing import CLOSED, check_closing
+from ..mechanism.motion import slope
 
 NUDGE = 1e-3  # relative to the size of a state: step of fourth-order differences
 SLOPE_STEP = 1e-3  # relative to a step of the run: step of the differences of an event's function

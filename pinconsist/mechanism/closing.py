@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import qr
 
+from ..errors import InputError
 from .rank import HELD, RANK_TOLERANCE, Ranking, free_motions, row_scales
 from .rows import LoopRows
 
@@ -16,6 +17,7 @@ STRIDE = 0.1  # rad or m: step size of the prescribed joints
 SHORTEST = STRIDE / 64
 MOST_STRIDES = 400
 LEAP = 0.5  # rad or m: largest change of another joint in one step
+PARTED = 1e-7  # relative to Φ_θ: largest part that no motion can compensate
 
 
 def steady(loops) -> list:
@@ -181,3 +183,12 @@ def held_motors(mechanism, q) -> list[str]:
         R, pivots = qr(free.T, mode="r", pivoting=True)
         able = pivots[: np.count_nonzero(np.abs(np.diagonal(R)) > HELD)]
     return list(dict.fromkeys(joint for i, (_, joint) in enumerate(columns) if i not in able))
+
+
+def check_closing(name, left, rate) -> None:
+    """Raise InputError if varying a parameter opens the loops: no motion compensates `left`, a part of their `rate`."""
+    if np.abs(left).max(initial=0.0) > PARTED * np.abs(rate).max(initial=1e-3):
+        raise InputError(
+            f"the parameter {name!r} cannot vary alone, because the loops would open. The lengths of an "
+            "overconstrained loop depend on each other; vary them together, by one parameter of build()"
+        )

@@ -17,7 +17,6 @@ RESOLVED = 1e-7  # relative difference of the fourth and sixth order below which
 ASIDE = 7.0  # steps, distance of differences that have no point in common
 EPS = float(np.finfo(float).eps)
 RELATIVE_STEP, SMALLEST = 1e-4, 0.1  # of differences with respect to a parameter: relative to it, and least value
-PARTED = 1e-7  # relative to Φ_θ: largest part that no motion can compensate
 
 
 @dataclass(frozen=True)
@@ -190,12 +189,3 @@ def check_rate(what: str, of: str, function, rate, t: float, steps) -> None:
         except InputError as error:
             refusals.append(error)
     raise refusals[0]
-
-
-def check_closing(name, left, rate) -> None:
-    """Raise InputError if varying a parameter opens the loops: no motion compensates `left`, a part of their `rate`."""
-    if np.abs(left).max(initial=0.0) > PARTED * np.abs(rate).max(initial=1e-3):
-        raise InputError(
-            f"the parameter {name!r} cannot vary alone, because the loops would open. The lengths of an "
-            "overconstrained loop depend on each other; vary them together, by one parameter of build()"
-        )
