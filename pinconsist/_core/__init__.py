@@ -12,11 +12,11 @@ import numpy as np
 import pinocchio  # loads the libraries that the compiled module is linked with
 
 from ..dae import tuning
-from ..dae.radau import table
+from ..dae.radau_table import table
 from ..dae.unseen import gauss
 
 AGAIN = "install pinconsist again"
-INTERFACE = 30  # as in module.cpp: an editable install may hold an older build
+INTERFACE = 31  # as in module.cpp: an editable install may hold an older build
 
 
 def _absent(folder: Path) -> str:
@@ -57,5 +57,5 @@ def load():
     twin.use_dop853(*(np.ascontiguousarray(getattr(DOP853, name)) for name in coefficients))
     for s in tuning.STAGES:
         of = table(s)
-        twin.use_radau(of.c, of.A, of.inverse, of.inverse2, of.modes, *gauss(s))
+        twin.use_radau(of.c, of.A, of.inverse, of.inverse2, of.modes, of.raised, *gauss(s))
     return twin, ""

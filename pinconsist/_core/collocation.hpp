@@ -20,26 +20,41 @@ inline FewNumbers legendre(double theta, int n) {
   return values;
 }
 
-// The accelerations of a step.
+// The accelerations of a step: at its stages, and those of the differential equation at its ends, which are better.
 struct Shape {
   const RadauTable *table = nullptr;
   double t = 0.0, h = 0.0;
   Mat W;
+  Vec start, end;
+
+  // Table.coefficients of dae/radau_table.py.
+  void coefficients(Mat &out) const {
+    const auto s = W.cols();
+    Mat all(W.rows(), s + 1), plain;
+    all << start, W.leftCols(s - 1), end;
+    combine(all, table->raised, out);
+    combine(W, table->modes, plain);
+    for (Eigen::Index i = 0; i < W.rows(); ++i) {
+      const double before = std::max(std::abs(out(i, s - 1)), s > 1 ? std::abs(out(i, s - 2)) : 0.0);
+      if (!(std::abs(out(i, s)) <= RESOLVED * before)) out.row(i) << plain.row(i), 0.0;
+    }
+  }
 
   // Their polynomial at the stages of another step.
   void predict(Stages &stages) const {
-    Mat coefficients, values(stages.size(), table->s);
-    combine(W, table->modes, coefficients);
-    for (int i = 0; i < stages.size(); ++i) values.row(i) = legendre((stages.time(i) - t) / h, table->s).transpose();
-    combine(coefficients, values, stages.W);
+    const int n = table->s + 1;
+    Mat of_modes, values(stages.size(), n);
+    coefficients(of_modes);
+    for (int i = 0; i < stages.size(); ++i) values.row(i) = legendre((stages.time(i) - t) / h, n).transpose();
+    combine(of_modes, values, stages.W);
   }
 };
 
-// The integrals of the first s of them up to a fraction of the step.
-inline FewNumbers integrals(double theta, int s) {
-  const FewNumbers P = legendre(theta, s + 1);
-  FewNumbers of_modes(s);
-  for (int k = 0; k < s; ++k) of_modes[k] = 0.5 * (P[k + 1] - (k ? P[k - 1] : -1.0)) / (2 * k + 1);
+// The integrals of the first n of them up to a fraction of the step.
+inline FewNumbers integrals(double theta, int n) {
+  const FewNumbers P = legendre(theta, n + 1);
+  FewNumbers of_modes(n);
+  for (int k = 0; k < n; ++k) of_modes[k] = 0.5 * (P[k + 1] - (k ? P[k - 1] : -1.0)) / (2 * k + 1);
   return of_modes;
 }
 
@@ -98,22 +113,21 @@ private:
   void interpolate(const Collocations::value_type &of, double t) {
     const Collocation &step = *of;
     const Shape &shape = step.shape;
-    const RadauTable &table = *shape.table;
+    const int s = shape.table->s;
     if (of != last_) {
       last_ = of;
-      const Vec whole = shape.h * table.A.row(table.s - 1).transpose();
+      combine(step.U, shape.table->modes, rates_);
+      shape.coefficients(accelerations_);
       missing_.resize(system_.nx);
       system_.difference(step.p0, step.p1, missing_);
-      missing_ -= step.U * whole;
-      missing_v_ = step.v1 - step.v0 - shape.W * whole;
-      combine(step.U, table.modes, rates_);
-      combine(shape.W, table.modes, accelerations_);
+      missing_ -= shape.h * rates_.col(0); // the other polynomials have no integral over the step
+      missing_v_ = step.v1 - step.v0 - shape.h * accelerations_.col(0);
     }
-    const double theta = (t - shape.t) / shape.h;
-    const FewNumbers here = shape.h * integrals(theta, table.s);
-    xi_ = theta * theta * (3.0 - 2.0 * theta) * missing_ + rates_.lazyProduct(here);
+    const double theta = (t - shape.t) / shape.h, bend = theta * theta * (3.0 - 2.0 * theta);
+    const FewNumbers here = shape.h * integrals(theta, s + 1);
+    xi_ = bend * missing_ + rates_.lazyProduct(here.head(s));
     system_.integrate(step.p0, xi_, p);
-    v = step.v0 + theta * theta * missing_v_ + accelerations_.lazyProduct(here);
+    v = step.v0 + bend * missing_v_ + accelerations_.lazyProduct(here);
   }
 
   System &system_;

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..dae.dense import Curve, StepBatch
 from ..dae.events import BESIDE, nearness
-from ..dae.radau import table
 from ..dae.radau_control import RadauControl
 from ..dae.radau_stepper import RadauStepper
+from ..dae.radau_table import table
 from ..dae.segments import RadauSegment
 from ..dae.tuning import FEWEST_STAGES, FIRST_STAGES, MOST_STAGES
 from . import load
@@ -29,7 +29,7 @@ class StageCurve(Curve):
 
     def plain(self, i) -> RadauSegment:
         t, h, s, *arrays = self._core.step(i)
-        parts = dict(zip(("p0", "v0", "W", "U", "p", "v"), arrays, strict=True))
+        parts = dict(zip(("p0", "v0", "W", "U", "p", "v", "ends"), arrays, strict=True))
         return RadauSegment(t, self.ends[i], h, table(s), **parts, system=self.system)
 
     def _cut(self, last, end):

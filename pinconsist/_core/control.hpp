@@ -172,9 +172,10 @@ public:
     return of_stages.at(s).newton_factor;
   }
 
-  // After an accepted step in which Newton contracted by `rate`: more stages if it has converged quickly for a while.
-  void choose_after_step(double rate) {
-    if (++calm_ < CALM) return;
+  // After an accepted step in which Newton contracted by `rate`: more stages if it has converged quickly for a while,
+  // and if the step was not cut.
+  void choose_after_step(double rate, bool cut) {
+    if (++calm_ < CALM || cut) return;
     failures_ = 0;
     const bool few = s < FIRST_STAGES;
     const int more = static_cast<int>(few ? FIRST_STAGES : MOST_STAGES);

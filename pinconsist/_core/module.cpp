@@ -52,7 +52,7 @@ template <class Part, class... Given> auto adds() {
 NB_MODULE(twin, m) {
   using namespace pinconsist;
   m.attr("PINOCCHIO_VERSION") = PINOCCHIO_VERSION;
-  m.attr("INTERFACE") = 30; // the same number is in __init__.py; a build for other Python code is refused
+  m.attr("INTERFACE") = 31; // the same number is in __init__.py; a build for other Python code is refused
   m.def("use_tuning", [](nb::object tuning) { // dae/tuning.py
 #define PINCONSIST_READ(name) name = nb::cast<double>(tuning.attr(#name));
     PINCONSIST_TUNING(PINCONSIST_READ)
@@ -65,11 +65,11 @@ NB_MODULE(twin, m) {
   });
 
   m.def("use_radau", [](const Vec &c, const Mat &A, const Mat &inverse, const Mat &inverse2, const Mat &modes,
-                        const Vec &between, const Vec &weights, const Mat &reach) {
+                        const Mat &raised, const Vec &between, const Vec &weights, const Mat &reach) {
     const int s = static_cast<int>(c.size());
     const Vec signs = Vec::NullaryExpr(s, [](Eigen::Index k) { return k % 2 ? -1.0 : 1.0; });
     const Mat at_start = signs.transpose() * modes;
-    RadauTable::of[s] = {s, c, A, inverse, inverse2, modes, between, weights, reach, at_start.transpose(),
+    RadauTable::of[s] = {s, c, A, inverse, inverse2, modes, raised, between, weights, reach, at_start.transpose(),
                          (modes.row(s - 1) * inverse2).norm(), (at_start * inverse2).norm()};
   });
   m.def("use_dop853", [](const Table &A, const Vec &B, const Vec &C, const Vec &E3, const Vec &E5, const Table &D,

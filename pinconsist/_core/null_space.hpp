@@ -12,25 +12,22 @@ namespace pinconsist {
 
 // out = scale x weightsᵀ: combinations of a few columns.
 inline void combine(const Mat &x, const Mat &weights, Mat &out, double scale = 1.0) {
-  const Eigen::Index n = x.rows();
-  out.resize(n, weights.rows());
-  const auto product = [n, scale, x = x.data(), w = weights.data(), out = out.data()](auto rows, auto columns) {
+  const Eigen::Index n = x.rows(), rows = weights.rows();
+  out.resize(n, rows);
+  const auto unrolled = [n, scale, x = x.data(), w = weights.data(), out = out.data()](auto number) {
+    constexpr int s = decltype(number)::value;
     for (Eigen::Index k = 0; k < n; ++k) {
-      for (int i = 0; i < rows; ++i) {
-        double sum = 0.0;
-        for (int j = 0; j < columns; ++j) sum += w[j * rows + i] * x[j * n + k];
-        out[i * n + k] = scale * sum;
-      }
+      double sums[s] = {};
+      for (int j = 0; j < s; ++j)
+        for (int i = 0; i < s; ++i) sums[i] += w[j * s + i] * x[j * n + k];
+      for (int i = 0; i < s; ++i) out[i * n + k] = scale * sums[i];
     }
   };
-  const int rows = static_cast<int>(weights.rows()), columns = static_cast<int>(weights.cols());
-  // Loops over stages are unrolled.
-  if (rows == 3 && columns == 3) product(std::integral_constant<int, 3>(), std::integral_constant<int, 3>());
-  else if (rows == 5 && columns == 5) product(std::integral_constant<int, 5>(), std::integral_constant<int, 5>());
-  else if (rows == 7 && columns == 7) product(std::integral_constant<int, 7>(), std::integral_constant<int, 7>());
-  else product(rows, columns);
+  if (rows == 3 && weights.cols() == 3) unrolled(std::integral_constant<int, 3>());
+  else if (rows == 5 && weights.cols() == 5) unrolled(std::integral_constant<int, 5>());
+  else if (rows == 7 && weights.cols() == 7) unrolled(std::integral_constant<int, 7>());
+  else out = scale * x.lazyProduct(weights.transpose());
 }
-
 
 // aᵀ b, with its columns `apart` numbers from one another.
 inline void across(const Mat &a, const Mat &b, double *out, Eigen::Index apart) {

@@ -68,7 +68,9 @@ public:
     if (!index1_.acceleration(t, p, v, a, lam)) return Failure::singular;
     if (!a.allFinite() || !lam.allFinite()) return newton.not_finite(t, p, v);
     stage_a_ += a - moved_;
-    if (shaped_) shape_.W.colwise() += a - moved_;
+    if (!shaped_) return Failure::none;
+    for (Vec *each : {&shape_.start, &shape_.end}) *each += a - moved_;
+    shape_.W.colwise() += a - moved_;
     return Failure::none;
   }
 
@@ -96,7 +98,7 @@ public:
     if (newton.solve(weight_, tol) != Failure::none) return nullptr;
     if (land(t_end, error, false) != Failure::none) return nullptr;
     newton.forget();
-    return made(solved_shape(), p1_, v1_);
+    return made(solved_shape(step.shape.start, a1_), p1_, v1_);
   }
 
   // The time of an event between the last checks of `signs`, with its state in `sampler`; false if there is no event.
@@ -133,8 +135,9 @@ private:
 
   Failure advance(double t_end) {
     control.reached(system_, p, v);
-    double t_next, error, smaller;
+    double t_next, error, smaller, wanted;
     while (true) {
+      wanted = h;
       t_next = next_time(t_end);
       if (t_next == t) return Failure::error_test;
       Failure failure = solve(t_next);
@@ -142,7 +145,7 @@ private:
       if (failure == Failure::none) {
         if (error <= 1.0) break;
         smaller = control.after_rejection(h, error);
-        keep_shape();
+        keep_shape(newton.stages.W.rightCols(1));
       } else {
         if (fixed()) return failure;
         smaller = control.after_failure(h);
@@ -156,7 +159,7 @@ private:
         return failure != Failure::none ? failure : Failure::error_test;
       h = smaller;
     }
-    keep_shape();
+    keep_shape(a1_);
     last_.reset();
     stage_a_ = newton.stages.W.rightCols(1);
     newton.accepted();
@@ -169,8 +172,9 @@ private:
     std::swap(lam, lam1_);
     ++taken;
     if (!fixed()) {
+      const bool cut = h != wanted;
       h = control.next_step(newton.stages.h, error);
-      control.choose_after_step(newton.rate);
+      control.choose_after_step(newton.rate, cut);
     }
     headway_.reached(t);
     return Failure::none;
@@ -199,13 +203,14 @@ private:
     newton.stages.v = v0;
   }
 
-  Shape solved_shape() const {
+  // With the accelerations at its ends.
+  Shape solved_shape(const Vec &start, const Vec &end) const {
     const Stages &of = newton.stages;
-    return {of.table, of.t, of.h, of.W};
+    return {of.table, of.t, of.h, of.W, start, end};
   }
-  void keep_shape() {
+  void keep_shape(const Vec &end) {
     shaped_ = true;
-    shape_ = solved_shape();
+    shape_ = solved_shape(a, end);
   }
 
   // Results of a step that ends at this state.
@@ -255,7 +260,7 @@ private:
     }
     unstir();
     error = modes ? error_of(modes) : 0.0;
-    if (error > 1.0 || !with_error) return Failure::none; // a and λ are not needed
+    if (error > 1.0) return Failure::none; // a and λ are not needed
     const KKT *known = moved || !system_.rate_is_velocity ? nullptr : &kkt_; // otherwise W depends on v
     return index1_.acceleration_after_constraint(t_next, p1_, v1_, a1_, lam1_, known) ? Failure::none : Failure::singular;
   }

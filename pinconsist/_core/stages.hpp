@@ -7,11 +7,12 @@
 
 namespace pinconsist {
 
-// The table of dae/radau.py for the formula with s stages.
+// The table of dae/radau_table.py for the formula with s stages.
 struct RadauTable {
   int s = 0;
   Vec c;
   Mat A, inverse, inverse2, modes; // modes: to the coefficients of Legendre polynomials
+  Mat raised;                      // the same with a value at the start
   Vec between, weights;            // Gauss's formula with s + 1 points
   Mat reach;                       // integrals of the stages' polynomials up to these points
   Vec at_start;                    // weights of the stages for the value of their polynomial at the start

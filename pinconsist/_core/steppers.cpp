@@ -225,7 +225,8 @@ void bind_radau(nb::module_ &m) {
       .def("step", [](const StageCurve &curve, size_t i) { // its start, size and stages, then the other arguments of RadauSegment
         const auto &[shape, U, p0, v0, p1, v1] = *curve.steps.at(i);
         return nb::make_tuple(shape.t, shape.h, shape.table->s, array(p0), array(v0), array(Table(shape.W.transpose())),
-                              array(Table(U.transpose())), array(p1), array(v1));
+                              array(Table(U.transpose())), array(p1), array(v1),
+                              nb::make_tuple(array(shape.start), array(shape.end)));
       });
 
   nb::class_<Sampler>(m, "Sampler")

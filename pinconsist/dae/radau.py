@@ -1,4 +1,4 @@
-"""Radau IIA on the index-3 equations: tables, and the stage equations by Newton in the null space of the constraints.
+"""Radau IIA on the index-3 equations: the stage equations by Newton in the null space of the constraints.
 
 The unknowns of a step from (t₀, p₀, v₀) are accelerations W_i at the times t₀ + c_i h, i = 1 … s. They give
 
@@ -26,71 +26,18 @@ E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, sections IV.5,
 """
 
 from dataclasses import dataclass
-from functools import cache
 from math import isfinite
 
 import numpy as np
-from numpy.polynomial import legendre
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from .charts import chart_matrix
 from .newton import culprits, to_come, tolerated
 from .norms import EPS, largest
 from .problem import Index3System
+from .radau_table import Table
 from .rounding import is_noise
 from .tuning import CLOSED, FAILURES, FRESH_RATE, MAX_STAGE_ITERATIONS, MAX_SWEEPS
-
-
-@dataclass(frozen=True)
-class Table:
-    """Radau IIA with s stages, order 2s - 1.
-
-    Attributes
-    ----------
-    c : ndarray, shape (s,)
-        Nodes, the last one 1.
-    A, inverse, inverse2 : ndarray, shape (s, s)
-        Weights a_ij = ∫ ℓ_j from 0 to c_i, A⁻¹ and A⁻².
-    modes : ndarray, shape (s, s)
-        Maps values at the nodes to the coefficients of Legendre polynomials on the step.
-    """
-
-    s: int
-    c: np.ndarray
-    A: np.ndarray
-    inverse: np.ndarray
-    inverse2: np.ndarray
-    modes: np.ndarray
-
-    def values(self, theta):
-        """(n, s): maps values at the nodes to those of their polynomial at the parts `theta` (n,) of the step."""
-        return legendre.legvander(2.0 * np.asarray(theta) - 1.0, self.s - 1) @ self.modes
-
-    def integrals(self, theta):
-        """(n, s): maps values at the nodes to the integrals of their polynomial from 0 to `theta` (n,)."""
-        return _integrals(np.asarray(theta), self.s) @ self.modes
-
-
-@cache
-def table(s: int) -> Table:
-    """The formula with s stages, from its definition: nodes at the zeros of P_{s-1} - P_s, exact for degree s - 1."""
-    x = legendre.legroots([0.0] * (s - 1) + [1.0, -1.0])
-    x[-1] = 1.0
-    c = 0.5 * (1.0 + x)
-    modes = np.linalg.inv(legendre.legvander(x, s - 1))
-    A = _integrals(c, s) @ modes
-    inverse = np.linalg.inv(A)
-    parts = c, A, inverse, inverse @ inverse, modes
-    for part in parts:
-        part.setflags(write=False)
-    return Table(s, *parts)
-
-
-def _integrals(theta, s):
-    """(n, s): ∫ P_k(2x - 1) dx from 0 to theta, k < s."""
-    V = legendre.legvander(2.0 * theta - 1.0, s)
-    below = np.column_stack([-np.ones(len(theta)), V[:, : s - 1]])  # P_{-1} = -1 makes ∫ P_0 = (x + 1)/2
-    return 0.5 * (V[:, 1:] - below) / (2.0 * np.arange(s) + 1.0)
 
 
 @dataclass(slots=True)

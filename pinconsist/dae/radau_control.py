@@ -64,10 +64,13 @@ class RadauControl(ErrorControl):
         """Whether the tolerance is tight enough for the largest number of stages."""
         return self.asked[0] <= tuning.MOST_STAGES_BELOW
 
-    def chosen_after_step(self, rate) -> int:
-        """Stages after an accepted step in which Newton contracted by `rate`: more if it was fast for some steps."""
+    def chosen_after_step(self, rate, cut) -> int:
+        """Stages after an accepted step in which Newton contracted by `rate`: more if it was fast for some steps.
+
+        A step that is `cut`, as by the samples of a controller, would gain nothing from more stages.
+        """
         self._calm += 1
-        if self._calm < tuning.CALM:
+        if self._calm < tuning.CALM or cut:
             return self.s
         self._failures = 0
         more = tuning.FIRST_STAGES if self.s < tuning.FIRST_STAGES else tuning.MOST_STAGES

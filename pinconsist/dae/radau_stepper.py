@@ -12,8 +12,9 @@ from .events import located
 from .index1 import moved_by, not_closed_message
 from .kkt import kkt_at
 from .norms import EPS, largest, weighted_norm
-from .radau import StageNewton, Stages, table
+from .radau import StageNewton, Stages
 from .radau_control import exponent
+from .radau_table import polynomials, table
 from .rounding import rounding_gap, shortest_step
 from .segments import RadauSegment
 from .stepper import Stepper
@@ -45,8 +46,8 @@ class RadauStepper(Stepper):
     s : int
         Stages of the next step.
     shape : (Stages, ndarray) or None
-        The last step: the polynomial of its accelerations starts Newton's iteration. If None, a linear one does,
-        with the slope from which the first step was chosen.
+        The last step: the polynomial of its accelerations, given by coefficients, starts Newton's iteration. If None,
+        a linear one does, with the slope from which the first step was chosen.
     """
 
     def __init__(self, system, method):
@@ -102,7 +103,7 @@ class RadauStepper(Stepper):
         self.a, self.lam = self.index1.acceleration(self.t, self.p, self.v)
         self.stage_a = self.stage_a + (self.a - before)
         if self.shape is not None:
-            self.shape.W = self.shape.W + (self.a - before)
+            self.shape[1][0] += self.a - before
 
     def _first_step(self, t_end):
         """A first step with error FIRST_ERROR, from the time in which the acceleration changes by its own size."""
@@ -142,7 +143,7 @@ class RadauStepper(Stepper):
         control = self.control
         control.reached(self.system, self._columns(), self.p)
         while True:
-            t_next = self._next_time(t_end)
+            wanted, t_next = self.h, self._next_time(t_end)
             if t_next == self.t:
                 return tuning.FAILURES["error_test"]
             stages = self._solved(t_next)
@@ -150,7 +151,8 @@ class RadauStepper(Stepper):
                 landing = self.landed(stages)
                 if landing.error <= 1.0:
                     break
-                smaller, self.shape = control.after_rejection(self.s, self.h, landing.error), stages
+                smaller = control.after_rejection(self.s, self.h, landing.error)
+                self.shape = stages, stages.table.coefficients(stages.W, self.a, stages.W[-1])
             else:
                 smaller = control.after_failure(self.h)
                 if smaller is None:
@@ -161,14 +163,16 @@ class RadauStepper(Stepper):
             if self.headway.setback() or abs(smaller) < shortest_step(self.t):
                 return stages.failure or tuning.FAILURES["error_test"]
             self.h = smaller
-        self.used, self.stages, self.shape = (stages.h, self.k), stages, stages
+        self.used, self.stages = (stages.h, self.k), stages
+        self.ends = self.a, landing.a
+        self.shape = stages, stages.table.coefficients(stages.W, *self.ends)
         self.t_old, self.t = self.t, t_next
         self.p, self.v, self.a, self.lam = landing.p, landing.v, landing.a, landing.lam
         self.landing, self.stage_a = landing, stages.W[-1]
         self._taken += 1
         if self.method.step is None:
-            self.h = control.next_step(self.s, stages.h, landing.error)
-            self._use(control.chosen_after_step(stages.rate))
+            cut, self.h = self.h != wanted, control.next_step(self.s, stages.h, landing.error)
+            self._use(control.chosen_after_step(stages.rate, cut))
         self.headway.reached(self.t)
         return ""
 
@@ -182,8 +186,10 @@ class RadauStepper(Stepper):
         """The stages of a step to `t_next`."""
         h = t_next - self.t
         times = self.t + h * table(self.s).c
-        known = self.shape is not None and abs(h) < tuning.FORESEEN * abs(self.shape.h)
-        W = accelerations(self.shape, times) if known else self.a + np.outer(times - self.t, self.slope)
+        if self.shape is not None and abs(h) < tuning.FORESEEN * abs((last := self.shape[0]).h):
+            W = polynomials((times - last.t) / last.h, last.table.s + 1) @ self.shape[1]
+        else:
+            W = self.a + np.outer(times - self.t, self.slope)
         stages = self._iterated(Stages(self.system, table(self.s), self.t, self.p, self.v, h, W))
         if not stages.failure and fastest_turn(self._turns, stages.xi) > tuning.MAX_CHART_TURN:
             stages.failure = "a joint makes half a turn within a step, which is the limit of a rotation chart"
@@ -266,7 +272,7 @@ class RadauStepper(Stepper):
         if self.stages is None:
             return None
         of, end = self.stages, self.landing
-        return RadauSegment(of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, self.system)
+        return RadauSegment(of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, self.system, self.ends)
 
     def _looks(self, state, with_multipliers):
         segment, parts = self.segment(), np.arange(1, tuning.LOOKS) / tuning.LOOKS  # steps are long
@@ -283,15 +289,10 @@ class RadauStepper(Stepper):
         if stages.failure:
             return segment
         end = self.landed(stages)
-        return replace(segment, end=t, h=stages.h, W=stages.W, U=stages.U, p=end.p, v=end.v)
+        return replace(segment, end=t, h=stages.h, W=stages.W, U=stages.U, p=end.p, v=end.v, ends=(of.ends[0], end.a))
 
     def velocity_and_multipliers(self):
         return self.v, self.lam
 
     def _shorten(self, h):
         self.h = h
-
-
-def accelerations(stages, times):
-    """The polynomial of the accelerations of a step at `times`, (n, nv)."""
-    return stages.table.values((times - stages.t) / stages.h) @ stages.W

@@ -11,7 +11,7 @@ from . import bdf
 from .charts import chart_point
 from .index1 import Index1, settled
 from .problem import Index3System
-from .radau import Table
+from .radau_table import Table, integrals
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,12 @@ class Segment:
 
 @dataclass(frozen=True)
 class RadauSegment:
-    """The collocation polynomial of a step from (p0, v0), bent to its projected end (p, v); λ by the index-1 equations.
+    """The polynomials of a step from (p0, v0), bent to its projected end (p, v); λ by the index-1 equations.
 
     Between the ends it is projected onto both constraints, which removes most of its error. Events use it without
     projection; the step is repeated up to an event that is found. `W` and `U` have the accelerations and the rates of ξ
-    at the stages of the formula `table`, a row for each.
+    at the stages of the formula `table`, a row for each, and `ends` the accelerations at both ends, None until a step
+    that was given another end is solved.
     """
 
     t_old: float
@@ -64,6 +65,7 @@ class RadauSegment:
     p: np.ndarray
     v: np.ndarray
     system: Index3System
+    ends: tuple[np.ndarray, np.ndarray] | None = None
 
     def __call__(self, t: float):
         """(p, v, λ) at a time inside the step."""
@@ -75,17 +77,20 @@ class RadauSegment:
         return p, v, Index1(self.system).acceleration(t, p, v)[1] if with_multipliers else None
 
     def _polynomials(self, t):
-        system, theta = self.system, (t - self.t_old) / self.h
-        here, last = self.h * self.table.integrals([theta])[0], self.h * self.table.A[-1]
-        missing = system.difference(self.p0, self.p) - last @ self.U
-        p = system.integrate(self.p0, here @ self.U + theta**2 * (3.0 - 2.0 * theta) * missing)
-        return p, self.v0 + here @ self.W + theta**2 * (self.v - self.v0 - last @ self.W)
+        n, theta = self.table.s + 1, (t - self.t_old) / self.h
+        here, whole = self.h * integrals([theta, 1.0], n)
+        rates, accelerations = self.table.modes @ self.U, self.table.coefficients(self.W, *self.ends)
+        missing = self.system.difference(self.p0, self.p) - whole[:-1] @ rates
+        missing_v = self.v - self.v0 - whole @ accelerations
+        bend = theta**2 * (3.0 - 2.0 * theta)
+        p = self.system.integrate(self.p0, here[:-1] @ rates + bend * missing)
+        return p, self.v0 + here @ accelerations + bend * missing_v
 
     def ending_at(self, t: float) -> RadauSegment:
         """The step with its end at another time; its accelerations, from the polynomial, are a guess for Newton."""
         h = t - self.t_old
         W = self.table.values(h / self.h * self.table.c) @ self.W
-        return replace(self, end=t, h=h, W=W)
+        return replace(self, end=t, h=h, W=W, ends=None)
 
 
 def not_made_again(t) -> PinconsistError:

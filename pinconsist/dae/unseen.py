@@ -8,8 +8,8 @@ from numpy.polynomial import legendre
 from . import tuning
 from .kkt import KKT
 from .norms import weighted_norm
-from .radau import table
 from .radau_control import exponent
+from .radau_table import table
 
 LARGE = 1e9  # an error whose powers do not overflow
 

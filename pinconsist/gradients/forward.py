@@ -17,7 +17,8 @@ from ..dae import bdf
 from ..dae.charts import chart_matrix
 from ..dae.dense import Tables
 from ..dae.index1 import Index1
-from ..dae.radau import Stages, table
+from ..dae.radau import Stages
+from ..dae.radau_table import table
 from ..dae.segments import RadauSegment
 from .linear import Step
 from .stage_leg import StageLeg, stage_legs
