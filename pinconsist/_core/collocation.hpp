@@ -33,10 +33,11 @@ struct Shape {
     Mat all(W.rows(), s + 1), plain;
     all << start, W.leftCols(s - 1), end;
     combine(all, table->raised, out);
-    combine(W, table->modes, plain);
     for (Eigen::Index i = 0; i < W.rows(); ++i) {
       const double before = std::max(std::abs(out(i, s - 1)), s > 1 ? std::abs(out(i, s - 2)) : 0.0);
-      if (!(std::abs(out(i, s)) <= RESOLVED * before)) out.row(i) << plain.row(i), 0.0;
+      if (std::abs(out(i, s)) <= RESOLVED * before) continue;
+      if (!plain.size()) combine(W, table->modes, plain);
+      out.row(i) << plain.row(i), 0.0;
     }
   }
 

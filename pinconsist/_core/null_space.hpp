@@ -12,21 +12,26 @@ namespace pinconsist {
 
 // out = scale x weightsᵀ: combinations of a few columns.
 inline void combine(const Mat &x, const Mat &weights, Mat &out, double scale = 1.0) {
-  const Eigen::Index n = x.rows(), rows = weights.rows();
-  out.resize(n, rows);
-  const auto unrolled = [n, scale, x = x.data(), w = weights.data(), out = out.data()](auto number) {
-    constexpr int s = decltype(number)::value;
+  const Eigen::Index n = x.rows(), columns = x.cols();
+  out.resize(n, weights.rows());
+  const auto unrolled = [&, x = x.data(), w = weights.data(), out = out.data()](auto number) {
+    constexpr int rows = decltype(number)::value;
     for (Eigen::Index k = 0; k < n; ++k) {
-      double sums[s] = {};
-      for (int j = 0; j < s; ++j)
-        for (int i = 0; i < s; ++i) sums[i] += w[j * s + i] * x[j * n + k];
-      for (int i = 0; i < s; ++i) out[i * n + k] = scale * sums[i];
+      double sums[rows] = {};
+      for (Eigen::Index j = 0; j < columns; ++j)
+        for (int i = 0; i < rows; ++i) sums[i] += w[j * rows + i] * x[j * n + k];
+      for (int i = 0; i < rows; ++i) out[i * n + k] = scale * sums[i];
     }
   };
-  if (rows == 3 && weights.cols() == 3) unrolled(std::integral_constant<int, 3>());
-  else if (rows == 5 && weights.cols() == 5) unrolled(std::integral_constant<int, 5>());
-  else if (rows == 7 && weights.cols() == 7) unrolled(std::integral_constant<int, 7>());
-  else out = scale * x.lazyProduct(weights.transpose());
+  switch (weights.rows()) {
+  case 3: return unrolled(std::integral_constant<int, 3>());
+  case 4: return unrolled(std::integral_constant<int, 4>());
+  case 5: return unrolled(std::integral_constant<int, 5>());
+  case 6: return unrolled(std::integral_constant<int, 6>());
+  case 7: return unrolled(std::integral_constant<int, 7>());
+  case 8: return unrolled(std::integral_constant<int, 8>());
+  default: out = scale * x.lazyProduct(weights.transpose());
+  }
 }
 
 // aᵀ b, with its columns `apart` numbers from one another.
