@@ -283,13 +283,12 @@ class RadauStepper(Stepper):
         return located(self.segment(), signs, i, self._retake)
 
     def _retake(self, segment, t):
-        of, nodes = segment, (t - segment.t_old) / segment.h * segment.table.c
-        W = of.table.values(nodes) @ of.W
-        stages = self._iterated(Stages(of.system, of.table, of.t_old, of.p0, of.v0, t - of.t_old, W))
+        of = segment.ending_at(t)
+        stages = self._iterated(Stages(of.system, of.table, of.t_old, of.p0, of.v0, of.h, of.W))
         if stages.failure:
             return segment
         end = self.landed(stages)
-        return replace(segment, end=t, h=stages.h, W=stages.W, U=stages.U, p=end.p, v=end.v, ends=(of.ends[0], end.a))
+        return replace(of, W=stages.W, U=stages.U, p=end.p, v=end.v, ends=(segment.ends[0], end.a))
 
     def velocity_and_multipliers(self):
         return self.v, self.lam

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -79,12 +80,17 @@ class RadauSegment:
     def _polynomials(self, t):
         n, theta = self.table.s + 1, (t - self.t_old) / self.h
         here, whole = self.h * integrals([theta, 1.0], n)
-        rates, accelerations = self.table.modes @ self.U, self.table.coefficients(self.W, *self.ends)
+        rates, accelerations = self._coefficients
         missing = self.system.difference(self.p0, self.p) - whole[:-1] @ rates
         missing_v = self.v - self.v0 - whole @ accelerations
         bend = theta**2 * (3.0 - 2.0 * theta)
         p = self.system.integrate(self.p0, here[:-1] @ rates + bend * missing)
         return p, self.v0 + here @ accelerations + bend * missing_v
+
+    @cached_property
+    def _coefficients(self):
+        """Of the rates and the accelerations."""
+        return self.table.modes @ self.U, self.table.coefficients(self.W, *self.ends)
 
     def ending_at(self, t: float) -> RadauSegment:
         """The step with its end at another time; its accelerations, from the polynomial, are a guess for Newton."""
