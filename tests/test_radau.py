@@ -13,7 +13,7 @@ from helpers.zoo import scaled_bead
 import pinconsist as pc
 from benchmarks.chains.scenes import random_chain
 from benchmarks.linkages import stiff_four_bar
-from pinconsist.dae import radau_stepper, radau_table
+from pinconsist.dae import radau_stepper, radau_table, segments
 from pinconsist.dae.kkt import KKT, kkt_at
 from pinconsist.dae.radau_control import RadauControl
 from pinconsist.dae.radau_table import table
@@ -244,9 +244,30 @@ def test_the_ends_of_a_step_make_the_polynomial_between_them_better(monkeypatch)
         sol = pc.simulate(mech, span, v0={"crank": 12.0}, **given)
         return np.abs(sol.sol(times)[1] - exact.v).max() / np.abs(exact.v).max()
 
+    monkeypatch.setattr(segments, "BETWEEN", np.inf)  # no halves
     found = error()
     monkeypatch.setattr(radau_table, "RESOLVED", 0.0)
     assert found < 3e-8 and found < 0.4 * error()
+
+
+@needs_both
+def test_rows_between_steps_are_as_accurate_as_the_steps(backend):
+    """In long steps they were wrong by 45 tolerances; such steps are interpolated in halves, the run stays the same."""
+    mech, span, tol = pc.load("andrews"), (0.0, 0.03), 1e-10
+    given = {"method": "Radau", "rtol": tol, "backend": backend}
+    exact = pc.simulate(mech, span, method="Radau", rtol=3e-13, max_step=1e-4, dense_output=True)
+    plain, dense = pc.simulate(mech, span, **given), pc.simulate(mech, span, dense_output=True, **given)
+    np.testing.assert_array_equal(plain.q, dense.q)
+    halved = [step for curve in dense.sol.curves for step in map(curve.plain, range(len(curve.ends))) if step.halves]
+    assert 0 < len(halved) < 0.5 * len(plain.t) and dense.nfev < 1.5 * plain.nfev
+    parts = (plain.t[:-1, None] + np.diff(plain.t)[:, None] * [0.1, 0.3, 0.5, 0.7, 0.9]).ravel()
+    for found, right in zip(dense.sol(parts), exact.sol(parts), strict=True):
+        assert np.abs(found - right).max() < 10.0 * tol * np.abs(right).max()
+    for first, second in (step.halves for step in halved):  # they meet, and end at the rows of the run
+        np.testing.assert_allclose(first(first.end)[1], second(second.t_old)[1], atol=1e-13 * np.abs(plain.v).max())
+        np.testing.assert_allclose(
+            second(second.end)[1], plain.v[plain.t == second.end][0], atol=1e-13 * np.abs(plain.v).max()
+        )
 
 
 def test_stages_follow_newton():

@@ -64,8 +64,16 @@ struct Collocation {
   Shape shape;
   Mat U; // rates of ξ at the stages
   Vec p0, v0, p1, v1;
+  std::shared_ptr<const Collocation> halves[2]; // null where the polynomial is accurate between the ends
 };
 using Collocations = std::vector<std::shared_ptr<const Collocation>>; // of successive steps
+
+// The step itself, or the half of it that holds a time.
+inline const Collocations::value_type &holder(const Collocations::value_type &step, double t) {
+  if (!step->halves[0]) return step;
+  const Shape &second = step->halves[1]->shape;
+  return step->halves[(t - second.t) * second.h > 0.0];
+}
 
 // dae/events.py: the zero of g between a and b, where its signs differ, and its value there.
 template <class G> std::pair<double, double> zero(const G &g, double a, double fa, double b, double fb, double near) {
@@ -98,7 +106,7 @@ public:
 
   // p, v and λ at a time within a step; false if the equations are singular.
   bool sample(const Collocations::value_type &of, double t) {
-    interpolate(of, t);
+    interpolate(holder(of, t), t);
     return index1_.settle(t, p, v, lam);
   }
 
@@ -106,6 +114,24 @@ public:
   bool look(const Collocations::value_type &of, double t, bool with_multipliers) {
     interpolate(of, t);
     return !with_multipliers || index1_.acceleration(t, p, v, a_, lam);
+  }
+
+  // RadauSegment.error_between of dae/segments.py.
+  double error_between(const Collocations::value_type &of, const Vec &weight) {
+    const Shape &shape = of->shape;
+    const int s = shape.table->s;
+    if (s < 3) return 0.0;
+    const double theta = shape.table->between_stages(), h = std::abs(shape.h) / (2 * s);
+    interpolate(of, shape.t + theta * shape.h);
+    const auto size = [&](const auto &a) { return h * a.cwiseProduct(weight).norm() / std::sqrt(system_.nv); };
+    const auto mode = [&](int k) { return size(accelerations_.col(k)); };
+    const double last = std::hypot(mode(s), mode(s - 1)), before = std::hypot(mode(s - 2), mode(s - 3));
+    const double next = last * std::min(1.0, last / (before + 1e-300));
+    if (!(next > NEXT_MODE * BETWEEN)) return 0.0;
+    const double t = shape.t + theta * shape.h;
+    if (!index1_.settle(t, p, v, lam) || !index1_.acceleration(t, p, v, a_, lam)) return 0.0;
+    a_ -= accelerations_ * legendre(theta, s + 1) + 6.0 * theta * (1.0 - theta) / shape.h * missing_v_;
+    return std::sqrt(next * size(a_));
   }
 
   Vec p, v, lam;

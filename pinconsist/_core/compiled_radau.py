@@ -28,9 +28,14 @@ class StageCurve(Curve):
         return StageSegment(self, i, self.ends[i - 1] if i else self.start, self.ends[i])
 
     def plain(self, i) -> RadauSegment:
-        t, h, s, *arrays = self._core.step(i)
-        parts = dict(zip(("p0", "v0", "W", "U", "p", "v", "ends"), arrays, strict=True))
-        return RadauSegment(t, self.ends[i], h, table(s), **parts, system=self.system)
+        return self._plain(self.ends[i], *self._core.step(i))
+
+    def _plain(self, end, t, h, s, *parts):
+        *arrays, halves = parts
+        named = dict(zip(("p0", "v0", "W", "U", "p", "v", "ends"), arrays, strict=True))
+        ends = (halves[1][0], end) if halves else ()
+        halves = tuple(self._plain(at, *half) for at, half in zip(ends, halves, strict=True))
+        return RadauSegment(t, end, h, table(s), **named, system=self.system, halves=halves)
 
     def _cut(self, last, end):
         ends = np.append(self.ends[:last], end)

@@ -18,7 +18,7 @@ public:
   StageNewton newton;
 
   RadauStepper(System &system, const Switches &switches)
-      : Run(system), newton(system, switches), sampler(system), kkt_(system.nv, system.nc), within_(system.nv, system.nc),
+      : Run(system), newton(system, switches), switches_(switches), sampler(system), kkt_(system.nv, system.nc), within_(system.nv, system.nc),
         index1_(system) {}
 
   // A first step with error FIRST_ERROR, from the time in which the acceleration changes by its own size.
@@ -90,15 +90,7 @@ public:
 
   // Repeat a step up to another end; null if it fails.
   Collocations::value_type retake(const Collocation &step, double t_end) {
-    place(step.shape.table->s, step.shape.t, t_end - step.shape.t, step.p0, step.v0);
-    step.shape.predict(newton.stages);
-    newton.forget(); // the last step did not end where this one starts
-    const double tol = control.weights(system_, step.p0, step.v0, weight_);
-    double error;
-    if (newton.solve(weight_, tol) != Failure::none) return nullptr;
-    if (land(t_end, error, false) != Failure::none) return nullptr;
-    newton.forget();
-    return made(solved_shape(step.shape.start, a1_), p1_, v1_);
+    return remade(step.shape, step.shape.t, t_end, step.p0, step.v0, step.shape.start);
   }
 
   // The time of an event between the last checks of `signs`, with its state in `sampler`; false if there is no event.
@@ -131,6 +123,49 @@ public:
   Sampler sampler;
 
 private:
+  // A step within another one, from a state and its acceleration; null if it fails.
+  Collocations::value_type remade(const Shape &guess, double t0, double t_end, const Vec &p0, const Vec &v0, const Vec &a0) {
+    place(guess.table->s, t0, t_end - t0, p0, v0);
+    guess.predict(newton.stages);
+    newton.forget(); // the last step did not end where this one starts
+    const double tol = control.weights(system_, p0, v0, weight_);
+    double error;
+    if (newton.solve(weight_, tol) != Failure::none) return nullptr;
+    if (land(t_end, error, false) != Failure::none) return nullptr;
+    newton.forget();
+    return made(solved_shape(a0, a1_), p1_, v1_);
+  }
+
+  // The last step, with its halves where its polynomial is not accurate enough between the ends. Another stepper makes
+  // them, so that the run does not depend on who looks inside its steps.
+  Collocations::value_type accurate() {
+    const auto step = last_step();
+    if (fixed()) return step;
+    weights();
+    shift_ = control.slack() * weight_.tail(system_.nv);
+    if (sampler.error_between(step, shift_) <= BETWEEN) return step;
+    if (!halving_) halving_ = std::make_unique<RadauStepper>(system_, switches_);
+    halving_->control = control;
+    const auto halved = halving_->halved(*step);
+    for (auto count : {&StageNewton::nfev, &StageNewton::njev, &StageNewton::nlu})
+      newton.*count += std::exchange(halving_->newton.*count, 0);
+    return halved ? halved : step;
+  }
+
+  Collocations::value_type halved(const Collocation &step) {
+    const Shape &of = step.shape;
+    const double middle = of.t + 0.5 * of.h;
+    const auto first = retake(step, middle);
+    const auto second = first ? remade(of, middle, of.t + of.h, first->p1, first->v1, first->shape.end) : nullptr;
+    if (!second) return nullptr;
+    Collocation to_end = *second, halved = step;
+    to_end.p1 = step.p1;
+    to_end.v1 = step.v1;
+    halved.halves[0] = first;
+    halved.halves[1] = std::make_shared<Collocation>(to_end);
+    return std::make_shared<Collocation>(halved);
+  }
+
   friend class Run<RadauStepper, Collocations>;
 
   Failure advance(double t_end) {
@@ -409,7 +444,7 @@ private:
   const Vec &multipliers() const { return lam; }
   int order() const { return 2 * used_s - 1; }
   void reserve(long, Collocations &) const {}
-  void keep(Collocations &curve) { curve.push_back(last_step()); }
+  void keep(Collocations &curve) { curve.push_back(accurate()); }
 
   int looks() const { return static_cast<int>(LOOKS); }
   bool look(Signs &signs, double at) {
@@ -419,6 +454,8 @@ private:
     return true;
   }
 
+  const Switches switches_;
+  std::unique_ptr<RadauStepper> halving_;
   KKT kkt_, within_;
   Projection index1_;
   Vec slope_; // of the acceleration at a start

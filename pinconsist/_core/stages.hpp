@@ -19,6 +19,8 @@ struct RadauTable {
   // How much rounding of stage positions affects the highest coefficient, and this value, times h².
   double leading = 0.0, starting = 0.0;
 
+  double between_stages() const { return 0.5 * (c[s / 2 - 1] + c[s / 2]); } // not near the middle, where modes vanish
+
   static inline std::map<int, RadauTable> of; // by s
 };
 

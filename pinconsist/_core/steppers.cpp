@@ -49,6 +49,14 @@ nb::object in_python(TableCurve &curve) {
 }
 nb::object in_python(Collocations &curve) { return curve.empty() ? nb::none() : nb::cast(StageCurve{std::move(curve)}); }
 
+// Of a step: its start, size and stages, the other arguments of RadauSegment, and its halves in the same way.
+nb::tuple in_python(const Collocation &step) {
+  const auto &[shape, U, p0, v0, p1, v1, halves] = step;
+  return nb::make_tuple(shape.t, shape.h, shape.table->s, array(p0), array(v0), array(Table(shape.W.transpose())),
+                        array(Table(U.transpose())), array(p1), array(v1), nb::make_tuple(array(shape.start), array(shape.end)),
+                        halves[0] ? nb::make_tuple(in_python(*halves[0]), in_python(*halves[1])) : nb::make_tuple());
+}
+
 // A batch: why it ended, the Python exception if any, its rows, its polynomials, and where forces jumped.
 template <class Curve> nb::object in_python(const char *failure, nb::object error, StepBatch<Curve> &made, const System &system) {
   const size_t n = made.steps, npos = system.npos, nv = system.nv, nc = system.nc, jumped = made.jumps.size();
@@ -222,12 +230,7 @@ void bind_radau(nb::module_ &m) {
              for (const StageCurve *other : others) all.steps.insert(all.steps.end(), other->steps.begin(), other->steps.end());
              return all;
            })
-      .def("step", [](const StageCurve &curve, size_t i) { // its start, size and stages, then the other arguments of RadauSegment
-        const auto &[shape, U, p0, v0, p1, v1] = *curve.steps.at(i);
-        return nb::make_tuple(shape.t, shape.h, shape.table->s, array(p0), array(v0), array(Table(shape.W.transpose())),
-                              array(Table(U.transpose())), array(p1), array(v1),
-                              nb::make_tuple(array(shape.start), array(shape.end)));
-      });
+      .def("step", [](const StageCurve &curve, size_t i) { return in_python(*curve.steps.at(i)); });
 
   nb::class_<Sampler>(m, "Sampler")
       .def(nb::init<System &>(), "system"_a, nb::keep_alive<1, 2>())

@@ -280,15 +280,17 @@ class RadauStepper(Stepper):
         return [*((t, *segment.look(t, with_multipliers)) for t in times), state]
 
     def locate(self, signs, i):
-        return located(self.segment(), signs, i, self._retake)
+        return located(self.segment(), signs, i, lambda step, t: self._made(step.ending_at(t), step.ends[0]) or step)
 
-    def _retake(self, segment, t):
-        of = segment.ending_at(t)
+    def interpolant(self):
+        step, fixed = self.segment(), self.method.step is not None
+        return step if fixed else step.refined(self.control.slack * self._weights()[0][self.system.nx :], self._made)
+
+    def _made(self, of, a):
+        """A step from a state with the acceleration `a`, solved from the guess it has; None if it fails."""
         stages = self._iterated(Stages(of.system, of.table, of.t_old, of.p0, of.v0, of.h, of.W))
-        if stages.failure:
-            return segment
-        end = self.landed(stages)
-        return replace(of, W=stages.W, U=stages.U, p=end.p, v=end.v, ends=(segment.ends[0], end.a))
+        end = None if stages.failure else self.landed(stages)
+        return end and replace(of, W=stages.W, U=stages.U, p=end.p, v=end.v, ends=(a, end.a))
 
     def velocity_and_multipliers(self):
         return self.v, self.lam

@@ -158,7 +158,7 @@ class Stepper:
                 changed = signs is not None and self.watched(signs)
                 states.append(state)
                 orders.append(order)
-                segments += [self.segment()] if with_curve else []
+                segments += [self.interpolant()] if with_curve else []
                 if changed or (sees is not None and sees(*state, order)):
                     break
                 if signs is not None and signs.interrupted():
@@ -251,6 +251,10 @@ class Stepper:
         """The interpolant of the last accepted step (or of the starting history)."""
         t, Z = self.t, self.Z.copy()
         return Segment(self.t_old, t, t, self.used[0], self._points - 1, self.base, Z, self._changes, self.system)
+
+    def interpolant(self):
+        """The same for rows inside the step."""
+        return self.segment()
 
     def velocity_and_multipliers(self):
         """v and λ at the time reached."""
