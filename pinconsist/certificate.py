@@ -212,7 +212,7 @@ def certify(solution, mechanism=None) -> Certificate:
             of_rows = system.rows.units
             units = of_rows[row], of_rows[np.argmax(np.abs(rho)) % rho.shape[1]]
         where = f"{label} at t = {solution.t[i]:.6g} s"
-    energy = None if mechanism is None else energy_of(solution, mechanism, workspace, system.forces, found)
+    energy = None if mechanism is None else energy_of(solution, mechanism, workspace, system, found)
     balance = 0.0 if energy is None else energy.balance_error
     return Certificate(
         position=position,

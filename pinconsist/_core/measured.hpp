@@ -5,8 +5,6 @@
 #include "kkt.hpp"
 #include "mechanism.hpp"
 
-#include <pinocchio/algorithm/kinematics.hpp>
-
 #include <array>
 #include <future>
 
@@ -24,39 +22,40 @@ inline std::array<Table, 3> residuals(MechanismSystem &system, const Vec &t, con
   return all;
 }
 
-// Weight and kinetic energy, rotors included, of bodies at the poses and velocities of the last forward kinematics.
-inline double potential_energy(const Model &model, const Data &data) {
-  double energy = 0.0;
-  for (int joint = 1; joint < model.njoints; ++joint) {
-    const auto &inertia = model.inertias[joint];
-    energy -= inertia.mass() * model.gravity.linear().dot(data.oMi[joint].act(inertia.lever()));
+// Kinetic energy, rotors included, potential energy, and the sum of the largest sizes its terms may have, at the last
+// poses and Jacobians of the joints.
+inline Eigen::RowVector3d body_energies(const Model &model, Data &data, const Vec &v) {
+  double twice = model.armature.cwiseProduct(v).dot(v), height = 0.0, reach = 0.0;
+  data.ov[0].setZero();
+  for (int i = 1; i < model.njoints; ++i) {
+    const auto &inertia = model.inertias[i];
+    Six twist = data.ov[model.parents[i]].toVector();
+    for (int k = model.idx_vs[i]; k < model.idx_vs[i] + model.nvs[i]; ++k) twist += v[k] * data.J.col(k);
+    data.ov[i] = pinocchio::Motion(twist);
+    const Vector3d centre = data.oMi[i].act(inertia.lever()), w = data.ov[i].angular();
+    const Vector3d moved = data.ov[i].linear() + w.cross(centre), spin = data.oMi[i].rotation().transpose() * w;
+    twice += inertia.mass() * moved.squaredNorm() + spin.dot(inertia.inertia() * spin);
+    height -= inertia.mass() * model.gravity.linear().dot(centre);
+    reach += inertia.mass() * centre.norm();
   }
-  return energy;
-}
-
-inline double kinetic_energy(const Model &model, const Data &data, const Vec &v) {
-  double twice = model.armature.cwiseProduct(v).dot(v);
-  for (int joint = 1; joint < model.njoints; ++joint) twice += model.inertias[joint].vtiv(data.v[joint]);
-  return 0.5 * twice;
+  return {0.5 * twice, height, reach * model.gravity.linear().norm()};
 }
 
 // Each force in systems of its own: one with the part that counts as power, and, for a spring, one that stores energy.
 using Forces = std::vector<std::pair<MechanismSystem *, MechanismSystem *>>;
 
-// Kinetic and potential energy, then power and elastic energy of each force, with the last poses, velocities and
-// Jacobians of the joints.
+// The result of `body_energies`, then power and elastic energy of each force, at the last poses and Jacobians of the joints.
 inline void measure_energies(MechanismSystem &system, const Forces &forces, double t, const Vec &p, const Vec &v,
                              Eigen::Ref<Eigen::RowVectorXd> energies) {
-  energies[0] = kinetic_energy(system.model(), system.data(), v);
-  energies[1] = potential_energy(system.model(), system.data());
+  energies.head<3>() = body_energies(system.model(), system.data(), v);
   for (size_t k = 0; k < forces.size(); ++k) {
     const auto [force, spring] = forces[k];
-    energies[2 * k + 2] = force->power(system.data(), t, p, v);
-    energies[2 * k + 3] = spring ? spring->stored(system.data(), p) : 0.0;
+    energies[2 * k + 3] = force->power(system.data(), t, p, v);
+    energies[2 * k + 4] = spring ? spring->stored(system.data(), p) : 0.0;
   }
 }
 
-inline Eigen::Index width_of(const Forces &forces) { return static_cast<Eigen::Index>(2 * forces.size() + 2); }
+inline Eigen::Index width_of(const Forces &forces) { return static_cast<Eigen::Index>(2 * forces.size() + 3); }
 
 struct Certified {
   Table phi, rho, forces, exact; // Φ, the hidden residual, Jᵀλ, and that of the differential equation
@@ -76,14 +75,14 @@ public:
     by_bodies_ = products > DEEP * system.nv;
   }
 
-  // Call after `evaluate` with zero accelerations; false if the equations are singular.
+  // Call after `constraint`; false if the equations are singular. f is known afterwards.
   bool find(double t, const Vec &p, const Vec &v, Eigen::Ref<Eigen::RowVectorXd> forces) {
+    system_.evaluate_bias(t, p, v, true, bias_);
     forces.setZero();
     if (!nc_) return true;
-    system_.acceleration_bias(t, p, v, bias_);
     for (int k = 0; k < nc_; ++k) W_.row(k) = system_.W.row(kept_[k]);
     const bool found = by_products(t, p, v) || by_matrix(t, p, v);
-    if (found) forces.noalias() = lam_.transpose() * W_;
+    if (found) forces = lam_.transpose().lazyProduct(W_);
     return found;
   }
 
@@ -154,20 +153,19 @@ inline Certified certified(const std::vector<std::pair<MechanismSystem *, Forces
   Certified result{Table(n, first->nc), Table(n, first->nc), Table(n, first->nv), Table(n, first->nv), Table(n, width_of(its_forces))};
   const auto part = [&](Eigen::Index k) {
     const auto &[system, forces] = systems[k];
-    const Vec zero = Vec::Zero(system->nv);
     ExactForces exact(*system, kept);
     Vec q, rate;
     double acting = 0.0;
     for (Eigen::Index i = n * k / parts; i < n * (k + 1) / parts; ++i) {
       q = p.row(i).transpose();
       rate = v.row(i).transpose();
-      system->evaluate(t[i], q, rate, zero);
-      acting = std::max({acting, largest(system->data().tau), largest(system->f)});
+      system->constraint(t[i], q, rate);
       if (!exact.find(t[i], q, rate, result.exact.row(i))) return INF;
-      if (!system->nc) pinocchio::forwardKinematics(system->model(), system->data(), q, rate);
+      acting = std::max({acting, largest(system->inertial_forces(rate)), largest(system->f)});
+      if (!system->nc) pinocchio::computeJointJacobians(system->model(), system->data(), q);
       result.phi.row(i) = system->phi.transpose();
       result.rho.row(i) = system->rho.transpose();
-      result.forces.row(i).noalias() = lam.row(i) * system->W;
+      result.forces.row(i) = lam.row(i).lazyProduct(system->W);
       measure_energies(*system, forces, t[i], q, rate, result.energies.row(i));
     }
     return acting;
@@ -186,8 +184,7 @@ inline Table energies(MechanismSystem &system, const Vec &t, const Table &p, con
   for (Eigen::Index i = 0; i < p.rows(); ++i) {
     q = p.row(i).transpose();
     rate = v.row(i).transpose();
-    pinocchio::forwardKinematics(system.model(), system.data(), q, rate);
-    if (!forces.empty()) pinocchio::computeJointJacobians(system.model(), system.data());
+    pinocchio::computeJointJacobians(system.model(), system.data(), q);
     measure_energies(system, forces, t[i], q, rate, energies.row(i));
   }
   return energies;

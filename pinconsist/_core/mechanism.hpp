@@ -152,11 +152,8 @@ public:
     find_bias(t, p, v, bias);
   }
 
-  // J̇ v and the like, after `evaluate` without accelerations.
-  void acceleration_bias(double t, const Vec &p, const Vec &v, Vec &bias) {
-    if (!rows_.empty()) move_bodies(v);
-    find_bias(t, p, v, bias);
-  }
+  // The part of f that is weights and inertial forces, after `evaluate_bias`.
+  Vec inertial_forces(const Vec &v) const { return f + constant_ - damping_.cwiseProduct(v) + tau_; }
 
   void linearize(double t, const Vec &p, const Vec &v, const Vec &a, const Vec &, double c, Eigen::Ref<Mat> A,
                  bool fresh) override {

@@ -91,16 +91,16 @@ class Energy:
     __repr__ = __str__
 
 
-def energy_of(solution, mechanism, workspace=None, forces=None, found=None) -> Energy:
+def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> Energy:
     """Measure the energies and powers of a solution of a mechanism.
 
-    `forces` are those of the mechanism, bound to its model, and `found` is the result of :func:`measure`, if known.
+    `system` has its rows and forces, and `found` is the result of :func:`measure`, if known.
     """
-    model, workspace, rows = mechanism.model, workspace or Workspace(mechanism.model), LoopRows.of(mechanism)
-    forces = bound_forces(model, mechanism.forces) if forces is None else forces
+    workspace, rows = workspace or Workspace(mechanism.model), system.rows if system else LoopRows.of(mechanism)
+    forces = system.forces if system else bound_forces(mechanism.model, mechanism.forces)
     t, q, v, n = solution.t, solution.q, solution.v, len(solution.t)
     labels, columns = found or measure(forces, sided(t), q, v, workspace)
-    kinetic, potential, *columns = np.ascontiguousarray(columns.T)
+    kinetic, potential, terms, *columns = np.ascontiguousarray(columns.T)
     measured = dict(zip(labels, zip(columns[::2], columns[1::2], strict=True), strict=True))
     power, stored = {}, {}
     for label, force in forces.items():
@@ -119,33 +119,34 @@ def energy_of(solution, mechanism, workspace=None, forces=None, found=None) -> E
     if acts:
         done[acts] = _integrals(t, np.column_stack([*power.values()])[:, acts]).T
     work, error = dict(zip(power, done, strict=True)), total - total[0] - done.sum(axis=0)
-    if (doubled := np.diff(t, prepend=np.nan) == 0.0).any():  # events leave two rows at one time
-        jumps = np.cumsum(np.where(doubled, np.diff(total, prepend=total[:1]), 0.0))
+    if (doubled := t[1:] == t[:-1]).any():  # events leave two rows at one time
+        jumps = np.append(0.0, np.cumsum(np.where(doubled, np.diff(total), 0.0)))
         error -= jumps
         if jumps.any():
             work[unused(EVENTS, power)] = jumps
     return Energy(
         t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total, stored=stored, power=power, work=work,
-        error=error, _terms=max(np.abs(total).max(), elastic.max(), _weights(model, workspace.data, q[0])),
+        error=error, _terms=max(np.abs(total).max(), elastic.max(), terms[0]),
     )  # fmt: skip
 
 
 def measure(forces, t, q, v, workspace):
     """The labels of the compiled forces, and energies as columns.
 
-    The columns are the kinetic energy, including that of rotors, the potential energy, and the power and elastic energy
-    of each compiled force.
+    The columns are the kinetic energy, including that of rotors, the potential energy, the sum of the absolute values
+    that its terms may have, and the power and elastic energy of each compiled force.
     """
     if (twin := workspace.compiled()) is not None:
         parts = compiled_forces(forces, workspace)
         return list(parts), twin.energies(t, q, v, list(parts.values()))
     model, data = workspace.model, workspace.data
-    rows = np.empty((len(q), 2))
+    rows, weight = np.empty((len(q), 3)), hypot(*model.gravity.linear)
     for row, p, rate in zip(rows, q, v, strict=True):
         pin.forwardKinematics(model, data, p, rate)  # Pinocchio's energy lacks rotors of revolute joints with any axis
-        bodies = zip(model.inertias, data.v, strict=True)
-        kinetic = 0.5 * (model.armature @ rate**2 + sum(inertia.vtiv(motion) for inertia, motion in bodies))
-        row[:] = kinetic, pin.computePotentialEnergy(model, data, p)
+        bodies = list(zip(model.inertias, data.v, data.oMi, strict=True))
+        kinetic = 0.5 * (model.armature @ rate**2 + sum(inertia.vtiv(motion) for inertia, motion, _ in bodies))
+        terms = weight * sum(inertia.mass * hypot(*pose.act(inertia.lever)) for inertia, _, pose in bodies)
+        row[:] = kinetic, pin.computePotentialEnergy(model, data, p), terms
     return [], rows
 
 
@@ -189,14 +190,6 @@ def _time_rates(rows, t, q, workspace):
         return np.array([rows.time_rate(*state) for state in zip(t, q, strict=True)])
     KeptRows(rows.model, rows, np.arange(rows.nc)).hand_over(twin)
     return twin.residuals(t, q, np.zeros((len(t), rows.model.nv)), np.zeros((len(t), rows.nc)))[1]
-
-
-def _weights(model, data, q) -> float:
-    """Sum of the absolute values of the terms of the potential energy, J."""
-    pin.forwardKinematics(model, data, q)
-    bodies = zip(data.oMi, model.inertias, strict=True)
-    heights = [inertia.mass * hypot(*pose.act(inertia.lever)) for pose, inertia in bodies]
-    return sum(heights) * hypot(*model.gravity.linear)
 
 
 def _integrals(t, powers):
