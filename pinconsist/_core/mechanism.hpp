@@ -5,11 +5,7 @@
 #include "lie.hpp"
 #include "rows.hpp"
 
-#include <Eigen/QR>
-
 namespace pinconsist {
-
-constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
 
 inline double sinc(double x) { return x == 0.0 ? 1.0 : std::sin(x) / x; }
 
@@ -202,18 +198,7 @@ public:
   }
 
   // Replaces the `steady` ones in each row of `multipliers` by those of smallest norm with the same joint forces Jᵀλ.
-  Table complete(double t, const Table &configurations, Table multipliers, const std::vector<int> &steady) {
-    Eigen::CompleteOrthogonalDecomposition<Mat> factors;
-    factors.setThreshold(DEPENDENT);
-    for (Eigen::Index i = 0; i < multipliers.rows(); ++i) {
-      evaluate_rows(t, configurations.row(i).transpose());
-      const Mat G = W(steady, Eigen::all).transpose();
-      const Vec lam = multipliers.row(i)(steady).transpose();
-      factors.compute(G);
-      multipliers.row(i)(steady) = factors.solve(G * lam).transpose();
-    }
-    return multipliers;
-  }
+  Table complete(double t, const Table &configurations, Table multipliers, const std::vector<int> &steady); // in module.cpp
 
   // Joint torques of all forces.
   Vec torque(double t, const Vec &p, const Vec &v) {

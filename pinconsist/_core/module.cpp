@@ -5,6 +5,7 @@
 #include "measured.hpp"
 #include "rates.hpp"
 
+#include <Eigen/QR>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/shared_ptr.h>
@@ -18,6 +19,21 @@ namespace pinconsist {
 
 void bind_steppers(nb::module_ &m);  // steppers.cpp, compiled in parallel
 void bind_gradients(nb::module_ &m); // gradients.cpp
+
+// Here, since the decomposition takes a tenth of the time in which a file is compiled.
+Table MechanismSystem::complete(double t, const Table &configurations, Table multipliers, const std::vector<int> &steady) {
+  constexpr double DEPENDENT = 1e-10; // relative to the largest pivot
+  Eigen::CompleteOrthogonalDecomposition<Mat> factors;
+  factors.setThreshold(DEPENDENT);
+  for (Eigen::Index i = 0; i < multipliers.rows(); ++i) {
+    evaluate_rows(t, configurations.row(i).transpose());
+    const Mat G = W(steady, Eigen::all).transpose();
+    const Vec lam = multipliers.row(i)(steady).transpose();
+    factors.compute(G);
+    multipliers.row(i)(steady) = factors.solve(G * lam).transpose();
+  }
+  return multipliers;
+}
 
 namespace {
 

@@ -19,7 +19,7 @@ from .output import counted, first, size
 PARTS_OF_PI = re.compile(r"([+-]?)(?:(\d+\.?\d*|\.\d+)\*?)?pi(?:/(\d+\.?\d*))?")
 CLOSE_BY = 1e-2  # rad or m
 MOST_SHOWN = 3  # warnings of a kind
-TILTS = ("tilt1", "tilt2", "rx", "ry", "rz", "cross")
+
 _log = logging.getLogger(__name__)
 
 SCENE, START, METHOD, RESULTS, PAGE = "Scene", "Start", "Method", "Results", "Page"  # panels of a command's help
@@ -223,6 +223,7 @@ def _immobile(mech, assembly) -> list[str]:
     from ..mechanism.closing import LoopSolver
     from ..mechanism.correction import hint
     from ..mechanism.rank import independent_rows
+    from ..mechanism.rows import TURNING
 
     if assembly.mobility or not mech.loops:
         return []
@@ -232,7 +233,7 @@ def _immobile(mech, assembly) -> list[str]:
     _, J = solver.rows(assembly.q)
     helping = []
     for loop in mech.loops:
-        rows = [row for row in loop.rows if row in TILTS]
+        rows = [row for row in loop.rows if row in TURNING]
         kept = np.array([of != loop.name or row not in rows for of, row in mech.row_labels])
         if left := mech.nv - len(independent_rows(J[kept], solver.loop_rows.turns[kept])):
             helping.append(f"without rows {', '.join(rows)}, loop {loop.name!r} would leave {counted(left, 'motion')}")

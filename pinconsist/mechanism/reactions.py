@@ -172,7 +172,8 @@ def _measured(rows, closure, t, q, lam, axes, workspace):
         joint_forces = twin.residuals(t, q, np.zeros((len(t), model.nv)), lam)[2]
         if not anchored:
             return np.zeros((len(t), 6)), joint_forces
-        return twin.wrenches(t, q, lam, *closure.ends(), axes == "world"), joint_forces
+        if not twin.calls_python:  # rows in Python have no wrench there
+            return twin.wrenches(t, q, lam, *closure.ends(), axes == "world"), joint_forces
     data, wrenches, joint_forces = workspace.data, np.zeros((len(t), 6)), np.empty((len(t), model.nv))
     for i in range(len(t)):
         pin.computeJointJacobians(model, data, q[i])
