@@ -1,11 +1,12 @@
-"""Planar joints: exponential and logarithm to rounding, loops closed to rounding, the answer of three single joints."""
+"""Planar and continuous joints: exponential and logarithm to rounding; loops that stay closed; published answers."""
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import pinconsist as pc
-from pinconsist.mechanism.lie import PlanarJoints
+from pinconsist.mechanism.lie import PlaneTurns
+from pinconsist.mechanism.system import MechanismSystem
 
 
 def planar_model(bodies=1):
@@ -23,7 +24,7 @@ def planar_model(bodies=1):
 def test_the_logarithm_undoes_the_exponential(turn):
     """To a few spacings of the numbers, at every turn; Pinocchio's own are not."""
     model, rng = planar_model(2), np.random.default_rng(0)
-    joints = PlanarJoints(model)
+    joints = PlaneTurns(model)
     for _ in range(50):
         q = pin.randomConfiguration(model, -np.ones(8), np.ones(8))
         xi = rng.normal(size=6)
@@ -35,6 +36,19 @@ def test_the_logarithm_undoes_the_exponential(turn):
         np.testing.assert_allclose(np.hypot(there[2::4], there[3::4]), 1.0, rtol=0, atol=4e-16)
         if turn > 0.1:  # where Pinocchio's formulas are good
             np.testing.assert_allclose(there, pin.integrate(model, q, xi), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("turn", [0.0, *10.0 ** np.arange(-12.0, 0.5, 0.5), 3.1])
+def test_small_turns_of_continuous_joints_are_not_lost(turn):
+    """Pinocchio's logarithm is zero at turns of 1e-8 if the cosine is rounded above 1: a run stopped at one."""
+    model, rng = pin.Model(), np.random.default_rng(0)
+    for kind in (pin.JointModelRUBX(), pin.JointModelRUBZ()):
+        model.addJoint(0, kind, pin.SE3.Identity(), kind.shortname())
+    system = MechanismSystem(pc.Mechanism(model), pin.neutral(model))
+    for angles in rng.uniform(-np.pi, np.pi, (200, 2)):
+        q = np.ravel([np.cos(angles), np.sin(angles)], order="F")
+        xi = turn * rng.choice((-1.0, 1.0), 2)
+        np.testing.assert_allclose(system.difference(q, system.integrate(q, xi)), xi, rtol=0, atol=2e-15)
 
 
 def random_scene(seed):

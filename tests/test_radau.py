@@ -270,6 +270,14 @@ def test_rows_between_steps_are_as_accurate_as_the_steps(backend):
         )
 
 
+@needs_both
+def test_a_user_is_not_asked_about_a_stage_beyond_all_numbers(backend):
+    """A first step of 0.4 s led Newton to a position that is not finite; the constraint in Python was called there."""
+    mech, q, v = random_chain(120250)
+    sol = pc.simulate(mech, (0.0, 0.4), q, v, method="Radau", rtol=1e-5, atol=1e-7, backend=backend)
+    assert sol.success, sol.message
+
+
 def test_stages_follow_newton():
     """More where it is quick and the tolerance tight, fewer where it fails again and again."""
     control = RadauControl((np.array(1e-8),) * 2, (np.array(1e-8),) * 2, 9, np.inf)

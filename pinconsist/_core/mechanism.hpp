@@ -10,6 +10,14 @@ namespace pinconsist {
 inline double sinc(double x) { return x == 0.0 ? 1.0 : std::sin(x) / x; }
 
 // mechanism/lie.py
+inline double turn(double cos, double sin, double c, double s) { return std::atan2(cos * s - sin * c, cos * c + sin * s); }
+
+struct Continuous {
+  int q, v;
+
+  void difference(const Vec &p0, const Vec &p1, Vec &xi) const { xi[v] = turn(p0[q], p0[q + 1], p1[q], p1[q + 1]); }
+};
+
 struct Planar {
   int q, v;
 
@@ -23,7 +31,7 @@ struct Planar {
   void difference(const Vec &p0, const Vec &p1, Vec &xi) const {
     const double cos = p0[q + 2], sin = p0[q + 3], c = p1[q + 2], s = p1[q + 3];
     const double dx = p1[q] - p0[q], dy = p1[q + 1] - p0[q + 1], x = cos * dx + sin * dy, y = cos * dy - sin * dx;
-    const double half = 0.5 * std::atan2(cos * s - sin * c, cos * c + sin * s), scale = std::cos(half) / sinc(half);
+    const double half = 0.5 * turn(cos, sin, c, s), scale = std::cos(half) / sinc(half);
     xi.segment<3>(v) << scale * x + half * y, scale * y - half * x, 2.0 * half;
   }
 };
@@ -38,6 +46,7 @@ public:
     vector_like = npos == nv;
     for (const auto &joint : model_.joints) {
       const auto kind = joint.shortname();
+      if (joint.nq() == 2 && joint.nv() == 1) continuous_.push_back({joint.idx_q(), joint.idx_v()});
       if (kind == "JointModelPlanar") planar_.push_back({joint.idx_q(), joint.idx_v()});
       axes_stay_ &= joint.nv() == 1 || kind == "JointModelFreeFlyer" || kind == "JointModelSpherical" ||
                     kind == "JointModelPlanar" || kind == "JointModelTranslation" || !joint.nv();
@@ -88,6 +97,7 @@ public:
       return;
     }
     pinocchio::difference(model_, p0, p1, xi);
+    for (const auto &joint : continuous_) joint.difference(p0, p1, xi);
     for (const auto &joint : planar_) joint.difference(p0, p1, xi);
   }
 
@@ -367,6 +377,7 @@ private:
   }
 
   LieGroup group_;
+  std::vector<Continuous> continuous_;
   std::vector<Planar> planar_;
   bool calls_python_ = false, forces_on_bodies_ = false, axes_stay_ = true; // axes_stay_: joint axes are fixed in the moved bodies
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;

@@ -48,7 +48,7 @@ public:
     contraction_ *= longer * longer; // it grows at most like h²; the start values are those of shorter steps
     h_before_ = stages.h;
     stages.xi.setZero();
-    stages.move();
+    if (!stages.move()) return Failure::diverged;
     for (int iteration = 1; iteration <= MAX_STAGE_ITERATIONS; ++iteration) {
       const bool fresh = iteration == 1 || rate > FRESH_RATE;
       nfev += s;

@@ -54,7 +54,7 @@ public:
     if (plain()) {
       combine(V, table->A, xi, h);
       place();
-      return xi.allFinite();
+      return P.allFinite();
     }
     for (int sweep = 0; sweep < MAX_SWEEPS; ++sweep) {
       if (!system_.rate_is_velocity) place(); // otherwise rates do not depend on positions
@@ -70,7 +70,7 @@ public:
       if (!(largest(xi - before_) > 4.0 * EPS * (1.0 + largest(xi)))) break;
     }
     place();
-    return xi.allFinite();
+    return P.allFinite();
   }
 
 private:

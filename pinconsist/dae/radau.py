@@ -62,7 +62,7 @@ class Stages:
 
     def __post_init__(self):
         self.xi = np.zeros((self.table.s, self.system.nx))
-        self.move()
+        self.failure = "" if self.move() else FAILURES["diverged"]
 
     @property
     def times(self):
@@ -85,7 +85,7 @@ class Stages:
             before, self.xi = self.xi, h * A @ self.U
             if not largest(self.xi - before) > 4.0 * EPS * (1.0 + largest(self.xi)):
                 break
-        return bool(np.isfinite(self.xi).all())
+        return bool(np.isfinite(self.P).all())
 
 
 class StageNewton:
@@ -101,6 +101,8 @@ class StageNewton:
         """
         system, table, h, last, matrix, failure = stages.system, stages.table, stages.h, 0.0, None, "not_converged"
         floor = 20.0 * EPS * table.s**2 / abs(h)
+        if stages.failure:
+            return stages
         for iteration in range(1, MAX_STAGE_ITERATIONS + 1):
             stages.iterations = iteration
             f, phi, G, J = self._residuals(stages)

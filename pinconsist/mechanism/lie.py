@@ -1,4 +1,4 @@
-"""Lie-group formulas where Pinocchio's lose digits: Lie brackets, and planar joints without cancellation."""
+"""Lie-group formulas where Pinocchio's lose digits: Lie brackets, and turns in a plane without cancellation."""
 
 import numpy as np
 import pinocchio as pin
@@ -18,22 +18,24 @@ def structure_constants(model: pin.Model):
     return C
 
 
-class PlanarJoints:
-    """The planar joints, SE(2), of a model, as parts of its configurations and tangent vectors.
+class PlaneTurns:
+    """The joints of a model that turn in a plane, as parts of its configurations and tangent vectors.
 
-    Pinocchio's exponential and logarithm lose half the digits at rotations of about 1e-8 rad and some at 1e-4, which
-    are typical of charts centred at a prediction. A configuration is (x, y, cos θ, sin θ), and a tangent vector
-    (x, y, w) is in the axes of the first configuration.
+    These are continuous joints, SO(2), with (cos θ, sin θ), and planar joints, SE(2), with (x, y, cos θ, sin θ), whose
+    tangent vector (x, y, w) is in the axes of the first configuration. Turns of about 1e-8 rad are typical of charts
+    centred at a prediction: there Pinocchio's logarithm of SO(2) is zero where the cosine is rounded above 1, and its
+    exponential and logarithm of SE(2) lose half the digits, and some at 1e-4 rad.
     """
 
     def __init__(self, model: pin.Model):
-        joints = [] if model.nq == model.nv else model.joints  # with nq = nv, no joint is planar
+        joints = list(model.joints)[1:] if model.nq != model.nv else []  # with nq = nv, none has a cosine
+        self._continuous = [(joint.idx_q, joint.idx_v) for joint in joints if (joint.nq, joint.nv) == (2, 1)]
         planar = [joint for joint in joints if joint.shortname() == "JointModelPlanar"]
-        self._places = [(slice(joint.idx_q, joint.idx_q + 4), slice(joint.idx_v, joint.idx_v + 3)) for joint in planar]
+        self._planar = [(slice(joint.idx_q, joint.idx_q + 4), slice(joint.idx_v, joint.idx_v + 3)) for joint in planar]
 
     def integrate(self, q, xi, out) -> None:
-        """Write their part of q ⊕ ξ into `out`."""
-        for at, along in self._places:
+        """Write the part of planar joints of q ⊕ ξ into `out`."""
+        for at, along in self._planar:
             x, y, w = xi[along]
             half = 0.5 * w
             s, k = np.sinc(w / np.pi), np.sin(half) * np.sinc(half / np.pi)  # sin w / w, (1 - cos w) / w
@@ -44,11 +46,17 @@ class PlanarJoints:
             out[at] = (q[at][0] + cos * dx - sin * dy, q[at][1] + sin * dx + cos * dy, c / length, s / length)
 
     def difference(self, q0, q1, out) -> None:
-        """Write their part of ξ with q0 ⊕ ξ = q1 into `out`."""
-        for at, along in self._places:
+        """Write the part of all of them of ξ with q0 ⊕ ξ = q1 into `out`."""
+        for at, along in self._continuous:
+            out[along] = _turn(*q0[at : at + 2], *q1[at : at + 2])
+        for at, along in self._planar:
             (cos, sin), (c, s) = q0[at][2:], q1[at][2:]
             dx, dy = q1[at][:2] - q0[at][:2]
             x, y = cos * dx + sin * dy, cos * dy - sin * dx
-            half = 0.5 * np.arctan2(cos * s - sin * c, cos * c + sin * s)
+            half = 0.5 * _turn(cos, sin, c, s)
             scale = np.cos(half) / np.sinc(half / np.pi)  # w/2 cot(w/2)
             out[along] = (scale * x + half * y, scale * y - half * x, 2.0 * half)
+
+
+def _turn(cos, sin, c, s):
+    return np.arctan2(cos * s - sin * c, cos * c + sin * s)

@@ -12,7 +12,7 @@ from ..errors import PinconsistError
 from .closing import LoopSolver
 from .forces import bound_forces
 from .forces.held import BoundHeld
-from .lie import PlanarJoints, structure_constants
+from .lie import PlaneTurns, structure_constants
 from .mechanism import Mechanism
 from .rows import KeptRows
 
@@ -50,7 +50,7 @@ class MechanismSystem(Index3System):
         self._take(bound_forces(self.model, mechanism.forces))
         # Views of the workspace. M is stored by columns; its transpose, which is equal, can be added faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
-        self._planar = PlanarJoints(self.model)
+        self._turns = PlaneTurns(self.model)
         self.moving, self._J = self.rows.moving, None
         self._structure = None if self.vector_like else structure_constants(self.model)
 
@@ -87,14 +87,14 @@ class MechanismSystem(Index3System):
         if self.vector_like:
             return p + xi
         q = pin.integrate(self.model, p, xi)
-        self._planar.integrate(p, xi, q)
+        self._turns.integrate(p, xi, q)
         return q
 
     def difference(self, p0, p1):
         if self.vector_like:
             return p1 - p0
         xi = pin.difference(self.model, p0, p1)
-        self._planar.difference(p0, p1, xi)
+        self._turns.difference(p0, p1, xi)
         return xi
 
     def rate(self, t, p, v):
