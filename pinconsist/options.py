@@ -11,7 +11,7 @@ from .dae.control import ErrorControl, FixedStep
 from .dae.norms import EPS
 from .dae.radau_control import RadauControl
 from .dae.rounding import shortest_step
-from .dae.tuning import FIRST_STAGES, MAX_ADAPTIVE_ORDER, MAX_ORDER, MOST_STAGES, STAGES, SURE
+from .dae.tuning import ENDLESS, FIRST_STAGES, MAX_ADAPTIVE_ORDER, MAX_ORDER, MOST_STAGES, STAGES, SURE
 from .errors import InputError
 from .mechanism.checks import finite_array
 
@@ -49,6 +49,8 @@ def method_of(
         step = positive_time(step, "step")
         if step < shortest_step(*span):
             raise InputError(f"step = {step:g} s is too small to differ from zero at t = {max(map(abs, span)):g} s")
+        if max_steps is None and (steps := abs(span[1] - span[0]) / step) > ENDLESS:
+            raise InputError(f"step = {step:g} s makes {steps:.1g} steps until t = {span[1]:g} s; set max_steps to try")
         return dae.Method(order, consistency, FixedStep(), step, max_steps=max_steps, stages=stages)
     first_step = None if first_step is None else positive_time(first_step, "first_step")
     max_step = np.inf if max_step == np.inf else positive_time(max_step, "max_step")

@@ -226,7 +226,9 @@ def _output(span, t_eval, dense_output, events, callback) -> Output:
     if t_eval is not None:
         t_eval = np.atleast_1d(finite_array(t_eval, "t_eval"))
         low, high = min(span), max(span)
-        if t_eval.ndim != 1 or (t_eval < low).any() or (t_eval > high).any():
+        if t_eval.ndim != 1:
+            raise InputError(f"t_eval must be one row of times, got an array of shape {t_eval.shape}")
+        if (t_eval < low).any() or (t_eval > high).any():
             raise InputError(f"t_eval must be times between {low:g} and {high:g} s")
         if ((span[1] - span[0]) * np.diff(t_eval) < 0).any():
             raise InputError("t_eval must be sorted in the direction of t_span")

@@ -132,7 +132,9 @@ class ErrorControl:
             columns[: system.nx], columns[system.nx :] = getattr(self, name)
         except ValueError:
             shapes = [np.shape(part) for part in getattr(self, name)]
-            raise InputError(f"{name} for q and v: needs scalars or {sizes} numbers, got shapes {shapes}") from None
+            raise InputError(
+                f"{name} for q and v: needs scalars, {sizes} numbers, or a tuple of the two; got shapes {shapes}"
+            ) from None
         return columns
 
     @property

@@ -64,7 +64,10 @@ def finite_array(value, what: str) -> np.ndarray:
     if isinstance(value, float) and isfinite(value):  # most often
         return np.array(value, dtype=float)
     try:
-        if np.asarray(value).dtype.kind not in "biufO":  # numpy would convert "0.1" and drop imaginary parts
+        given = np.asarray(value)
+        if given.dtype.kind not in "biufO":  # numpy would convert "0.1" and drop imaginary parts
+            raise TypeError
+        if given.dtype.kind == "O" and None in given.ravel().tolist():  # numpy would convert it to NaN
             raise TypeError
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
