@@ -78,7 +78,12 @@ def _cell(value):
 
 
 def table(rows, columns, title) -> None:
-    """Print rows, mappings, in columns (heading, format string or function of a row); ``"name>:.2f"`` is its own."""
+    """Print rows, mappings, in columns (heading, format string or function of a row); ``"name>:.2f"`` is its own.
+
+    Nothing is printed if there are no rows.
+    """
+    if not rows:
+        return
 
     def whole(column):
         heading, colon, form = column.partition(":")

@@ -123,6 +123,13 @@ def test_what_hangs_is_ended(monkeypatch):
     assert first.outcome == second.outcome == HUNG and "not done after" in first.message
 
 
+def test_a_campaign_without_any_result_is_printed(monkeypatch, capsys):
+    monkeypatch.setattr(campaign, "simulate", lambda *arguments, **options: time.sleep(60.0))
+    with pytest.raises(SystemExit) as ended:
+        main(f"chains --seed 2 --count 1 --tol 1e-3 --until {UNTIL} --limit 0.2".split())
+    assert ended.value.code == 1 and "1 HUNG" in capsys.readouterr().out
+
+
 def test_distribution():
     rows = [{"backend": "compiled", "tol": 1e-3, "outcome": FINE, "q": q, "v": None, "force": None, "seed": int(q)}
             for q in (1.0, 2.0, 9.0)]  # fmt: skip
