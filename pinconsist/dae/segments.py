@@ -9,10 +9,10 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from ..errors import PinconsistError
+from ..errors import AssemblyError, PinconsistError, SingularSystemError
 from . import bdf
 from .charts import chart_point
-from .index1 import Index1, settled
+from .index1 import Index1, NotFiniteError, settled
 from .problem import Index3System
 from .radau_table import Table, integrals, polynomials
 from .tuning import BETWEEN, NEXT_MODE
@@ -131,13 +131,13 @@ class RadauSegment:
 
     def refined(self, weight: np.ndarray, made: Callable) -> RadauSegment:
         """The same, with its halves if it is not accurate between the ends; ``made(step, a)`` solves a step."""
-        if self.error_between(weight) <= BETWEEN:
-            return self
         middle = self.t_old + 0.5 * self.h
         try:
+            if self.error_between(weight) <= BETWEEN:
+                return self
             first = made(self.ending_at(middle), self.ends[0])
             second = first and made(self.part(middle, self.end, first.p, first.v), first.ends[1])
-        except PinconsistError:  # the step itself was accepted
+        except (AssemblyError, NotFiniteError, SingularSystemError):  # the step itself was accepted
             return self
         return replace(self, halves=(first, replace(second, p=self.p, v=self.v))) if second else self
 
