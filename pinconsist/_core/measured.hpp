@@ -29,9 +29,7 @@ inline Eigen::RowVector3d body_energies(const Model &model, Data &data, const Ve
   data.ov[0].setZero();
   for (int i = 1; i < model.njoints; ++i) {
     const auto &inertia = model.inertias[i];
-    Six twist = data.ov[model.parents[i]].toVector();
-    for (int k = model.idx_vs[i]; k < model.idx_vs[i] + model.nvs[i]; ++k) twist += v[k] * data.J.col(k);
-    data.ov[i] = pinocchio::Motion(twist);
+    data.ov[i] = data.ov[model.parents[i]] + pinocchio::Motion(joint_twist(model, data, i, v));
     const Vector3d centre = data.oMi[i].act(inertia.lever()), w = data.ov[i].angular();
     const Vector3d moved = data.ov[i].linear() + w.cross(centre), spin = data.oMi[i].rotation().transpose() * w;
     twice += inertia.mass() * moved.squaredNorm() + spin.dot(inertia.inertia() * spin);

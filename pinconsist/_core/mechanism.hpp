@@ -315,10 +315,9 @@ private:
         data_.oa[i] = data_.oMi[i].act(data_.a[i]);
         continue;
       }
-      Six own = Six::Zero();
-      for (int k = model_.idx_vs[i]; k < model_.idx_vs[i] + model_.nvs[i]; ++k) own += v[k] * data_.J.col(k);
-      data_.ov[i] = data_.ov[model_.parents[i]] + Motion(own);
-      data_.oa[i] = data_.oa[model_.parents[i]] + data_.ov[i].cross(Motion(own));
+      const Motion own(joint_twist(model_, data_, i, v));
+      data_.ov[i] = data_.ov[model_.parents[i]] + own;
+      data_.oa[i] = data_.oa[model_.parents[i]] + data_.ov[i].cross(own);
     }
   }
 

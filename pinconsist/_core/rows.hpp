@@ -25,6 +25,13 @@ struct Rows {
 
 using Six = Eigen::Matrix<double, 6, 1>; // a twist (linear, angular) or wrench (force, moment) about the origin, world axes
 
+// Of a joint with these velocities, its body relative to the parent.
+inline Six joint_twist(const Model &model, const Data &data, int joint, const Vec &v) {
+  Six twist = Six::Zero();
+  for (int k = model.idx_vs[joint]; k < model.idx_vs[joint] + model.nvs[joint]; ++k) twist += v[k] * data.J.col(k);
+  return twist;
+}
+
 // Of a force at x and a moment, or of their rates for constant x.
 inline Six wrench_of(const Vector3d &x, const Vector3d &force, const Vector3d &moment = Vector3d::Zero()) {
   Six wrench;

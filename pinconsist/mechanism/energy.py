@@ -198,12 +198,12 @@ def _integrals(t, powers):
     for start, stop in pairwise([0, *(np.flatnonzero(steps == 0.0) + 1), len(t)]):
         if stop - start > 1:
             h, y = np.abs(steps[start : stop - 1, None]), powers[start:stop]
-            slope = slopes(h, y)
+            slope = _slopes(h, y)
             pieces[start + 1 : stop] = h / 2 * (y[:-1] + y[1:]) + h**2 / 12 * (slope[:-1] - slope[1:])
     return np.cumsum(pieces, axis=0) * (1.0 if t[-1] >= t[0] else -1.0)
 
 
-def slopes(h, y):
+def _slopes(h, y):
     """Slopes of the cubic spline (not-a-knot) through `y`, (n, k), at its knots; `h`, (n - 1, 1), are their distances.
 
     SciPy's ``CubicSpline`` takes several times as long, which was a fifth of a certificate.
