@@ -31,6 +31,19 @@ def test_fixed_steps_that_end_beside_the_singular_position(backend, step, order)
     passed(16, 0.725, backend, step=step, max_order=order)
 
 
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+@pytest.mark.parametrize(("n", "start"), [(10, 0.0), (10, 1e-12), (10, 1e-9), (24, 0.0)])
+def test_fixed_steps_at_rest(backend, n, start, method):
+    """Rounding of the weights moves the bars a little: those increments are large beside velocities near zero."""
+    mech = pc.load(f"n_four_bar_{n}")
+    until = 0.25 if backend == "compiled" else 0.06
+    sol = pc.simulate(mech, (0.0, until), v0={"crank0": start}, step=1e-3, method=method, backend=backend)
+    assert sol.success, sol.message
+    assert np.abs(sol.v).max() <= 2.0 * start + 1e-12
+    np.testing.assert_allclose(sol.lam, np.broadcast_to(sol.lam[0], sol.lam.shape), atol=1e-8)
+
+
 @pytest.mark.parametrize(("n", "tol", "share", "backend"), [
     (10, 3.2e-7, 0.01, "compiled"), (10, 2.5e-10, 0.01, "compiled"), (20, 1e-9, 0.01, "compiled"),
     (10, 1.2e-10, 1.0, "compiled"), (10, 1.2e-10, 1.0, "python"), (2, 1e-10, 0.01, "python"),
@@ -48,7 +61,7 @@ def test_a_tight_tolerance_does_not_creep_towards_the_singular_position(n, tol, 
 ])  # fmt: skip
 def test_rounding_moves_a_closed_loop_far_beside_a_singular_position(moved, closed, noise):
     one = np.ones(2)
-    assert is_noise(1e-13 * one, moved * one, one, one, one, 1e-9, closed) == noise
+    assert is_noise(1e-13 * one, moved * one, one, one, one, 1e-3, 1e-9, closed) == noise
 
 
 @needs_twin

@@ -41,7 +41,7 @@ public:
   // Iterate from the accelerations W to the solution. `weight` are reciprocal tolerances of [ξ | v].
   Failure solve(const Vec &weight, double tol) {
     const int s = stages.size();
-    const double floor = 20.0 * EPS * s * s / std::abs(stages.h);
+    const double floor = UNMOVED * EPS * s * s / std::abs(stages.h);
     double last = 0.0, first = 0.0;
     rate = 0.0;
     const double longer = std::max(1.0, std::abs(stages.h / h_before_));

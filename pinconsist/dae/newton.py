@@ -103,7 +103,7 @@ class Newton:
             p, xi = system.position(t, base, psi_x, c, v)
             noise = tolerated(rate, iteration, MAX_ITERATIONS)
             closed = noise and largest(phi) <= rounding_gap(p, G)
-            if min(size, left) <= tol or (noise and is_noise(dv, moved, before, psi_v, p, noise, closed)):
+            if min(size, left) <= tol or (noise and is_noise(dv, moved, before, psi_v, p, abs(c), noise, closed)):
                 return Attempt(t, c, base, psi_x, p, xi, v, lam, kkt, rate)
             if rate > 2.0 and iteration > 2:
                 failure = "diverged"

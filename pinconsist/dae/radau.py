@@ -37,7 +37,7 @@ from .norms import EPS, largest
 from .problem import Index3System
 from .radau_table import Table
 from .rounding import is_noise
-from .tuning import CLOSED, FAILURES, FRESH_RATE, MAX_STAGE_ITERATIONS, MAX_SWEEPS
+from .tuning import CLOSED, FAILURES, FRESH_RATE, MAX_STAGE_ITERATIONS, MAX_SWEEPS, UNMOVED
 
 
 @dataclass(slots=True)
@@ -100,7 +100,7 @@ class StageNewton:
         `weight` are reciprocal tolerances of [ξ | v]; it ends when the remaining increments are estimated below `tol`.
         """
         system, table, h, last, matrix, failure = stages.system, stages.table, stages.h, 0.0, None, "not_converged"
-        floor = 20.0 * EPS * table.s**2 / abs(h)
+        floor = UNMOVED * EPS * table.s**2 / abs(h)
         if stages.failure:
             return stages
         for iteration in range(1, MAX_STAGE_ITERATIONS + 1):
@@ -131,7 +131,7 @@ class StageNewton:
             noise = tolerated(stages.rate, iteration, MAX_STAGE_ITERATIONS)
             if min(size, left) <= tol or largest(dV) <= floor * (1.0 + reach):
                 return stages
-            if noise and is_noise(dV, dP, before, stages.v, stages.P[-1], noise):
+            if noise and is_noise(dV, dP, before, stages.v, stages.P[-1], abs(h), noise):
                 return stages
             if stages.rate > 2.0 and iteration > 2:
                 failure = "diverged"

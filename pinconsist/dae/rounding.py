@@ -19,16 +19,18 @@ def rounding_weights(system, y):
     return np.repeat((1.0 / size_x, 1.0 / size_v), (system.nx, system.nv)), 2.0 * EPS
 
 
-def is_noise(dv, moved, v, psi_v, p, noise, closed=False) -> bool:
+def is_noise(dv, moved, v, psi_v, p, c, noise, closed=False) -> bool:
     """Whether Newton's increments are rounding errors, which more iterations or a smaller step cannot reduce.
 
     `dv` are increments of the velocity by the dynamics, `moved` of the position by the constraint; `noise` is the size,
-    relative to the velocities, that may be rounding. If the loops are `closed` to rounding and the position still moves
+    relative to the velocities, that may be rounding. At rest forces still have rounding errors: there increments of v
+    are noise if c dv does not move the position. If the loops are `closed` to rounding and the position still moves
     far, it is near a singular one.
     """
-    step = largest(dv)
+    step, reach = largest(dv), 1.0 + largest(p)
     scale = largest(v) + largest(psi_v) + step  # v = ψ_v + c v' may be a small difference of larger numbers
-    return step <= noise * scale and largest(moved) <= (tuning.HALF if closed else 1e4 * EPS) * (1.0 + largest(p))
+    small = step <= max(noise * scale, tuning.UNMOVED * EPS * reach / c)
+    return small and largest(moved) <= (tuning.HALF if closed else 1e4 * EPS) * reach
 
 
 def rounding_gap(p, W) -> float:

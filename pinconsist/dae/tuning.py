@@ -11,6 +11,7 @@ FRESH_RATE = 0.4  # a slower contraction requires a new and complete matrix
 NEWTON_FACTOR = 3e-3  # tolerance relative to the error test; keeps loop gaps small for 3 % more residuals
 STAGNANT = 0.7  # a slower contraction than this, close to the solution, is rounding
 STAGNATED, LAST = 1e-9, 1e-12  # noise in increments, relative to v, if Newton stagnates; at its last iteration
+UNMOVED = 20.0  # roundings of the position, below which c times an increment of v does not count
 
 # Loops and hidden constraint after a step
 CLOSINGS = 4  # largest number of evaluations of the constraint alone
