@@ -61,7 +61,7 @@ def test_a_tight_tolerance_does_not_creep_towards_the_singular_position(n, tol, 
 ])  # fmt: skip
 def test_rounding_moves_a_closed_loop_far_beside_a_singular_position(moved, closed, noise):
     one = np.ones(2)
-    assert is_noise(1e-13 * one, moved * one, one, one, one, 1e-3, 1e-9, closed) == noise
+    assert is_noise(1e-13 * one, moved * one, one, one, one, 1e-9, closed=closed) == noise
 
 
 @needs_twin

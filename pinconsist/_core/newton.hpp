@@ -116,7 +116,7 @@ public:
       const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const bool settled = std::min(size, to_come) <= (stale ? STALE_FACTOR * tol : tol);
       const double noise = rate > STAGNANT ? STAGNATED : iteration == MAX_ITERATIONS ? LAST : 0.0;
-      if (settled || (noise > 0.0 && !stale && is_noise(psi.segment(nx, nv), step.p, std::abs(c), noise))) {
+      if (settled || (noise > 0.0 && !stale && is_noise(psi.segment(nx, nv), step.p, noise, unmoved(c, tol)))) {
         step.change = step.y - predicted;
         step.size = weighted_norm(step.change, weight, nv);
         const bool always = !correct_at_once_; // no residual has been removed yet
@@ -217,12 +217,12 @@ private:
   }
 
   // Whether Newton's increments are only rounding errors.
-  template <class Velocity> bool is_noise(const Velocity &psi_v, const Vec &p, double c, double noise) const {
+  template <class Velocity> bool is_noise(const Velocity &psi_v, const Vec &p, double noise, double unmoved) const {
     const int nv = system_.nv;
     const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv));
     const bool closed = largest(system_.phi) <= rounding_gap(p, system_.G_transposed());
     const double reach = 1.0 + largest(p);
-    return step <= std::max(noise * (largest(v_) + largest(psi_v) + step), UNMOVED * EPS * reach / c) &&
+    return step <= std::max(noise * (largest(v_) + largest(psi_v) + step), unmoved * reach) &&
            moved <= (closed ? HALF : 1e4 * EPS) * reach;
   }
 

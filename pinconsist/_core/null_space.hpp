@@ -74,6 +74,9 @@ public:
     return true;
   }
 
+  // The dependent columns, then the others.
+  const std::vector<int> &order() const { return order_; }
+
 private:
   static constexpr double STEEPEST = 10.0; // slope of the dependent columns by the others above which others are chosen
 

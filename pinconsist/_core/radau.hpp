@@ -16,7 +16,7 @@ public:
   double rate = 0.0; // contraction of the iteration, 0 if one was enough
 
   StageNewton(System &system, const Switches &switches)
-      : stages(system), system_(system), matrix_(system, stages, switches.few_derivatives),
+      : stages(system), system_(system), matrix_(system, stages, switches),
         eager_(switches.iteration_forecast) {}
 
   // Change the number of stages.
@@ -41,7 +41,7 @@ public:
   // Iterate from the accelerations W to the solution. `weight` are reciprocal tolerances of [ξ | v].
   Failure solve(const Vec &weight, double tol) {
     const int s = stages.size();
-    const double floor = UNMOVED * EPS * s * s / std::abs(stages.h);
+    const double rounding = EPS * s * s / std::abs(stages.h); // of velocities, by that of positions of size 1
     double last = 0.0, first = 0.0;
     rate = 0.0;
     const double longer = std::max(1.0, std::abs(stages.h / h_before_));
@@ -52,7 +52,7 @@ public:
     for (int iteration = 1; iteration <= MAX_STAGE_ITERATIONS; ++iteration) {
       const bool fresh = iteration == 1 || rate > FRESH_RATE;
       nfev += s;
-      if (!matrix_.evaluate(fresh, njev)) return Failure::singular;
+      if (!matrix_.evaluate(fresh, iteration > 1, njev)) return Failure::singular;
       if (fresh) {
         ++nlu;
         if (!matrix_.factorise()) return Failure::singular;
@@ -73,11 +73,11 @@ public:
       const bool eager = eager_ && iteration == 1 && expected > 0.0 && expected < 1.0 && size < EAGER &&
                          expected * size < (1.0 - expected) * tol;
       if (eager) rate = expected;
-      if (std::min(size, to_come) <= tol || eager || step <= floor * reach) return Failure::none;
+      if (std::min(size, to_come) <= tol || eager || step <= 20.0 * rounding * reach) return Failure::none;
       const bool stuck = iteration > 1 && rate > STAGNANT;
       const double noise = stuck ? STAGNATED : iteration == MAX_STAGE_ITERATIONS ? LAST : 0.0;
-      if (noise > 0.0 && step <= noise * (before + largest(stages.v) + step) && largest(dP_) <= 1e4 * EPS * reach)
-        return Failure::none;
+      const double small = std::max(noise * (before + largest(stages.v) + step), unmoved(stages.h / (s * s), tol) * reach);
+      if (noise > 0.0 && step <= small && largest(dP_) <= 1e4 * EPS * reach) return Failure::none;
       if (iteration > 2 && rate > 2.0) return Failure::diverged;
       last = size;
     }

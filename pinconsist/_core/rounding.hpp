@@ -6,6 +6,8 @@
 
 namespace pinconsist {
 
+constexpr double TO_ROUNDING = 2.0 * EPS;
+
 inline double spacing(double t) { return std::nextafter(std::abs(t), INF) - std::abs(t); }
 inline double shortest_step(double t) { return SMALLEST_STEP * spacing(t); }
 
@@ -15,8 +17,11 @@ inline double rounding_weights(const System &system, const Vec &y, Vec &weight) 
   weight.resize(system.nx + system.nv);
   weight.head(system.nx).setConstant(1.0 / (1.0 + largest(y.head(system.nx))));
   weight.tail(system.nv).setConstant(1.0 / (size_v == 0.0 ? 1.0 : size_v));
-  return 2.0 * EPS;
+  return TO_ROUNDING;
 }
+
+// Increments of v, for positions of size 1, that are noise if Newton iterates down to rounding, else 0.
+inline double unmoved(double c, double tol) { return tol <= TO_ROUNDING ? UNMOVED * EPS / std::abs(c) : 0.0; }
 
 inline double rounding_gap(const Vec &p, const Mat &W) { return GAP * (1.0 + largest(p)) * (1.0 + largest(W)); }
 

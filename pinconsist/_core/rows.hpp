@@ -16,7 +16,7 @@ struct Rows {
   virtual void add_bias(const Data &data, double t, const Vec &p, const Vec &v, int at, Vec &bias) const = 0;
   // Add force and moment about x on the second body, of rows between two anchors, in world axes.
   virtual void add_wrench(const Data &, const Vec &, const Vector3d &, Vector3d &, Vector3d &) const {}
-  // Add F = ∂(Jᵀλ)/∂q and H = ∂(J v)/∂q from row `at` on, with the J in use; false if they are not known.
+  // Add F = ∂(Jᵀλ)/∂q and, unless H is empty, H = ∂(J v)/∂q from row `at` on, with the J in use; false if not known.
   virtual bool add_gradients(const Data &, const Vec &, const Vec &, const Vec &, int, Mat &, Mat &) const { return false; }
   virtual int size() const = 0;
   virtual bool calls_python() const { return false; }
@@ -43,7 +43,7 @@ inline Six wrench_of(const Vector3d &x, const Vector3d &force, const Vector3d &m
 // if coordinate k moves; take(k, rate) receives the change of Σ ± J v.
 template <class Change, class Take>
 void differentiate(const Data &data, const std::vector<Signed> &columns, const Vec &v, const Six &wrench, const Change &change,
-                   const Take &take, Mat &F) {
+                   const Take &take, Mat &F, bool rates) {
   for (const auto &k : columns) {
     const Six J = data.J.col(k.index), moving = change(k);
     const auto line = J.head<3>(), turn = J.tail<3>();
@@ -53,8 +53,9 @@ void differentiate(const Data &data, const std::vector<Signed> &columns, const V
     for (const auto &c : columns) {
       const bool carried = c.sign == k.sign && k.joint <= c.joint;
       F(c.index, k.index) += c.sign * data.J.col(c.index).dot(carried ? outer : moving);
-      if (carried) twist += v[c.index] * data.J.col(c.index);
+      if (carried && rates) twist += v[c.index] * data.J.col(c.index);
     }
+    if (!rates) continue;
     rate << turn.cross(twist.head<3>()) + line.cross(twist.tail<3>()), turn.cross(twist.tail<3>());
     take(k, k.sign * rate);
   }
@@ -128,9 +129,9 @@ public:
     const bool pose = matrix_.cols() == 6;
     const Vector3d x = pose ? anchor1.translation() : origin(data, joint2_, place2_);
     const Matrix3d R = anchor1.rotation();
-    const Vec seen = matrix_.transpose() * lam.segment(at, size());
+    const Seen seen = matrix_.transpose().lazyProduct(lam.segment(at, size()));
     const Vector3d f = R * seen.head<3>(), m = pose ? Vector3d(R * seen.tail<3>()) : Vector3d(Vector3d::Zero());
-    const Six relative = relative_twist(data, columns_, v);
+    const Six relative = H.size() ? relative_twist(data, columns_, v) : Six(Six::Zero());
     const Vector3d rate = at_point(relative, x), spin_rate = relative.tail<3>();
     const auto shift = [&](const Signed &k) { return (k.sign > 0.0) != pose ? moved(data, k.index, x) : Vector3d(Vector3d::Zero()); };
     const auto turned = [&](const Signed &k) { return k.sign < 0.0 ? spin(data, k.index) : Vector3d(Vector3d::Zero()); };
@@ -148,13 +149,13 @@ public:
           const Vector3d spun = change.tail<3>() - turn.cross(spin_rate);
           H.col(k.index).segment(at, size()) += matrix_.rightCols<3>() * (R.transpose() * spun);
         },
-        F);
+        F, H.size());
     return true;
   }
 
   void add_wrench(const Data &data, const Vec &lam, const Vector3d &x, Vector3d &force, Vector3d &moment) const override {
     const SE3 anchor1 = placed(data, joint1_, place1_);
-    const Vec seen = matrix_.transpose() * lam;
+    const Seen seen = matrix_.transpose().lazyProduct(lam);
     const bool pose = matrix_.cols() == 6;
     const Vector3d push = anchor1.rotation() * seen.head<3>();
     const Vector3d at = pose ? anchor1.translation() : origin(data, joint2_, place2_);
@@ -166,6 +167,7 @@ public:
   int size() const override { return static_cast<int>(matrix_.rows()); }
 
 private:
+  using Seen = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 6, 1>; // of anchor 1
   Mat matrix_;
 };
 
@@ -192,7 +194,7 @@ public:
   bool add_gradients(const Data &data, const Vec &, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
     const Vector3d x1 = origin(data, joint1_, place1_), x = origin(data, joint2_, place2_);
     const Vector3d d = x - x1, f = lam[at] / length_ * d;
-    const Six relative = relative_twist(data, columns_, v);
+    const Six relative = H.size() ? relative_twist(data, columns_, v) : Six(Six::Zero());
     const Vector3d rate = at_point(relative, x);
     const auto shift = [&](const Signed &k) { return k.sign > 0.0 ? moved(data, k.index, x) : Vector3d(Vector3d::Zero()); };
     const auto stretch = [&](const Signed &k) { return Vector3d(k.sign * moved(data, k.index, k.sign > 0.0 ? x : x1)); };
@@ -203,7 +205,7 @@ public:
           const Vector3d own = at_point(change, x) + relative.tail<3>().cross(shift(k));
           H(at, k.index) += (stretch(k).dot(rate) + d.dot(own)) / length_;
         },
-        F);
+        F, H.size());
     return true;
   }
 
@@ -262,7 +264,7 @@ public:
   }
   bool add_gradients(const Data &, const Vec &p, const Vec &v, const Vec &lam, int at, Mat &F, Mat &H) const override {
     F(other_.column, other_.column) -= lam[at] * bend(p);
-    H(at, other_.column) -= bend(p) * v[other_.column];
+    if (H.size()) H(at, other_.column) -= bend(p) * v[other_.column];
     return true;
   }
   int size() const override { return 1; }

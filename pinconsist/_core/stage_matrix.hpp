@@ -18,8 +18,9 @@ class StageMatrix {
   };
 
 public:
-  StageMatrix(System &system, const Stages &stages, bool few_derivatives)
-      : system_(system), stages_(stages), few_(few_derivatives), lu_(0) {}
+  StageMatrix(System &system, const Stages &stages, const Switches &switches)
+      : system_(system), stages_(stages), few_(switches.few_derivatives), with_rows_(switches.row_derivatives), lu_(0),
+        dependent_(system.nc), columns_(system.nc, system.nc), lam_(system.nc) {}
 
   void use(int s) {
     const int nv = system_.nv, nc = system_.nc, nd = nv - nc;
@@ -40,7 +41,10 @@ public:
   }
 
   // Forget earlier steps.
-  void forget() { begun_ = false; }
+  void forget() {
+    begun_ = false;
+    F_before_.resize(0, 0);
+  }
 
   // The next step begins where this one ends.
   void accepted() {
@@ -48,10 +52,13 @@ public:
     D_before_ = D_.back();
     K_before_ = K_.back();
     begun_ = true;
+    if (rows_bend_) K_before_ += F_, F_before_ = F_;
+    else F_before_.resize(0, 0);
   }
 
-  // Residuals and null spaces, and derivatives if `fresh`; false if constraints lose their rank.
-  bool evaluate(bool fresh, long &derivatives) {
+  // Residuals and null spaces, and derivatives if `fresh`; false if constraints lose their rank. The derivative of the
+  // constraint forces is part of them where it is known, or if Newton is slow.
+  bool evaluate(bool fresh, bool slow, long &derivatives) {
     const int s = stages_.size();
     for (int i = 0; i < s; ++i) {
       const double t = stages_.time(i);
@@ -67,9 +74,11 @@ public:
       if (largest(system_.phi) <= CLOSED * (1.0 + largest(p_))) system_.phi.setZero();
       const Mat &W = system_.velocity_jacobian(t, p_, v_);
       if (!right_[i].reduce(W, system_.phi, fresh, Z_[i], closing_.col(i))) return false;
-      if (symmetric()) continue;
-      spare_.resize(system_.nv);
-      if (!left_[i].reduce(system_.G_transposed(), system_.phi, fresh, Y_[i], spare_)) return false;
+      if (!symmetric()) {
+        spare_.resize(system_.nv);
+        if (!left_[i].reduce(system_.G_transposed(), system_.phi, fresh, Y_[i], spare_)) return false;
+      }
+      if (fresh && i == s - 1) rows_bend_ = differentiate_rows(slow);
     }
     return true;
   }
@@ -86,6 +95,8 @@ public:
     for (int i = 0; i < s; ++i) {
       across(M_[i], left(i), MY_.data(), nv);
       across(D_[i], left(i), DY_.data(), nv);
+      if (rows_bend_ && F_before_.size()) K_[i] -= (1.0 - stages_.table->c[i]) * F_before_ + stages_.table->c[i] * F_;
+      else if (rows_bend_) K_[i] -= F_;
       across(K_[i], left(i), KY_.data(), nv);
       for (int j = 0; j < s; ++j) {
         const double of_M = b2(i, j), of_D = h * b(i, j);
@@ -134,6 +145,26 @@ private:
   bool has_derivatives(int i) const {
     const int last = stages_.size() - 1;
     return !few_ || last < 3 || i == last / 2 || i == last || (i == 0 && !begun_);
+  }
+
+  // F = ∂(G λ)/∂p at the last stage, with the λ that balance the dependent velocities; false if it is left out.
+  bool differentiate_rows(bool slow) {
+    const int nv = system_.nv, nc = system_.nc;
+    if (!nc || nc == nv || !(with_rows_ || slow)) return false;
+    const auto &order = (symmetric() ? right_ : left_).back().order();
+    for (int k = 0; k < nc; ++k) {
+      columns_.row(k) = system_.G_transposed().col(order[k]).transpose();
+      lam_[k] = system_.f[order[k]];
+    }
+    if (!dependent_.factorise(columns_)) return false;
+    dependent_.substitute(lam_.data(), 1);
+    F_.setZero(nv, system_.nx);
+    const double t = stages_.time(stages_.size() - 1);
+    if (with_rows_ && system_.row_gradients(t, p_, v_, lam_, F_, none_)) return true;
+    F_.setZero(nv, nv);
+    if (slow) system_.subtract_force_gradient(t, p_, v_, lam_, 1.0, F_);
+    F_ = -F_;
+    return slow;
   }
 
   // M, D and K of the other stages, from the parabola through three stages, or through the end of the last step and two.
@@ -205,13 +236,13 @@ private:
 
   System &system_;
   const Stages &stages_;
-  bool few_, begun_ = false; // begun_: M, D and K are known at the start of the step
-  LU lu_;
-  Mat f_, closing_, along_, twice_, MY_, DY_, KY_, row_, left_over_, matrix_, M_before_, D_before_, K_before_;
+  bool few_, with_rows_, rows_bend_ = false, begun_ = false; // begun_: M, D and K are known at the start of the step
+  LU lu_, dependent_;
+  Mat columns_, F_, F_before_, none_, f_, closing_, along_, twice_, MY_, DY_, KY_, row_, left_over_, matrix_, M_before_, D_before_, K_before_;
   std::vector<Mat> Z_, Y_, M_, D_, K_, T_, ad_;
   std::vector<Chart> charts_;
   std::vector<Elimination> right_, left_;
-  Vec p_, v_, w_, xi_, y_, spare_;
+  Vec lam_, p_, v_, w_, xi_, y_, spare_;
 };
 
 } // namespace pinconsist

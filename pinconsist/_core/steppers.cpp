@@ -16,7 +16,7 @@ struct StageCurve {
 Switches switches_of(nb::object switches) {
   const auto on = [&](const char *name) { return nb::cast<bool>(switches.attr(name)); };
   return {on("iteration_forecast"), on("loop_forecast"), on("jacobian_reuse"), on("few_constraints"), on("kept_weights"),
-          on("few_derivatives"), on("kept_derivatives")};
+          on("few_derivatives"), on("row_derivatives"), on("kept_derivatives")};
 }
 
 // Run something; releases the GIL unless Python is called.

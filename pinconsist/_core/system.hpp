@@ -106,7 +106,7 @@ public:
   // A -= c² ∂(G λ)/∂ξ
   virtual void subtract_force_gradient(double t, const Vec &p, const Vec &v, const Vec &lam, double c,
                                        Eigen::Ref<Mat> A) = 0;
-  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ at the point evaluated last, passed as zeros; false if they are not known.
+  // F = ∂(G λ)/∂ξ and H = ∂ρ/∂ξ at the point evaluated last, passed as zeros, the second perhaps empty; false if not known.
   virtual bool row_gradients(double, const Vec &, const Vec &, const Vec &, Mat &, Mat &) { return false; }
   // The forces that may bend or jump within a step.
   virtual void sharp_force(double, const Vec &, const Vec &, Vec &tau) { tau.setZero(nv); }

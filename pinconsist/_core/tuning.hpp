@@ -29,7 +29,7 @@ constexpr double EPS = std::numeric_limits<double>::epsilon(), INF = std::numeri
 // Features that exist only for speed; see dae/tuning.py.
 struct Switches {
   bool iteration_forecast = true, loop_forecast = true, jacobian_reuse = true, few_constraints = true,
-       kept_weights = true, few_derivatives = true, kept_derivatives = true;
+       kept_weights = true, few_derivatives = true, row_derivatives = true, kept_derivatives = true;
 };
 
 } // namespace pinconsist

@@ -36,8 +36,8 @@ from .newton import culprits, to_come, tolerated
 from .norms import EPS, largest
 from .problem import Index3System
 from .radau_table import Table
-from .rounding import is_noise
-from .tuning import CLOSED, FAILURES, FRESH_RATE, MAX_STAGE_ITERATIONS, MAX_SWEEPS, UNMOVED
+from .rounding import is_noise, unmoved
+from .tuning import CLOSED, FAILURES, FRESH_RATE, MAX_STAGE_ITERATIONS, MAX_SWEEPS
 
 
 @dataclass(slots=True)
@@ -100,14 +100,14 @@ class StageNewton:
         `weight` are reciprocal tolerances of [ξ | v]; it ends when the remaining increments are estimated below `tol`.
         """
         system, table, h, last, matrix, failure = stages.system, stages.table, stages.h, 0.0, None, "not_converged"
-        floor = UNMOVED * EPS * table.s**2 / abs(h)
+        floor = 20.0 * EPS * table.s**2 / abs(h)
         if stages.failure:
             return stages
         for iteration in range(1, MAX_STAGE_ITERATIONS + 1):
             stages.iterations = iteration
             f, phi, G, J = self._residuals(stages)
             if matrix is None or stages.rate > FRESH_RATE:
-                matrix = StageMatrix(stages, G, J)
+                matrix = StageMatrix(stages, f, G, J, slow=matrix is not None)
                 self.njev += table.s
                 self.nlu += 1
                 stages.end_matrices = matrix.at_end
@@ -131,7 +131,7 @@ class StageNewton:
             noise = tolerated(stages.rate, iteration, MAX_STAGE_ITERATIONS)
             if min(size, left) <= tol or largest(dV) <= floor * (1.0 + reach):
                 return stages
-            if noise and is_noise(dV, dP, before, stages.v, stages.P[-1], abs(h), noise):
+            if noise and is_noise(dV, dP, before, stages.v, stages.P[-1], noise, unmoved(h / table.s**2, tol)):
                 return stages
             if stages.rate > 2.0 and iteration > 2:
                 failure = "diverged"
@@ -157,27 +157,30 @@ class StageNewton:
 class StageMatrix:
     """The matrix of the stage equations in the null space of the constraints, factorised."""
 
-    def __init__(self, stages, G, J):
+    def __init__(self, stages, f, G, J, slow):
         system, table, h = stages.system, stages.table, stages.h
         s, nv = table.s, system.nv
-        self._B, self._h, self._T = table.inverse, h, None
+        self._B, self._h, self._T, self.at_end = table.inverse, h, None, ()
         if not system.vector_like:
             self._T = np.array([chart_matrix(system, xi) for xi in stages.xi])
             self._turn = np.array([system.bracket(rate) for rate in map(system.rate, stages.times, stages.P, stages.V)])
+        self._right = [dependent_columns(j) for j in J]
+        self._left = [dependent_columns(g.T) for g in G]
+        self.singular = any(len(columns) < system.nc for columns in (*self._right, *self._left))
+        if self.singular:
+            return
         self._blocks = np.zeros((s, nv, s, nv))
         unit = np.eye(s * nv).reshape(s, nv, s * nv)
         dV = self._along(unit).reshape(s, nv, s, nv)  # h dV and h² dW by dP
         dW = np.einsum("ij,jakb->iakb", table.inverse, dV)
         for i, (t, p, v, w) in enumerate(zip(stages.times, stages.P, stages.V, stages.W, strict=True)):
             M, D, K = system.matrices(t, p, v, w)
+            if slow:  # the derivative of G λ was neglected at first: without it, Newton is slow
+                rows = self._left[i]
+                K = K - system.force_gradient(t, p, v, np.linalg.solve(G[i][rows], f[i][rows]))
             self._blocks[i] = np.tensordot(M, dW[i], 1) + h * np.tensordot(D, dV[i], 1)
             self._blocks[i, :, i] += h**2 * K
         self.at_end = M, D, K
-        self._right = [dependent_columns(j) for j in J]
-        self._left = [dependent_columns(g.T) for g in G]
-        self.singular = any(len(columns) < system.nc for columns in (*self._right, *self._left))
-        if self.singular:
-            return
         Z, _ = self._null_spaces(J, self._right)
         Y, _ = self._null_spaces(G.swapaxes(1, 2), self._left)
         reduced = np.einsum("iab,iajc,jcd->ibjd", Y, self._blocks, Z)

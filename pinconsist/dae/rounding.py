@@ -7,6 +7,8 @@ from . import tuning
 from .kkt import kkt_at
 from .norms import EPS, largest
 
+TO_ROUNDING = 2.0 * EPS  # tolerance of Newton's increments, relative to the state, with fixed steps
+
 
 def shortest_step(*times) -> float:
     """The shortest step, s, that can be distinguished from zero at these times."""
@@ -16,20 +18,27 @@ def shortest_step(*times) -> float:
 def rounding_weights(system, y):
     """Weight and tolerance with which Newton iterates down to rounding: increments relative to the state's size."""
     size_x, size_v = 1.0 + largest(y[: system.nx]), largest(y[system.nx : system.nx + system.nv]) or 1.0
-    return np.repeat((1.0 / size_x, 1.0 / size_v), (system.nx, system.nv)), 2.0 * EPS
+    return np.repeat((1.0 / size_x, 1.0 / size_v), (system.nx, system.nv)), TO_ROUNDING
 
 
-def is_noise(dv, moved, v, psi_v, p, c, noise, closed=False) -> bool:
+def unmoved(c, tol) -> float:
+    """Increments of v, for positions of size 1, that are noise if Newton iterates down to rounding, else 0.
+
+    Forces have rounding errors at rest, too; increments c dv that hardly move the position need not be reduced.
+    """
+    return tuning.UNMOVED * EPS / abs(c) if tol <= TO_ROUNDING else 0.0
+
+
+def is_noise(dv, moved, v, psi_v, p, noise, unmoved=0.0, closed=False) -> bool:
     """Whether Newton's increments are rounding errors, which more iterations or a smaller step cannot reduce.
 
     `dv` are increments of the velocity by the dynamics, `moved` of the position by the constraint; `noise` is the size,
-    relative to the velocities, that may be rounding. At rest forces still have rounding errors: there increments of v
-    are noise if c dv does not move the position. If the loops are `closed` to rounding and the position still moves
-    far, it is near a singular one.
+    relative to the velocities, that may be rounding, and `unmoved` relative to the position. If the loops are `closed`
+    to rounding and the position still moves far, it is near a singular one.
     """
     step, reach = largest(dv), 1.0 + largest(p)
     scale = largest(v) + largest(psi_v) + step  # v = ψ_v + c v' may be a small difference of larger numbers
-    small = step <= max(noise * scale, tuning.UNMOVED * EPS * reach / c)
+    small = step <= max(noise * scale, unmoved * reach)
     return small and largest(moved) <= (tuning.HALF if closed else 1e4 * EPS) * reach
 
 

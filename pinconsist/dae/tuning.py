@@ -11,7 +11,9 @@ FRESH_RATE = 0.4  # a slower contraction requires a new and complete matrix
 NEWTON_FACTOR = 3e-3  # tolerance relative to the error test; keeps loop gaps small for 3 % more residuals
 STAGNANT = 0.7  # a slower contraction than this, close to the solution, is rounding
 STAGNATED, LAST = 1e-9, 1e-12  # noise in increments, relative to v, if Newton stagnates; at its last iteration
-UNMOVED = 20.0  # roundings of the position, below which c times an increment of v does not count
+UNMOVED = (
+    1e3  # roundings of the position by which increments of v that are noise may move it; 250 in a loop of 100 links
+)
 
 # Loops and hidden constraint after a step
 CLOSINGS = 4  # largest number of evaluations of the constraint alone
@@ -124,6 +126,8 @@ class Switches:
         Keep the weights of the error norm for some steps.
     few_derivatives : bool
         In steps of five or more stages, evaluate derivatives at two of them and interpolate the others.
+    row_derivatives : bool
+        Radau: include the derivative of the constraint forces where it is known, not only if Newton is slow.
     kept_derivatives : bool
         BDF in small systems: keep the derivatives of the forces for some steps, as long as one iteration is enough.
     """
@@ -134,4 +138,5 @@ class Switches:
     few_constraints: bool = True
     kept_weights: bool = True
     few_derivatives: bool = True
+    row_derivatives: bool = True
     kept_derivatives: bool = True
