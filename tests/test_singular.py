@@ -31,6 +31,19 @@ def test_fixed_steps_that_end_beside_the_singular_position(backend, step, order)
     passed(16, 0.725, backend, step=step, max_order=order)
 
 
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+@pytest.mark.parametrize(("n", "step", "order"), [(20, 1e-3, 9), (20, 2e-3, 9), (16, 1e-3, 5)])
+def test_stages_beside_the_singular_position(backend, n, step, order):
+    """Gaps there are rounding as well, larger than in a single loop, and move the bars by 1e-12."""
+    mech = pc.load(f"n_four_bar_{n}")
+    before = passed(n, 0.71, "compiled", rtol=1e-11, atol=1e-13, method="Radau")
+    span, options = (0.71, 0.732), {"step": step, "max_order": order, "method": "Radau", "backend": backend}
+    sol = pc.simulate(mech, span, before.q[-1], before.v[-1], **options)
+    assert sol.success, sol.message
+    exact = passed(n, 0.732, "compiled", rtol=1e-11, atol=1e-13, method="Radau")
+    np.testing.assert_allclose(sol.q[-1], exact.q[-1], atol=1e-7)
+
+
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
 @pytest.mark.parametrize("backend", ["compiled", "python"])
 @pytest.mark.parametrize(("n", "start"), [(10, 0.0), (10, 1e-12), (10, 1e-9), (24, 0.0)])

@@ -116,7 +116,7 @@ public:
       const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
       const bool settled = std::min(size, to_come) <= (stale ? STALE_FACTOR * tol : tol);
       const double noise = rate > STAGNANT ? STAGNATED : iteration == MAX_ITERATIONS ? LAST : 0.0;
-      if (settled || (noise > 0.0 && !stale && is_noise(psi.segment(nx, nv), step.p, noise, unmoved(c, tol)))) {
+      if (settled || (noise > 0.0 && !stale && rounded(step.p, largest(psi.segment(nx, nv)), noise, per_position(c, tol)))) {
         step.change = step.y - predicted;
         step.size = weighted_norm(step.change, weight, nv);
         const bool always = !correct_at_once_; // no residual has been removed yet
@@ -216,14 +216,10 @@ private:
     return most * most * moved.squaredNorm();
   }
 
-  // Whether Newton's increments are only rounding errors.
-  template <class Velocity> bool is_noise(const Velocity &psi_v, const Vec &p, double noise, double unmoved) const {
-    const int nv = system_.nv;
-    const double step = largest(rhs_.col(0).head(nv)), moved = largest(rhs_.col(1).head(nv));
+  bool rounded(const Vec &p, double psi_v, double noise, double per_position) const {
+    const double step = largest(rhs_.col(0).head(system_.nv)), moved = largest(rhs_.col(1).head(system_.nv));
     const bool closed = largest(system_.phi) <= rounding_gap(p, system_.G_transposed());
-    const double reach = 1.0 + largest(p);
-    return step <= std::max(noise * (largest(v_) + largest(psi_v) + step), unmoved * reach) &&
-           moved <= (closed ? HALF : 1e4 * EPS) * reach;
+    return is_noise(step, moved, largest(v_) + psi_v, 1.0 + largest(p), noise, per_position, closed);
   }
 
   System &system_;

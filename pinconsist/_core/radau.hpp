@@ -76,8 +76,7 @@ public:
       if (std::min(size, to_come) <= tol || eager || step <= 20.0 * rounding * reach) return Failure::none;
       const bool stuck = iteration > 1 && rate > STAGNANT;
       const double noise = stuck ? STAGNATED : iteration == MAX_STAGE_ITERATIONS ? LAST : 0.0;
-      const double small = std::max(noise * (before + largest(stages.v) + step), unmoved(stages.h / (s * s), tol) * reach);
-      if (noise > 0.0 && step <= small && largest(dP_) <= 1e4 * EPS * reach) return Failure::none;
+      if (noise > 0.0 && rounded(before, noise, per_position(stages.h / (s * s), tol))) return Failure::none;
       if (iteration > 2 && rate > 2.0) return Failure::diverged;
       last = size;
     }
@@ -94,6 +93,15 @@ public:
 
 private:
   static constexpr double EAGER = 30.0; // of the tolerance: a larger first increment is never the last
+
+  // Whether the increments are only rounding errors, beside the largest velocity before them.
+  bool rounded(double before, double noise, double per_position) {
+    const Vec &p = stages.P.rightCols(1);
+    matrix_.free_velocities(dP_, dV_);
+    const bool closed = matrix_.gap <= rounding_gap(p, system_.G_transposed());
+    const double scale = before + largest(stages.v), moved = largest(matrix_.closing());
+    return is_noise(largest(dV_), moved, scale, 1.0 + largest(p), noise, per_position, closed);
+  }
 
   // Root mean square over the stages of the weighted increments.
   double size_of(const Vec &weight) const {

@@ -20,8 +20,14 @@ inline double rounding_weights(const System &system, const Vec &y, Vec &weight) 
   return TO_ROUNDING;
 }
 
-// Increments of v, for positions of size 1, that are noise if Newton iterates down to rounding, else 0.
-inline double unmoved(double c, double tol) { return tol <= TO_ROUNDING ? UNMOVED * EPS / std::abs(c) : 0.0; }
+// Changes of v that belong to changes of the position, if Newton iterates down to rounding, else 0.
+inline double per_position(double c, double tol) { return tol <= TO_ROUNDING ? 1.0 / std::abs(c) : 0.0; }
+
+// Whether increments, of the velocity by the dynamics and of the position by the constraint, are rounding errors.
+inline bool is_noise(double step, double moved, double scale, double reach, double noise, double per_position, bool closed) {
+  const double least = per_position * std::max(UNMOVED * EPS * reach, closed ? moved : 0.0);
+  return step <= std::max(noise * (scale + step), least) && moved <= (closed ? HALF : 1e4 * EPS) * reach;
+}
 
 inline double rounding_gap(const Vec &p, const Mat &W) { return GAP * (1.0 + largest(p)) * (1.0 + largest(W)); }
 

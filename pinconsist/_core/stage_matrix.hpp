@@ -18,6 +18,8 @@ class StageMatrix {
   };
 
 public:
+  double gap = 0.0; // of the loops that are not closed, at the stages evaluated last
+
   StageMatrix(System &system, const Stages &stages, const Switches &switches)
       : system_(system), stages_(stages), few_(switches.few_derivatives), with_rows_(switches.row_derivatives), lu_(0),
         dependent_(system.nc), columns_(system.nc, system.nc), lam_(system.nc) {}
@@ -60,6 +62,7 @@ public:
   // constraint forces is part of them where it is known, or if Newton is slow.
   bool evaluate(bool fresh, bool slow, long &derivatives) {
     const int s = stages_.size();
+    gap = 0.0;
     for (int i = 0; i < s; ++i) {
       const double t = stages_.time(i);
       p_ = stages_.P.col(i);
@@ -71,7 +74,9 @@ public:
       else system_.evaluate(t, p_, v_, w_);
       f_.col(i) = system_.f;
       // Loops closed to rounding are not closed further: if rows are nearly dependent, the position would move far.
-      if (largest(system_.phi) <= CLOSED * (1.0 + largest(p_))) system_.phi.setZero();
+      const double open = largest(system_.phi);
+      if (open <= CLOSED * (1.0 + largest(p_))) system_.phi.setZero();
+      else gap = std::max(gap, open);
       const Mat &W = system_.velocity_jacobian(t, p_, v_);
       if (!right_[i].reduce(W, system_.phi, fresh, Z_[i], closing_.col(i))) return false;
       if (!symmetric()) {
@@ -136,6 +141,10 @@ public:
     }
     along(dP, dV, 1.0 / h);
   }
+
+  // The part of dP that closes the loops, and the velocities of the rest.
+  const Mat &closing() const { return closing_; }
+  void free_velocities(const Mat &dP, Mat &dV) { along(dP - closing_, dV, 1.0 / stages_.h); }
 
   // M, D and K at the last stage.
   std::tuple<const Mat &, const Mat &, const Mat &> at_end() const { return {M_.back(), D_.back(), K_.back()}; }

@@ -23,7 +23,7 @@ import numpy as np
 
 from .kkt import KKT, columns
 from .norms import largest
-from .rounding import is_noise, rounding_gap, unmoved
+from .rounding import is_noise, per_position, rounding_gap
 from .tuning import FAILURES, FRESH_RATE, LAST, MAX_ITERATIONS, STAGNANT, STAGNATED
 
 
@@ -74,7 +74,7 @@ class Newton:
         psi_x, psi_v = psi[:nx], psi[nx : nx + nv]
         v, lam = predicted[nx : nx + nv], predicted[nx + nv :]
         p, xi = system.position(t, base, psi_x, c, v)
-        last, rate, slow, failure, least = 0.0, 1.0, False, "not_converged", unmoved(c, tol)
+        last, rate, slow, failure = 0.0, 1.0, False, "not_converged"
         for iteration in range(1, MAX_ITERATIONS + 1):
             a = (v - psi_v) / c
             f, phi, G, _ = system.evaluate(t, p, v, a)
@@ -103,7 +103,8 @@ class Newton:
             p, xi = system.position(t, base, psi_x, c, v)
             noise = tolerated(rate, iteration, MAX_ITERATIONS)
             closed = noise and largest(phi) <= rounding_gap(p, G)
-            if min(size, left) <= tol or (noise and is_noise(dv, moved, before, psi_v, p, noise, least, closed)):
+            found = min(size, left) <= tol
+            if found or (noise and is_noise(dv, moved, before, psi_v, p, noise, per_position(c, tol), closed)):
                 return Attempt(t, c, base, psi_x, p, xi, v, lam, kkt, rate)
             if rate > 2.0 and iteration > 2:
                 failure = "diverged"

@@ -36,7 +36,7 @@ from .newton import culprits, to_come, tolerated
 from .norms import EPS, largest
 from .problem import Index3System
 from .radau_table import Table
-from .rounding import is_noise, unmoved
+from .rounding import is_noise, per_position, rounding_gap
 from .tuning import CLOSED, FAILURES, FRESH_RATE, MAX_STAGE_ITERATIONS, MAX_SWEEPS
 
 
@@ -114,7 +114,7 @@ class StageNewton:
                 if matrix.singular:
                     failure = "singular"
                     break
-            dP = matrix.solve(f, phi, G, J)
+            dP, closing = matrix.solve(f, phi, G, J)
             dV = matrix.velocities(dP)
             size = _size(dP, dV, weight, system)
             if not isfinite(size):
@@ -131,8 +131,11 @@ class StageNewton:
             noise = tolerated(stages.rate, iteration, MAX_STAGE_ITERATIONS)
             if min(size, left) <= tol or largest(dV) <= floor * (1.0 + reach):
                 return stages
-            if noise and is_noise(dV, dP, before, stages.v, stages.P[-1], noise, unmoved(h / table.s**2, tol)):
-                return stages
+            if noise:
+                free, rates = matrix.velocities(dP - closing), per_position(h / table.s**2, tol)
+                closed = largest(phi) <= rounding_gap(stages.P[-1], G[-1])
+                if is_noise(free, closing, before, stages.v, stages.P[-1], noise, rates, closed):
+                    return stages
             if stages.rate > 2.0 and iteration > 2:
                 failure = "diverged"
                 break
@@ -189,15 +192,15 @@ class StageMatrix:
         self.singular = info != 0
 
     def solve(self, f, phi, G, J):
-        """dP of all stages, shape (s, nv), with the constraint directions of this iteration."""
+        """dP of all stages with the constraint directions of this iteration, and its part that closes the loops."""
         Z, N = self._null_spaces(J, self._right)
         Y, _ = self._null_spaces(G.swapaxes(1, 2), self._left)
         closing = -np.einsum("iab,ib->ia", N, phi)
         if not Z.shape[2]:
-            return closing
+            return closing, closing
         rhs = -np.einsum("iab,ia->ib", Y, self._h**2 * f + np.einsum("iajc,jc->ia", self._blocks, closing))
         y = dgetrs(self._lu, self._pivots, rhs.ravel())[0]
-        return np.einsum("iab,ib->ia", Z, y.reshape(rhs.shape)) + closing
+        return np.einsum("iab,ib->ia", Z, y.reshape(rhs.shape)) + closing, closing
 
     def velocities(self, dP):
         """dV of all stages, shape (s, nv)."""

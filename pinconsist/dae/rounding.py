@@ -21,25 +21,23 @@ def rounding_weights(system, y):
     return np.repeat((1.0 / size_x, 1.0 / size_v), (system.nx, system.nv)), TO_ROUNDING
 
 
-def unmoved(c, tol) -> float:
-    """Increments of v, for positions of size 1, that are noise if Newton iterates down to rounding, else 0.
-
-    Forces have rounding errors at rest, too; increments c dv that hardly move the position need not be reduced.
-    """
-    return tuning.UNMOVED * EPS / abs(c) if tol <= TO_ROUNDING else 0.0
+def per_position(c, tol) -> float:
+    """Changes of v that belong to changes of the position, 1/c, if Newton iterates down to rounding, else 0."""
+    return 1.0 / abs(c) if tol <= TO_ROUNDING else 0.0
 
 
-def is_noise(dv, moved, v, psi_v, p, noise, unmoved=0.0, closed=False) -> bool:
+def is_noise(dv, moved, v, psi_v, p, noise, per_position=0.0, closed=False) -> bool:
     """Whether Newton's increments are rounding errors, which more iterations or a smaller step cannot reduce.
 
     `dv` are increments of the velocity by the dynamics, `moved` of the position by the constraint; `noise` is the size,
-    relative to the velocities, that may be rounding, and `unmoved` relative to the position. If the loops are `closed`
-    to rounding and the position still moves far, it is near a singular one.
+    relative to the velocities, that may be rounding. Forces have rounding errors at rest, too: with `per_position`,
+    increments that hardly move the position are noise. If the loops are `closed` to rounding and the position still
+    moves far, it is near a singular one, and what moves it less is noise as well.
     """
-    step, reach = largest(dv), 1.0 + largest(p)
+    step, far, reach = largest(dv), largest(moved), 1.0 + largest(p)
     scale = largest(v) + largest(psi_v) + step  # v = ψ_v + c v' may be a small difference of larger numbers
-    small = step <= max(noise * scale, unmoved * reach)
-    return small and largest(moved) <= (tuning.HALF if closed else 1e4 * EPS) * reach
+    least = per_position * max(tuning.UNMOVED * EPS * reach, far if closed else 0.0)
+    return step <= max(noise * scale, least) and far <= (tuning.HALF if closed else 1e4 * EPS) * reach
 
 
 def rounding_gap(p, W) -> float:
