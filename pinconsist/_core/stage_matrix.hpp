@@ -17,6 +17,13 @@ class StageMatrix {
     auto dW(int i, int j) const { return h2_dW.block(i * size, j * size, size, size); }
   };
 
+  // M, D and K at a time.
+  struct Known {
+    double t = 0.0;
+    Mat M, D, K;
+  };
+  static constexpr double NEAREST = 0.1, FARTHEST = 2.0; // how long ago the middle of the last step may be, in steps
+
 public:
   double gap = 0.0; // of the loops that are not closed, at the stages evaluated last
 
@@ -45,16 +52,16 @@ public:
   // Forget earlier steps.
   void forget() {
     begun_ = false;
+    middle_ = {};
     F_before_.resize(0, 0);
   }
 
   // The next step begins where this one ends.
   void accepted() {
-    M_before_ = M_.back();
-    D_before_ = D_.back();
-    K_before_ = K_.back();
+    end_before_ = known(stages_.size() - 1);
+    std::swap(middle_before_, middle_);
     begun_ = true;
-    if (rows_bend_) K_before_ += F_, F_before_ = F_;
+    if (rows_bend_) end_before_.K += F_, F_before_ = F_;
     else F_before_.resize(0, 0);
   }
 
@@ -176,25 +183,32 @@ private:
     return slow;
   }
 
-  // M, D and K of the other stages, from the parabola through three stages, or through the end of the last step and two.
+  // M, D and K of the other stages, from polynomials in t through those of stages, the start and, if it is known, the
+  // middle of the last step.
   void interpolate() {
-    const Vec &c = stages_.table->c;
     const int s = stages_.table->s, middle = (s - 1) / 2;
-    const double x[] = {begun_ ? 0.0 : c[0], c[middle], 1.0};
+    if (!few_ || s < 4) return;
+    middle_ = known(middle);
+    const double ago = begun_ && middle_before_.M.size() ? (stages_.t - middle_before_.t) / stages_.h : 0.0;
+    const bool four = ago > NEAREST && ago < FARTHEST;
+    const double x[] = {begun_ ? stages_.t : stages_.time(0), stages_.time(middle), stages_.time(s - 1), middle_before_.t};
     for (int i = 0; i < s; ++i) {
       if (has_derivatives(i)) continue;
-      double l[] = {1.0, 1.0, 1.0};
-      for (int m = 0; m < 3; ++m)
-        for (int n = 0; n < 3; ++n)
-          if (n != m) l[m] *= (c[i] - x[n]) / (x[m] - x[n]);
-      const auto blend = [&](std::vector<Mat> &all, const Mat &before) {
-        all[i] = l[0] * (begun_ ? before : all[0]) + l[1] * all[middle] + l[2] * all[s - 1];
+      double l[] = {1.0, 1.0, 1.0, 1.0};
+      for (int m = 0; m < 3 + four; ++m)
+        for (int n = 0; n < 3 + four; ++n)
+          if (n != m) l[m] *= (stages_.time(i) - x[n]) / (x[m] - x[n]);
+      const auto blend = [&](std::vector<Mat> &all, Mat Known::*part) {
+        all[i] = l[0] * (begun_ ? end_before_.*part : all[0]) + l[1] * all[middle] + l[2] * all[s - 1];
+        if (four) all[i] += l[3] * (middle_before_.*part);
       };
-      blend(M_, M_before_);
-      blend(D_, D_before_);
-      blend(K_, K_before_);
+      blend(M_, &Known::M);
+      blend(D_, &Known::D);
+      blend(K_, &Known::K);
     }
   }
+
+  Known known(int i) const { return {stages_.time(i), M_[i], D_[i], K_[i]}; }
 
   bool symmetric() const { return &system_.G_transposed() == &system_.W; }
   const Mat &left(int i) const { return symmetric() ? Z_[i] : Y_[i]; }
@@ -247,7 +261,8 @@ private:
   const Stages &stages_;
   bool few_, with_rows_, rows_bend_ = false, begun_ = false; // begun_: M, D and K are known at the start of the step
   LU lu_, dependent_;
-  Mat columns_, F_, F_before_, none_, f_, closing_, along_, twice_, MY_, DY_, KY_, row_, left_over_, matrix_, M_before_, D_before_, K_before_;
+  Mat columns_, F_, F_before_, none_, f_, closing_, along_, twice_, MY_, DY_, KY_, row_, left_over_, matrix_;
+  Known middle_, middle_before_, end_before_;
   std::vector<Mat> Z_, Y_, M_, D_, K_, T_, ad_;
   std::vector<Chart> charts_;
   std::vector<Elimination> right_, left_;
