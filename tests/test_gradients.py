@@ -115,7 +115,7 @@ def test_robots_that_float_with_loops_of_whole_poses(method):
             pc.sensitivities(
                 mech, names, (0.0, 0.05), None, v0, t_eval=times, rtol=tol, atol=tol, max_order=k, method=method
             )
-            for tol, k in ((1e-2, 5), (1e-8, None))  # nine orders reach the error of the reference at any tolerance
+            for tol, k in ((1e-2, 5), (1e-8, None))  # at order 9 both have the error of the reference
         )
     )
     assert fine[0] < 5e-7 and fine[1] < 5e-7 and fine[2] < 1e-5

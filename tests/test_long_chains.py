@@ -3,29 +3,17 @@
 Only the compiled method does so.
 """
 
-from dataclasses import replace
 from types import SimpleNamespace
-from unittest.mock import patch
 
 import numpy as np
 import pytest
+from helpers.twin import needs_twin, with_switches
 
 import pinconsist as pc
 from pinconsist import _core
-from pinconsist._core import compiled
 from pinconsist.dae import tuning
 
-pytestmark = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
-
-
-def without_reuse():
-    """Every step gets its own matrix within the block."""
-
-    def stepper_for(system, method, backend):
-        switches = replace(method.switches, jacobian_reuse=False)
-        return compiled.stepper_for(system, replace(method, switches=switches), backend)
-
-    return patch("pinconsist.simulation.stepper_for", stepper_for)
+pytestmark = needs_twin
 
 
 @pytest.mark.parametrize("tol", [1e-4, 1e-7])
@@ -33,7 +21,7 @@ def test_a_chain_is_as_accurate_with_kept_matrices(tol):
     mech, times = pc.load("chain_64"), np.linspace(0.0, 0.5, 26)
     exact = pc.simulate(mech, (0.0, 0.5), t_eval=times, rtol=1e-11, atol=1e-11)
     kept = pc.simulate(mech, (0.0, 0.5), t_eval=times, rtol=tol, atol=tol)
-    with without_reuse():
+    with with_switches(jacobian_reuse=False):
         fresh = pc.simulate(mech, (0.0, 0.5), t_eval=times, rtol=tol, atol=tol)
     assert kept.nlu < 0.7 * fresh.nlu
     for part in ("q", "v", "lam"):

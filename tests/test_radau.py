@@ -7,17 +7,16 @@ import pinocchio as pin
 import pytest
 from helpers import scenes
 from helpers.scenes import sliding_mass
-from helpers.twin import needs_twin
+from helpers.twin import needs_twin, with_switches
 from helpers.zoo import scaled_bead
 
 import pinconsist as pc
 from benchmarks.chains.scenes import random_chain
 from benchmarks.linkages import stiff_four_bar
-from pinconsist.dae import integrate, radau_stepper, radau_table, segments
+from pinconsist.dae import radau_stepper, radau_table, segments
 from pinconsist.dae.kkt import KKT, kkt_at
 from pinconsist.dae.radau_control import RadauControl
 from pinconsist.dae.radau_table import table
-from pinconsist.dae.tuning import Switches
 from pinconsist.mechanism.system import MechanismSystem
 
 STEPS = {1: 1 / 80, 3: 1 / 40, 5: 1 / 10, 9: 1 / 4}  # order → step; half of it is still above rounding
@@ -81,14 +80,13 @@ def test_constraint_forces_that_turn_within_a_long_step(backend, name, order, st
 
 @needs_twin
 @pytest.mark.parametrize("name", ["chain_8", "bricard"])
-def test_derivatives_of_the_constraint_forces_save_iterations(name, monkeypatch):
+def test_derivatives_of_the_constraint_forces_save_iterations(name):
     def run():
         return pc.simulate(pc.load(name), (0.0, 2.0), method="Radau", rtol=1e-7, atol=1e-7, backend="compiled")
 
     known = run()
-    off = property(lambda _: replace(Switches(), row_derivatives=False), lambda *_: None)
-    monkeypatch.setattr(integrate.Method, "switches", off, raising=False)
-    without = run()
+    with with_switches(row_derivatives=False):
+        without = run()
     assert known.nfev < 0.85 * without.nfev and known.nsteps <= without.nsteps + 2
     np.testing.assert_allclose(known.q[-1], without.q[-1], atol=1e-6)
 

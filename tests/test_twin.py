@@ -5,7 +5,6 @@ import logging
 import signal
 import threading
 import time
-from unittest.mock import patch
 
 import numpy as np
 import pinocchio as pin
@@ -13,12 +12,11 @@ import pytest
 from helpers.bodies import mixed_tree, random_state
 from helpers.forces import FORCES
 from helpers.loops import KINDS, PAIRS, closed_gap, loop_open_by
-from helpers.twin import LOOSE, assert_same, compare_row_gradients, compare_terms, needs_twin, twin_of
+from helpers.twin import LOOSE, assert_same, compare_row_gradients, compare_terms, needs_twin, twin_of, with_switches
 
 import pinconsist as pc
 from pinconsist import _core
 from pinconsist._core import compiled, compiled_system
-from pinconsist.dae import integrate
 from pinconsist.dae.index1 import solve_acceleration
 from pinconsist.dae.tuning import Switches
 from pinconsist.mechanism.system import MechanismSystem
@@ -38,7 +36,7 @@ SCENES = {  # name → duration, s
     "chain_40": 0.3,  # Newton matrices are kept, LAPACK factorises; accelerations carry rounding times cond(M)
 }
 ALIKE = 20  # steps that both make alike: 12 of the first size, and the first ones that the control chooses
-OFF = Switches(*[False] * len(dataclasses.fields(Switches)))
+OFF = dict.fromkeys((switch.name for switch in dataclasses.fields(Switches)), False)
 
 
 @needs_twin
@@ -104,22 +102,13 @@ def test_motions_stay_in_compiled_code(name):
     compare_terms(mech, pc.assemble(mech, q, t=0.3).q if loops else q)
 
 
-def switched_off():
-    """Nothing is done for speed alone within the block."""
-
-    def plain(system, method, backend):
-        return compiled.stepper_for(system, dataclasses.replace(method, switches=OFF), backend)
-
-    return patch("pinconsist.simulation.stepper_for", plain)
-
-
 def both(mech, *t_span, **options):
     """Runs on both, the compiled one with all switches off; with one first step: its estimate may be near rounding."""
     if "step" not in options:
         first_step = abs(pc.simulate(mech, t_span, backend="python", **options).h[0])
         options |= {"first_step": 0.999 * first_step}
     options |= {"dense_output": True}
-    with switched_off():
+    with with_switches(**OFF):
         return [pc.simulate(mech, t_span, backend=backend, **options) for backend in ("python", "compiled")]
 
 
@@ -227,7 +216,7 @@ def test_radau_without_switches_is_as_accurate():
     mech, run = pc.load("crank_rocker"), {"v0": {"crank": 12.0}, "method": "Radau", "max_order": 9}
     tight = pc.simulate(mech, (0.0, 1.0), rtol=1e-12, atol=1e-12, **run).q[-1]
     fast = pc.simulate(mech, (0.0, 1.0), **run)
-    with switched_off():
+    with with_switches(**OFF):
         plain = pc.simulate(mech, (0.0, 1.0), **run)
     assert fast.njev < 0.6 * plain.njev and fast.nfev < plain.nfev
     assert np.abs(fast.q[-1] - tight).max() < 1e-5 > np.abs(plain.q[-1] - tight).max()
@@ -275,7 +264,7 @@ def test_same_errors_on_long_runs():
 
 
 @needs_twin
-@switched_off()
+@with_switches(**OFF)
 def test_output_is_the_same():
     mech, times = pc.load("four_bar"), np.linspace(0.0, 0.3, 7)
     seen = ([], [])
@@ -439,7 +428,7 @@ def test_called_back_systems_make_the_same_steps(options):
     """Problem 5.2 has U, F and G of the general form; a mechanism as any other system has charts."""
     problem = pc.reference_problem("problem52")
 
-    with switched_off():
+    with with_switches(**OFF):
         runs = [
             pc.integrate(problem.system, (1.0, 2.0), problem.p0, problem.v0, backend=backend, **options)
             for backend in ("python", "compiled")
@@ -451,12 +440,11 @@ def test_called_back_systems_make_the_same_steps(options):
 def test_a_called_back_mechanism_makes_the_same_steps_on_manifolds(monkeypatch):
     model = mixed_tree()
     mech = pc.Mechanism(model, [pc.Loop("rope", "distance", "arm", "raft", length=1.0)], [FORCES["spring-damper"]])
-    off = dataclasses.replace(Switches(), kept_derivatives=False)  # a system that is called back keeps none
-    monkeypatch.setattr(integrate.Method, "switches", property(lambda _: off, lambda *_: None), raising=False)
-    first = 0.999 * pc.simulate(mech, (0.0, 0.2), backend="compiled", **LOOSE).h[0]
-    native = pc.simulate(mech, (0.0, 0.2), backend="compiled", first_step=first, **LOOSE)
-    monkeypatch.setattr(compiled_system, "compiled_system", lambda system: _core.load()[0].CallbackSystem(system))
-    called_back = pc.simulate(mech, (0.0, 0.2), backend="compiled", first_step=first, **LOOSE)
+    with with_switches(kept_derivatives=False):  # a system that is called back keeps none
+        first = 0.999 * pc.simulate(mech, (0.0, 0.2), backend="compiled", **LOOSE).h[0]
+        native = pc.simulate(mech, (0.0, 0.2), backend="compiled", first_step=first, **LOOSE)
+        monkeypatch.setattr(compiled_system, "compiled_system", lambda system: _core.load()[0].CallbackSystem(system))
+        called_back = pc.simulate(mech, (0.0, 0.2), backend="compiled", first_step=first, **LOOSE)
     assert_same(native.q[-1], called_back.q[-1], 1e-6)
     assert abs(native.nsteps - called_back.nsteps) <= 2
 

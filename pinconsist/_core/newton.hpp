@@ -113,9 +113,9 @@ public:
       }
       if (iteration == 2 && !stale) forecast_.measured(rate, c);
       if (iteration == 2) derivatives_.not_enough();
-      const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
-      const bool settled = std::min(size, to_come) <= (stale ? STALE_FACTOR * tol : tol);
-      const double noise = rate > STAGNANT ? STAGNATED : iteration == MAX_ITERATIONS ? LAST : 0.0;
+      const double left = iteration == 1 ? size : to_come(size, rate);
+      const bool settled = std::min(size, left) <= (stale ? STALE_FACTOR * tol : tol);
+      const double noise = tolerated(rate, iteration, MAX_ITERATIONS);
       if (settled || (noise > 0.0 && !stale && rounded(step.p, largest(psi.segment(nx, nv)), noise, per_position(c, tol)))) {
         step.change = step.y - predicted;
         step.size = weighted_norm(step.change, weight, nv);
@@ -216,6 +216,7 @@ private:
     return most * most * moved.squaredNorm();
   }
 
+  // Whether Newton's increments are only rounding errors.
   bool rounded(const Vec &p, double psi_v, double noise, double per_position) const {
     const double step = largest(rhs_.col(0).head(system_.nv)), moved = largest(rhs_.col(1).head(system_.nv));
     const bool closed = largest(system_.phi) <= rounding_gap(p, system_.G_transposed());

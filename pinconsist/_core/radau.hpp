@@ -41,7 +41,7 @@ public:
   // Iterate from the accelerations W to the solution. `weight` are reciprocal tolerances of [ξ | v].
   Failure solve(const Vec &weight, double tol) {
     const int s = stages.size();
-    const double rounding = EPS * s * s / std::abs(stages.h); // of velocities, by that of positions of size 1
+    const double floor = 20.0 * EPS * s * s / std::abs(stages.h);
     double last = 0.0, first = 0.0;
     rate = 0.0;
     const double longer = std::max(1.0, std::abs(stages.h / h_before_));
@@ -62,7 +62,7 @@ public:
       if (!std::isfinite(size)) return not_finite(stages.t + stages.h, stages.p, stages.v);
       if (iteration == 1) first = size;
       else rate = size / last;
-      const double to_come = iteration == 1 ? size : rate < 1.0 ? size * rate / (1.0 - rate) : INF;
+      const double left = iteration == 1 ? size : to_come(size, rate);
       const double before = largest(stages.V);
       combine(dV_, stages.table->inverse, dW_, 1.0 / stages.h);
       stages.W += dW_;
@@ -73,9 +73,8 @@ public:
       const bool eager = eager_ && iteration == 1 && expected > 0.0 && expected < 1.0 && size < EAGER &&
                          expected * size < (1.0 - expected) * tol;
       if (eager) rate = expected;
-      if (std::min(size, to_come) <= tol || eager || step <= 20.0 * rounding * reach) return Failure::none;
-      const bool stuck = iteration > 1 && rate > STAGNANT;
-      const double noise = stuck ? STAGNATED : iteration == MAX_STAGE_ITERATIONS ? LAST : 0.0;
+      if (std::min(size, left) <= tol || eager || step <= floor * reach) return Failure::none;
+      const double noise = tolerated(rate, iteration, MAX_STAGE_ITERATIONS);
       if (noise > 0.0 && rounded(before, noise, per_position(stages.h / (s * s), tol))) return Failure::none;
       if (iteration > 2 && rate > 2.0) return Failure::diverged;
       last = size;

@@ -23,6 +23,15 @@ inline double rounding_weights(const System &system, const Vec &y, Vec &weight) 
 // Changes of v that belong to changes of the position, if Newton iterates down to rounding, else 0.
 inline double per_position(double c, double tol) { return tol <= TO_ROUNDING ? 1.0 / std::abs(c) : 0.0; }
 
+// The sum of all increments after one of a given size, if each is `rate` times the previous one.
+inline double to_come(double size, double rate) { return rate < 1.0 ? size * rate / (1.0 - rate) : INF; }
+
+// The increments, relative to the velocities, that count as noise if Newton stagnates or at its last iteration.
+inline double tolerated(double rate, int iteration, double most) {
+  if (iteration > 1 && rate > STAGNANT) return STAGNATED;
+  return iteration == most ? LAST : 0.0;
+}
+
 // Whether increments, of the velocity by the dynamics and of the position by the constraint, are rounding errors.
 inline bool is_noise(double step, double moved, double scale, double reach, double noise, double per_position, bool closed) {
   const double least = per_position * std::max(UNMOVED * EPS * reach, closed ? moved : 0.0);

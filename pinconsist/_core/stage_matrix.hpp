@@ -102,13 +102,13 @@ public:
     const int s = stages_.table->s, nv = system_.nv, nd = nv - system_.nc;
     const Mat &b = stages_.table->inverse, &b2 = stages_.table->inverse2;
     const double h = stages_.h, *MY = MY_.data(), *DY = DY_.data();
+    const Mat &at_start = F_before_.size() ? F_before_ : F_;
     double *row = row_.data();
     if (!nd) return true;
     for (int i = 0; i < s; ++i) {
       across(M_[i], left(i), MY_.data(), nv);
       across(D_[i], left(i), DY_.data(), nv);
-      if (rows_bend_ && F_before_.size()) K_[i] -= (1.0 - stages_.table->c[i]) * F_before_ + stages_.table->c[i] * F_;
-      else if (rows_bend_) K_[i] -= F_;
+      if (rows_bend_) K_[i] -= at_start + stages_.table->c[i] * (F_ - at_start);
       across(K_[i], left(i), KY_.data(), nv);
       for (int j = 0; j < s; ++j) {
         const double of_M = b2(i, j), of_D = h * b(i, j);
@@ -176,7 +176,8 @@ private:
     dependent_.substitute(lam_.data(), 1);
     F_.setZero(nv, system_.nx);
     const double t = stages_.time(stages_.size() - 1);
-    if (with_rows_ && system_.row_gradients(t, p_, v_, lam_, F_, none_)) return true;
+    with_rows_ = with_rows_ && system_.row_gradients(t, p_, v_, lam_, F_, none_); // whether they are known does not change
+    if (with_rows_) return true;
     F_.setZero(nv, nv);
     if (slow) system_.subtract_force_gradient(t, p_, v_, lam_, 1.0, F_);
     F_ = -F_;

@@ -11,9 +11,7 @@ FRESH_RATE = 0.4  # a slower contraction requires a new and complete matrix
 NEWTON_FACTOR = 3e-3  # tolerance relative to the error test; keeps loop gaps small for 3 % more residuals
 STAGNANT = 0.7  # a slower contraction than this, close to the solution, is rounding
 STAGNATED, LAST = 1e-9, 1e-12  # noise in increments, relative to v, if Newton stagnates; at its last iteration
-UNMOVED = (
-    1e3  # roundings of the position by which increments of v that are noise may move it; 250 in a loop of 100 links
-)
+UNMOVED = 1e3  # roundings of the position that increments of v may cause at rest; 250 in a loop of 100 links
 
 # Loops and hidden constraint after a step
 CLOSINGS = 4  # largest number of evaluations of the constraint alone

@@ -1,9 +1,13 @@
 """The terms of the compiled method compared with those in Python."""
 
+from dataclasses import replace
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
 from pinconsist import _core
+from pinconsist._core import compiled
 from pinconsist._core.compiled_gradient import CompiledStagePropagator
 from pinconsist._core.compiled_system import CompiledIndex1, compiled_system
 from pinconsist.dae.index1 import Index1, solve_acceleration
@@ -14,6 +18,16 @@ from pinconsist.mechanism.system import MechanismSystem
 
 needs_twin = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
 LOOSE = {"rtol": 5e-3, "atol": 5e-5}  # errors far above rounding, which step-size control amplifies
+
+
+def with_switches(**given):
+    """Runs have these switches of the compiled method within the block."""
+
+    def stepper_for(system, method, backend):
+        switches = replace(method.switches, **given)
+        return compiled.stepper_for(system, replace(method, switches=switches), backend)
+
+    return patch("pinconsist.simulation.stepper_for", stepper_for)
 
 
 def twin_of(system):
