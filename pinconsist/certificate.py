@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import OFF, GlobalError, figure, measured
+from .accuracy import OFF, PATIENCE, GlobalError, figure, measured
 from .dae.norms import largest
 from .mechanism.energy import energy_of
 from .mechanism.forces.actuators import saturated
@@ -56,7 +56,7 @@ class Certificate:
     ended_early : bool
         Whether the run could not continue; its message has the reason and advice.
     error : GlobalError or None
-        The difference from a finer run; None if none was made.
+        The difference from a finer run; None if none was made, or if it failed or took too long (``error_sought``).
     saturated : dict of str to float
         Actuators whose command or force was clipped to its limits, and the fraction of rows in which it was.
     speed : float
@@ -79,6 +79,7 @@ class Certificate:
     fixed_step: bool = field(default=False, repr=False, compare=False)
     ended_early: bool = field(default=False, repr=False, compare=False)
     error: GlobalError | None = None
+    error_sought: bool = field(default=False, repr=False, compare=False)
     saturated: dict[str, float] = field(default_factory=dict)
     speed: float = field(default=0.0, repr=False, compare=False)
     units: tuple[str, str] = field(default=("", ""), repr=False, compare=False)
@@ -104,11 +105,17 @@ class Certificate:
             found.append(f"error of q about {_short(self.error.q, self.error.units[0])}")
         elif self.energy_error is not None and not self._too_few_rows:
             found.append(f"energy balanced to {_short(self.energy_error)}")
+        if self._error_missing:
+            found.append("error not estimated")
         return f"{', '.join(found)}: " + ("ok" if self.ok else f"look at {', '.join(self._named_concerns)}")
 
     @property
     def _too_few_rows(self) -> bool:
         return self.energy_error is not None and OFF < self.energy_error <= FEW * self.work_error
+
+    @property
+    def _error_missing(self) -> bool:
+        return self.error_sought and self.error is None
 
     @property
     def _of_forces(self) -> float:
@@ -130,6 +137,9 @@ class Certificate:
             lines.append(figure("energy balance", self.energy_error, "", "energy" in named, where))
         if self.error is not None:
             lines += str(self.error).splitlines()
+        if self._error_missing:
+            why = f"the run is incomplete, or a finer one failed or takes more than {PATIENCE:g} s"
+            lines.append(f"error of q           not estimated: {why} (check(error=True) waits for it)")
         if self.corrected_by:
             lines.append(figure("file's numbers", self.corrected_by, "m, rad", False, "their largest correction"))
         return lines

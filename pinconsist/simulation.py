@@ -148,7 +148,7 @@ def integrate(
     chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
     p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
     system = system_of(system, span[0], p0, v0)
-    phi = system.evaluate(span[0], p0, v0, np.zeros(system.nv))[1]
+    phi = system.constraint(span[0], p0, system.rate(span[0], p0, v0))[0]
     size = largest(phi)
     if not size <= 1e-6 * (1.0 + largest(p0)):
         raise InputError(

@@ -156,7 +156,8 @@ class Solution(ByName):
         """The largest residuals over all rows, evaluated in a separate system: see :class:`Certificate`.
 
         Its ``error`` is the global error, estimated by a run at a tenth of the tolerance if that takes less than 3
-        seconds; always with `error` True, never with False. Forces and events are called again for it.
+        seconds, and the verdict says if not; always with `error` True, never with False. Forces and events are called
+        again for it.
 
         A solution read from a file needs `mechanism`, with the forces of the run, those given to
         ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`). Raises InputError for a missing or
@@ -166,7 +167,8 @@ class Solution(ByName):
         certificate = certify(self, self._replayed(mechanism))
         if error is False:
             return certificate
-        return replace(certificate, error=self._global_error(mechanism, PATIENCE if error is None else np.inf))
+        found = self._global_error(mechanism, PATIENCE if error is None else np.inf)
+        return replace(certificate, error=found, error_sought=True)
 
     @property
     def error(self) -> GlobalError | None:

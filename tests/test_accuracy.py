@@ -49,6 +49,17 @@ def test_fixed_steps_are_halved(method):
     assert 0.5 * error < sol.error.q < 2 * error and sol.error.tolerances is None
 
 
+def test_the_verdict_says_if_the_error_is_not_estimated(monkeypatch):
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.5))
+    monkeypatch.setattr("pinconsist.solution.PATIENCE", 0.0)
+    late = sol.check()
+    assert late.ok and late.error is None and "error not estimated: ok" in late.verdict
+    assert "(check(error=True) waits for it)" in str(late)
+    assert "not estimated" not in str(sol.check(error=False))
+    found = sol.check(error=True)
+    assert found.error.q > 0.0 and "not estimated" not in str(found)
+
+
 def test_events_of_both_runs_are_matched():
     """Rows between an impact of one run and that of the other would differ by the whole jump."""
     mech = pc.load("planar_pendulum")

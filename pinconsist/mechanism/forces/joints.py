@@ -127,11 +127,11 @@ class _BoundServo(BoundForce):
         return self._by_q, self._by_v if self._damping else None
 
     def hand_over(self, twin) -> bool:
-        motion = self._target if callable(self._target) else Motion(self._target)
-        own = type(motion) is Motion and self._rate is None
+        target, period = self._target, self._coordinate.period or 0.0
+        own = (type(target) is Motion or not callable(target)) and self._rate is None
         if own:
-            period = self._coordinate.period or 0.0
-            twin.add_servo(self._coordinate.place, period, motion.numbers, self._stiffness, self._damping)
+            numbers = target.numbers if callable(target) else (target, 0.0, 0.0, 0.0, 0.0)
+            twin.add_servo(self._coordinate.place, period, numbers, self._stiffness, self._damping)
         return own
 
     def _wanted(self, t) -> tuple[float, float]:
