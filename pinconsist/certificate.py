@@ -56,7 +56,9 @@ class Certificate:
     ended_early : bool
         Whether the run could not continue; its message has the reason and advice.
     error : GlobalError or None
-        The difference from a finer run; None if none was made, or if it failed or took too long (``error_sought``).
+        The difference from a finer run; None if there is none.
+    error_sought : bool
+        Whether a finer run was to be made; if `error` is None nevertheless, it failed or took too long.
     saturated : dict of str to float
         Actuators whose command or force was clipped to its limits, and the fraction of rows in which it was.
     speed : float
