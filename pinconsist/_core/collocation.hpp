@@ -33,10 +33,13 @@ struct Shape {
     Mat all(W.rows(), s + 1), plain;
     all << start, W.leftCols(s - 1), end;
     combine(all, table->raised, out);
+    combine(W, table->modes, plain);
+    const auto last_two = [&](const Mat &of, Eigen::Index i) {
+      return std::max(std::abs(of(i, s - 1)), s > 1 ? std::abs(of(i, s - 2)) : 0.0);
+    };
     for (Eigen::Index i = 0; i < W.rows(); ++i) {
-      const double before = std::max(std::abs(out(i, s - 1)), s > 1 ? std::abs(out(i, s - 2)) : 0.0);
-      if (std::abs(out(i, s)) <= RESOLVED * before) continue;
-      if (!plain.size()) combine(W, table->modes, plain);
+      const double apart = std::max(std::abs(start[i] - W.row(i).dot(table->at_start)), std::abs(end[i] - W(i, s - 1)));
+      if (std::abs(out(i, s)) <= RESOLVED * last_two(out, i) && apart <= FITTING * last_two(plain, i)) continue;
       out.row(i) << plain.row(i), 0.0;
     }
   }
