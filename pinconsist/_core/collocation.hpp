@@ -3,6 +3,7 @@
 
 #include "index1.hpp"
 #include "stages.hpp"
+#include "unstirred.hpp"
 
 #include <memory>
 
@@ -67,6 +68,7 @@ struct Collocation {
   Shape shape;
   Mat U; // rates of ξ at the stages
   Vec p0, v0, p1, v1;
+  bool stiff = false; // what its projection moved along stiff forces was taken back
   std::shared_ptr<const Collocation> halves[2]; // null where the polynomial is accurate between the ends
 };
 using Collocations = std::vector<std::shared_ptr<const Collocation>>; // of successive steps
@@ -103,14 +105,17 @@ template <class G> std::pair<double, double> zero(const G &g, double a, double f
 // States inside steps, projected onto the constraints, as long as the equations exist.
 class Sampler {
 public:
-  explicit Sampler(System &system) : system_(system), index1_(system) {}
+  explicit Sampler(System &system) : system_(system), stiff_forces_(system), index1_(system) {
+    for (Mat *each : {&M_, &D_, &K_}) each->resize(system.nv, system.nv);
+  }
 
   const System &system() const { return system_; }
 
   // p, v and λ at a time within a step; false if the equations are singular.
   bool sample(const Collocations::value_type &of, double t) {
-    interpolate(holder(of, t), t);
-    return index1_.settle(t, p, v, lam);
+    const auto &step = holder(of, t);
+    interpolate(step, t);
+    return settle(*step, t);
   }
 
   // The same without projection, and with λ only if requested.
@@ -132,7 +137,7 @@ public:
     const double next = last * std::min(1.0, last / (before + 1e-300));
     if (!(next > NEXT_MODE * BETWEEN)) return 0.0;
     const double t = shape.t + theta * shape.h;
-    if (!index1_.settle(t, p, v, lam) || !index1_.acceleration(t, p, v, a_, lam)) return 0.0;
+    if (!settle(*of, t) || !index1_.acceleration(t, p, v, a_, lam)) return 0.0;
     a_ -= accelerations_ * legendre(theta, s + 1) + 6.0 * theta * (1.0 - theta) / shape.h * missing_v_;
     return std::sqrt(next * size(a_));
   }
@@ -140,6 +145,19 @@ public:
   Vec p, v, lam;
 
 private:
+  // Project, as at the end of the step, and compute λ.
+  bool settle(const Collocation &step, double t) {
+    before_ = v;
+    if (!index1_.settle(t, p, v, lam)) return false;
+    if (!step.stiff) return true;
+    const Shape &shape = step.shape;
+    a_ = accelerations_ * legendre((t - shape.t) / shape.h, shape.table->s + 1);
+    system_.evaluate_parts(t, p, before_, a_, M_, D_, K_); // the projection may have moved v out of the stiff range
+    stiff_forces_.set(D_, K_, shape.h);
+    stiff_forces_.take_back(M_, v - before_, v);
+    return index1_.acceleration(t, p, v, a_, lam);
+  }
+
   void interpolate(const Collocations::value_type &of, double t) {
     const Collocation &step = *of;
     const Shape &shape = step.shape;
@@ -161,11 +179,13 @@ private:
   }
 
   System &system_;
+  StiffForces stiff_forces_;
   Projection index1_;
   Collocations::value_type last_; // of which the following are kept
   Vec missing_, missing_v_;
   Mat rates_, accelerations_; // coefficients of Legendre polynomials
-  Vec xi_, a_;
+  Mat M_, D_, K_;
+  Vec xi_, a_, before_;
 };
 
 } // namespace pinconsist

@@ -32,7 +32,7 @@ class StageCurve(Curve):
 
     def _plain(self, end, t, h, s, *parts):
         *arrays, halves = parts
-        named = dict(zip(("p0", "v0", "W", "U", "p", "v", "ends"), arrays, strict=True))
+        named = dict(zip(("p0", "v0", "W", "U", "p", "v", "ends", "stiff"), arrays, strict=True))
         ends = (halves[1][0], end) if halves else ()
         halves = tuple(self._plain(at, *half) for at, half in zip(ends, halves, strict=True))
         return RadauSegment(t, end, h, table(s), **named, system=self.system, halves=halves)

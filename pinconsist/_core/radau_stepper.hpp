@@ -19,7 +19,7 @@ public:
 
   RadauStepper(System &system, const Switches &switches)
       : Run(system), newton(system, switches), switches_(switches), sampler(system), kkt_(system.nv, system.nc), within_(system.nv, system.nc),
-        index1_(system) {}
+        stiff_forces_(system), index1_(system) {}
 
   // A first step with error FIRST_ERROR, from the time in which the acceleration changes by its own size.
   double first_step(double t_end) {
@@ -251,7 +251,7 @@ private:
   // Results of a step that ends at this state.
   Collocations::value_type made(const Shape &shape, const Vec &p1, const Vec &v1) const {
     const Stages &of = newton.stages;
-    return std::make_shared<Collocation>(Collocation{shape, of.U(), of.p, of.v, p1, v1});
+    return std::make_shared<Collocation>(Collocation{shape, of.U(), of.p, of.v, p1, v1, has_stiff_forces_});
   }
 
   double weights() { return control.weights(system_, p, v, weight_); }
@@ -300,31 +300,18 @@ private:
     return index1_.acceleration_after_constraint(t_next, p1_, v1_, a1_, lam1_, known) ? Failure::none : Failure::singular;
   }
 
-  // unstirred of dae/unseen.py: take back what the projection of the velocity v1_ has moved along stiff forces.
+  // Take back what the projection of the velocity v1_ has moved along stiff forces.
   void unstir() {
     const int nv = system_.nv, nc = system_.nc;
+    has_stiff_forces_ = false;
     if (!nc || nc == nv) return;
-    const double c = newton.stages.h / STIFF;
     const auto weight = weight_.tail(nv);
     const auto [M, D, K] = newton.at_end();
-    stiff_ = c * D + c * c * K;
+    stiff_forces_.set(D, K, newton.stages.h);
     shift_ = v1_ - newton.stages.V.rightCols(1);
-    along_.setZero(nv + nc, 1);
-    const auto along = [&](KKT &kkt, const Vec &x, bool fresh) {
-      along_.col(0).head(nv).noalias() = stiff_.lazyProduct(x);
-      along_.col(0).tail(nc).setZero();
-      if (fresh) return kkt.solve_new(system_.W, system_.G_transposed(), 1.0, along_, 1);
-      kkt.solve(along_, 1.0, 1);
-      return true;
-    };
-    along(kkt_, shift_, false);
     const auto size = [&](const auto &x) { return x.cwiseProduct(weight).norm(); };
-    if (!(size(along_.col(0).head(nv)) > STIFF_PART * size(shift_))) return; // nothing is stiff
-    within_.A() = M + stiff_;
-    if (!along(within_, shift_, true)) return;
-    shift_ = along_.col(0).head(nv);
-    along(within_, shift_, false);
-    v1_ -= along_.col(0).head(nv);
+    has_stiff_forces_ = size(stiff_forces_.effect(kkt_, shift_)) > STIFF_PART * size(shift_);
+    if (has_stiff_forces_) stiff_forces_.take_back(M, shift_, v1_);
   }
 
   // The data of the error estimate: the highest modes of the accelerations, and the differences of the acceleration at
@@ -457,13 +444,15 @@ private:
   const Switches switches_;
   std::unique_ptr<RadauStepper> halving_;
   KKT kkt_, within_;
+  StiffForces stiff_forces_;
+  bool has_stiff_forces_ = false; // the last step
   Projection index1_;
   Vec slope_; // of the acceleration at a start
   Vec stage_a_; // the acceleration here according to the stages of the last step
   bool shaped_ = false;
   Shape shape_;
   Collocations::value_type last_;
-  Mat modes_, coefficients_, rhs_, stiff_, along_, between_, between_v_;
+  Mat modes_, coefficients_, rhs_, between_, between_v_;
   Vec missed_, tau_, v_between_;
   Vec weight_, p1_, v1_, a1_, lam1_, moved_, shift_;
 };

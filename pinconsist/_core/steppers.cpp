@@ -51,9 +51,9 @@ nb::object in_python(Collocations &curve) { return curve.empty() ? nb::none() : 
 
 // Of a step: its start, size and stages, the other arguments of RadauSegment, and its halves in the same way.
 nb::tuple in_python(const Collocation &step) {
-  const auto &[shape, U, p0, v0, p1, v1, halves] = step;
+  const auto &[shape, U, p0, v0, p1, v1, stiff, halves] = step;
   return nb::make_tuple(shape.t, shape.h, shape.table->s, array(p0), array(v0), array(Table(shape.W.transpose())),
-                        array(Table(U.transpose())), array(p1), array(v1), nb::make_tuple(array(shape.start), array(shape.end)),
+                        array(Table(U.transpose())), array(p1), array(v1), nb::make_tuple(array(shape.start), array(shape.end)), stiff,
                         halves[0] ? nb::make_tuple(in_python(*halves[0]), in_python(*halves[1])) : nb::make_tuple());
 }
 

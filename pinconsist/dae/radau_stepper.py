@@ -32,6 +32,7 @@ class Landing:
     a: np.ndarray
     lam: np.ndarray
     error: float
+    stiff: bool
 
 
 class RadauStepper(Stepper):
@@ -222,9 +223,9 @@ class RadauStepper(Stepper):
             if (gap := largest(system.constraint(t, p, v)[0])) > rounding_gap(p, G):
                 raise AssemblyError(not_closed_message(gap))
         weight, _ = self._weights()
-        v = unstirred(stages, kkt, G, W, v, weight[system.nx :])
+        v, stiff = unstirred(stages, kkt, G, W, v, weight[system.nx :])
         a, lam = self.index1.acceleration(t, p, v)
-        return Landing(p, v, a, lam, self._error(stages, kkt, G, W, p, v, weight))
+        return Landing(p, v, a, lam, self._error(stages, kkt, G, W, p, v, weight), stiff)
 
     def _error(self, stages, kkt, G, W, p, v, weight):
         """The error of a step over its tolerance, from the highest modes of the accelerations along the constraints."""
@@ -272,7 +273,9 @@ class RadauStepper(Stepper):
         if self.stages is None:
             return None
         of, end = self.stages, self.landing
-        return RadauSegment(of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, self.system, self.ends)
+        return RadauSegment(
+            of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, self.system, self.ends, end.stiff
+        )
 
     def _looks(self, state, with_multipliers):
         segment, parts = self.segment(), np.arange(1, tuning.LOOKS) / tuning.LOOKS  # steps are long
@@ -290,7 +293,7 @@ class RadauStepper(Stepper):
         """A step from a state with the acceleration `a`, solved from the guess it has; None if it fails."""
         stages = self._iterated(Stages(of.system, of.table, of.t_old, of.p0, of.v0, of.h, of.W))
         end = None if stages.failure else self.landed(stages)
-        return end and replace(of, W=stages.W, U=stages.U, p=end.p, v=end.v, ends=(a, end.a))
+        return end and replace(of, W=stages.W, U=stages.U, p=end.p, v=end.v, ends=(a, end.a), stiff=end.stiff)
 
     def velocity_and_multipliers(self):
         return self.v, self.lam

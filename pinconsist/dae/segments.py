@@ -16,6 +16,7 @@ from .index1 import Index1, NotFiniteError, settled
 from .problem import Index3System
 from .radau_table import Table, integrals, polynomials
 from .tuning import BETWEEN, NEXT_MODE
+from .unseen import held_back
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,9 @@ class RadauSegment:
     Between the ends it is projected onto both constraints, which removes most of its error. Events use it without
     projection; the step is repeated up to an event that is found. `W` and `U` have the accelerations and the rates of ξ
     at the stages of the formula `table`, a row for each, and `ends` the accelerations at both ends, None until a step
-    that was given another end is solved. Where the polynomials are not accurate between the ends, `halves` has those of
-    two steps of half the size.
+    that was given another end is solved. If forces are `stiff`, what the projection moves along them is taken back, as
+    at the end. Where the polynomials are not accurate between the ends, `halves` has those of two steps of half the
+    size.
     """
 
     t_old: float
@@ -71,13 +73,20 @@ class RadauSegment:
     v: np.ndarray
     system: Index3System
     ends: tuple[np.ndarray, np.ndarray] | None = None
+    stiff: bool = False
     halves: tuple[RadauSegment, ...] = ()
 
     def __call__(self, t: float):
         """(p, v, λ) at a time inside the step."""
         if self.halves:
             return self.halves[int((t - self.halves[1].t_old) * self.h > 0.0)](t)
-        return settled(self.system, t, *self._polynomials(t))
+        system, (p, v) = self.system, self._polynomials(t)
+        p, projected, lam = settled(system, t, p, v)
+        if not self.stiff:
+            return p, projected, lam
+        a = polynomials([(t - self.t_old) / self.h], self.table.s + 1)[0] @ self._coefficients[1]
+        v = held_back(system, t, p, v, a, projected, self.h)
+        return p, v, Index1(system).acceleration(t, p, v)[1]
 
     def look(self, t: float, with_multipliers: bool):
         """The same without projection; λ is None if it is not requested."""
@@ -126,7 +135,7 @@ class RadauSegment:
         theta = 0.5 * (self.table.c[s // 2 - 1] + self.table.c[s // 2])  # modes vanish in the middle of the step
         t = self.t_old + theta * self.h
         bend = 6.0 * theta * (1.0 - theta) / self.h * self._missing[1]
-        a = Index1(system).acceleration(t, *settled(system, t, *self._polynomials(t))[:2])[0]
+        a = Index1(system).acceleration(t, *self(t)[:2])[0]
         return sqrt(following * size(a - polynomials([theta], s + 1)[0] @ accelerations - bend))
 
     def refined(self, weight: np.ndarray, made: Callable) -> RadauSegment:

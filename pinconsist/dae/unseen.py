@@ -30,25 +30,38 @@ def crosses(stages) -> bool:
 
 
 def unstirred(stages, kkt, G, W, v, weight):
-    """The projected velocity `v` without the part of the projection that is along stiff forces.
+    """The projected velocity `v` without the part of the projection that is along stiff forces; whether there are any.
 
     The projection moves the velocities as an impulse does. Along stiff forces, of which the stages are free, this is an
     error of the order of the stages, which lasts for a moment only but is felt by the multipliers. With
     A = M + c D + c² K, c = h/STIFF, it is (A⁻¹ (A - M))² Δv, restricted to W x = 0. `kkt` is the matrix of M, `weight`
     are the reciprocal tolerances of velocities.
     """
-    nv, nc = G.shape
-    if not 0 < nc < nv:
-        return v
-    (M, stiff), moved = _at_end(stages, stages.h / tuning.STIFF), v - stages.V[-1]
+    if not 0 < W.shape[0] < W.shape[1]:
+        return v, False
+    (M, stiff), moved = _parts(stages.end_matrices, stages.h / tuning.STIFF), v - stages.V[-1]
+    if not np.linalg.norm(weight * _along(kkt, stiff, len(W), moved)) > tuning.STIFF_PART * np.linalg.norm(
+        weight * moved
+    ):
+        return v, False  # nothing is stiff, and the order depends on the metric of M
+    return _without(M, stiff, G, W, v, moved), True
 
-    def along(kkt, x):
-        return kkt.solve(np.concatenate((stiff @ x, np.zeros(nc))))[:nv]
 
-    if not np.linalg.norm(weight * along(kkt, moved)) > tuning.STIFF_PART * np.linalg.norm(weight * moved):
-        return v  # nothing is stiff, and the order depends on the metric of M
+def held_back(system, t, p, v, a, projected, h):
+    """The same at a state (p, v) with the acceleration `a` within a step of size `h` that has stiff forces."""
+    _, _, G, _ = system.evaluate(t, p, v, a)
+    M, stiff = _parts(system.matrices(t, p, v, a), h / tuning.STIFF)
+    return _without(M, stiff, G, system.velocity_jacobian(t, p, v, G), projected, projected - v)
+
+
+def _along(kkt, stiff, nc, x):
+    """What stiff forces do to the velocities after a change by `x`."""
+    return kkt.solve(np.concatenate((stiff @ x, np.zeros(nc))))[: len(x)]
+
+
+def _without(M, stiff, G, W, v, moved):
     within = KKT(M + stiff, G, W)
-    return v if within.singular else v - along(within, along(within, moved))
+    return v if within.singular else v - _along(within, stiff, len(W), _along(within, stiff, len(W), moved))
 
 
 def with_unseen(seen, stages, kkt, G, W, weight) -> float:
@@ -67,13 +80,13 @@ def with_unseen(seen, stages, kkt, G, W, weight) -> float:
 
     if (missed := error(kkt)) <= seen:
         return seen
-    within = KKT(sum(_at_end(stages, h)), G, W)
+    within = KKT(sum(_parts(stages.end_matrices, h)), G, W)
     return max(seen, missed if within.singular else min(missed, error(within)))
 
 
-def _at_end(stages, c):
-    """(M, c D + c² K) at the last stage; their sum is the A of :class:`~pinconsist.dae.kkt.KKT`."""
-    M, D, K = stages.end_matrices
+def _parts(matrices, c):
+    """(M, c D + c² K); their sum is the A of :class:`~pinconsist.dae.kkt.KKT`."""
+    M, D, K = matrices
     return M, c * D + c**2 * K
 
 

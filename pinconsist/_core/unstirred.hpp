@@ -1,0 +1,47 @@
+// unstirred of dae/unseen.py: the part of a projection of velocities that is along stiff forces.
+#pragma once
+
+#include "kkt.hpp"
+#include "system.hpp"
+
+namespace pinconsist {
+
+class StiffForces {
+public:
+  explicit StiffForces(const System &system)
+      : system_(system), within_(system.nv, system.nc), effect_(system.nv + system.nc, 1) {}
+
+  // For a step of this size.
+  void set(const Mat &D, const Mat &K, double step) {
+    const double c = step / STIFF;
+    stiff_ = c * D + c * c * K;
+  }
+
+  // What these forces do to the velocities after a change by `moved`, with the factors of M.
+  auto effect(const KKT &kkt, const Vec &moved) {
+    act(moved);
+    kkt.solve(effect_, 1.0, 1);
+    return effect_.col(0).head(system_.nv);
+  }
+
+  // Take the part of `moved` that they hold back out of `v`.
+  void take_back(const Mat &M, Vec moved, Vec &v) {
+    within_.A() = M + stiff_;
+    act(moved);
+    if (!within_.solve_new(system_.W, system_.G_transposed(), 1.0, effect_, 1)) return;
+    moved = effect_.col(0).head(system_.nv);
+    v -= effect(within_, moved);
+  }
+
+private:
+  void act(const Vec &moved) {
+    effect_.col(0).head(system_.nv).noalias() = stiff_.lazyProduct(moved);
+    effect_.col(0).tail(system_.nc).setZero();
+  }
+
+  const System &system_;
+  KKT within_;
+  Mat stiff_, effect_;
+};
+
+} // namespace pinconsist
