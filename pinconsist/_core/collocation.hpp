@@ -38,11 +38,13 @@ struct Shape {
     const auto last_two = [&](const Mat &of, Eigen::Index i) {
       return std::max(std::abs(of(i, s - 1)), s > 1 ? std::abs(of(i, s - 2)) : 0.0);
     };
+    bool fits = true;
     for (Eigen::Index i = 0; i < W.rows(); ++i) {
       const double apart = std::max(std::abs(start[i] - W.row(i).dot(table->at_start)), std::abs(end[i] - W(i, s - 1)));
-      if (std::abs(out(i, s)) <= RESOLVED * last_two(out, i) && apart <= FITTING * last_two(plain, i)) continue;
-      out.row(i) << plain.row(i), 0.0;
+      fits = fits && apart <= FITTING * last_two(plain, i);
     }
+    for (Eigen::Index i = 0; i < W.rows(); ++i)
+      if (!fits || std::abs(out(i, s)) > RESOLVED * last_two(out, i)) out.row(i) << plain.row(i), 0.0;
   }
 
   // Their polynomial at the stages of another step.

@@ -45,15 +45,15 @@ class Table:
         """Coefficients of Legendre polynomials, (s + 1, nv), for the accelerations of a step, `W` at its stages.
 
         The polynomial has the accelerations of the differential equation at the `start` and the `end`, which are more
-        accurate than those of stages, and those of the inner stages. Where its last coefficient is not small, or the
-        accelerations at the ends are far from the polynomial of the stages, forces are not resolved, as those of stiff
-        friction at rest, which make large accelerations of small errors: there it is the polynomial of the stages.
+        accurate than those of stages, and those of the inner stages. Where its last coefficient is not small, forces
+        are not resolved, and it is the polynomial of the stages. So it is everywhere if an acceleration at an end is
+        far from that: stiff forces, as those of dry friction at rest, make large accelerations of small errors.
         """
         raised, plain = self.raised @ np.vstack([start, W[:-1], end]), self.modes @ W
         apart = np.maximum(np.abs(start - self.values([0.0])[0] @ W), np.abs(end - W[-1]))
+        fits = (apart <= FITTING * np.abs(plain[-2:]).max(axis=0)).all()
         resolved = np.abs(raised[-1]) <= RESOLVED * np.abs(raised[-3:-1]).max(axis=0)
-        resolved &= apart <= FITTING * np.abs(plain[-2:]).max(axis=0)
-        return np.where(resolved, raised, np.vstack([plain, np.zeros_like(start)]))
+        return np.where(fits & resolved, raised, np.vstack([plain, np.zeros_like(start)]))
 
 
 @cache
