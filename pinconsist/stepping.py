@@ -87,21 +87,21 @@ class Simulation:
     def copy(self) -> Simulation:
         """A new run from the state and torques of this one, without its history; laws are shared."""
         other, (t, q, v) = copy(self), self.state
-        other._stand(MechanismSystem(self.mechanism, q, t), t, q, v)
+        other._stand(MechanismSystem(self.mechanism, q, t), t, q, v, self._stepper.system)
         other._hold(t, self._commands)
         other._hold(t, self._torque)
         return other
 
-    def _stand(self, system, t, q, v):
-        """Where a run will begin."""
+    def _stand(self, system, t, q, v, like=None):
+        """Where a run will begin, with what controllers hold in the system of another run."""
         self._method = method_of((t, t + 1.0), *self._options)
         self._stepper = stepper_for(system, self._method, self._backend)
         self._record = Record(Output(events=self._events), (t, t + 1.0), self._stepper.full_multipliers, bool)
         self._watch = EventWatch(self._events, self._stepper, bool)
         self._control, self._torque, self._commands = system.held_forces[-1], np.zeros(system.nv), {}
         self._actuators = {each.name: each for each in system.held_forces if isinstance(each, BoundHeldActuator)}
-        self._place, self._resumes, self._message = (t, q, v), False, ""
-        system.start(t, q, v, False)
+        self._place, self._resumes, self._jumped, self._message = (t, q, v), False, False, ""
+        system.start(t, q, v, False, like)
         self._changing = system if len(system.changing) > 1 + len(self._actuators) else None  # besides by `control`
         plain = not self._events and self._step is None and system.dropped_are_zero
         self._quick = plain and self._stepper.passes_changes(False)
@@ -135,9 +135,11 @@ class Simulation:
             dt = positive_time(dt, "dt")
         t, q, v = self._place
         t_end = t + dt
-        jumped = self._changing is not None and self._changing.change(t, q, v)
         if control is not None:
-            jumped = self._hold(t, control) or jumped
+            self._jumped |= self._hold(t, control)
+        if self._changing is not None:
+            self._jumped |= self._changing.change(t, q, v)
+        jumped, self._jumped = self._jumped, False
         if not self._record.begun:
             self._begin()
             jumped = False
@@ -170,7 +172,7 @@ class Simulation:
         self._keep()
 
     def _keep(self):
-        if self._quick:
+        if self._quick and self._resumes:
             self._record.add(self._stepper.unread())
 
     def _begin(self):

@@ -85,6 +85,7 @@ inline const Collocations::value_type &holder(const Collocations::value_type &st
 // dae/events.py: the zero of g between a and b, where its signs differ, and its value there.
 template <class G> std::pair<double, double> zero(const G &g, double a, double fa, double b, double fb, double near) {
   double part = fa / (fa - fb);
+  if (std::isnan(part)) part = 0.5; // infinite values
   for (int tries = 1;; ++tries) {
     const double least = 0.5 * near / std::abs(b - a);
     const double t = a + std::min(std::max(part, least), 1.0 - least) * (b - a), f = g(t);

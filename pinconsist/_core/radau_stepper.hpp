@@ -104,7 +104,8 @@ public:
     const auto step = last_step();
     double left;
     std::tie(root, left) = zero([&](double at) { return g(step, at); }, begin, signs.before[i], end, signs.values[i], near);
-    const auto again = regular ? retake(*step, root) : nullptr;
+    const bool at_start = std::abs(root - step->shape.t) < shortest_step(root);
+    const auto again = !regular ? nullptr : at_start ? step : retake(*step, root);
     if (!again) return false;
     const double near_by = root - beside * (root - begin), there = g(again, root);
     const double moved = root - there * (root - near_by) / (left - g(step, near_by));

@@ -5,10 +5,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from dis import get_instructions
 from functools import partial
+from numbers import Real
 from types import FunctionType
 from typing import NoReturn
 
 from ..errors import InputError, UserFunctionError
+from .rounding import shortest_step
 from .tuning import HALVING
 
 SAME_TIME = 1e-13  # relative: events closer than this are simultaneous
@@ -41,6 +43,18 @@ class Event:
     direction: float = 0.0
     apply: Callable | None = None
     name: str = ""
+
+    def __post_init__(self):
+        if not callable(self.function):
+            raise InputError(f"an event needs a function g(t, q, v, lam), got {self.function!r}")
+        if not (self.apply is None or callable(self.apply)):
+            raise InputError(f"apply of an event must be a function (t, q, v), got {self.apply!r}")
+        numbers = isinstance(self.terminal, Real) and isinstance(self.direction, Real)
+        if not numbers or self.terminal != self.terminal // 1 or self.terminal < 0 or self.direction != self.direction:
+            raise InputError(
+                "terminal of an event must be True, False or a number of occurrences, and direction a number, got "
+                f"{self.terminal!r} and {self.direction!r}"
+            )
 
 
 def as_events(events) -> tuple[Event, ...]:
@@ -135,6 +149,15 @@ class EventWatch:
         if self.events:
             self.signs.restart(t, p, v, lam, fired)
 
+    def jumped(self, t, p, v, lam):
+        """Take the signs after a jump of forces, which may move a function past zero; returns as :meth:`first`."""
+        if not self.events:
+            return None
+        before = list(self.signs.values)
+        self.signs.restart(t, p, v, lam, ())
+        passed = zip(self.events, before, self.signs.values, strict=True)
+        return self._happen([(t, i, (p, v, lam)) for i, each in enumerate(passed) if _passes(*each)])
+
     def first(self, stepper):
         """Record the events of the last step, or of a start, in order of time, up to the first that changes the run.
 
@@ -157,7 +180,7 @@ class EventWatch:
         signs, hits = self.signs, []
         begin, signs.changed = signs.begin, False
         for i, (event, g0, g1) in enumerate(zip(self.events, signs.before, signs.values, strict=True)):
-            if (g0 < 0 <= g1 and event.direction >= 0) or (g0 > 0 >= g1 and event.direction <= 0):
+            if _passes(event, g0, g1):
                 t, state = stepper.locate(signs, i)
                 hits.append((t, i, state))
         return sorted(hits, key=lambda hit: (abs(hit[0] - begin), hit[1]))
@@ -178,6 +201,11 @@ class EventWatch:
         return [i for t, i, _ in hits if _at_once(t, stop[0])], *stop, final
 
 
+def _passes(event, g0, g1) -> bool:
+    """Whether an event's function passes zero from one value to another, in its direction."""
+    return (g0 < 0 <= g1 and event.direction >= 0) or (g0 > 0 >= g1 and event.direction <= 0)
+
+
 def located(segment, signs, i, retake=None):
     """The time of an event between the last two evaluations in a step, and (p, v, λ) there.
 
@@ -193,6 +221,8 @@ def located(segment, signs, i, retake=None):
         return end, (segment if retake is None or end == segment.end else retake(segment, end))(end)
     near = nearness(begin, end, retake is not None)
     root, left = zero(partial(g, segment), begin, signs.before[i], end, signs.values[i], near)
+    if abs(root - segment.t_old) < shortest_step(root):
+        retake = None  # it is the state at the start
     again = segment if retake is None else retake(segment, root)
     if again is not segment:  # a Newton step removes the error of the interpolant
         there, beside = g(again, root), root - BESIDE * (root - begin)
@@ -215,6 +245,7 @@ def zero(g, a, fa, b, fb, near):
     takes long, by bisection alone.
     """
     part, tries = fa / (fa - fb), 0
+    part = 0.5 if part != part else part  # infinite values
     while True:
         least, tries = 0.5 * near / abs(b - a), tries + 1
         t = a + min(max(part, least), 1.0 - least) * (b - a)

@@ -177,24 +177,18 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
         first, *stepper.unseen = stepper.resume(until) if resumes else stepper.begin(t, p, v, until, known)
         if jumped:
             record.jump(*first)
-            watch.restart(*first)
+            if (hit := watch.jumped(*first)) is not None:
+                p, v, known = _after_events(stepper, watch, record, *hit)
+                resumes = jumped = False
+                continue
         resumes, jumped, known, until = False, False, None, stop if passes else until
         batch = _started(stepper, method, record, with_curve) if stepper.unseen else more(until)
         while True:
             hit = _look(watch, stepper, batch, record) if signs and not batch.error else None
             if hit is not None:
-                fired, t, (p, v, lam), final = hit
-                events = [watch.events[i] for i in fired]
-                record.add(batch.cut(record.needs_curve, t, p, v, lam))
-                if final:
-                    names = " and ".join(event.name or "without a name" for event in events if event.terminal)
-                    raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
-                for event in (event for event in events if event.apply is not None):
-                    p, v = _after_event(stepper, event, t, p, v)
-                stepper.system.change(t, p, v)
-                known = stepper.index1.acceleration(t, p, v)
-                record.jump(t, p, v, known[1])
-                watch.restart(t, p, v, known[1], fired)
+                t, state = hit[1:3]
+                record.add(batch.cut(record.needs_curve, t, *state))
+                p, v, known = _after_events(stepper, watch, record, *hit)
                 break
             record.add(batch)
             if batch.error is not None:
@@ -259,6 +253,21 @@ def _choose_rows(stepper, record) -> bool:
     record.complete_multipliers()  # by the rows that were kept until here
     stepper.change_system(fresh)
     return True
+
+
+def _after_events(stepper, watch, record, fired, t, state, final):
+    """Position and velocity after events, and the acceleration and multipliers there; Stop if one ends the run."""
+    (p, v, _), events = state, [watch.events[i] for i in fired]
+    if final:
+        names = " and ".join(event.name or "without a name" for event in events if event.terminal)
+        raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
+    for event in (event for event in events if event.apply is not None):
+        p, v = _after_event(stepper, event, t, p, v)
+    stepper.system.change(t, p, v)
+    known = stepper.index1.acceleration(t, p, v)
+    record.jump(t, p, v, known[1])
+    watch.restart(t, p, v, known[1], fired)
+    return p, v, known
 
 
 def _after_event(stepper, event, t, p, v):

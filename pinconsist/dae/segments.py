@@ -89,9 +89,9 @@ class RadauSegment:
         return p, v, Index1(system).acceleration(t, p, v)[1]
 
     def look(self, t: float, with_multipliers: bool):
-        """The same without projection; λ is None if it is not requested."""
+        """The same without projection; λ is empty if it is not requested."""
         p, v = self._polynomials(t) if t != self.end else (self.p, self.v)
-        return p, v, Index1(self.system).acceleration(t, p, v)[1] if with_multipliers else None
+        return p, v, Index1(self.system).acceleration(t, p, v)[1] if with_multipliers else np.zeros(0)
 
     def _polynomials(self, t):
         theta = (t - self.t_old) / self.h

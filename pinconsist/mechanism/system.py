@@ -68,9 +68,11 @@ class MechanismSystem(Index3System):
         """The tables of sampled forces, by their labels; see :attr:`Solution.held`."""
         return {label: force.held for label, force in self.forces.items() if isinstance(force, BoundHeld)}
 
-    def start(self, t, p, v, backwards):
+    def start(self, t, p, v, backwards, like=None):
         for force in self.changing:
             force.start(t, backwards)
+        for mine, theirs in zip(self.held_forces, like.held_forces if like else (), strict=False):
+            mine.follow(theirs, t)
         self.change(t, p, v)
 
     def next_change(self, t, t_end):

@@ -73,6 +73,9 @@ class BoundHeld(BoundForce):
         self.entered = bisect_right(self._keys, self._sign * t)
         self._fill()
 
+    def follow(self, other, t) -> None:
+        """Continue at `t` what a controller does in another run; a table has it already."""
+
     def next_change(self, t) -> float:
         """The time of the next entry, or infinity, in the direction of the run."""
         later = self._keys[self.entered :]
@@ -205,12 +208,18 @@ class _BoundSampled(BoundHeld):
         late = record.delay / record.period
         self._late = round(late) if abs(late - round(late)) < SAME_TIME else late  # avoids almost equal times
 
+    def follow(self, other, t):
+        self._start, self._taken, self._waiting = other._start, other._taken, list(other._waiting)
+        if (held := other.entry(t)) is not None:
+            self.hold(t, held)
+
     def next_change(self, t):
         due = min(self._taken, self._waiting[0][0]) if self._waiting else self._taken
         return self._start + self._sign * due * self._record.period
 
     def change(self, t, q, v):
-        now = self._sign * (t - self._start) / self._record.period + SAME_TIME
+        apart = min(max(SAME_TIME, jump_offset(t) / self._record.period), 0.5)  # `t` is rounded
+        now = self._sign * (t - self._start) / self._record.period + apart
         if self._taken <= now:
             torque, shape = np.zeros(self._nv), (len(self._columns),)
             torque[self._columns] = returned(self._law, self._what, shape, t, q, v)
