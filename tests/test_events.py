@@ -4,9 +4,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import scenes
+from helpers.twin import needs_twin
 
 import pinconsist as pc
 from pinconsist.dae import events
+
+needs_both = pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
 
 G = 9.81
 FIXED_AND_ADAPTIVE = [{}, {"step": 0.013}, {"rtol": 1e-4, "atol": 1e-4}, {"step": 0.01, "max_order": 2}]
@@ -505,3 +508,54 @@ def test_a_callback_cannot_change_the_solution(backend):
     sol = pc.simulate(pc.load("four_bar"), (0.0, 0.2), callback=change, backend=backend)
     assert sol.success and len(seen) == 3 * len(sol.t)
     np.testing.assert_array_equal(seen[-3], sol.q[-1])
+
+
+@needs_both
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+@pytest.mark.parametrize("late", [1e-14, 1e-12])
+def test_an_event_just_after_the_start_of_a_step(method, backend, late):
+    """No step can be made up to there."""
+    mech, options = pc.load("crank_rocker"), {"method": method, "backend": backend}
+    sol = pc.simulate(mech, (0.0, 0.1), events=lambda t, q, v, lam: t - late, **options)
+    assert sol.success and len(sol.t_events[0]) == 1 and abs(sol.t_events[0][0] - late) < 1e-11
+    sim = pc.Simulation(mech, events=lambda t, q, v, lam: t - 0.8, **options)
+    for _ in range(9):  # 8 of them end at 0.7999999999999999
+        sim.step(0.1)
+    assert np.abs(np.array(sim.events[0]) - 0.8).max() < 1e-15 and len(sim.events[0]) == 1
+
+
+@needs_both
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+def test_infinite_values_have_a_sign(method, backend):
+    jump = pc.Event(lambda t, q, v, lam: np.inf if t > 0.05 else -np.inf)
+    sol = pc.simulate(pc.load("crank_rocker"), (0.0, 0.1), method=method, backend=backend, events=jump)
+    assert len(sol.t_events[0]) == 1 and abs(sol.t_events[0][0] - 0.05) < 1e-7
+
+
+@needs_both
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+@pytest.mark.parametrize("force", [
+    pc.HeldTorque([0.0, 0.1], [0.0, 60.0], "crank"), pc.Piecewise({"crank": lambda t: 60.0 * (t > 0.1)}, times=[0.1]),
+    pc.Sampled(0.05, lambda t, q, v: [60.0 * (t > 0.08)], "crank"),
+], ids=lambda force: type(force).__name__)  # fmt: skip
+def test_multipliers_that_jump_past_zero(method, backend, force):
+    """They jump from 19 to 105 N; the event was found only where they fell again."""
+    mech, run = pc.load("crank_rocker"), {"method": method, "backend": backend, "forces": [force]}
+    overload = pc.Event(lambda t, q, v, lam: lam[0] - 50.0, terminal=True, name="overload")
+    sol = pc.simulate(mech, (0.0, 0.15), events=overload, **run)
+    assert sol.message == "stopped by the event overload at t = 0.1"
+    assert sol.t[-1] == sol.t[-2] == 0.1 and sol.lam[-2, 0] < 50.0 < sol.lam[-1, 0]
+    lock = pc.Event(lambda t, q, v, lam: lam[0] - 50.0, apply=lambda t, q, v: 0.5 * v)
+    sol = pc.simulate(mech, (0.0, 0.11), v0={"crank": 1.0}, events=lock, **run)
+    v = sol.v[sol.t == 0.1]
+    assert np.abs(v[-1] - 0.5 * v[0]).max() < 1e-8
+
+
+@pytest.mark.parametrize(("fields", "words"), [
+    ({"function": 1.0}, "needs a function g"), ({"apply": 3}, "apply of an event must be a function"),
+    ({"terminal": "yes"}, "terminal of an event must be True"), ({"terminal": 1.5}, "occurrences, and direction"),
+    ({"direction": "up"}, "direction a number"), ({"terminal": -1}, "got -1"),
+], ids=str)  # fmt: skip
+def test_impossible_events_are_refused_before_the_run(fields, words):
+    with pytest.raises(pc.InputError, match=words):
+        pc.Event(**{"function": lambda t, q, v, lam: t} | fields)

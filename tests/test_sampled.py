@@ -179,6 +179,17 @@ def test_a_table_makes_the_run_again(sign):
     np.testing.assert_allclose(back.v[-1], sol.v[0], atol=1e-6)
 
 
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+@pytest.mark.parametrize(("start", "period"), [(86400.0, 1e-3), (2000.0, 1e-4), (1e6, 0.01)])
+def test_samples_far_from_the_origin_of_time(method, start, period):
+    """Times are rounded to more than a billionth of a period there; the run made no progress."""
+    asked = []
+    law = pc.Sampled(period, lambda t, q, v: asked.append(t) or [1.0], "crank")
+    sol = pc.simulate(crank_rocker(), (start, start + 10 * period), method=method, forces=[law], max_steps=300)
+    assert sol.success and len(asked) == 10
+    assert np.abs(np.array(asked) - start - period * np.arange(10)).max() < 1e-14 * start
+
+
 def test_two_controllers_whose_samples_nearly_agree():
     fast, slow = pc.Sampled(1e-3, law, "crank"), pc.Sampled(7e-3, lambda t, q, v: 0.1, "rocker", 1e-3)
     sol = pc.simulate(crank_rocker(), (0.0, 0.03), method="Radau", forces=[fast, slow])

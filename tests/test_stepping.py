@@ -86,6 +86,42 @@ def test_a_copy_goes_on_alike_and_leaves_the_first_alone(mech):
     assert other.solution().t[0] == before.t
 
 
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"backend": "python"}])
+def test_what_is_asked_before_the_first_step(mech, options):
+    sim = pc.Simulation(mech, **options)
+    assert len(sim.solution().t) == 1
+    for run in (pc.Simulation(mech, **options), sim.copy()):
+        np.testing.assert_allclose(run.lam, sim.lam, rtol=1e-9, atol=1e-9)
+    sim.step(DT)
+    sim.reset()
+    assert len(sim.solution().t) == 1
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"backend": "python"}])
+def test_a_copy_goes_on_with_what_a_controller_holds_and_has_measured(mech, options):
+    """Its torques act 8 ms after the samples."""
+    law = pc.Sampled(0.01, lambda t, q, v: [30.0 - v[0]], "crank", delay=8e-3)
+    sim = pc.Simulation(mech, forces=[law], **options)
+    sim.step(9e-3)
+    sim.step(2e-3)
+    copy = sim.copy()
+    for run in (sim, copy):
+        for _ in range(4):
+            run.step(7e-3)
+    np.testing.assert_allclose(copy.state.v, sim.state.v, rtol=1e-5)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"backend": "python"}])
+def test_a_refused_call_forgets_no_jump(mech, options):
+    sim = pc.Simulation(mech, forces=[pc.HeldTorque([0.0, 0.01], [0.0, 50.0], "crank")], **options)
+    sim.step(0.01)
+    with pytest.raises(pc.InputError, match="crnk"):
+        sim.step(0.01, {"crnk": 0.0})
+    sim.step(0.01)
+    sol = sim.solution()
+    assert (sol.t == 0.01).sum() == 2 and sol.check(error=False).force < 1e-6
+
+
 def test_reset_begins_a_new_run(mech):
     sim = stepped(pc.Simulation(mech), 4)
     state = sim.reset({"crank": 0.5}, {"crank": 1.0}, t0=2.0)

@@ -269,11 +269,9 @@ class RadauStepper(Stepper):
         return error
 
     def segment(self):
-        """The interpolant of the last step."""
-        if self.stages is None:
-            return None
+        """The interpolant of the last step; None if there is none."""
         of, end = self.stages, self.landing
-        return RadauSegment(
+        return of and RadauSegment(
             of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, self.system, self.ends, end.stiff
         )
 

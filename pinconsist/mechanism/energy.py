@@ -65,14 +65,17 @@ class Energy:
     def work_error(self) -> float:
         """How far the work of all forces is uncertain because the rows are few, relative like ``balance_error``.
 
-        It is the largest change of this work if every second row is left out.
+        It is the largest change of this work if every second row is left out and, where jumps leave a step alone, if
+        its power is that at one of its ends.
         """
         n, doubled = len(self.t), np.diff(self.t) == 0.0  # the ends of the pieces between events stay
         kept = np.ones(n, dtype=bool)
         kept[1:-1] = (np.arange(1, n - 1) % 2 == 0) | doubled[:-1] | doubled[1:]
         power = sum(self.power.values(), np.zeros(n))[:, None]
         change = _integrals(self.t, power)[kept] - _integrals(self.t[kept], power[kept])
-        return float(np.abs(change).max() / self._exchanged)
+        alone = ~doubled & np.append(True, doubled[:-1]) & np.append(doubled[1:], True)
+        ends = np.cumsum(np.where(alone, 0.5 * np.abs(np.diff(self.t) * np.diff(power[:, 0])), 0.0))
+        return float((np.abs(change).max() + ends.max(initial=0.0)) / self._exchanged)
 
     @property
     def _exchanged(self) -> float:

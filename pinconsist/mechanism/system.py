@@ -222,12 +222,8 @@ class MechanismSystem(Index3System):
         """
         if self.nc == self.rows.nc:
             return lam
-        if lam.ndim == 1:  # called for every evaluation of an event and every callback
-            full = np.zeros(self.rows.nc)
-            full[self.kept] = lam
-        else:
-            full = np.zeros((*lam.shape[:-1], self.rows.nc))
-            full[..., self.kept] = lam
+        full = np.zeros((*lam.shape[:-1], self.rows.nc))
+        full[..., self.kept] = lam
         if self.dropped_are_zero:
             return full
         steady = np.flatnonzero(self.rows.steady)
