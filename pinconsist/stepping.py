@@ -13,6 +13,7 @@ from ._core.compiled import stepper_for
 from .dae.events import EventWatch, as_events
 from .dae.integrate import march, trajectory_of
 from .dae.output import STOPPED, SUCCESS, Output, Record, Stop
+from .dae.rounding import shortest_step
 from .errors import InputError, PinconsistError
 from .mechanism.assembly import assembled
 from .mechanism.checks import finite_array, near, number
@@ -135,6 +136,8 @@ class Simulation:
             dt = positive_time(dt, "dt")
         t, q, v = self._place
         t_end = t + dt
+        if dt < shortest_step(t):
+            raise InputError(f"dt = {dt:g} s is too small to differ from zero at t = {t:g} s")
         if control is not None:
             self._jumped |= self._hold(t, control)
         if self._changing is not None:
