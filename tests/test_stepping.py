@@ -152,7 +152,7 @@ def test_what_cannot_be_is_refused(mech):
         with pytest.raises(pc.InputError, match="dt"):
             sim.step(dt)
     sim.step(0.12)
-    with pytest.raises(pc.InputError, match="dt = 1e-17 s is too small to differ from zero at t = 0.12 s"):
+    with pytest.raises(pc.InputError, match="too small to differ from zero"):
         sim.step(1e-17)
     for control in ({"crnk": 1.0}, [1.0], {"crank": np.nan}):
         with pytest.raises(pc.InputError):
