@@ -141,7 +141,7 @@ class Certificate:
             lines += str(self.error).splitlines()
         if self._error_missing:
             why = f"the run is incomplete, or a finer one failed or takes more than {PATIENCE:g} s"
-            lines.append(f"error of q           not estimated: {why} (check(error=True) waits for it)")
+            lines.append(f"{'error of q':<20} not estimated: {why} (check(error=True) waits for it)")
         if self.corrected_by:
             lines.append(figure("file's numbers", self.corrected_by, "m, rad", False, "their largest correction"))
         return lines

@@ -4,12 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from helpers import scenes
-from helpers.twin import needs_twin
+from helpers.twin import needs_both
 
 import pinconsist as pc
 from pinconsist.dae import events
-
-needs_both = pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
 
 G = 9.81
 FIXED_AND_ADAPTIVE = [{}, {"step": 0.013}, {"rtol": 1e-4, "atol": 1e-4}, {"step": 0.01, "max_order": 2}]

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from helpers import scenes
 from helpers.scenes import sliding_mass
-from helpers.twin import needs_twin, with_switches
+from helpers.twin import needs_both, needs_twin, with_switches
 from helpers.zoo import scaled_bead
 
 import pinconsist as pc
@@ -21,7 +21,6 @@ from pinconsist.dae.radau_table import table
 from pinconsist.mechanism.system import MechanismSystem
 
 STEPS = {1: 1 / 80, 3: 1 / 40, 5: 1 / 10, 9: 1 / 4}  # order → step; half of it is still above rounding
-needs_both = pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
 
 
 @pytest.mark.parametrize("s", [1, 2, 3, 5, 7])
@@ -395,10 +394,8 @@ def test_friction_that_holds_a_body_takes_long_steps(backend, force, speed):
 @pytest.mark.parametrize(("tol", "most"), [(1e-4, 1e-2), (1e-6, 1e-4)])
 def test_rows_within_steps_where_friction_holds_a_joint(backend, tol, most):
     """Small errors of its velocity make large accelerations at the ends of a step: forces were wrong by 12 %."""
-    mech, t = (
-        pc.load("five_bar").with_forces(pc.JointFriction({"right_distal": 3.0}, 2e-3)),
-        np.linspace(0.02, 0.3, 300),
-    )
+    mech = pc.load("five_bar").with_forces(pc.JointFriction({"right_distal": 3.0}, 2e-3))
+    t = np.linspace(0.02, 0.3, 300)
     fine, run = (
         pc.simulate(mech, (0.0, 0.3), method=method, rtol=rtol, atol=rtol, t_eval=t, backend=choice)
         for method, rtol, choice in (("BDF", 1e-8, "auto"), ("Radau", tol, backend))

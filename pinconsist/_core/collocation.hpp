@@ -108,9 +108,7 @@ template <class G> std::pair<double, double> zero(const G &g, double a, double f
 // States inside steps, projected onto the constraints, as long as the equations exist.
 class Sampler {
 public:
-  explicit Sampler(System &system) : system_(system), stiff_forces_(system), index1_(system) {
-    for (Mat *each : {&M_, &D_, &K_}) each->resize(system.nv, system.nv);
-  }
+  explicit Sampler(System &system) : system_(system), stiff_forces_(system), index1_(system) {}
 
   const System &system() const { return system_; }
 
@@ -154,6 +152,7 @@ private:
     if (!index1_.settle(t, p, v, lam)) return false;
     if (!step.stiff) return true;
     const Shape &shape = step.shape;
+    for (Mat *each : {&M_, &D_, &K_}) each->resize(system_.nv, system_.nv);
     a_ = accelerations_ * legendre((t - shape.t) / shape.h, shape.table->s + 1);
     system_.evaluate_parts(t, p, before_, a_, M_, D_, K_); // the projection may have moved v out of the stiff range
     stiff_forces_.set(D_, K_, shape.h);

@@ -4,12 +4,14 @@
 #include "kkt.hpp"
 #include "system.hpp"
 
+#include <optional>
+
 namespace pinconsist {
 
 class StiffForces {
 public:
   explicit StiffForces(const System &system)
-      : system_(system), within_(system.nv, system.nc), effect_(system.nv + system.nc, 1) {}
+      : system_(system), effect_(system.nv + system.nc, 1) {}
 
   // For a step of this size.
   void set(const Mat &D, const Mat &K, double step) {
@@ -26,11 +28,12 @@ public:
 
   // Take the part of `moved` that they hold back out of `v`.
   void take_back(const Mat &M, Vec moved, Vec &v) {
-    within_.A() = M + stiff_;
+    if (!within_) within_.emplace(system_.nv, system_.nc); // most scenes need none
+    within_->A() = M + stiff_;
     act(moved);
-    if (!within_.solve_new(system_.W, system_.G_transposed(), 1.0, effect_, 1)) return;
+    if (!within_->solve_new(system_.W, system_.G_transposed(), 1.0, effect_, 1)) return;
     moved = effect_.col(0).head(system_.nv);
-    v -= effect(within_, moved);
+    v -= effect(*within_, moved);
   }
 
 private:
@@ -40,7 +43,7 @@ private:
   }
 
   const System &system_;
-  KKT within_;
+  std::optional<KKT> within_;
   Mat stiff_, effect_;
 };
 

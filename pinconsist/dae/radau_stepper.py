@@ -74,8 +74,7 @@ class RadauStepper(Stepper):
         self.headway.restart(t, t)
         if self._turns is None:
             self._turns = turning_coordinates(system, p)
-        self.shape = self.stages = self.landing = None
-        self.stage_a, self.slope = self.a, np.zeros(system.nv)
+        self.shape, self.stages, self.stage_a, self.slope = None, None, self.a, np.zeros(system.nv)
         self._taken = 0
         if method.step is not None:
             self._divide(t_end)
@@ -271,9 +270,10 @@ class RadauStepper(Stepper):
 
     def segment(self):
         """The interpolant of the last step; None if there is none."""
-        of, end = self.stages, self.landing
-        about = self.system, self.ends, end and end.stiff
-        return of and RadauSegment(of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U, end.p, end.v, *about)
+        if (of := self.stages) is None:
+            return None
+        end, step = self.landing, (of.t, self.t, of.h, of.table, of.p, of.v, of.W, of.U)
+        return RadauSegment(*step, end.p, end.v, self.system, self.ends, end.stiff)
 
     def _looks(self, state, with_multipliers):
         segment, parts = self.segment(), np.arange(1, tuning.LOOKS) / tuning.LOOKS  # steps are long

@@ -40,9 +40,8 @@ def unstirred(stages, kkt, G, W, v, weight):
     if not 0 < W.shape[0] < W.shape[1]:
         return v, False
     (M, stiff), moved = _parts(stages.end_matrices, stages.h / tuning.STIFF), v - stages.V[-1]
-    if not np.linalg.norm(weight * _along(kkt, stiff, len(W), moved)) > tuning.STIFF_PART * np.linalg.norm(
-        weight * moved
-    ):
+    felt = _along(kkt, stiff, len(W), moved)
+    if not np.linalg.norm(weight * felt) > tuning.STIFF_PART * np.linalg.norm(weight * moved):
         return v, False  # nothing is stiff, and the order depends on the metric of M
     return _without(M, stiff, G, W, v, moved), True
 
@@ -60,6 +59,7 @@ def _along(kkt, stiff, nc, x):
 
 
 def _without(M, stiff, G, W, v, moved):
+    """The velocity `v` without what stiff forces hold back of its change by `moved`."""
     within = KKT(M + stiff, G, W)
     return v if within.singular else v - _along(within, stiff, len(W), _along(within, stiff, len(W), moved))
 

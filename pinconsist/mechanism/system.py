@@ -71,8 +71,9 @@ class MechanismSystem(Index3System):
     def start(self, t, p, v, backwards, like=None):
         for force in self.changing:
             force.start(t, backwards)
-        for mine, theirs in zip(self.held_forces, like.held_forces if like else (), strict=False):
-            mine.follow(theirs, t)
+        if like is not None:
+            for mine, theirs in zip(self.held_forces, like.held_forces, strict=True):
+                mine.follow(theirs, t)
         self.change(t, p, v)
 
     def next_change(self, t, t_end):

@@ -17,6 +17,7 @@ from pinconsist.mechanism.rank import null_space
 from pinconsist.mechanism.system import MechanismSystem
 
 needs_twin = pytest.mark.skipif(_core.load()[0] is None, reason=_core.load()[1])
+needs_both = pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=needs_twin)])
 LOOSE = {"rtol": 5e-3, "atol": 5e-5}  # errors far above rounding, which step-size control amplifies
 
 

@@ -127,12 +127,11 @@ class _BoundServo(BoundForce):
         return self._by_q, self._by_v if self._damping else None
 
     def hand_over(self, twin) -> bool:
-        target, period = self._target, self._coordinate.period or 0.0
-        own = (type(target) is Motion or not callable(target)) and self._rate is None
-        if own:
+        if self.smooth:
+            target, period = self._target, self._coordinate.period or 0.0
             numbers = target.numbers if callable(target) else (target, 0.0, 0.0, 0.0, 0.0)
             twin.add_servo(self._coordinate.place, period, numbers, self._stiffness, self._damping)
-        return own
+        return self.smooth
 
     def _wanted(self, t) -> tuple[float, float]:
         if not callable(self._target):
