@@ -303,6 +303,15 @@ def test_a_user_is_not_asked_about_a_stage_beyond_all_numbers(backend):
     assert sol.success, sol.message
 
 
+@needs_both
+@pytest.mark.parametrize("rtol", [1e-2, 3e-3, 1e-3])
+def test_an_end_that_cannot_be_projected_is_a_failed_step(backend, rtol):
+    """The rows become dependent. One run ended by asking a user's constraint at NaN, one without trying again."""
+    mech, q, v = random_chain(160002)
+    sol = pc.simulate(mech, (0.0, 0.013), q, v, method="Radau", rtol=rtol, atol=rtol, backend=backend)
+    assert not sol.success and "nearly dependent" in sol.message, sol.message
+
+
 def test_stages_follow_newton():
     """More where it is quick and the tolerance tight, fewer where it fails again and again."""
     control = RadauControl((np.array(1e-8),) * 2, (np.array(1e-8),) * 2, 9, np.inf)

@@ -288,6 +288,7 @@ private:
       shift_ = -system_.moved_by(t1, p1_, v1_, rhs_.col(1).head(nv));
       system_.integrate(p1_, shift_, moved_);
       std::swap(p1_, moved_);
+      if (!p1_.allFinite()) return Failure::not_converged;
       moved = true;
     }
     if (!closed) {

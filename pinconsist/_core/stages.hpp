@@ -56,7 +56,8 @@ public:
       place();
       return P.allFinite();
     }
-    for (int sweep = 0; sweep < MAX_SWEEPS; ++sweep) {
+    double moved = INF;
+    for (int sweep = 0; sweep < MAX_SWEEPS && moved > 4.0 * EPS; ++sweep) {
       if (!system_.rate_is_velocity) place(); // otherwise rates do not depend on positions
       for (int i = 0; i < size(); ++i) {
         p_ = P.col(i);
@@ -67,10 +68,10 @@ public:
       }
       before_ = xi;
       combine(U_, table->A, xi, h);
-      if (!(largest(xi - before_) > 4.0 * EPS * (1.0 + largest(xi)))) break;
+      moved = largest(xi - before_) / (1.0 + largest(xi));
     }
     place();
-    return P.allFinite();
+    return moved < std::sqrt(EPS) && P.allFinite();
   }
 
 private:

@@ -9,10 +9,11 @@ from scipy.integrate import DOP853
 
 from ..errors import AssemblyError, PinconsistError, SingularSystemError
 from .charts import chart_matrix, chart_point, table_row
-from .kkt import kkt_at
+from .kkt import columns, kkt_at
 from .newton import culprits
 from .norms import EPS, largest
 from .rounding import rounding_gap
+from .tuning import CLOSED, CLOSINGS
 
 
 class NotFiniteError(PinconsistError):
@@ -83,6 +84,21 @@ def settled(system, t, p, v):
     v = v - kkt.solve(np.concatenate((zero, rho)))[: system.nv]
     f0 = system.evaluate(t, p, v, zero)[0]
     return p, v, kkt.solve(-np.concatenate((f0, system.acceleration_bias(t, p, v))))[system.nv :]
+
+
+def projected(system, kkt, G, t, p, v):
+    """(p, v) after a step, on both constraints by the matrix at its end; (None, None) if there are none."""
+    with _overflow_allowed():
+        for _ in range(CLOSINGS):
+            phi, rho = system.constraint(t, p, system.rate(t, p, v))
+            shift, change = kkt.solve(columns(system.nv, system.nc, (0.0, phi), (0.0, rho)))[: system.nv].T
+            p, v = system.integrate(p, -moved_by(system, t, p, v, shift)), v - change
+            if not np.isfinite(p).all():
+                return None, None
+            if largest(phi) <= CLOSED * (1.0 + largest(p)):
+                return p, v
+    gap = largest(system.constraint(t, p, v)[0])
+    return (p, v) if gap <= rounding_gap(p, G) else (None, None)
 
 
 def project_position(system, t, p, v):
@@ -196,5 +212,5 @@ def chart_state(system, base, p, v):
 
 
 def _overflow_allowed():
-    """Numbers may overflow in the first try of a step; a shorter one then follows."""
+    """Numbers may overflow in a step that is too long; a shorter one then follows."""
     return np.errstate(over="ignore", invalid="ignore")

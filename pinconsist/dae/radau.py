@@ -70,7 +70,7 @@ class Stages:
         return self.t + self.h * self.table.c
 
     def move(self, dW=0.0) -> bool:
-        """Velocities and positions of the accelerations W + dW; returns whether they are inside the chart.
+        """Velocities and positions of the accelerations W + dW; returns whether there are any.
 
         Rates that depend on positions are found by fixed-point iteration, starting from the current ξ.
         """
@@ -83,9 +83,9 @@ class Stages:
             if not system.vector_like:
                 self.U = np.array([chart_matrix(system, xi) @ rate for xi, rate in zip(self.xi, self.U, strict=True)])
             before, self.xi = self.xi, h * A @ self.U
-            if not largest(self.xi - before) > 4.0 * EPS * (1.0 + largest(self.xi)):
+            if not (moved := largest(self.xi - before) / (1.0 + largest(self.xi))) > 4.0 * EPS:
                 break
-        return bool(np.isfinite(self.P).all())
+        return bool(moved < EPS**0.5 and np.isfinite(self.P).all())
 
 
 class StageNewton:

@@ -5,17 +5,17 @@ from math import copysign, hypot
 
 import numpy as np
 
-from ..errors import AssemblyError, PinconsistError
+from ..errors import PinconsistError
 from . import tuning
 from .charts import fastest_turn, turning_coordinates
 from .events import located
-from .index1 import moved_by, not_closed_message
+from .index1 import moved_by, projected
 from .kkt import kkt_at
 from .norms import EPS, largest, weighted_norm
 from .radau import StageNewton, Stages
 from .radau_control import exponent
 from .radau_table import polynomials, table
-from .rounding import rounding_gap, shortest_step
+from .rounding import shortest_step
 from .segments import RadauSegment
 from .stepper import Stepper
 from .unseen import crosses, unstirred, with_unseen
@@ -148,8 +148,8 @@ class RadauStepper(Stepper):
             if t_next == self.t:
                 return tuning.FAILURES["error_test"]
             stages = self._solved(t_next)
-            if not stages.failure:
-                landing = self.landed(stages)
+            landing = None if stages.failure else self.landed(stages)
+            if landing is not None:
                 if landing.error <= 1.0:
                     break
                 smaller = control.after_rejection(self.s, self.h, landing.error)
@@ -207,21 +207,18 @@ class RadauStepper(Stepper):
         """[ξ | v], relative to whose size errors are weighted."""
         return np.concatenate((self.p if self.system.vector_like else np.zeros(self.system.nx), self.v))
 
-    def landed(self, stages) -> Landing:
-        """The end of a step; one factorisation at the last stage serves the projections and the error estimate."""
+    def landed(self, stages) -> Landing | None:
+        """The end of a step; one factorisation at the last stage serves the projections and the error estimate.
+
+        None, with the `failure` of the stages set, if the constraints cannot be fulfilled there.
+        """
         system, t, p, v = self.system, stages.times[-1], stages.P[-1], stages.V[-1]
         kkt, _, G, W = kkt_at(system, t, p, v)
         self.newton.nlu += 1
-        zero = np.zeros(system.nv)
-        for _ in range(tuning.CLOSINGS):
-            phi, rho = system.constraint(t, p, system.rate(t, p, v))
-            p = system.integrate(p, -moved_by(system, t, p, v, kkt.solve(np.concatenate((zero, phi)))[: system.nv]))
-            v = v - kkt.solve(np.concatenate((zero, rho)))[: system.nv]
-            if largest(phi) <= tuning.CLOSED * (1.0 + largest(p)):
-                break
-        else:
-            if (gap := largest(system.constraint(t, p, v)[0])) > rounding_gap(p, G):
-                raise AssemblyError(not_closed_message(gap))
+        p, v = projected(system, kkt, G, t, p, v)
+        if p is None:
+            stages.failure = tuning.FAILURES["not_converged"]
+            return None
         weight, _ = self._weights()
         v, stiff = unstirred(stages, kkt, G, W, v, weight[system.nx :])
         a, lam = self.index1.acceleration(t, p, v)
