@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from pinconsist import __version__, integrate
+from pinconsist import Solution, __version__, integrate
+from pinconsist._core.compiled import stepper_for
+from pinconsist.dae import integrate as dae
 from pinconsist.dae.consistency import MODES
-from pinconsist.dae.tuning import MAX_ORDER
+from pinconsist.dae.tuning import MAX_ORDER, Switches
+from pinconsist.options import method_of
 
 from .problem import Peer, Rows, SolverFailed
 
@@ -43,12 +48,15 @@ class Own(Peer):
     def can(self, problem):
         return None
 
+    def run(self, problem, options):
+        return integrate(problem.system, problem.span, problem.q0, problem.v0, **options)
+
     def prepare(self, problem, setting):
         sizes = {"step": (problem.span[1] - problem.span[0]) / setting} if self.fixed_step else {}
         options = self.options | (sizes or {"rtol": setting, "atol": setting})
 
         def solve():
-            return integrate(problem.system, problem.span, problem.q0, problem.v0, **options)
+            return self.run(problem, options)
 
         def read(sol, thin):
             if not sol.success:
@@ -60,10 +68,27 @@ class Own(Peer):
         return solve, read
 
 
+class WithoutSwitch(Own):
+    """BDF of variable step, without one of the features that exist only for speed."""
+
+    def __init__(self, switch):
+        super().__init__(f"BDF, {switch.replace('_', ' ')} off", {}, detail=True)
+        self.switches = replace(Switches(), **{switch: False})
+
+    def run(self, problem, options):
+        span, tolerances = problem.span, (options["rtol"], options["atol"])
+        method = method_of(span, "BDF", None, None, *tolerances, "every-step", None, np.inf, None, "auto")
+        method = replace(method, switches=self.switches)
+        stepper = stepper_for(problem.system, method, "auto")
+        run = dae.integrate(problem.system, span, problem.q0, problem.v0, method, stepper=stepper)
+        return Solution._from_trajectory(run, method)
+
+
 def own_methods() -> list[Own]:
     """All of them, the one that others are measured against first."""
     return [
         *(Own(*row) for row in SETTINGS.items()),
         *(Own(*row, detail=True) for row in DETAILS.items()),
+        WithoutSwitch("kept_derivatives"),
         *(Own(*row, fixed_step=True, detail=True) for row in FIXED.items()),
     ]
