@@ -105,9 +105,9 @@ def _stages(max_order, step, consistency) -> int:
 
 def positive_time(value, what) -> float:
     """A positive number of seconds, or InputError."""
-    value = finite_array(value, what)
-    if value.shape != () or not value > 0:
-        raise InputError(f"{what} must be a positive number of seconds, got {value!s}")
+    value, given = finite_array(value, what), value
+    if value.shape != () or not value > 0 or isinstance(given, bool):
+        raise InputError(f"{what} must be a positive number of seconds, got {given!s}")
     return float(value)
 
 
