@@ -414,6 +414,19 @@ def test_rows_within_steps_where_friction_holds_a_joint(backend, tol, most):
     assert np.abs(run.v - fine.v).max() < 10 * tol
 
 
+def test_one_coordinate_that_is_not_resolved_counts_for_all():
+    """Constraints couple them: mixed polynomials left 1100 tolerances in rows. One that hardly moves does not count."""
+    step = table(5)
+
+    def highest(size):
+        """Coefficients of degree 5: of an exponential function, and of one that changes its sign at every stage."""
+        W = np.column_stack((np.exp(step.c), size * np.array([1.0, -1.0, 1.0, -1.0, 1.0])))
+        return step.coefficients(W, np.array([1.0, -size]), np.array([np.e, size]))[-1]
+
+    assert highest(1e-3).tolist() == [0.0, 0.0]
+    assert highest(1e-7)[0] > 0.0 and highest(1e-7)[1] == 0.0
+
+
 def test_smooth_forces_are_evaluated_at_the_stages_only():
     smooth = [
         pc.JointDamping([1.0, 1.0, 1.0]), pc.JointSpring("crank", 1.0), pc.JointTorque({"crank": pc.Motion(0.0, 1.0)}),

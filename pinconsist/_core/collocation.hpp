@@ -38,10 +38,13 @@ struct Shape {
     const auto last_two = [&](const Mat &of, Eigen::Index i) {
       return std::max(std::abs(of(i, s - 1)), s > 1 ? std::abs(of(i, s - 2)) : 0.0);
     };
+    double most = 0.0;
+    for (Eigen::Index i = 0; i < W.rows(); ++i) most = std::max(most, last_two(out, i));
     bool fits = true;
     for (Eigen::Index i = 0; i < W.rows(); ++i) {
       const double apart = std::max(std::abs(start[i] - W.row(i).dot(table->at_start)), std::abs(end[i] - W(i, s - 1)));
-      fits = fits && apart <= FITTING * last_two(plain, i);
+      const double last = std::max(last_two(out, i), NOTABLE * most);
+      fits = fits && apart <= FITTING * last_two(plain, i) && std::abs(out(i, s)) <= RESOLVED * last;
     }
     for (Eigen::Index i = 0; i < W.rows(); ++i)
       if (!fits || std::abs(out(i, s)) > RESOLVED * last_two(out, i)) out.row(i) << plain.row(i), 0.0;

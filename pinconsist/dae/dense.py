@@ -199,7 +199,9 @@ class DenseOutput:
             times = np.asarray(t, float)
         except (TypeError, ValueError):
             raise InputError(f"dense output needs a time or times (s), got {t!r}") from None
-        if not (times.ndim < 2 and np.isfinite(times).all() and (times >= self.t_min).all() and (times <= self.t_max).all()):
+        if not (
+            times.ndim < 2 and np.isfinite(times).all() and (times >= self.t_min).all() and (times <= self.t_max).all()
+        ):
             raise InputError(f"dense output covers t = {self.t_min:g} to {self.t_max:g} s, requested {t}")
         asked = np.atleast_1d(times) if times.size else np.array([self.t_min])
         holders = np.minimum(np.searchsorted(self._sign * self._ends, self._sign * asked), len(self._ends) - 1)

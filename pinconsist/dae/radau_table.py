@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import legendre
 
-from .tuning import FITTING, RESOLVED
+from .tuning import FITTING, NOTABLE, RESOLVED
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,17 @@ class Table:
         """Coefficients of Legendre polynomials, (s + 1, nv), for the accelerations of a step, `W` at its stages.
 
         The polynomial has the accelerations of the differential equation at the `start` and the `end`, which are more
-        accurate than those of stages, and those of the inner stages. Where its last coefficient is not small, forces
-        are not resolved, and it is the polynomial of the stages. So it is everywhere if an acceleration at an end is
-        far from that: stiff forces, as those of dry friction at rest, make large accelerations of small errors.
+        accurate than those of stages, and those of the inner stages. It is the polynomial of the stages if an
+        acceleration at an end is far from that, because stiff forces, as those of dry friction at rest, make large
+        accelerations of small errors; or if its last coefficient is not small, where forces are not resolved.
+        Constraints hand errors on: all coordinates have the same polynomial, but for those that hardly move.
         """
         raised, plain = self.raised @ np.vstack([start, W[:-1], end]), self.modes @ W
         apart = np.maximum(np.abs(start - self.values([0.0])[0] @ W), np.abs(end - W[-1]))
+        highest, last = np.abs(raised[-1]), np.abs(raised[-3:-1]).max(axis=0)
         fits = (apart <= FITTING * np.abs(plain[-2:]).max(axis=0)).all()
-        resolved = np.abs(raised[-1]) <= RESOLVED * np.abs(raised[-3:-1]).max(axis=0)
-        return np.where(fits & resolved, raised, np.vstack([plain, np.zeros_like(start)]))
+        fits &= (highest <= RESOLVED * np.maximum(last, NOTABLE * last.max())).all()
+        return np.where(fits & (highest <= RESOLVED * last), raised, np.vstack([plain, np.zeros_like(start)]))
 
 
 @cache

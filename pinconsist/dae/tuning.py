@@ -62,6 +62,7 @@ STAGE_SAFETY = 0.45  # estimates of high order react late: longer steps are more
 STAGE_GROWTH = 2.0  # largest growth of a step; MAX_FACTOR after the first one
 RESOLVED = 0.35  # largest ratio of the last coefficient of accelerations to the two before it if they are resolved
 FITTING = 10.0  # largest distance of accelerations at the ends from the polynomial of the stages, in its last modes
+NOTABLE = 0.03  # part of the largest last coefficient that makes an unresolved coordinate count for all
 FORESEEN = 7.0  # a step longer than this, relative to the last, does not start from its polynomial
 STAGE_AFTER_FAILURE = 0.5  # factor of the step size after Newton failed
 FELT = 3.0  # rounding in stage positions that affects the error estimate, in eps
