@@ -18,8 +18,9 @@ from .errors import PinconsistError
 from .mechanism.energy import compiled_forces
 from .mechanism.names import velocity_names, velocity_units
 from .mechanism.system import MechanismSystem
-from .options import method_of
+from .options import looking, method_of
 
+SHORTER = 0.3  # longest steps of the finer run, relative to those of a run: it looks at other times
 FINER = 0.1  # of the tolerance
 ENDS = 100  # steps of Radau between rows that are compared
 PATIENCE = 3.0  # s that the finer run may take if it was not requested
@@ -138,7 +139,8 @@ def _case(solution, mechanism):
     span = float(solution.t[0]), float(solution.t[-1])
     order = None if name == "Radau" and step is None else order
     most = MOST_STEPS * (solution.nsteps + 100)
-    return system, method_of(span, name, step, order, rtol, atol, about["consistency"], None, np.inf, most, "auto")
+    method = method_of(span, name, step, order, rtol, atol, about["consistency"], None, np.inf, most, "auto")
+    return system, looking(method, system, span, SHORTER)
 
 
 def _rows(solution, most):

@@ -1,6 +1,7 @@
 """The options of a run: checks of the arguments, and the method for the integration loop of dae."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 
@@ -101,6 +102,17 @@ def _stages(max_order, step, consistency) -> int:
     if isinstance(max_order, bool) or max_order not in orders:
         raise InputError(f"max_order of Radau must be one of {', '.join(map(str, orders))}, got {max_order!r}")
     return orders[max_order]
+
+
+def looking(method, system, span, part=1.0) -> dae.Method:
+    """The method with steps that do not leap over what acts for a while only, where functions of time may do so.
+
+    They are at most `part` of the longest ones that a run may take by default.
+    """
+    if method.step is not None or method.control.max_step < np.inf or not (system.sharp or system.moving):
+        return method
+    longest = part * method.control.longest * max(abs(span[1] - span[0]), shortest_step(*span))
+    return replace(method, control=replace(method.control, max_step=longest))
 
 
 def positive_time(value, what) -> float:

@@ -18,7 +18,7 @@ from .mechanism.closing import LoopSolver
 from .mechanism.mechanism import Mechanism, with_forces
 from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
-from .options import method_of, span_of, warn_of_differences
+from .options import looking, method_of, span_of, warn_of_differences
 from .solution import Solution
 
 
@@ -76,7 +76,9 @@ def simulate(
         throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing
         else; for fixed steps. ``"exact"``: raw BDF from the exact values; its first multipliers are wrong.
     first_step, max_step : float, optional
-        First and largest step of the variable-step method, s.
+        First and largest step of the variable-step method, s. By default steps are at most a tenth (Radau) or a
+        twentieth (BDF) of the span if there are time-dependent constraints, or forces that may bend or jump, as those of
+        user-defined functions: a short pulse after a time of rest would be missed. Still shorter ones need `max_step`.
     max_steps : int, optional
         Stop with an error after this many steps.
     backend : {"auto", "compiled", "python"}
@@ -161,6 +163,7 @@ def integrate(
 
 def _integrated(system, span, p0, v0, chosen, output, backend) -> Solution:
     warn_of_differences(system, chosen)
+    chosen = looking(chosen, system, span)
     with deferred(late=False) as interrupted:
         stepper = stepper_for(system, chosen, backend)
         trajectory = dae.integrate(system, span, p0, v0, chosen, output, stepper, interrupted)

@@ -207,7 +207,8 @@ class Solution(ByName):
         replay = method not in ("position", "velocity", "reaction")  # these need no forces
         found = (self._replayed(mechanism) if replay else mechanism) or getattr(self.system, "mechanism", None)
         if found is None:
-            where = f"a solution read from a file needs its mechanism here: sol.{method}(…, mechanism)"
+            where = "a solution that was read from a file or copied needs its mechanism here: "
+            where += f"sol.{method}(…, mechanism)"
             raise InputError(where if self.system is None else f"{method}: a general problem has no loops and joints")
         return found
 
@@ -223,7 +224,9 @@ class Solution(ByName):
 
     def _require_scene(self, mechanism, method):
         if mechanism is None and self.system is None:
-            raise InputError(f"a solution read from a file needs its mechanism here: sol.{method}(mechanism)")
+            raise InputError(
+                f"a solution that was read from a file or copied needs its mechanism here: sol.{method}(mechanism)"
+            )
         if not len(self.t):
             raise InputError(f"the solution has no rows to {'check' if method == 'check' else 'compute energies of'}")
         require_mechanism(self, mechanism)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from math import isfinite
 from typing import NamedTuple
 
@@ -87,11 +86,21 @@ class Simulation:
 
     def copy(self) -> Simulation:
         """A new run from the state and torques of this one, without its history; laws are shared."""
-        other, (t, q, v) = copy(self), self.state
+        other, (t, q, v) = object.__new__(Simulation), self.state
+        vars(other).update(vars(self))
         other._stand(MechanismSystem(self.mechanism, q, t), t, q, v, self._stepper.system)
         other._hold(t, self._commands)
         other._hold(t, self._torque)
         return other
+
+    def __copy__(self):
+        return self.copy()
+
+    def __deepcopy__(self, _):
+        return self.copy()
+
+    def __reduce__(self):
+        raise InputError("a Simulation cannot be pickled; pickle its solution(), or its state to reset another one to")
 
     def _stand(self, system, t, q, v, like=None):
         """Where a run will begin, with what controllers hold in the system of another run."""

@@ -583,3 +583,13 @@ def test_a_velocity_that_grows_beyond_bounds_ends_the_run():
     sol = pc.simulate(pc.Mechanism(model, forces=[lambda t, q, v: v**2]), (0.0, 2.0), v0=[1.0])
     assert not sol.success and 0.999 < sol.t[-1] < 1.0 and "at any step size at t = 0.99999" in sol.message
     np.testing.assert_allclose(sol.v[sol.t < 0.9, 0], 1.0 / (1.0 - sol.t[sol.t < 0.9]), rtol=1e-4)
+
+
+@pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=pytest.mark.compiled)])
+@pytest.mark.parametrize(("method", "order"), [("Radau", None), ("Radau", 5), ("BDF", None)])
+def test_a_push_after_a_time_of_rest_is_not_missed(method, order, backend):
+    """A parallelogram of constant inertia, 5/3 kg m²; one step of Radau went from the start to the end of the run."""
+    rest = pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))
+    push = {"crank0": lambda t: 0.2 * np.sin(np.pi * (t - 4.5)) ** 4 if 4.5 < t < 5.5 else 0.0}
+    sol = pc.simulate(rest, (0.0, 10.0), forces=[push], method=method, max_order=order, backend=backend)
+    assert sol.v[-1, 0] == pytest.approx(0.2 * 0.375 / (5.0 / 3.0), rel=1e-4)

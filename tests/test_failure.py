@@ -14,15 +14,15 @@ from pinconsist.dae.rounding import Pace
 FAILURE = "the error test fails at any step size"
 
 
-def stopped(rows, v=(3.0, -40.0, 0.5), step=None, consistency="every-step"):
-    """A run that stopped at t = 0.25 where R_p = `rows`, shape (nc, 3)."""
+def stopped(rows, v=(3.0, -40.0, 0.5), step=None, consistency="every-step", name="BDF", t=0.25):
+    """A run that stopped at `t` where R_p = `rows`, shape (nc, 3)."""
     rows = np.asarray(rows, float)
     p, nc = np.zeros(3), len(rows)
     problem = held_mass(rows).at(0.25, p, np.array(v))
     control = SimpleNamespace(best=2e-10, rtol=(np.array(1e-6),) * 2)
-    method = SimpleNamespace(consistency=consistency, step=step, control=control)
+    method = SimpleNamespace(consistency=consistency, step=step, control=control, name=name)
     y = np.concatenate((p, v, np.zeros(nc)))
-    return SimpleNamespace(system=problem, method=method, t=0.25, h=1e-3, k=4, p=p, y=y)
+    return SimpleNamespace(system=problem, method=method, t=t, h=1e-3, k=4, p=p, y=y)
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-3, 1e3])
@@ -51,6 +51,14 @@ def test_the_row_that_fades_away_is_named():
 )
 def test_advice_fits_the_method(step, advice):
     assert advice in failure_report(stopped([[1, 0, 0]], step=step), FAILURE)
+
+
+@pytest.mark.parametrize(("told", "options"), [
+    ("give its rate and acceleration as well, or use BDF", {"name": "Radau"}), ("start the run near t = 0", {"t": 1e9}),
+], ids=["drive", "late"])  # fmt: skip
+def test_what_else_to_try(told, options):
+    assert told in failure_report(stopped([[1, 0, 0]], **options), FAILURE)
+    assert told not in failure_report(stopped([[1, 0, 0]]), FAILURE)
 
 
 @pytest.mark.parametrize(("step", "consistency", "told"), [

@@ -9,6 +9,7 @@ from helpers import scenes
 from helpers.scenes import sliding_mass
 from helpers.twin import needs_both, needs_twin, with_switches
 from helpers.zoo import scaled_bead
+from scipy.integrate import solve_ivp
 
 import pinconsist as pc
 from benchmarks.chains.scenes import random_chain
@@ -386,6 +387,40 @@ def test_forces_that_bend_between_two_stages(backend, force):
 
 
 @needs_both
+@pytest.mark.parametrize("tol", [1e-4, 1e-6])
+@pytest.mark.parametrize("push", [
+    lambda t, p: [-500.0 * max(p[0] - 0.3, 0.0), 0.0], lambda t, p: [30.0 * max(t - 0.537, 0.0), 0.0],
+], ids=["one-sided spring", "ramp"])  # fmt: skip
+def test_functions_of_a_problem_may_bend_too(backend, push, tol):
+    """A pendulum of length 1, compared with DOP853 on its angle: errors of v were up to 890 tolerances."""
+    pendulum = pc.HessenbergProblem(
+        U=lambda t, p, v: v, F=lambda t, p, v: np.array([0.0, -9.81]) + push(t, p), G=lambda t, p, v: p[:, None],
+        R=lambda t, p: np.array([0.5 * (p @ p - 1.0)]), R_p=lambda t, p: p[None], R_t=lambda t, p: np.zeros(1),
+    )  # fmt: skip
+
+    def along(t, y):
+        p = np.array([np.sin(y[0]), -np.cos(y[0])])
+        return y[1], np.array([-p[1], p[0]]) @ (np.array([0.0, -9.81]) + push(t, p))
+
+    start = [np.sin(1.2), -np.cos(1.2)]
+    sol = pc.integrate(pendulum, (0.0, 1.2), start, [0.0, 0.0], rtol=tol, atol=tol, method="Radau", backend=backend)
+    right = solve_ivp(along, (0.0, 1.2), [1.2, 0.0], "DOP853", sol.t, rtol=1e-10, atol=1e-10, max_step=2e-3).y
+    v = right[1] * np.array([np.cos(right[0]), np.sin(right[0])])
+    assert np.abs(sol.v - v.T).max() < 10.0 * tol * np.abs(v).max()
+
+
+@needs_both
+def test_order_one_where_everything_is_driven(backend):
+    """Its velocity is exact after the projection only: judged before, it took 5 million steps."""
+    moved = pc.Drive("motor", "crank", pc.Motion(start=0.2, speed=1.0, amplitude=0.3, frequency=2.0))
+    mech = pc.load("crank_rocker").with_loops(moved)
+    sol = pc.simulate(
+        mech, (0.0, 0.1), rtol=1e-2, atol=1e-2, max_order=1, max_steps=3000, method="Radau", backend=backend
+    )
+    assert sol.success, sol.message
+
+
+@needs_both
 @pytest.mark.parametrize("speed", [0.0, 1.0])
 @pytest.mark.parametrize("force", [
     pc.JointFriction({"rail": 200.0}, 1e-6), lambda t, q, v: -200.0 * np.tanh(v / 1e-6),
@@ -394,7 +429,7 @@ def test_friction_that_holds_a_body_takes_long_steps(backend, force, speed):
     """It is not resolved: its force oscillates between the stages while the velocity is zero within the tolerance."""
     mech, options = sliding_mass(force), {"rtol": 1e-7, "atol": 1e-7, "max_steps": 200}
     sol = pc.simulate(mech, (0.0, 1.0), v0=[speed], method="Radau", backend=backend, **options)
-    assert sol.success and sol.nsteps < 60
+    assert sol.success and sol.nsteps < 80
     braking = 0.5 * speed**2 / 190.0
     assert abs(sol.q[-1, 0] - braking) < 2e-7 and abs(sol.v[-1, 0]) < 1e-7
 

@@ -146,3 +146,18 @@ def test_a_run_makes_one_workspace(monkeypatch, method):
     mech = pc.load("crank_rocker")
     pc.simulate(mech, (0.0, 0.1), {"crank": 0.3}, {"crank": 2.0}, method=method)
     assert len(made) == 1
+
+
+@pytest.mark.parametrize("backend", ["python", "auto"])
+def test_redundant_rows_that_all_move(backend):
+    """There is no steady row to share the multipliers of: the process died."""
+    pendulum = pc.load("double_pendulum")
+    start = pc.assemble(pendulum).q.sum()
+    rows = [
+        pc.Constraint(name, lambda t, q, k=k: np.array([k * (q[0] + q[1] - start - 0.05 * np.sin(3.0 * t))]), 1)
+        for name, k in (("once", 1.0), ("twice", 2.0))
+    ]
+    sol = pc.simulate(pendulum.with_loops(*rows), (0.0, 0.1), backend=backend)
+    alone = pc.simulate(pendulum.with_loops(rows[1]), (0.0, 0.1), backend=backend)
+    assert sol.success and (sol.lam == 0.0).any(axis=0).tolist() == [True, False]
+    np.testing.assert_allclose(sol.lam[-1, 1], alone.lam[-1, 0], rtol=1e-5)

@@ -240,3 +240,23 @@ def test_pages_show_the_torques_that_were_held(tmp_path):
     plain = pc.export_html(crank_rocker(), replace(sol, held={}), tmp_path / "plain.html", forces=True)
     assert "motor crank" in page.read_text(encoding="utf-8")
     assert "motor crank" not in plain.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("force", [
+    lambda joints: pc.Sampled(0.01, lambda t, q, v: 2 * [0.0], joints),
+    lambda joints: pc.HeldTorque([0.0, 0.1], np.zeros((2, 2)), joints),
+], ids=["Sampled", "HeldTorque"])  # fmt: skip
+@pytest.mark.parametrize("joints", [[], ["crank", "crank"]])
+def test_joints_are_named_once(force, joints):
+    with pytest.raises(pc.InputError, match="one or more joints, each once"):
+        pc.simulate(pc.load("four_bar"), (0.0, 0.1), forces=[force(joints)])
+
+
+def test_a_law_that_fails_once_holds_nothing():
+    """NaN was held for all later samples."""
+    torques = iter([1.0, np.nan, 1.0, 1.0])
+    sim = pc.Simulation(pc.load("four_bar"), forces=[pc.Sampled(0.01, lambda t, q, v: next(torques), "crank")])
+    sim.step(0.01)
+    with pytest.raises(pc.InputError, match=r"returned .*nan.* at t = 0\.01; torques must be finite"):
+        sim.step(0.01)
+    assert sim.step(0.01).t == pytest.approx(0.02)

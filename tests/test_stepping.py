@@ -1,5 +1,8 @@
 """Simulation: a run as an object."""
 
+import copy
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -204,3 +207,26 @@ def test_actuators_are_commanded_by_name(options, tmp_path):
     for wrong, message in (({"up": np.nan}, "finite"), ({"up": "high"}, "number"), ({"hip": [1.0, 2.0]}, "hip")):
         with pytest.raises(pc.InputError, match=message):
             sim.step(0.01, wrong)
+
+
+def test_copies_of_the_standard_library_are_runs_of_their_own():
+    """``copy.copy`` shared the rows and the torque that was held."""
+    sim, alone = (pc.Simulation(pc.load("crank_rocker"), v0={"crank": 1.0}) for _ in range(2))
+    for each in (sim, alone):
+        each.step(0.01)
+    for other in (copy.copy(sim), copy.deepcopy(sim)):
+        other.step(0.02, {"crank": 50.0})
+    np.testing.assert_array_equal(sim.step(0.01).q, alone.step(0.01).q)
+    with pytest.raises(pc.InputError, match="cannot be pickled"):
+        pickle.dumps(sim)
+
+
+def test_work_of_torques_at_large_times():
+    """At 1e9 s the offset that tells times apart was as long as a period."""
+    work = []
+    for t0 in (0.0, 1e9):
+        sim = pc.Simulation(pc.load("crank_rocker"), v0={"crank": 1.0}, t0=t0)
+        for k in range(20):
+            sim.step(1e-4, {"crank": 5.0 * (-1.0) ** k})
+        work.append(sim.solution().energy().work["control"][-1])
+    assert work[1] == pytest.approx(work[0], rel=0.02)

@@ -332,7 +332,11 @@ private:
   }
 
   double error_of(int modes) {
-    if (modes == 1) return size_of(0);
+    if (modes == 1) {
+      const Stages &of = newton.stages;
+      if (of.size() == 1 && system_.nc == system_.nv) modes_.col(0) = (v1_ - of.v) / of.h - a; // v is exact now
+      return size_of(0);
+    }
     constexpr double tiny = 1e-300;
     const double middle = size_of(1), before = size_of(2), step = newton.stages.h;
     double highest = size_of(0), upper, lower; // a single mode may pass through zero, two rarely do so together

@@ -16,6 +16,7 @@ from .rounding import rounding_weights
 from .tuning import (
     ACCURACY,
     AFTER_FAILURE,
+    LONGEST,
     MAX_FACTOR,
     MIN_FACTOR,
     NEARLY,
@@ -83,6 +84,8 @@ class ErrorControl:
     _rtol: np.ndarray = field(init=False, repr=False, compare=False)  # of a step, for the columns
     _atol: np.ndarray = field(init=False, repr=False, compare=False)
     sizes: np.ndarray = field(init=False, repr=False, compare=False)  # largest values of the columns so far
+
+    longest = LONGEST
 
     def fit(self, system) -> None:
         """Tolerances for the columns [ξ | v] of a system."""

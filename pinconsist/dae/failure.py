@@ -7,6 +7,7 @@ from .norms import largest
 from .tuning import FAILURES
 
 NEARLY_DEPENDENT = 1e-2
+LATE = 1e5  # s: near larger times, steps that a run may need are rounded
 SHARED = 0.9  # a row with this fraction of the largest part in a dependency is named, too
 
 
@@ -39,6 +40,12 @@ def failure_report(stepper, failure: str) -> str:
         speed = largest(stepper.y[system.nx : system.nx + system.nv])
         smaller = "a smaller step" if method.step is not None else "looser tolerances, or max_step"
         hints.append(f"the largest velocity there is {speed:.3g}; try {smaller}, and look at the motion just before")
+        if abs(stepper.t) > LATE:
+            hints.append("numbers as large as this time are too far apart for such steps: start the run near t = 0")
+        elif system.moving and method.name == "Radau":
+            hints.append(
+                "if the acceleration of a drive jumps there, give its rate and acceleration as well, or use BDF"
+            )
     return f"{where}. " + "; ".join(hints)
 
 

@@ -27,7 +27,7 @@ class RadauControl(ErrorControl):
     _calm: int = field(default=0, init=False, repr=False, compare=False)  # steps since stages changed or a failure
     _failures: int = field(default=0, init=False, repr=False, compare=False)  # failures until CALM such steps
 
-    best = 1e-12
+    best, longest = 1e-12, tuning.LONGEST_STAGES
 
     def __post_init__(self):
         self.s = self.stages or tuning.FIRST_STAGES

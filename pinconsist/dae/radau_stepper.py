@@ -239,7 +239,8 @@ class RadauStepper(Stepper):
 
         at_start = table.values([0.0])[0]
         if table.s < 3:  # the degree is raised by the acceleration at the start
-            return size(at_start @ stages.W - self.a)
+            exact = table.s == 1 and system.nc == system.nv  # v only after the projection
+            return size(((v - stages.v) / h if exact else at_start @ stages.W) - self.a)
         modes = table.modes @ stages.W
         highest, middle, before, *further = (size(mode) for mode in modes[:-5:-1])
         if further:  # a single mode may pass through zero, two rarely do so together

@@ -225,9 +225,9 @@ class MechanismSystem(Index3System):
             return lam
         full = np.zeros((*lam.shape[:-1], self.rows.nc))
         full[..., self.kept] = lam
-        if self.dropped_are_zero:
-            return full
         steady = np.flatnonzero(self.rows.steady)
+        if self.dropped_are_zero or not steady.size:
+            return full
         if lam.ndim > 1:
             if complete is not None:
                 return complete(self.chosen_at, q, full, steady)

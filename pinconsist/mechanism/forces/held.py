@@ -83,8 +83,10 @@ class BoundHeld(BoundForce):
 
     def change(self, t, q, v) -> bool:
         """Put the entries up to a time into effect; return whether the torques jump."""
-        before, now = self.entered, self._sign * t
-        n = bisect_right(self._keys, now + jump_offset(t))
+        before, now, offset = self.entered, self._sign * t, jump_offset(t)
+        if before + 1 < len(self._keys):  # at large times entries may be closer than the offset
+            offset = min(offset, 0.5 * (self._keys[before + 1] - self._keys[before]))
+        n = bisect_right(self._keys, now + offset)
         if self._keys[before:n] != (met := [min(key, now) for key in self._keys[before:n]]):
             self._keys[before:n] = met  # `t` is a sum of steps, and slightly too small
             self._fill()
@@ -117,7 +119,11 @@ class BoundHeld(BoundForce):
 def columns_of(model, joints, who) -> np.ndarray:
     """The velocity columns of some joints; all columns if `joints` is None."""
     every = np.arange(model.nv)
-    return every if joints is None else np.concatenate([every[columns(model, joint, who)] for joint in joints])
+    if joints is None:
+        return every
+    if not joints or len(set(joints)) < len(joints):
+        raise InputError(f"{who}: joints needs one or more joints, each once, got {list(joints)!r}")
+    return np.concatenate([every[columns(model, joint, who)] for joint in joints])
 
 
 class HeldRecord(ForceRecord):
@@ -222,7 +228,9 @@ class _BoundSampled(BoundHeld):
         now = self._sign * (t - self._start) / self._record.period + apart
         if self._taken <= now:
             torque, shape = np.zeros(self._nv), (len(self._columns),)
-            torque[self._columns] = returned(self._law, self._what, shape, t, q, v)
+            torque[self._columns] = found = returned(self._law, self._what, shape, t, q, v)
+            if not np.isfinite(found).all():
+                raise InputError(f"{self._what} returned {found} at t = {t:.6g}; torques must be finite")
             self._waiting.append((self._taken + self._late, torque))
             self._taken += 1
         before = self.entered
@@ -280,6 +288,7 @@ def sided(t, may_end_at_jump=True):
     With `may_end_at_jump` the last time is shifted, too: a run that ends where a force jumps has the force before.
     """
     jumps, sign = np.diff(t) == 0.0, 1.0 if t[-1] >= t[0] else -1.0
-    return t + sign * jump_offset(t) * (
+    apart = np.abs(np.diff(t)[~jumps]).min(initial=np.inf)
+    return t + sign * np.minimum(jump_offset(t), 0.5 * apart) * (
         np.append(False, jumps) * 1.0 - np.append(jumps, may_end_at_jump and len(t) > 1)
     )
