@@ -139,8 +139,9 @@ def _case(solution, mechanism):
     span = float(solution.t[0]), float(solution.t[-1])
     order = None if name == "Radau" and step is None else order
     most = MOST_STEPS * (solution.nsteps + 100)
-    method = method_of(span, name, step, order, rtol, atol, about["consistency"], None, np.inf, most, "auto")
-    return system, looking(method, system, span, SHORTER)
+    longest = SHORTER * about.get("max_step", np.inf)
+    method = method_of(span, name, step, order, rtol, atol, about["consistency"], None, longest, most, "auto")
+    return system, looking(method, system, span)
 
 
 def _rows(solution, most):

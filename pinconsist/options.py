@@ -104,14 +104,11 @@ def _stages(max_order, step, consistency) -> int:
     return orders[max_order]
 
 
-def looking(method, system, span, part=1.0) -> dae.Method:
-    """The method with steps that do not leap over what acts for a while only, where functions of time may do so.
-
-    They are at most `part` of the longest ones that a run may take by default.
-    """
+def looking(method, system, span) -> dae.Method:
+    """The method with steps that do not leap over what acts for a while only, where functions of time may do so."""
     if method.step is not None or method.control.max_step < np.inf or not (system.sharp or system.moving):
         return method
-    longest = part * method.control.longest * max(abs(span[1] - span[0]), shortest_step(*span))
+    longest = method.control.longest * max(abs(span[1] - span[0]), shortest_step(*span))
     return replace(method, control=replace(method.control, max_step=longest))
 
 

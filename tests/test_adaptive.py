@@ -593,3 +593,28 @@ def test_a_push_after_a_time_of_rest_is_not_missed(method, order, backend):
     push = {"crank0": lambda t: 0.2 * np.sin(np.pi * (t - 4.5)) ** 4 if 4.5 < t < 5.5 else 0.0}
     sol = pc.simulate(rest, (0.0, 10.0), forces=[push], method=method, max_order=order, backend=backend)
     assert sol.v[-1, 0] == pytest.approx(0.2 * 0.375 / (5.0 / 3.0), rel=1e-4)
+
+
+@pytest.mark.parametrize("backend", ["python", pytest.param("compiled", marks=pytest.mark.compiled)])
+@pytest.mark.parametrize(("t0", "tol"), [(3e8, 1e-7), (1e9, 3e-7)])
+def test_a_start_at_a_large_time(t0, tol, backend):
+    """Steps of the start were too short for its times: its polynomial was evaluated at the end of the run."""
+    sol = pc.simulate(
+        pc.load("planar_pendulum"), (t0, t0 + 1.0), v0=[2.0], rtol=tol, atol=1e-2 * tol, backend=backend,
+        forces=[lambda t, q, v: [0.1 * np.sin(t - t0)]],
+    )  # fmt: skip
+    right = pc.simulate(
+        pc.load("planar_pendulum"), (0.0, 1.0), v0=[2.0], rtol=1e-9, forces=[lambda t, q, v: [0.1 * np.sin(t)]]
+    )
+    assert "start the run near t = 0" in sol.message or np.abs(sol.v[-1] - right.v[-1]).max() < 1e-4
+
+
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+def test_the_largest_step_holds_for_the_first_and_for_the_check(method):
+    """A push of 1 % of the span, which only steps as short as `max_step` see."""
+    rest = pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))
+    push = {"crank0": lambda t: 2.0 * np.sin(100.0 * np.pi * (t - 0.4)) ** 4 if 0.4 < t < 0.41 else 0.0}
+    sol = pc.simulate(rest, (0.0, 1.0), forces=[push], method=method, max_step=2e-3, first_step=1.0)
+    assert np.abs(sol.h).max() < 2.001e-3
+    assert sol.v[-1, 0] == pytest.approx(2.0 * 0.01 * 0.375 / (5.0 / 3.0), rel=1e-3)
+    assert sol.check().verdict.endswith("ok")

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 from helpers import scenes
 from helpers.bodies import mixed_tree, random_state
+from helpers.twin import needs_both
 
 import pinconsist as pc
 from pinconsist.dae import charts
@@ -257,3 +258,13 @@ def test_a_wheel_spun_up_from_rest_stays_within_its_charts(joint, tol):
     found = pin.integrate(model, pin.neutral(model), angles[-1] * (torque > 0))
     np.testing.assert_allclose(np.abs(found @ sol.q[-1]), 1.0, atol=1e-12)  # a quaternion and its opposite are one
     np.testing.assert_allclose(sol.v[:, -1], sol.t, atol=1e-12)
+
+
+@needs_both
+@pytest.mark.parametrize("order", [5, 9, 13])
+def test_a_fixed_step_in_which_a_body_turns_too_far_ends_the_run(backend, order):
+    """The compiled method tried it for ever."""
+    top = scenes.heavy_top()
+    v0 = 10.0 * np.linspace(1.0, 0.3, top.nv)
+    sol = pc.simulate(top, (0.0, 0.6), v0=v0, method="Radau", step=0.3, max_order=order, backend=backend)
+    assert not sol.success and sol.t[-1] == 0.0, sol.message

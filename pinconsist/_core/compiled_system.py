@@ -121,7 +121,7 @@ class CompiledRun(Stepper):
         newton.nlu += nlu
         for reason, count in zip(reasons, rejected, strict=False):  # a fixed step rejects nothing
             reasons[reason] += count
-        why = FAILURES.get(failure, "")
+        why = FAILURES[failure] if failure else ""
         return why + culprits(self.system, *self._core.culprit) if failure == "not_finite" else why
 
 

@@ -37,6 +37,9 @@ public:
       longest = run.step_size;
       if (run.finished || !grows || turned(run.y.transpose()) > START_TURN) break;
     }
+    const double shortest = START_APART * std::max(shortest_step(t0), shortest_step(t_end));
+    while (!run.finished && std::abs(run.t - t0) < (k_ + 1) * shortest)
+      if (*run.step()) return false;
     double reach = (run.t - t0) / (k_ + 1);
     while (turned(rows(run, t0, reach).row(k_ + 1)) > START_TURN) reach *= START_SHORTER;
     double h = first_step != 0.0 ? std::copysign(std::min(std::abs(first_step), std::abs(reach)), reach) : reach;
@@ -45,7 +48,6 @@ public:
       if (error <= START_ERROR) break;
       h *= std::max(START_LEAST, SAFETY * std::pow(START_AIM / error, 1.0 / (k_ + 1)));
     }
-    const double shortest = std::max(shortest_step(t0), shortest_step(t_end));
     out.h = std::copysign(std::max(std::min(std::abs(h), control_.max_step), shortest), h);
     const bool full = std::abs(reach) >= shortest;
     if (!full) out.h = t_end - t0;

@@ -22,8 +22,8 @@ def chart_matrix(system, xi, columns=slice(None)):
     """
     ad = system.bracket(xi)[..., columns, :][..., columns]
     unit = np.eye(ad.shape[-1])
-    T, power, square = unit + 0.5 * ad, unit, ad @ ad
     with np.errstate(over="ignore", invalid="ignore"):  # beyond a full turn it diverges, and T is not finite
+        T, power, square = unit + 0.5 * ad, unit, ad @ ad
         for weight in BERNOULLI:
             power = power @ square
             T = T + weight * power

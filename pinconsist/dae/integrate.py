@@ -50,6 +50,7 @@ class Method:
         if isinstance(self.control, ErrorControl):
             about["rtol"] = [np.asarray(part).tolist() for part in self.control.rtol]
             about["atol"] = [np.asarray(part).tolist() for part in self.control.atol]
+            about |= {"max_step": self.control.max_step} if self.control.max_step < np.inf else {}
         return about
 
 

@@ -69,6 +69,7 @@ class Stages:
         """The times of the stages."""
         return self.t + self.h * self.table.c
 
+    @np.errstate(over="ignore", invalid="ignore")  # in steps that are too long
     def move(self, dW=0.0) -> bool:
         """Velocities and positions of the accelerations W + dW; returns whether there are any.
 

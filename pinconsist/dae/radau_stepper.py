@@ -110,7 +110,7 @@ class RadauStepper(Stepper):
         """A first step with error FIRST_ERROR, from the time in which the acceleration changes by its own size."""
         system, control, limit = self.system, self.control, abs(t_end - self.t)
         if self.method.first_step is not None:
-            return np.copysign(min(self.method.first_step, limit), t_end - self.t)
+            return np.copysign(min(self.method.first_step, limit, control.max_step), t_end - self.t)
         weight = self._weights()[0][system.nx :]
 
         def size(x):
@@ -193,7 +193,7 @@ class RadauStepper(Stepper):
             W = self.a + np.outer(times - self.t, self.slope)
         stages = self._iterated(Stages(self.system, table(self.s), self.t, self.p, self.v, h, W))
         if not stages.failure and fastest_turn(self._turns, stages.xi) > tuning.MAX_CHART_TURN:
-            stages.failure = "a joint makes half a turn within a step, which is the limit of a rotation chart"
+            stages.failure = tuning.FAILURES["turns_too_far"]
         return stages
 
     def _iterated(self, stages) -> Stages:

@@ -15,6 +15,7 @@ from .rounding import shortest_step
 from .tuning import (
     SAFETY,
     START_AIM,
+    START_APART,
     START_ERROR,
     START_GROWTH,
     START_LEAST,
@@ -101,12 +102,14 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
     speed = fastest_turn(turns, system.rate(t0, p0, v0))
     max_step = START_TURN / speed if speed else np.inf
     run = index1.one_step(p0, t0, p0, v0, t_end, max(rtol, 1e-13), max(atol, 1e-14), max_step, dense=True)
-    longest = 0.0
+    longest, shortest = 0.0, START_APART * shortest_step(t0, t_end)
     for _ in range(START_STEPS):  # its first step is cautious: continue while its steps grow
         run.step()
         grows, longest = run.step_size > START_GROWTH * longest, run.step_size
         if run.finished or not grows or fastest_turn(turns, run.y[: system.nx]) > START_TURN:
             break
+    while not run.finished and abs(run.t - t0) < (k + 1) * shortest:  # equal steps can be told apart only then
+        run.step()
 
     def sample(h):
         times = t0 + h * np.arange(k + 2)
@@ -123,7 +126,6 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
             if error <= START_ERROR:
                 break
             h *= max(START_LEAST, SAFETY * (START_AIM / error) ** (1.0 / (k + 1)))
-    shortest = shortest_step(t0, t_end)
     h = np.copysign(max(min(abs(h), control.max_step), shortest), h)
     first = (t0, p0, v0, index1.acceleration(t0, p0, v0)[1])
     while True:

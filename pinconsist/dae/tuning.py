@@ -33,6 +33,7 @@ START_SHARE = 1e-2  # tolerances of the one-step method relative to those of a s
 START_STEPS, START_GROWTH = 6, 1.5  # its largest number of steps; another one is made if the last grew by this factor
 START_TURN = 1.0  # largest angle that it may turn in one chart, rad
 START_SHORTER = 0.7  # factor by which its time is shortened until it does not turn farther
+START_APART = 64.0  # shortest step of a history, relative to the shortest of all: its times are rounded
 START_ERROR, START_AIM = 0.5, 0.25  # error allowed in the first step, and target of a shorter one, in tolerances
 START_TRIES, START_LEAST = 4, 0.05  # how often it is shortened, and the smallest factor
 
@@ -104,6 +105,7 @@ FAILURES = {
     "not_finite": "the residual is not finite",
     "diverged": "Newton diverged",
     "not_converged": "Newton did not converge",
+    "turns_too_far": "a joint makes half a turn within a step, which is the limit of a rotation chart",
     "error_test": "the error test fails at any step size",
     "no_start": "the run could not restart at a jump of the forces",
     "chatters": "the run hardly advances, because Newton fails repeatedly",

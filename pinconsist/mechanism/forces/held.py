@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
-from ..checks import columns, finite_array, number, put, read_only, require_functions, returned, several
+from ..checks import columns, finite_array, name, number, put, read_only, require_functions, returned, several
 from .force import BoundForce, ForceRecord
 
 SAME_TIME = 1e-9  # in periods: times that differ by less are equal
@@ -119,11 +119,17 @@ class BoundHeld(BoundForce):
 def columns_of(model, joints, who) -> np.ndarray:
     """The velocity columns of some joints; all columns if `joints` is None."""
     every = np.arange(model.nv)
+    return every if joints is None else np.concatenate([every[columns(model, joint, who)] for joint in joints])
+
+
+def named(joints, who) -> tuple[str, ...] | None:
+    """The names of joints from user input, each once; None for all."""
     if joints is None:
-        return every
-    if not joints or len(set(joints)) < len(joints):
-        raise InputError(f"{who}: joints needs one or more joints, each once, got {list(joints)!r}")
-    return np.concatenate([every[columns(model, joint, who)] for joint in joints])
+        return None
+    names = tuple(name(each, f"{who}: each of its joints") for each in several(joints))
+    if not names or len(set(names)) < len(names):
+        raise InputError(f"{who}: joints needs one or more joints, each once, got {list(names)!r}")
+    return names
 
 
 class HeldRecord(ForceRecord):
@@ -188,7 +194,7 @@ class HeldTorque(HeldRecord):
                 f"HeldTorque needs increasing (or decreasing) times and a row of torques for each, got shapes "
                 f"{times.shape} and {torques.shape}"
             )
-        put(self, times=read_only(times), torques=read_only(torques), joints=self.joints and several(self.joints))
+        put(self, times=read_only(times), torques=read_only(torques), joints=named(self.joints, "HeldTorque"))
 
     def bind(self, model) -> BoundHeld:
         here, times, given = columns_of(model, self.joints, "HeldTorque"), self.times, np.asarray(self.torques)
@@ -278,7 +284,7 @@ class Sampled(HeldRecord):
 
     def __post_init__(self):
         require_functions(self, "Sampled", "(t, q, v)", "law")
-        put(self, period=number(self.period, "Sampled: period", above=0.0), joints=self.joints and several(self.joints))
+        put(self, period=number(self.period, "Sampled: period", above=0.0), joints=named(self.joints, "Sampled"))
         put(self, delay=number(self.delay, "Sampled: delay", least=0.0))
 
 
