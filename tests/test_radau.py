@@ -305,11 +305,10 @@ def test_a_user_is_not_asked_about_a_stage_beyond_all_numbers(backend):
 
 
 @needs_both
-@pytest.mark.parametrize("rtol", [1e-2, 3e-3, 1e-3])
-def test_an_end_that_cannot_be_projected_is_a_failed_step(backend, rtol):
+def test_an_end_that_cannot_be_projected_is_a_failed_step(backend):
     """The rows become dependent. One run ended by asking a user's constraint at NaN, one without trying again."""
     mech, q, v = random_chain(160002)
-    sol = pc.simulate(mech, (0.0, 0.013), q, v, method="Radau", rtol=rtol, atol=rtol, backend=backend)
+    sol = pc.simulate(mech, (0.0, 0.013), q, v, method="Radau", rtol=1e-3, atol=1e-3, backend=backend)
     assert not sol.success and "nearly dependent" in sol.message, sol.message
 
 
