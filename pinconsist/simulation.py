@@ -76,8 +76,8 @@ def simulate(
         throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing
         else; for fixed steps. ``"exact"``: raw BDF from the exact values; its first multipliers are wrong.
     first_step, max_step : float, optional
-        First and largest step of the variable-step method, s. If there are time-dependent constraints, or forces that
-        may bend or jump, as those of user-defined functions, the default is a tenth (Radau) or a twentieth (BDF) of the
+        First and largest step of the variable-step method, s. If there are time-dependent constraints, user-defined
+        functions among the forces, or limited actuators, the default is a tenth (Radau) or a twentieth (BDF) of the
         span: longer steps would miss a pulse after a time of rest. Shorter pulses than that need a `max_step`.
     max_steps : int, optional
         Stop with an error after this many steps.

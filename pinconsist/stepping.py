@@ -86,7 +86,7 @@ class Simulation:
 
     def copy(self) -> Simulation:
         """A new run from the state and torques of this one, without its history; laws are shared."""
-        other, (t, q, v) = object.__new__(Simulation), self.state
+        other, (t, q, v) = object.__new__(type(self)), self.state
         vars(other).update(vars(self))
         other._stand(MechanismSystem(self.mechanism, q, t), t, q, v, self._stepper.system)
         other._hold(t, self._commands)

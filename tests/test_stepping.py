@@ -217,6 +217,8 @@ def test_copies_of_the_standard_library_are_runs_of_their_own():
     for other in (copy.copy(sim), copy.deepcopy(sim)):
         other.step(0.02, {"crank": 50.0})
     np.testing.assert_array_equal(sim.step(0.01).q, alone.step(0.01).q)
+    kind = type("Gym", (pc.Simulation,), {})
+    assert type(kind(pc.load("crank_rocker")).copy()) is kind
     with pytest.raises(pc.InputError, match="cannot be pickled"):
         pickle.dumps(sim)
 

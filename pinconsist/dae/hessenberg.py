@@ -158,7 +158,7 @@ class HessenbergProblem(Index3System):
             return _along(lambda t, p: self._hidden(t, p, self.rate(t, p, v)), t, p, 1.0, U)
         return _second_along(self._R, t, p, U, _along(lambda t, p: self.rate(t, p, v), t, p, 1.0, U))
 
-    sharp = True  # for all that is known of F
+    sharp = may_act_later = True  # for all that is known of F
 
     def sharp_force(self, t, p, v):
         return self._F(t, p, v)

@@ -37,6 +37,8 @@ class Index3System:
         inf if there is none.
     sharp : bool
         Whether there are forces that may bend or jump within a step, as friction does: :meth:`sharp_force`.
+    may_act_later : bool
+        Whether forces may begin to act after a time of rest, as functions of time do.
     """
 
     npos: int
@@ -50,6 +52,7 @@ class Index3System:
     moving: bool = True
     widths: np.ndarray | None = None
     sharp: bool = False
+    may_act_later: bool = False
 
     def integrate(self, p, xi):
         """p ⊕ ξ, shape (npos,): the position reached from `p` by the tangent vector `xi`."""

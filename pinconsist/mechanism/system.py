@@ -62,6 +62,7 @@ class MechanismSystem(Index3System):
         self.widths = np.min(narrow, axis=0) if narrow else None
         self._sharp = [each for each in forces.values() if not getattr(each, "smooth", False)]
         self.sharp = bool(self._sharp)
+        self.may_act_later = any(not hasattr(each, "widths") for each in self._sharp)  # friction depends on v alone
 
     @property
     def held(self) -> dict[str, np.ndarray]:
