@@ -8,8 +8,9 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from pinconsist import Sampled, Simulation, load, reference_solution, simulate
+from pinconsist import Sampled, Simulation, load, simulate
 from pinconsist.cli import output
+from pinconsist.paper import reference_solution
 
 from . import report
 

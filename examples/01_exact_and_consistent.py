@@ -5,7 +5,7 @@ import pinconsist as pc
 
 def run():
     """The first six steps of implicit Euler, for three step sizes."""
-    return pc.compare("problem51", [0.01, 0.001, 0.0001], count=6)
+    return pc.paper.compare("problem51", [0.01, 0.001, 0.0001], count=6)
 
 
 def main() -> float:

@@ -18,6 +18,8 @@ _logging.getLogger(__name__).addHandler(_logging.NullHandler())  # silent unless
 
 
 def __getattr__(name: str):
+    if name == "paper":
+        return _import_module(".paper", __name__)
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = globals()[name] = getattr(_import_module(f".{_MODULE_OF[name]}", __name__), name)
@@ -25,4 +27,4 @@ def __getattr__(name: str):
 
 
 def __dir__():
-    return [*globals(), *__all__]
+    return [*globals(), *__all__, "paper"]

@@ -1,5 +1,6 @@
 # The public names, each in one line "from .module import Name as Name": __init__.py reads them, as type checkers do.
 
+from . import paper as paper
 from .accuracy import GlobalError as GlobalError
 from .analysis.actuation import Actuation as Actuation
 from .analysis.equilibrium import Equilibrium as Equilibrium
@@ -11,7 +12,6 @@ from .analysis.linearize import linearize as linearize
 from .analysis.modes import Modes as Modes
 from .analysis.variations import Derivatives as Derivatives
 from .certificate import Certificate as Certificate
-from .comparison import compare as compare
 from .dae.events import Event as Event
 from .dae.hessenberg import HessenbergProblem as HessenbergProblem
 from .errors import AssemblyError as AssemblyError
@@ -52,13 +52,10 @@ from .mechanism.loops import Loop as Loop
 from .mechanism.mechanism import Mechanism as Mechanism
 from .mechanism.motion import Motion as Motion
 from .mechanism.reactions import Reaction as Reaction
-from .reference import reference_problem as reference_problem
-from .reference import reference_solution as reference_solution
 from .runs import Rerun as Rerun
 from .runs import record as record
 from .runs import rerun as rerun
 from .runs import resume as resume
-from .simulation import consistent_initial_velocity as consistent_initial_velocity
 from .simulation import integrate as integrate
 from .simulation import simulate as simulate
 from .solution import Solution as Solution

@@ -3,7 +3,6 @@
 import numpy as np
 
 from ._core.compiled import stepper_for
-from .dae import consistency as paper
 from .dae import integrate as dae
 from .dae.events import as_events
 from .dae.hessenberg import HessenbergProblem
@@ -168,40 +167,6 @@ def _integrated(system, span, p0, v0, chosen, output, backend) -> Solution:
         stepper = stepper_for(system, chosen, backend)
         trajectory = dae.integrate(system, span, p0, v0, chosen, output, stepper, interrupted)
         return Solution._from_trajectory(trajectory, chosen, output.events)
-
-
-def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:
-    """The paper's numerically consistent initial velocity for implicit Euler with this step.
-
-    One trial step gives p₁, v₁; then v₀ := v(0) - B₁ (v₁ - v(0)) with B₁ = M₁⁻¹ J₁ᵀ (J₁ M₁⁻¹ J₁ᵀ)⁻¹ J₁, a change of
-    O(step), after which the first multiplier is right to O(step) instead of O(1).
-
-    Parameters
-    ----------
-    system, t0 : Mechanism or HessenbergProblem or Index3System, float
-        System, and start time, s.
-    p0, v0 : array
-        Exact (consistent) initial values.
-    step : float
-        The step that will be taken, s; negative backwards.
-
-    Returns
-    -------
-    ndarray, shape (nv,)
-
-    Raises
-    ------
-    InputError
-        Wrong sizes, NaN, or something that cannot be integrated.
-    SingularSystemError
-        The trial step fails, or the equations of motion are singular.
-
-    References
-    ----------
-    C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), sections 3 and 4.
-    """
-    p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
-    return paper.consistent_initial_velocity(system_of(system, t0, p0, v0), t0, p0, v0, step)
 
 
 def system_of(system, t0, p0, v0):

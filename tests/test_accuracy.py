@@ -9,7 +9,7 @@ import pinconsist as pc
 
 def truth(sol, times):
     """q and v of scipy's DOP853 on the index-1 equations."""
-    answer = pc.reference_solution(sol.system, sol.t[0], sol.q[0], sol.v[0], times, rtol=1e-12, atol=1e-12)
+    answer = pc.paper.reference_solution(sol.system, sol.t[0], sol.q[0], sol.v[0], times, rtol=1e-12, atol=1e-12)
     return answer.q, answer.v
 
 
@@ -78,7 +78,7 @@ def test_rows_of_t_eval_and_a_solution_from_a_file(tmp_path):
 
 
 def test_a_general_problem():
-    problem = pc.reference_problem("problem51")
+    problem = pc.paper.reference_problem("problem51")
     sol = pc.integrate(problem.system, (0.0, 1.0), problem.p0, problem.v0, rtol=1e-6, atol=1e-6)
     error = max(np.abs(q - problem.exact(t)[0]).max() for t, q in zip(sol.t, sol.q, strict=True))
     assert error / 3 < sol.error.q < 3 * error

@@ -55,7 +55,7 @@ def run_as_advised(name, tol):
 
 @cache
 def run_problem51(tol):
-    problem = pc.reference_problem("problem51")
+    problem = pc.paper.reference_problem("problem51")
     sol = pc.integrate(problem.system, (0.0, 2.0), problem.p0, problem.v0, rtol=tol, atol=tol)
     assert (sol.status, sol.t[-1]) == (0, 2.0), sol.message
     return sol
@@ -105,7 +105,7 @@ def falls_with_tolerance(tolerances, errors, *, bound=np.inf, slope=0.9, wobble=
 
 def test_problem51_over_all_tolerances():
     """Positions, velocities and every multiplier, the first step's included, against the closed form."""
-    problem, ends, multipliers, velocities = pc.reference_problem("problem51"), [], [], []
+    problem, ends, multipliers, velocities = pc.paper.reference_problem("problem51"), [], [], []
     for tol in TOLERANCES:
         sol = run_problem51(tol)
         exact = [problem.exact(t) for t in sol.t]
@@ -146,7 +146,7 @@ def test_crank_rocker_over_ten_turns():
 @cache
 def end_by_scipy(name):
     first = run(name, FEWER[0])
-    return pc.reference_solution(first.system, 0.0, first.q[0], first.v[0], [first.t[-1]])
+    return pc.paper.reference_solution(first.system, 0.0, first.q[0], first.v[0], [first.t[-1]])
 
 
 @pytest.mark.slow
@@ -310,7 +310,7 @@ def test_multipliers_have_no_spikes(name, tol):
 def multiplier_record(name):
     """(t, h, order, λ error) of each step at rtol = atol = 1e-4, where single steps are held to 1e-6."""
     if name == "problem51":
-        sol, exact = run_problem51(1e-4), pc.reference_problem("problem51").exact
+        sol, exact = run_problem51(1e-4), pc.paper.reference_problem("problem51").exact
         error = np.array([np.abs(lam - exact(t)[2]).max() for t, lam in zip(sol.t, sol.lam, strict=True)])
     else:
         sol = run(name, 1e-4)
@@ -394,7 +394,7 @@ def test_exact_consistency_fails_with_variable_steps_and_says_why(name):
 
 
 def test_implicit_euler_with_variable_steps():
-    problem, errors, steps = pc.reference_problem("problem51"), [], []
+    problem, errors, steps = pc.paper.reference_problem("problem51"), [], []
     for tol in (1e-1, 1e-2):
         sol = pc.integrate(
             problem.system, (0.0, 0.5), problem.p0, problem.v0, method="ImplicitEuler", rtol=tol, atol=tol
@@ -533,7 +533,7 @@ def test_the_tightest_tolerance():
         build, q0, v0, _ = SCENES[name]
         sol = pc.simulate(build(), (0.0, T), q0, v0, rtol=1e-13, atol=1e-13)
         assert sol.status == 0, sol.message
-        answer = pc.reference_solution(sol.system, 0.0, sol.q[0], sol.v[0], [T])
+        answer = pc.paper.reference_solution(sol.system, 0.0, sol.q[0], sol.v[0], [T])
         assert np.abs(pin.difference(sol.system.model, sol.q[-1], answer.q[-1])).max() < 1e-9
 
 

@@ -46,13 +46,12 @@ MAY_IMPORT = {
     "runs": {"checkpoints", "scene_source", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
     "formats": {"mechanism", "files", "errors"},
     "view": {"mechanism", "files", "errors"},
-    "reference": {"dae", "mechanism", "errors", "simulation"},
-    "comparison": {"reference", "dae", "mechanism", "errors", "simulation"},
+    "paper": {"dae", "mechanism", "errors", "simulation"},
     "sweeps": {"interrupts", "errors"},
     "sweep_table": {"_core", "mechanism", "files", "solution_file", "errors", "simulation"},
     "cli": {"simulation", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
     | {"sweeps", "sweep_table", "checkpoints", "scene_source", "runs"}
-    | {"__init__", "files", "interrupts", "comparison", "reference"},
+    | {"__init__", "files", "interrupts", "paper"},
 }
 DAE_SEEN_BY = {"certificate": {"norms"}, "mechanism": {"problem"}, "cli": set()}
 OPTIONAL = {"meshcat", "matplotlib", "pandas", "casadi", "rich", "typer", "yaml", "defusedxml", "coal"}

@@ -168,7 +168,7 @@ def test_compare_shows_exact_beside_consistent_and_the_truth(run):
     paths = [f"/{number} from {title} values/forces/circle" for number, title in ((1, "exact"), (2, "consistent"))]
     paths.append("/1 from exact values/forces/true: circle")
     exact, consistent, true = (np.linalg.norm(arrow(page, path)[1][50]) * stated(page) for path in paths)
-    truth = np.abs(pc.reference_problem("problem51").exact(0.001)[2])
+    truth = np.abs(pc.paper.reference_problem("problem51").exact(0.001)[2])
     assert true == pytest.approx(truth.item(), rel=1e-4)
     told = f"{exact:.3g} N instead of {true:.3g} N"
     assert true - exact == pytest.approx(2.0080, abs=1e-3) and consistent - true == pytest.approx(-0.008, abs=1e-3)

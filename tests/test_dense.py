@@ -31,7 +31,7 @@ def test_at_the_steps_it_is_the_rows(mech, options):
 @pytest.mark.parametrize("k", [1, 2, 3, 4, 5])
 def test_between_the_steps_it_has_the_order_of_the_method(k):
     """Problem 5.1 in closed form: order k in q, v and λ; the loop is closed to k+1."""
-    problem, errors = pc.reference_problem("problem51"), []
+    problem, errors = pc.paper.reference_problem("problem51"), []
     for h in (1 / 100, 1 / 200):
         sol = pc.integrate(problem.system, (0.0, 0.5), problem.p0, problem.v0, step=h, max_order=k, dense_output=True)
         times = np.linspace(k * h, 0.5, 777)
@@ -43,7 +43,7 @@ def test_between_the_steps_it_has_the_order_of_the_method(k):
 
 def test_over_the_start_too():
     """The rows of the one-step start are joined by their own polynomial, within the tolerance."""
-    problem = pc.reference_problem("problem51")
+    problem = pc.paper.reference_problem("problem51")
     sol = pc.integrate(problem.system, (0.0, 0.5), problem.p0, problem.v0, rtol=1e-8, atol=1e-8, dense_output=True)
     times = np.linspace(0.0, sol.t[6], 50)
     q, v, lam = sol.sol(times)
@@ -53,7 +53,7 @@ def test_over_the_start_too():
 
 
 def test_errors_between_adaptive_steps_follow_the_tolerance():
-    problem, errors = pc.reference_problem("problem51"), []
+    problem, errors = pc.paper.reference_problem("problem51"), []
     for tol in (1e-4, 1e-6, 1e-8):
         sol = pc.integrate(problem.system, (0.0, 1.0), problem.p0, problem.v0, rtol=tol, atol=tol, dense_output=True)
         times = np.linspace(0.0, 1.0, 501)

@@ -164,7 +164,7 @@ def test_the_energy_of_a_stored_solution_needs_its_mechanism(tmp_path):
     with pytest.raises(pc.InputError, match=r"1 forces .*with_forces"):
         back.energy(mech)
     np.testing.assert_array_equal(back.energy(mech.with_forces(*forces)).error, sol.energy().error)
-    problem = pc.reference_problem("problem52")
+    problem = pc.paper.reference_problem("problem52")
     general = pc.integrate(problem.system, (1.0, 1.1), problem.p0, problem.v0)
     with pytest.raises(pc.InputError, match="energy is defined for mechanisms only"):
         general.energy()

@@ -72,7 +72,7 @@ def answer(name):
     """Times, states there, and the start."""
     build, v0, T = SCENES[name]
     start, times = pc.assemble(build(), None, v0), np.linspace(0.0, T, 21)[1:]
-    return times, pc.reference_solution(build(), 0.0, start.q, start.v, times), start
+    return times, pc.paper.reference_solution(build(), 0.0, start.q, start.v, times), start
 
 
 @pytest.mark.parametrize("k", [*(pytest.param(k, marks=pytest.mark.compiled) for k in (1, 2, 4)), 3, 5])

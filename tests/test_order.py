@@ -17,7 +17,7 @@ def multiplier_orders(subject, k, h, **start):
     orders = {}
     for mode in MODES:
         step = h * FINER.get(mode, 1.0)
-        coarse, fine = pc.compare(subject, [step, step / 2], order=k, count=k + 2, **start).runs
+        coarse, fine = pc.paper.compare(subject, [step, step / 2], order=k, count=k + 2, **start).runs
         orders[mode] = np.log2(getattr(coarse, mode)[k:].max() / getattr(fine, mode)[k:].max())
     return orders
 
@@ -41,7 +41,7 @@ def test_multiplier_order_on_a_closed_chain(k, h):
 @pytest.mark.parametrize("k", range(1, 7))
 def test_positions_and_velocities_have_order_k(k):
     """BDF-k over a fixed interval of problem 5.1, against the closed form."""
-    problem = pc.reference_problem("problem51")
+    problem = pc.paper.reference_problem("problem51")
     errors = []
     for h in (1 / 80, 1 / 160) if k > 4 else (1 / 160, 1 / 320):
         sol = pc.integrate(problem.system, (0.0, 0.5), problem.p0, problem.v0, step=h, max_order=k)
@@ -53,7 +53,7 @@ def test_positions_and_velocities_have_order_k(k):
 
 @pytest.mark.parametrize("k", [1, 3, 5])
 def test_backwards_in_time_has_the_same_order(k):
-    problem = pc.reference_problem("problem51")
+    problem = pc.paper.reference_problem("problem51")
     p1, v1, _ = problem.exact(0.3)
     errors = []
     for h in (1 / 100, 1 / 200):
@@ -72,7 +72,7 @@ def test_table_of_largest_errors_at_one_four_hundredth():
         4: (1.1e-6, 9.0e-9, 4.1e-9),
     }
     for k, expected in table.items():
-        run = pc.compare("problem51", [1 / 400], order=k, count=k + 2).runs[0]
+        run = pc.paper.compare("problem51", [1 / 400], order=k, count=k + 2).runs[0]
         found = [getattr(run, mode)[k:].max() for mode in MODES]
         np.testing.assert_allclose(found, expected, rtol=0.05)
 
@@ -80,7 +80,7 @@ def test_table_of_largest_errors_at_one_four_hundredth():
 def test_every_step_correction_lowers_the_rounding_floor():
     """Raw BDF-5 multipliers drown in eps/h²; corrected ones in about 10 eps/h."""
     h = 1e-4
-    run = pc.compare("problem51", [h], order=5, count=7).runs[0]
+    run = pc.paper.compare("problem51", [h], order=5, count=7).runs[0]
     assert run.every_step[5:].max() < 1000 * np.finfo(float).eps / h
     assert run.consistent[5:].max() > 100 * run.every_step[5:].max()
 
@@ -111,7 +111,7 @@ def test_the_papers_initial_velocity_where_the_kinematics_depend_on_the_position
     p0, v0, _ = exact(0.0)
     first = {}
     for h in (1e-2, 1e-3):
-        for start in (v0, pc.consistent_initial_velocity(problem, 0.0, p0, v0, h)):
+        for start in (v0, pc.paper.consistent_initial_velocity(problem, 0.0, p0, v0, h)):
             sol = pc.integrate(problem, (0.0, h), p0, start, step=h, max_order=1, consistency="exact")
             first.setdefault(h, []).append(abs(sol.lam[1, 0] - exact(h)[2]))
     (raw, cured), (finer_raw, finer_cured) = first.values()

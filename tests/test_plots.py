@@ -99,7 +99,7 @@ def test_drift_of_plain_bdf_is_seen_in_the_velocities(rocker):
 
 
 def test_drift_of_a_general_problem_and_of_a_drive(rocker):
-    case = pc.reference_problem("problem52")
+    case = pc.paper.reference_problem("problem52")
     made = pc.integrate(case.system, (case.t0, case.t0 + 0.1), case.p0, case.v0, step=0.01, max_order=1)
     assert np.nanmax(pc.plot_drift(made).axes[0].lines[0].get_ydata()) < 1e-9
     turning = pc.Drive("motor", "crank", lambda t: 3.0 * t, lambda t: 3.0, lambda t: 0.0)
@@ -244,7 +244,7 @@ def test_what_a_solution_does_not_have_is_said(rocker):
 
 
 def test_a_comparison_shows_all_three_ways_and_no_exact_start():
-    runs = pc.compare("problem51", [0.01], order=2, count=4).runs
+    runs = pc.paper.compare("problem51", [0.01], order=2, count=4).runs
     (axis,) = pc.plot_comparison(runs).axes
     lines = named(axis)
     assert list(lines) == ["exact start", "consistent start", "every step corrected"]

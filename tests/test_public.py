@@ -55,8 +55,6 @@ PARAMETERS = {  # those after the bar by name only
     "Torque": "function gradient",
     "Wrench": "frame force moment axes xyz",
     "assemble": "mechanism q0 v0 | fixed t tolerance",
-    "compare": "subject steps | order count q0 v0",
-    "consistent_initial_velocity": "system t0 p0 v0 step",
     "equilibrium": "mechanism q0 | forces t stable",
     "export_html": "mech sol file | speed fps traces forces panel",
     "integrate": f"system t_span p0 v0 | {HOW.replace('forces ', '')}",
@@ -75,8 +73,6 @@ PARAMETERS = {  # those after the bar by name only
     "plot_trajectory": "sol file mech",
     "plot_work_precision": "series file error",
     "record": "scene t_span file q0 v0 | load save_every forces callback **options",
-    "reference_problem": "name",
-    "reference_solution": "system t0 p0 v0 times | rtol atol",
     "replay": "mech sol | speed loop traces forces open_browser",
     "rerun": "file | scene forces callback",
     "resume": "file | scene forces callback",
@@ -213,6 +209,25 @@ def test_parameters(name):
     assert parameters(getattr(pc, name)) == PARAMETERS[name]
 
 
+PAPER = {  # pinconsist.paper
+    "Comparison": "name order runs",
+    "FixedStepRun": "t p v lam",
+    "Reference": "t q v lam",
+    "ReferenceProblem": "name system t0 p0 v0 exact",
+    "Run": "h order loop of unit t exact consistent every_step true from_exact q lam v_given v_consistent",
+    "compare": "subject steps | order count q0 v0",
+    "consistent_initial_velocity": "system t0 p0 v0 step",
+    "reference_problem": "name",
+    "reference_solution": "system t0 p0 v0 times | rtol atol",
+    "solve": "system t_span p0 v0 step | order consistency",
+}
+
+
+def test_names_of_the_paper():
+    assert {name: parameters(getattr(pc.paper, name)) for name in pc.paper.__all__} == PAPER
+    assert "paper" in dir(pc)
+
+
 def methods(kind):
     """Public methods of a class, with their functions, and attributes that are computed."""
     bases = [base for base in reversed(kind.__mro__) if base.__module__.startswith("pinconsist")]
@@ -273,7 +288,7 @@ def test_docstrings_are_complete(public, function):
 def test_type_checkers_see_the_names_that_are_loaded_when_they_are_used():
     stub = ast.parse(Path(pc.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
     seen = {(node.module, each.asname) for node in stub.body if isinstance(node, ast.ImportFrom) for each in node.names}
-    assert seen == {(module, name) for name, module in pc._MODULE_OF.items()}
+    assert seen == {(module, name) for name, module in pc._MODULE_OF.items()} | {(None, "paper")}
     assert Path(pc.__file__).with_name("py.typed").is_file()
 
 

@@ -37,7 +37,7 @@ def test_tables_are_exact_up_to_their_order(s):
 @pytest.mark.parametrize("order", STEPS)
 @pytest.mark.parametrize("name", ["problem51", "problem52"])
 def test_orders_of_positions_velocities_and_multipliers(name, order):
-    problem = pc.reference_problem(name)
+    problem = pc.paper.reference_problem(name)
     t0, errors = problem.t0, []
     for h in (STEPS[order], STEPS[order] / 2):
         run = pc.integrate(
@@ -50,7 +50,7 @@ def test_orders_of_positions_velocities_and_multipliers(name, order):
 
 
 def test_modes_of_bdf_are_refused():
-    problem = pc.reference_problem("problem51")
+    problem = pc.paper.reference_problem("problem51")
     for mode in ("initial", "exact"):
         with pytest.raises(pc.InputError, match="omit consistency"):
             pc.integrate(problem.system, (0, 1), problem.p0, problem.v0, method="Radau", consistency=mode)
@@ -315,7 +315,7 @@ def test_an_end_that_cannot_be_projected_is_a_failed_step(backend):
 def test_stages_follow_newton():
     """More where it is quick and the tolerance tight, fewer where it fails again and again."""
     control = RadauControl((np.array(1e-8),) * 2, (np.array(1e-8),) * 2, 9, np.inf)
-    problem = pc.reference_problem("problem52")
+    problem = pc.paper.reference_problem("problem52")
     system = problem.system.at(problem.t0, problem.p0, problem.v0)
     control.fit(system)
     assert [control.chosen_after_step(1e-3, cut=False) for _ in range(10)] == [5] * 9 + [7]

@@ -46,7 +46,7 @@ def test_a_reference_whose_loops_open_is_none(monkeypatch):
     monkeypatch.setattr("pinconsist.mechanism.system.NEARBY", 0.0)
     in_line = np.array([np.pi / 2, -np.pi / 2, np.pi / 2])
     with pytest.raises(pc.PinconsistError, match="no reference: the loops are open"):
-        pc.reference_solution(pc.load("n_four_bar_1"), 0.0, in_line, np.zeros(3), [0.5, 1.0], rtol=1e-8)
+        pc.paper.reference_solution(pc.load("n_four_bar_1"), 0.0, in_line, np.zeros(3), [0.5, 1.0], rtol=1e-8)
 
 
 def bennett(size):

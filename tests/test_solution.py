@@ -307,7 +307,7 @@ def test_energy_of_a_falling_linkage_is_conserved_with_its_order():
 
 
 def test_general_problems_are_certified_too():
-    problem = pc.reference_problem("problem52")
+    problem = pc.paper.reference_problem("problem52")
     sol = pc.integrate(problem.system, (problem.t0, problem.t0 + 0.1), problem.p0, problem.v0, step=1e-3, max_order=3)
     good = sol.check()
     assert good.position < 1e-12 and good.velocity < 1e-10 and good.force < 1e-5

@@ -410,7 +410,7 @@ def test_only_known_backends(backend):
 @pytest.mark.parametrize("name", ["problem51", "problem52"])
 def test_general_problems_are_called_back(name):
     """The compiled method, with forecasts, asks less often than Python and reaches the same answer."""
-    problem = pc.reference_problem(name)
+    problem = pc.paper.reference_problem(name)
     span, ours = (problem.t0, problem.t0 + 1.0), []
     for backend in ("python", "compiled"):
         sol = pc.integrate(problem.system, span, problem.p0, problem.v0, rtol=1e-7, atol=1e-7, backend=backend)
@@ -426,7 +426,7 @@ def test_general_problems_are_called_back(name):
 @pytest.mark.parametrize("options", [{"step": 1e-2, "max_order": 3}, LOOSE], ids=str)
 def test_called_back_systems_make_the_same_steps(options):
     """Problem 5.2 has U, F and G of the general form; a mechanism as any other system has charts."""
-    problem = pc.reference_problem("problem52")
+    problem = pc.paper.reference_problem("problem52")
 
     with with_switches(**OFF):
         runs = [

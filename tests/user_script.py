@@ -68,12 +68,12 @@ def runs(mech: pc.Mechanism, folder: Path) -> pc.Solution:
     assert again.same
     assert_type(pc.resume(folder / "run.npz"), pc.Solution)
 
-    problem = pc.reference_problem("problem52")
+    problem = pc.paper.reference_problem("problem52")
     assert_type(problem.system, pc.Mechanism | pc.HessenbergProblem)
     assert_type(pc.integrate(problem.system, (1.0, 1.1), problem.p0, problem.v0), pc.Solution)
-    assert_type(pc.consistent_initial_velocity(problem.system, 1.0, problem.p0, problem.v0, 1e-3), np.ndarray)
-    assert_type(pc.reference_solution(mech, 0.0, sol.q[0], sol.v[0], [0.1]).lam, np.ndarray)
-    print(pc.compare("problem51", [0.01], count=2))
+    assert_type(pc.paper.consistent_initial_velocity(problem.system, 1.0, problem.p0, problem.v0, 1e-3), np.ndarray)
+    assert_type(pc.paper.reference_solution(mech, 0.0, sol.q[0], sol.v[0], [0.1]).lam, np.ndarray)
+    print(pc.paper.compare("problem51", [0.01], count=2))
     outcomes = pc.sweep(lambda case: case + 1, [1, 2])
     assert_type(outcomes, list[pc.Outcome])
     assert [outcome.value for outcome in outcomes] == [2, 3]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pinconsist import AssemblyError, InputError, assemble, load, reference_problem
+from pinconsist import AssemblyError, InputError, assemble, load
 from pinconsist.formats.catalogue import is_built_in
+from pinconsist.paper import reference_problem
 
 from ..linkages import BUSHING, DAMPER, pendulum, stiff_four_bar
 from .problem import Problem

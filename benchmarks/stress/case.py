@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinconsist import PinconsistError, assemble, reference_solution, simulation
+from pinconsist import PinconsistError, assemble, simulation
+from pinconsist.paper import reference_solution
 
 HELD, REFUSED, FAILED = "held", "refused", "FAILED"
 EITHER = "held or refused"

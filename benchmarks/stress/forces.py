@@ -6,7 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from pinconsist import Constraint, Drive, Event, JointFriction, JointTorque, Torque, assemble, reference_solution
+from pinconsist import Constraint, Drive, Event, JointFriction, JointTorque, Torque, assemble
+from pinconsist.paper import reference_solution
 
 from ..linkages import START, four_bar
 from .case import (

@@ -7,8 +7,9 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
-from pinconsist import assemble, load, reference_problem
+from pinconsist import assemble, load
 from pinconsist.mechanism.system import MechanismSystem
+from pinconsist.paper import reference_problem
 
 from .case import EITHER, HELD, MAX_STEPS, REFUSED, Case, Figure, certified, completed, largest, should_not_be, solved
 

@@ -6,7 +6,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from pinconsist import load, reference_problem
+from pinconsist import load
+from pinconsist.paper import reference_problem
 
 from ..linkages import START, four_bar, pendulum
 from .case import EITHER, HELD, Case, Figure, certified, completed, largest, reference, relative, should_not_be, solved

@@ -18,7 +18,7 @@ def models(as_json: output.Json = False) -> int:
     Example: pinconsist models
     """
     from ..formats.catalogue import ROBOTS
-    from ..reference import PROBLEMS
+    from ..paper.problems import PROBLEMS
 
     scenes, robots = pc.models(), [name for name in ROBOTS if _is_installed(name)]
     if as_json:

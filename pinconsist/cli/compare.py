@@ -42,7 +42,7 @@ def compare(
     Example: pinconsist compare problem51 --step 0.01 0.001
     """
     output.require_writable(html=html, figure=plot)
-    from ..reference import PROBLEMS
+    from ..paper.problems import PROBLEMS
 
     subject, q0 = source.source, source.at or None
     v0 = scene.joint_values(with_velocity, "--with-velocity") or None
@@ -50,7 +50,7 @@ def compare(
         if source != scene.SceneSource(subject) or v0:
             raise InputError(f"{subject} has its own loops and initial values; these options are for scenes")
         what, duration = subject, pc.Mechanism.duration
-        if html and not isinstance(pc.reference_problem(subject).system, pc.Mechanism):
+        if html and not isinstance(pc.paper.reference_problem(subject).system, pc.Mechanism):
             raise InputError(f"--html shows bodies, but {subject} has none")
     else:
         what = source.load()
@@ -59,7 +59,7 @@ def compare(
     runs = []
     for k, h in enumerate(steps, start=1):
         with output.doing(f"step size {h:g} s, {k} of {len(steps)}: three runs of {rows} steps, and the reference"):
-            result = pc.compare(what, [h], order=order, count=rows, q0=q0, v0=v0)
+            result = pc.paper.compare(what, [h], order=order, count=rows, q0=q0, v0=v0)
             runs += result.runs
     if html:
         _show(what, html, min(runs, key=lambda run: run.h))
@@ -81,7 +81,7 @@ def _show(what, file, run):
     """
     from ..view.page import write_page
 
-    mech = pc.reference_problem(what).system if isinstance(what, str) else what
+    mech = pc.paper.reference_problem(what).system if isinstance(what, str) else what
     start, options = ((run.t[0], run.t[-1]), run.q[0], run.v_given), {"step": run.h, "max_order": run.order}
     sols = {
         title: pc.integrate(mech, *start, consistency=mode, **options)

@@ -19,7 +19,7 @@ from benchmarks.peers.scipy_index1 import accelerations
 from benchmarks.work_precision import FEWEST, Point, _chosen, work_precision
 from pinconsist.dae.index1 import RightHandSide, solve_acceleration
 from pinconsist.errors import InputError, PinconsistError
-from pinconsist.reference import reference_problem
+from pinconsist.paper import reference_problem
 
 PEERS = {peer.name: peer for peer in peers() if not (peer.detail and not peer.fixed_step)}
 SHORT = {"problem51": 0.3, "pendulum": 0.5, "crank_rocker": 0.1}

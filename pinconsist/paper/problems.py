@@ -1,21 +1,18 @@
-"""Reference solutions: the paper's problems in closed form, and scipy on the index-1 equations of any system."""
+"""The two problems of Arévalo (2008), section 5, with their exact solutions."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 
-from .dae.hessenberg import HessenbergProblem
-from .dae.index1 import Index1
-from .dae.start import integrate_index1
-from .errors import InputError, PinconsistError
-from .mechanism.checks import finite_array
-from .mechanism.forces import Torque
-from .mechanism.loops import GROUND, Loop
-from .mechanism.mechanism import Mechanism
-from .simulation import system_of
+from ..dae.hessenberg import HessenbergProblem
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..mechanism.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
@@ -47,6 +44,7 @@ def reference_problem(name: str) -> ReferenceProblem:
     Parameters
     ----------
     name : {"problem51", "problem52"}
+        The first is a mechanism, whose mass matrix and Jacobian Pinocchio evaluates.
 
     Returns
     -------
@@ -68,65 +66,14 @@ def reference_problem(name: str) -> ReferenceProblem:
     return ReferenceProblem(name, system, t0, p0, v0, exact)
 
 
-PLACES = 100  # of a reference at which the choice of constraint rows is checked
-
-
-class Reference(NamedTuple):
-    """Rows of a reference solution: t (n,), q (n, nq), v (n, nv), lam (n, nc)."""
-
-    t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    lam: np.ndarray
-
-
-def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> Reference:
-    """Solve the index-1 equations by scipy's DOP853, with a projection at each of the times.
-
-    The equations are those of :func:`pinconsist.simulate`, and so is the one-step method of its first few rows; the
-    BDF is not used.
-
-    Parameters
-    ----------
-    system : Mechanism or HessenbergProblem or Index3System
-    t0 : float
-        Start, s.
-    p0, v0 : array
-        Consistent initial values, for instance ``sol.q[0], sol.v[0]``.
-    times : array
-        Times of the rows, starting from `t0`, monotone.
-    rtol, atol : float
-        scipy's tolerances.
-
-    Returns
-    -------
-    Reference
-        With the multipliers of all rows of a mechanism, as ``sol.lam`` has them.
-
-    Raises
-    ------
-    InputError
-        Wrong sizes, NaN, or something that cannot be integrated.
-    PinconsistError
-        scipy's integrator fails, or redundant rows of the loops become inconsistent.
-    """
-    p0, v0 = finite_array(p0, "p0"), finite_array(v0, "v0")
-    system, times = system_of(system, t0, p0, v0), np.atleast_1d(finite_array(times, "times"))
-    t, p, v, rows, longest = t0, p0, v0, [], abs(times[-1] - t0) / PLACES if len(times) else 0.0
-    for target in times:  # other constraint rows are kept if those kept become a poor choice
-        whole = system.dropped_are_zero or not longest
-        stops = 1 if whole else max(1, int(np.ceil(abs(target - t) / longest)))
-        for stop in np.linspace(t, target, stops + 1)[1:]:
-            ((t, p, v, lam),) = integrate_index1(Index1(system), t, p, v, [stop], rtol, atol)
-            if opened := system.opened([t], [p]):
-                raise PinconsistError(f"no reference: the loops are open by {opened[1]:.1e} at t = {t:.6g}")
-            full, system = system.full_multipliers(p, lam), system.reselected(p) or system
-        rows.append((t, p, v, full))
-    return Reference(*(np.array(column) for column in zip(*rows, strict=True)))
-
-
 def _problem51():
     """Problem 5.1: x'' = 2y + xλ, y'' = -2x + yλ on the unit circle, mass matrix and Jacobian from Pinocchio."""
+    import pinocchio as pin
+
+    from ..mechanism.forces import Torque
+    from ..mechanism.loops import GROUND, Loop
+    from ..mechanism.mechanism import Mechanism
+
     model = pin.Model()
     model.name = "problem51"
     x = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")

@@ -4,18 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .dae import consistency, start
-from .dae.control import FixedStep
-from .dae.index1 import Index1
-from .dae.integrate import Method, integrate
-from .errors import InputError, PinconsistError
-from .mechanism.assembly import assemble
-from .mechanism.checks import finite_array
-from .mechanism.mechanism import Mechanism
-from .mechanism.reactions import reactions
-from .mechanism.rows import LoopRows
-from .reference import reference_problem, reference_solution
-from .simulation import system_of
+from ..errors import InputError
+from .consistency import MODES, consistent_history
+from .formula import HIGHEST
+from .index1 import finite, index3_system, reference_solution, states_at
+from .problems import reference_problem
+from .solve import solve
 
 OFF = 0.01  # of a force, above which it is wrong
 ALONG = 1.0  # degrees: the direction of a wrong force is reported if it differs by more
@@ -164,69 +158,84 @@ def compare(subject, steps, *, order=1, count=6, q0=None, v0=None) -> Comparison
     ----------
     C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), section 5.
     """
-    steps = np.atleast_1d(finite_array(steps, "steps"))
+    steps = np.atleast_1d(finite(steps, "steps"))
     if steps.size == 0 or (steps <= 0).any():
         raise InputError(f"steps must be positive numbers of seconds, got {steps}")
-    if not 1 <= order <= 6 or count < 1:
+    if not 1 <= order <= HIGHEST or count < 1:
         raise InputError(f"order must be 1 to 6 and count at least 1, got {order} and {count}")
     name, system, t0, p0, v0, exact = _subject(subject, q0, v0)
     return Comparison(name, order, tuple(_run(system, t0, p0, v0, exact, float(h), order, count) for h in steps))
 
 
 def _subject(subject, q0, v0):
-    """(name, system, t0, p0, v0, λ at times) of the subject of a comparison."""
-    if isinstance(subject, Mechanism):
-        assembly = assemble(subject, q0, v0)
-        origin = 0.0, assembly.q, assembly.v
-        system = system_of(subject, *origin)
+    """(name, system, t0, p0, v0, truth) of the subject of a comparison; ``truth(times)`` gives (p, λ)."""
+    if isinstance(subject, str):
+        if q0 is not None or v0 is not None:
+            raise InputError(f"{subject} has its own initial values; q0 and v0 are for mechanisms")
+        problem = reference_problem(subject)
+        origin = problem.t0, problem.p0, problem.v0
 
-        def truth(times):
-            found = reference_solution(system, *origin, times)
-            return found.q, found.lam
+        def exact(times):
+            rows = [problem.exact(t) for t in times]
+            return np.array([p for p, _, _ in rows]), np.array([lam for _, _, lam in rows])
 
-        return subject.name, system, *origin, truth
-    if q0 is not None or v0 is not None:
-        raise InputError(f"{subject} has its own initial values; q0 and v0 are for mechanisms")
-    problem = reference_problem(subject)
-    origin = problem.t0, problem.p0, problem.v0
+        return problem.name, index3_system(problem.system, *origin), *origin, exact
+    from ..mechanism.assembly import assemble
 
-    def exact(times):
-        rows = [problem.exact(t) for t in times]
-        return np.array([p for p, _, _ in rows]), np.array([lam for _, _, lam in rows])
+    assembly = assemble(subject, q0, v0)
+    origin = 0.0, assembly.q, assembly.v
+    system = index3_system(subject, *origin)
 
-    return problem.name, system_of(problem.system, *origin), *origin, exact
+    def truth(times):
+        found = reference_solution(system, *origin, times)
+        return found.q, found.lam
+
+    return subject.name, system, *origin, truth
 
 
-def _run(system, t0, p0, v0, exact, h, k, count):
+def _run(system, t0, p0, v0, exact, h, k, count) -> Run:
     if system.nc == 0:
         raise InputError("there are no loops, so there are no multipliers to compare")
     times = t0 + h * np.arange(k + count)
-    mechanism = getattr(system, "mechanism", None)
+    span = times[0], times[-1]
     p, lam = exact(times)
-    found = (_reached(system, times, p0, v0, mode, k) for mode in consistency.MODES)
-    true, *others = (_forces(mechanism, times, p, each) for each in (lam, *found))
+    found = [solve(system, span, p0, v0, h, order=k, consistency=mode).lam for mode in MODES]
+    true, *others = (_forces(system, times, p, each) for each in (lam, *found))
     first = {each: np.linalg.norm(others[0][each] - force, axis=1)[k] for each, force in true.items()}
     worst = max(first, key=lambda each: first[each])
     errors = [np.linalg.norm(each[worst] - true[worst], axis=1) for each in others]
-    states = start.equidistant_history(Index1(system), t0, p0, v0, h, k)
-    base, Z = start.fill_table(system, states)
-    v = consistency.consistent_velocities(system, h, k, base, Z, states)[0]
-    return Run(h, k, *worst, times, *errors, true[worst], others[0][worst], p, lam, v0, v)
+    history = states_at(system, t0, p0, v0, times[:k])[::-1]
+    v = consistent_history(system, history, h, k)[-1].v
+    loop, of, unit = worst
+    exact_error, consistent_error, corrected_error = errors
+    return Run(
+        h=h,
+        order=k,
+        loop=loop,
+        of=of,
+        unit=unit,
+        t=times,
+        exact=exact_error,
+        consistent=consistent_error,
+        every_step=corrected_error,
+        true=true[worst],
+        from_exact=others[0][worst],
+        q=p,
+        lam=lam,
+        v_given=v0,
+        v_consistent=v,
+    )
 
 
-def _reached(system, times, p0, v0, mode, k):
-    h = times[1] - times[0]
-    trajectory = integrate(system, (times[0], times[-1]), p0, v0, Method(k, mode, FixedStep(), h))
-    if trajectory.status < 0:
-        raise PinconsistError(f"consistency={mode!r}, h = {h:g}: {trajectory.message}")
-    return trajectory.lam
-
-
-def _forces(mechanism, t, p, lam) -> dict[tuple[str, str, str], np.ndarray]:
+def _forces(system, t, p, lam) -> dict[tuple[str, str, str], np.ndarray]:
     """(loop, of, unit) → values: each loop's force; without anchored loops each torque; else each multiplier."""
     rows = {("", f"multiplier {k}", ""): column[:, None] for k, column in enumerate(lam.T, start=1)}
+    mechanism = getattr(system, "mechanism", None)
     if mechanism is None:
         return rows
+    from ..mechanism.reactions import reactions
+    from ..mechanism.rows import LoopRows
+
     every = reactions(mechanism, [loop.name for loop in mechanism.loops], t, p, lam)
     found = [each for each in every if each.dependence is None]  # the others are not determined
     units = dict(zip((loop for loop, _ in mechanism.row_labels), LoopRows.of(mechanism).multiplier_units, strict=True))

@@ -1,0 +1,35 @@
+"""The paper: exact and numerically consistent initial values of index-3 equations, in Python to be read.
+
+C. Arévalo, *A note on numerically consistent initial values for high index DAEs*, ETNA 34 (2008), generalised to BDF of
+orders 1 to 6. Fixed steps, plain Newton, visible matrices, scipy for everything else; in the order of reading
+
+* ``formula.py``: the weights of BDF,
+* ``step.py``: the matrix of a step, and Newton's iteration,
+* ``index1.py``: accelerations, starting values and reference solutions by scipy,
+* ``consistency.py``: numerically consistent values, and the correction of every step,
+* ``solve.py``: the run,
+* ``problems.py``, ``compare.py``: the problems and tables of the paper.
+
+It solves any :class:`~pinconsist.dae.problem.Index3System`, among them mechanisms; systems without bodies do not need
+Pinocchio. What :func:`pinconsist.simulate` uses is another, adaptive implementation, whose fixed steps are tested
+against this one.
+"""
+
+from .compare import Comparison, Run, compare
+from .consistency import consistent_initial_velocity
+from .index1 import Reference, reference_solution
+from .problems import ReferenceProblem, reference_problem
+from .solve import FixedStepRun, solve
+
+__all__ = [
+    "Comparison",
+    "FixedStepRun",
+    "Reference",
+    "ReferenceProblem",
+    "Run",
+    "compare",
+    "consistent_initial_velocity",
+    "reference_problem",
+    "reference_solution",
+    "solve",
+]
