@@ -11,6 +11,7 @@ from pinconsist.cli import app as package
 from . import (
     ablate,
     actuation,
+    alarms,
     chains_command,
     gradients,
     overhead,
@@ -32,6 +33,7 @@ COMMANDS: dict[str, tuple[Callable, str]] = {
     "ablate": (ablate.command, WRONG_INPUT),
     "gradients": (gradients.command, WRONG_INPUT),
     "chains": (chains_command.command, f"1 a run failed; {WRONG_INPUT}"),
+    "alarms": (alarms.command, f"1 a verdict was wrong; {WRONG_INPUT}"),
     "stress": (stress_command.command, f"1 a case failed; {WRONG_INPUT}"),
 }
 """Name → function, and its exit codes apart from 0."""

@@ -16,7 +16,9 @@ from .dae.norms import largest
 from .dae.output import Output
 from .errors import PinconsistError
 from .mechanism.energy import compiled_forces
+from .mechanism.forces.held import sided
 from .mechanism.names import velocity_names, velocity_units
+from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
 from .options import looking, method_of
 
@@ -65,7 +67,7 @@ class GlobalError:
     @property
     def amplified(self) -> bool:
         """Whether the error is so many tolerances that the motion must amplify disturbances."""
-        return (self.tolerances or 0.0) > AMPLIFIED
+        return not (self.tolerances or 0.0) <= AMPLIFIED
 
     def __str__(self):
         looks = self.amplified
@@ -75,7 +77,7 @@ class GlobalError:
         ]
         if self.force_at:
             about = f"of the largest, {self.force_at}"
-            lines.append(figure("error of forces", self.force, "", looks or self.force > OFF, about))
+            lines.append(figure("error of forces", self.force, "", looks or not self.force <= OFF, about))
         if self.tolerances is not None:
             digits = ".3g" if self.tolerances < 1000 else ".0f"
             lines.append(figure("  in tolerances", self.tolerances, "", looks, "at most", digits))
@@ -87,28 +89,30 @@ def figure(name: str, value: float, unit: str, looks: bool, about: str = "", dig
     return f"{name:<20}{value:9{digits}} {unit:<6} {'look' if looks else 'ok':<4}  {about}".rstrip()
 
 
-def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError | None:
-    """The error of a solution; None if the finer run fails or takes longer than `patience` (s)."""
-    if not solution.success or len(solution.t) < 2 or "max_order" not in solution.method:
-        return None
+class NotEstimatedError(Exception):
+    """There is no estimate of the error of a run, and why."""
+
+
+def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError:
+    """The error of a solution; NotEstimatedError if the finer run fails or takes longer than `patience` (s)."""
+    if not solution.success:
+        raise NotEstimatedError("the run ended early")
+    if len(solution.t) < 2 or "max_order" not in solution.method:
+        raise NotEstimatedError("there is no run to compare with" if len(solution.t) > 1 else "there is only one row")
     system, method = _case(solution, mechanism)
     rows = _rows(solution, ENDS if method.name == "Radau" else len(solution.t))
     t, q, v, lam = (part[rows] for part in (solution.t, solution.q, solution.v, solution.lam))
     start = q[0], v[0]
     if not len(solution.h):  # rows that were interpolated
         start = Index1(system).state(t[0], *start)[1:3]
-    due = time.monotonic() + patience
-    found = _finer(system, method, t, start, solution._events, lambda: time.monotonic() > due)
-    if found is None:
-        return None
-    finer, times = found
+    finer, times = _finer(system, method, t, start, solution._events, patience)
     apart = _apart(solution.t_events, times, t)
-    if apart is None:
-        return None
     error_q = np.abs([system.difference(a, b) for a, b in zip(q, finer[0], strict=True)])
     error_v = np.abs(v - finer[1])
     ours = loop_forces(system, t, q, v, lam)
-    error_force = np.abs(ours - loop_forces(system, t, *finer))
+    # multipliers between the steps of the finer run are those of its polynomials, which nothing controls
+    sides = sided(solution.t, system.changes)[rows]
+    error_force = np.abs(ours - exact_forces(system, (sides, *finer)))
     for error in (error_q, error_v, error_force):
         error[apart] = 0.0
     others = largest(system.evaluate(t[0], q[0], v[0], np.zeros(system.nv))[0])
@@ -156,26 +160,38 @@ def _rows(solution, most):
     return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))]
 
 
-def _finer(system, method, t, start, events, interrupted):
-    """(p, v, λ) at the times, and the times of the events; None if the run does not reach the end."""
+def _finer(system, method, t, start, events, patience):
+    """(p, v, λ) at the times, and the times of the events; NotEstimatedError if the run does not reach the end."""
     # between steps Radau has velocities of a lower order; and with the steps of the other run errors would be alike
-    exact = method.name == "Radau"
+    exact, due = method.name == "Radau", time.monotonic() + patience
     asked = np.insert(t, slice(1, None), 0.5 * (t[1:] + t[:-1])) if exact else t
     output = Output(t_eval=asked, exact=exact, events=events)
+
+    def late():
+        return time.monotonic() > due
+
     try:
-        run = integrate(system, (t[0], t[-1]), *start, method, output, stepper_for(system, method), interrupted)
-    except PinconsistError:
-        return None
-    if run.status < 0 or len(run.t) < len(asked):
-        return None
+        run = integrate(system, (t[0], t[-1]), *start, method, output, stepper_for(system, method), late)
+    except PinconsistError as error:
+        raise NotEstimatedError(f"a finer run failed: {error}") from error
+    if run.status < 0:
+        raise NotEstimatedError(f"a finer run failed: {run.message}")
+    if len(run.t) < len(asked):
+        ended = f"a finer run takes more than {patience:g} s; check(error=True) waits for it"
+        raise NotEstimatedError(ended if late() else f"a finer run ended early: {run.message}")
     every = slice(None, None, 1 + exact)
     return (run.p[every], run.v[every], run.lam[every]), [np.array([row[0] for row in found]) for found in run.events]
 
 
 def _apart(ours, theirs, t):
-    """Mask of the rows between an event of one run and the same event of the other; None where events differ."""
-    if [len(times) for times in ours] != [len(times) for times in theirs]:
-        return None
+    """Mask of the rows between an event of one run and the same event of the other.
+
+    NotEstimatedError if they differ in number.
+    """
+    counts = [len(times) for times in ours], [len(times) for times in theirs]
+    if counts[0] != counts[1]:
+        number, (few, many) = next((i, pair) for i, pair in enumerate(zip(*counts, strict=True)) if pair[0] != pair[1])
+        raise NotEstimatedError(f"event {number} occurs {few} times, and {many} times in a finer run")
     apart = np.zeros(len(t), bool)
     for low, high in zip(map(np.minimum, ours, theirs), map(np.maximum, ours, theirs), strict=True):
         for i, j in zip(low, high, strict=True):
@@ -206,6 +222,13 @@ def _in_tolerances(about, system, q, v, error_q, error_v):
     sizes = np.abs([system.position_scale(p) for p in q]).max(axis=0), np.abs(v).max(axis=0)
     allowed = (np.multiply(r, size) + a for r, a, size in zip(about["rtol"], about["atol"], sizes, strict=True))
     return max(largest(error / limit) for error, limit in zip((error_q, error_v), allowed, strict=True))
+
+
+def exact_forces(system, states):
+    """Jᵀλ (G λ) of the differential equation at rows `states`, (t, q, v, λ)."""
+    mechanism = getattr(system, "mechanism", None)
+    workspace = None if mechanism is None else Workspace(system.model, blank_system, system.data)
+    return measured(system, states, workspace)[3]
 
 
 def measured(system, states, workspace):

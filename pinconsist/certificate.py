@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import OFF, PATIENCE, GlobalError, figure, measured
+from .accuracy import OFF, GlobalError, figure, measured
 from .dae.norms import largest
 from .mechanism.energy import energy_of
 from .mechanism.forces.actuators import saturated
@@ -57,14 +57,16 @@ class Certificate:
         Whether the run could not continue; its message has the reason and advice.
     error : GlobalError or None
         The difference from a finer run; None if there is none.
-    error_sought : bool
-        Whether a finer run was to be made; if `error` is None nevertheless, it failed or took too long.
+    error_missing : str
+        Why there is no `error` although it was asked for.
     saturated : dict of str to float
         Actuators whose command or force was clipped to its limits, and the fraction of rows in which it was.
     speed : float
         The largest velocity of the run, rad/s or m/s, with which `velocity` is compared.
     units : tuple of str
         Of `position` and of `velocity`; empty for a general problem.
+    not_finite : str
+        The first number of the rows that is not finite, as text; nothing else is judged then.
     """
 
     position: float
@@ -81,25 +83,33 @@ class Certificate:
     fixed_step: bool = field(default=False, repr=False, compare=False)
     ended_early: bool = field(default=False, repr=False, compare=False)
     error: GlobalError | None = None
-    error_sought: bool = field(default=False, repr=False, compare=False)
+    error_missing: str = ""
     saturated: dict[str, float] = field(default_factory=dict)
     speed: float = field(default=0.0, repr=False, compare=False)
     units: tuple[str, str] = field(default=("", ""), repr=False, compare=False)
+    not_finite: str = ""
 
     def __str__(self):
         return "\n".join([self.verdict, "", *self._figures(), *(f"note: {concern}" for concern in self.concerns)])
 
     @property
     def ok(self) -> bool:
-        """Whether the certificate has no concerns."""
+        """Whether the certificate has no concerns about what was judged; :attr:`not_judged` names the rest."""
         return not self._named_concerns
+
+    @property
+    def not_judged(self) -> list[str]:
+        """What the verdict is silent about, although it could be wrong: ``error``, ``energy``; usually empty."""
+        return ["error"] * (self.error is None) + ["energy"] * self._too_few_rows
 
     @property
     def verdict(self) -> str:
         """One line: ``closed to 8e-15 m, forces good to 2e-5, error of q about 1e-6 rad: ok``.
 
-        If there are :attr:`concerns`, it ends with these instead of ``ok``.
+        If there are :attr:`concerns`, it ends with these instead of ``ok``; it also names what was :attr:`not_judged`.
         """
+        if self.not_finite:
+            return f"{self.not_finite} is not a finite number: nothing was judged"
         found = ["no loops"]
         if self.position_at:
             found = [f"closed to {_short(self.position, self.units[0])}", f"forces good to {_short(self._of_forces)}"]
@@ -107,41 +117,39 @@ class Certificate:
             found.append(f"error of q about {_short(self.error.q, self.error.units[0])}")
         elif self.energy_error is not None and not self._too_few_rows:
             found.append(f"energy balanced to {_short(self.energy_error)}")
-        if self._error_missing:
-            found.append("error not estimated")
-        return f"{', '.join(found)}: " + ("ok" if self.ok else f"look at {', '.join(self._named_concerns)}")
+        ends = ["ok" if self.ok else f"look at {', '.join(self._named_concerns)}"]
+        ends += [f"not judged: {', '.join(self.not_judged)}"] if self.not_judged else []
+        return f"{', '.join(found)}: {'; '.join(ends)}"
 
     @property
     def _too_few_rows(self) -> bool:
         return self.energy_error is not None and OFF < self.energy_error <= FEW * self.work_error
 
     @property
-    def _error_missing(self) -> bool:
-        return self.error_sought and self.error is None
-
-    @property
     def _of_forces(self) -> float:
-        return max(self.force, self.error.force if self.error else 0.0)
+        return float(np.maximum(self.force, self.error.force if self.error else 0.0))
 
     def _figures(self) -> list[str]:
         """A line for each figure: its name, size and unit, ``ok`` or ``look``, and where it is largest."""
+        if self.not_finite:
+            return []
         named, lines = self._named_concerns, ["no loops"]
         if self.position_at:
             lines = [
                 figure("loops closed to", self.position, self.units[0], "loops" in named, self.position_at),
                 figure("velocity residual", self.velocity, self.units[1], "velocities" in named),
-                figure("constraint forces", self.force, "", self.force > OFF, "relative to the largest force"),
-                figure("  at the first step", self.force_first, "", self.force_first > OFF),
+                figure("constraint forces", self.force, "", _above(self.force, OFF), "relative to the largest force"),
+                figure("  at the first step", self.force_first, "", _above(self.force_first, OFF)),
             ]
-        if self.energy_error is not None:
-            few = "; the rows are too few to see the work of the forces" if self._too_few_rows else ""
-            where = f"relative to the exchanged energy{few}"
+        if self._too_few_rows:
+            lines.append(f"{'energy balance':<20} not judged: the rows are too few to see the work of the forces")
+        elif self.energy_error is not None:
+            where = "relative to the exchanged energy"
             lines.append(figure("energy balance", self.energy_error, "", "energy" in named, where))
         if self.error is not None:
             lines += str(self.error).splitlines()
-        if self._error_missing:
-            why = f"the run is incomplete, or a finer one failed or takes more than {PATIENCE:g} s"
-            lines.append(f"{'error of q':<20} not estimated: {why} (check(error=True) waits for it)")
+        elif self.error_missing:
+            lines.append(f"{'error of q':<20} not judged: {self.error_missing}")
         if self.corrected_by:
             lines.append(figure("file's numbers", self.corrected_by, "m, rad", False, "their largest correction"))
         return lines
@@ -155,18 +163,20 @@ class Certificate:
     def _named_concerns(self) -> dict[str, str]:
         """Concerns: short form → sentence."""
         found, advice = {}, "take a smaller step or a higher order" if self.fixed_step else "tighten rtol"
+        if self.not_finite:
+            return {"numbers": f"{self.not_finite} is not a finite number"}
         if self.ended_early:
             advice = "the run could not continue, see its message"
             found["the end"] = "the run ended early, see its message"
-        if self.position > OPEN:
+        if _above(self.position, OPEN):
             found["loops"] = f"a loop is open by {self.position:.1e} {self.units[0]}".rstrip()
-        if self.velocity > max(OFF * self.speed, OPEN):
+        if _above(self.velocity, max(OFF * self.speed, OPEN)):
             found["velocities"] = f"the velocities open a loop by more than 1 % of the largest: {advice}"
-        if self._of_forces > OFF:
+        if _above(self._of_forces, OFF):
             found["forces"] = (
                 f"the constraint forces are off by more than 1 %: {advice}, or a force jumps within a step"
             )
-        if self.energy_error is not None and self.energy_error > OFF and not self._too_few_rows:
+        if self.energy_error is not None and _above(self.energy_error, OFF) and not self._too_few_rows:
             found["energy"] = (
                 f"the energy balance is off by more than 1 %: {advice}, or a force or a drive jumps (restart there "
                 "by an event)"
@@ -191,14 +201,30 @@ class Certificate:
         return found
 
 
+def _above(value: float, bar: float) -> bool:
+    """Whether a figure is a concern: NaN is."""
+    return not value <= bar
+
+
 def _short(value: float, unit: str = "") -> str:
     """A number in one digit, ``8e-15``."""
     return f"{float(f'{value:.0e}'):g} {unit}".replace("e-0", "e-").rstrip()
 
 
+def _not_finite(solution) -> str:
+    """The first number of the rows that is not finite, with its time; empty if all are."""
+    for name in ("q", "v", "lam"):
+        rows, columns = np.nonzero(~np.isfinite(getattr(solution, name)))
+        if len(rows):
+            return f"{name}[{columns[0]}] at t = {solution.t[rows[0]]:.6g} s"
+    return ""
+
+
 def certify(solution, mechanism=None) -> Certificate:
     """The certificate of a solution; `mechanism` is needed if the solution does not have its system."""
     system = solution.system
+    if unknown := _not_finite(solution):
+        return Certificate(*(np.nan, unknown, np.nan, np.nan, np.nan, None, None), not_finite=unknown)
     if mechanism is not None:
         system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
     elif isinstance(system, MechanismSystem):

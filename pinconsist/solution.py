@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import PATIENCE, GlobalError, global_error
+from .accuracy import PATIENCE, GlobalError, NotEstimatedError, global_error
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.energy import Energy, energy_of
@@ -65,6 +65,8 @@ class Solution(ByName):
         Versions of the packages that made it, if it was read from a file.
     system
         The system that was integrated (None if read from a file).
+    certificate : Certificate or None
+        The verdict, once :meth:`check` has made it; pages and files show this one.
     """
 
     t: np.ndarray
@@ -92,7 +94,7 @@ class Solution(ByName):
     v_events: list = field(default_factory=list, repr=False, compare=False)
     system: Any = field(default=None, repr=False, compare=False)
     _events: tuple = field(default=(), repr=False, compare=False)
-    _error: GlobalError | None = field(default=None, repr=False, compare=False)
+    certificate: Certificate | None = field(default=None, init=False, repr=False, compare=False)
 
     @classmethod
     def _from_trajectory(cls, trajectory, method, events=()) -> Solution:
@@ -152,33 +154,53 @@ class Solution(ByName):
         """[q; v; λ] with times as columns, as in scipy: shape (nq+nv+nc, n)."""
         return np.hstack((self.q, self.v, self.lam)).T
 
-    def check(self, mechanism=None, error=None) -> Certificate:
-        """The largest residuals over all rows, evaluated in a separate system: see :class:`Certificate`.
+    @property
+    def mechanism(self) -> Mechanism | None:
+        """The mechanism that was simulated, with the forces of the run.
 
-        Its ``error`` is the global error, estimated by a run at a tenth of the tolerance if that takes less than 3
-        seconds, and the verdict says if not; always with `error` True, never with False. Forces and events are called
-        again for it.
-
-        A solution read from a file needs `mechanism`, with the forces of the run, those given to
-        ``simulate(forces=...)`` included (:meth:`Mechanism.with_forces`). Raises InputError for a missing or
-        different mechanism, one with a different number of forces than the run had, and a solution without rows.
+        None for a general problem, and for a solution that was read from a file or copied.
         """
+        return getattr(self.system, "mechanism", None)
+
+    def check(self, mechanism=None, error=None) -> Certificate:
+        """The verdict on the run, and the figures behind it, evaluated in a separate system: see :class:`Certificate`.
+
+        It is made once: later calls, pages and files show the same. Its ``error`` is the global error, estimated by a
+        run at a tenth of the tolerance if that takes less than 3 seconds, and the verdict says if not; with `error`
+        True however long it takes. Forces and events are called again for it. With `error` False only the residuals
+        of the rows are evaluated.
+
+        A solution read from a file has the verdict that was made before it was saved. If there is none, or to make it
+        anew, pass the `mechanism`, with the forces of the run, those given to ``simulate(forces=...)`` included
+        (:meth:`Mechanism.with_forces`). Raises InputError for a missing or different mechanism, one with a different
+        number of forces than the run had, and a solution without rows.
+        """
+        kept = self.certificate
+        if mechanism is None and kept is not None and self._suffices(kept, error):
+            return kept
         self._require_scene(mechanism, "check")
-        certificate = certify(self, self._replayed(mechanism))
+        replayed = self._replayed(mechanism)
+        made = certify(self, replayed)
+        if error is not False:
+            try:
+                made = replace(made, error=global_error(self, replayed, PATIENCE if error is None else np.inf))
+            except NotEstimatedError as why:
+                made = replace(made, error_missing=str(why))
+        if (mechanism is None or self.system is None) and (kept is None or error is not False):
+            object.__setattr__(self, "certificate", made)
+        return made
+
+    @staticmethod
+    def _suffices(kept, error) -> bool:
+        """Whether a certificate has an error estimate, or none, as it is wanted."""
         if error is False:
-            return certificate
-        found = self._global_error(mechanism, PATIENCE if error is None else np.inf)
-        return replace(certificate, error=found, error_sought=True)
+            return kept.error is None and not kept.error_missing
+        return kept.error is not None or bool(kept.error_missing and error is None)
 
     @property
     def error(self) -> GlobalError | None:
         """The global error, see :class:`~pinconsist.GlobalError`; None if it cannot be estimated."""
-        return self._global_error(None, np.inf)
-
-    def _global_error(self, mechanism, patience):
-        if self._error is None:
-            object.__setattr__(self, "_error", global_error(self, self._replayed(mechanism), patience))
-        return self._error
+        return self.check(error=True).error
 
     def energy(self, mechanism=None) -> Energy:
         """The energies of the rows, power and work of each force, and their balance: see :class:`~pinconsist.Energy`.
@@ -268,9 +290,9 @@ class Solution(ByName):
     def save(self, file) -> Path:
         """The path of the npz `file` written, whole or not at all; ``.npz`` is added if missing.
 
-        An existing file is replaced. The file has no pickles, and no ``system``, ``sol`` and events. It names the
-        versions that made it; a run of :func:`pinconsist.record` can be repeated and continued from it. Raises OSError
-        if it cannot be written; an existing file is then unchanged.
+        An existing file is replaced. The file has no pickles, and no ``system``, ``sol`` and events. It has the verdict
+        of :meth:`check` if that was made. It names the versions that made it; a run of :func:`pinconsist.record` can be
+        repeated and continued from it. Raises OSError if it cannot be written; an existing file is then unchanged.
         """
         return write(self, file)
 
@@ -278,10 +300,14 @@ class Solution(ByName):
     def load(cls, file) -> Solution:
         """The solution that :meth:`save` wrote to this `file`, named with its ``.npz``.
 
-        It has no ``system``, ``sol`` and events: :meth:`check`, :meth:`energy` and :meth:`reaction` need the mechanism.
+        It has no ``system``, ``sol`` and events: :meth:`energy` and :meth:`reaction` need the mechanism, and so does
+        :meth:`check` if the verdict was not made before the run was saved.
         Raises FormatError, which names the file, if it is missing, truncated, damaged, foreign or of another format.
         """
-        return cls(**read(file))
+        fields, certificate = read(file)
+        found = cls(**fields)
+        object.__setattr__(found, "certificate", certificate)
+        return found
 
 
 def require_mechanism(solution, mechanism, who="the solution", hint=""):

@@ -3,18 +3,26 @@
 import json
 import platform
 import zipfile
+from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
 
 from . import __version__
+from .accuracy import GlobalError
+from .certificate import Certificate
 from .errors import FormatError
 from .files import suffixed, written_whole
+from .mechanism.names import BeyondLimit
 
-FORMAT = 2
+FORMAT = 3
+READ = 2, FORMAT
+"""Formats that are read; in format 2 there is no certificate."""
 ARRAYS = {"t": 1, "q": 2, "v": 2, "lam": 2, "h": 1, "order": 1}
 """Name → number of dimensions."""
+TYPES = {"order": np.int64}
+"""Types of arrays that are not of double precision."""
 HELD = "held "
 """Before the label of a force, the name of the table that it has held."""
 _ABOUT = {
@@ -28,6 +36,7 @@ def write(solution, file) -> Path:
     path = suffixed(file, ".npz")
     about = {name: getattr(solution, name) for name in _ABOUT} | {"format": FORMAT}
     about["versions"] = about["versions"] or versions()
+    about["certificate"] = _plain(solution.certificate)
     with written_whole(path) as stream:
         arrays = {name: getattr(solution, name) for name in ARRAYS}
         held = {f"{HELD}{label}": table for label, table in solution.held.items()}
@@ -35,21 +44,23 @@ def write(solution, file) -> Path:
     return path
 
 
-def read(file) -> dict:
-    """The fields of the solution in a file; FormatError for anything but a whole file of this format."""
+def read(file) -> tuple[dict, Certificate | None]:
+    """The fields of the solution in a file, and its certificate; FormatError for anything but a whole file."""
     try:
         with zipfile.ZipFile(file) as archive:  # if compressed, a few kB can expand to all of the memory
             if any(member.compress_type != zipfile.ZIP_STORED for member in archive.infolist()):
                 raise ValueError("its arrays are compressed")
         with np.load(file, allow_pickle=False) as stored:
             about = json.loads(str(stored["about"]))
-            if (written := about.pop("format", None)) != FORMAT:
+            if (written := about.pop("format", None)) not in READ:
                 writer = about.get("versions", {}).get("pinconsist")
                 by = f"pinconsist {writer}" if writer else "another version of pinconsist"
                 here = f"pinconsist {__version__}, which is installed here, reads format {FORMAT}"
                 raise FormatError(f"written by {by} in format {written!r}; {here}", path=file)
-            arrays = {name: stored[name] for name in ARRAYS}
-            held = {name[len(HELD) :]: stored[name] for name in stored.files if name.startswith(HELD)}
+            arrays = {name: _numbers(name, stored[name]) for name in ARRAYS}
+            names = [name for name in stored.files if name.startswith(HELD)]
+            held = {name[len(HELD) :]: _numbers(name, stored[name]) for name in names}
+        certificate = _certificate(about.pop("certificate", None))
         _check(arrays, about, held)
     except FormatError:
         raise
@@ -62,7 +73,7 @@ def read(file) -> dict:
         raise FormatError(f"damaged, or not a solution written by pinconsist ({reason})", path=file) from None
     for array in (*arrays.values(), *held.values()):
         array.setflags(write=False)
-    return arrays | about | {"held": held}
+    return arrays | about | {"held": held}, certificate
 
 
 def versions() -> dict[str, str]:
@@ -76,6 +87,34 @@ def versions() -> dict[str, str]:
     return found
 
 
+def _numbers(name, array):
+    """A stored array in the type of a solution, whatever the type and byte order in which it was written."""
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"array {name!r} has type {array.dtype}, not numbers")
+    kind = TYPES.get(name, np.float64)
+    found = np.ascontiguousarray(array, kind)
+    if kind == np.int64 and (found != array).any():
+        raise ValueError(f"array {name!r} has numbers that are not whole")
+    return found.reshape(array.shape)
+
+
+def _plain(certificate) -> dict | None:
+    """A certificate as plain data, without the energies of the rows."""
+    return None if certificate is None else asdict(replace(certificate, energy=None))
+
+
+def _certificate(data) -> Certificate | None:
+    """The certificate of plain data."""
+    if data is None:
+        return None
+    limits, error = data["beyond_limits"], data["error"]
+    return Certificate(
+        **data
+        | {"beyond_limits": tuple(BeyondLimit(**each) for each in limits), "units": tuple(data["units"])}
+        | {"error": error and GlobalError(**error | {"units": tuple(error["units"])})}
+    )
+
+
 def _check(arrays, about, held):
     """Raise ValueError unless shapes and types are those of a solution."""
     if set(about) != set(_ABOUT):
@@ -86,13 +125,16 @@ def _check(arrays, about, held):
     rows, steps = len(arrays["t"]), len(arrays["h"])
     for name, array in arrays.items():
         wanted = steps if name in ("h", "order") else rows
-        if array.ndim != ARRAYS[name] or array.dtype.kind not in "if" or len(array) != wanted:
-            raise ValueError(f"{name} has shape {array.shape} and type {array.dtype}")
+        if array.ndim != ARRAYS[name] or len(array) != wanted:
+            raise ValueError(f"array {name!r} has shape {array.shape}")
+    if not np.isfinite(arrays["t"]).all():
+        raise ValueError("array 't' has times that are not finite")
     if steps not in (0, rows - 1):
         raise ValueError(f"{steps} steps for {rows} rows")
     widths = (1 + arrays["v"].shape[1],), (2,)
-    if any(table.shape[1:] not in widths or table.dtype.kind != "f" for table in held.values()):
-        raise ValueError("a table of held torques has a wrong shape or type")
+    for name, table in held.items():
+        if table.shape[1:] not in widths:
+            raise ValueError(f"array {HELD + name!r} has shape {table.shape}")
 
 
 def summary_of(solution) -> str:

@@ -53,11 +53,12 @@ def test_the_verdict_says_if_the_error_is_not_estimated(monkeypatch):
     sol = pc.simulate(pc.load("four_bar"), (0.0, 0.5))
     monkeypatch.setattr("pinconsist.solution.PATIENCE", 0.0)
     late = sol.check()
-    assert late.ok and late.error is None and "error not estimated: ok" in late.verdict
-    assert "(check(error=True) waits for it)" in str(late)
-    assert "not estimated" not in str(sol.check(error=False))
+    assert late.ok and late.error is None and late.verdict.endswith(": ok; not judged: error")
+    assert "a finer run takes more than 0 s; check(error=True) waits for it" in str(late)
+    assert sol.check(error=False).not_judged == ["error"]
     found = sol.check(error=True)
-    assert found.error.q > 0.0 and "not estimated" not in str(found)
+    assert found.error.q > 0.0 and found.not_judged == [] and "not judged" not in str(found)
+    assert sol.check() is found
 
 
 def test_events_of_both_runs_are_matched():

@@ -105,6 +105,21 @@ def test_simulate_is_the_python_call(run):
     assert (told["scene"]["rows"], told["scene"]["rank"], told["scene"]["mobility"]) == (5, 2, 1)
 
 
+def test_terminal_json_page_and_file_have_one_verdict(run, tmp_path):
+    """A chaotic motion: without its error estimate it would look right on the page."""
+    at, saved = ("--at", "upper=2.5", "--at", "lower=2.5"), tmp_path / "run.npz"
+    pages = [tmp_path / name for name in ("run.html", "replay.html")]
+    words = ("double_pendulum", "--until", 20, *at, "--out", saved, "--html", pages[0])
+    told = json.loads(run("simulate", *words, "--json")[1])["certificate"]
+    assert not told["ok"] and told["verdict"].endswith(": look at error") and told["error"]["tolerances"] > 100
+    assert " ".join(run("simulate", *words)[1].split()).count(told["verdict"]) == 1
+    assert pinconsist.Solution.load(saved).check().verdict == told["verdict"]
+    run("replay", saved, "--html", pages[1])
+    for page in pages:
+        shown = json.dumps({"text": told["verdict"], "ok": False}, separators=(",", ":"))
+        assert shown in page.read_text("utf-8"), page.name
+
+
 def test_several_values_after_one_option(run):
     assert spread(["compare", "--step", "0.1", "1e-2", "four_bar"]) == [
         "compare", "--step", "0.1", "--step", "1e-2", "four_bar",

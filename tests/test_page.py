@@ -51,7 +51,7 @@ def force_at(sol, time):
 
 def test_the_header_says_what_it_is_and_whether_to_believe_it(run, tab):
     assert tab.run("document.querySelector('h1').innerText") == "four_bar"
-    assert tab.run("document.querySelector('header .ok').innerText") == run[1].check(error=False).verdict
+    assert tab.run("document.querySelector('header .ok').innerText") == run[1].check().verdict
     assert tab.run("getComputedStyle(document.querySelector('.dg')).display") == "none"  # meshcat's own controls
 
 

@@ -12,6 +12,8 @@ import pytest
 
 import pinconsist as pc
 from pinconsist.solution import Solution
+from pinconsist.view.curves import verdicts
+from pinconsist.view.motion import runs_of
 
 ARRAYS = ("t", "q", "v", "lam", "h", "order")
 
@@ -47,9 +49,70 @@ def test_round_trip_through_a_file(tmp_path, options):
     for name in ("success", "status", "message", "nsteps", "nfev", "njev", "nlu", "rejected", "method", "scene"):
         assert getattr(back, name) == getattr(sol, name), name
     assert back.system is None and back.summary() == sol.summary()
-    assert back.check(mech) == sol.check()
     with pytest.raises(pc.InputError, match=r"sol\.check\(mechanism\)"):
         back.check()
+    assert back.check(mech) == sol.check() == back.check()
+
+
+def test_the_verdict_is_made_once_and_kept_in_the_file(tmp_path):
+    """Page, file and Python have the same one, also if the run had forces that the mechanism does not have."""
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 0.2), forces=[lambda t, q, v: -0.1 * v])
+    before = sol.save(tmp_path / "before.npz")
+    shown = verdicts(runs_of(mech, sol))
+    assert shown == [{"text": sol.check().verdict, "ok": True}] and "error of q" in sol.check().verdict
+    assert sol.check() is sol.certificate and sol.mechanism.forces and sol.certificate.not_judged == []
+    read = Solution.load(sol.save(tmp_path / "run.npz"))
+    assert read.check() == sol.check() and read.error == sol.error and read.mechanism is None
+    assert verdicts(runs_of(mech, read)) == shown
+    (unknown,) = verdicts(runs_of(mech, Solution.load(before)))
+    assert not unknown["ok"] and unknown["text"].startswith("not judged: the run had 1 forces")
+    changed = edited(sol, "lam", 3, 100.0)
+    assert changed.certificate is None and changed.check().verdict != sol.check().verdict
+
+
+def test_a_page_is_not_green_about_what_was_not_judged():
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 0.2))
+    assert sol.check(error=False).ok and sol.certificate.not_judged == ["error"]
+    assert verdicts(runs_of(mech, sol)) == [{"text": sol.certificate.verdict, "ok": False}]
+    assert sol.check().not_judged == [] and verdicts(runs_of(mech, sol))[0]["ok"]
+
+
+@pytest.mark.parametrize("name", ["q", "v", "lam"])
+def test_numbers_that_are_not_finite_are_not_certified(run, name):
+    bad = edited(run, name, 7, np.nan)
+    for found in (bad.check(error=False), bad.check()):
+        assert not found.ok and found.concerns == [f"{name}[0] at t = {run.t[7]:.6g} s is not a finite number"]
+        assert found.verdict.endswith("nothing was judged") and found.concerns[0] in str(found)
+
+
+def test_figures_that_are_not_numbers_are_concerns(run):
+    good = run.check()
+    for name in ("position", "velocity", "force", "energy_error"):
+        assert not dataclasses.replace(good, **{name: np.nan}).ok, name
+    for name in ("force", "tolerances"):
+        assert not dataclasses.replace(good, error=dataclasses.replace(good.error, **{name: np.nan})).ok, name
+
+
+@pytest.mark.parametrize(("kind", "digits"), [(">f8", 0.0), ("<f4", 1e-6), ("f2", 1e-2), (np.longdouble, 0.0)])
+def test_files_of_other_number_types_are_converted(tmp_path, run, kind, digits):
+    """Arrays as other programs store them."""
+    arrays = {name: getattr(run, name).astype(kind) for name in ("q", "v", "lam", "h")}
+    rewritten(tmp_path / "run.npz", run, order=run.order.astype("i1"), **arrays)
+    back = Solution.load(tmp_path / "run.npz")
+    assert back.order.dtype == run.order.dtype and (back.order == run.order).all()
+    for name in arrays:
+        assert getattr(back, name).dtype == float and getattr(back, name).dtype.isnative
+        size = np.abs(getattr(run, name)).max()
+        assert np.abs(getattr(back, name) - getattr(run, name)).max() <= digits * size
+    assert back.check(pc.load("four_bar"), error=False).position < max(1e-8, 10 * digits)
+
+
+def test_files_of_the_format_before_are_read(tmp_path, run):
+    rewritten(tmp_path / "run.npz", run, format=2, certificate=LEFT_OUT)
+    back = Solution.load(tmp_path / "run.npz")
+    assert back.certificate is None and back.check(pc.load("four_bar")) == run.check()
 
 
 def test_saving_replaces_a_file_whole_or_not_at_all(tmp_path, run, monkeypatch):
@@ -104,16 +167,19 @@ BAD_FILES = {
     "one array": (write_array, "not a solution"),
     "pickle": (write_pickled, "not a solution"),
     "zip": (lambda path, run: zipfile.ZipFile(path, "w").close(), "not a solution"),
-    "newer": (lambda path, run: rewritten(path, run, format=99), "by pinconsist .* in format 99.* reads format 2"),
+    "newer": (lambda path, run: rewritten(path, run, format=99), "by pinconsist .* in format 99.* reads format 3"),
     "older": (lambda path, run: rewritten(path, run, format=1, versions=LEFT_OUT), "another version .* in format 1;"),
     "no format": (lambda path, run: rewritten(path, run, format=LEFT_OUT), "in format None"),
     "no message": (lambda path, run: rewritten(path, run, message=LEFT_OUT), "missing or unknown entries: message"),
     "more entries": (lambda path, run: rewritten(path, run, extra=1), "missing or unknown entries: extra"),
     "status in words": (lambda path, run: rewritten(path, run, status="fine"), "status is a str"),
-    "rows missing": (lambda path, run: rewritten(path, run, q=run.q[1:]), r"q has shape \(60, 3\)"),
+    "rows missing": (lambda path, run: rewritten(path, run, q=run.q[1:]), r"'q' has shape \(60, 3\)"),
     "steps missing": (lambda path, run: rewritten(path, run, h=run.h[1:], order=run.order[1:]), "59 steps for 61 rows"),
-    "flat": (lambda path, run: rewritten(path, run, lam=run.lam[:, 0]), r"lam has shape \(61,\)"),
-    "complex": (lambda path, run: rewritten(path, run, t=run.t + 0j), "type complex"),
+    "flat": (lambda path, run: rewritten(path, run, lam=run.lam[:, 0]), r"'lam' has shape \(61,\)"),
+    "complex": (lambda path, run: rewritten(path, run, t=run.t + 0j), "array 't' has type complex"),
+    "times": (lambda path, run: rewritten(path, run, t=run.t * np.nan), "'t' has times that are not finite"),
+    "halves": (lambda path, run: rewritten(path, run, order=run.order + 0.5), "'order' has numbers that are not whole"),
+    "verdict": (lambda path, run: rewritten(path, run, certificate={"position": 0.0}), "not a solution"),
     "compressed": (lambda path, run: rewritten(path, run, np.savez_compressed), "its arrays are compressed"),
     "deep": (lambda path, run: np.savez(path, about=np.array("[" * 100_000)), "not a solution"),
 }
@@ -222,7 +288,7 @@ def test_the_verdict_is_one_line_and_every_figure_has_its_unit_and_state(run):
 )
 def test_what_is_wrong_is_looked_at(run, name, row, change, figure, word):
     bad = edited(run, name, row, change).check(error=False)
-    assert not bad.ok and word in bad.verdict.partition(": look at ")[2].split(", ")
+    assert not bad.ok and word in bad.verdict.partition(": look at ")[2].partition(";")[0].split(", ")
     assert "look" in states(bad)[figure.strip()][1] and "ok" in states(run.check(error=False))[figure.strip()][1]
 
 

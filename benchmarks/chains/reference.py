@@ -161,11 +161,12 @@ class Reference:
     """The motion of a mechanism from a state, by DOP853 or, where that takes too long, Radau.
 
     `until` is what it reached, and `why` not the end, or an empty string. `tol` is scipy's tolerance, `seconds` how
-    much CPU time it may take.
+    much CPU time it may take. Steps end at the times `ends`, where forces begin and end.
     """
 
-    def __init__(self, mech, q, v, end, *, tol=TOLERANCE, seconds=8.0):
+    def __init__(self, mech, q, v, end, *, tol=TOLERANCE, seconds=8.0, ends=()):
         self.equations, self.nq, self.end, self.tol = Equations(mech), mech.nq, end, tol
+        self._ends = np.unique(np.append(np.linspace(0.0, end, PIECES + 1)[1:], ends))
         self.until, self.why, self._pieces = 0.0, "", []
         self._due, self._count = time.process_time() + seconds, 0
         try:
@@ -194,7 +195,7 @@ class Reference:
 
     def _integrate(self):
         y, method, step = np.concatenate(self.start), DOP853, None
-        for end in np.linspace(0.0, self.end, PIECES + 1)[1:]:
+        for end in self._ends:
             q, v, self._kept = self.equations.closed(self.until, y[: self.nq], y[self.nq :])
             y = np.concatenate((q, v))
             while self.until < end:

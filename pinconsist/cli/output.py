@@ -113,7 +113,7 @@ def verdict(certificate):
         for number, line in enumerate(in_options(str(certificate)).splitlines()):
             text = Text(_filled(line, sys.stdout, "", " " * (number and (6 if line.startswith("note") else ABOUT))))
             if number == 0:
-                text.stylize("green" if certificate.ok else "yellow")
+                text.stylize("green" if certificate.ok and not certificate.not_judged else "yellow")
             else:
                 text.highlight_regex(r"\blook\b", "yellow")
             console.print(text, soft_wrap=True)

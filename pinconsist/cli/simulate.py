@@ -57,7 +57,7 @@ def simulate(
         raise InputError("--save-every needs a file for the run; add --out FILE.npz")
     output.require_writable(out=out, html=html, csv=table, figure=plot)
     require_page(html, forces, traces, speed)
-    from ..checkpoints import Recipe, carry_out
+    from ..checkpoints import Recipe, carry_out, saved
 
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
     mech, hashes = source.load_with_hashes()
@@ -81,6 +81,8 @@ def simulate(
         sol = carry_out(recipe, mech, out, callback=progress)
     seconds = time.perf_counter() - began
     certificate = checked(sol)
+    if certificate and out:
+        saved(sol, out)
     with deferred(impatient=False):  # another Ctrl-C takes effect after the files are written and listed
         try:
             if html:
@@ -116,7 +118,17 @@ def _written(file, sol, out, write):
 def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
     from ..mechanism.names import by_joint
 
-    names = ("verdict", "ok", "position", "position_at", "velocity", "force", "force_first", "energy_error")
+    names = (
+        "verdict",
+        "ok",
+        "not_judged",
+        "position",
+        "position_at",
+        "velocity",
+        "force",
+        "force_first",
+        "energy_error",
+    )
     return {
         "scene": {
             "name": mech.name, "joints": len(mech.joints), "nq": mech.nq, "nv": mech.nv,
@@ -163,6 +175,8 @@ def resume(run: scene.SavedRun, scene_of_run: scene.SceneOfRun = None, as_json: 
 
     Example: pinconsist resume run.npz
     """
+    from ..checkpoints import saved
+
     before = pc.Solution.load(run)
     at = (before.recipe or {}).get("checkpoint")
     if before.status != 0 and before.recipe and at is None and not as_json:
@@ -181,6 +195,8 @@ def resume(run: scene.SavedRun, scene_of_run: scene.SceneOfRun = None, as_json: 
         print(f"{run} is complete: {sol.message}")
     else:
         certificate = checked(sol)
+        if certificate:
+            saved(sol, run)
         print(f"{'continued' if at else 'started again'} from t = {start:g} s")
         print_run(sol, certificate, seconds)
         output.print_written(run, before="\n")

@@ -83,7 +83,7 @@ def _word(kind: str, planar: bool) -> str:
 def _energies(run: Run) -> dict[str, np.ndarray]:
     """Energies minus those at the start, for solutions that have them."""
     try:
-        energy = run.source.energy(run.mech)
+        energy = run.source.energy(run.source.mechanism or run.mech)
     except (AttributeError, InputError):
         return {}
     kinds = {name: getattr(energy, name) for name in ("kinetic", "potential", "elastic", "total")}
@@ -91,13 +91,22 @@ def _energies(run: Run) -> dict[str, np.ndarray]:
 
 
 def verdicts(runs: list[Run]) -> list[dict]:
-    """The verdict of each run's certificate, if its solution has one."""
+    """The verdict on each run: that which its solution keeps, or the one that is made now, or why there is none."""
     out = []
     for run in runs:
-        try:
-            certificate = run.source.check(run.mech, error=False)
-        except (AttributeError, InputError):
+        if not hasattr(run.source, "check"):
             continue
-        text = f"{run.title}: {certificate.verdict}" if run.title else certificate.verdict
-        out.append({"text": text, "ok": certificate.ok})
+        try:
+            certificate = _verdict(run)
+            text, ok = certificate.verdict, certificate.ok and not certificate.not_judged
+        except InputError as error:
+            text, ok = f"not judged: {error}", False
+        out.append({"text": f"{run.title}: {text}" if run.title else text, "ok": ok})
     return out
+
+
+def _verdict(run: Run):
+    try:
+        return run.source.certificate or run.source.check()
+    except InputError:  # from a file that was saved without a verdict
+        return run.source.check(run.mech)
