@@ -1,6 +1,6 @@
 """The certificate of a solution: its residuals, evaluated independently of the integration."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -199,6 +199,23 @@ class Certificate:
             shares = ", ".join(f"{name} in {share:.0%} of the rows" for name, share in self.saturated.items())
             found["actuators"] = f"actuators are at the limits of their commands or forces: {shares}"
         return found
+
+
+def plain(certificate: Certificate | None) -> dict | None:
+    """A certificate as plain data, without the energies of the rows."""
+    return None if certificate is None else asdict(replace(certificate, energy=None))
+
+
+def from_plain(data: dict | None) -> Certificate | None:
+    """The certificate of plain data; TypeError or KeyError if it is of something else."""
+    if data is None:
+        return None
+    limits, error = data["beyond_limits"], data["error"]
+    return Certificate(
+        **data
+        | {"beyond_limits": tuple(BeyondLimit(**each) for each in limits), "units": tuple(data["units"])}
+        | {"error": error and GlobalError(**error | {"units": tuple(error["units"])})}
+    )
 
 
 def _above(value: float, bar: float) -> bool:

@@ -3,18 +3,15 @@
 import json
 import platform
 import zipfile
-from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
 
 from . import __version__
-from .accuracy import GlobalError
-from .certificate import Certificate
+from .certificate import Certificate, from_plain, plain
 from .errors import FormatError
 from .files import suffixed, written_whole
-from .mechanism.names import BeyondLimit
 
 FORMAT = 3
 READ = 2, FORMAT
@@ -36,7 +33,7 @@ def write(solution, file) -> Path:
     path = suffixed(file, ".npz")
     about = {name: getattr(solution, name) for name in _ABOUT} | {"format": FORMAT}
     about["versions"] = about["versions"] or versions()
-    about["certificate"] = _plain(solution.certificate)
+    about["certificate"] = plain(solution.certificate)
     with written_whole(path) as stream:
         arrays = {name: getattr(solution, name) for name in ARRAYS}
         held = {f"{HELD}{label}": table for label, table in solution.held.items()}
@@ -60,7 +57,7 @@ def read(file) -> tuple[dict, Certificate | None]:
             arrays = {name: _numbers(name, stored[name]) for name in ARRAYS}
             names = [name for name in stored.files if name.startswith(HELD)]
             held = {name[len(HELD) :]: _numbers(name, stored[name]) for name in names}
-        certificate = _certificate(about.pop("certificate", None))
+        certificate = from_plain(about.pop("certificate", None))
         _check(arrays, about, held)
     except FormatError:
         raise
@@ -96,23 +93,6 @@ def _numbers(name, array):
     if kind == np.int64 and (found != array).any():
         raise ValueError(f"array {name!r} has numbers that are not whole")
     return found.reshape(array.shape)
-
-
-def _plain(certificate) -> dict | None:
-    """A certificate as plain data, without the energies of the rows."""
-    return None if certificate is None else asdict(replace(certificate, energy=None))
-
-
-def _certificate(data) -> Certificate | None:
-    """The certificate of plain data."""
-    if data is None:
-        return None
-    limits, error = data["beyond_limits"], data["error"]
-    return Certificate(
-        **data
-        | {"beyond_limits": tuple(BeyondLimit(**each) for each in limits), "units": tuple(data["units"])}
-        | {"error": error and GlobalError(**error | {"units": tuple(error["units"])})}
-    )
 
 
 def _check(arrays, about, held):

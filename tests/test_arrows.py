@@ -40,7 +40,7 @@ MAY_IMPORT = {
     "stepping": {"options", "_core", "dae", "mechanism", "solution", "errors"},
     "files": {"errors"},
     "interrupts": set(),
-    "solution_file": {"files", "errors"},
+    "solution_file": {"certificate", "files", "errors"},
     "checkpoints": {"simulation", "options", "formats", "mechanism", "interrupts", "errors"},
     "scene_source": {"formats", "errors"},
     "runs": {"checkpoints", "scene_source", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
