@@ -3,6 +3,8 @@
 import os
 import time
 from dataclasses import dataclass
+from math import ceil
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +17,14 @@ from .dae.integrate import integrate
 from .dae.norms import largest
 from .dae.output import Output
 from .errors import PinconsistError
-from .mechanism.energy import compiled_forces
+from .mechanism.energy import compiled_forces, integrals, total_power
 from .mechanism.forces.held import sided
 from .mechanism.names import velocity_names, velocity_units
 from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
 from .options import looking, method_of
 
+LOOKS = 1000  # steps of the finer run at least: what acts for a two-hundredth of the span is looked at five times
 SHORTER = 0.3  # longest steps of the finer run, relative to those of a run: it looks at other times
 FINER = 0.1  # of the tolerance
 ENDS = 100  # steps of Radau between rows that are compared
@@ -93,28 +96,59 @@ class NotEstimatedError(Exception):
     """There is no estimate of the error of a run, and why."""
 
 
-def global_error(solution, mechanism=None, patience=np.inf) -> GlobalError:
-    """The error of a solution; NotEstimatedError if the finer run fails or takes longer than `patience` (s)."""
+@dataclass(frozen=True)
+class FinerRun:
+    """States of a finer run, at `rows` of a solution and at even times between them.
+
+    `at` are the places of the rows among the times `t`; `apart` says which rows lie between an event of one run and the
+    same event of the other.
+    """
+
+    system: Any
+    rows: np.ndarray
+    at: np.ndarray
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    lam: np.ndarray
+    apart: np.ndarray
+
+
+def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
+    """The finer run of a solution; NotEstimatedError if it fails or takes longer than `patience` (s)."""
     if not solution.success:
         raise NotEstimatedError("the run ended early")
     if len(solution.t) < 2 or "max_order" not in solution.method:
         raise NotEstimatedError("there is no run to compare with" if len(solution.t) > 1 else "there is only one row")
+    if not all(np.isfinite(part).all() for part in (solution.q, solution.v)):
+        raise NotEstimatedError("numbers of the rows are not finite")
     system, method = _case(solution, mechanism)
-    rows = _rows(solution, ENDS if method.name == "Radau" else len(solution.t))
-    t, q, v, lam = (part[rows] for part in (solution.t, solution.q, solution.v, solution.lam))
-    start = q[0], v[0]
+    exact = method.name == "Radau"  # between steps its velocities are of a lower order
+    rows = _rows(solution, ENDS if exact else len(solution.t))
+    t, start = solution.t[rows], (solution.q[rows[0]], solution.v[rows[0]])
     if not len(solution.h):  # rows that were interpolated
         start = Index1(system).state(t[0], *start)[1:3]
-    finer, times = _finer(system, method, t, start, solution._events, patience)
-    apart = _apart(solution.t_events, times, t)
-    error_q = np.abs([system.difference(a, b) for a, b in zip(q, finer[0], strict=True)])
-    error_v = np.abs(v - finer[1])
+    middles = 0.5 * (t[1:] + t[:-1]) if exact else []  # with the steps of the other run errors would be alike
+    asked = _with(np.linspace(t[0], t[-1], LOOKS + 1), np.sort(np.concatenate((t, middles))))
+    asked = asked if t[-1] >= t[0] else asked[::-1]
+    states, times = _finer(system, method, asked, exact, start, solution._events, patience)
+    at = np.searchsorted(asked, t) if t[-1] >= t[0] else len(asked) - 1 - np.searchsorted(asked[::-1], t)
+    return FinerRun(system, rows, at, asked, *states, _apart(solution.t_events, times, t))
+
+
+def global_error(solution, finer: FinerRun) -> GlobalError:
+    """The error of a solution."""
+    system, rows = finer.system, finer.rows
+    t, q, v, lam = (part[rows] for part in (solution.t, solution.q, solution.v, solution.lam))
+    other = finer.q[finer.at], finer.v[finer.at], finer.lam[finer.at]
+    error_q = np.abs([system.difference(a, b) for a, b in zip(q, other[0], strict=True)])
+    error_v = np.abs(v - other[1])
     ours = loop_forces(system, t, q, v, lam)
     # multipliers between the steps of the finer run are those of its polynomials, which nothing controls
     sides = sided(solution.t, system.changes)[rows]
-    error_force = np.abs(ours - exact_forces(system, (sides, *finer)))
+    error_force = np.abs(ours - exact_forces(system, (sides, *other)))
     for error in (error_q, error_v, error_force):
-        error[apart] = 0.0
+        error[finer.apart] = 0.0
     others = largest(system.evaluate(t[0], q[0], v[0], np.zeros(system.nv))[0])
     names, units = _coordinates(system)
     of_q, of_v = (units[_worst(error)[1]] for error in (error_q, error_v))
@@ -133,17 +167,18 @@ def _case(solution, mechanism):
         system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
     name, order = about.get("method", "BDF"), about["max_order"]
     rtol, atol, step = 1e-6, 1e-8, about["step"]
+    span = float(solution.t[0]), float(solution.t[-1])
+    seen = abs(span[1] - span[0]) / LOOKS
     if step is not None:
-        step = 0.5 * step
+        step /= max(2, ceil(step / seen - 1e-9))
     else:
         rtol, atol = (tuple(np.multiply(FINER, part) for part in about[key]) for key in ("rtol", "atol"))
         control = ErrorControl(rtol, atol, order, np.inf)
         if name == "BDF" and control.asked[0] < control.best:
             name, order, rtol = "Radau", None, tuple(np.maximum(part, 1e-12) for part in rtol)  # less rounding
-    span = float(solution.t[0]), float(solution.t[-1])
     order = None if name == "Radau" and step is None else order
-    most = MOST_STEPS * (solution.nsteps + 100)
-    longest = SHORTER * about.get("max_step", np.inf)
+    most = MOST_STEPS * (solution.nsteps + LOOKS)
+    longest = min(SHORTER * about.get("max_step", np.inf), seen)
     method = method_of(span, name, step, order, rtol, atol, about["consistency"], None, longest, most, "auto")
     return system, looking(method, system, span)
 
@@ -160,18 +195,23 @@ def _rows(solution, most):
     return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))]
 
 
-def _finer(system, method, t, start, events, patience):
+def _with(even, needed):
+    """The times `needed`, in order, and those of the `even` ones that are not next to them."""
+    after = np.clip(np.searchsorted(needed, even), 1, len(needed) - 1)
+    apart = np.minimum(np.abs(even - needed[after - 1]), np.abs(even - needed[after]))
+    return np.unique(np.concatenate((needed, even[apart > 0.1 * np.abs(even[1] - even[0])])))
+
+
+def _finer(system, method, asked, exact, start, events, patience):
     """(p, v, λ) at the times, and the times of the events; NotEstimatedError if the run does not reach the end."""
-    # between steps Radau has velocities of a lower order; and with the steps of the other run errors would be alike
-    exact, due = method.name == "Radau", time.monotonic() + patience
-    asked = np.insert(t, slice(1, None), 0.5 * (t[1:] + t[:-1])) if exact else t
-    output = Output(t_eval=asked, exact=exact, events=events)
+    due = time.monotonic() + patience
 
     def late():
         return time.monotonic() > due
 
+    output = Output(t_eval=asked, exact=exact, events=events)
     try:
-        run = integrate(system, (t[0], t[-1]), *start, method, output, stepper_for(system, method), late)
+        run = integrate(system, (asked[0], asked[-1]), *start, method, output, stepper_for(system, method), late)
     except PinconsistError as error:
         raise NotEstimatedError(f"a finer run failed: {error}") from error
     if run.status < 0:
@@ -179,8 +219,7 @@ def _finer(system, method, t, start, events, patience):
     if len(run.t) < len(asked):
         ended = f"a finer run takes more than {patience:g} s; check(error=True) waits for it"
         raise NotEstimatedError(ended if late() else f"a finer run ended early: {run.message}")
-    every = slice(None, None, 1 + exact)
-    return (run.p[every], run.v[every], run.lam[every]), [np.array([row[0] for row in found]) for found in run.events]
+    return (run.p, run.v, run.lam), [np.array([row[0] for row in found]) for found in run.events]
 
 
 def _apart(ours, theirs, t):
@@ -226,9 +265,20 @@ def _in_tolerances(about, system, q, v, error_q, error_v):
 
 def exact_forces(system, states):
     """Jᵀλ (G λ) of the differential equation at rows `states`, (t, q, v, λ)."""
+    return measured(system, states, _workspace(system))[3]
+
+
+def _workspace(system):
     mechanism = getattr(system, "mechanism", None)
-    workspace = None if mechanism is None else Workspace(system.model, blank_system, system.data)
-    return measured(system, states, workspace)[3]
+    return None if mechanism is None else Workspace(system.model, blank_system, system.data)
+
+
+def work_of(finer: FinerRun) -> np.ndarray:
+    """The work of all forces and all constraints of a mechanism up to the rows of a finer run, J, shape (n,)."""
+    system, states, workspace = finer.system, (finer.t, finer.q, finer.v, finer.lam), _workspace(finer.system)
+    *_, exact, energies, _ = measured(system, states, workspace)
+    power = total_power(system.forces, *states[:3], workspace, energies) + (exact * finer.v).sum(axis=1)
+    return integrals(finer.t, power[:, None])[finer.at, 0]
 
 
 def measured(system, states, workspace):

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field, replace
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import OFF, GlobalError, figure, measured
+from .accuracy import OFF, GlobalError, figure, global_error, measured, work_of
 from .dae.norms import largest
 from .mechanism.energy import energy_of
 from .mechanism.forces.actuators import saturated
@@ -16,6 +16,8 @@ from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
 
 OPEN = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
+UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
+MOST_BY_ROWS = 5  # order of steps that rows resolve
 FEW = 4.0  # times the uncertainty of the work: an energy balance that is not off by more shows nothing
 SHOWN = 4  # joints outside of their limits
 
@@ -237,8 +239,11 @@ def _not_finite(solution) -> str:
     return ""
 
 
-def certify(solution, mechanism=None) -> Certificate:
-    """The certificate of a solution; `mechanism` is needed if the solution does not have its system."""
+def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
+    """The certificate of a solution; `mechanism` is needed if the solution does not have its system.
+
+    `finer` is a :class:`~pinconsist.accuracy.FinerRun`, or None, and `missing` why.
+    """
     system = solution.system
     if unknown := _not_finite(solution):
         return Certificate(*(np.nan, unknown, np.nan, np.nan, np.nan, None, None), not_finite=unknown)
@@ -268,7 +273,7 @@ def certify(solution, mechanism=None) -> Certificate:
             units = of_rows[row], of_rows[np.argmax(np.abs(rho)) % rho.shape[1]]
         where = f"{label} at t = {solution.t[i]:.6g} s"
     energy = None if mechanism is None else energy_of(solution, mechanism, workspace, system, found)
-    balance = 0.0 if energy is None else energy.balance_error
+    balance, work_error = (0.0, 0.0) if energy is None else _balance(solution, energy, finer)
     return Certificate(
         position=position,
         position_at=where,
@@ -278,7 +283,7 @@ def certify(solution, mechanism=None) -> Certificate:
         force=float(np.max(error, initial=0.0) / scale),
         force_first=float(np.max(error[:1], initial=0.0) / scale),
         energy_error=None if energy is None else balance,
-        work_error=energy.work_error if energy is not None and balance > OFF else 0.0,
+        work_error=work_error,
         energy=None if energy is None else energy.total,
         undetermined={} if mechanism is None else undetermined(mechanism, t, q, system.data, system.rows),
         beyond_limits=() if mechanism is None else beyond_limits(mechanism, solution.t, solution.q),
@@ -286,4 +291,23 @@ def certify(solution, mechanism=None) -> Certificate:
         fixed_step=solution.method.get("step") is not None,
         ended_early=solution.status < 0,
         saturated={} if mechanism is None else saturated(mechanism, solution.t, solution.q, solution.v),
+        error=None if finer is None else global_error(solution, finer),
+        error_missing=missing,
     )
+
+
+def _balance(solution, energy, finer):
+    """The error of the energy balance, and that of the work in it.
+
+    Where rows are few, the work is that along the finer run. Steps of Radau of high orders are longer than what a
+    spline through their rows can follow, and nothing in the rows tells.
+    """
+    balance = energy.balance_error
+    if not _above(balance, UNCLEAR):
+        return balance, 0.0
+    if finer is not None and not (np.diff(solution.t) == 0.0).any():
+        total = energy.total[finer.rows]
+        return replace(energy, error=total - total[0] - work_of(finer)).balance_error, 0.0
+    if largest(solution.order) > MOST_BY_ROWS:
+        return balance, np.inf
+    return balance, energy.work_error

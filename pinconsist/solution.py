@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import PATIENCE, GlobalError, NotEstimatedError, global_error
+from .accuracy import PATIENCE, GlobalError, NotEstimatedError, finer_run
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.energy import Energy, energy_of
@@ -180,12 +180,13 @@ class Solution(ByName):
             return kept
         self._require_scene(mechanism, "check")
         replayed = self._replayed(mechanism)
-        made = certify(self, replayed)
+        finer, missing = None, ""
         if error is not False:
             try:
-                made = replace(made, error=global_error(self, replayed, PATIENCE if error is None else np.inf))
+                finer = finer_run(self, replayed, PATIENCE if error is None else np.inf)
             except NotEstimatedError as why:
-                made = replace(made, error_missing=str(why))
+                missing = str(why)
+        made = certify(self, replayed, finer, missing)
         if (mechanism is None or self.system is None) and (kept is None or error is not False):
             object.__setattr__(self, "certificate", made)
         return made

@@ -83,3 +83,70 @@ def test_a_general_problem():
     sol = pc.integrate(problem.system, (0.0, 1.0), problem.p0, problem.v0, rtol=1e-6, atol=1e-6)
     error = max(np.abs(q - problem.exact(t)[0]).max() for t, q in zip(sol.t, sol.q, strict=True))
     assert error / 3 < sol.error.q < 3 * error
+
+
+def two_drives():
+    """A globe that turns about a tilted axis on an arm that turns: both speeds are constant, so steps are long."""
+    model, tilt = pin.Model(), np.array([0.4, 0.0, np.sqrt(1.0 - 0.4**2)])
+    year = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "year")
+    model.appendBodyToJoint(year, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    day = model.addJoint(year, pin.JointModelRevoluteUnaligned(tilt), pin.SE3(np.eye(3), 2.0 * np.eye(3)[0]), "day")
+    model.appendBodyToJoint(day, pin.Inertia(3.0, np.zeros(3), np.diag([0.2, 0.2, 0.3])), pin.SE3.Identity())
+    return pc.Mechanism(model, [pc.Drive("y", "year", lambda t: 0.5 * t), pc.Drive("d", "day", lambda t: 20.0 * t)])
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+def test_forces_that_change_between_long_steps_are_no_alarm(method):
+    """The rows are right, however far apart they are: motor torques by inverse dynamics of the prescribed motion."""
+    mech, speeds = two_drives(), np.array([0.5, 20.0])
+    sol = pc.simulate(mech, (0.0, 3.0), method=method)
+    model, data = mech.model, mech.model.createData()
+    true = np.array([pin.rnea(model, data, speeds * t, speeds, np.zeros(2)) for t in sol.t])
+    assert np.abs(sol.lam - true).max() < 1e-7 and np.diff(sol.t).max() > 0.1
+    found = sol.check()
+    assert found.ok and not found.not_judged and found.error.force < 1e-7
+    assert found.energy_error < 1e-8  # the work is that along the finer run; a spline through the rows is off by 8 %
+    assert sol.energy().balance_error > 1e-3
+    rows = sol.check(error=False)
+    assert rows.ok and ("energy" in rows.not_judged or rows.energy_error < 0.01)
+
+
+def body_on_a_spring(force=None, road=0.0):
+    """A body of 300 kg on a spring and a damper above a road, which moves as it is told; in equilibrium."""
+    model = pin.Model()
+    for name, mass in ("road", 1.0), ("body", 300.0):
+        joint = model.addJoint(model.njoints - 1, pin.JointModelPZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(joint, pin.Inertia(mass, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    forces = [pc.JointSpring("body", 2e4, 300.0 * 9.81 / 2e4), pc.JointDamping({"body": 2e3})]
+    forces += [] if force is None else [pc.Torque(force)]
+    return pc.Mechanism(model, [pc.Drive("road", "road", road if callable(road) else pc.Motion(road))], forces)
+
+
+def pulse(start, duration, size):
+    """Smooth, and zero before and after."""
+    return lambda t: size * np.sin(np.pi * (t - start) / duration) ** 4 if start < t < start + duration else 0.0
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+@pytest.mark.parametrize("kind", ["force", "force along the way", "road"])
+def test_a_pulse_that_a_run_steps_over_is_never_ok(kind, method):
+    """The body is hit for 40 ms of 10 s; the true motion is that of a run with steps of 2 ms."""
+    hit = pulse(6.03, 0.04, 5e3)
+    if kind == "force":
+        mech = body_on_a_spring(lambda t, q, v: np.array([0.0, hit(t)]))
+    elif kind == "road":
+        mech = body_on_a_spring(road=pulse(6.03, 0.05, 0.05))
+    else:
+        mech = body_on_a_spring(lambda t, q, v: np.array([0.0, hit(5.0 * q[0])]), lambda t: 0.2 * t)
+    sol = pc.simulate(mech, (0.0, 10.0), method=method)
+    true = pc.simulate(mech, (0.0, 10.0), method="Radau", max_step=2e-3, t_eval=sol.t)
+    error, found = np.abs(sol.q - true.q).max(), sol.check()
+    assert np.abs(true.q[:, 1]).max() > 1e-3 or error > 1e-4  # it is hit
+    assert not found.ok or (not found.not_judged and error < 1e-4)
+    assert found.error.q == pytest.approx(error, rel=0.3, abs=1e-6)
+
+
+def test_a_fixed_step_over_a_pulse_is_never_ok():
+    hit = pulse(6.03, 0.04, 5e3)
+    sol = pc.simulate(body_on_a_spring(lambda t, q, v: np.array([0.0, hit(t)])), (0.0, 10.0), step=0.2, max_order=2)
+    assert not sol.check().ok

@@ -18,7 +18,7 @@ from pinconsist._core.compiled_system import blank_system
 from pinconsist._core.compiled_system import compiled_system as twin_of
 from pinconsist.accuracy import measured
 from pinconsist.mechanism import rows
-from pinconsist.mechanism.energy import _integrals, energy_of
+from pinconsist.mechanism.energy import integrals, energy_of
 from pinconsist.mechanism.names import beyond_limits
 from pinconsist.mechanism.reactions import reaction
 from pinconsist.mechanism.rows import Workspace
@@ -193,7 +193,7 @@ def test_work_is_the_integral_of_the_spline_through_the_powers_between_events(ba
     t[25] = t[24]
     t[28] = t[27]
     t, powers = (2.0 - t if backwards else t), np.column_stack((np.cos(3.0 * t), t**2))
-    found, start = _integrals(t, powers), np.zeros(2)
+    found, start = integrals(t, powers), np.zeros(2)
     for part in (slice(*ends) for ends in pairwise((0, 18, 19, 23, 25, 28, 40))):
         expected = start[None]
         if part.stop - part.start > 1:

@@ -72,7 +72,7 @@ class Energy:
         kept = np.ones(n, dtype=bool)
         kept[1:-1] = (np.arange(1, n - 1) % 2 == 0) | doubled[:-1] | doubled[1:]
         power = sum(self.power.values(), np.zeros(n))[:, None]
-        change = _integrals(self.t, power)[kept] - _integrals(self.t[kept], power[kept])
+        change = integrals(self.t, power)[kept] - integrals(self.t[kept], power[kept])
         alone = ~doubled & np.append(True, doubled[:-1]) & np.append(doubled[1:], True)
         ends = np.cumsum(np.where(alone, 0.5 * np.abs(np.diff(self.t) * np.diff(power[:, 0])), 0.0))
         return float((np.abs(change).max() + ends.max(initial=0.0)) / self._exchanged)
@@ -120,7 +120,7 @@ def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> E
     total = kinetic + potential + elastic
     done, acts = np.zeros((len(power), n)), [k for k, each in enumerate(power.values()) if each.any()]
     if acts:
-        done[acts] = _integrals(t, np.column_stack([*power.values()])[:, acts]).T
+        done[acts] = integrals(t, np.column_stack([*power.values()])[:, acts]).T
     work, error = dict(zip(power, done, strict=True)), total - total[0] - done.sum(axis=0)
     if (doubled := t[1:] == t[:-1]).any():  # events leave two rows at one time
         jumps = np.append(0.0, np.cumsum(np.where(doubled, np.diff(total), 0.0)))
@@ -131,6 +131,15 @@ def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> E
         t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total, stored=stored, power=power, work=work,
         error=error, _terms=max(np.abs(total).max(), elastic.max(), terms[0]),
     )  # fmt: skip
+
+
+def total_power(forces, t, q, v, workspace, found=None):
+    """Power of all forces together without the rate of stored energy, W, shape (n,); `found` as in `energy_of`."""
+    labels, columns = found or measure(forces, t, q, v, workspace)
+    power = columns[:, 3::2].sum(axis=1)
+    for label in forces.keys() - set(labels):
+        power += _brought(forces[label], t, q, v)[0]
+    return power
 
 
 def measure(forces, t, q, v, workspace):
@@ -195,7 +204,7 @@ def _time_rates(rows, t, q, workspace):
     return twin.residuals(t, q, np.zeros((len(t), rows.model.nv)), np.zeros((len(t), rows.nc)))[1]
 
 
-def _integrals(t, powers):
+def integrals(t, powers):
     """∫ powers dt up to each row, shape (n, k), piecewise between events."""
     pieces, steps = np.zeros(powers.shape), np.diff(t)
     for start, stop in pairwise([0, *(np.flatnonzero(steps == 0.0) + 1), len(t)]):
