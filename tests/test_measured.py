@@ -18,7 +18,7 @@ from pinconsist._core.compiled_system import blank_system
 from pinconsist._core.compiled_system import compiled_system as twin_of
 from pinconsist.accuracy import measured
 from pinconsist.mechanism import rows
-from pinconsist.mechanism.energy import integrals, energy_of
+from pinconsist.mechanism.energy import energy_of, integrals
 from pinconsist.mechanism.names import beyond_limits
 from pinconsist.mechanism.reactions import reaction
 from pinconsist.mechanism.rows import Workspace
