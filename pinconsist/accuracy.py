@@ -131,9 +131,9 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
     middles = 0.5 * (t[1:] + t[:-1]) if exact else []  # with the steps of the other run errors would be alike
     asked = _with(np.linspace(t[0], t[-1], LOOKS + 1), np.sort(np.concatenate((t, middles))))
     asked = asked if t[-1] >= t[0] else asked[::-1]
-    states, times = _finer(system, method, asked, exact, start, solution._events, patience)
+    (q, v, lam), times = _finer(system, method, asked, exact, start, solution._events, patience)
     at = np.searchsorted(asked, t) if t[-1] >= t[0] else len(asked) - 1 - np.searchsorted(asked[::-1], t)
-    return FinerRun(system, rows, at, asked, *states, _apart(solution.t_events, times, t))
+    return FinerRun(system, rows, at, asked, q, v, lam, _apart(solution.t_events, times, t))
 
 
 def global_error(solution, finer: FinerRun) -> GlobalError:
