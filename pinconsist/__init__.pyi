@@ -51,7 +51,9 @@ from .mechanism.joint_constraints import Drive as Drive
 from .mechanism.loops import Loop as Loop
 from .mechanism.mechanism import Mechanism as Mechanism
 from .mechanism.motion import Motion as Motion
+from .mechanism.reactions import JointForce as JointForce
 from .mechanism.reactions import Reaction as Reaction
+from .results import ElementForce as ElementForce
 from .runs import Rerun as Rerun
 from .runs import record as record
 from .runs import rerun as rerun

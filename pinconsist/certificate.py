@@ -5,13 +5,13 @@ from dataclasses import asdict, dataclass, field, replace
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import OFF, GlobalError, figure, global_error, measured, work_of
+from .accuracy import OFF, GlobalError, accelerations, figure, global_error, measured, work_of
 from .dae.norms import largest
 from .mechanism.energy import energy_of
 from .mechanism.forces.actuators import saturated
 from .mechanism.forces.held import sided
 from .mechanism.names import BeyondLimit, beyond_limits
-from .mechanism.reactions import not_determined, undetermined
+from .mechanism.reactions import States, listed, not_determined, shared_loads, undetermined
 from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
 
@@ -48,6 +48,9 @@ class Certificate:
         Kinetic, potential and elastic energy of each row, J.
     undetermined : dict of str to float
         Loops whose individual forces are not determined, see :attr:`Reaction.dependence`; empty for a general problem.
+    not_unique : dict of str to tuple of str
+        Loops and joints that share a load which rigid bodies do not distribute, and the components of their wrench, see
+        :attr:`Reaction.shared_with`. The motion and the sum of the joint forces are right, and the verdict names them.
     beyond_limits : tuple of BeyondLimit
         Joints that leave the position limits of their file, which are not enforced: ``joint``, first time ``t``, the
         ``value`` farthest outside, ``lower`` and ``upper`` limit.
@@ -80,6 +83,7 @@ class Certificate:
     energy: np.ndarray | None = field(repr=False, compare=False)
     work_error: float = 0.0
     undetermined: dict[str, float] = field(default_factory=dict)
+    not_unique: dict[str, tuple[str, ...]] = field(default_factory=dict)
     beyond_limits: tuple[BeyondLimit, ...] = ()
     corrected_by: float = 0.0
     fixed_step: bool = field(default=False, repr=False, compare=False)
@@ -108,7 +112,8 @@ class Certificate:
     def verdict(self) -> str:
         """One line: ``closed to 8e-15 m, forces good to 2e-5, error of q about 1e-6 rad: ok``.
 
-        If there are :attr:`concerns`, it ends with these instead of ``ok``; it also names what was :attr:`not_judged`.
+        If there are :attr:`concerns`, it ends with these instead of ``ok``; it also names what is
+        :attr:`not_unique` and what was :attr:`not_judged`.
         """
         if self.not_finite:
             return f"{self.not_finite} is not a finite number: nothing was judged"
@@ -120,6 +125,7 @@ class Certificate:
         elif self.energy_error is not None and not self._too_few_rows:
             found.append(f"energy balanced to {_short(self.energy_error)}")
         ends = ["ok" if self.ok else f"look at {', '.join(self._named_concerns)}"]
+        ends += [f"not unique: forces of {listed(self.not_unique)}"] if self.not_unique else []
         ends += [f"not judged: {', '.join(self.not_judged)}"] if self.not_judged else []
         return f"{', '.join(found)}: {'; '.join(ends)}"
 
@@ -143,6 +149,9 @@ class Certificate:
                 figure("constraint forces", self.force, "", _above(self.force, OFF), "relative to the largest force"),
                 figure("  at the first step", self.force_first, "", _above(self.force_first, OFF)),
             ]
+        if self.not_unique:
+            why = "rigid bodies do not determine how redundant loops share their load: see sol.reaction(name)"
+            lines.append(f"{'  not unique':<20} those of {listed(self.not_unique)}: {why}")
         if self._too_few_rows:
             lines.append(f"{'energy balance':<20} not judged: the rows are too few to see the work of the forces")
         elif self.energy_error is not None:
@@ -213,9 +222,11 @@ def from_plain(data: dict | None) -> Certificate | None:
     if data is None:
         return None
     limits, error = data["beyond_limits"], data["error"]
+    shared = {name: tuple(parts) for name, parts in data.get("not_unique", {}).items()}
     return Certificate(
         **data
         | {"beyond_limits": tuple(BeyondLimit(**each) for each in limits), "units": tuple(data["units"])}
+        | {"not_unique": shared}
         | {"error": error and GlobalError(**error | {"units": tuple(error["units"])})}
     )
 
@@ -237,6 +248,18 @@ def _not_finite(solution) -> str:
         if len(rows):
             return f"{name}[{columns[0]}] at t = {solution.t[rows[0]]:.6g} s"
     return ""
+
+
+def _shared(solution, mechanism, system, workspace) -> dict[str, tuple[str, ...]]:
+    """What :attr:`Certificate.not_unique` is."""
+    t, q, v, lam = solution.t, solution.q, solution.v, solution.lam
+    if system.nc == system.rows.nc:
+        return {}
+
+    def motion(rows):
+        return v[rows], accelerations(mechanism, sided(t)[rows], q[rows], v[rows])
+
+    return shared_loads(States(mechanism, t, q, lam, workspace, motion))
 
 
 def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
@@ -286,6 +309,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         work_error=work_error,
         energy=None if energy is None else energy.total,
         undetermined={} if mechanism is None else undetermined(mechanism, t, q, system.data, system.rows),
+        not_unique={} if mechanism is None else _shared(solution, mechanism, system, workspace),
         beyond_limits=() if mechanism is None else beyond_limits(mechanism, solution.t, solution.q),
         corrected_by=0.0 if mechanism is None else mechanism.corrected_by,
         fixed_step=solution.method.get("step") is not None,

@@ -11,15 +11,17 @@ import pinocchio as pin
 from .accuracy import accelerations
 from .errors import InputError, MissingExtraError
 from .files import write_csv
-from .mechanism.checks import frame_of, near, places, read_only
+from .mechanism.checks import frame_of, near, places, read_only, several
 from .mechanism.energy import torques_of
 from .mechanism.forces import bound_forces
+from .mechanism.forces.actuators import Actuator
+from .mechanism.forces.force import BoundForce
 from .mechanism.forces.held import sided
 from .mechanism.joint_constraints import Drive
 from .mechanism.loops import Loop
 from .mechanism.mechanism import Mechanism
 from .mechanism.names import position_names, position_units, velocity_names, velocity_units
-from .mechanism.reactions import Reaction
+from .mechanism.reactions import Reaction, States, shared_rows
 from .mechanism.rows import LoopRows, Workspace
 
 
@@ -77,6 +79,47 @@ class FrameMotion:
     angular_acceleration: np.ndarray = field(repr=False)
 
 
+@dataclass(frozen=True, eq=False)
+class ElementForce:
+    """What one force of a mechanism exerts over a run. Rows are those of the solution; what it has not is None.
+
+    Attributes
+    ----------
+    label : str
+        Its name, as in energies.
+    t : ndarray, shape (n,)
+        Times, s.
+    force : ndarray, shape (n,) or (n, 3)
+        Of a spring between points, its tension, N, positive for a pull. Of an actuator, its force before the gear, N·m
+        or N. Of a wrench, the force in world axes, N.
+    moment : ndarray, shape (n, 3)
+        Of a wrench, the moment about its point in world axes, N·m.
+    length, speed : ndarray, shape (n,)
+        Of a spring, the distance of its points, m, and its rate, m/s; of an actuator, gear times joint position, rad or
+        m, and its rate.
+    torque : ndarray, shape (n,), or (n, nv)
+        Its torque on the joints, N·m or N, as :meth:`Solution.torque` returns it.
+    """
+
+    label: str
+    t: np.ndarray = field(repr=False)
+    force: np.ndarray | None = field(repr=False)
+    moment: np.ndarray | None = field(repr=False)
+    length: np.ndarray | None = field(repr=False)
+    speed: np.ndarray | None = field(repr=False)
+    torque: np.ndarray = field(repr=False)
+
+    def __str__(self):
+        parts = {"force [N]": self.force, "moment [N·m]": self.moment}
+        parts = {name: part for name, part in parts.items() if part is not None}
+        parts = parts or {"torque [N·m or N]": self.torque}
+        largest = [
+            f"{name} up to {np.linalg.norm(np.atleast_2d(part.T), axis=0).max(initial=0.0):.4g}"
+            for name, part in parts.items()
+        ]
+        return f"{self.label}: {', '.join(largest)}"
+
+
 class ByName:
     """The part of a solution that is read by the names of joints, frames, loops and forces.
 
@@ -88,9 +131,10 @@ class ByName:
     v: np.ndarray
     lam: np.ndarray
     system: Any
-    reaction: Callable[..., Reaction]
+    reaction: Callable[..., Any]
     _mechanism: Callable[..., Mechanism]
     _workspace: Callable[..., Workspace]
+    _states: Callable[..., States]
 
     def position(self, joint: str, mechanism=None) -> np.ndarray:
         """The position of a joint, rad or m, shape (n,); (n, k) for a joint of several numbers, as `q` stores them.
@@ -158,6 +202,29 @@ class ByName:
         joint, found = name if label is None else _joint_of(mechanism, label), self._acting(mechanism, label)
         return found if joint is None else _of(mechanism, joint, found)
 
+    def force(self, name: str, mechanism=None) -> ElementForce:
+        """The force of an element, such as a spring: with its length and speed, see :class:`ElementForce`.
+
+        `name` is the label of a force, ``"spring boom-stick"``, or a word of it that no other has, ``"boom-stick"``.
+        `mechanism` is as in :meth:`check`. Raises InputError for other names; for loops and joints it names the method.
+        """
+        mechanism = self._mechanism(mechanism, "force")
+        forces = bound_forces(mechanism.model, mechanism.forces)
+        label = _element(mechanism, forces, name)
+        bound, parts = forces[label], {}
+        if isinstance(bound, BoundForce):
+            rows = [bound.element(*state) for state in zip(sided(self.t), self.q, self.v, strict=True)]
+            parts = {part: read_only(np.array([row[part] for row in rows])) for part in (rows[0] if rows else ())}
+        return ElementForce(
+            label=label,
+            t=self.t,
+            force=parts.get("force"),
+            moment=parts.get("moment"),
+            length=parts.get("length"),
+            speed=parts.get("speed"),
+            torque=read_only(self.torque(label, mechanism)),
+        )
+
     def power(self, name: str, mechanism=None) -> np.ndarray:
         """The power τ·v of a force, motor or drive, W, shape (n,), positive into the mechanism; springs included.
 
@@ -213,28 +280,36 @@ class ByName:
             raise InputError(f"{mechanism.name}: no joint, frame or loop {name!r}{known}; forces: sol.torque(label)")
         return self.frame(name)
 
-    def to_dataframe(self, mechanism=None) -> Any:
+    def to_dataframe(self, mechanism=None, *, forces=()) -> Any:
         """A pandas DataFrame of the columns ``t``, ``q.crank``, ``v.crank``, ``a.crank`` and ``lam.loop.row``.
 
-        Its ``attrs["units"]`` maps the columns to their units. `mechanism` is as in :meth:`check`. Raises
-        MissingExtraError without pandas.
+        `forces` names loops, joints of the tree and forces whose columns are added, in world axes:
+        ``force.boom_pin.x``, ``moment.boom_pin.x``, and of elements ``force.strut``, ``length.strut``. Its
+        ``attrs["units"]`` maps the columns to their units, and ``attrs["not_unique"]`` lists those that redundant loops
+        share, see :class:`Reaction`. `mechanism` is as in :meth:`check`. Raises MissingExtraError without pandas, and
+        InputError for other names.
         """
-        return _dataframe(*self._table(mechanism))
+        return _dataframe(*self._table(mechanism, forces))
 
-    def to_csv(self, file, mechanism=None) -> Path:
+    def to_csv(self, file, mechanism=None, *, forces=()) -> Path:
         """The path of the CSV `file`: the table of :meth:`to_dataframe`, units in the headings: ``v.crank [rad/s]``.
 
-        It is written whole or not at all; `mechanism` is as in :meth:`check`. Raises OSError if that fails.
+        Forces that redundant loops share have the heading ``lam.hinge.x [N; not unique]``. It is written whole or not
+        at all; `mechanism` and `forces` are as in :meth:`to_dataframe`. Raises OSError if that fails.
         """
-        return write_csv(file, *self._table(mechanism))
+        names, units, values, shared = self._table(mechanism, forces)
+        for i, name in enumerate(names):
+            if name in shared:
+                units[i] = f"{units[i]}; not unique".lstrip("; ")
+        return write_csv(file, names, units, values)
 
-    def _table(self, mechanism):
-        """(names, units, values) of the columns."""
+    def _table(self, mechanism, forces):
+        """(names, units, values, names of those that are not unique) of the columns."""
         general = mechanism is None and self.system is not None and not hasattr(self.system, "mechanism")
         values = [self.t[:, None], self.q, self.v, *([] if general else [None]), self.lam]
         if general:
             names = [f"{part}[{i}]" for part in ("q", "v", "lam") for i in range(getattr(self, part).shape[1])]
-            return ["t", *names], ["s", *[""] * len(names)], np.hstack(values)
+            return ["t", *names], ["s", *[""] * len(names)], np.hstack(values), []
         mechanism = self._mechanism(mechanism, "to_csv")
         model, rows, values[3] = mechanism.model, mechanism.row_labels, self.acceleration(None, mechanism)
         names = ["t", *(f"q.{name}" for name in position_names(model))]
@@ -242,17 +317,77 @@ class ByName:
         units = velocity_units(model)
         units = ["s", *position_units(model), *(f"{u}/s" for u in units), *(f"{u}/s²" for u in units)]
         units += LoopRows.of(mechanism).multiplier_units
-        return names + [f"lam.{loop}.{row}" for loop, row in rows], units, np.hstack(values)
+        of_rows = [f"lam.{loop}.{row}" for loop, row in rows]
+        names, shared = names + of_rows, [of_rows[i] for i in shared_rows(self._states(mechanism, "to_csv"))]
+        for name in several(forces):
+            for column, unit, part, unique in self._columns_of(name, mechanism):
+                names.append(column)
+                units.append(unit)
+                values.append(part[:, None])
+                shared += [] if unique else [column]
+        return names, units, np.hstack(values), shared
+
+    def _columns_of(self, name, mechanism):
+        """(name, unit, values, whether they are unique) of the columns of a loop, a joint or a force."""
+        of_joints = [{"rad": "N·m", "m": "N"}.get(unit, "") for unit in velocity_units(mechanism.model)]
+        loops = [loop.name for loop in mechanism.loops]
+        if name in loops or name in mechanism.joints:
+            found = self.reaction(name, mechanism)
+            doubted = found.not_unique if found.shared_with else ()
+            for what, unit in ("force", "N"), ("moment", "N·m"):
+                for k, axis in enumerate("xyz" if getattr(found, what) is not None else ""):
+                    yield f"{what}.{name}.{axis}", unit, getattr(found, what)[:, k], f"{what} {axis}" not in doubted
+            if getattr(found, "torque", None) is not None:
+                unit = LoopRows.of(mechanism).multiplier_units[LoopRows.of(mechanism).slices[name].start]
+                yield f"torque.{name}", unit, found.torque, not doubted
+            return
+        found = self.force(name, mechanism)
+        if found.moment is not None:
+            for what, unit in ("force", "N"), ("moment", "N·m"):
+                yield from (
+                    (f"{what}.{name}.{axis}", unit, getattr(found, what)[:, k], True) for k, axis in enumerate("xyz")
+                )
+        elif found.length is not None:
+            turns = isinstance(_record(mechanism, found.label), Actuator) and _turns(mechanism, found.label)
+            units = ("N·m", "rad", "rad/s") if turns else ("N", "m", "m/s")
+            for what, unit in zip(("force", "length", "speed"), units, strict=True):
+                yield f"{what}.{name}", unit, getattr(found, what), True
+        elif found.torque.ndim == 1 or found.torque.shape[1] < mechanism.nv:
+            joint = _joint_of(mechanism, found.label)
+            yield f"torque.{name}", of_joints[mechanism.columns(joint).start], found.torque, True
+        else:
+            for k, (axis, unit) in enumerate(zip(velocity_names(mechanism.model), of_joints, strict=True)):
+                if found.torque[:, k].any():
+                    yield f"torque.{name}.{axis}", unit, found.torque[:, k], True
 
 
-def _dataframe(names, units, values):
+def _dataframe(names, units, values, shared):
     try:
         import pandas as pd
     except ImportError:
         raise MissingExtraError("a DataFrame needs pandas; install it with: pip install 'pinconsist[pandas]'") from None
     frame = pd.DataFrame(values, columns=names)
     frame.attrs["units"] = dict(zip(names, units, strict=True))
+    frame.attrs["not_unique"] = shared
     return frame
+
+
+def _element(mechanism, forces, name) -> str:
+    """The label of the force that `name` means."""
+    if name in forces:
+        return name
+    having = [label for label in forces if name in label.replace(",", " ").replace("-", " ").split() + label.split()]
+    if len(having) == 1:
+        return having[0]
+    if having:
+        raise InputError(f"{mechanism.name}: {name!r} may be {', '.join(map(repr, having))}: use the whole label")
+    loops = {loop.name: loop.kind for loop in mechanism.loops}
+    if name in loops or name in mechanism.joints:
+        method = "reaction" if name in loops else "joint_force"
+        what = loops.get(name, "joint of the tree")
+        raise InputError(f"{mechanism.name}: {name!r} is a {what}, not a force: use sol.{method}({name!r})")
+    there = f"the forces are {', '.join(forces) or 'none'}"
+    raise InputError(f"{mechanism.name}: no force {name!r}{near(name, forces)}; {there}")
 
 
 def _part(mechanism, name, positions=False) -> list[int]:
@@ -273,10 +408,21 @@ def _of(mechanism, joint, rows):
     return found[:, 0] if found.shape[1] == 1 else found
 
 
+def _record(mechanism, label):
+    """The force of a mechanism with this label; None if it is one of the model itself."""
+    at = list(bound_forces(mechanism.model, mechanism.forces)).index(label) - len(bound_forces(mechanism.model, ()))
+    return mechanism.forces[at] if at >= 0 else None
+
+
+def _turns(mechanism, label) -> bool:
+    """Whether an actuator's joints turn."""
+    joint = next(iter(_record(mechanism, label).arms))
+    return velocity_units(mechanism.model)[mechanism.columns(joint).start] == "rad"
+
+
 def _joint_of(mechanism, label) -> str | None:
     """The only joint that the force with this label acts on, if it has one degree of freedom."""
-    at = list(bound_forces(mechanism.model, mechanism.forces)).index(label) - len(bound_forces(mechanism.model, ()))
-    force, nvs = mechanism.forces[at] if at >= 0 else None, mechanism.model.nvs
+    force, nvs = _record(mechanism, label), mechanism.model.nvs
     where = getattr(force, "_acts_on", "")
     given = (getattr(force, where) or ()) if where in ("joint", "joints", "coefficients", "torques") else ()
     joints = [given] if isinstance(given, str) else [*given]  # or an array of the velocities of all joints

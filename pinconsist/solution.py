@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import PATIENCE, GlobalError, NotEstimatedError, finer_run
+from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, finer_run
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.energy import Energy, energy_of
 from .mechanism.forces.actuators import commands, replayed
+from .mechanism.forces.held import sided
 from .mechanism.mechanism import Mechanism
-from .mechanism.reactions import Reaction, reaction
+from .mechanism.reactions import JointForce, Reaction, States, joint_force, reaction
 from .mechanism.rows import Workspace
 from .results import ByName
 from .solution_file import read, skipped_work, summary_of, write
@@ -214,16 +215,53 @@ class Solution(ByName):
             raise InputError("energy is defined for mechanisms only, not for a general problem")
         return energy_of(self, mechanism, self._workspace(mechanism.model))
 
-    def reaction(self, loop: str, mechanism=None, *, axes: str = "world") -> Reaction:
+    def reaction(
+        self, loop: str, mechanism=None, *, axes: str = "world", compliance: Mapping | None = None
+    ) -> Reaction | JointForce:
         """The reaction of a loop: force and moment on body 2, or a motor's torque; see :class:`Reaction`.
 
         `loop` names a loop, drive, coupling or constraint of the mechanism; there is a row for each row of the
-        solution. A solution read from a file needs the `mechanism` that was simulated. `axes` of force and moment are
-        "world", or "anchor": those of the loop's anchor 1. Raises InputError for an unknown loop, a
-        missing or different mechanism, a general problem, and other axes.
+        solution. Of a joint of the tree this is :meth:`joint_force`. A solution read from a file needs the `mechanism`
+        that was simulated. `axes` of force and moment are "world", or "anchor": those of the loop's anchor 1.
+
+        Where loops are redundant, rigid bodies do not determine all reactions, and ``not_unique`` lists those of
+        smallest norm. A `compliance` determines them: loop or joint → m/N, or (m/N, rad/(N·m)); 0 is rigid, as is what
+        is not named; for drives, couplings and constraints one number, of their row. The energy Σ c |wrench|² / 2 is
+        then smallest, as between stiff springs.
+
+        Raises InputError for an unknown loop, a missing or different mechanism, a general problem, other axes, and a
+        compliance of nothing that exists.
         """
-        mechanism = self._mechanism(mechanism, "reaction")
-        return reaction(mechanism, loop, self.t, self.q, self.lam, axes, self._workspace(mechanism.model))
+        return reaction(self._states(mechanism, "reaction"), loop, axes, compliance)
+
+    def joint_force(
+        self, joint: str, mechanism=None, *, axes: str = "world", compliance: Mapping | None = None
+    ) -> JointForce:
+        """What a `joint` of the tree transmits: force and moment on its child there, see :class:`JointForce`.
+
+        It follows from inverse dynamics at each row, with gravity, all forces and all loops. Links that are rigidly
+        attached in a file are one body, and have no joint force. `axes` are "world", or "joint": those of its frame on
+        the child. `mechanism` is as in :meth:`check`, and `compliance` as in :meth:`reaction`. Raises InputError as
+        there.
+        """
+        mechanism = self._mechanism(mechanism, "joint_force")
+        if joint not in mechanism.joints and joint in (loop.name for loop in mechanism.loops):
+            raise InputError(
+                f"{mechanism.name}: {joint!r} is a loop, not a joint of the tree: use sol.reaction({joint!r})"
+            )
+        return joint_force(self._states(mechanism, "joint_force"), joint, axes, compliance)
+
+    def _states(self, mechanism, method) -> States:
+        """What reactions and joint forces are computed from; accelerations only where they are needed."""
+        found = self._mechanism(mechanism, method)
+
+        def motion(rows):
+            self._require_forces(mechanism)
+            acting = self._mechanism(mechanism, "acceleration")
+            v = self.v[rows]
+            return v, accelerations(acting, sided(self.t)[rows], self.q[rows], v)
+
+        return States(found, self.t, self.q, self.lam, self._workspace(found.model), motion)
 
     def _mechanism(self, mechanism, method) -> Mechanism:
         require_mechanism(self, mechanism)
@@ -253,6 +291,9 @@ class Solution(ByName):
         if not len(self.t):
             raise InputError(f"the solution has no rows to {'check' if method == 'check' else 'compute energies of'}")
         require_mechanism(self, mechanism)
+        self._require_forces(mechanism)
+
+    def _require_forces(self, mechanism):
         forces = self.method.get("forces")
         if mechanism is not None and forces not in (None, len(mechanism.forces)):
             raise InputError(

@@ -293,9 +293,9 @@ def test_reading_a_solution_back(tmp_path):
 def test_bad_questions_are_answered():
     mech = driven()
     sol = pc.simulate(mech, (0.0, 0.01))
-    with pytest.raises(pc.InputError, match="no loop 'moter'; similar: motor"):
+    with pytest.raises(pc.InputError, match="no loop or joint 'moter'; similar: motor"):
         sol.reaction("moter")
-    with pytest.raises(pc.InputError, match=r"no loop 'q'; the loops are .*motor"):
+    with pytest.raises(pc.InputError, match=r"no loop or joint 'q'; the loops are .*motor"):
         sol.reaction("q")
     with pytest.raises(pc.InputError, match="axes='body' is not one of 'world', 'anchor'"):
         sol.reaction("motor", axes="body")

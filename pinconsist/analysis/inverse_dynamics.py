@@ -46,6 +46,9 @@ class InverseDynamics(Locked, HasReactions):
     lam: np.ndarray
     torques: dict[str, np.ndarray]
 
+    def _motion(self):
+        return self.v, self.a
+
     def derivatives(self, parameters, theta=None) -> Derivatives:
         """Differentiate the motion and the torques with respect to parameters of the mechanism.
 

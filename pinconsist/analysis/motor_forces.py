@@ -13,6 +13,7 @@ import pinocchio as pin
 from ..errors import InputError, SingularSystemError
 from ..files import write_csv, written_whole
 from ..mechanism.checks import finite_array, frame_of
+from ..mechanism.forces import Wrench
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.names import beyond_limits, joints_in, position_names, position_units, velocity_units
 from ..mechanism.reactions import HasReactions
@@ -40,6 +41,8 @@ class MotorTorques(Locked, HasReactions):
         Torques of the motors, N·m or N, in the order of :attr:`Actuation.motors`.
     torques : dict[str, float]
         The same by the names of the motors.
+    forces : dict[str, ndarray]
+        Frame → force, N, or force and moment, N·m, in world axes.
     """
 
     mechanism: Mechanism = field(repr=False)
@@ -50,6 +53,17 @@ class MotorTorques(Locked, HasReactions):
     lam: np.ndarray = field(repr=False)
     tau: np.ndarray = field(repr=False)
     torques: dict[str, float]
+    forces: dict[str, np.ndarray] = field(default_factory=dict, repr=False)
+
+    def _motion(self):
+        return self.v, self.a
+
+    def _scene(self):
+        model, wrenches = self.mechanism.model, []
+        for frame, force in self.forces.items():
+            if frame_of(model, frame, self.mechanism.name).parentJoint:
+                wrenches.append(Wrench(frame, *force.reshape(-1, 3)))
+        return self.mechanism.with_forces(*wrenches)
 
 
 def torques_for(act, q, v, a, forces, t) -> MotorTorques:
@@ -57,8 +71,8 @@ def torques_for(act, q, v, a, forces, t) -> MotorTorques:
     if not isinstance(forces, Mapping):
         raise InputError(f"forces= needs a mapping of frames to forces, got {forces!r}")
     loads = np.zeros(act.mechanism.nv)
+    forces = {frame: _checked(force, frame) for frame, force in forces.items()}
     for frame, force in forces.items():
-        force = _checked(force, frame)
         loads += _frame_jacobian(act, q, _frame_id(act, frame))[: len(force)].T @ force
     reduced = act._reduced(q, v, t, loads)
     every, a = act._of_motors(a, "a")
@@ -80,7 +94,7 @@ def torques_for(act, q, v, a, forces, t) -> MotorTorques:
     lam = np.linalg.lstsq(J.T, carried, rcond=1e-10)[0]
     torques = dict(zip(act.motors, tau.tolist(), strict=True))
     state = np.array(q), reduced.v.copy(), acceleration
-    return MotorTorques(act.mechanism, t, *state, lam, tau, torques)
+    return MotorTorques(act.mechanism, t, *state, lam, tau, torques, forces)
 
 
 def _checked(force, frame):

@@ -122,6 +122,7 @@ def _report(mech, assembly, sol, certificate, seconds, files) -> dict:
         "verdict",
         "ok",
         "not_judged",
+        "not_unique",
         "position",
         "position_at",
         "velocity",

@@ -1,6 +1,9 @@
 """Reactions of loops on their bodies: force and moment, torque, and joint forces, from the multipliers."""
 
-from dataclasses import dataclass, field
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +14,24 @@ from .checks import near, read_only
 from .loops import Loop
 from .mechanism import Mechanism
 from .rank import Ranking
-from .rows import KeptRows, LoopRows, Workspace
+from .rows import LoopRows, Workspace
+from .self_stress import (
+    JOINT,
+    LOOP,
+    PART,
+    WAYS,
+    Member,
+    compliances,
+    over_samples,
+    relaxed,
+    sampled,
+    self_stress,
+    wrenches_of,
+)
+from .wrenches import Transmission, loop_wrenches
 
 AXES = ("world", "anchor")
+JOINT_AXES = ("world", "joint")
 NEARLY = 2e-5
 """Relative singular value below which rows are independent only because numbers of a file are rounded.
 
@@ -21,11 +39,46 @@ Measured: 4e-6 and 3e-7 at the shins of ``cassie``. The smallest values of well-
 of ``cassie_reduced``, 4e-4 at a foot of ``cassie_v2``, 7e-4 in ``kangaroo_like`` and 1e-2 in ``digit_like``.
 """
 SHARE = 0.1  # smallest share of a loop in a dependence that it belongs to; unrelated loops of Cassie have 5e-4
-SAMPLES = 5  # rows of a run at which dependences are searched for
+
+
+def listed(names, most: int = 4) -> str:
+    """The first of several names of loops and joints, and how many more there are."""
+    more = len(names) - most
+    return ", ".join(list(names)[:most]) + (f" and {more} more" if more > 0 else "")
+
+
+class _Wrench:
+    """What a reaction and a joint force have in common."""
+
+    force: np.ndarray | None
+    moment: np.ndarray | None
+    not_unique: tuple[str, ...]
+    shared_with: tuple[str, ...]
+
+    def _sizes(self) -> list[str]:
+        parts = {
+            "force [N]": self.force,
+            "moment [N·m]": self.moment,
+            "torque [N·m or N]": getattr(self, "torque", None),
+        }
+        return [
+            f"{name} up to {np.linalg.norm(np.atleast_2d(part.T), axis=0).max(initial=0.0):.4g}"
+            for name, part in parts.items()
+            if part is not None
+        ]
+
+    def _doubts(self) -> str:
+        if not self.not_unique:
+            return ""
+        found = f"; not unique: {', '.join(self.not_unique)}"
+        if not self.shared_with:
+            return found
+        why = f"rigid bodies do not determine how it shares its load with {listed(self.shared_with)}"
+        return f"{found}; {why}: see resultant_force, or pass a compliance={{name: m/N, …}} of each"
 
 
 @dataclass(frozen=True, eq=False)
-class Reaction:
+class Reaction(_Wrench):
     """The forces of one loop over a run. Rows are the rows of the solution; arrays are read-only.
 
     Attributes
@@ -48,6 +101,20 @@ class Reaction:
         None if the reaction is well determined. Otherwise the loop's rows are independent of the others' only because
         numbers of a file are rounded, and this is the degree of independence, from 0 to 1: force, moment and torque are
         then meaningless, but the sum of the joint forces of all loops is not.
+    not_unique : tuple of str
+        Components in `axes` that equilibrium does not determine, as the loop is redundant: ``"force x"`` …
+        ``"moment z"``, ``"torque"``, or rows of a constraint. They are those of smallest norm, and would be others if
+        the tree were cut elsewhere; the other components are unique. Empty after a `compliance` of each that shares
+        the load.
+    shared_with : tuple of str
+        Loops and joints with which the loop shares a load in these components. Empty if they are not loaded, as
+        across the plane of a planar mechanism.
+    resultant_of : tuple of str
+        All loops and joints that join the same two bodies; if there is only this one, those of `shared_with` that act
+        on body 2.
+    resultant_force, resultant_moment : ndarray, shape (n, 3), or None
+        Their total force on body 2, and moment about anchor 2, in `axes`, which are unique; NaN in components that are
+        not. None if nothing is shared.
     """
 
     loop: str
@@ -59,18 +126,75 @@ class Reaction:
     torque: np.ndarray | None = field(repr=False)
     joint_forces: np.ndarray = field(repr=False)
     dependence: float | None = None
+    not_unique: tuple[str, ...] = ()
+    shared_with: tuple[str, ...] = ()
+    resultant_of: tuple[str, ...] = ()
+    resultant_force: np.ndarray | None = field(default=None, repr=False)
+    resultant_moment: np.ndarray | None = field(default=None, repr=False)
 
     def __str__(self):
-        parts = {"force [N]": self.force, "moment [N·m]": self.moment, "torque [N·m or N]": self.torque}
-        largest = [
-            f"{name} up to {np.linalg.norm(np.atleast_2d(part.T), axis=0).max(initial=0.0):.4g}"
-            for name, part in parts.items()
-            if part is not None
-        ]
         size = np.abs(self.joint_forces).max(initial=0.0)
-        text = f"{self.kind} {self.loop!r}: {', '.join(largest) or f'joint forces up to {size:.4g}'}"
+        text = f"{self.kind} {self.loop!r}: {', '.join(self._sizes()) or f'joint forces up to {size:.4g}'}"
         warning = "; not determined: its rows depend on others to"
-        return text if self.dependence is None else f"{text}{warning} {self.dependence:.0e}"
+        text = text if self.dependence is None else f"{text}{warning} {self.dependence:.0e}"
+        return text + self._doubts()
+
+
+@dataclass(frozen=True, eq=False)
+class JointForce(_Wrench):
+    """What one joint of the tree transmits over a run. Rows are the rows of the solution; arrays are read-only.
+
+    It balances the child body and all bodies beyond it: inertial forces, weights, loops and forces on bodies. Torques
+    of drives, actuators, springs, damping and friction of joints, and user-defined torques and constraints, act in
+    the joints: they are the components along the joint's free axes, less the torque that accelerates a rotor. A free
+    joint transmits nothing.
+
+    Attributes
+    ----------
+    joint : str
+        Its name.
+    axes : str
+        ``"world"``, or ``"joint"``: the axes of the joint's frame on the child.
+    t : ndarray, shape (n,)
+        Times, s.
+    force, moment : ndarray, shape (n, 3)
+        Force on the child from its parent, N, and moment about the origin of the joint's frame on the child, N·m; the
+        parent receives the opposite, there too.
+    not_unique, shared_with, resultant_of, resultant_force, resultant_moment
+        As in :class:`Reaction`, of the child, about the same point.
+    """
+
+    joint: str
+    axes: str
+    t: np.ndarray = field(repr=False)
+    force: np.ndarray = field(repr=False)
+    moment: np.ndarray = field(repr=False)
+    not_unique: tuple[str, ...] = ()
+    shared_with: tuple[str, ...] = ()
+    resultant_of: tuple[str, ...] = ()
+    resultant_force: np.ndarray | None = field(default=None, repr=False)
+    resultant_moment: np.ndarray | None = field(default=None, repr=False)
+
+    def __str__(self):
+        return f"joint {self.joint!r} of the tree, on its child: {', '.join(self._sizes())}{self._doubts()}"
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """The states of a result: `motion` returns the velocities and accelerations of some of its rows."""
+
+    mechanism: Mechanism
+    t: np.ndarray
+    q: np.ndarray
+    lam: np.ndarray
+    workspace: Workspace
+    motion: Callable
+
+    def transmission(self, rows=slice(None), lam=None) -> Transmission:
+        """The wrenches of the tree's joints in some rows, with other multipliers if they are passed."""
+        v, a = self.motion(rows)
+        lam = self.lam if lam is None else lam
+        return Transmission(self.mechanism, self.t[rows], self.q[rows], v, a, lam[rows], self.workspace)
 
 
 class HasReactions:
@@ -81,25 +205,217 @@ class HasReactions:
     q: np.ndarray
     lam: np.ndarray
 
-    def reaction(self, loop: str, *, axes: str = "world") -> Reaction:
+    def reaction(self, loop: str, *, axes: str = "world", compliance=None) -> Reaction | JointForce:
         """The reaction of a loop on its bodies, one row for each of the n times; one row in an equilibrium.
 
-        `loop` is the name of a loop, drive, coupling or constraint. Force and moment are expressed in `axes`: "world",
-        or "anchor" for those of the loop's anchor 1. Raises InputError for other names and axes.
+        `loop` is the name of a loop, drive, coupling or constraint; or of a joint of the tree, for :meth:`joint_force`.
+        Force and moment are expressed in `axes`: "world", or "anchor" for those of the loop's anchor 1. `compliance` is
+        as in :meth:`Solution.reaction`. Raises InputError for other names and axes.
         """
-        states = np.atleast_1d(self.t), np.atleast_2d(self.q), np.atleast_2d(self.lam)
-        return reaction(self.mechanism, loop, *states, axes)
+        return reaction(self._states(), loop, axes, compliance)
+
+    def joint_force(self, joint: str, *, axes: str = "world", compliance=None) -> JointForce:
+        """What a `joint` of the tree transmits: force and moment on its child, see :class:`JointForce`.
+
+        `axes` are "world", or "joint" for those of its frame. `compliance` is as in :meth:`Solution.reaction`. Raises
+        InputError for other names and axes.
+        """
+        return joint_force(self._states(), joint, axes, compliance)
+
+    def _states(self) -> States:
+        t, q, lam = np.atleast_1d(self.t), np.atleast_2d(self.q), np.atleast_2d(self.lam)
+        v, a = (np.atleast_2d(part) for part in self._motion())
+        mechanism = self._scene()
+        return States(mechanism, t, q, lam, Workspace(mechanism.model), lambda rows: (v[rows], a[rows]))
+
+    def _scene(self) -> Mechanism:
+        """The mechanism with all forces that act."""
+        return self.mechanism
+
+    def _motion(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities and accelerations; at rest by default."""
+        still = np.zeros((len(np.atleast_1d(self.t)), self.mechanism.nv))
+        return still, still
 
 
-def reaction(mechanism: Mechanism, name: str, t, q, lam, axes: str = "world", workspace=None) -> Reaction:
-    """The reaction of one loop at given states; `lam`, (n, nc), are the multipliers of all rows."""
-    if axes not in AXES:
-        raise InputError(f"reaction: axes={axes!r} is not one of {', '.join(map(repr, AXES))}")
+def reaction(states: States, name: str, axes: str = "world", compliance=None) -> Reaction | JointForce:
+    """The reaction of one loop, or what a joint of the tree transmits."""
+    mechanism = states.mechanism
     names = [loop.name for loop in mechanism.loops]
     if name not in names:
-        others = near(name, names) or (f"; the loops are {', '.join(names)}" if names else "; it has none")
-        raise InputError(f"{mechanism.name}: no loop {name!r}{others}")
-    return reactions(mechanism, [name], t, q, lam, axes, workspace)[0]
+        if name in mechanism.joints:
+            return joint_force(states, name, axes, compliance)
+        _require_no_fixed_joint(mechanism, name)
+        others = near(name, (*names, *mechanism.joints))
+        others = others or (f"; the loops are {', '.join(names)}" if names else "; it has no loops")
+        raise InputError(f"{mechanism.name}: no loop or joint {name!r}{others}")
+    _require_axes("reaction", axes, AXES)
+    stress, lam = _distributed(states, compliance)
+    (found,) = reactions(mechanism, [name], states.t, states.q, lam, axes, states.workspace)
+    return replace(found, **_doubts(states, stress, (LOOP, name), axes, lam))
+
+
+def joint_force(states: States, name: str, axes: str = "world", compliance=None) -> JointForce:
+    """What one joint of the tree transmits."""
+    mechanism = states.mechanism
+    _require_no_fixed_joint(mechanism, name)
+    joint = mechanism.joint_index(name)
+    _require_axes("joint_force", axes, JOINT_AXES)
+    stress, lam = _distributed(states, compliance)
+    transmission = states.transmission(lam=lam)
+    wrench = transmission.wrench(joint).reshape(-1, 2, 3)
+    if axes == "joint":
+        wrench = np.einsum("nji,nkj->nki", transmission.turns[:, joint], wrench)
+    return JointForce(
+        joint=name,
+        axes=axes,
+        t=read_only(states.t),
+        force=read_only(wrench[:, 0]),
+        moment=read_only(wrench[:, 1]),
+        **_doubts(states, stress, (JOINT, name), axes, lam, transmission),
+    )
+
+
+def _require_no_fixed_joint(mechanism, name):
+    """Raise InputError for the name of a fixed joint of the file."""
+    if name in mechanism.joints or not mechanism.model.existFrame(str(name), pin.FrameType.FIXED_JOINT):
+        return
+    frame = mechanism.model.frames[mechanism.model.getFrameId(str(name), pin.FrameType.FIXED_JOINT)]
+    body = mechanism.model.names[frame.parentJoint]
+    raise InputError(
+        f"{mechanism.name}: joint {name!r} is fixed: what it joins is one body with that of "
+        f"{f'joint {body!r}' if frame.parentJoint else 'the ground'}, and the force between its links is not known. "
+        "Two bodies of the tree that are welded by a loop of kind 'frame' have a reaction"
+    )
+
+
+def _require_axes(method, axes, known):
+    if axes not in known:
+        raise InputError(f"{method}: axes={axes!r} is not one of {', '.join(map(repr, known))}")
+
+
+def shared_loads(states: States) -> dict[str, tuple[str, ...]]:
+    """Loops and joints that share a load in a way that is not unique, and its components in world axes."""
+    rows = LoopRows.of(states.mechanism)
+    stress = over_samples(rows, states.workspace.data, states.t, states.q)
+    found: dict[str, dict[str, None]] = {}
+    for each in _loaded(states, rows, stress, states.lam).values():
+        for member in each.members:
+            if parts := _components(rows, member, each.parts(member, "world")):
+                found.setdefault(member[1], {}).update(dict.fromkeys(parts))
+    return {name: tuple(parts) for name, parts in found.items()}
+
+
+def shared_rows(states: States) -> list[int]:
+    """Multipliers that are not unique and share a load."""
+    rows = LoopRows.of(states.mechanism)
+    stress = over_samples(rows, states.workspace.data, states.t, states.q)
+    found = np.zeros(rows.nc, dtype=bool)
+    for each in _loaded(states, rows, stress, states.lam).values():
+        sizes = np.linalg.norm(each.multipliers, axis=1)
+        found |= sizes > PART * sizes.max()
+    return np.flatnonzero(found).tolist()
+
+
+def _distributed(states: States, compliance):
+    """The self-stresses at a few rows, and the multipliers; `compliance` determines some of the former."""
+    rows, data = LoopRows.of(states.mechanism), states.workspace.data
+    stress = over_samples(rows, data, states.t, states.q)
+    if compliance is None:
+        return stress, states.lam
+    given = compliances(states.mechanism, compliance)
+    if not stress:
+        return stress, states.lam
+    lam, left = states.lam.copy(), {}
+    transmission = states.transmission()
+    joints = [name for kind, name in given if kind == JOINT]
+    carried = {(JOINT, name): transmission.wrench(states.mechanism.joint_index(name)) for name in joints}
+    for i, (t, q) in enumerate(zip(states.t, states.q, strict=True)):
+        here = self_stress(rows, data, t, q)
+        if here is None:
+            continue
+        wrenches = _on_loops(rows, data, lam[i]) | {member: wrench[i] for member, wrench in carried.items()}
+        more, undetermined = relaxed(here, wrenches, given)
+        lam[i] += here.multipliers @ more
+        if i in stress and undetermined.size:
+            left[i] = here.through(undetermined)
+    return left, lam
+
+
+def _on_loops(rows, data, lam):
+    """The wrenches of the loops, after ``pin.computeJointJacobians`` on `data`."""
+    found, *_ = wrenches_of(rows, data, lam[:, None])
+    return {member: wrench[:, 0] for member, wrench in found.items() if member[0] == LOOP}
+
+
+def _loaded(states, rows, stress, lam):
+    """Of the self-stresses at a few rows those along which there is a load."""
+    if not stress:
+        return {}
+    model, data = rows.model, states.workspace.data
+    transmission = states.transmission(list(stress), lam)
+    carried = {(JOINT, model.names[joint]): transmission.wrench(joint) for joint in range(1, model.njoints)}
+    found = {}
+    for k, (i, each) in enumerate(stress.items()):
+        pin.computeJointJacobians(model, data, states.q[i])
+        wrenches = _on_loops(rows, data, lam[i]) | {member: wrench[k] for member, wrench in carried.items()}
+        basis = each.loaded(wrenches)
+        if basis.size:
+            found[i] = each.through(basis)
+    return found
+
+
+def _components(rows, member, parts) -> tuple[str, ...]:
+    """The names of the components of a member that have a part in self-stresses."""
+    kind, name = member
+    loop = next((each for each in rows.loops if kind == LOOP and each.name == name), None)
+    names = WAYS
+    if loop is not None and not isinstance(loop, Loop):
+        names = ("torque",) if loop.kind in ("drive", "coupling") else loop.rows
+    return tuple(name for name, part in zip(names, parts, strict=True) if part > PART)
+
+
+def _doubts(states, stress, member, axes, lam, transmission=None) -> dict[str, Any]:
+    """The fields of a reaction or a joint force that say what is not unique, and with whom its load is shared."""
+    rows = LoopRows.of(states.mechanism)
+    parts = [each.parts(member, axes) for each in stress.values()]
+    doubted = _components(rows, member, np.max(parts, axis=0)) if parts else ()
+    if not doubted:
+        return {}
+    loaded = _loaded(states, rows, stress, lam)
+    partners: dict[Member, None] = {}
+    for each in loaded.values():
+        if _components(rows, member, each.parts(member, axes)):
+            partners.update(dict.fromkeys(each.partners(member)))
+    found: dict[str, Any] = {"not_unique": doubted, "shared_with": tuple(name for _, name in partners)}
+    first = next(iter(stress.values()))
+    if not partners or member not in first.poses:
+        return found
+    together = first.parallel(member)
+    if len(together) == 1:
+        together = (member, *(each for each in partners if first.bodies[member][0] in first.bodies.get(each, ())))
+    total = _resultant(states, transmission or states.transmission(lam=lam), member, together, axes)
+    for each in loaded.values():
+        total[:, each.parts_of_sum(together, member, axes) > PART] = np.nan
+    force, moment = read_only(total[:, :3]), read_only(total[:, 3:])
+    names = tuple(name for _, name in together)
+    return found | {"resultant_of": names, "resultant_force": force, "resultant_moment": moment}
+
+
+def _resultant(states, transmission, member, together, axes):
+    """[force, moment] of several loops and joints on the body of one, about its point, (n, 6)."""
+    rows = LoopRows.of(states.mechanism)
+    closure = next((each for each in rows.closures if (LOOP, each.loop.name) == member), None)
+    if closure is None:
+        body = states.mechanism.joint_index(member[1])
+        point, turns = transmission.places[:, body], transmission.turns[:, body]
+    else:
+        body, point = closure.joint2, transmission.anchor(closure)
+        turns = transmission.turns[:, closure.joint1] @ closure.place1.rotation
+    total = transmission.resultant(together, body, point)
+    if axes != "world":
+        total = np.einsum("nji,nkj->nki", turns, total.reshape(-1, 2, 3)).reshape(-1, 6)
+    return total
 
 
 def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", workspace=None) -> list[Reaction]:
@@ -109,7 +425,7 @@ def reactions(mechanism: Mechanism, names, t, q, lam, axes: str = "world", works
     for closure in (each for each in rows.closures if each.loop.name in names):
         loop, its = closure.loop, lam[:, rows.slices[closure.loop.name]]
         anchored = isinstance(loop, Loop)
-        wrenches, joint_forces = _measured(rows, closure, t, q, its, axes, workspace)
+        wrenches, joint_forces = loop_wrenches(rows, closure, t, q, its, axes, workspace)
         found = Reaction(
             loop=loop.name,
             kind=loop.kind,
@@ -134,7 +450,7 @@ def undetermined(mechanism: Mechanism, t, q, data=None, rows=None) -> dict[str, 
     data, rows, samples = data or mechanism.model.createData(), rows or LoopRows.of(mechanism), []
     if not rows.nc or not len(t):
         return {}
-    for i in dict.fromkeys(k * (len(t) - 1) // (SAMPLES - 1) for k in range(SAMPLES)):
+    for i in sampled(len(t)):
         samples.append(_nearly_dependent(rows, rows.at(data, q[i], t[i])[1]))
         if not samples[-1]:
             return {}
@@ -161,25 +477,3 @@ def _nearly_dependent(rows: LoopRows, J) -> dict[str, float]:
 def not_determined(found: dict[str, float]) -> str:
     ends = dict.fromkeys(f"{end(found.values()):.0e}" for end in (min, max))
     return f"the forces of {', '.join(found)} are not determined: their rows depend on others to {' … '.join(ends)}"
-
-
-def _measured(rows, closure, t, q, lam, axes, workspace):
-    """[force, moment] on body 2, zero without anchors, and Jᵀλ of one loop at several states."""
-    anchored, model, twin = isinstance(closure.loop, Loop), rows.model, workspace.compiled()
-    if twin is not None:
-        own = rows.slices[closure.loop.name]
-        KeptRows(model, rows, range(own.start, own.stop)).hand_over(twin)
-        joint_forces = twin.residuals(t, q, np.zeros((len(t), model.nv)), lam)[2]
-        if not anchored:
-            return np.zeros((len(t), 6)), joint_forces
-        if not twin.calls_python:  # rows in Python have no wrench there
-            return twin.wrenches(t, q, lam, *closure.ends(), axes == "world"), joint_forces
-    data, wrenches, joint_forces = workspace.data, np.zeros((len(t), 6)), np.empty((len(t), model.nv))
-    for i in range(len(t)):
-        pin.computeJointJacobians(model, data, q[i])
-        joint_forces[i] = closure.evaluate(data, q[i], t[i])[1].T @ lam[i]
-        if anchored:
-            J, pose1, _ = closure.by_twist(data)
-            turn = pose1.rotation if axes == "world" else np.eye(3)
-            wrenches[i] = ((J.T @ lam[i]).reshape(2, 3) @ turn.T).ravel()
-    return wrenches, joint_forces

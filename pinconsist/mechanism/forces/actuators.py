@@ -49,9 +49,16 @@ class BoundActuator(BoundForce):
         return command != self.command(t) or not self._force[0] <= force <= self._force[1]
 
     def torque(self, t, q, v):
-        tau, force = np.zeros(len(v)), self.unlimited(t, q, v)[0]
-        tau[self._columns] = self._arms * min(max(force, self._force[0]), self._force[1])
+        tau = np.zeros(len(v))
+        tau[self._columns] = self._arms * self._limited(t, q, v)
         return tau
+
+    def element(self, t, q, v):
+        length = self._arms.dot([joint.value(q) for joint in self._joints])
+        return {"force": self._limited(t, q, v), "length": length, "speed": self._arms.dot(v[self._columns])}
+
+    def _limited(self, t, q, v) -> float:
+        return min(max(self.unlimited(t, q, v)[0], self._force[0]), self._force[1])
 
     def derivatives(self, t, q, v):
         force, _, law = self.unlimited(t, q, v)
@@ -229,6 +236,9 @@ class BoundHeldActuator(BoundHeld):
 
     def torque(self, t, q, v):
         return self._actuator.torque(t, q, v)
+
+    def element(self, t, q, v):
+        return self._actuator.element(t, q, v)
 
     def hand_over(self, twin) -> bool:
         return self._actuator.hand_over(twin, self._in(twin))

@@ -107,6 +107,16 @@ class _BoundSpring(BoundForce):
         load = self.spring.stiffness * (l - self.spring.length)
         return 0.5 * load * (l - self.spring.length), load * (u @ J @ v)
 
+    def loads(self, t, q, v):
+        l, u, J, point1, point2 = self._line(q)
+        pull, no_moment = self._tension(l, u @ J @ v) * u, np.zeros(3)
+        return [(point1.joint, point1.x, pull, no_moment), (point2.joint, point2.x, -pull, no_moment)]
+
+    def element(self, t, q, v):
+        l, u, J = self._line(q)[:3]
+        speed = u @ J @ v
+        return {"force": self._tension(l, speed), "length": l, "speed": speed}
+
     def _tension(self, l, rate):
         return self.spring.stiffness * (l - self.spring.length) + self.spring.damping * rate
 
@@ -191,6 +201,14 @@ class _BoundWrench(BoundForce):
             load = (turn @ np.array(part) for part in (self._wrench.force, self._wrench.moment))
             twin.add_wrench(self._joint, self._offset, *load, self._local)
         return self.smooth
+
+    def loads(self, t, q, v):
+        force, moment = self._in_world(t, q)
+        return [(self._joint, self._points.at(self._joint, self._offset).x, force, moment)]
+
+    def element(self, t, q, v):
+        force, moment = self._in_world(t, q)
+        return {"force": force, "moment": moment}
 
     def _in_world(self, t, q):
         """Force and moment in world axes at a configuration; moves the points there."""

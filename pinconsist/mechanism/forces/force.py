@@ -69,6 +69,14 @@ class BoundForce(ABC):
     def derivatives(self, t, q, v):
         return None, None
 
+    def loads(self, t, q, v) -> list[tuple]:
+        """(joint, point, force, moment) on each body on which it acts, in world axes; none if it acts on joints."""
+        return []
+
+    def element(self, t, q, v) -> dict[str, Any]:
+        """Its ``force``, ``moment``, ``length`` and ``speed``, those that it has: see :class:`ElementForce`."""
+        return {}
+
     def hand_over(self, twin) -> bool:
         """Add this law to the compiled system; False if it must be evaluated in Python."""
         return False

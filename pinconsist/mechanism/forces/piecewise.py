@@ -35,6 +35,12 @@ class BoundPiecewise(BoundForce):
     def derivatives(self, t, q, v):
         return self._force.derivatives(self._inside(t), q, v)
 
+    def loads(self, t, q, v):
+        return self._force.loads(self._inside(t), q, v) if isinstance(self._force, BoundForce) else []
+
+    def element(self, t, q, v):
+        return self._force.element(self._inside(t), q, v) if isinstance(self._force, BoundForce) else {}
+
     def start(self, t, backwards) -> None:
         self._backwards, self._here = backwards, None
         self._here = self._around(t)
