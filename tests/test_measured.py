@@ -20,7 +20,7 @@ from pinconsist.accuracy import measured
 from pinconsist.mechanism import rows
 from pinconsist.mechanism.energy import energy_of, integrals
 from pinconsist.mechanism.names import beyond_limits
-from pinconsist.mechanism.reactions import reaction
+from pinconsist.mechanism.reactions import reactions
 from pinconsist.mechanism.rows import Workspace
 from pinconsist.mechanism.system import MechanismSystem
 
@@ -39,8 +39,8 @@ def test_reactions_of_every_loop_kind(kind, pair, axes):
     q, _ = random_state(model, rng)
     mech = pc.Mechanism(model, [loop_open_by(model, q, kind, *pair, pin.SE3.Identity())])
     name, t, lam = mech.loops[0].name, np.zeros(1), rng.standard_normal((1, mech.nc))
-    expected = reaction(mech, name, t, q[None], lam, axes)
-    found = reaction(mech, name, t, q[None], lam, axes, Workspace(model, blank_system))
+    (expected,) = reactions(mech, [name], t, q[None], lam, axes)
+    (found,) = reactions(mech, [name], t, q[None], lam, axes, Workspace(model, blank_system))
     for part in ("force", "moment", "joint_forces"):
         np.testing.assert_allclose(getattr(found, part), getattr(expected, part), atol=1e-11)
 
