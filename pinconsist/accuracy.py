@@ -16,6 +16,7 @@ from .dae.index1 import Index1, solve_acceleration
 from .dae.integrate import integrate
 from .dae.norms import largest
 from .dae.output import Output
+from .dae.tuning import FEWEST_STAGES
 from .errors import PinconsistError
 from .mechanism.energy import compiled_forces, integrals, total_power
 from .mechanism.forces.held import sided
@@ -24,7 +25,7 @@ from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
 from .options import looking, method_of
 
-LOOKS = 1000  # steps of the finer run at least: what acts for a two-hundredth of the span is looked at five times
+LOOKS = 1000  # of the finer run at what acts, at least: at a pulse that lasts a two-hundredth of the span five
 SHORTER = 0.3  # longest steps of the finer run, relative to those of a run: it looks at other times
 FINER = 0.1  # of the tolerance
 ENDS = 100  # steps of Radau between rows that are compared
@@ -129,7 +130,7 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
     if not len(solution.h):  # rows that were interpolated
         start = Index1(system).state(t[0], *start)[1:3]
     middles = 0.5 * (t[1:] + t[:-1]) if exact else []  # with the steps of the other run errors would be alike
-    asked = _with(np.linspace(t[0], t[-1], LOOKS + 1), np.sort(np.concatenate((t, middles))))
+    asked = _with(np.linspace(t[0], t[-1], _steps(method.name) + 1), np.sort(np.concatenate((t, middles))))
     asked = asked if t[-1] >= t[0] else asked[::-1]
     (q, v, lam), times = _finer(system, method, asked, exact, start, solution._events, patience)
     at = np.searchsorted(asked, t) if t[-1] >= t[0] else len(asked) - 1 - np.searchsorted(asked[::-1], t)
@@ -159,6 +160,11 @@ def global_error(solution, finer: FinerRun) -> GlobalError:
     )  # fmt: skip
 
 
+def _steps(name) -> int:
+    """The least number of steps of a finer run; Radau looks at its stages."""
+    return LOOKS // FEWEST_STAGES if name == "Radau" else LOOKS
+
+
 def _case(solution, mechanism):
     """(system, method) of the finer run."""
     about, system = solution.method, solution.system
@@ -168,9 +174,9 @@ def _case(solution, mechanism):
     name, order = about.get("method", "BDF"), about["max_order"]
     rtol, atol, step = 1e-6, 1e-8, about["step"]
     span = float(solution.t[0]), float(solution.t[-1])
-    seen = abs(span[1] - span[0]) / LOOKS
+    length = abs(span[1] - span[0])
     if step is not None:
-        step /= max(2, ceil(step / seen - 1e-9))
+        step /= max(2, ceil(step * _steps(name) / length - 1e-9))
     else:
         rtol, atol = (tuple(np.multiply(FINER, part) for part in about[key]) for key in ("rtol", "atol"))
         control = ErrorControl(rtol, atol, order, np.inf)
@@ -178,7 +184,7 @@ def _case(solution, mechanism):
             name, order, rtol = "Radau", None, tuple(np.maximum(part, 1e-12) for part in rtol)  # less rounding
     order = None if name == "Radau" and step is None else order
     most = MOST_STEPS * (solution.nsteps + LOOKS)
-    longest = min(SHORTER * about.get("max_step", np.inf), seen)
+    longest = min(SHORTER * about.get("max_step", np.inf), length / _steps(name))
     method = method_of(span, name, step, order, rtol, atol, about["consistency"], None, longest, most, "auto")
     return system, looking(method, system, span)
 

@@ -7,6 +7,7 @@ import numpy as np
 from ._core.compiled_system import blank_system
 from .accuracy import OFF, GlobalError, accelerations, figure, global_error, measured, work_of
 from .dae.norms import largest
+from .mechanism.branches import branch_times
 from .mechanism.energy import energy_of
 from .mechanism.forces.actuators import saturated
 from .mechanism.forces.held import sided
@@ -70,6 +71,9 @@ class Certificate:
         The largest velocity of the run, rad/s or m/s, with which `velocity` is compared.
     units : tuple of str
         Of `position` and of `velocity`; empty for a general problem.
+    branches : tuple of float
+        Times, s, at which the loops pass a singular position, where branches of the motion meet; not searched for with
+        ``check(error=False)``.
     not_finite : str
         The first number of the rows that is not finite, as text; nothing else is judged then.
     """
@@ -93,6 +97,7 @@ class Certificate:
     saturated: dict[str, float] = field(default_factory=dict)
     speed: float = field(default=0.0, repr=False, compare=False)
     units: tuple[str, str] = field(default=("", ""), repr=False, compare=False)
+    branches: tuple[float, ...] = ()
     not_finite: str = ""
 
     def __str__(self):
@@ -206,6 +211,12 @@ class Certificate:
             names = [str(each) for each in self.beyond_limits[:SHOWN]]
             names += [f"and {more} more"] if (more := len(self.beyond_limits) - SHOWN) > 0 else []
             found["joint limits"] = f"joints leave their limits, which are not enforced: {'; '.join(names)}"
+        if self.branches:
+            times = ", ".join(f"{t:.6g}" for t in self.branches[:SHOWN]) + ", …" * (len(self.branches) > SHOWN)
+            found["branches"] = (
+                f"the loops pass a singular position at t = {times} s, where branches of the motion meet: the run goes "
+                "straight on, but a small force or a small change of a length decides which branch is taken"
+            )
         if self.saturated:
             shares = ", ".join(f"{name} in {share:.0%} of the rows" for name, share in self.saturated.items())
             found["actuators"] = f"actuators are at the limits of their commands or forces: {shares}"
@@ -226,7 +237,7 @@ def from_plain(data: dict | None) -> Certificate | None:
     return Certificate(
         **data
         | {"beyond_limits": tuple(BeyondLimit(**each) for each in limits), "units": tuple(data["units"])}
-        | {"not_unique": shared}
+        | {"not_unique": shared, "branches": tuple(data["branches"])}
         | {"error": error and GlobalError(**error | {"units": tuple(error["units"])})}
     )
 
@@ -317,7 +328,14 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         saturated={} if mechanism is None else saturated(mechanism, solution.t, solution.q, solution.v),
         error=None if finer is None else global_error(solution, finer),
         error_missing=missing,
+        branches=_branches(solution, system, finer) if finer is not None or missing else (),
     )
+
+
+def _branches(solution, system, finer) -> tuple[float, ...]:
+    if not isinstance(system, MechanismSystem):
+        return ()
+    return branch_times(system, solution.t, solution.q) if finer is None else branch_times(system, finer.t, finer.q)
 
 
 def _balance(solution, energy, finer):

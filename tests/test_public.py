@@ -19,7 +19,8 @@ PARAMETERS = {  # those after the bar by name only
     "Actuator": "name joint gain bias gear control control_range force_range",
     "Assembly": "q v gaps rows rank mobility moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy work_error undetermined "
-    "not_unique beyond_limits corrected_by fixed_step ended_early error error_missing saturated speed units not_finite",
+    "not_unique beyond_limits corrected_by fixed_step ended_early error error_missing saturated speed units branches "
+    "not_finite",
     "Constraint": "name function size jacobian rate moving rows step",
     "Coupling": "name joint other ratio offset higher",
     "Derivatives": "names values",

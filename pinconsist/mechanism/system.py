@@ -40,7 +40,7 @@ class MechanismSystem(Index3System):
         self.vector_like = self.model.nq == self.model.nv  # otherwise some joint is in SO(2), SO(3), SE(2) or SE(3)
         self.npos, self.nx, self.nv = self.model.nq, self.model.nv, self.model.nv
         ranking = solver.ranking(q)
-        self.kept, self._sizes = ranking.kept if kept is None else kept, ranking.scales
+        self.kept, self.scales = ranking.kept if kept is None else kept, ranking.scales
         self.nc = len(self.kept)
         self.kept_rows = KeptRows(self.model, self.rows, self.kept)
         self.difference_step = self.kept_rows.difference_step
@@ -241,7 +241,7 @@ class MechanismSystem(Index3System):
         """The same system with other rows kept, if the current ones have become a poor choice at `q`; else None."""
         if self.dropped_are_zero:
             return None
-        J = self.loop_rows(q)[1] / self._sizes[:, None]
+        J = self.loop_rows(q)[1] / self.scales[:, None]
         strongest = np.linalg.svd(J, compute_uv=False)[self.nc - 1]
         if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > WEAK * strongest:
             return None
@@ -269,11 +269,11 @@ class MechanismSystem(Index3System):
             return None
         suspects = range(len(times))
         if gaps is not None:
-            suspects = np.flatnonzero((np.abs(gaps(times, configurations)) / self._sizes).max(axis=1) > OPEN)
+            suspects = np.flatnonzero((np.abs(gaps(times, configurations)) / self.scales).max(axis=1) > OPEN)
         for i in suspects:
-            phi = np.abs(self.loop_rows(configurations[i], times[i])[0]) / self._sizes
+            phi = np.abs(self.loop_rows(configurations[i], times[i])[0]) / self.scales
             if phi.max() > OPEN + 100 * phi[self.kept].max(initial=0.0):  # interpolation opens all rows alike
-                return int(i), float((phi * self._sizes).max()), self.rows.labels[int(np.argmax(phi))]
+                return int(i), float((phi * self.scales).max()), self.rows.labels[int(np.argmax(phi))]
         return None
 
     def _zero_everywhere(self, rows, q) -> bool:
