@@ -51,6 +51,7 @@ from .mechanism.joint_constraints import Drive as Drive
 from .mechanism.loops import Loop as Loop
 from .mechanism.mechanism import Mechanism as Mechanism
 from .mechanism.motion import Motion as Motion
+from .mechanism.peaks import Peak as Peak
 from .mechanism.reactions import JointForce as JointForce
 from .mechanism.reactions import Reaction as Reaction
 from .results import ElementForce as ElementForce

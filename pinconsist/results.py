@@ -21,6 +21,7 @@ from .mechanism.joint_constraints import Drive
 from .mechanism.loops import Loop
 from .mechanism.mechanism import Mechanism
 from .mechanism.names import position_names, position_units, velocity_names, velocity_units
+from .mechanism.peaks import HasPeaks
 from .mechanism.reactions import Reaction, States, shared_rows
 from .mechanism.rows import LoopRows, Workspace
 
@@ -80,7 +81,7 @@ class FrameMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class ElementForce:
+class ElementForce(HasPeaks):
     """What one force of a mechanism exerts over a run. Rows are those of the solution; what it has not is None.
 
     Attributes
@@ -108,6 +109,7 @@ class ElementForce:
     length: np.ndarray | None = field(repr=False)
     speed: np.ndarray | None = field(repr=False)
     torque: np.ndarray = field(repr=False)
+    _at: Callable | None = field(default=None, repr=False)
 
     def __str__(self):
         parts = {"force [N]": self.force, "moment [N·m]": self.moment}
@@ -135,6 +137,8 @@ class ByName:
     _mechanism: Callable[..., Mechanism]
     _workspace: Callable[..., Workspace]
     _states: Callable[..., States]
+    _between: Callable[..., tuple]
+    _has_between: Callable[[], bool]
 
     def position(self, joint: str, mechanism=None) -> np.ndarray:
         """The position of a joint, rad or m, shape (n,); (n, k) for a joint of several numbers, as `q` stores them.
@@ -211,19 +215,24 @@ class ByName:
         mechanism = self._mechanism(mechanism, "force")
         forces = bound_forces(mechanism.model, mechanism.forces)
         label = _element(mechanism, forces, name)
-        bound, parts = forces[label], {}
-        if isinstance(bound, BoundForce):
-            rows = [bound.element(*state) for state in zip(sided(self.t), self.q, self.v, strict=True)]
+        joint, bound, workspace = _joint_of(mechanism, label), forces[label], self._workspace(mechanism.model)
+
+        def found(t, sides, q, v, at=None):
+            rows = (
+                [bound.element(*state) for state in zip(sides, q, v, strict=True)]
+                if isinstance(bound, BoundForce)
+                else []
+            )
             parts = {part: read_only(np.array([row[part] for row in rows])) for part in (rows[0] if rows else ())}
-        return ElementForce(
-            label=label,
-            t=self.t,
-            force=parts.get("force"),
-            moment=parts.get("moment"),
-            length=parts.get("length"),
-            speed=parts.get("speed"),
-            torque=read_only(self.torque(label, mechanism)),
-        )
+            torque = torques_of(bound, sides, q, v, workspace)
+            torque = torque if joint is None else _of(mechanism, joint, torque)
+            every = {part: parts.get(part) for part in ("force", "moment", "length", "speed")}
+            return ElementForce(label=label, t=t, **every, torque=read_only(torque), _at=at)
+
+        def at(times):
+            return found(times, times, *self._between(mechanism, times)[:2])
+
+        return found(self.t, sided(self.t), self.q, self.v, at if self._has_between() else None)
 
     def power(self, name: str, mechanism=None) -> np.ndarray:
         """The power τ·v of a force, motor or drive, W, shape (n,), positive into the mechanism; springs included.

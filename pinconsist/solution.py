@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, finer_run
+from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, finer_run, states_between
 from .certificate import Certificate, certify
 from .errors import InputError
 from .mechanism.energy import Energy, energy_of
@@ -254,14 +254,33 @@ class Solution(ByName):
     def _states(self, mechanism, method) -> States:
         """What reactions and joint forces are computed from; accelerations only where they are needed."""
         found = self._mechanism(mechanism, method)
+        workspace = self._workspace(found.model)
+
+        def acting():
+            self._require_forces(mechanism)
+            return self._mechanism(mechanism, "acceleration")
 
         def motion(rows):
-            self._require_forces(mechanism)
-            acting = self._mechanism(mechanism, "acceleration")
             v = self.v[rows]
-            return v, accelerations(acting, sided(self.t)[rows], self.q[rows], v)
+            return v, accelerations(acting(), sided(self.t)[rows], self.q[rows], v)
 
-        return States(found, self.t, self.q, self.lam, self._workspace(found.model), motion)
+        def at(times):
+            q, v, lam = self._between(acting(), times)
+            return States(
+                found, times, q, lam, workspace, lambda rows: (v[rows], accelerations(acting(), times, q, v)[rows])
+            )
+
+        return States(found, self.t, self.q, self.lam, workspace, motion, at if self._has_between() else None)
+
+    def _has_between(self) -> bool:
+        """Whether states between the rows are known: from dense output, or as the rows are steps."""
+        return self.sol is not None or (len(self.t) > 1 and len(self.h) == len(self.t) - 1)
+
+    def _between(self, mechanism, times):
+        """(q, v, λ) between the rows."""
+        if self.sol is not None:
+            return self.sol(times)
+        return states_between(mechanism, self.t, self.q, self.v, times)
 
     def _mechanism(self, mechanism, method) -> Mechanism:
         require_mechanism(self, mechanism)

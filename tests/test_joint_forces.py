@@ -1,5 +1,7 @@
 """What joints of the tree transmit: Newton and Euler for each link by hand, MuJoCo, weights; loads that loops share."""
 
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -597,3 +599,59 @@ def test_motor_torques_have_the_forces_of_their_frames():
     weight = sum(inertia.mass for inertia in act.mechanism.model.inertias) * G
     np.testing.assert_allclose(total, [0, 0, weight + 50.0], atol=1e-9)
     np.testing.assert_allclose(found.joint_force("crank").moment[0][1], found.torques["crank"], atol=1e-9)
+
+
+def pendulum():
+    model = pin.Model()
+    index = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "pin")
+    model.appendBodyToJoint(index, pin.Inertia(2.0, np.array([0, 0, -0.7]), 0.05 * np.eye(3)), pin.SE3.Identity())
+    return pc.Mechanism(model)
+
+
+@pytest.mark.parametrize("span", [(0.0, 2.5), (2.5, 0.0)])
+@pytest.mark.parametrize("dense", [False, True])
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+def test_the_peak_of_a_pin_is_between_the_rows(method, dense, span):
+    """A pendulum pulls most at its lowest point: m g + m l ω², with m g l (1 - cos) = I ω² / 2."""
+    start, how = 1.2, {"method": method, "dense_output": dense, "rtol": 1e-9, "atol": 1e-11}
+    sol = pc.simulate(pendulum(), span, {"pin": start}, **how)
+    found = sol.joint_force("pin")
+    speed = 2.0 * 2.0 * G * 0.7 * (1.0 - np.cos(start)) / (0.05 + 2.0 * 0.7**2)
+    largest = 2.0 * G + 2.0 * 0.7 * speed
+    peak = found.peak()
+    good = 1e-7 if dense or method == "BDF" else 2e-4  # steps of Radau are long: 30 for 2.5 s
+    assert peak.value == pytest.approx(largest, rel=good) and peak.between and peak.of == "force"
+    assert found.peak("force z").value == pytest.approx(largest, rel=good)
+    through = np.argmin(np.abs(sol.t - peak.t))
+    assert abs(sol.position("pin")[through]) < 0.5
+    if method == "Radau":
+        rows = pickle.loads(pickle.dumps(found)).peak()
+        assert not rows.between and rows.value < largest * (1.0 - 10.0 * good)
+        assert str(rows).endswith("s, of the rows") and str(peak).startswith("largest force: ")
+    assert not pc.simulate(pendulum(), span, {"pin": start}, t_eval=[*span]).joint_force("pin").peak().between
+
+
+def test_peaks_of_loops_and_elements():
+    """Against the rows of a finer run, which are below the peak by the square of half their distance."""
+    mech = pc.load("four_bar").with_forces(
+        pc.SpringDamper("rocker", "universe", 30.0, 0.1, 1.0, (0.1, 0, 0.2), (0, 0, 2))
+    )
+    sol = pc.simulate(mech, (0.0, 1.0), v0={"crank": 4.0}, dense_output=True, method="Radau", rtol=1e-8)
+    t = np.linspace(0.0, 1.0, 2001)
+    fine = pc.simulate(mech, (0.0, 1.0), v0={"crank": 4.0}, t_eval=t, method="Radau", rtol=1e-10, atol=1e-12)
+    loop, spring = mech.loops[0].name, mech.forces[0].label
+    for found, other in ((sol.reaction(loop), fine.reaction(loop)), (sol.force(spring), fine.force(spring))):
+        for of in ("force", "force x") if found.force.ndim == 2 else ("force", "length", "speed"):
+            peak, rows = found.peak(of), other.peak(of)
+            assert peak.value == pytest.approx(rows.value, rel=2e-5) and abs(peak.value) > abs(rows.value) * (1 - 1e-6)
+            assert peak.t == pytest.approx(rows.t, abs=1e-3)
+    with pytest.raises(pc.InputError, match="no peak of 'forse': choose from force, moment, or a component"):
+        sol.reaction(loop).peak("forse")
+    with pytest.raises(pc.InputError, match="no peak of 'force x': choose from force, torque, length, speed"):
+        sol.force(spring).peak("force x")
+    with pytest.raises(pc.InputError, match="no peak of 'force': the result has no rows"):
+        pc.simulate(mech, (0.0, 0.1), t_eval=[]).reaction(loop).peak()
+    door = pc.simulate(door_with_tree_hinge(), (0.0, 0.5), v0={"upper": 3.0})
+    same = {"compliance": {"lower": 1e-8, "upper": 1e-8}}
+    assert door.reaction("lower", **same).peak("force z").value == pytest.approx(DOOR * G / 2, rel=1e-9)
+    assert pc.equilibrium(pendulum()).joint_force("pin").peak().value == pytest.approx(2.0 * G)

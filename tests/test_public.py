@@ -45,6 +45,7 @@ PARAMETERS = {  # those after the bar by name only
     "Modes": "eigenvalues shapes massless",
     "Motion": "start speed amplitude frequency phase",
     "Outcome": "index case value error message traceback finished",
+    "Peak": "of value t between",
     "Piecewise": "force times period",
     "Reaction": "loop kind axes t force moment torque joint_forces dependence not_unique shared_with resultant_of"
     " resultant_force resultant_moment",
@@ -155,6 +156,9 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "reanchored": "q0",
         "corrected": "precision",
     },
+    "ElementForce": {"peak": "of"},
+    "JointForce": {"peak": "of"},
+    "Reaction": {"peak": "of"},
     "Modes": {"frequencies": None, "hertz": None, "damping_ratios": None},
     "Motion": {"numbers": None, "rate": "t", "acceleration": "t"},
     "Outcome": {"success": None},

@@ -13,6 +13,7 @@ from ..errors import InputError
 from .checks import near, read_only
 from .loops import Loop
 from .mechanism import Mechanism
+from .peaks import HasPeaks
 from .rank import Ranking
 from .rows import LoopRows, Workspace
 from .self_stress import (
@@ -47,7 +48,7 @@ def listed(names, most: int = 4) -> str:
     return ", ".join(list(names)[:most]) + (f" and {more} more" if more > 0 else "")
 
 
-class _Wrench:
+class _Wrench(HasPeaks):
     """What a reaction and a joint force have in common."""
 
     force: np.ndarray | None
@@ -131,6 +132,7 @@ class Reaction(_Wrench):
     resultant_of: tuple[str, ...] = ()
     resultant_force: np.ndarray | None = field(default=None, repr=False)
     resultant_moment: np.ndarray | None = field(default=None, repr=False)
+    _at: Callable | None = field(default=None, repr=False)
 
     def __str__(self):
         size = np.abs(self.joint_forces).max(initial=0.0)
@@ -174,6 +176,7 @@ class JointForce(_Wrench):
     resultant_of: tuple[str, ...] = ()
     resultant_force: np.ndarray | None = field(default=None, repr=False)
     resultant_moment: np.ndarray | None = field(default=None, repr=False)
+    _at: Callable | None = field(default=None, repr=False)
 
     def __str__(self):
         return f"joint {self.joint!r} of the tree, on its child: {', '.join(self._sizes())}{self._doubts()}"
@@ -181,7 +184,10 @@ class JointForce(_Wrench):
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """The states of a result: `motion` returns the velocities and accelerations of some of its rows."""
+    """The states of a result.
+
+    `motion` returns the velocities and accelerations of some of its rows, and `at` the states at other times, if any.
+    """
 
     mechanism: Mechanism
     t: np.ndarray
@@ -189,6 +195,7 @@ class States:
     lam: np.ndarray
     workspace: Workspace
     motion: Callable
+    at: Callable[[np.ndarray], States] | None = None
 
     def transmission(self, rows=slice(None), lam=None) -> Transmission:
         """The wrenches of the tree's joints in some rows, with other multipliers if they are passed."""
@@ -251,8 +258,12 @@ def reaction(states: States, name: str, axes: str = "world", compliance=None) ->
         raise InputError(f"{mechanism.name}: no loop or joint {name!r}{others}")
     _require_axes("reaction", axes, AXES)
     stress, lam = _distributed(states, compliance)
-    (found,) = reactions(mechanism, [name], states.t, states.q, lam, axes, states.workspace)
-    return replace(found, **_doubts(states, stress, (LOOP, name), axes, lam))
+
+    def found(states, lam):
+        return reactions(mechanism, [name], states.t, states.q, lam, axes, states.workspace)[0]
+
+    doubts = _doubts(states, stress, (LOOP, name), axes, lam)
+    return replace(found(states, lam), **doubts, _at=_elsewhere(states, compliance, found))
 
 
 def joint_force(states: States, name: str, axes: str = "world", compliance=None) -> JointForce:
@@ -262,18 +273,30 @@ def joint_force(states: States, name: str, axes: str = "world", compliance=None)
     joint = mechanism.joint_index(name)
     _require_axes("joint_force", axes, JOINT_AXES)
     stress, lam = _distributed(states, compliance)
+
+    def found(states, lam, transmission=None):
+        transmission = transmission or states.transmission(lam=lam)
+        wrench = transmission.wrench(joint).reshape(-1, 2, 3)
+        if axes == "joint":
+            wrench = np.einsum("nji,nkj->nki", transmission.turns[:, joint], wrench)
+        force, moment = read_only(wrench[:, 0]), read_only(wrench[:, 1])
+        return JointForce(joint=name, axes=axes, t=read_only(states.t), force=force, moment=moment)
+
     transmission = states.transmission(lam=lam)
-    wrench = transmission.wrench(joint).reshape(-1, 2, 3)
-    if axes == "joint":
-        wrench = np.einsum("nji,nkj->nki", transmission.turns[:, joint], wrench)
-    return JointForce(
-        joint=name,
-        axes=axes,
-        t=read_only(states.t),
-        force=read_only(wrench[:, 0]),
-        moment=read_only(wrench[:, 1]),
-        **_doubts(states, stress, (JOINT, name), axes, lam, transmission),
-    )
+    doubts = _doubts(states, stress, (JOINT, name), axes, lam, transmission)
+    return replace(found(states, lam, transmission), **doubts, _at=_elsewhere(states, compliance, found))
+
+
+def _elsewhere(states: States, compliance, found):
+    """A function that returns what `found(states, lam)` is at other times; None if there are no states."""
+    if states.at is None:
+        return None
+
+    def at(times):
+        others = states.at(times)
+        return found(others, others.lam if compliance is None else _distributed(others, compliance)[1])
+
+    return at
 
 
 def _require_no_fixed_joint(mechanism, name):
