@@ -43,7 +43,7 @@ THREADS = 4  # at most
 class GlobalError:
     """The difference between a run and a finer one, the largest over its rows.
 
-    The finer run has a tenth of the tolerance, or half of the fixed step.
+    The finer run has a tenth of the tolerance (Radau: a hundredth), or half of the fixed step.
 
     Attributes
     ----------
@@ -179,7 +179,10 @@ def _case(solution, mechanism):
     if step is not None:
         step /= max(2, ceil(step * _steps(name) / length - 1e-9))
     else:
-        rtol, atol = (tuple(np.multiply(FINER, part) for part in about[key]) for key in ("rtol", "atol"))
+        share = FINER**2 if name == "Radau" else FINER  # whose forced ends cost digits that its long steps keep
+        rtol, atol = (tuple(np.multiply(share, part) for part in about[key]) for key in ("rtol", "atol"))
+        if name == "Radau":
+            rtol = tuple(np.maximum(part, 1e-12) for part in rtol)
         control = ErrorControl(rtol, atol, order, np.inf)
         if name == "BDF" and control.asked[0] < control.best:
             name, order, rtol = "Radau", None, tuple(np.maximum(part, 1e-12) for part in rtol)  # less rounding

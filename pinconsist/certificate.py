@@ -20,6 +20,7 @@ OPEN = 1e-8  # m or rad, and m/s or rad/s: a loop with a larger gap is open
 UNCLEAR = 0.1 * OFF  # an energy balance that is off by more may be so because rows are few
 MOST_BY_ROWS = 5  # order of steps that rows resolve
 FEW = 4.0  # times the uncertainty of the work: an energy balance that is not off by more shows nothing
+ROUNDED = 1e-6  # of the largest multiplier: smaller ones may be the error of the run
 SHOWN = 4  # joints outside of their limits
 
 
@@ -74,6 +75,8 @@ class Certificate:
     branches : tuple of float
         Times, s, at which the loops pass a singular position, where branches of the motion meet; not searched for with
         ``check(error=False)``.
+    pulling : dict of str to float
+        Unilateral constraints that pull, see :class:`Constraint`, and the first time at which they do, s.
     not_finite : str
         The first number of the rows that is not finite, as text; nothing else is judged then.
     """
@@ -98,6 +101,7 @@ class Certificate:
     speed: float = field(default=0.0, repr=False, compare=False)
     units: tuple[str, str] = field(default=("", ""), repr=False, compare=False)
     branches: tuple[float, ...] = ()
+    pulling: dict[str, float] = field(default_factory=dict)
     not_finite: str = ""
 
     def __str__(self):
@@ -217,6 +221,12 @@ class Certificate:
                 f"the loops pass a singular position at t = {times} s, where branches of the motion meet: the run goes "
                 "straight on, but a small force or a small change of a length decides which branch is taken"
             )
+        if self.pulling:
+            names = "; ".join(f"{name!r} from t = {t:.6g} s" for name, t in self.pulling.items())
+            found["unilateral constraints"] = (
+                f"constraints that can only push would have to pull: {names}; in reality the bodies part there, and "
+                "the motion after it is another one"
+            )
         if self.saturated:
             shares = ", ".join(f"{name} in {share:.0%} of the rows" for name, share in self.saturated.items())
             found["actuators"] = f"actuators are at the limits of their commands or forces: {shares}"
@@ -329,7 +339,20 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         error=None if finer is None else global_error(solution, finer),
         error_missing=missing,
         branches=_branches(solution, system, finer) if finer is not None or missing else (),
+        pulling={} if mechanism is None else _pulling(mechanism, system.rows, t, solution.lam),
     )
+
+
+def _pulling(mechanism, rows, t, lam) -> dict[str, float]:
+    """What :attr:`Certificate.pulling` is; multipliers that are rounding do not count."""
+    found = {}
+    for loop in mechanism.loops:
+        if getattr(loop, "unilateral", False):
+            its = lam[:, rows.slices[loop.name]].min(axis=1)
+            pulls = np.flatnonzero(its < -ROUNDED * largest(lam))
+            if len(pulls):
+                found[loop.name] = float(t[pulls[0]])
+    return found
 
 
 def _branches(solution, system, finer) -> tuple[float, ...]:

@@ -167,7 +167,7 @@ class Solution(ByName):
         """The verdict on the run, and the figures behind it, evaluated in a separate system: see :class:`Certificate`.
 
         It is made once: later calls, pages and files show the same. Its ``error`` is the global error, estimated by a
-        run at a tenth of the tolerance if that takes less than 3 seconds, and the verdict says if not; with `error`
+        finer run if that takes less than 3 seconds, and the verdict says if not; with `error`
         True however long it takes. Forces and events are called again for it. With `error` False only the residuals
         of the rows are evaluated.
 

@@ -20,8 +20,8 @@ PARAMETERS = {  # those after the bar by name only
     "Assembly": "q v gaps rows rank mobility moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy work_error undetermined "
     "not_unique beyond_limits corrected_by fixed_step ended_early error error_missing saturated speed units branches "
-    "not_finite",
-    "Constraint": "name function size jacobian rate moving rows step",
+    "pulling not_finite",
+    "Constraint": "name function size jacobian rate moving rows step unilateral",
     "Coupling": "name joint other ratio offset higher",
     "Derivatives": "names values",
     "Drive": "name joint curve rate acceleration",

@@ -564,3 +564,22 @@ def test_limits_of_joints_of_several_coordinates_and_of_quaternions():
     found = pc.simulate(mech, (0.0, 1.0), v0=[0.0, -1.0, 0.4]).check()
     assert [each.joint for each in found.beyond_limits] == ["j[1]"] and found.beyond_limits[0].value < -0.99
     assert pc.simulate(rotor(-0.1, 0.1, pin.JointModelSpherical()), (0.0, 0.1), v0=[1.0, 0, 0]).check().concerns == []
+
+
+def test_a_cam_that_would_have_to_pull_its_follower_is_named():
+    """A mass of 1 kg on a base that moves by A cos ωt is pushed while g > A ω² cos ωt; it parts at the top."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "follower")
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    size = 0.1
+
+    def run(rate, unilateral=True):
+        cam = pc.Constraint("cam", lambda t, q: q - size * np.sin(rate * t), 1, unilateral=unilateral)
+        return pc.simulate(pc.Mechanism(model, [cam]), (0.0, 1.0), max_step=0.005)
+
+    slow, fast = np.sqrt(0.8 * 9.81 / size), np.sqrt(2.0 * 9.81 / size)
+    assert run(slow).check().ok and run(slow).lam.min() > 0.0
+    found = run(fast).check()
+    assert list(found.pulling) == ["cam"] and found.verdict.endswith("look at unilateral constraints")
+    assert found.pulling["cam"] == pytest.approx(np.arcsin(0.5) / fast, abs=0.005)
+    assert "'cam' from t = " in found.concerns[0] and run(fast, unilateral=False).check().ok

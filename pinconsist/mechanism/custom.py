@@ -44,6 +44,9 @@ class Constraint:
         Names of the rows for reports. Default "0", "1", ….
     step : float
         Step of the difference quotients, rad or m: about a thousandth of the length over which Φ varies.
+    unilateral : bool
+        Whether its rows can only push towards larger Φ, λ ≥ 0, as a cam pushes its follower. They are kept
+        nevertheless; :meth:`Solution.check` names the time from which they pull.
 
     Raises
     ------
@@ -62,6 +65,7 @@ class Constraint:
     moving: bool = True
     rows: tuple[str, ...] = None  # type: ignore[assignment]  # a tuple after __post_init__
     step: float = 1e-3
+    unilateral: bool = False
 
     kind: ClassVar[str] = "constraint"
 
