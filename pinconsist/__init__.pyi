@@ -70,6 +70,7 @@ from .view.page import replay as replay
 from .view.plots import plot_comparison as plot_comparison
 from .view.plots import plot_drift as plot_drift
 from .view.plots import plot_energy as plot_energy
+from .view.plots import plot_forces as plot_forces
 from .view.plots import plot_multipliers as plot_multipliers
 from .view.plots import plot_phase as plot_phase
 from .view.plots import plot_solution as plot_solution

@@ -125,7 +125,7 @@ def test_a_scene_that_changed_since_the_run_is_told(run, command):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["four_bar", "--what", "forces"], "there is no picture 'forces'; available: trajectory, multipliers"),
+        (["four_bar", "--what", "forses"], "there is no picture 'forses'; available: trajectory, multipliers"),
         (["four_bar", "--what", ""], "there is no picture ''"),
         (["four_bar", "--out", "x.doc"], "must end in one of"),
         (["four_bar", "--out", "nowhere/x.png"], "there is no folder"),

@@ -125,6 +125,7 @@ def test_each_group_of_curves_has_its_numbers(run, tab):
         "angles": {name: (sol.position(name)[row], "rad") for name in mech.joints},
         "step": {"h": (sol.h[row - 1], "s")},
         "order": {"order": (sol.order[row - 1], "")},
+        "joint forces": {name: (np.linalg.norm(sol.joint_force(name).force, axis=1)[row], "N") for name in mech.joints},
     }
     assert tab.run("[...element('groups').children].map(each => each.innerText)") == list(expected)
     for number, (group, curves) in enumerate(expected.items(), start=1):

@@ -82,6 +82,16 @@ def test_multipliers_are_magnified_and_zero_rows_are_no_clutter(sol):
     assert same.get_linestyle() == named(whole)["rocker_ground x"].get_linestyle()
 
 
+def test_forces_are_those_of_loops_and_joints(sol):
+    forces, moments = pc.plot_forces(sol).axes
+    assert set(named(forces)) == {"rocker_ground", "crank", "coupler", "rocker"} and not forces.texts
+    for axis, part in (forces, "force"), (moments, "moment"):
+        expected = np.linalg.norm(getattr(sol.joint_force("coupler"), part), axis=1)
+        np.testing.assert_allclose(axis.lines[2].get_ydata(), expected, atol=1e-9)
+    (left, _) = pc.plot_forces(pc.simulate(pc.load("bricard"), (0, 0.05))).axes
+    assert all(name.endswith(" *") for name in named(left)) and "* not unique" in left.texts[0].get_text()
+
+
 def test_drift_is_that_of_the_certificate(sol, rocker):
     gaps, rates = (axis.lines[0].get_ydata() for axis in pc.plot_drift(sol).axes)
     certificate = sol.check(error=False)
@@ -166,7 +176,7 @@ def test_phase_portrait_behind_joints_of_several_freedoms():
 
 def test_all_pictures_under_each_other(sol, tmp_path):
     figure = pc.plot_solution(sol, tmp_path / "all.png", what=list(PICTURES))
-    assert len(figure.axes) == 5 * 2 + 3
+    assert len(figure.axes) == 6 * 2 + 3
     assert [path.name for path in tmp_path.iterdir()] == ["all.png"]
 
 
@@ -209,7 +219,7 @@ def test_panels_line_up_and_no_label_is_cut(sol):
 
 def test_a_saved_run_needs_its_mechanism_for_some(sol, rocker, tmp_path):
     stored = pc.Solution.load(sol.save(tmp_path / "run.npz"))
-    for plot in (pc.plot_drift, pc.plot_energy):
+    for plot in (pc.plot_forces, pc.plot_drift, pc.plot_energy):
         with pytest.raises(pc.InputError, match="needs the mechanism"):
             plot(stored)
         assert plot(stored, mech=rocker).axes
@@ -219,7 +229,7 @@ def test_a_saved_run_needs_its_mechanism_for_some(sol, rocker, tmp_path):
 @pytest.mark.parametrize(
     ("what", "message"),
     [
-        (["forces"], "no picture 'forces'; available: trajectory, multipliers"),
+        (["forses"], "no picture 'forses'; available: trajectory, multipliers"),
         ([], "names no picture"),
     ],
 )

@@ -71,6 +71,7 @@ PARAMETERS = {  # those after the bar by name only
     "plot_comparison": "rows file",
     "plot_drift": "sol file mech",
     "plot_energy": "sol file mech",
+    "plot_forces": "sol file mech",
     "plot_multipliers": "sol file mech",
     "plot_phase": "sol file mech",
     "plot_solution": "sol file mech what",

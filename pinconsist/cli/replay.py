@@ -18,7 +18,7 @@ from . import output, scene
 from .scene import Text, look, option, require_drawable
 from .simulate import exit_code, print_in_a_line
 
-OF_A_SCENE = ("drift", "energy")  # pictures that need the mechanism
+OF_A_SCENE = ("forces", "drift", "energy")  # pictures that need the mechanism
 _log = logging.getLogger(__name__)
 
 
@@ -100,7 +100,7 @@ def plot(
     source: scene.RunOrScene,
     what: Annotated[str, option(
         "--what", "NAME,NAME,...",
-        "Pictures, from top to bottom: trajectory, multipliers, drift, energy, steps, phase.",
+        "Pictures, from top to bottom: trajectory, multipliers, forces, drift, energy, steps, phase.",
     )] = "trajectory,multipliers",
     out: Annotated[Text, option("--out", "FILE.png", "The figure (or .pdf, .svg). Default: NAME.png here.")] = None,
     until: scene.Until = None,

@@ -10,6 +10,8 @@ from .forces.force import BoundForce
 from .loops import Loop
 from .rows import KeptRows, LoopRows
 
+ROUNDING = 1e-9  # of the largest wrench: smaller ones are rounding
+
 
 class Load(NamedTuple):
     """A force, N, and a moment about its point, N·m, on the body of a joint; (n, 3) each, in world axes."""
@@ -69,6 +71,12 @@ class Transmission:
                 wrench[:, 0] -= load.force
                 wrench[:, 1] -= load.moment + np.cross(load.point - here, load.force)
         return wrench.reshape(-1, 6)
+
+    def wrenches(self) -> dict[str, np.ndarray]:
+        """:meth:`wrench` of each joint by its name, without those that transmit nothing but rounding, as free ones."""
+        found = {self.model.names[joint]: self.wrench(joint) for joint in range(1, self.model.njoints)}
+        largest = max((np.abs(wrench).max(initial=0.0) for wrench in found.values()), default=0.0)
+        return {name: wrench for name, wrench in found.items() if np.abs(wrench).max(initial=0.0) > ROUNDING * largest}
 
     def resultant(self, members, body: int, point) -> np.ndarray:
         """[force, moment about `point` (n, 3)] of some loops and joints together on a body, (n, 6), in world axes."""

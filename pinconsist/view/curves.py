@@ -7,10 +7,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..mechanism.names import position_names, position_units
+from ..mechanism.wrenches import Transmission
 from .arrows import FORCE, TRUE, UNITS, actions, true_actions
 from .motion import Run, body_poses
 
 ROWS = 500  # at most
+SMALL = 1e-5  # of the largest force of a joint: smaller ones are rounding
 
 
 def packed(values) -> str:
@@ -71,6 +73,28 @@ def _curves(run: Run, rows: np.ndarray, size: float, without, planar: bool):
         if len(run.t) > 1 and values.shape == (len(run.t) - 1,):
             reached = np.concatenate((values[:1], values))[rows]
             yield {"h": "step", "order": "order"}[name], unit, name, np.where(reached > 0, reached, np.nan), {}
+    yield from _of_joints(run, rows, size)
+
+
+def _of_joints(run: Run, rows: np.ndarray, size: float):
+    """Curves of what the joints of the tree transmit, (group, unit, name, values, subject), if they are known.
+
+    Moments that are rounding, or the error of the forces of the loops, for a picture of this `size` are left out.
+    """
+    some = run.rows(rows)
+    if some.v is None or some.lam is None:
+        return
+    try:
+        acceleration = run.source.acceleration(None, run.mech)[rows]
+    except (AttributeError, InputError):
+        return
+    found = Transmission(run.mech, some.t, some.q, some.v, acceleration, some.lam, run.workspace()).wrenches()
+    sizes = {joint: np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2) for joint, wrench in found.items()}
+    least = SMALL * max((each[:, 0].max() for each in sizes.values()), default=0.0)
+    for group, unit, part, of_part in ("joint forces", "N", 0, 1.0), ("joint moments", "N·m", 1, size):
+        for joint, each in sizes.items():
+            if each[:, part].max() > least * of_part:
+                yield group, unit, joint, each[:, part], {}
 
 
 def _word(kind: str, planar: bool) -> str:

@@ -27,8 +27,8 @@ def export_html(
 ) -> Path:
     """Write the motion as one page that plays in any browser, also offline.
 
-    Beside the motion are the curves of forces, torques, energies, joints, steps and orders, with a draggable cursor at
-    the current time; above it is the verdict of the run's certificate, :meth:`Solution.check`. The
+    Beside the motion are the curves of forces, torques, energies, joints, steps, orders and joint forces, with a
+    draggable cursor at the current time; above it is the verdict of the run's certificate, :meth:`Solution.check`. The
     space bar plays and pauses, arrow keys step; pointing at a body or loop shows its name and force.
 
     Shapes come from the mechanism's robot file if their meshes are found, else from joints, inertias and loops. A

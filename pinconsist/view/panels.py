@@ -10,8 +10,8 @@ import numpy as np
 from ..errors import InputError, MissingExtraError
 from ..files import written_whole
 from ..mechanism.names import position_names, position_units, velocity_names
-from ..mechanism.reactions import not_determined, undetermined
-from ..mechanism.rows import LoopRows
+from ..mechanism.reactions import States, not_determined, reactions, shared_loads, undetermined
+from ..mechanism.rows import LoopRows, Workspace
 
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9")
 DASHES = ("-", "--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))
@@ -214,6 +214,26 @@ def multipliers(left, right, drawn):
     named = curves(left, drawn.t, lam, labels, "multipliers λ  [N, N·m]")
     title = f"λ, the first {min(FIRST_STEPS, drawn.t.size - 1)} steps  [N, N·m]"
     curves(right, drawn.t[first], lam[first], labels, title, magnified=named)
+
+
+def forces(left, right, drawn):
+    """The sizes of the forces and moments of all loops and joints of the tree."""
+    mech, t, q, v, lam = drawn.need_mechanism("forces"), drawn.t, drawn.q, drawn.v, drawn.lam
+    a, workspace = drawn.sol.acceleration(None, mech), Workspace(mech.model)
+    states = States(mech, t, q, lam, workspace, lambda rows: (v[rows], a[rows]))
+    anchored = [loop.name for loop in mech.anchored_loops]
+    found = {each.loop: (each.force, each.moment) for each in reactions(mech, anchored, t, q, lam, workspace=workspace)}
+    for joint, wrench in states.transmission().wrenches().items():
+        found[f"joint {joint}" if joint in found else joint] = wrench[:, :3], wrench[:, 3:]
+    if not found:
+        raise InputError("there are no forces to draw: no loop and no joint transmits any")
+    shared = shared_loads(states)
+    labels = [f"{name} *" if name in shared else name for name in found]
+    for axis, part, title in (left, 0, "forces in loops and joints  [N]"), (right, 1, "moments  [N·m]"):
+        curves(axis, t, np.column_stack([np.linalg.norm(each[part], axis=1) for each in found.values()]), labels, title)
+    if shared:
+        note = "* not unique: redundant loops share the load"
+        left.text(0.0, -0.25, note, transform=left.transAxes, va="top", fontsize="small")
 
 
 def drift(left, right, drawn):

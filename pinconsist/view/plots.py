@@ -26,6 +26,7 @@ EXACT = 1e-6  # relative to the largest error: a first row with a smaller one is
 PICTURES = {
     "trajectory": ("configurations and velocities over time", panels.trajectory),
     "multipliers": ("constraint forces over time, the first steps magnified", panels.multipliers),
+    "forces": ("forces and moments in all loops and joints over time", panels.forces),
     "drift": ("how far the loops are open, and how fast they open", panels.drift),
     "energy": ("energies, work of the forces, and the error of the balance", panels.energy),
     "steps": ("step size and order over time", panels.steps),
@@ -46,10 +47,10 @@ def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers"))
         File to which the figure is written, whole or not at all; an existing file is replaced. The ending chooses the
         format, such as ``.png``, ``.pdf`` or ``.svg``. Default: the figure is only returned.
     mech : Mechanism, optional
-        Mechanism whose joints and loop rows name the curves. Needed for the drift and the energy of a solution that
+        Mechanism whose joints and loop rows name the curves. Needed for forces, drift and energy of a solution that
         was read from a file; by default the mechanism that was simulated.
     what : sequence of str
-        Of ``"trajectory"``, ``"multipliers"``, ``"drift"``, ``"energy"``, ``"steps"`` and ``"phase"``.
+        Of ``"trajectory"``, ``"multipliers"``, ``"forces"``, ``"drift"``, ``"energy"``, ``"steps"`` and ``"phase"``.
 
     Returns
     -------
@@ -102,6 +103,15 @@ def plot_multipliers(sol, file=None, mech=None) -> Figure:
     Parameters and errors as :func:`plot_solution`: `sol`, `file`, `mech`.
     """
     return plot_solution(sol, file, mech, ["multipliers"])
+
+
+def plot_forces(sol, file=None, mech=None) -> Figure:
+    """A figure of the sizes of force, N, and moment, N·m, in each loop and each joint of the tree over time.
+
+    Those that redundant loops share in a way that is not unique have a star.
+    Parameters and errors as :func:`plot_solution`: `sol`, `file`, `mech`.
+    """
+    return plot_solution(sol, file, mech, ["forces"])
 
 
 def plot_drift(sol, file=None, mech=None) -> Figure:
