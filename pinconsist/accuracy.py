@@ -7,7 +7,6 @@ from math import ceil
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ._core import load
 from ._core.compiled import stepper_for
@@ -343,44 +342,28 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class Equations:
+    """The equations of motion of a mechanism, with independent rows of its loops at each state."""
+
+    def __init__(self, mechanism):
+        self._mechanism, self._index1 = mechanism, None
+
+    def at(self, t, q) -> Index1:
+        """The equations near a state."""
+        known = self._index1
+        fresh = MechanismSystem(self._mechanism, q, t) if known is None else known.system.reselected(q)
+        if fresh is not None:
+            compiled = load()[0] is not None
+            self._index1 = CompiledIndex1(fresh, compiled_system(fresh)) if compiled else Index1(fresh)
+        return self._index1
+
+
 def accelerations(mechanism, t, q, v):
     """Accelerations of the equations of motion at several states, shape (n, nv)."""
-    return equations_at(mechanism, t, q, v)[0]
-
-
-def equations_at(mechanism, t, q, v):
-    """Accelerations and multipliers of all rows by the equations of motion at several states, (n, nv) and (n, nc)."""
-    found, lam, index1 = np.empty(v.shape), np.empty((len(v), mechanism.nc)), None
-    for i, state in enumerate(zip(t, q, v, strict=True)):
-        other = MechanismSystem(mechanism, state[1], state[0]) if index1 is None else index1.system.reselected(state[1])
-        if other is not None:
-            compiled = load()[0] is not None
-            index1 = CompiledIndex1(other, compiled_system(other)) if compiled else Index1(other)
-        found[i], kept = index1.acceleration(*state)
-        lam[i] = index1.system.full_multipliers(state[1], kept)
-    return found, lam
-
-
-def states_between(mechanism, t, q, v, times):
-    """(q, v, λ) between rows `t` of steps, at increasing or decreasing `times`.
-
-    Positions are cubic polynomials with the velocities of the rows, velocities with the accelerations; the error is of
-    fourth order in the steps. The multipliers are those of the equations of motion there.
-    """
-    sign = 1.0 if t[-1] >= t[0] else -1.0
-    i = np.clip(np.searchsorted(sign * t, sign * times, side="left") - 1, 0, len(t) - 2)
-    h, model = (t[i + 1] - t[i])[:, None], mechanism.model
-    s, a, rows = (times - t[i])[:, None] / h, np.empty(v.shape), np.union1d(i, i + 1)
-    a[rows] = accelerations(mechanism, sided(t)[rows], q[rows], v[rows])
-    rise, start, end = s * s * (3.0 - 2.0 * s), s * (1.0 - s) ** 2, s * s * (s - 1.0)
-    speeds = v[i] + rise * (v[i + 1] - v[i]) + h * (start * a[i] + end * a[i + 1])
-    ways, last = {}, {}
-    for k in np.unique(i):
-        ways[k] = pin.difference(model, q[k], q[k + 1])
-        last[k] = np.linalg.solve(pin.dIntegrate(model, q[k], ways[k])[1], v[k + 1])
-    moved = rise * np.array([ways[k] for k in i]) + h * (start * v[i] + end * np.array([last[k] for k in i]))
-    positions = np.array([pin.integrate(model, q[k], move) for k, move in zip(i, moved, strict=True)])
-    return positions, speeds, equations_at(mechanism, times, positions, speeds)[1]
+    found, equations = np.empty(v.shape), Equations(mechanism)
+    for row, *state in zip(found, t, q, v, strict=True):
+        row[:] = equations.at(*state[:2]).acceleration(*state)[0]
+    return found
 
 
 def loop_forces(system, t, q, v, lam):

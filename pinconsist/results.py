@@ -24,6 +24,7 @@ from .mechanism.names import position_names, position_units, velocity_names, vel
 from .mechanism.peaks import HasPeaks
 from .mechanism.reactions import Reaction, States, shared_rows
 from .mechanism.rows import LoopRows, Workspace
+from .states import states_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +138,6 @@ class ByName:
     _mechanism: Callable[..., Mechanism]
     _workspace: Callable[..., Workspace]
     _states: Callable[..., States]
-    _between: Callable[..., tuple]
-    _has_between: Callable[[], bool]
 
     def position(self, joint: str, mechanism=None) -> np.ndarray:
         """The position of a joint, rad or m, shape (n,); (n, k) for a joint of several numbers, as `q` stores them.
@@ -230,9 +229,9 @@ class ByName:
             return ElementForce(label=label, t=t, **every, torque=read_only(torque), _at=at)
 
         def at(times):
-            return found(times, times, *self._between(mechanism, times)[:2])
+            return found(times, times, *states_at(self, times, mechanism)[:2])
 
-        return found(self.t, sided(self.t), self.q, self.v, at if self._has_between() else None)
+        return found(self.t, sided(self.t), self.q, self.v, at)
 
     def power(self, name: str, mechanism=None) -> np.ndarray:
         """The power τ·v of a force, motor or drive, W, shape (n,), positive into the mechanism; springs included.

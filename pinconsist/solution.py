@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ._core.compiled_system import blank_system
-from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, finer_run, states_between
+from .accuracy import PATIENCE, GlobalError, NotEstimatedError, accelerations, finer_run
 from .certificate import Certificate, certify
 from .errors import InputError
+from .mechanism.checks import finite_array
 from .mechanism.energy import Energy, energy_of
 from .mechanism.forces.actuators import commands, replayed
 from .mechanism.forces.held import sided
@@ -21,6 +22,7 @@ from .mechanism.reactions import JointForce, Reaction, States, joint_force, reac
 from .mechanism.rows import Workspace
 from .results import ByName
 from .solution_file import read, skipped_work, summary_of, write
+from .states import states_at
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -204,6 +206,30 @@ class Solution(ByName):
         """The global error, see :class:`~pinconsist.GlobalError`; None if it cannot be estimated."""
         return self.check(error=True).error
 
+    def at(self, t, mechanism=None) -> Solution:
+        """The solution with rows at the times `t`, s, shape (n,), in the order of the run, inside it; or at one time.
+
+        ``sol.at(times).reaction("pin")`` is the reaction at these times, and so on. At the time of a row it is that
+        row, the later of two. Between rows, q and v have the accuracy of the run, whatever its method and its steps,
+        with or without ``dense_output``: the continuous solution is evaluated, or made once more from the rows. The
+        loops are closed to rounding, and multipliers are those of the equations of motion. ``h`` and ``order`` are
+        empty, and the verdict is that of the run.
+
+        `mechanism` is as in :meth:`check`. Raises InputError as there, and for times in another order or outside of the
+        run.
+        """
+        general = mechanism is None and self.system is not None and not hasattr(self.system, "mechanism")
+        scene = None if general else self._mechanism(mechanism, "at")
+        times = np.atleast_1d(finite_array(t, "t"))
+        if len(self.t) and ((self.t[-1] - self.t[0]) * np.diff(times) < 0).any():
+            raise InputError("t must be sorted in the direction of the run")
+        columns = dict(zip(("q", "v", "lam"), states_at(self, times, scene), strict=True), t=times.copy())
+        for column in columns.values():
+            column.setflags(write=False)
+        found = replace(self, **columns, h=np.zeros(0), order=np.zeros(0, int))
+        object.__setattr__(found, "certificate", self.certificate)
+        return found
+
     def energy(self, mechanism=None) -> Energy:
         """The energies of the rows, power and work of each force, and their balance: see :class:`~pinconsist.Energy`.
 
@@ -265,22 +291,12 @@ class Solution(ByName):
             return v, accelerations(acting(), sided(self.t)[rows], self.q[rows], v)
 
         def at(times):
-            q, v, lam = self._between(acting(), times)
+            q, v, lam = states_at(self, times, acting())
             return States(
                 found, times, q, lam, workspace, lambda rows: (v[rows], accelerations(acting(), times, q, v)[rows])
             )
 
-        return States(found, self.t, self.q, self.lam, workspace, motion, at if self._has_between() else None)
-
-    def _has_between(self) -> bool:
-        """Whether states between the rows are known: from dense output, or as the rows are steps."""
-        return self.sol is not None or (len(self.t) > 1 and len(self.h) == len(self.t) - 1)
-
-    def _between(self, mechanism, times):
-        """(q, v, λ) between the rows."""
-        if self.sol is not None:
-            return self.sol(times)
-        return states_between(mechanism, self.t, self.q, self.v, times)
+        return States(found, self.t, self.q, self.lam, workspace, motion, at)
 
     def _mechanism(self, mechanism, method) -> Mechanism:
         require_mechanism(self, mechanism)

@@ -23,7 +23,8 @@ MAY_IMPORT = {
     "analysis": {"mechanism", "_core", "files", "errors"},
     "accuracy": {"options", "_core", "dae", "mechanism", "errors"},
     "certificate": {"accuracy", "_core", "dae", "mechanism", "errors"},
-    "results": {"accuracy", "mechanism", "files", "errors"},
+    "states": {"accuracy", "options", "_core", "dae", "mechanism", "errors"},
+    "results": {"accuracy", "states", "mechanism", "files", "errors"},
     "solution": {
         "accuracy",
         "certificate",
@@ -31,6 +32,7 @@ MAY_IMPORT = {
         "results",
         "mechanism",
         "solution_file",
+        "states",
         "errors",
         "view",
     },

@@ -181,6 +181,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "check": "mechanism error",
         "error": None,
         "mechanism": None,
+        "at": "t mechanism",
         "energy": "mechanism",
         "reaction": "loop mechanism | axes compliance",
         "joint_force": "joint mechanism | axes compliance",

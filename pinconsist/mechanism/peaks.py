@@ -60,9 +60,8 @@ class HasPeaks:
         """The largest value over the run and its time, also between the rows: see :class:`Peak`.
 
         `of` is one of its arrays, ``"force"`` or ``"moment"``, for the length of the vector, or a component of it,
-        ``"force x"``; by default its force, or torque. States between the rows are those of the dense output; if the
-        run has none, they follow from the rows, unless these are those of ``t_eval``: then only rows are compared, as
-        in a copy of the result. Raises InputError for anything else, and for a result without rows.
+        ``"force x"``; by default its force, or torque. States between the rows are those of :meth:`Solution.at`; in a
+        copy of the result, only rows are compared. Raises InputError for anything else, and for a result without rows.
         """
         known = [name for name in self._arrays if getattr(self, name, None) is not None]
         of = known[0] if of is None and known else str(of)
