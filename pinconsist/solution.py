@@ -220,6 +220,7 @@ class Solution(ByName):
         """
         general = mechanism is None and self.system is not None and not hasattr(self.system, "mechanism")
         scene = None if general else self._mechanism(mechanism, "at")
+        self._require_forces(mechanism)
         times = np.atleast_1d(finite_array(t, "t"))
         if len(self.t) and ((self.t[-1] - self.t[0]) * np.diff(times) < 0).any():
             raise InputError("t must be sorted in the direction of the run")
