@@ -111,7 +111,7 @@ def scene(seed: int, pulse: float, until: float):
     duration = pulse * until
     start = rng.uniform(0.05 * until, 0.95 * until - duration)
     force = Pulse(int(rng.integers(mech.nv)), rng.uniform(5.0, 50.0) * rng.choice((-1.0, 1.0)), start, duration)
-    return mech.with_forces(Torque(force)), q, v, (start, start + duration)
+    return mech.add_forces(Torque(force)), q, v, (start, start + duration)
 
 
 # fmt: off

@@ -29,7 +29,7 @@ GUESS, TIMES, NOISE = np.array([1.8, 0.02, 0.8]), np.linspace(0.0, 2.0, 61)[1:],
 
 def fits(tolerances, methods) -> list[Fit]:
     """The fit of examples/19_identification.py, with derivatives and with the differences that SciPy makes."""
-    mech, speed = load("crank_rocker").with_forces(JointSpring("crank", 0.5)), {"crank": 12.0}
+    mech, speed = load("crank_rocker").add_forces(JointSpring("crank", 0.5)), {"crank": 12.0}
 
     def angles(x, rtol):
         beside = mech.with_parameters(dict(zip(NAMES, x, strict=True)))

@@ -34,7 +34,7 @@ class Scene:
 def driven():
     """The slider-crank on a curve of time."""
     mech = load("slider_crank")
-    return mech.with_loops(*mech.loops, Drive("motor", "crank", Motion(-1.0, 3.0, 0.4, 1.3, 0.2)))
+    return mech.add_loops(Drive("motor", "crank", Motion(-1.0, 3.0, 0.4, 1.3, 0.2)))
 
 
 # of all joints that move Cassie: what were left open would depend on masses, by rounding in nearly dependent rows
@@ -95,7 +95,7 @@ SCENES = {
 def swung():
     """A crank-rocker swung by a torque of 1,000 values, and their names."""
     times = np.linspace(0.0, 2.5, MANY)
-    mech = load("four_bar").with_forces(JointDamping({"crank": 0.5}), Actuator("motor", "crank"))
+    mech = load("four_bar").add_forces(JointDamping({"crank": 0.5}), Actuator("motor", "crank"))
     names = [f"motor.control.values[{i}]" for i in range(MANY)]
     return mech.with_control({"motor": (times, 8.0 * np.sin(4.0 * times))}), names, 2.5
 
@@ -107,4 +107,4 @@ def long_chain():
     kinds = "mass:{0}", *own, "stiffness:{0}", "damping:{0}"
     names = [kind.format(joint) for joint in mech.joints for kind in kinds]
     springs = (JointSpring(joint, 2.0) for joint in mech.joints)
-    return mech.with_forces(JointDamping(dict.fromkeys(mech.joints, 0.5)), *springs), names, 0.5
+    return mech.add_forces(JointDamping(dict.fromkeys(mech.joints, 0.5)), *springs), names, 0.5

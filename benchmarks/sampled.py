@@ -122,7 +122,7 @@ def by_windows(scene, mech, period):
     for k in range(round(scene.span / period)):
         t = k * period
         held = {joint: float(torque) for joint, torque in zip(scene.joints, scene.law(t, q, v), strict=True)}
-        end = reference_solution(mech.with_forces(held), t, q, v, [t + period])
+        end = reference_solution(mech.add_forces(held), t, q, v, [t + period])
         q, v = end.q[-1], end.v[-1]
     return q, v, end.lam[-1]
 

@@ -11,7 +11,7 @@ def run():
     """A little less than one turn of the crank."""
     mech = pc.load("slider_crank")
     motor = pc.Drive("motor", "crank", pc.Motion(start=-1.0, speed=SPEED))
-    driven = mech.with_loops(*mech.loops, motor)
+    driven = mech.add_loops(motor)
     return driven, pc.simulate(driven, (0.0, 0.6), rtol=1e-8, atol=1e-8, t_eval=np.linspace(0, 0.6, 601))
 
 

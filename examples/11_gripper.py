@@ -43,7 +43,7 @@ def run():
     contact = pc.Event(lambda t, q, v, lam: 2 * (PALM - BAR * np.sin(q[0])) - BALL, terminal=True, name="contact")
     sol = pc.simulate(mech, (0.0, 2.0), events=contact)
     ball = pc.Loop("ball", "distance", "left_contact", "right_contact", length=BALL)
-    return mech.with_loops(*mech.loops, ball), sol
+    return mech.add_loops(ball), sol
 
 
 def main() -> float:

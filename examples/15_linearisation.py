@@ -5,7 +5,7 @@ import pinconsist as pc
 
 def run():
     """A parallelogram of three equal rods with a damper in one joint: equilibrium, modes, and a run to compare."""
-    mech = pc.load("n_four_bar_1").with_forces(pc.JointDamping({"crank0": 0.8}))
+    mech = pc.load("n_four_bar_1").add_forces(pc.JointDamping({"crank0": 0.8}))
     rest = pc.equilibrium(mech, {"crank0": 1.2})
     modes = pc.linearize(mech, rest.q).modes()
     swing = pc.simulate(mech, (0.0, 6.0), rest.q, {"crank0": 0.2}, rtol=1e-8, atol=1e-8)

@@ -8,7 +8,7 @@ import pinconsist as pc
 NAMES = ["mass:coupler", "damping:rocker", "stiffness:crank"]
 TRUE, GUESS = np.array([1.4, 0.05, 0.5]), np.array([1.8, 0.02, 0.8])
 TIMES, NOISE, MEASURED = np.linspace(0.0, 2.0, 61)[1:], 2e-3, [0, 2]  # s, rad, crank and rocker
-MECH = pc.load("crank_rocker").with_forces(pc.JointSpring("crank", 0.5))
+MECH = pc.load("crank_rocker").add_forces(pc.JointSpring("crank", 0.5))
 
 
 def derivatives(x):

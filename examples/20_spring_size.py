@@ -16,7 +16,7 @@ BOUNDS = [(0.0, None), (-np.pi, np.pi), (0.0, None)]
 def driven():
     """A four-bar that a motor turns at 1 rad/s, with a spring at its rocker."""
     mech, motor = pc.load("four_bar"), pc.Drive("motor", "crank", pc.Motion(speed=1.0))
-    return mech.with_loops(*mech.loops, motor).with_forces(pc.JointSpring("rocker", *GUESS))
+    return mech.add_loops(motor).add_forces(pc.JointSpring("rocker", *GUESS))
 
 
 MECH = driven()

@@ -6,7 +6,7 @@ import pinconsist as pc
 
 END, NODES = 2.5, 200  # s, length of the signal
 TIMES, SMALL = np.linspace(0.0, END, NODES), {"rtol": 1e-5, "atol": 1e-7, "method": "Radau"}
-MECH = pc.load("four_bar").with_forces(pc.JointDamping({"crank": 0.5}), pc.Actuator("motor", "crank"))
+MECH = pc.load("four_bar").add_forces(pc.JointDamping({"crank": 0.5}), pc.Actuator("motor", "crank"))
 NAMES = [f"motor.control.values[{i}]" for i in range(NODES)]
 BELOW = pc.equilibrium(MECH).q
 ABOVE = pc.equilibrium(MECH, {"crank": BELOW[0] + np.pi}, stable=False).q

@@ -23,7 +23,7 @@ from .formats.records import force_entries, force_record
 from .interrupts import deferred
 from .mechanism.checks import finite_array, near
 from .mechanism.description import digests
-from .mechanism.mechanism import with_forces
+from .mechanism.mechanism import with_added_forces
 from .options import positive_time, span_of
 from .simulation import integrate, simulate
 
@@ -95,7 +95,7 @@ class Recipe:
         for name, each in options.items():
             _option(each, name)
         try:
-            entries = force_entries(with_forces(replace(mechanism, forces=()), forces, "record"))
+            entries = force_entries(with_added_forces(replace(mechanism, forces=()), forces, "record"))
         except InputError:  # a user-defined function
             entries = None
         span, start = finite_array(t_span, "t_span").tolist(), (_plain(q0, "q0"), _plain(v0, "v0"))

@@ -15,7 +15,7 @@ from .mechanism.checks import several
 from .mechanism.description import digests
 from .mechanism.forces import Piecewise
 from .mechanism.forces.held import HeldRecord
-from .mechanism.mechanism import Mechanism, with_forces
+from .mechanism.mechanism import Mechanism, with_added_forces
 from .scene_source import LOAD_OPTIONS, SceneSource
 from .solution import Solution, require_mechanism
 from .solution_file import versions
@@ -96,7 +96,7 @@ def record(
     mechanism, where, files = _scene(scene, load, file)
     recipe = Recipe.of(where, files, mechanism, t_span, q0, v0, forces, options, save_every)
     recipe.ends()  # refuses too many
-    mechanism = with_forces(mechanism, forces, "record")
+    mechanism = with_added_forces(mechanism, forces, "record")
     if save_every is not None and any(isinstance(force, HeldRecord | Piecewise) for force in mechanism.forces):
         raise InputError(
             "save_every: a run with held torques or forces that jump at known times cannot be continued from a "
@@ -253,6 +253,6 @@ def _again(file, scene, forces):
                 "continue it in Python, with the forces: pinconsist.rerun(file, forces=[...])"
             )
         forces = recipe.given_forces()
-    mechanism = with_forces(mechanism, forces, "rerun")
+    mechanism = with_added_forces(mechanism, forces, "rerun")
     require_mechanism(solution, mechanism, file)
     return solution, recipe, mechanism, changed

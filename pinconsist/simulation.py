@@ -14,7 +14,7 @@ from .interrupts import deferred
 from .mechanism.assembly import assembled
 from .mechanism.checks import finite_array
 from .mechanism.closing import LoopSolver
-from .mechanism.mechanism import Mechanism, with_forces
+from .mechanism.mechanism import Mechanism, with_added_forces
 from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
 from .options import looking, method_of, span_of, warn_of_differences
@@ -102,7 +102,7 @@ def simulate(
     UserFunctionError
         A user-defined function raised an exception before the first step; later ones result in a failed solution.
     """
-    mech = with_forces(mech, forces, "simulate")
+    mech = with_added_forces(mech, forces, "simulate")
     mech = mech if control is None else mech.with_control(control)
     span = span_of(t_span)
     chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)

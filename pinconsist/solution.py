@@ -175,7 +175,7 @@ class Solution(ByName):
 
         A solution read from a file has the verdict that was made before it was saved. If there is none, or to make it
         anew, pass the `mechanism`, with the forces of the run, those given to ``simulate(forces=...)`` included
-        (:meth:`Mechanism.with_forces`). Raises InputError for a missing or different mechanism, one with a different
+        (:meth:`Mechanism.add_forces`). Raises InputError for a missing or different mechanism, one with a different
         number of forces than the run had, and a solution without rows.
         """
         kept = self.certificate
@@ -334,7 +334,7 @@ class Solution(ByName):
         if mechanism is not None and forces not in (None, len(mechanism.forces)):
             raise InputError(
                 f"the run had {forces} forces besides the model's own, but this mechanism has "
-                f"{len(mechanism.forces)}: add those of simulate(forces=...) by mechanism.with_forces(...)"
+                f"{len(mechanism.forces)}: add those of simulate(forces=...) by mechanism.add_forces(...)"
             )
 
     def render(self, file, mechanism=None, *, speed=1.0, traces=(), forces=False, at=()) -> Path:

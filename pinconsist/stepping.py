@@ -18,7 +18,7 @@ from .mechanism.assembly import assembled
 from .mechanism.checks import finite_array, near, number
 from .mechanism.closing import LoopSolver
 from .mechanism.forces.actuators import BoundHeldActuator, programmed
-from .mechanism.mechanism import with_forces
+from .mechanism.mechanism import with_added_forces
 from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
 from .options import method_of, positive_time
@@ -65,7 +65,7 @@ class Simulation:
         self, mech, q0=None, v0=None, *, t0=0.0, method="Radau", step=None, max_order=None, rtol=1e-6, atol=1e-8,
         forces=(), events=None, max_step=np.inf, backend="auto",
     ):  # fmt: skip
-        mech = with_forces(mech, forces, "Simulation")
+        mech = with_added_forces(mech, forces, "Simulation")
         self.mechanism, self._events, self._backend = programmed(mech), as_events(events), backend
         self._step, self._columns = step, {}
         self._options = (method, step, max_order, rtol, atol, "every-step", None, max_step, None, backend)

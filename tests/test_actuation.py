@@ -70,7 +70,7 @@ def compare_with_a_run(act):
             drives.append(pc.Drive(f"still {joint}", joint, held))
     spin = [mech.columns(joint.partition("[")[0]) for joint in act.free if joint not in mech.joints]
     seen = np.setdiff1d(np.arange(mech.nv), np.concatenate([np.arange(mech.nv)[part] for part in spin] or [[]]))
-    sol = pc.simulate(mech.with_loops(*mech.loops, *drives), (0.0, span), q0=act.q, rtol=1e-10, atol=1e-12)
+    sol = pc.simulate(mech.add_loops(*drives), (0.0, span), q0=act.q, rtol=1e-10, atol=1e-12)
     q, ok = act.closure([curve(span) for curve in curves], q=act.q)
     assert ok, act.message
     np.testing.assert_allclose(pin.difference(model, q, sol.q[-1])[seen], 0.0, atol=1e-10)
@@ -94,7 +94,7 @@ def test_the_reduced_dynamics_are_those_of_all_joints(name):
     assert np.abs(phi).max() < 1e-12
     assert np.abs(J @ v).max() < 1e-10 * np.abs(v).max()
     np.testing.assert_allclose(v[columns], v_a, atol=1e-12)
-    system = MechanismSystem(act.mechanism.with_forces(full), q)
+    system = MechanismSystem(act.mechanism.add_forces(full), q)
     a, _ = solve_acceleration(system, 0.0, q, v)
     size = np.abs(a).max()
     a_a = act.forward(q, v_a, tau)
@@ -116,7 +116,7 @@ def test_torques_and_reactions_are_those_of_inverse_dynamics(name):
         pc.Drive(f"motor {motor}", motor, pc.Motion(start=at, speed=speed, amplitude=size, frequency=0.7))
         for motor, at, (speed, size) in zip(act.motors, start, motions, strict=True)
     ]
-    mech = act.mechanism.with_loops(*act.mechanism.loops, *drives)
+    mech = act.mechanism.add_loops(*drives)
     given = pc.inverse_dynamics(mech, [0.0, 0.1, 0.2])
     for i, t in enumerate(given.t):
         q, ok = act.closure([drive.curve(t) for drive in drives])
@@ -138,8 +138,7 @@ def test_torques_and_reactions_are_those_of_inverse_dynamics(name):
 
 def test_a_run_of_the_whole_mechanism_is_the_closure_of_its_motors():
     act = actuation("five_bar")
-    mech = act.mechanism.with_loops(
-        *act.mechanism.loops,
+    mech = act.mechanism.add_loops(
         pc.Drive("a", "left_crank", pc.Motion(start=-2.2, amplitude=0.4, frequency=1.0)),
         pc.Drive("b", "right_crank", pc.Motion(start=-2.2 + 1.2584073464102067, amplitude=-0.3, frequency=0.6)),
     )
@@ -380,7 +379,7 @@ def test_frames_forces_and_back():
 
 def test_springs_are_in_the_bias_not_in_the_weight():
     act = actuation("boom")
-    sprung = pc.Actuation(act.mechanism.with_forces(pc.JointSpring("boom", 50.0, 0.4)))
+    sprung = pc.Actuation(act.mechanism.add_forces(pc.JointSpring("boom", 50.0, 0.4)))
     torque = 50.0 * (sprung.q[0] - 0.4)
     np.testing.assert_allclose(sprung.bias() - act.bias(), torque * sprung.jacobian()[0], rtol=1e-10)
     np.testing.assert_allclose(sprung.gravity(), act.gravity())
@@ -446,9 +445,9 @@ def test_tables(tmp_path):
 def test_drives_of_motors_are_left_out_and_others_refused():
     mech = pc.load("five_bar")
     drive = pc.Drive("a", "left_crank", pc.Motion(start=-2.2, speed=1.0))
-    driven = mech.with_loops(*mech.loops, drive)
+    driven = mech.add_loops(drive)
     assert pc.Actuation(driven).mobility == 2
     with pytest.raises(pc.InputError, match="'a' depends on time"):
         pc.Actuation(driven, ["right_crank"])
-    still = mech.with_loops(*mech.loops, pc.Drive("a", "left_crank", pc.Motion(start=-2.2)))
+    still = mech.add_loops(pc.Drive("a", "left_crank", pc.Motion(start=-2.2)))
     assert pc.Actuation(still, ["right_crank"]).mobility == 1

@@ -75,7 +75,7 @@ def test_back_is_forwards_for_the_values_of_a_table(backend, method):
     )
     mech = (
         pc.load("crank_rocker")
-        .with_forces(pc.Actuator("motor", "crank", gear=2.0))
+        .add_forces(pc.Actuator("motor", "crank", gear=2.0))
         .with_control({"motor": (times, values)})
     )
     names = [f"motor.control.values[{i}]" for i in range(6)] + ["gravity[2]", "inertia:coupler[yy]"]
@@ -99,7 +99,7 @@ def test_values_of_a_table_are_one_group_in_any_order(backend, monkeypatch):
     looked, plain = [], prepare.parameter
     monkeypatch.setattr(prepare, "parameter", lambda mech, name: looked.append(name) or plain(mech, name))
     times = np.linspace(0.0, 0.02, 40)
-    mech = pc.load("crank_rocker").with_forces(pc.Actuator("motor", "crank", gear=2.0))
+    mech = pc.load("crank_rocker").add_forces(pc.Actuator("motor", "crank", gear=2.0))
     mech = mech.with_control({"motor": (times, np.cos(90.0 * times))})
 
     def found(names):

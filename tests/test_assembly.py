@@ -100,7 +100,7 @@ def test_a_wheel_that_stores_cosine_and_sine_is_told_as_an_angle():
 
 def test_a_drive_that_contradicts_a_start_is_an_error():
     mech = pc.load("four_bar")
-    mech = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", lambda t: 0.2 + 3.0 * t))
+    mech = mech.add_loops(pc.Drive("motor", "crank", lambda t: 0.2 + 3.0 * t))
     told = "joint 'crank' cannot start at 0.5: drive 'motor' holds it at 3.2 at t = 1 s"
     for start in ({"q0": {"crank": 0.5}}, {"q0": {"crank": 0.5, "rocker": 1.4}}):
         with pytest.raises(pc.AssemblyError, match=told):

@@ -428,7 +428,7 @@ def test_implicit_euler_takes_a_moderate_step(h):
 def test_a_drive_out_of_reach_ends_at_the_dead_centre_with_the_reason(step):
     """The piston is driven to 1.3 m; crank and rod reach 1.2 m, at t = 1.75 s."""
     mech = pc.load("slider_crank")
-    mech = mech.with_loops(*mech.loops, pc.Drive("press", "piston", lambda t: 1.025 + 0.1 * t, lambda t: 0.1))
+    mech = mech.add_loops(pc.Drive("press", "piston", lambda t: 1.025 + 0.1 * t, lambda t: 0.1))
     sol = pc.simulate(mech, (0.0, 2.0), step=step)
     assert not sol.success and sol.status == -1
     assert 1.5 < sol.t[-1] and 0.1 * (sol.t[-1] - 1.75) < 1e-14  # m beyond, what rounding cannot tell from closed

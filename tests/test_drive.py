@@ -14,7 +14,7 @@ OMEGA = 10.0
 
 def driven(rate=None, acceleration=None):
     mech = pc.load("slider_crank")
-    return mech.with_loops(*mech.loops, pc.Drive("motor", "crank", lambda t: -1.0 + OMEGA * t, rate, acceleration))
+    return mech.add_loops(pc.Drive("motor", "crank", lambda t: -1.0 + OMEGA * t, rate, acceleration))
 
 
 @cache
@@ -48,7 +48,7 @@ def test_fixed_step_orders_of_the_motor_torque():
     """An accelerating drive, BDF-3: the multiplier converges with order 3 from the first step on."""
     mech = pc.load("slider_crank")
     curve = pc.Drive("motor", "crank", lambda t: -1.0 + 3 * t**2, lambda t: 6 * t, lambda t: 6.0)
-    mech = mech.with_loops(*mech.loops, curve)
+    mech = mech.add_loops(curve)
     errors = []
     for h in (1 / 200, 1 / 400):
         sol = pc.simulate(mech, (0.0, 1.0), step=h, max_order=3)
@@ -93,7 +93,7 @@ def test_bad_drives_are_named():
     with pytest.raises(pc.InputError, match="curve must be a function"):
         pc.Drive("motor", "crank", 3.0)
     with pytest.raises(pc.UserFunctionError, match=r"'motor' raised ZeroDivisionError"):
-        pc.simulate(mech.with_loops(*mech.loops, pc.Drive("motor", "crank", lambda t: 1 / 0)), (0, 1))
+        pc.simulate(mech.add_loops(pc.Drive("motor", "crank", lambda t: 1 / 0)), (0, 1))
     model = pin.Model()
     model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
     with pytest.raises(pc.InputError, match="3 degrees of freedom"):
@@ -105,7 +105,7 @@ def test_more_drives_than_the_linkage_has_freedom_are_refused():
     mech = pc.load("slider_crank")
     two = [pc.Drive("motor", "crank", lambda t: -1.0 + t), pc.Drive("press", "rod", lambda t: 1.2843049058942417)]
     with pytest.raises(pc.SingularSystemError, match=r"drives motor, press are more"):
-        pc.simulate(mech.with_loops(*mech.loops, *two), (0.0, 1.0))
+        pc.simulate(mech.add_loops(*two), (0.0, 1.0))
 
 
 def test_derivatives_that_contradict_their_curve_are_refused():
@@ -113,7 +113,7 @@ def test_derivatives_that_contradict_their_curve_are_refused():
     curve = pc.Motion(start=0.3, speed=2.0, amplitude=0.1, frequency=1.0)
 
     def assembled(**given):
-        return pc.assemble(arm.with_loops(*arm.loops, pc.Drive("motor", "crank", **given)), t=0.4).v
+        return pc.assemble(arm.add_loops(pc.Drive("motor", "crank", **given)), t=0.4).v
 
     right = assembled(curve=curve)
     np.testing.assert_allclose(assembled(curve=lambda t: curve(t), rate=curve.rate), right)
@@ -128,7 +128,7 @@ def test_derivatives_that_contradict_their_curve_are_refused():
     curve, rate = (lambda t: np.sin(2.0 * t)), (lambda t: 2.0 * np.cos(2.0 * t))
     drive = pc.Drive("motor", "crank", curve, rate, lambda t: -np.sin(2.0 * t))
     with pytest.raises(pc.InputError, match=r"its acceleration at t = 0\.0017 .* not the derivative of its rate"):
-        pc.assemble(arm.with_loops(*arm.loops, drive))  # at t = 0 both are zero
+        pc.assemble(arm.add_loops(drive))  # at t = 0 both are zero
 
 
 @pytest.mark.parametrize("method", ["BDF", "Radau"])
@@ -169,7 +169,7 @@ def test_right_derivatives_are_not_refused(frequency):
         pc.Drive("motor", "crank", lambda t: 0.3 + 0.5 * max(t, 0.0) ** 2, lambda t: max(t, 0.0), lambda t: 1.0),
     )
     for drive in drives:
-        pc.assemble(arm.with_loops(*arm.loops, drive))
+        pc.assemble(arm.add_loops(drive))
 
 
 @pytest.mark.parametrize("fields", [{"name": 3}, {"joint": None}])

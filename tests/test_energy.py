@@ -32,7 +32,7 @@ def everything():
 def motor_of_four_bar():
     """The four-bar, its crank driven unevenly against friction and springs."""
     mech = pc.load("four_bar")
-    return mech.with_loops(*mech.loops, pc.Drive("motor", "crank", pc.Motion(-1.0, 2.0, 0.4, 1.0)))
+    return mech.add_loops(pc.Drive("motor", "crank", pc.Motion(-1.0, 2.0, 0.4, 1.0)))
 
 
 SCENES = {"free": lambda: pc.load("four_bar"), "driven": motor_of_four_bar}
@@ -55,7 +55,7 @@ def test_the_balance_with_everything_acting_holds_to_the_order_of_the_method(sce
 @pytest.mark.parametrize("scene", SCENES)
 def test_powers_add_up_to_the_rate_of_the_energy(scene):
     """At single states: d(total)/dt by differences of the energy along the differential equation's acceleration."""
-    mech = SCENES[scene]().with_forces(*everything())
+    mech = SCENES[scene]().add_forces(*everything())
     sol = pc.simulate(mech, (0.0, 0.5), **TIGHT)
     energy, h = sol.energy(), 1e-4
     for i in (0, len(sol.t) // 2, -1):
@@ -161,9 +161,9 @@ def test_the_energy_of_a_stored_solution_needs_its_mechanism(tmp_path):
     back = pc.Solution.load(sol.save(tmp_path / "run"))
     with pytest.raises(pc.InputError, match=r"needs its mechanism here: sol\.energy\(mechanism\)"):
         back.energy()
-    with pytest.raises(pc.InputError, match=r"1 forces .*with_forces"):
+    with pytest.raises(pc.InputError, match=r"1 forces .*add_forces"):
         back.energy(mech)
-    np.testing.assert_array_equal(back.energy(mech.with_forces(*forces)).error, sol.energy().error)
+    np.testing.assert_array_equal(back.energy(mech.add_forces(*forces)).error, sol.energy().error)
     problem = pc.paper.reference_problem("problem52")
     general = pc.integrate(problem.system, (1.0, 1.1), problem.p0, problem.v0)
     with pytest.raises(pc.InputError, match="energy is defined for mechanisms only"):
@@ -197,7 +197,7 @@ def test_rest_where_the_weights_cancel_is_no_alarm():
 @pytest.mark.parametrize("backend", ["auto", "python"])
 def test_rows_that_are_too_few_for_the_work_of_forces_are_no_alarm(backend):
     """Six rows of a run that is right; one with steps that are too long is still named."""
-    mech = pc.load("four_bar").with_forces(pc.JointDamping({"crank": 0.5}))
+    mech = pc.load("four_bar").add_forces(pc.JointDamping({"crank": 0.5}))
     few = pc.simulate(mech, (0.0, 2.0), t_eval=np.linspace(0.0, 2.0, 6), backend=backend).check(error=False)
     assert few.energy_error > 0.01 and few.ok and "too few" in str(few) and "balanced" not in few.verdict
     wrong = pc.simulate(mech, (0.0, 2.0), step=0.05, max_order=1, backend=backend).check(error=False)
@@ -206,7 +206,7 @@ def test_rows_that_are_too_few_for_the_work_of_forces_are_no_alarm(backend):
 
 def test_single_steps_between_jumps_show_no_balance():
     """Two powers do not tell the work between them: the balance was off by 5 %, uncertain by 0.01 %."""
-    mech = pc.load("crank_rocker").with_forces(pc.Actuator("servo", "crank", (20.0, 0, 0), (0, -20.0, -1.0)))
+    mech = pc.load("crank_rocker").add_forces(pc.Actuator("servo", "crank", (20.0, 0, 0), (0, -20.0, -1.0)))
     sim = pc.Simulation(mech, rtol=1e-9, atol=1e-11)
     for command in (0.3, 0.3, -0.5, -0.5, 0.0, 1.0):
         sim.step(0.02, {"servo": command})

@@ -137,7 +137,7 @@ def test_only_a_pace_that_does_not_lead_to_the_end_is_lost(newton, until, jumps,
 def test_a_drive_out_of_reach_is_refused_soon_near_rounding():
     mech = pc.load("four_bar")
     start = pc.assemble(mech).q
-    driven = mech.with_loops(*mech.loops, pc.Drive("motor", "rocker", pc.Motion(start[2], 1.0)))
+    driven = mech.add_loops(pc.Drive("motor", "rocker", pc.Motion(start[2], 1.0)))
     sol = pc.simulate(driven, (0.0, 10.0), start, rtol=1e-13, atol=1e-15, max_steps=20_000)
     assert not sol.success and "loop 'motor' row motor" in sol.message and sol.nsteps < 15_000, sol.message
 

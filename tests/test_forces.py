@@ -289,7 +289,7 @@ def test_mappings_and_arrays_become_torques():
     assert as_force({"hinge": 2}) == pc.JointTorque({"hinge": 2.0})
     assert as_force([1.0, 2.0]) == pc.JointTorque((1.0, 2.0))
     assert as_force(law) == pc.Torque(law) or as_force(law).function is law
-    assert pc.load("four_bar").with_forces({"crank": 2.0}).forces == (pc.JointTorque({"crank": 2.0}),)
+    assert pc.load("four_bar").add_forces({"crank": 2.0}).forces == (pc.JointTorque({"crank": 2.0}),)
 
 
 def test_one_number_is_the_damping_of_each_velocity_of_a_joint():
@@ -396,7 +396,7 @@ def test_bad_input_is_named(case):
 
 def test_a_mechanism_checks_its_forces():
     with pytest.raises(pc.InputError, match="servo 'crnk': the model has no joint 'crnk'"):
-        pc.load("four_bar").with_forces(pc.Servo("crnk", 0.0, 1.0))
+        pc.load("four_bar").add_forces(pc.Servo("crnk", 0.0, 1.0))
 
 
 def one_by_zero(t):
@@ -477,7 +477,7 @@ def test_one_force_may_stand_for_itself():
 
 def test_a_class_is_no_force():
     with pytest.raises(pc.InputError, match=r"not the class Wrench: pass Wrench\(…\)"):
-        pc.load("four_bar").with_forces(pc.Wrench)
+        pc.load("four_bar").add_forces(pc.Wrench)
 
 
 def test_a_gradient_may_be_lists():

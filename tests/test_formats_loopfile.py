@@ -256,7 +256,7 @@ def test_forces_of_a_file_are_those_of_code(robot):
         pc.Wrench("b", (2, 0, 1), axes="local", xyz=(-1, 0, 0.1)),
     ]
     assert by_file.forces[:4] == tuple(forces[:4]) and by_file.forces[6:] == tuple(forces[6:])
-    by_code = load(robot(CHAIN, "loops: []", name="plain")).with_forces(*forces)
+    by_code = load(robot(CHAIN, "loops: []", name="plain")).add_forces(*forces)
     runs = [pc.simulate(mech, (0.0, 0.5), step=0.005, max_order=3) for mech in (by_file, by_code)]
     np.testing.assert_allclose(runs[0].q, runs[1].q, rtol=1e-12, atol=1e-12)
     assert runs[0].success and np.ptp(runs[0].q) > 0.1

@@ -110,7 +110,7 @@ def test_a_damped_net_of_hinges_loses_no_damping(tmp_path):
     relative = np.array([-1.0, -1.0, 1.0])  # rate of the fourth hinge
     brakes = pc.Torque(lambda t, q, v: -damping * (v + relative * (relative @ v)))
     sol = pc.simulate(ours, (0.0, 1.0), step=1e-3, max_order=4)
-    reference = pc.simulate(urdf.with_forces(brakes), (0.0, 1.0), step=1e-3, max_order=4)
+    reference = pc.simulate(urdf.add_forces(brakes), (0.0, 1.0), step=1e-3, max_order=4)
     assert np.abs(sol.q[:, [0, 1, 3]] - (reference.q - urdf.guess)).max() < 1e-9
     free = pc.simulate(urdf, (0.0, 1.0), step=1e-3, max_order=4)
     assert np.abs(free.q[-1] - reference.q[-1]).max() > 0.1

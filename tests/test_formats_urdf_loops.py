@@ -403,7 +403,7 @@ def test_joints_of_a_model_are_frames_whether_or_not_frames_were_added():
         before = model.nframes
         tips = {"xyz1": (0.7, 0.0, 0.0), "xyz2": (0.8, 0.0, 0.0)}
         mech = pc.load(model, loops=[pc.Loop("tie", "distance", "a", "b", length=1.0, **tips)])
-        mech = mech.with_forces(pc.SpringDamper("a", "b", stiffness=30.0, length=0.2), pc.Wrench("b", force=(0, 0, 1)))
+        mech = mech.add_forces(pc.SpringDamper("a", "b", stiffness=30.0, length=0.2), pc.Wrench("b", force=(0, 0, 1)))
         sol = pc.simulate(mech, (0.0, 0.1))
         assert model.nframes == before and sorted(frame.name for frame in mech.model.frames) == ["a", "b", "universe"]
         results.append(np.hstack((sol.q, sol.lam, sol.reaction("tie").force)))

@@ -233,7 +233,7 @@ def test_known_derivatives_of_the_equations_are_those_of_differences(scene, comp
     mech = scenes.spherical_chain() if scene == "spherical" else pc.load(scene)
     if scene == "crank_rocker":
         table = {"motor": ([0.1, 0.25, 0.4], [1.0, 2.0, -3.0])}
-        mech = mech.with_forces(pc.JointSpring("crank", 0.5), pc.Actuator("motor", "crank")).with_control(table)
+        mech = mech.add_forces(pc.JointSpring("crank", 0.5), pc.Actuator("motor", "crank")).with_control(table)
     backend, rng = "compiled" if compiled else "python", np.random.default_rng(3)
     run = prepared(mech, KINDS[scene], (0.0, 1e-3), None, None, None, None, (), None, 1e-5, 1e-5, backend, {})
     _, (leg, *_), variants, *_ = run
@@ -281,7 +281,7 @@ def test_the_start_by_a_mass_where_loops_leave_velocities_free():
 
 @needs_twin
 def test_commands_of_the_run_act_in_its_derivatives():
-    mech, options = pc.load("four_bar").with_forces(pc.Actuator("motor", "crank")), {"rtol": 1e-6, "atol": 1e-8}
+    mech, options = pc.load("four_bar").add_forces(pc.Actuator("motor", "crank")), {"rtol": 1e-6, "atol": 1e-8}
     names, control = ["motor.gear", "mass:coupler"], {"motor": 5.0}
     exact = pc.sensitivities(mech.with_control(control), names, (0.0, 0.05), **options).dq
     found = pc.sensitivities(mech, names, (0.0, 0.05), control=control, **options).dq
@@ -413,7 +413,7 @@ def test_at_the_end_of_python_nothing_is_left_over():
 import numpy as np, pinconsist as pc
 def push(t, q, v):
     return np.array([-np.sin(t), 0.0, 0.0])
-mech = pc.load("crank_rocker").with_forces(pc.Torque(push))
+mech = pc.load("crank_rocker").add_forces(pc.Torque(push))
 names = "mass:coupler", "length:coupler"
 found = [pc.sensitivities(mech, names, (0.0, 0.01), v0={"crank": 12.0}, method=each) for each in ("BDF", "Radau")]
 """
@@ -425,7 +425,7 @@ def test_user_defined_forces_and_a_short_description():
     mech, v0 = pc.load("crank_rocker"), {"crank": 12.0}
 
     def build(theta):
-        return mech.with_forces(pc.Torque(lambda t, q, v: np.array([-theta[0] * np.sin(t), 0.0, 0.0])))
+        return mech.add_forces(pc.Torque(lambda t, q, v: np.array([-theta[0] * np.sin(t), 0.0, 0.0])))
 
     found = pc.sensitivities(build, [2.0], (0.0, 0.02), v0=v0, names=["push"], rtol=1e-6)
     ends = [pc.simulate(build([x]), (0.0, 0.02), v0=v0, rtol=1e-10, atol=1e-12).q[-1] for x in (2.1, 1.9)]

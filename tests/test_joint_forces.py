@@ -634,7 +634,7 @@ def test_the_peak_of_a_pin_is_between_the_rows(method, dense, span):
 
 def test_peaks_of_loops_and_elements():
     """Against the rows of a finer run, which are below the peak by the square of half their distance."""
-    mech = pc.load("four_bar").with_forces(
+    mech = pc.load("four_bar").add_forces(
         pc.SpringDamper("rocker", "universe", 30.0, 0.1, 1.0, (0.1, 0, 0.2), (0, 0, 2))
     )
     sol = pc.simulate(mech, (0.0, 1.0), v0={"crank": 4.0}, dense_output=True, method="Radau", rtol=1e-8)

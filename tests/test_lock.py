@@ -106,7 +106,7 @@ def test_locked_crank_of_a_five_bar_moves_as_one_that_is_held():
     """Locked, or held by a drive at rest: two ways to the same motion."""
     mech = pc.load("five_bar")
     q = mech.guess
-    held = mech.with_loops(*mech.loops, pc.Drive("hold", "left_crank", pc.Motion(q[0])))
+    held = mech.add_loops(pc.Drive("hold", "left_crank", pc.Motion(q[0])))
     locked = mech.lock(["left_crank"])
     sols = [pc.simulate(each, (0.0, 0.4), rtol=1e-9, atol=1e-11) for each in (held, locked)]
     assert all(sol.success for sol in sols) and np.abs(sols[1].v).max() > 1.0
@@ -120,11 +120,11 @@ def test_a_loop_within_one_body_goes_if_it_is_closed():
     with pytest.raises(pc.InputError, match="nothing can move"):
         mech.lock(mech.joints)
     five = pc.load("five_bar")
-    extra = five.with_loops(*five.loops, pc.Loop("strut", "distance", "left_tip", "universe", length=1.0))
+    extra = five.add_loops(pc.Loop("strut", "distance", "left_tip", "universe", length=1.0))
     reach = np.linalg.norm(tip_of(extra, extra.guess))
     with pytest.raises(pc.InputError, match=r"loop 'strut' would stay open by .*assemble"):
         extra.lock(["left_crank", "left_distal"])
-    fits = five.with_loops(*five.loops, pc.Loop("strut", "distance", "left_tip", "universe", length=reach))
+    fits = five.add_loops(pc.Loop("strut", "distance", "left_tip", "universe", length=reach))
     assert [loop.name for loop in fits.lock(["left_crank", "left_distal"]).loops] == ["tip"]
 
 
@@ -202,7 +202,7 @@ FORCES = {
 
 @pytest.mark.parametrize("force", FORCES.values(), ids=FORCES)
 def test_forces_act_on_what_is_left_as_before(force):
-    five = pc.load("five_bar").with_loops().with_forces(force)
+    five = pc.load("five_bar").with_loops().add_forces(force)
     small = pickle.loads(pickle.dumps(five.lock(["left_crank", "right_crank"])))
     q, v = five.guess.copy(), np.zeros(4)
     q[[1, 3]], v[[1, 3]] = np.random.default_rng(0).normal(size=(2, 2))
@@ -229,7 +229,7 @@ def test_forces_act_on_what_is_left_as_before(force):
     ],
 )
 def test_forces_with_nothing_left_to_move_go(force):
-    five = pc.load("five_bar").with_loops().with_forces(force)
+    five = pc.load("five_bar").with_loops().add_forces(force)
     assert five.lock(["left_crank", "left_distal"]).forces == ()
 
 
@@ -281,7 +281,7 @@ def test_a_redundant_loop_leaves(caplog):
         small = mech.reduced({"crank0": -0.3})
     assert [loop.name for loop in small.loops] == ["B1", "B2"]  # the coupler needs both: each alone leaves it turning
     assert {loop.kind for loop in small.loops} == {"point"}
-    again = mech.with_loops(*mech.loops, pc.Loop("twice", "point", "B2", "C2"))
+    again = mech.add_loops(pc.Loop("twice", "point", "B2", "C2"))
     with caplog.at_level(logging.INFO, logger="pinconsist"):
         assert [loop.name for loop in again.reduced({"crank0": -0.3}).loops] == ["B1", "B2"]
     assert "loop 'twice' follows from the others and is dropped" in caplog.text
@@ -314,7 +314,7 @@ def test_a_tree_is_reduced_to_itself():
 
 def test_drives_and_couplings_stay():
     mech = pc.load("four_bar")
-    mech = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", pc.Motion(-1.0, speed=2.0)))
+    mech = mech.add_loops(pc.Drive("motor", "crank", pc.Motion(-1.0, speed=2.0)))
     small = mech.reduced()
     assert small.joints == mech.joints and [loop.kind for loop in small.loops] == ["point", "drive"]
     same_motion(mech, small, 1.0, 1e-6)

@@ -557,4 +557,4 @@ def test_derivatives_of_ones_own_constraint_that_are_wrong_are_refused(given):
     linkage = pc.load("four_bar")
     own = pc.Constraint("own", lambda t, q: [q[0] + 1.0 - t], 1, **{field: function})
     with pytest.raises(pc.InputError, match=message):
-        pc.simulate(linkage.with_loops(*linkage.loops, own), (0.0, 0.1))
+        pc.simulate(linkage.add_loops(own), (0.0, 0.1))

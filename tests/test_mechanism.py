@@ -69,6 +69,20 @@ def test_planar_closures_of_every_kind_give_the_same_motion():
     assert not runs["hinge"].lam[:, [1, 3, 4]].any()  # y and the tilts carry nothing in the plane
 
 
+def test_with_replaces_and_add_adds():
+    mech = pc.load("four_bar")
+    drive, push = pc.Drive("motor", "crank", np.sin), pc.JointTorque({"crank": 1.0})
+    damped = mech.with_forces(pc.JointDamping({"crank": 0.5}))
+    assert mech.add_loops(drive).loops == (*mech.loops, drive)
+    assert mech.with_loops(drive).loops == (drive,)
+    assert damped.add_forces(push).forces == (*damped.forces, push)
+    assert damped.with_forces(push).forces == (push,)
+    assert mech.add_loops(drive).with_loops(*mech.loops).loops == mech.loops
+    assert damped.with_forces().forces == ()
+    with pytest.raises(pc.InputError, match="two loops are named"):
+        mech.add_loops(*mech.loops)
+
+
 def planar_bars(with_pin_link):
     """The four-bar as a pin.Model; with a massless link hinged to the coupler's tip, for a frame closure."""
     model, at = pin.Model(), lambda x: pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))

@@ -114,7 +114,7 @@ def test_what_has_no_c():
     mech, file = pc.load("five_bar"), Path("a.c")
     motors = mech.actuated
     cases = {
-        "the force 'torque pull' cannot be converted to C": pc.Actuation(mech.with_forces(pull)),
+        "the force 'torque pull' cannot be converted to C": pc.Actuation(mech.add_forces(pull)),
         "some motors depend on others": pc.Actuation(mech, [*motors, "left_distal"]),
         "'free' has several degrees": pc.Actuation(replace(actuated.held("free"), actuated=()), ["free"]),
     }

@@ -97,7 +97,7 @@ def test_a_pole_ends_it(kind):
 @pytest.mark.parametrize("backend", ["auto", "python"])
 @pytest.mark.parametrize("since", [0.0, 1e-3])
 def test_a_force_that_stops_the_start_is_named(since, backend):
-    mech = pc.load("four_bar").with_forces({"crank": lambda t: np.nan if t > since else 0.0})
+    mech = pc.load("four_bar").add_forces({"crank": lambda t: np.nan if t > since else 0.0})
     with pytest.raises(PinconsistError, match=r"from t = .*not finite at t = .*'torque crank'"):
         pc.simulate(mech, (0.0, 1.0), step=0.01, backend=backend)
 

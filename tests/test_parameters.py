@@ -33,7 +33,7 @@ def test_lengths_of_joints_and_of_frames():
 
 
 def test_numbers_of_loops_and_forces():
-    mech = pc.load("andrews").with_forces(pc.JointDamping({"beta": 0.2}), pc.JointSpring("theta", 3.0, 0.1))
+    mech = pc.load("andrews").add_forces(pc.JointDamping({"beta": 0.2}), pc.JointSpring("theta", 3.0, 0.1))
     values = {
         "stiffness:D-stage": 300.0, "length:D-stage": 0.08, "anchor:E3.xyz2[1]": 0.01, "damping:beta": 0.3,
         "stiffness:theta": 4.0, "damping:theta": 0.5, "friction:theta": 0.6, "torque beta.beta": 0.04,

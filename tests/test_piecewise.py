@@ -103,14 +103,14 @@ def test_a_saved_run_is_judged_alike(mech, tmp_path):
     for name in ("straight", "a law"):
         sol = run(mech, FORCES[name][2])
         again = pc.Solution.load(sol.save(tmp_path / "run.npz"))
-        assert again.check(mech.with_forces(FORCES[name][2]), error=False).force < 1e-8
+        assert again.check(mech.add_forces(FORCES[name][2]), error=False).force < 1e-8
 
 
 @pytest.mark.parametrize("backend", ["compiled", "python"])
 def test_a_run_that_ends_at_a_jump_has_the_force_before_it(mech, backend):
     sol = pc.simulate(mech, (0.0, TIMES[-1]), forces=[FORCES["times"][2]], method="Radau", backend=backend)
     assert sol.energy().power["torque crank0"][-1] == pytest.approx(VALUES[-2] * sol.v[-1, 0])
-    assert sol.check(mech.with_forces(FORCES["times"][2]), error=False).force < 1e-8
+    assert sol.check(mech.add_forces(FORCES["times"][2]), error=False).force < 1e-8
 
 
 @pytest.mark.parametrize("options", [{}, {"events": lambda t, q, v, lam: 1.0}, {"backend": "python"}])
@@ -148,7 +148,7 @@ def test_locked_joints_keep_the_jumps(mech):
     two = pc.load("n_four_bar_2")
     force = pc.Piecewise({"crank0": held}, times=TIMES)
     joint = next(name for name in two.joints if name not in mech.joints)
-    smaller = two.with_forces(force, pc.Piecewise({joint: held}, times=TIMES)).lock(joint)
+    smaller = two.add_forces(force, pc.Piecewise({joint: held}, times=TIMES)).lock(joint)
     assert [type(each) for each in smaller.forces] == [pc.Piecewise]
 
 

@@ -113,7 +113,7 @@ def test_drift_of_a_general_problem_and_of_a_drive(rocker):
     made = pc.integrate(case.system, (case.t0, case.t0 + 0.1), case.p0, case.v0, step=0.01, max_order=1)
     assert np.nanmax(pc.plot_drift(made).axes[0].lines[0].get_ydata()) < 1e-9
     turning = pc.Drive("motor", "crank", lambda t: 3.0 * t, lambda t: 3.0, lambda t: 0.0)
-    driven = rocker.with_loops(*rocker.loops, turning)
+    driven = rocker.add_loops(turning)
     driven = pc.simulate(driven, (0, 0.2))
     rates = [np.nanmax(line.get_ydata()) for line in pc.plot_drift(driven).axes[1].lines]
     assert len(rates) == 2 and max(rates) < 1e-5  # Φ_t of the drive is in: 3 rad/s without it
@@ -132,7 +132,7 @@ def test_energy_is_the_solutions_own(sol, rocker):
     np.testing.assert_array_equal(named(parts)["kinetic"].get_ydata(), energy.kinetic - energy.kinetic[0])
     assert named(parts)["total"].get_ydata()[0] == 0.0
     np.testing.assert_array_equal(error.lines[0].get_ydata(), energy.error)
-    damped = rocker.with_forces(pc.JointDamping({"crank": 0.1}))
+    damped = rocker.add_forces(pc.JointDamping({"crank": 0.1}))
     parts, _ = pc.plot_energy(pc.simulate(damped, (0, 0.1), v0={"crank": 12})).axes
     work = next(line for label, line in named(parts).items() if label.startswith("work of"))
     assert work.get_ydata()[-1] < 0

@@ -437,7 +437,7 @@ def test_friction_that_holds_a_body_takes_long_steps(backend, force, speed):
 @pytest.mark.parametrize(("tol", "most"), [(1e-4, 1e-2), (1e-6, 1e-4)])
 def test_rows_within_steps_where_friction_holds_a_joint(backend, tol, most):
     """Small errors of its velocity make large accelerations at the ends of a step: forces were wrong by 12 %."""
-    mech = pc.load("five_bar").with_forces(pc.JointFriction({"right_distal": 3.0}, 2e-3))
+    mech = pc.load("five_bar").add_forces(pc.JointFriction({"right_distal": 3.0}, 2e-3))
     t = np.linspace(0.02, 0.3, 300)
     fine, run = (
         pc.simulate(mech, (0.0, 0.3), method=method, rtol=rtol, atol=rtol, t_eval=t, backend=choice)

@@ -112,7 +112,7 @@ def test_a_start_is_closed_and_ranked_once(monkeypatch):
     solved, pivoted = LoopSolver._closed, rank.dgeqp3
     monkeypatch.setattr(LoopSolver, "_closed", lambda solver, *args: closed.append(args) or solved(solver, *args))
     monkeypatch.setattr(rank, "dgeqp3", lambda J: ranked.append(J) or pivoted(J))
-    mech = pc.load("four_bar").with_forces()
+    mech = pc.load("four_bar").add_forces()
     mech = mech.with_loops(*mech.loops)  # nothing is known of it
     first, before = pc.simulate(mech, (0.0, 0.1)), len(evaluated)
     again = pc.simulate(mech, (0.0, 0.1))
@@ -120,7 +120,7 @@ def test_a_start_is_closed_and_ranked_once(monkeypatch):
     np.testing.assert_array_equal(again.q, first.q)
     turned = pc.assemble(mech, {"crank": 1.0})
     assert len(closed) > 1 and turned.q[0] == pytest.approx(1.0)
-    driven = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", lambda t: 0.3 + t))
+    driven = mech.add_loops(pc.Drive("motor", "crank", lambda t: 0.3 + t))
     for t in (0.0, 0.5):
         assert pc.assemble(driven, t=t).q[0] == pytest.approx(0.3 + t, abs=1e-12)
 

@@ -175,7 +175,7 @@ def swinging_acceleration(t):
 
 def driven():
     mech = pc.load("slider_crank")
-    return mech.with_loops(*mech.loops, pc.Drive("motor", "crank", swinging, swinging_rate, swinging_acceleration))
+    return mech.add_loops(pc.Drive("motor", "crank", swinging, swinging_rate, swinging_acceleration))
 
 
 def test_motor_torque_times_speed_is_what_the_energy_gains():
@@ -255,7 +255,7 @@ def test_forces_that_only_rounded_numbers_determine_are_told(lever, known):
 def test_a_dead_centre_that_is_passed_leaves_forces_as_they_are():
     mech = pc.load("slider_crank")
     q = np.array([pc.assemble(mech, {"crank": angle}).q for angle in (1e-6, 1.0)])
-    mech = mech.with_loops(*mech.loops, pc.Drive("press", "piston", lambda t: 1.0))
+    mech = mech.add_loops(pc.Drive("press", "piston", lambda t: 1.0))
     assert "press" in undetermined(mech, np.zeros(1), q[:1])
     assert undetermined(mech, np.zeros(2), q) == undetermined(mech, np.zeros(1), q[1:]) == {}
 

@@ -78,7 +78,7 @@ def test_torques_follow_their_laws_and_powers_add_up(sol):
 
 def test_what_a_drive_gave():
     mech = pc.load("crank_rocker")
-    mech = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", pc.Motion(speed=2.0)))
+    mech = mech.add_loops(pc.Drive("motor", "crank", pc.Motion(speed=2.0)))
     sol = pc.simulate(mech, (0.0, 0.2))
     np.testing.assert_array_equal(sol.torque("motor"), sol.reaction("motor").torque)
     np.testing.assert_allclose(sol.torque("crank"), sol.torque("motor"))

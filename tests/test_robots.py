@@ -170,7 +170,7 @@ def test_reactions_balance_the_weight(name):
         q = pc.assemble(mech).q
         place = [mech.model.idx_qs[mech.joint_index(joint)] for joint in mech.actuated]
         held = [pc.Drive(f"hold {j}", j, pc.Motion(float(q[i]))) for j, i in zip(mech.actuated, place, strict=True)]
-        mech = mech.with_loops(*mech.loops, *held)
+        mech = mech.add_loops(*held)
         found = pc.equilibrium(mech, q)
     else:
         found = pc.equilibrium(mech)

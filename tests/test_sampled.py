@@ -34,7 +34,7 @@ def windows(count, sign=1.0, late=0):
     for k in range(count):
         t = sign * k * PERIOD
         waiting.append(law(t, q, v))
-        system = MechanismSystem(mech.with_forces({"crank": waiting.pop(0)}), q)
+        system = MechanismSystem(mech.add_forces({"crank": waiting.pop(0)}), q)
         run = solve_ivp(
             lambda t, y, of=system: np.append(y[n:], solve_acceleration(of, t, y[:n], y[n:])[0]),
             (t, sign * (k + 1) * PERIOD), np.append(q, v), "DOP853", rtol=1e-12, atol=1e-13,
@@ -80,7 +80,7 @@ def test_samples_are_asked_once_and_steps_end_on_them():
 def test_a_run_is_judged_by_what_was_held(method, sign, tmp_path):
     sol = sampled((0.0, 10 * sign * PERIOD), method)
     saved = pc.Solution.load(sol.save(tmp_path / "run.npz"))
-    mech = crank_rocker().with_forces(pc.Sampled(PERIOD, law, "crank"))
+    mech = crank_rocker().add_forces(pc.Sampled(PERIOD, law, "crank"))
     for certificate in (sol.check(error=True), saved.check(mech, error=True)):
         assert certificate.force < 1e-8
         assert certificate.energy_error < 1e-3  # powers are straight between two rows
@@ -236,7 +236,7 @@ def test_cases_of_a_sweep_have_controllers_of_their_own():
 def test_pages_show_the_torques_that_were_held(tmp_path):
     controller = pc.Sampled(PERIOD, lambda t, q, v: 3.0, "crank")
     sol = pc.simulate(crank_rocker(), (0.0, 4 * PERIOD), method="Radau", forces=[controller])
-    page = pc.export_html(crank_rocker().with_forces(controller), sol, tmp_path / "page.html", forces=True)
+    page = pc.export_html(crank_rocker().add_forces(controller), sol, tmp_path / "page.html", forces=True)
     plain = pc.export_html(crank_rocker(), replace(sol, held={}), tmp_path / "plain.html", forces=True)
     assert "motor crank" in page.read_text(encoding="utf-8")
     assert "motor crank" not in plain.read_text(encoding="utf-8")

@@ -358,9 +358,9 @@ def test_energy_balance_counts_the_work_of_forces(damping):
         errors.append(certificate.energy_error)
     assert errors[0] < 1e-6 and errors[0] / errors[1] == pytest.approx(16.0, rel=0.1)  # the spline of the power
     stored = dataclasses.replace(sol, system=None)
-    with pytest.raises(pc.InputError, match=r"1 forces .*with_forces"):
+    with pytest.raises(pc.InputError, match=r"1 forces .*add_forces"):
         stored.check(spinner(damping))
-    undriven = stored.check(spinner(damping).with_forces(np.zeros(1)))  # the same motion, without the drive
+    undriven = stored.check(spinner(damping).add_forces(np.zeros(1)))  # the same motion, without the drive
     assert undriven.energy_error > 0.1 and "energy balance" in " ".join(undriven.concerns)
 
 

@@ -33,14 +33,14 @@ def at_rest(q0):
 
 
 def test_of_an_equilibrium():
-    mech = pc.load("crank_rocker").with_forces(pc.JointSpring("crank", 3.0))
+    mech = pc.load("crank_rocker").add_forces(pc.JointSpring("crank", 3.0))
     found = pc.equilibrium(mech, {"crank": 0.5})
     names = ["mass:coupler", "stiffness:crank", "anchor:rocker_ground.xyz2[0]", "length:coupler", "gravity[2]"]
     compare(at_rest(found.q), mech, names, found.derivatives(names))
 
 
 def test_of_an_equilibrium_with_redundant_rows():
-    mech = pc.load("bricard").with_forces(pc.JointSpring("hinge1", 5.0))
+    mech = pc.load("bricard").add_forces(pc.JointSpring("hinge1", 5.0))
     found, names = pc.equilibrium(mech), ["mass:hinge2", "stiffness:hinge1", "gravity[2]"]
     assert len(found.lam) > pc.assemble(mech).rank
     compare(at_rest(found.q), mech, names, found.derivatives(names), 1e-7)
@@ -64,7 +64,7 @@ def test_of_an_equilibrium_with_rotations_in_space():
 
 
 def test_by_a_function_of_several_numbers_and_at_a_bound():
-    mech = pc.load("crank_rocker").with_forces(pc.JointSpring("crank", 3.0))
+    mech = pc.load("crank_rocker").add_forces(pc.JointSpring("crank", 3.0))
     found = pc.equilibrium(mech, {"crank": 0.5})
     names = ["mass:coupler", "stiffness:crank"]
     built = found.derivatives(lambda theta: mech.with_parameters(dict(zip(names, theta, strict=True))), [1.4, 3.0])
@@ -82,7 +82,7 @@ def test_what_nothing_resists_has_no_derivative():
 
 def test_of_driven_motions():
     mech = pc.load("slider_crank")
-    mech = mech.with_loops(*mech.loops, pc.Drive("motor", "crank", pc.Motion(-1.0, 3.0, 0.4, 1.3, 0.2)))
+    mech = mech.add_loops(pc.Drive("motor", "crank", pc.Motion(-1.0, 3.0, 0.4, 1.3, 0.2)))
     times, names = np.linspace(0.0, 0.3, 4), ["motor.amplitude", "length:rod", "mass:rod"]
 
     def solve(mech):

@@ -89,7 +89,7 @@ def test_a_hanging_chain(n):
 def test_a_ring_of_rods_stands_by_a_drive():
     """A four-bar whose crank is held: the motor carries the slope of the weight's energy along the crank's motion."""
     plain, angle = pc.load("four_bar"), -0.7
-    held = plain.with_loops(*plain.loops, pc.Drive("hold", "crank", lambda t: angle + t))
+    held = plain.add_loops(pc.Drive("hold", "crank", lambda t: angle + t))
     found = pc.equilibrium(held, t=0.2)
     assert found.q[0] == pytest.approx(-0.5, abs=1e-15) and len(found.stiffness) == 0 and found.stable
     assert str(found).startswith("rigid")
@@ -485,7 +485,7 @@ def test_a_pendulum_lifted_along_a_curve():
 def test_a_slider_crank_against_a_tight_simulation(crank):
     plain = pc.load("slider_crank")
     drive = pc.Drive("motor", "crank", lambda t: crank + 2 * t + 3 * t**2, lambda t: 2 + 6 * t, lambda t: 6.0)
-    driven = plain.with_loops(*plain.loops, drive)
+    driven = plain.add_loops(drive)
     times = np.linspace(0, 1.5, 7)
     found = pc.inverse_dynamics(driven, times, {"crank": crank})
     sol = pc.simulate(driven, (0.0, 1.5), {"crank": crank}, rtol=1e-10, atol=1e-10, t_eval=times)
@@ -510,7 +510,7 @@ def test_three_arms_determine_a_delta_robot():
         pc.Drive(f"motor{i}", f"leg{i}_arm", pc.Motion(start=0.3, amplitude=0.2, frequency=1.0, phase=2.1 * i))
         for i in (1, 2, 3)
     ]
-    driven = plain.with_loops(*plain.loops, *drives)
+    driven = plain.add_loops(*drives)
     times = np.linspace(0, 0.5, 6)
     found = pc.inverse_dynamics(driven, times)
     sol = pc.simulate(driven, (0.0, 0.5), rtol=1e-9, atol=1e-9, t_eval=times)
@@ -520,7 +520,7 @@ def test_three_arms_determine_a_delta_robot():
     power = sum(found.torques[drive.name] * found.v[:, plain.columns(drive.joint)][:, 0] for drive in drives)
     assert np.abs(power).max() > 0.1  # it does work
     with pytest.raises(pc.SingularSystemError, match="do not determine the motion of") as caught:
-        pc.inverse_dynamics(plain.with_loops(*plain.loops, *drives[:2]), times)
+        pc.inverse_dynamics(plain.add_loops(*drives[:2]), times)
     assert "leg3_arm" in caught.value.names and "leg1_arm" not in caught.value.names
 
 
@@ -530,16 +530,16 @@ def test_drives_that_do_not_fit():
         pc.inverse_dynamics(plain, [0.0])
     rocker = pc.Drive("push", "rocker", lambda t: plain.guess[2] + t)
     with pytest.raises(pc.AssemblyError, match=r"cannot follow the drives beyond t = 0\.136") as caught:
-        pc.inverse_dynamics(plain.with_loops(*plain.loops, rocker), [0.0, 0.5])
+        pc.inverse_dynamics(plain.add_loops(rocker), [0.0, 0.5])
     assert caught.value.q.shape == (3,)
     both = (pc.Drive("a", "crank", lambda t: -1.0 + 0 * t), pc.Drive("b", "rocker", lambda t: plain.guess[2] + 0 * t))
     with pytest.raises(
         pc.SingularSystemError, match=r"the drives a, b are more than the motions that the loops leave free"
     ):
-        pc.inverse_dynamics(plain.with_loops(*plain.loops, *both), [0.0])
+        pc.inverse_dynamics(plain.add_loops(*both), [0.0])
     for times in ([], [[0.0, 1.0]], [0.0, np.inf]):
         with pytest.raises(pc.InputError, match="times"):
-            pc.inverse_dynamics(plain.with_loops(*plain.loops, rocker), times)
+            pc.inverse_dynamics(plain.add_loops(rocker), times)
 
 
 def one_body(*joints):

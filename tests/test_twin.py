@@ -493,5 +493,5 @@ def test_a_motion_of_the_users_own_is_asked_in_python():
         def __call__(self, t):
             return super().__call__(t) + 0.1
 
-    mech = pc.load("four_bar").with_forces(pc.Servo("crank", Jump(), 20.0, 1.0))
+    mech = pc.load("four_bar").add_forces(pc.Servo("crank", Jump(), 20.0, 1.0))
     assert twin_of(MechanismSystem(mech, mech.guess)).calls_python

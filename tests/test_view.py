@@ -233,7 +233,7 @@ def test_a_sliding_body_is_a_block_that_moves_and_its_rail_stays():
 
 def test_a_spring_is_a_coil_between_its_points():
     spring = SpringDamper("tip", xyz2=(0.0, 0.3, -2.0), stiffness=1.0)
-    mech, sol = two_links().with_forces(spring), swing(np.linspace(0, 1, 51))
+    mech, sol = two_links().add_forces(spring), swing(np.linspace(0, 1, 51))
     commands = picture(mech, sol, speed=1, fps=50, traces=(), forces=False, loop=False)["commands"]
     (coil,) = [each["object"] for each in commands if each.get("object") and each["path"] == "/springs/1/coil"]
     points = np.reshape(coil["geometries"][0]["data"]["attributes"]["position"]["array"], (-1, 3))

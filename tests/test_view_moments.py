@@ -71,7 +71,7 @@ def test_the_torque_of_a_drive_turns_about_its_joint():
 
 def test_a_drive_of_a_slider_pushes():
     mech = pc.load("slider_crank")
-    mech = mech.with_loops(*mech.loops, pc.Drive("press", "piston", lambda t: 1.0 + 0.02 * np.sin(5 * t)))
+    mech = mech.add_loops(pc.Drive("press", "piston", lambda t: 1.0 + 0.02 * np.sin(5 * t)))
     sol = pc.simulate(mech, (0.0, 0.5), q0={"piston": 1.0}, step=0.02)
     _, push = arrow(page := shown(mech, sol, forces=True), "/forces/press piston")
     factor, force = stated(page), sol.reaction("press").torque
@@ -85,7 +85,7 @@ def test_motors_together_are_one_torque_on_each_joint():
     mech = pc.load("double_pendulum")
     first, second = mech.joints
     servo = pc.Servo(second, target=0.5, stiffness=8.0, damping=0.2)
-    mech = mech.with_forces({first: 2.0, second: 1.0}, servo, pc.JointDamping({first: 5.0}))
+    mech = mech.add_forces({first: 2.0, second: 1.0}, servo, pc.JointDamping({first: 5.0}))
     sol = pc.simulate(mech, (0.0, 0.4), step=0.02)
     page = shown(mech, sol, forces=True)
     factor = stated(page, "N·m")

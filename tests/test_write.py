@@ -157,7 +157,7 @@ def test_everything_that_may_stand_among_loops_and_forces(tmp_path):
         Coupling("gear", "left_crank", "right_crank", -0.5, 0.1, (0.2, 0.3)),
         pc.Drive("motor", "left_distal", pc.Motion(0.1, 0.2, 0.3, 0.4, 0.5)),
         pc.Drive("still", "left_crank", pc.Motion()),
-    ).with_forces(
+    ).add_forces(
         pc.JointDamping({"left_crank": 0.1}),
         pc.JointDamping([0.1, 0.0, 0.2, 0.0]),
         pc.JointFriction({"right_crank": 0.3}, width=0.05),
@@ -227,7 +227,7 @@ def with_loop(loop):
 
 
 def with_force(force):
-    return lambda: pc.load("four_bar").with_forces(force)
+    return lambda: pc.load("four_bar").add_forces(force)
 
 
 def turning_gravity():

@@ -20,7 +20,7 @@ def scenes() -> pc.Mechanism:
     for name in pc.models():
         if "<n>" not in name:
             assert_type(pc.load(name), pc.Mechanism)
-    mech = pc.load("four_bar").with_forces({"crank": 0.1}, pc.JointDamping({"crank": 0.01}))
+    mech = pc.load("four_bar").add_forces({"crank": 0.1}, pc.JointDamping({"crank": 0.01}))
     assert_type(mech.nv, int)
     assert_type(mech.row_labels, list[tuple[str, str]])
     again = pc.Mechanism(mech.model, [*mech.loops], [pc.JointSpring("crank", 0.1)], guess={"crank": -1.0}, name="again")
@@ -31,6 +31,7 @@ def scenes() -> pc.Mechanism:
         pc.Constraint("own", lambda t, q: q[:1], 1, rows=("first",)),
     )
     assert_type(again.with_loops(loops[0]), pc.Mechanism)
+    assert_type(again.with_loops().add_loops(loops[0]).with_forces(), pc.Mechanism)
     for edited in (mech.lock(["crank"]), mech.reduced(), mech.reanchored(), mech.with_gravity((0.0, 0.0, -1.6))):
         assert_type(edited, pc.Mechanism)
     assert_type(pc.assemble(mech, {"crank": 0.3}).largest_gap, tuple[str, float])
@@ -42,7 +43,7 @@ def scenes() -> pc.Mechanism:
         pc.Torque(lambda t, q, v: -0.1 * v),
         pc.Wrench("coupler_tip", force=(1.0, 0.0, 0.0)),
     ]
-    return mech.with_forces(*forces)
+    return mech.add_forces(*forces)
 
 
 def runs(mech: pc.Mechanism, folder: Path) -> pc.Solution:

@@ -53,7 +53,7 @@ def cases():
 
 def _run(by, *forces, loops=(), max_steps=MAX_STEPS, **options):
     mech = four_bar(forces=forces)
-    mech = mech.with_loops(*mech.loops, *loops)
+    mech = mech.add_loops(*loops)
     return by.simulate(mech, (0.0, UNTIL), START, rtol=RTOL, atol=RTOL, max_steps=max_steps, **options)
 
 

@@ -56,7 +56,7 @@ def _repeated(scene, count, by):
     """The same loop again changes nothing but how the load is shared: q, v and Jᵀλ stay."""
     once = load(scene)
     copies = [replace(loop, name=f"{loop.name}_{i}") for i in range(1, count) for loop in once.loops]
-    return _same_motion(once, once.with_loops(*once.loops, *copies), None, by)
+    return _same_motion(once, once.add_loops(*copies), None, by)
 
 
 def _kinds(kinds, by):

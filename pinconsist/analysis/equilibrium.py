@@ -9,7 +9,7 @@ import pinocchio as pin
 from ..errors import EquilibriumError, SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
-from ..mechanism.mechanism import Mechanism, with_forces
+from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.names import joints_in
 from ..mechanism.reactions import HasReactions
 from ..mechanism.system import MechanismSystem
@@ -150,7 +150,7 @@ def equilibrium(mechanism, q0=None, *, forces=(), t: float = 0.0, stable: bool =
     InputError
         Invalid arguments.
     """
-    mechanism = with_forces(mechanism, forces, "equilibrium")
+    mechanism = with_added_forces(mechanism, forces, "equilibrium")
     t = float(finite_array(t, "t"))
     start = assemble(mechanism, q0, t=t).q
     system = MechanismSystem(mechanism, start, t)

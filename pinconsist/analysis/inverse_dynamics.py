@@ -9,7 +9,7 @@ from ..errors import AssemblyError, InputError, SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
 from ..mechanism.joint_constraints import Drive
-from ..mechanism.mechanism import Mechanism, with_forces
+from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.names import joints_in
 from ..mechanism.rank import dependencies
 from ..mechanism.reactions import HasReactions
@@ -102,15 +102,13 @@ def inverse_dynamics(mechanism, times, q0=None, *, forces=()) -> InverseDynamics
     InputError
         Invalid arguments.
     """
-    mechanism = with_forces(mechanism, forces, "inverse_dynamics")
+    mechanism = with_added_forces(mechanism, forces, "inverse_dynamics")
     times = np.atleast_1d(finite_array(times, "times"))
     if times.ndim != 1 or not times.size:
         raise InputError(f"times must be a sequence of times, got shape {times.shape}")
     drives = [loop.name for loop in mechanism.loops if isinstance(loop, Drive)]
     if not drives:
-        raise InputError(
-            f"{mechanism.name} has no driven joint; add drives: mechanism.with_loops(*mechanism.loops, Drive(...))"
-        )
+        raise InputError(f"{mechanism.name} has no driven joint; add drives: mechanism.add_loops(Drive(...))")
     start = assemble(mechanism, q0, t=times[0]).q
     system = MechanismSystem(mechanism, start, times[0])
     state, rows = _state(system, times[0], start), []

@@ -63,7 +63,7 @@ class MotorTorques(Locked, HasReactions):
         for frame, force in self.forces.items():
             if frame_of(model, frame, self.mechanism.name).parentJoint:
                 wrenches.append(Wrench(frame, *force.reshape(-1, 3)))
-        return self.mechanism.with_forces(*wrenches)
+        return self.mechanism.add_forces(*wrenches)
 
 
 def torques_for(act, q, v, a, forces, t) -> MotorTorques:

@@ -85,7 +85,7 @@ def load(source, *, loops=None, closure=None, free_flyer=False, package_dirs=(),
         return _of_model(source, () if loops is None else loops, closure).corrected(precision)
     if not (loops is None or isinstance(loops, (str, os.PathLike))):
         reason = f"loops= needs the path of a loop file, got {type(loops).__name__}"
-        raise InputError(f"{reason}; add records by load(…).with_loops(…)")
+        raise InputError(f"{reason}; add records by load(…).add_loops(…)")
     return read_scene(catalogue.find(source), loops, closure, free_flyer, package_dirs, ignore).corrected(precision)
 
 
@@ -140,7 +140,9 @@ def read_scene(
 def _of_model(source, loops, closure) -> Mechanism:
     """A mechanism from a ``pin.Model``, or from the model of a RobotWrapper."""
     if isinstance(source, Mechanism):
-        raise InputError(f"{source.name!r} is already a Mechanism; its with_loops() changes the loops")
+        raise InputError(
+            f"{source.name!r} is already a Mechanism; its with_loops() replaces the loops, its add_loops() adds to them"
+        )
     model = source if isinstance(source, pin.Model) else getattr(source, "model", None)
     if not isinstance(model, pin.Model):
         kind = type(source).__name__

@@ -9,7 +9,7 @@ from ..dae.events import as_events
 from ..errors import InputError, PinconsistError
 from ..mechanism.checks import coordinates, finite_array
 from ..mechanism.forces import HeldTorque, Piecewise, Sampled
-from ..mechanism.mechanism import Mechanism, with_forces
+from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.parameters import Parameter, parameter, part_at
 from ..simulation import simulate
 from .forward import legs_of
@@ -68,7 +68,7 @@ def _maker(build, t, q0, v0, forces, events, backend, control=None):
             raise InputError(f"build(theta) must return a Mechanism, it returned a {type(mechanism).__name__}")
         if id(mechanism) not in made:
             commanded = mechanism if control is None else mechanism.with_control(control)
-            made[id(mechanism)] = mechanism, with_forces(commanded, forces, "sensitivities")
+            made[id(mechanism)] = mechanism, with_added_forces(commanded, forces, "sensitivities")
         acting = made[id(mechanism)][1]
         if any(isinstance(force, HeldTorque | Piecewise | Sampled) for force in acting.forces):
             raise InputError(

@@ -178,13 +178,28 @@ class Mechanism:
     def with_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:
         """The same mechanism with these `loops` instead of its own; without arguments, a tree.
 
-        ``with_loops(*mechanism.loops, drive)`` adds one. Raises InputError for unknown frames or joints, duplicate
-        names, and arguments that are not loops.
+        :meth:`add_loops` keeps its own. Raises InputError for unknown frames or joints, duplicate names, and arguments
+        that are not loops.
         """
         return replace(self, loops=loops)
 
+    def add_loops(self, *loops: Loop | Drive | Coupling | Constraint) -> Mechanism:
+        """The same mechanism with these `loops` added to its own, after them.
+
+        Raises InputError for unknown frames or joints, duplicate names, and arguments that are not loops.
+        """
+        return replace(self, loops=(*self.loops, *loops))
+
     def with_forces(self, *forces) -> Mechanism:
-        """The same mechanism with these `forces` added to its own; each as in ``forces`` of :class:`Mechanism`.
+        """The same mechanism with these `forces` instead of its own; without arguments, with those of the model alone.
+
+        Damping and dry friction of the model, and gravity, are not among ``forces`` and stay. :meth:`add_forces` keeps
+        its own. Raises InputError for unknown frames or joints, wrong sizes, and arguments that are not forces.
+        """
+        return replace(self, forces=forces)
+
+    def add_forces(self, *forces) -> Mechanism:
+        """The same mechanism with these `forces` added after its own; each as in ``forces`` of :class:`Mechanism`.
 
         Raises InputError for unknown frames or joints, wrong sizes, and arguments that are not forces.
         """
@@ -281,10 +296,10 @@ def _sequence(value, what: str) -> tuple:
     return tuple(value)
 
 
-def with_forces(mechanism, forces, caller: str) -> Mechanism:
+def with_added_forces(mechanism, forces, caller: str) -> Mechanism:
     """The mechanism with the `forces` argument of a function added, after checks; it may be a single force."""
     require_mechanism(mechanism, caller)
     if callable(forces) or isinstance(forces, Mapping) or hasattr(forces, "torque") or hasattr(forces, "bind"):
         forces = (forces,)
     forces = _sequence(forces, "forces")
-    return mechanism.with_forces(*forces) if forces else mechanism
+    return mechanism.add_forces(*forces) if forces else mechanism

@@ -137,7 +137,7 @@ def test_pinocchios_accelerations_are_those_of_the_kkt_system(scene):
 @pytest.mark.parametrize("name", ["CasADi IDAS, index 1", "MuJoCo implicitfast, soft loops"])
 def test_constant_torques_are_translated_and_those_of_time_are_not(name):
     problem = problem_of("andrews")
-    moved = replace(problem, mechanism=problem.mechanism.with_forces({"beta": lambda t: t}))
+    moved = replace(problem, mechanism=problem.mechanism.add_forces({"beta": lambda t: t}))
     if PEERS[name].missing():
         pytest.skip(PEERS[name].missing())
     assert PEERS[name].can(problem) is None
