@@ -656,3 +656,56 @@ def test_peaks_of_loops_and_elements():
     same = {"compliance": {"lower": 1e-8, "upper": 1e-8}}
     assert door.reaction("lower", **same).peak("force z").value == pytest.approx(DOOR * G / 2, rel=1e-9)
     assert pc.equilibrium(pendulum()).joint_force("pin").peak().value == pytest.approx(2.0 * G)
+
+
+def in_free_bodies(mech, q):
+    """The same mechanism of free bodies, with a hinge loop for each joint of its tree, which has hinges only."""
+    model, data, free, guess = mech.model, mech.model.createData(), pin.Model(), {}
+    pin.forwardKinematics(model, data, q)
+    free.gravity = model.gravity
+    bodies = ["universe", *(f"free {name}" for name in mech.joints)]
+    for body, inertia, pose in list(zip(bodies, model.inertias, data.oMi, strict=True))[1:]:
+        index = free.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), body)
+        free.appendBodyToJoint(index, inertia, pin.SE3.Identity())
+        guess[body] = pose
+    ends = []
+    for joint in range(1, model.njoints):
+        axis = tuple(data.joints[joint].S.reshape(6)[3:])
+        here = model.parents[joint], model.jointPlacements[joint], joint, pin.SE3.Identity()
+        ends.append((model.names[joint], axis, *here))
+    for loop in mech.loops:
+        frames = [model.frames[model.getFrameId(name)] for name in (loop.frame1, loop.frame2)]
+        places = [frame.placement * own for frame, own in zip(frames, (loop.placement1, loop.placement2), strict=True)]
+        ends.append((loop.name, loop.axis, frames[0].parentJoint, places[0], frames[1].parentJoint, places[1]))
+    loops = []
+    for name, axis, body1, place1, body2, place2 in ends:
+        anchors = {}
+        for end, place in (1, place1), (2, place2):
+            anchors |= {f"xyz{end}": tuple(place.translation), f"rpy{end}": tuple(pin.rpy.matrixToRpy(place.rotation))}
+        loops.append(pc.Loop(name, "hinge", bodies[body1], bodies[body2], axis=axis, **anchors))
+    return pc.Mechanism(free, loops, guess=guess)
+
+
+@pytest.mark.parametrize(("scene", "gravity"), [("bricard", (0, -9.81, 0)), ("four_bar", (0, 3, -9))])
+def test_unique_forces_do_not_depend_on_the_tree(scene, gravity):
+    """In free bodies all joints are loops: what is called unique is the same, the rest with compliances only."""
+    scene = pc.load(scene)
+    tree = pc.Mechanism(scene.model, scene.loops, guess=scene.guess).with_gravity(gravity)
+    free = in_free_bodies(tree, pc.assemble(tree).q)
+    one, two = (pc.simulate(mech, (0.0, 0.05), t_eval=[0.0, 0.05], rtol=1e-9, atol=1e-11) for mech in (tree, free))
+    names = [*tree.joints, *(loop.name for loop in tree.loops)]
+    soft = {name: (1e-8 * (1 + k), 1e-7 / (1 + k)) for k, name in enumerate(names)}
+    ways = [f"{what} {axis}" for what in ("force", "moment") for axis in "xyz"]
+    most = 0.0
+    for name in names:
+        here, there = one.reaction(name), two.reaction(name)
+        assert here.not_unique == there.not_unique and here.shared_with
+        apart = np.hstack((here.force - there.force, here.moment - there.moment))
+        unique = np.array([way not in here.not_unique for way in ways])
+        assert np.abs(apart[:, unique]).max(initial=0.0) < 1e-8
+        most = max(most, np.abs(apart[:, ~unique]).max())
+        here, there = (each.reaction(name, compliance=soft) for each in (one, two))
+        assert here.not_unique == there.not_unique == ()
+        np.testing.assert_allclose(here.force, there.force, atol=1e-8)
+        np.testing.assert_allclose(here.moment, there.moment, atol=1e-8)
+    assert most > 0.5
