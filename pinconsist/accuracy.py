@@ -21,6 +21,7 @@ from .errors import PinconsistError
 from .mechanism.energy import compiled_forces, integrals, total_power
 from .mechanism.forces.held import sided
 from .mechanism.names import velocity_names, velocity_units
+from .mechanism.pulses import brief_times
 from .mechanism.rows import Workspace
 from .mechanism.system import MechanismSystem
 from .options import looking, method_of
@@ -123,7 +124,12 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
         raise NotEstimatedError("there is no run to compare with" if len(solution.t) > 1 else "there is only one row")
     if not all(np.isfinite(part).all() for part in (solution.q, solution.v)):
         raise NotEstimatedError("numbers of the rows are not finite")
-    system, method = _case(solution, mechanism)
+    if mechanism := mechanism or getattr(solution.system, "mechanism", None):
+        system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
+        brief = brief_times(system, solution.t, solution.q, solution.v, LOOKS)
+    else:
+        system, brief = solution.system, np.zeros(0)
+    method = _method(solution, system, len(brief) > 0)
     exact = method.name == "Radau"  # between steps its velocities are of a lower order
     rows = _rows(solution, ENDS if exact else len(solution.t))
     t, start = solution.t[rows], (solution.q[rows[0]], solution.v[rows[0]])
@@ -131,6 +137,7 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
         start = Index1(system).state(t[0], *start)[1:3]
     middles = 0.5 * (t[1:] + t[:-1]) if exact else []  # with the steps of the other run errors would be alike
     asked = _with(np.linspace(t[0], t[-1], _steps(method.name) + 1), np.sort(np.concatenate((t, middles))))
+    asked = _with(brief, asked) if len(brief) else asked
     asked = asked if t[-1] >= t[0] else asked[::-1]
     (q, v, lam), times = _finer(system, method, asked, exact, start, solution._events, patience)
     at = np.searchsorted(asked, t) if t[-1] >= t[0] else len(asked) - 1 - np.searchsorted(asked[::-1], t)
@@ -165,31 +172,29 @@ def _steps(name) -> int:
     return LOOKS // FEWEST_STAGES if name == "Radau" else LOOKS
 
 
-def _case(solution, mechanism):
-    """(system, method) of the finer run."""
-    about, system = solution.method, solution.system
-    mechanism = mechanism or getattr(system, "mechanism", None)
-    if mechanism is not None:
-        system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
-    name, order = about.get("method", "BDF"), about["max_order"]
-    rtol, atol, step = 1e-6, 1e-8, about["step"]
+def _method(solution, system, by_radau):
+    """The method of the finer run; `by_radau` if its steps have to end at given times."""
+    about = solution.method
+    name, order, step = about.get("method", "BDF"), about["max_order"], about["step"]
+    rtol, atol = (about.get(key, (tol, tol)) for key, tol in (("rtol", 1e-6), ("atol", 1e-8)))
+    if by_radau:
+        name, order, step = "Radau", None, None
     span = float(solution.t[0]), float(solution.t[-1])
     length = abs(span[1] - span[0])
     if step is not None:
         step /= max(2, ceil(step * _steps(name) / length - 1e-9))
     else:
         share = FINER**2 if name == "Radau" else FINER  # whose forced ends cost digits that its long steps keep
-        rtol, atol = (tuple(np.multiply(share, part) for part in about[key]) for key in ("rtol", "atol"))
-        if name == "Radau":
-            rtol = tuple(np.maximum(part, 1e-12) for part in rtol)
-        control = ErrorControl(rtol, atol, order, np.inf)
-        if name == "BDF" and control.asked[0] < control.best:
-            name, order, rtol = "Radau", None, tuple(np.maximum(part, 1e-12) for part in rtol)  # less rounding
+        rtol, atol = (tuple(np.multiply(share, part) for part in parts) for parts in (rtol, atol))
+        if name == "BDF":
+            control = ErrorControl(rtol, atol, order, np.inf)
+            name = "Radau" if control.asked[0] < control.best else name  # less rounding
+        rtol = tuple(np.maximum(part, 1e-12) for part in rtol) if name == "Radau" else rtol
     order = None if name == "Radau" and step is None else order
     most = MOST_STEPS * (solution.nsteps + LOOKS)
     longest = min(SHORTER * about.get("max_step", np.inf), length / _steps(name))
     method = method_of(span, name, step, order, rtol, atol, about["consistency"], None, longest, most, "auto")
-    return system, looking(method, system, span)
+    return looking(method, system, span)
 
 
 def _rows(solution, most):

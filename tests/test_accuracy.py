@@ -150,3 +150,14 @@ def test_a_fixed_step_over_a_pulse_is_never_ok():
     hit = pulse(6.03, 0.04, 5e3)
     sol = pc.simulate(body_on_a_spring(lambda t, q, v: np.array([0.0, hit(t)])), (0.0, 10.0), step=0.2, max_order=2)
     assert not sol.check().ok
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+def test_a_pulse_between_the_looks_of_a_finer_run_is_never_ok(method):
+    """It lasts for 5 ms of 10 s, and begins right after one of a thousand even times."""
+    hit = pulse(6.0305, 0.005, 1e4)
+    sol = pc.simulate(body_on_a_spring(lambda t, q, v: np.array([0.0, hit(t)])), (0.0, 10.0), method=method)
+    impulse = 1e4 * 0.005 * 3 / 8  # of sin⁴
+    found = sol.check()
+    if np.abs(sol.v[:, 1]).max() < 0.1 * impulse / 300.0:  # it was stepped over
+        assert not found.ok and found.error.v > 1e-5
