@@ -159,7 +159,7 @@ class Certificate:
                 figure("  at the first step", self.force_first, "", _above(self.force_first, OFF)),
             ]
         if self.not_unique:
-            why = "rigid bodies do not determine how redundant loops share their load: see sol.reaction(name)"
+            why = "redundant loops share their load, see sol.reaction(name)"
             lines.append(f"{'  not unique':<20} those of {listed(self.not_unique)}: {why}")
         if self._too_few_rows:
             lines.append(f"{'energy balance':<20} not judged: the rows are too few to see the work of the forces")

@@ -321,12 +321,13 @@ def shared_loads(states: States) -> dict[str, tuple[str, ...]]:
     """Loops and joints that share a load in a way that is not unique, and its components in world axes."""
     rows = LoopRows.of(states.mechanism)
     stress = over_samples(rows, states.workspace.data, states.t, states.q)
-    found: dict[str, dict[str, None]] = {}
+    sizes: dict[Member, np.ndarray] = {}
     for each in _loaded(states, rows, stress, states.lam).values():
         for member in each.members:
-            if parts := _components(rows, member, each.parts(member, "world")):
-                found.setdefault(member[1], {}).update(dict.fromkeys(parts))
-    return {name: tuple(parts) for name, parts in found.items()}
+            parts = each.parts(member, "world")
+            sizes[member] = np.maximum(sizes.get(member, parts), parts)
+    found = {member[1]: _components(rows, member, parts) for member, parts in sizes.items()}
+    return {name: parts for name, parts in found.items() if parts}
 
 
 def shared_rows(states: States) -> list[int]:
