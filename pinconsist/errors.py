@@ -1,7 +1,9 @@
 """The package's exceptions. ``str(error)`` is a readable message; attributes hold the data behind it."""
 
 import copyreg
+import sys
 import traceback
+import warnings
 
 
 class PinconsistError(Exception):
@@ -127,3 +129,11 @@ class UserFunctionError(PinconsistError):
 
 class MissingExtraError(PinconsistError, ImportError):
     """An optional package is needed; the message says what to install with pip. An ImportError too."""
+
+
+def warn(message: str) -> None:
+    """Issue a UserWarning at the line of the user's code that called this package."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "pinconsist":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, stacklevel=level)

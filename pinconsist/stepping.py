@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import wraps
 from math import isfinite
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +25,25 @@ from .mechanism.rank import require_nonsingular
 from .mechanism.system import MechanismSystem
 from .options import method_of, positive_time
 from .solution import Solution
+
+
+def _alone(method):
+    """A method that changes or reads the workspaces of a run, which only one call at a time may do."""
+
+    @wraps(method)
+    def alone(self, *arguments, **named):
+        if not self._free.acquire(blocking=False):
+            raise InputError(
+                f"this Simulation is in use: {method.__name__} was called by another thread, or by a function that the "
+                "run itself calls, before a call had returned. Give each thread a Simulation of its own, as by copy(), "
+                "or share one by a lock"
+            )
+        try:
+            return method(self, *arguments, **named)
+        finally:
+            self._free.release()
+
+    return alone
 
 
 class State(NamedTuple):
@@ -69,8 +90,10 @@ class Simulation:
         self.mechanism, self._events, self._backend = programmed(mech), as_events(events), backend
         self._step, self._columns = step, {}
         self._options = (method, step, max_order, rtol, atol, "every-step", None, max_step, None, backend)
+        self._free = Lock()
         self.reset(q0, v0, t0)
 
+    @_alone
     def reset(self, q0=None, v0=None, t0=0.0) -> State:
         """The state at which a new run begins.
 
@@ -84,10 +107,12 @@ class Simulation:
         self._stand(system, t0, assembly.q, assembly.v)
         return self.state
 
+    @_alone
     def copy(self) -> Simulation:
         """A new run from the state and torques of this one, without its history; laws are shared."""
         other, (t, q, v) = object.__new__(type(self)), self.state
         vars(other).update(vars(self))
+        other._free = Lock()
         other._stand(MechanismSystem(self.mechanism, q, t), t, q, v, self._stepper.system)
         other._hold(t, self._commands)
         other._hold(t, self._torque)
@@ -116,6 +141,7 @@ class Simulation:
         plain = not self._events and self._step is None and system.dropped_are_zero
         self._quick = plain and self._stepper.passes_changes(False)
 
+    @_alone
     def step(self, dt, control=None) -> State:
         """Advance the run by a time.
 
@@ -247,6 +273,7 @@ class Simulation:
         return State(*self._place)
 
     @property
+    @_alone
     def lam(self) -> np.ndarray:
         """The multipliers at the state, shape (nc,), with the torques that were held until there."""
         self._up_to_date()
@@ -257,6 +284,7 @@ class Simulation:
         """The times at which each event has occurred, a list for each event."""
         return [[row[0] for row in rows] for rows in self._watch.found]
 
+    @_alone
     def solution(self) -> Solution:
         """A :class:`Solution` of all steps since the start: for checks, pages and files. The run can be continued."""
         self._up_to_date()

@@ -285,7 +285,8 @@ def test_what_apply_returns_is_put_on_the_constraints():
         return 1.001 * q, v + 3.0 * q
 
     event = pc.Event(lambda t, q, v, lam: q[0] - 0.5, apply=apply)
-    sol = pc.simulate(bead(), (0.0, 1.0), v0=(0.0, 2.0), events=event, rtol=1e-8)
+    with pytest.warns(UserWarning, match="projected"):  # the radial part is lost
+        sol = pc.simulate(bead(), (0.0, 1.0), v0=(0.0, 2.0), events=event, rtol=1e-8)
     jump = int(np.flatnonzero(np.diff(sol.t) == 0.0)[0])
     np.testing.assert_allclose(sol.q[jump + 1], sol.q[jump], atol=1e-12)
     np.testing.assert_allclose(sol.v[jump + 1], sol.v[jump], atol=1e-12)
@@ -557,3 +558,76 @@ def test_multipliers_that_jump_past_zero(method, backend, force):
 def test_impossible_events_are_refused_before_the_run(fields, words):
     with pytest.raises(pc.InputError, match=words):
         pc.Event(**{"function": lambda t, q, v, lam: t} | fields)
+
+
+def _kicked(apply, method, backend, **options):
+    """The velocities of four_bar before and after an event at 0.3 s."""
+    event = pc.Event(lambda t, q, v, lam: t - 0.3, apply=apply, name="kick")
+    run = {"v0": {"crank": 3.0}, "events": event, "method": method, "backend": backend}
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.5), **run, **options)
+    assert sol.success, sol.message
+    jump = int(np.flatnonzero(np.diff(sol.t) == 0.0)[0])
+    return sol.v[jump], sol.v[jump + 1]
+
+
+@needs_both
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+@pytest.mark.parametrize("options", [{}, {"step": 0.01}])
+def test_a_joint_keeps_the_velocity_that_apply_gives_it_by_name(method, backend, options):
+    """A linkage of one degree of freedom: all velocities are multiplied alike."""
+    for apply in (lambda t, q, v: {"crank": -0.5 * v[0]}, lambda t, q, v: (q, {"rocker": -0.5 * v[2]})):
+        before, after = _kicked(apply, method, backend, **options)
+        np.testing.assert_allclose(after, -0.5 * before, rtol=1e-6)
+
+
+@needs_both
+def test_a_velocity_that_the_projection_changes_is_told_once(backend):
+    def reverse(t, q, v):
+        v[0] *= -0.5
+        return v
+
+    with pytest.warns(UserWarning, match="kick.*velocity of crank to .* mapping"):
+        before, after = _kicked(reverse, "Radau", backend)
+    assert not np.allclose(after[0], -0.5 * before[0], rtol=0.1)
+    assert _kicked(lambda t, q, v: -0.5 * v, "Radau", backend)  # warnings are errors here
+    marks = pc.Event(lambda t, q, v, lam: np.sin(40.0 * t), apply=reverse, name="marks")
+    with pytest.warns(UserWarning) as told:
+        pc.simulate(pc.load("four_bar"), (0.0, 0.5), v0={"crank": 3.0}, events=marks, backend=backend)
+    assert len(told) == 1
+
+
+def test_unnamed_joints_change_as_by_impulses_at_the_named_ones():
+    """A double pendulum whose first joint is stopped: the second one gets M22 Δv2 = -M12 Δv1; another body nothing."""
+    model = pin.Model()
+    first = scenes.add_body(model, 0, pin.JointModelRY(), scenes.at(0, 0), "first", 1.3, (0, 0, -0.4), 0.1)
+    scenes.add_body(model, first, pin.JointModelRY(), scenes.at(0, -0.9), "second", 0.7, (0.1, 0, -0.3), 0.05)
+    scenes.add_body(model, 0, pin.JointModelPX(), scenes.at(2, 0), "apart", 1.0, (0, 0, 0), 0.1)
+    mech = pc.Mechanism(model)
+    event = pc.Event(lambda t, q, v, lam: t - 0.2, apply=lambda t, q, v: {"first": -1.0})
+    sol = pc.simulate(mech, (0.0, 0.3), q0={"first": 0.4, "second": 0.3}, v0=[2.0, -1.0, 5.0], events=event)
+    jump = int(np.flatnonzero(np.diff(sol.t) == 0.0)[0])
+    (q, before, after), data = (sol.q[jump], sol.v[jump], sol.v[jump + 1]), model.createData()
+    M = pin.crba(model, data, q)
+    impulses = M @ (after - before)
+    assert after[0] == pytest.approx(-1.0, abs=1e-12)
+    np.testing.assert_allclose(impulses[1:], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("returned", "words"), [
+    ({"crnk": 1.0}, "no joint 'crnk'"), ({"crank": 1.0, "rocker": 9.0}, "name fewer joints"),
+    ({"crank": "fast"}, "crank"), ({"crank": np.nan}, "crank"),
+], ids=str)  # fmt: skip
+def test_a_mapping_that_cannot_be_used_ends_the_run_with_a_reason(returned, words):
+    event = pc.Event(lambda t, q, v, lam: t - 0.3, apply=lambda t, q, v: returned, name="kick")
+    sol = pc.simulate(pc.load("four_bar"), (0.0, 0.5), v0={"crank": 3.0}, events=event)
+    assert sol.status == -1 and sol.message.startswith("apply of the event 'kick' at t = 0.3") and words in sol.message
+
+
+def test_a_general_problem_has_no_joints_to_name():
+    problem = pc.HessenbergProblem(
+        U=lambda t, p, v: v, F=lambda t, p, v: np.array([0.0, -G]), G=lambda t, p, v: p[:, None],
+        R=lambda t, p: np.array([p @ p / 2 - 0.5]),
+    )  # fmt: skip
+    event = pc.Event(lambda t, q, v, lam: t - 0.1, apply=lambda t, q, v: {"x": 1.0}, name="kick")
+    sol = pc.integrate(problem, (0.0, 0.2), np.array([1.0, 0.0]), np.zeros(2), events=event)
+    assert sol.status == -1 and "'kick'" in sol.message and "a general problem has no joints" in sol.message

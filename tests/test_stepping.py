@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import threading
 
 import numpy as np
 import pinocchio as pin
@@ -232,3 +233,63 @@ def test_work_of_torques_at_large_times():
             sim.step(1e-4, {"crank": 5.0 * (-1.0) ** k})
         work.append(sim.solution().energy().work["control"][-1])
     assert work[1] == pytest.approx(work[0], rel=0.02)
+
+
+@pytest.mark.parametrize("method", ["Radau", "BDF"])
+@pytest.mark.parametrize("law", [False, True])
+def test_one_run_belongs_to_one_thread_at_a_time(method, law):
+    """Each call either makes its whole step or is refused; the process once ended, or steps were lost."""
+    forces = [lambda t, q, v: -0.1 * v] if law else []
+    sim = pc.Simulation(pc.load("four_bar"), v0={"crank": 3.0}, forces=forces, method=method)
+    made, refused = [], []
+
+    def work():
+        for _ in range(100):
+            try:
+                made.append(sim.step(1e-3).t)
+            except pc.InputError as error:
+                refused.append(str(error))
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(made) + len(refused) == 400 and all("another thread" in each for each in refused)
+    assert sim.state.t == pytest.approx(1e-3 * len(made), abs=1e-12)
+    alone = pc.simulate(pc.load("four_bar"), (0.0, sim.state.t), v0={"crank": 3.0}, forces=forces, method=method)
+    np.testing.assert_allclose(sim.state.q, alone.q[-1], atol=1e-5)
+
+
+def test_a_law_may_read_the_state_but_not_step_its_own_run():
+    seen = []
+
+    def law(t, q, v):
+        seen.append(sim.state.t)
+        for use in (lambda: sim.step(1e-3), sim.solution, sim.copy, sim.reset, lambda: sim.lam):
+            with pytest.raises(pc.InputError, match="in use"):
+                use()
+        return 0.0 * v
+
+    sim = pc.Simulation(pc.load("four_bar"), forces=[law])
+    assert sim.step(1e-3).t == 1e-3 and seen
+
+
+def test_runs_of_their_own_in_threads_are_those_without_threads():
+    mech, found = pc.load("four_bar"), {}
+
+    def work(speed):
+        sim = pc.Simulation(mech, v0={"crank": speed})
+        for _ in range(100):
+            state = sim.step(1e-3)
+        found[speed] = (*found.get(speed, ()), (*state.q, *state.v, *sim.lam))
+
+    speeds = [1.0, 2.0, 3.0, 4.0]
+    threads = [threading.Thread(target=work, args=(speed,)) for speed in speeds]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for speed in speeds:
+        work(speed)
+        assert found[speed][0] == found[speed][1]

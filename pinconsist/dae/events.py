@@ -1,7 +1,7 @@
 """Events: zeros of functions of the solution, located on the interpolant of each step."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from dis import get_instructions
 from functools import partial
@@ -9,13 +9,16 @@ from numbers import Real
 from types import FunctionType
 from typing import NoReturn
 
-from ..errors import InputError, UserFunctionError
+import numpy as np
+
+from ..errors import InputError, PinconsistError, UserFunctionError, warn
 from .rounding import shortest_step
 from .tuning import HALVING
 
 SAME_TIME = 1e-13  # relative: events closer than this are simultaneous
 BESIDE = 1e-3  # distance before a root at which the slope is measured, relative to the search interval
 ROUGHLY = 1e-7  # accuracy of a root before a Newton step, relative to the step
+SET, SMALL = 1e-2, 1e-3  # change of a velocity that was set, relative to it and to the largest, that is told
 LOOKING = {"locals", "vars", "dir", "eval", "exec"}  # functions that can read all variables
 
 
@@ -32,8 +35,16 @@ class Event:
     direction : float
         > 0: only where g rises, < 0: only where it falls, 0: both.
     apply : callable, optional
-        ``apply(t, q, v) -> v`` or ``-> (q, v)``: the state after the event (an impact, a latch), or ``None`` if only
-        forces change. The run then restarts with consistent velocity and multipliers, without the old history.
+        ``apply(t, q, v)`` returns the state after the event (a latch, an impact; for impacts see :class:`Impact`):
+
+        * a mapping joint name → velocity: these joints have it, as if by impulses at them; the others follow through
+          the loops, and change as little as the masses allow,
+        * a velocity, which is projected onto the constraints in the mass metric; a warning says if a joint then does
+          not have the velocity that was set, as in a closed chain in which only one of them was changed,
+        * ``(q, v)``, `v` being either of these,
+        * ``None`` if only forces change.
+
+        The run then restarts with consistent multipliers, without the old history.
     name : str
         For messages.
     """
@@ -57,15 +68,17 @@ class Event:
             )
 
 
-def as_events(events) -> tuple[Event, ...]:
-    """Events from user input: Event objects, or functions with scipy's attributes."""
+def as_events(events, mechanism=None) -> tuple[Event, ...]:
+    """Events from user input: Event objects, impacts on a mechanism, or functions with scipy's attributes."""
     if events is None:
         return ()
-    events = (events,) if callable(events) or isinstance(events, Event) else events
+    events = (events,) if callable(events) or isinstance(events, Event) or hasattr(events, "of") else events
     if not isinstance(events, Iterable):
         raise InputError(f"events must be a sequence of events, got {events!r}")
     result = []
     for event in events:
+        if hasattr(event, "of"):  # an impact
+            event = Event(**event.of(mechanism))
         if not isinstance(event, Event):
             if not callable(event):
                 raise InputError(f"an event must be an Event or a function g(t, q, v, lam), got {event!r}")
@@ -121,6 +134,57 @@ class Signs:
         return value
 
 
+def state_after(event, index1, t, p, v):
+    """(p, v) after an event, on the constraints, and the velocity that its `apply` returned, None for a mapping."""
+    system = index1.system
+    try:
+        changed = event.apply(t, p.copy(), v.copy())
+    except PinconsistError as error:
+        raise type(error)(f"apply of the event {event.name!r} at t = {t:.6g}: {error}") from error
+    except Exception as error:
+        raise UserFunctionError(f"apply of the event {event.name!r}", t, error) from error
+    wanted = v if changed is None else changed
+    if isinstance(changed, tuple) and len(changed) == 2:
+        p, wanted = changed
+    named = wanted if isinstance(wanted, Mapping) else None
+    try:
+        p, wanted = np.array(p, float), np.array(v if named is not None else wanted, float)
+        good = p.shape == (system.npos,) and wanted.shape == (system.nv,)
+        good = good and np.isfinite(p.dot(p) + wanted.dot(wanted))
+    except (TypeError, ValueError):
+        good = False
+    if not good:
+        raise InputError(
+            f"apply of the event {event.name!r} must return v, shape ({system.nv},), a mapping joint → velocity, or "
+            f"(q, v), all finite; it returned {changed!r} at t = {t:.6g}"
+        )
+    p, v = index1.projected(t, p, wanted)
+    if named is None:
+        return p, v, wanted
+    try:
+        return p, system.with_velocities(t, p, v, named), None
+    except PinconsistError as error:
+        raise InputError(f"apply of the event {event.name!r} at t = {t:.6g}: {error}") from error
+
+
+def warn_of_projection(event, system, t, before, wanted, after) -> bool:
+    """Warn if a component of v that `apply` has set does not have this value after the projection; whether it did."""
+    lost = np.abs(after - wanted)
+    allowed = SET * np.maximum(np.abs(wanted), np.abs(before)) + SMALL * np.abs(before).max(initial=0.0)
+    lost[(wanted == before) | (lost <= allowed)] = 0.0
+    if not lost.any():
+        return False
+    i = int(np.argmax(lost))
+    name = system.describe_velocity(i)
+    warn(
+        f"apply of the event {event.name!r} set the velocity of {name} to {wanted[i]:.6g} at t = {t:.6g}, but it is "
+        f"{after[i]:.6g} now (before: {before[i]:.6g}): the constraints do not allow what was set, and it was "
+        "projected onto them in the mass metric. To set some joints and let the others follow, return a mapping "
+        "joint → velocity"
+    )
+    return True
+
+
 def fail(event, t, error) -> NoReturn:
     """Raise the error of an event whose function raised `error`, or returned NaN."""
     raise UserFunctionError(f"the event {event.name!r}", t, error or ValueError("it returned NaN")) from error
@@ -138,7 +202,7 @@ class EventWatch:
     """
 
     def __init__(self, events, stepper, interrupted):
-        self.events, self.found, self.signs = events, [[] for _ in events], None
+        self.events, self.found, self.signs, self._told = events, [[] for _ in events], None, set()
         if events:
             multipliers = any(reads_multipliers(event.function) for event in events)
             self._made_of = events, multipliers, interrupted, stepper.full_multipliers
@@ -169,6 +233,15 @@ class EventWatch:
             if change := self._happen(self._hits(stepper)):
                 return change
         return None
+
+    def tell(self, i, system, t, before, wanted, after) -> None:
+        """Warn, once a run, if a velocity that the event `i` has set does not outlast the projection."""
+        if (
+            wanted is not None
+            and i not in self._told
+            and warn_of_projection(self.events[i], system, t, before, wanted, after)
+        ):
+            self._told.add(i)
 
     def until(self, t, forward) -> list:
         """The events up to a time: steps may have been searched beyond the end of the run."""

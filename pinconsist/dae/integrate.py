@@ -7,11 +7,11 @@ from functools import partial
 
 import numpy as np
 
-from ..errors import InputError, PinconsistError, UserFunctionError
+from ..errors import PinconsistError, UserFunctionError
 from .consistency import MODES, Exact
 from .control import ErrorControl, FixedStep
 from .dense import Curve, DenseOutput, StepBatch
-from .events import EventWatch
+from .events import EventWatch, state_after
 from .failure import failure_report, jumping
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
 from .problem import Index3System
@@ -262,32 +262,13 @@ def _after_events(stepper, watch, record, fired, t, state, final):
     if final:
         names = " and ".join(event.name or "without a name" for event in events if event.terminal)
         raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
-    for event in (event for event in events if event.apply is not None):
-        p, v = _after_event(stepper, event, t, p, v)
+    for i, event in zip(fired, events, strict=True):
+        if event.apply is not None:
+            before = v
+            p, v, wanted = state_after(event, stepper.index1, t, p, v)
+            watch.tell(i, stepper.system, t, before, wanted, v)
     stepper.system.change(t, p, v)
     known = stepper.index1.acceleration(t, p, v)
     record.jump(t, p, v, known[1])
     watch.restart(t, p, v, known[1], fired)
     return p, v, known
-
-
-def _after_event(stepper, event, t, p, v):
-    """The state that an event's `apply` returns, projected onto the constraints."""
-    system = stepper.system
-    try:
-        changed = event.apply(t, p.copy(), v.copy())
-    except Exception as error:
-        raise UserFunctionError(f"apply of the event {event.name!r}", t, error) from error
-    if changed is not None:
-        p, v = changed if isinstance(changed, tuple) and len(changed) == 2 else (p, changed)
-    try:
-        p, v = np.array(p, float), np.array(v, float)
-        good = p.shape == (system.npos,) and v.shape == (system.nv,) and np.isfinite(p.dot(p) + v.dot(v))
-    except (TypeError, ValueError):
-        good = False
-    if not good:
-        raise InputError(
-            f"apply of the event {event.name!r} must return v, shape ({system.nv},), or (q, v), all finite; "
-            f"it returned {changed!r} at t = {t:.6g}"
-        )
-    return stepper.index1.projected(t, p, v)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..errors import InputError
+
 
 class Index3System:
     """An index-3 system p' = U(t,p,v), M(t,p) v' + f₀(t,p,v) = G λ, 0 = Φ(t,p).
@@ -158,6 +160,17 @@ class Index3System:
         `gaps`, if given, is a compiled function that evaluates all rows at many positions.
         """
         return None
+
+    def with_velocities(self, t, p, v, named):
+        """The velocity nearest to `v` at (`t`, `p`) in which the joints of `named`, name → value, have these values.
+
+        It is on the constraints; distance is measured in the mass metric. Raises InputError if there are no joints.
+        """
+        raise InputError("a general problem has no joints: return v, or (p, v), not a mapping")
+
+    def describe_velocity(self, i: int) -> str:
+        """The name of component `i` of v, counted from 0, in messages."""
+        return f"v[{i}]"
 
     def start(self, t, p, v, backwards) -> None:
         """Set the forces that jump at known times to their values at the start (`t`, `p`, `v`) of a run.

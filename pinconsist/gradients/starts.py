@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..dae.events import state_after
 from ..errors import AssemblyError, InputError
 from ..mechanism.assembly import not_kept
 from ..mechanism.closing import CLOSED, check_closing
@@ -141,11 +142,9 @@ class Crossing:
 
         def applied(side, t, p, v):
             for i in events:
-                if (apply := side.events[i].apply) is not None:
-                    changed = apply(t, p.copy(), v.copy())
-                    if changed is not None:
-                        p, v = changed if isinstance(changed, tuple) and len(changed) == 2 else (p, changed)
-            _, p, v, _ = side.index1(system).state(t, np.array(p, float), np.array(v, float))
+                if side.events[i].apply is not None:
+                    p, v, _ = state_after(side.events[i], side.index1(system), t, p, v)
+            p, v = side.index1(system).projected(t, p, v)
             return np.concatenate((system.difference(p_after, p), v))
 
         nx, nv = system.nx, system.nv

@@ -11,6 +11,7 @@ from ..errors import AssemblyError, InputError
 from .checks import coordinates, finite_array, require_mechanism, warn
 from .closing import CLOSED, NEARLY, LoopSolver
 from .correction import hint
+from .names import filled
 from .rank import dependencies, weak_text
 
 KEPT = 1e-9  # rad or m: a joint farther than this from its value has not kept it
@@ -186,10 +187,16 @@ def _text(values) -> str:
     return " ".join(f"{each:.6g}" for each in values)
 
 
-def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None) -> np.ndarray:
-    """A velocity with J v + Φ_t = 0 in the rows `kept` at a closed configuration; `v` as in :func:`assemble`."""
+def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None, before=None) -> np.ndarray:
+    """A velocity with J v + Φ_t = 0 in the rows `kept` at a closed configuration; `v` as in :func:`assemble`.
+
+    With a velocity `before`, joints that are not named in `v` keep theirs as far as possible, in the mass metric: the
+    change is that of impulses at the named joints and in the loops.
+    """
     mechanism, model, t, moving = solver.mechanism, solver.model, solver.t, solver.loop_rows.moving
     start = mechanism.velocity({} if v is None else v)
+    if before is not None:
+        start = filled(mechanism, v, before.copy(), velocity=True)
     if not (moving or start.any()):  # rest
         return start
     kept = solver.kept(q) if kept is None else kept
@@ -203,7 +210,9 @@ def velocity_on_constraints(solver: LoopSolver, q, v=None, kept=None) -> np.ndar
     U, sizes, Vt = np.linalg.svd(E)
     rank = int((sizes > 1e-12 * sizes.max(initial=0.0)).sum())
     result, Z = Vt[:rank].T @ ((U.T @ target)[:rank] / sizes[:rank]), Vt[rank:].T
-    ahead = -result if held.any() else start - result  # least kinetic energy, or least distance from `start`
+    # With least kinetic energy, or least distance from a velocity
+    nearest = before if before is not None else 0.0 if held.any() else start
+    ahead = nearest - result
     result = result + Z @ np.linalg.lstsq(Z.T @ M @ Z, Z.T @ (M @ ahead), rcond=1e-13)[0]
     miss = np.abs(E @ result - target)
     if miss.max(initial=0.0) > 1e-8 * (1.0 + np.abs(target).max(initial=0.0)):

@@ -2,8 +2,6 @@
 
 import difflib
 import os
-import sys
-import warnings
 from collections.abc import Mapping
 from math import atan2, inf, isfinite
 
@@ -11,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError, UserFunctionError
+from ..errors import warn as warn
 
 UNIT = 1e-9  # largest deviation of an orientation from unit length
 ROTATION = 1e-6  # largest deviation of RᵀR of a placement from the unit matrix
@@ -260,14 +259,6 @@ def real_array(value, what: str, shape: tuple, t: float, hint: str = "") -> np.n
         wanted = str(shape) if shape else "one number"
         raise InputError(f"{what} returned shape {array.shape} at t = {t:.6g}; it must return {wanted}{hint}")
     return array.astype(float, copy=False)
-
-
-def warn(message: str) -> None:
-    """Issue a UserWarning at the line of the user's code that called this package."""
-    frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "pinconsist":
-        frame, level = frame.f_back, level + 1
-    warnings.warn(message, stacklevel=level)
 
 
 def read_only(array):

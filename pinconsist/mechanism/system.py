@@ -9,11 +9,13 @@ import pinocchio as pin
 
 from ..dae.problem import Index3System
 from ..errors import PinconsistError
+from .assembly import velocity_on_constraints
 from .closing import LoopSolver
 from .forces import bound_forces
 from .forces.held import BoundHeld
 from .lie import PlaneTurns, structure_constants
 from .mechanism import Mechanism
+from .names import velocity_names
 from .rows import KeptRows
 
 OPEN = 1e-6  # gap of a dropped row, relative to the mechanism's size, that shows that it was needed
@@ -51,7 +53,7 @@ class MechanismSystem(Index3System):
         # Views of the workspace. M is stored by columns; its transpose, which is equal, can be added faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
         self._turns = PlaneTurns(self.model)
-        self.moving, self._J = self.rows.moving, None
+        self.moving, self._J, self._solver = self.rows.moving, None, None
         self._structure = None if self.vector_like else structure_constants(self.model)
 
     def _take(self, forces):
@@ -63,6 +65,14 @@ class MechanismSystem(Index3System):
         self._sharp = [each for each in forces.values() if not getattr(each, "smooth", False)]
         self.sharp = bool(self._sharp)
         self.may_act_later = any(not hasattr(each, "widths") for each in self._sharp)  # friction depends on v alone
+
+    def with_velocities(self, t, p, v, named):
+        solver = self._solver = self._solver or LoopSolver(self.mechanism, t)
+        solver.t = t
+        return velocity_on_constraints(solver, p, named, self.kept, v)
+
+    def describe_velocity(self, i):
+        return velocity_names(self.model)[i]
 
     @property
     def held(self) -> dict[str, np.ndarray]:
