@@ -153,7 +153,7 @@ def global_error(solution, finer: FinerRun) -> GlobalError:
     error_v = np.abs(v - other[1])
     ours = loop_forces(system, t, q, v, lam)
     # multipliers between the steps of the finer run are those of its polynomials, which nothing controls
-    sides = sided(solution.t, system.changes)[rows]
+    sides = sided(solution.t, system.jumps_at(solution.t[-1], solution.q[-1], solution.v[-1]))[rows]
     error_force = np.abs(ours - exact_forces(system, (sides, *other)))
     for error in (error_q, error_v, error_force):
         error[finer.apart] = 0.0

@@ -283,6 +283,11 @@ def _shared(solution, mechanism, system, workspace) -> dict[str, tuple[str, ...]
     return shared_loads(States(mechanism, t, q, lam, workspace, motion))
 
 
+def _sides(system, t, q, v):
+    """The times of rows on the sides of jumps to which they belong."""
+    return sided(t, len(t) > 1 and system.jumps_at(t[-1], q[-1], v[-1]))
+
+
 def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
     """The certificate of a solution; `mechanism` is needed if the solution does not have its system.
 
@@ -299,7 +304,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
     made = 1 + np.flatnonzero(solution.order > 0)  # by the method's own steps; with t_eval all rows count
     compared = made if len(made) else slice(None)
     t, q, v = solution.t, solution.q, solution.v
-    phi, rho, forces, exact, found, acting = measured(system, (sided(t, system.changes), q, v, solution.lam), workspace)
+    phi, rho, forces, exact, found, acting = measured(system, (_sides(system, t, q, v), q, v, solution.lam), workspace)
     phi, exact = np.abs(phi), exact[compared]
     error = np.abs(forces[compared] - exact)
     position, where, units, scale = 0.0, "", ("", ""), max(largest(exact), acting) or 1.0

@@ -105,8 +105,8 @@ def _stages(max_order, step, consistency) -> int:
 
 
 def looking(method, system, span) -> dae.Method:
-    """The method with steps that do not leap over what acts for a while only, where functions of time may do so."""
-    if method.step is not None or method.control.max_step < np.inf or not (system.may_act_later or system.moving):
+    """The method with steps that do not leap over what acts for a while only, where laws of the state may do so."""
+    if method.step is not None or method.control.max_step < np.inf or not system.may_act_later:
         return method
     longest = method.control.longest * max(abs(span[1] - span[0]), shortest_step(*span))
     return replace(method, control=replace(method.control, max_step=longest))

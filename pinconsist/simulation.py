@@ -57,7 +57,7 @@ def simulate(
         Forces in addition to the mechanism's own; see :class:`Mechanism`.
     control : mapping, optional
         Commands of actuators, by their names or those of their joints: ``{"knee": 0.4}``, a number, a function of time,
-        or a table (times, values); see :meth:`Mechanism.with_control`.
+        or a table (times, values), interpolated linearly and constant outside; see :meth:`Mechanism.with_control`.
     t_eval : array, optional
         Times of the rows, inside the span, in its direction; no other rows are kept. Rows are interpolated between
         steps: their loops are closed to the tolerance only. Default: every accepted step.
@@ -75,9 +75,9 @@ def simulate(
         throughout. ``"initial"``: the starting velocities are made numerically consistent (Arévalo 2008), nothing
         else; for fixed steps. ``"exact"``: raw BDF from the exact values; its first multipliers are wrong.
     first_step, max_step : float, optional
-        First and largest step of the variable-step method, s. If there are time-dependent constraints, user-defined
-        functions among the forces, or limited actuators, the default is a tenth (Radau) or a twentieth (BDF) of the
-        span: longer steps would miss a pulse after a time of rest. Shorter pulses than that need a `max_step`.
+        First and largest step of the variable-step method, s. If there are laws of (t, q, v) among the forces, or
+        actuators with a limited force, the default is a tenth (Radau) or a twentieth (BDF) of the span, as they may
+        begin to act after a time of rest. See the notes.
     max_steps : int, optional
         Stop with an error after this many steps.
     backend : {"auto", "compiled", "python"}
@@ -90,6 +90,17 @@ def simulate(
     Solution
         If the integration fails, ``success`` is False, and the solution holds the rows so far and a message. Ctrl-C
         ends the run with the rows so far, ``status`` 1; after the last step it has no effect.
+
+    Notes
+    -----
+    Steps end at the times of tables, at the knots of drives and of SciPy's splines, and where functions of time (of
+    drives, constraints, forces, targets and commands) jump, bend, or begin, peak or end a pulse. These are found before
+    a run of variable step: such functions are sampled 2,000 times over the span, and every millisecond up to 10,000
+    times, constraints and laws of (t, q, v) at the start state, and up to 10,000 times more for the exact times of
+    jumps and bends. They are called within the span only. Pulses shorter than two samples may be missed: pass their
+    times, as a table, as `knots` or in a :class:`Piecewise`, or limit steps by `max_step`. A fixed `step` ends at known
+    times only. A function that remembers earlier calls is no function of time: use :class:`Sampled`. (Of laws that are
+    objects, a copy is sampled, and laws that do not use t are not.)
 
     Raises
     ------
@@ -107,6 +118,7 @@ def simulate(
     span = span_of(t_span)
     chosen = method_of(span, method, step, max_order, rtol, atol, consistency, first_step, max_step, max_steps, backend)
     solver = LoopSolver(mech, span[0])
+    solver.loop_rows.breakpoints.look_ahead(span[0], span[1], mech.guess, np.zeros(mech.nv), step is None)
     assembly = assembled(solver, q0, v0)
     system = MechanismSystem(mech, assembly.q, span[0], solver)
     require_nonsingular(system, assembly.q)

@@ -176,7 +176,8 @@ class Simulation:
         if control is not None:
             self._jumped |= self._hold(t, control)
         if self._changing is not None:
-            self._jumped |= self._changing.change(t, q, v)
+            self._jumped |= bool(self._changing.change(t, q, v))
+            self._stepper.system.breakpoints.look_on(t, t_end, q, v)
         jumped, self._jumped = self._jumped, False
         if not self._record.begun:
             self._begin()

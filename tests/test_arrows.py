@@ -55,7 +55,7 @@ MAY_IMPORT = {
     | {"sweeps", "sweep_table", "checkpoints", "scene_source", "runs"}
     | {"__init__", "files", "interrupts", "paper"},
 }
-DAE_SEEN_BY = {"certificate": {"norms"}, "mechanism": {"problem"}, "cli": set()}
+DAE_SEEN_BY = {"certificate": {"norms"}, "mechanism": {"problem", "arguments"}, "cli": set()}
 OPTIONAL = {"meshcat", "matplotlib", "pandas", "casadi", "rich", "typer", "yaml", "defusedxml", "coal"}
 TOP_LEVEL_ALLOWED = {  # parsers: catalogue.py and scene.py import these files only where they are used
     "formats/loopfile.py": {"yaml"},

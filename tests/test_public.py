@@ -21,10 +21,10 @@ PARAMETERS = {  # those after the bar by name only
     "Certificate": "position position_at velocity force force_first energy_error energy work_error undetermined "
     "not_unique beyond_limits corrected_by fixed_step ended_early error error_missing saturated speed units branches "
     "pulling not_finite",
-    "Constraint": "name function size jacobian rate moving rows step unilateral",
+    "Constraint": "name function size jacobian rate moving rows step unilateral knots",
     "Coupling": "name joint other ratio offset higher",
     "Derivatives": "names values",
-    "Drive": "name joint curve rate acceleration",
+    "Drive": "name joint curve rate acceleration knots",
     "ElementForce": "label t force moment length speed torque",
     "Energy": "t kinetic potential elastic total stored power work error",
     "Equilibrium": "mechanism t q lam residual stiffness neutral iterations",

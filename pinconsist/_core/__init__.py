@@ -16,7 +16,7 @@ from ..dae.radau_table import table
 from ..dae.unseen import gauss
 
 AGAIN = "install pinconsist again"
-INTERFACE = 33  # as in module.cpp: an editable install may hold an older build
+INTERFACE = 34  # as in module.cpp: an editable install may hold an older build
 
 
 def _absent(folder: Path) -> str:

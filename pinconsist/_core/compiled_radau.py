@@ -116,7 +116,7 @@ class CompiledRadauStepper(CompiledRun, RadauStepper):
         return found or super().locate(signs, i)
 
     def passes_changes(self, with_curve):
-        return True
+        return not self.system.moving  # the velocities may jump with a constraint
 
     def resume(self, t_end):
         states = super().resume(t_end)

@@ -133,11 +133,14 @@ private:
     return nb::cast<double>(forces.attr("next_change")(t, t_end));
   }
 
-  // Forces may jump here: the state stays the same, and the multipliers jump with the forces.
+  // Forces may jump here: the state stays the same, and the multipliers jump with the forces. If neither they nor their
+  // rates do, the run goes on.
   Failure change(const nb::object &forces, StepBatch<Curve> &out) {
     nb::gil_scoped_acquire holds;
+    const nb::object changed = forces.attr("change")(t, array(p), array(self().velocity()));
+    if (changed.is_none()) return Failure::none;
     resumes_ = true;
-    return nb::cast<bool>(forces.attr("change")(t, array(p), array(self().velocity()))) ? jump_here(out) : Failure::none;
+    return nb::cast<bool>(changed) ? jump_here(out) : Failure::none;
   }
 
   Failure jump_here(StepBatch<Curve> &out) {

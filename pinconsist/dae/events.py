@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from dis import get_instructions
 from functools import partial
 from numbers import Real
 from types import FunctionType
@@ -12,6 +11,7 @@ from typing import NoReturn
 import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError, warn
+from .arguments import may_read
 from .rounding import shortest_step
 from .tuning import HALVING
 
@@ -19,7 +19,6 @@ SAME_TIME = 1e-13  # relative: events closer than this are simultaneous
 BESIDE = 1e-3  # distance before a root at which the slope is measured, relative to the search interval
 ROUGHLY = 1e-7  # accuracy of a root before a Newton step, relative to the step
 SET, SMALL = 1e-2, 1e-3  # change of a velocity that was set, relative to it and to the largest, that is told
-LOOKING = {"locals", "vars", "dir", "eval", "exec"}  # functions that can read all variables
 
 
 @dataclass(frozen=True)
@@ -338,11 +337,7 @@ def zero(g, a, fa, b, fb, near):
 def reads_multipliers(function) -> bool:
     """Whether an event's function may use λ, its last argument; λ takes as long to compute as all the rest."""
     code = getattr(function, "__code__", None)
-    if not isinstance(function, FunctionType) or code.co_argcount != 4 or LOOKING.intersection(code.co_names):
-        return True
-    name = code.co_varnames[3]
-    used = (each.argval for each in get_instructions(code))
-    return name in code.co_cellvars or any(name == each or (type(each) is tuple and name in each) for each in used)
+    return not isinstance(function, FunctionType) or code.co_argcount != 4 or may_read(function, 3)
 
 
 def _at_once(t1, t2) -> bool:

@@ -13,12 +13,16 @@ from .control import ErrorControl, FixedStep
 from .dense import Curve, DenseOutput, StepBatch
 from .events import EventWatch, state_after
 from .failure import failure_report, jumping
+from .norms import largest
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
 from .problem import Index3System
 from .radau_stepper import RadauStepper
 from .rounding import Pace
 from .stepper import Stepper
 from .tuning import FAILURES, Switches
+
+CLOSED = 1e-6  # gap of a constraint, relative to positions and 1 rad or m, that is no jump
+STILL = 1e-9  # change of velocities by a projection, relative to them and 1 rad/s or m/s, that is no jump
 
 
 @dataclass
@@ -114,6 +118,7 @@ def integrate(
         watch = EventWatch(output.events, stepper, interrupted)
         status, message = SUCCESS, "the end of the interval was reached"
         try:
+            stepper.system.look_ahead(*t_span, p0, v0, method.step is None)
             stepper.system.start(t_span[0], p0, v0, t_span[1] < t_span[0])
             lam0 = stepper.index1.acceleration(t_span[0], p0, v0)[1]
             record.first(t_span[0], p0, v0, lam0)
@@ -206,11 +211,35 @@ def march(stepper, t_span, p, v, method, record, watch, interrupted, resumes=Fal
             other_rows = batch.failure or (record.nsteps % stepper.rows_watched == 0 and _choose_rows(stepper, record))
             if other_rows or t == until:
                 p, v = stepper.p, stepper.velocity_and_multipliers()[0]
-                jumped = (t == until or passes) and stepper.system.change(t, p, v)
-                resumes = not other_rows
-                break
+                changed = stepper.system.change(t, p, v) if t == until or passes else None
+                if other_rows or changed is not None or t == stop:
+                    jumped, resumes = bool(changed), not other_rows
+                    if jumped and (pushed := _pushed(stepper, record, watch, t, p, v)) is not None:
+                        (p, v, known), jumped, resumes = pushed, False, False
+                    break
+                until = stop if passes else stepper.system.next_change(t, stop)
             _stop_if(interrupted)
             batch = more(until)
+
+
+def _pushed(stepper, record, watch, t, p, v):
+    """The state after a jump of the rates of constraints, with its acceleration and multipliers; None if none jumped.
+
+    The projection onto the new rates is the effect of an impulse along the constraints.
+    """
+    if not stepper.system.moving:
+        return None
+    phi = stepper.system.constraint(t, p, stepper.system.rate(t, p, v))[0]
+    if largest(phi) > CLOSED * (1.0 + largest(p)):
+        row = stepper.system.describe_row(int(np.argmax(np.abs(phi))))
+        raise PinconsistError(f"the run cannot continue at t = {t:.6g}: {row} jumps there, by {largest(phi):.3g}")
+    p, pushed = stepper.index1.projected(t, p, v)
+    if largest(pushed - v) <= STILL * (1.0 + largest(v)):
+        return None
+    known = stepper.index1.acceleration(t, p, pushed)
+    record.jump(t, p, pushed, known[1])
+    watch.restart(t, p, pushed, known[1])
+    return p, pushed, known
 
 
 def _started(stepper, method, record, with_curve):

@@ -28,7 +28,7 @@ class Index3System:
     moving : bool
         The constraint may depend on time.
     changes : bool
-        Forces jump at known times, see :meth:`next_change`.
+        Forces or constraints may jump or bend at times that are known before, see :meth:`next_change`.
     difference_step : float
         Step of the difference quotients that replace ``W``; their rounding error is divided by it. inf if ``W`` is
         exact.
@@ -40,7 +40,8 @@ class Index3System:
     sharp : bool
         Whether there are forces that may bend or jump within a step, as friction does: :meth:`sharp_force`.
     may_act_later : bool
-        Whether forces may begin to act after a time of rest, as functions of time do.
+        Whether forces or constraints may begin to act after a time of rest, at times that :meth:`look_ahead` does not
+        find.
     """
 
     npos: int
@@ -54,7 +55,7 @@ class Index3System:
     moving: bool = True
     widths: np.ndarray | None = None
     sharp: bool = False
-    may_act_later: bool = False
+    may_act_later: bool = True
 
     def integrate(self, p, xi):
         """p ⊕ ξ, shape (npos,): the position reached from `p` by the tangent vector `xi`."""
@@ -172,6 +173,12 @@ class Index3System:
         """The name of component `i` of v, counted from 0, in messages."""
         return f"v[{i}]"
 
+    def look_ahead(self, t, t_end, p, v, every) -> None:
+        """Find the times between `t` and `t_end` at which a run that starts at (`p`, `v`) has to end steps.
+
+        If not `every`, only those at which functions that are known otherwise jump or bend.
+        """
+
     def start(self, t, p, v, backwards) -> None:
         """Set the forces that jump at known times to their values at the start (`t`, `p`, `v`) of a run.
 
@@ -179,12 +186,22 @@ class Index3System:
         """
 
     def next_change(self, t, t_end):
-        """The first time after `t` at which forces jump, or `t_end`: steps end there."""
+        """The first time after `t` at which forces or constraints change their character, or `t_end`.
+
+        Steps end there.
+        """
         return t_end
 
-    def change(self, t, p, v) -> bool:
-        """Whether forces jumped: those due at `t` are evaluated at (`t`, `p`, `v`), and act from then on."""
-        return False
+    def change(self, t, p, v) -> bool | None:
+        """Whether forces jumped: those due at `t` are evaluated at (`t`, `p`, `v`), and act from then on.
+
+        None if nothing is due, or all is smooth, so that a multistep method need not start again.
+        """
+        return None
+
+    def jumps_at(self, t, p, v) -> bool:
+        """Whether forces or constraints may jump at the end `t` of a run, in the state (`p`, `v`)."""
+        return self.changes
 
     def sharp_force(self, t, p, v):
         """The forces at (`t`, `p`, `v`) that may bend or jump within a step, shape (nv,); called if :attr:`sharp`."""

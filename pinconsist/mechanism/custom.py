@@ -1,6 +1,6 @@
 """A user-defined constraint Φ(t, q) = 0, with or without its Jacobian."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -8,9 +8,10 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
+from .breakpoints import knots_of, time_function
 from .checks import name, number, put, put_checked, require_functions, returned
 from .joint_constraints import Rows
-from .motion import TIME_STEP, check_rate, check_slope, first, in_time
+from .motion import TIME_STEP, UNLIMITED, check_rate, check_slope, first, in_time
 
 REACH = 10.0  # times `step`: step of the second difference along the motion
 CHECKED_OVER = (1.0, 1e-2, 1e-4, 1e-6)  # fractions of the steps with which user-defined derivatives are checked
@@ -28,7 +29,7 @@ class Constraint:
     name : str
     function : callable
         ``function(t, q) -> array (size,)``, smooth, for every configuration q (nq,) that assembly may try. It is called
-        with read-only arrays, and at times slightly outside the time span.
+        with read-only arrays.
     size : int
         Number of rows.
     jacobian : callable, optional
@@ -42,6 +43,8 @@ class Constraint:
         False if Φ does not depend on t; its time derivatives are then not computed.
     rows : sequence of str, optional
         Names of the rows for reports. Default "0", "1", ….
+    knots : sequence of float
+        Times, s, at which Φ or one of its first two derivatives by time jumps, as for :class:`Drive`.
     step : float
         Step of the difference quotients, rad or m: about a thousandth of the length over which Φ varies.
     unilateral : bool
@@ -66,6 +69,7 @@ class Constraint:
     rows: tuple[str, ...] = None  # type: ignore[assignment]  # a tuple after __post_init__
     step: float = 1e-3
     unilateral: bool = False
+    knots: Sequence[float] = ()
 
     kind: ClassVar[str] = "constraint"
 
@@ -78,6 +82,7 @@ class Constraint:
         if self.rate is not None and not self.moving:
             raise InputError(f"{who}: it has a rate, which contradicts moving=False")
         number(self.step, f"{who}: step", above=0.0)
+        put(self, knots=knots_of(self.knots, f"{who}: knots"))
         rows = tuple(map(str, range(self.size))) if self.rows is None else self.rows
         if isinstance(rows, str) or len(rows := tuple(rows)) != self.size or not all(isinstance(r, str) for r in rows):
             raise InputError(f"{who}: rows needs {self.size} names, got {self.rows!r}")
@@ -95,14 +100,21 @@ class ConstraintRows(Rows):
         self._units = np.eye(model.nv)
 
     def evaluate(self, data, q, t):
+        t = self.breakpoints.inside(t)
         return self._phi(t, q), self._jacobian(t, q)
+
+    def functions_of_time(self, q, v):
+        if not self.moving:
+            return []
+        return [time_function(self.loop.function, lambda t: self._phi(t, q), 2, self.loop.knots)]
 
     def rate(self, t, q):
         if not self.moving:
             return super().rate(t, q)
+        t = self.breakpoints.inside(t)
         if self.loop.rate is not None:
             return self._call("rate", t, q)
-        return in_time(lambda s: self._phi(t + s, q))
+        return in_time(lambda s: self._phi(t + s, q), 1, TIME_STEP, *self.breakpoints.reach(t))
 
     def acceleration_bias(self, data, t, q, v):
         if not self.moving and (self._phi(t + TIME_STEP, q) != self._phi(t, q)).any():
@@ -111,13 +123,15 @@ class ConstraintRows(Rows):
         step = min(TIME_STEP if self.moving else np.inf, REACH * self.loop.step / fastest if fastest else np.inf)
         if step == np.inf:
             return np.zeros(self.loop.size)
+        t = self.breakpoints.inside(t)
+        reach = self.breakpoints.reach(t) if self.moving else (UNLIMITED, True)
 
         def place(s):
             return pin.integrate(self.model, q, s * v)
 
         if self.loop.jacobian is not None and (self.loop.rate is not None or not self.moving):
-            return in_time(lambda s: self._jacobian(t + s, x := place(s)) @ v + self.rate(t + s, x), 1, step)
-        return in_time(lambda s: self._phi(t + s, place(s)), 2, step)
+            return in_time(lambda s: self._jacobian(t + s, x := place(s)) @ v + self.rate(t + s, x), 1, step, *reach)
+        return in_time(lambda s: self._phi(t + s, place(s)), 2, step, *reach)
 
     def check_derivatives(self, t, q) -> None:
         who = f"constraint {self.loop.name!r}:"

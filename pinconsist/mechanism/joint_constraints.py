@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -12,8 +13,10 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
 from ..errors import InputError
+from .breakpoints import NONE, Breakpoints, TimeFunction, knots_of, time_function
 from .checks import called, joint_index, name, number, numbers, put, put_checked, require_functions
-from .motion import Motion, check_rate, in_time
+from .motion import TIME_STEP, Motion, check_rate, in_time
+from .spline import Spline
 
 TURN = math.tau
 CHECKED_OVER = (1e-3, 1e-5, 1e-7, 1e-9)  # s, steps with which user-defined derivatives are checked
@@ -60,6 +63,7 @@ class Rows:
     """
 
     moving, steady, difference_step = False, True, math.inf
+    breakpoints: Breakpoints = NONE  # of the system
     turns: tuple[bool, ...] = (True,)  # a row of joint coordinates is not scaled
 
     def rate(self, t, q):
@@ -69,9 +73,16 @@ class Rows:
     def check_derivatives(self, t, q) -> None:
         """Raise InputError if user-defined derivatives contradict their functions."""
 
+    def set_breakpoints(self, breakpoints) -> None:
+        self.breakpoints = breakpoints
+
+    def functions_of_time(self, q, v) -> list[TimeFunction]:
+        """Φ as a function of time, at this configuration."""
+        return []
+
     def apart(self):
         """The same rows with their own workspace."""
-        return self
+        return copy(self) if self.moving else self
 
     def hand_over(self, twin) -> bool:
         """Add the rows to the compiled system; False if they must be evaluated in Python."""
@@ -89,19 +100,26 @@ class Drive:
     name : str
     joint : str
         A joint of one degree of freedom.
-    curve : callable
-        ``curve(t)``, rad or m, twice differentiable; for instance a :class:`Motion`, which can be saved to a file.
+    curve : callable or (times, values)
+        ``curve(t)``, rad or m, twice differentiable between its knots; for instance a :class:`Motion`, which can be
+        saved to a file. Of a table, the curve is the cubic spline through its values that is at rest at both ends, and
+        stays there before and after; its derivatives are exact. (Straight lines would need infinite torques. For
+        another spline, pass one of SciPy, which has its own knots.)
     rate, acceleration : callable, optional
         Its derivatives. Default: the methods ``rate`` and ``acceleration`` of a curve that has them, as a Motion does;
-        else sixth-order differences over 1 ms, or less if the curve is faster, accurate to about 1e-12 and 1e-9 of the
+        else differences over 1 ms, or less if the curve is faster, accurate to about 1e-12 and 1e-9 of the
         curve's size; the multipliers have the same error. User-defined derivatives are compared with the curve at the
         start of a run.
+    knots : sequence of float
+        Times, s, at which the curve's acceleration jumps, if they are known: steps end there, and differences do not
+        reach across them. Otherwise the curve is sampled before a run, see :func:`simulate`.
 
     Raises
     ------
     InputError
-        An argument that is not a name or not a function; on a model, an unknown joint or one with several degrees of
-        freedom; a rate or an acceleration that contradicts the curve, numbers that are not finite.
+        An argument that is not a name or not a function, a table without increasing times; on a model, an unknown joint
+        or one with several degrees of freedom; a rate or an acceleration that contradicts the curve, numbers that are
+        not finite.
     UserFunctionError
         One of the functions raised an exception.
     """
@@ -111,6 +129,7 @@ class Drive:
     curve: Callable
     rate: Callable | None = None
     acceleration: Callable | None = None
+    knots: Sequence[float] = ()
 
     kind: ClassVar[str] = "drive"
     rows: ClassVar[tuple[str, ...]] = ("motor",)
@@ -118,7 +137,10 @@ class Drive:
     def __post_init__(self):
         who = f"drive {self.name!r}"
         put_checked(self, who, name, "name", "joint")
+        if isinstance(self.curve, list | tuple | np.ndarray):
+            put(self, curve=Spline.of(self.curve, f"{who}: its curve"))
         require_functions(self, who, "time", "curve", optional=("rate", "acceleration"))
+        put(self, knots=knots_of(self.knots, f"{who}: knots"))
 
 
 class DriveRow(Rows):
@@ -137,7 +159,13 @@ class DriveRow(Rows):
         self._J[0, self._joint.column] = 1.0
 
     def evaluate(self, data, q, t):
-        return np.array([self._joint.beyond(q, self._call("curve", t))]), self._J.copy()
+        return np.array([self._joint.beyond(q, self._call("curve", self.breakpoints.inside(t)))]), self._J.copy()
+
+    def functions_of_time(self, q, v):
+        curve = self.loop.curve
+        if type(curve) is Motion and not self.loop.knots:
+            return []
+        return [time_function(curve, partial(self._call, "curve"), 2, self.loop.knots)]
 
     def rate(self, t, q):
         return -np.reshape(self._derivative("rate", 1, t), 1)
@@ -146,9 +174,10 @@ class DriveRow(Rows):
         return -np.reshape(self._derivative("acceleration", 2, t), 1)  # J is constant
 
     def _derivative(self, field, order, t):
+        t = self.breakpoints.inside(t)
         if field in self._functions:
             return self._call(field, t)
-        return float(in_time(lambda s: self._call("curve", t + s), order))
+        return float(in_time(lambda s: self._call("curve", t + s), order, TIME_STEP, *self.breakpoints.reach(t)))
 
     def hand_over(self, twin) -> bool:
         curve = self.loop.curve

@@ -208,7 +208,8 @@ class Mechanism:
     def with_control(self, control: Mapping[str, Any]) -> Mechanism:
         """The same mechanism with other commands: `control` maps names of actuators, or of their joints, to commands.
 
-        A command is a number, a function of time, or a table (times, values). Raises InputError for anything else.
+        A command is a number, a function of time, or a table (times, values), interpolated
+        linearly and constant before and after; steps end at its times. Raises InputError for anything else.
         """
         return commanded(self, control)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from math import cos, pi, sin
+from functools import lru_cache
+from math import cos, inf, pi, sin
 from operator import mul
 
 import numpy as np
@@ -15,6 +16,7 @@ NEARBY = 1.7e-3  # s, from the start, where given derivatives are checked as wel
 TIME_STEP = 1e-3  # s, of difference quotients in time
 RESOLVED = 1e-7  # relative difference of the fourth and sixth order below which a step resolves a function
 ASIDE = 7.0  # steps, distance of differences that have no point in common
+UNLIMITED = -inf, inf
 EPS = float(np.finfo(float).eps)
 RELATIVE_STEP, SMALLEST = 1e-4, 0.1  # of differences with respect to a parameter: relative to it, and least value
 
@@ -73,13 +75,16 @@ AHEAD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
 NODES = 1.0, 1.9371, 3.0
 
 
-def _pair_weights(order: int, n: int):
-    """Weights of f(x h) -/+ f(-x h) at the first n nodes x, in hᵏ f⁽ᵏ⁾(0): of order 2n."""
-    powers = np.array(NODES[:n]) ** (order + 2.0 * np.arange(n)[:, None])
-    return np.linalg.solve(powers, 0.5 * order * np.eye(n)[0]).tolist()
+def _pair_weights(order: int, *used: int):
+    """Weights of f(x h) -/+ f(-x h) at all nodes x, in hᵏ f⁽ᵏ⁾(0): of order 2n, if n of them are used."""
+    n, weights = len(used), np.zeros(len(NODES))
+    powers = np.array(NODES)[[*used]] ** (order + 2.0 * np.arange(n)[:, None])
+    weights[[*used]] = np.linalg.solve(powers, 0.5 * order * np.eye(n)[0])
+    return weights.tolist()
 
 
-PAIRS = {order: [_pair_weights(order, n) for n in (3, 2)] for order in (1, 2)}
+PARTS = tuple(np.linspace(0.0, 1.0, 9).tolist())  # where differences are taken near an end, parts of an interval
+PAIRS = {order: [_pair_weights(order, *used) for used in ((0, 1, 2), (0, 1))] for order in (1, 2)}
 
 
 def slope(function, step: float = 1.0):
@@ -93,24 +98,31 @@ def first(function, step: float):
     return (45.0 * (f[1] - f[-1]) - 9.0 * (f[2] - f[-2]) + (f[3] - f[-3])) / (60.0 * step)
 
 
-def in_time(function, order: int = 1, step: float = TIME_STEP):
+def in_time(function, order: int = 1, step: float = TIME_STEP, reach=UNLIMITED, corners: bool = True):
     """The first or second derivative at time 0, by central differences of sixth order; exact for a constant function.
 
     The step is divided by 4 until it resolves a fast function. It is kept if it resolves the function on both sides,
-    for then a corner or a jump lies between, which it smooths; and if no step does, as with noise.
+    for then a corner or a jump lies between, which it smooths, unless it is known that there are no `corners`; and if
+    no step does, as with noise. The function is called between the two times `reach` only, near which differences are
+    one-sided.
     """
+    room = min(-reach[0], reach[1])
+    if room < NODES[-1] * step:
+        return _aside(function, order, step, *reach)
     coarse, resolved = _difference(function, order, step)
-    if resolved or all(_resolved(function, order, step, aside) for aside in (-ASIDE * step, ASIDE * step)):
+    corners = corners and room >= (ASIDE + NODES[-1]) * step
+    asides = (-ASIDE * step, ASIDE * step)
+    if resolved or (corners and all(_resolved(function, order, step, aside) for aside in asides)):
         return coarse
     for i in range(1, 8):
-        fine, resolved = _difference(function, order, step / 4.0**i)
+        fine, resolved = _difference(function, order, step / 4.0**i, _largest(coarse))
         if resolved:
             return fine
     return coarse
 
 
-def _difference(function, order: int, h: float):
-    """(the derivative, whether the formula of fourth order gives the same).
+def _difference(function, order: int, h: float, size: float = 0.0):
+    """(the derivative, whether the formula of fourth order gives the same, relative to it or to a larger `size`).
 
     The error is about h⁶ f⁽⁷⁾/140 + 2 eps |f|/h, or h⁶ f⁽⁸⁾/560 + 8 eps |f|/h².
     """
@@ -122,7 +134,41 @@ def _difference(function, order: int, h: float):
         pairs = (a - middle) + (x - middle), (b - middle) + (y - middle), (c - middle) + (z - middle)
     sixth, fourth = (sum(map(mul, weights, pairs)) / h**order for weights in PAIRS[order])
     rounding = 50.0 * EPS * (_largest(c) + _largest(z)) / h**order
-    return sixth, _largest(sixth - fourth) <= RESOLVED * _largest(sixth) + rounding
+    size = max(_largest(sixth), size)
+    resolved = _largest(sixth - fourth) <= RESOLVED * size + rounding
+    if resolved and order == 1:  # the two may agree by chance, where neither is right
+        finer = sum(_slope_part(function, *each, h / 4.0) for each in zip(PAIRS[1][1], NODES[:2], strict=False))
+        resolved = _largest(sixth - finer) <= RESOLVED * size + 4.0 * rounding
+    return sixth, resolved
+
+
+def _slope_part(function, weight, node, h):
+    return weight * (function(node * h) - function(-node * h)) / h
+
+
+def _aside(function, order: int, step: float, low: float, high: float):
+    """The derivative at time 0, by differences of eighth order in an interval that ends near it.
+
+    The interval is divided by 4 until that changes little; the error of the last one is smaller than this change.
+    """
+    wide, found = min(2.0 * NODES[-1] * step, high - low), None
+    for _ in range(8):
+        first = min(max(-0.5 * wide, low), high - wide)
+        values = [np.asarray(function(first + part * wide), float) for part in PARTS]
+        weights = _weights(-first / wide, order)
+        before, found = found, sum(map(mul, weights, values)) / wide**order
+        rounding = EPS * sum(abs(weight) * _largest(value) for weight, value in zip(weights, values, strict=True))
+        if before is not None and _largest(found - before) <= RESOLVED * _largest(found) + rounding / wide**order:
+            break
+        wide *= 0.25
+    return found
+
+
+@lru_cache(1000)
+def _weights(place: float, order: int):
+    """Weights of values at PARTS, in the derivative at a place between 0 and 1, of order 9 - `order`."""
+    powers = (np.array(PARTS) - place) ** np.arange(len(PARTS))[:, None]
+    return np.linalg.solve(powers, order * np.eye(len(PARTS))[order]).tolist()
 
 
 def _resolved(function, order, h, aside) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..errors import InputError
+from .breakpoints import NONE, Breakpoints
 from .checks import frame_of
 from .custom import Constraint, ConstraintRows
 from .joint_constraints import Coupling, CouplingRow, Drive, DriveRow, Rows
@@ -64,6 +65,7 @@ class LoopRows:
         self.closures = [rows(model, loop) for rows, loop in zip(kinds, self.loops, strict=True)]
         self.turns = np.array([turns for closure in self.closures for turns in closure.turns], dtype=bool)
         self.steady = np.array([closure.steady for closure in self.closures for _ in closure.turns], dtype=bool)
+        self.breakpoints = NONE
         self.moving = any(closure.moving for closure in self.closures)
         self._evaluated: dict[tuple, list] = {}  # the last place → Φ and J; the start of a run is evaluated many times
         self.near: dict[tuple, list] = {}  # loop and some of its rows → what KeptRows makes of them
@@ -77,9 +79,19 @@ class LoopRows:
         built = _BUILT.get(mechanism) or _BUILT.setdefault(mechanism, LoopRows(mechanism.model, mechanism.loops))
         rows = copy(built)
         rows.closures = [closure.apart() for closure in built.closures]
+        if built.moving:
+            rows.breakpoints = Breakpoints()
+            rows.breakpoints.add(rows.closures)
         if not all(isinstance(loop, Loop | Coupling) for loop in built.loops):  # user-defined functions may change
             rows._evaluated = {}
         return rows
+
+    def continue_in(self, breakpoints) -> None:
+        """Evaluate functions of time in the pieces of a run that other rows have begun."""
+        self.breakpoints = breakpoints
+        for closure in self.closures:
+            if closure.moving:
+                closure.set_breakpoints(breakpoints)
 
     @property
     def units(self) -> list[str]:

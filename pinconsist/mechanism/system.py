@@ -10,8 +10,11 @@ import pinocchio as pin
 from ..dae.problem import Index3System
 from ..errors import PinconsistError
 from .assembly import velocity_on_constraints
+from .breakpoints import Breakpoints
+from .checks import read_only
 from .closing import LoopSolver
 from .forces import bound_forces
+from .forces.force import BoundForce
 from .forces.held import BoundHeld
 from .lie import PlaneTurns, structure_constants
 from .mechanism import Mechanism
@@ -49,26 +52,34 @@ class MechanismSystem(Index3System):
         self._kept_rows = self.kept_rows.evaluate
         dropped = sorted(set(range(self.rows.nc)).difference(self.kept.tolist()))
         self.dropped_are_zero = not dropped or self._zero_everywhere(tuple(dropped), q)
-        self._take(bound_forces(self.model, mechanism.forces))
+        forces = bound_forces(self.model, mechanism.forces)
+        breakpoints = self.rows.breakpoints if self.rows.moving else Breakpoints()
+        breakpoints.add(force for force in forces.values() if isinstance(force, BoundForce))
+        self._take(forces, breakpoints)
         # Views of the workspace. M is stored by columns; its transpose, which is equal, can be added faster.
         self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
         self._turns = PlaneTurns(self.model)
         self.moving, self._J, self._solver = self.rows.moving, None, None
         self._structure = None if self.vector_like else structure_constants(self.model)
 
-    def _take(self, forces):
+    def _take(self, forces, breakpoints):
         self.forces, self.held_forces = forces, [each for each in forces.values() if isinstance(each, BoundHeld)]
+        self.breakpoints = breakpoints
         self.changing = [each for each in forces.values() if hasattr(each, "next_change")]
+        self.changing += [breakpoints] * bool(breakpoints)
         self.changes = bool(self.changing)
         narrow = [each.widths for each in forces.values() if hasattr(each, "widths")]
         self.widths = np.min(narrow, axis=0) if narrow else None
         self._sharp = [each for each in forces.values() if not getattr(each, "smooth", False)]
         self.sharp = bool(self._sharp)
-        self.may_act_later = any(not hasattr(each, "widths") for each in self._sharp)  # friction depends on v alone
+        self.may_act_later = any(
+            not (hasattr(each, "widths") or getattr(each, "by_time", False)) for each in self._sharp
+        )  # friction depends on v alone, and what functions of time do is known
 
     def with_velocities(self, t, p, v, named):
         solver = self._solver = self._solver or LoopSolver(self.mechanism, t)
         solver.t = t
+        solver.loop_rows.continue_in(self.breakpoints)
         return velocity_on_constraints(solver, p, named, self.kept, v)
 
     def describe_velocity(self, i):
@@ -95,7 +106,14 @@ class MechanismSystem(Index3System):
         return times[0] if times and (1.0 + AT_ONCE) * abs(times[0] - t) < abs(t_end - t) else t_end
 
     def change(self, t, p, v):
-        return any([force.change(t, p, v) for force in self.changing])
+        changed = [each.change(t, p, v) for each in self.changing]
+        return any(changed) if any(each is not None for each in changed) else None
+
+    def look_ahead(self, t, t_end, p, v, every):
+        self.breakpoints.look_ahead(t, t_end, read_only(p), read_only(v), every)
+
+    def jumps_at(self, t, p, v):
+        return len(self.changing) > bool(self.breakpoints) or self.breakpoints.jump_at(t, read_only(p), read_only(v))
 
     def integrate(self, p, xi):
         if self.vector_like:
@@ -256,7 +274,8 @@ class MechanismSystem(Index3System):
         if np.linalg.svd(J[self.kept], compute_uv=False)[-1] > WEAK * strongest:
             return None
         fresh = MechanismSystem(self.mechanism, q, self.chosen_at)
-        fresh._take(self.forces)  # sampled forces keep their state
+        fresh.rows.continue_in(self.breakpoints)
+        fresh._take(self.forces, self.breakpoints)  # sampled forces keep their state
         return fresh if fresh.nc == self.nc and (fresh.kept != self.kept).any() else None
 
     def rank_nearby(self, q, free) -> int:

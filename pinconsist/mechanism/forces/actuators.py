@@ -9,9 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...errors import InputError
+from ..breakpoints import TimeFunction, time_function
 from ..checks import finite_array, name, near, number, numbers, put, put_checked, returned, triple
 from ..joint_constraints import Coordinate
 from ..motion import Motion
+from ..sampling import Change
 from .force import BoundForce, ForceRecord
 from .held import BoundHeld, Held, HeldRecord
 
@@ -27,14 +29,25 @@ class BoundActuator(BoundForce):
         self._columns, self._arms = [joint.column for joint in self._joints], np.array(list(record.arms.values()))
         self._gain, self._bias = np.array(record.gain), np.array(record.bias)
         self._control, self._force = record.control_range or UNLIMITED, record.force_range or UNLIMITED
-        self._what = f"the command of {record._who}"
+        self._what, self.by_time = f"the command of {record._who}", not record.force_range
 
     def command(self, t) -> float:
         """The command before clipping."""
         if self._held is not None and (held := self._held(t)) is not None:
             return held
         control = self._record.control
-        return float(returned(control, self._what, (), t)) if callable(control) else control
+        return self._called(self.breakpoints.inside(t)) if callable(control) else control
+
+    def _called(self, t) -> float:
+        return float(returned(self._record.control, self._what, (), t))
+
+    def functions_of_time(self, q, v):
+        control = self._record.control
+        if not callable(control) or type(control) is Motion:
+            return []
+        if isinstance(control, Table):
+            return [TimeFunction(control, known=control.changes(*self._control))]
+        return [time_function(control, self._called)]
 
     def unlimited(self, t, q, v) -> tuple[float, float, np.ndarray]:
         """The force before clipping, N·m or N, the clipped command, and the coefficients of 1, l and l̇."""
@@ -196,6 +209,11 @@ def _command(actuator, command):
     return Table(*map(tuple, table.tolist()))
 
 
+def _crossings(values):
+    """The indices after which the sign of finite values changes."""
+    return np.flatnonzero(values[:-1] * values[1:] < 0.0) if np.isfinite(values).all() else ()
+
+
 @dataclass(frozen=True)
 class Table:
     """A command from a table, linearly interpolated; constant before the first time and after the last."""
@@ -205,6 +223,16 @@ class Table:
 
     def __call__(self, t: float) -> float:
         return float(np.interp(t, self.times, self.values))
+
+    def changes(self, low, high) -> list[Change]:
+        """Where it may bend: its times, also if it is straight there, as its derivatives by its values are not.
+
+        And where limits of the command cut it.
+        """
+        t, u = np.array(self.times), np.array(self.values)
+        slopes = np.diff(u) / np.diff(t)
+        cut = [float(t[i] + (limit - u[i]) / slopes[i]) for limit in (low, high) for i in _crossings(u - limit)]
+        return [Change(time, 1) for time in sorted({*self.times, *cut})]
 
 
 def saturated(mechanism, t, q, v) -> dict[str, float]:
@@ -229,6 +257,10 @@ class BoundHeldActuator(BoundHeld):
         super().__init__(1, entries[:, 0], np.ascontiguousarray(entries[:, 1:]), record.sign)
         self.name, self._actuator = record.name, BoundActuator(record, model, self._command)
         self.derivatives, self.at_limit = self._actuator.derivatives, self._actuator.at_limit
+        self.functions_of_time, self.by_time = self._actuator.functions_of_time, self._actuator.by_time
+
+    def set_breakpoints(self, breakpoints) -> None:
+        self._actuator.set_breakpoints(breakpoints)
 
     def _command(self, t):
         held = self.entry(t)

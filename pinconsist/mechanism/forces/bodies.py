@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import sqrt
 
 import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
+from ..breakpoints import time_function
 from ..checks import frame_of, name, number, put_checked, returned, triple
 from ..loops import GROUND
 from .force import BoundForce, ForceRecord
@@ -176,6 +178,8 @@ class SpringDamper(ForceRecord):
 
 
 class _BoundWrench(BoundForce):
+    by_time = True
+
     def __init__(self, wrench, model):
         frame = frame_of(model, wrench.frame, wrench._who)
         if frame.parentJoint == 0:
@@ -210,14 +214,21 @@ class _BoundWrench(BoundForce):
         force, moment = self._in_world(t, q)
         return {"force": force, "moment": moment}
 
+    def functions_of_time(self, q, v):
+        fields = [field for field in ("force", "moment") if callable(getattr(self._wrench, field))]
+        return [time_function(getattr(self._wrench, field), partial(self._part, field)) for field in fields]
+
+    def _part(self, field, t):
+        part = getattr(self._wrench, field)
+        if callable(part):
+            part = returned(part, f"the {field} of the {self._wrench._who}", (3,), t)
+        return np.array(part)
+
     def _in_world(self, t, q):
         """Force and moment in world axes at a configuration; moves the points there."""
         self._points.move(q)
-        wrench, parts = self._wrench, []
-        for field, part in ("force", wrench.force), ("moment", wrench.moment):
-            if callable(part):
-                part = returned(part, f"the {field} of the {wrench._who}", (3,), t)
-            parts.append(np.array(part))
+        t = self.breakpoints.inside(t)
+        parts = [self._part(field, t) for field in ("force", "moment")]
         if not self._local:
             return parts
         R = self._points.data.oMi[self._joint].rotation @ self._turn

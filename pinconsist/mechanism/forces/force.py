@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from ...errors import InputError
+from ..breakpoints import NONE, Breakpoints, TimeFunction, depends_on_time, time_function, with_own_state
 from ..checks import amounts, called, columns, function_name, put, real_array, require_functions, returned, spread
 from ..motion import Motion
 
@@ -59,9 +60,11 @@ class BoundForce(ABC):
     """A record bound to a model; by default it depends on time only, and only Python can evaluate it.
 
     It is `smooth` if it never bends or jumps within a step; otherwise Radau evaluates it also between its stages.
+    `by_time` says that it bends or jumps only as its functions of time do. `breakpoints` are those of the system.
     """
 
-    smooth = False
+    smooth = by_time = False
+    breakpoints: Breakpoints = NONE
 
     @abstractmethod
     def torque(self, t, q, v): ...
@@ -77,12 +80,21 @@ class BoundForce(ABC):
         """Its ``force``, ``moment``, ``length`` and ``speed``, those that it has: see :class:`ElementForce`."""
         return {}
 
+    def set_breakpoints(self, breakpoints) -> None:
+        self.breakpoints = breakpoints
+
+    def functions_of_time(self, q, v) -> list[TimeFunction]:
+        """The functions of time; those of a law f(t, q, v) are at this state."""
+        return []
+
     def hand_over(self, twin) -> bool:
         """Add this law to the compiled system; False if it must be evaluated in Python."""
         return False
 
 
 class _BoundTorque(BoundForce):
+    by_time = True
+
     def __init__(self, record, model):
         constant, functions = record.torques, {}
         if isinstance(constant, Mapping):
@@ -96,10 +108,14 @@ class _BoundTorque(BoundForce):
         self.smooth = all(type(curve) is Motion for curve in functions.values())
 
     def torque(self, t, q, v):
-        tau = self._constant.copy()
+        tau, t = self._constant.copy(), self.breakpoints.inside(t)
         for curve, here, shape, what in self._curves:
             tau[here] = returned(curve, what, shape, t)
         return tau
+
+    def functions_of_time(self, q, v):
+        curves = [each for each in self._curves if type(each[0]) is not Motion]
+        return [time_function(curve, _calling(curve, what, shape)) for curve, _, shape, what in curves]
 
     def hand_over(self, twin) -> bool:
         own = all(type(curve) is Motion and not shape for curve, _, shape, _ in self._curves)
@@ -108,6 +124,10 @@ class _BoundTorque(BoundForce):
             for curve, here, _, _ in self._curves:
                 twin.add_torque_curve(here.start, curve.numbers)
         return own
+
+
+def _calling(curve, what, shape):
+    return lambda t: returned(curve, what, shape, t)
 
 
 @dataclass(frozen=True)
@@ -204,10 +224,43 @@ class UserForce(BoundForce):
             self.stored = force.stored
 
     def torque(self, t, q, v):
+        t = self.breakpoints.inside(t)
         return returned(self._force.torque, f"the torque of {self._label!r}", v.shape, t, q, v)
 
     def derivatives(self, t, q, v):
+        t = self.breakpoints.inside(t)
         return _gradient(self._force.derivatives, f"the derivatives of {self._label!r}", t, q, v)
+
+    def functions_of_time(self, q, v):
+        return _of_law(self._force.torque, self._label, q, v)
+
+
+class BoundLaw(BoundForce):
+    """A user-defined law in a system."""
+
+    def __init__(self, force):
+        self._force = force
+
+    def torque(self, t, q, v):
+        return self._force.torque(self.breakpoints.inside(t), q, v)
+
+    def derivatives(self, t, q, v):
+        return self._force.derivatives(self.breakpoints.inside(t), q, v)
+
+    def functions_of_time(self, q, v):
+        return _of_law(self._force.function, self._force.label, q, v)
+
+
+def _of_law(function, label, q, v):
+    """A law f(t, q, v) as a function of time alone, if it depends on time."""
+    own = None
+
+    def value(t):
+        nonlocal own
+        own = own or with_own_state(function)
+        return returned(own, f"the torque of {label!r}", v.shape, t, q, v)
+
+    return [TimeFunction(value)] if depends_on_time(function) else []
 
 
 def as_force(force) -> Any:
@@ -236,7 +289,9 @@ def label_of(force) -> str:
 def bound_force(model, force, label):
     """A force of any kind, bound to a model."""
     force = force.bind(model) if hasattr(force, "bind") else force
-    return force if isinstance(force, Torque | BoundForce) else UserForce(force, label)
+    if isinstance(force, Torque):
+        return BoundLaw(force)
+    return force if isinstance(force, BoundForce) else UserForce(force, label)
 
 
 def _gradient(function, what, t, q, v):

@@ -7,16 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
+from ..breakpoints import jump_offset
 from ..checks import columns, finite_array, name, number, put, read_only, require_functions, returned, several
 from .force import BoundForce, ForceRecord
 
 SAME_TIME = 1e-9  # in periods: times that differ by less are equal
-JUMP_OFFSET = 1e-13  # relative to a time, or to 1 s: offset at which forces are evaluated before and after a jump
-
-
-def jump_offset(t):
-    """The difference of times near `t` below which they are equal."""
-    return JUMP_OFFSET * np.maximum(1.0, np.abs(t))
 
 
 class BoundHeld(BoundForce):
@@ -81,8 +76,8 @@ class BoundHeld(BoundForce):
         later = self._keys[self.entered :]
         return self._sign * (later[0] if later else np.inf)
 
-    def change(self, t, q, v) -> bool:
-        """Put the entries up to a time into effect; return whether the torques jump."""
+    def change(self, t, q, v) -> bool | None:
+        """Put the entries up to a time into effect; return whether the torques jump, or None if there are none."""
         before, now, offset = self.entered, self._sign * t, jump_offset(t)
         if before + 1 < len(self._keys):  # at large times entries may be closer than the offset
             offset = min(offset, 0.5 * (self._keys[before + 1] - self._keys[before]))
@@ -93,7 +88,7 @@ class BoundHeld(BoundForce):
         self.entered = n
         if self._table is not None:
             self._table.entered = n
-        return n != before and not (self._linear and before and n == before + 1)
+        return None if n == before else not (self._linear and before and n == before + 1)
 
     def hand_over(self, twin) -> bool:
         twin.add_held(self._in(twin))
@@ -232,17 +227,20 @@ class _BoundSampled(BoundHeld):
     def change(self, t, q, v):
         apart = min(max(SAME_TIME, jump_offset(t) / self._record.period), 0.5)  # `t` is rounded
         now = self._sign * (t - self._start) / self._record.period + apart
-        if self._taken <= now:
-            torque, shape = np.zeros(self._nv), (len(self._columns),)
-            torque[self._columns] = found = returned(self._law, self._what, shape, t, q, v)
-            if not np.isfinite(found).all():
-                raise InputError(f"{self._what} returned {found} at t = {t:.6g}; torques must be finite")
-            self._waiting.append((self._taken + self._late, torque))
-            self._taken += 1
-        before = self.entered
+        sampled, before = self._taken <= now, self.entered
+        if sampled:
+            self._sample(t, q, v)
         while self._waiting and self._waiting[0][0] <= now:
             self.hold(t, self._waiting.pop(0)[1])
-        return self.entered != before
+        return self.entered != before if sampled or self.entered != before else None
+
+    def _sample(self, t, q, v):
+        torque, shape = np.zeros(self._nv), (len(self._columns),)
+        torque[self._columns] = found = returned(self._law, self._what, shape, t, q, v)
+        if not np.isfinite(found).all():
+            raise InputError(f"{self._what} returned {found} at t = {t:.6g}; torques must be finite")
+        self._waiting.append((self._taken + self._late, torque))
+        self._taken += 1
 
     def _law(self, t, q, v):
         return np.array(self._record.law(t, q, v), ndmin=1)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ...errors import InputError
+from ..breakpoints import time_function
 from ..checks import amounts, name, number, put, put_checked, require_functions, returned, spread
 from ..joint_constraints import Coordinate
-from ..motion import Motion, in_time
+from ..motion import TIME_STEP, Motion, in_time
 from .force import BoundForce, ForceRecord
 
 
@@ -105,6 +107,8 @@ class JointFriction(ForceRecord):
 
 
 class _BoundServo(BoundForce):
+    by_time = True
+
     def __init__(self, servo, model):
         self._set(servo, model, "servo-controlled", servo.target, servo.damping, servo.rate)
 
@@ -126,6 +130,15 @@ class _BoundServo(BoundForce):
     def derivatives(self, t, q, v):
         return self._by_q, self._by_v if self._damping else None
 
+    def functions_of_time(self, q, v):
+        if type(self._target) is Motion or not callable(self._target):
+            return []
+        jumps = 1 if self._damping else 0  # also of its rate
+        found = [time_function(self._target, lambda t: self._number(self._target, "target", t), jumps)]
+        if self._damping and self._rate is not None:
+            found.append(time_function(self._rate, lambda t: self._number(self._rate, "rate", t)))
+        return found
+
     def hand_over(self, twin) -> bool:
         if self.smooth:
             target, period = self._target, self._coordinate.period or 0.0
@@ -136,17 +149,20 @@ class _BoundServo(BoundForce):
     def _wanted(self, t) -> tuple[float, float]:
         if not callable(self._target):
             return self._target, 0.0
-
-        def number_of(function, part, t):
-            return float(returned(function, f"the {part} of {self._who}", (), t))
-
-        target = number_of(self._target, "target", t)
+        t = self.breakpoints.inside(t)
+        target = self._number(self._target, "target", t)
         if not self._damping:
             return target, 0.0
         rate = self._rate or getattr(self._target, "rate", None)
         if rate is not None:
-            return target, number_of(rate, "rate", t)
-        return target, float(in_time(lambda s: number_of(self._target, "target", t + s)))
+            return target, self._number(rate, "rate", t)
+        return target, float(in_time(partial(self._later, t), 1, TIME_STEP, *self.breakpoints.reach(t)))
+
+    def _later(self, t, s) -> float:
+        return self._number(self._target, "target", t + s)
+
+    def _number(self, function, part, t) -> float:
+        return float(returned(function, f"the {part} of {self._who}", (), t))
 
 
 class _BoundSpring(_BoundServo):

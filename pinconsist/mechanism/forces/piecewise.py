@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ..breakpoints import jump_offset
 from ..checks import finite_array, number, put
 from .force import BoundForce, ForceRecord, as_force, bound_force, label_of
-from .held import jump_offset
 
 MOST = float(np.finfo(float).max) / 2.0  # in place of infinity: its differences are finite
 
@@ -25,7 +25,7 @@ class BoundPiecewise(BoundForce):
     def __init__(self, record, force):
         self._force, self._times, self._period = force, record.times, record.period
         self._backwards, self._here = False, None
-        self.smooth = getattr(force, "smooth", False)
+        self.smooth, self.by_time = getattr(force, "smooth", False), getattr(force, "by_time", False)
         if hasattr(force, "stored"):
             self.stored = force.stored
 
@@ -48,10 +48,10 @@ class BoundPiecewise(BoundForce):
     def next_change(self, t) -> float:
         return self._here[0] if self._backwards else self._here[1]
 
-    def change(self, t, q, v) -> bool:
+    def change(self, t, q, v) -> bool | None:
         due, sign = self.next_change(t), -1.0 if self._backwards else 1.0
         if sign * (due - t) > jump_offset(t):
-            return False
+            return None
         self._here = self._around(due)
         return True
 
