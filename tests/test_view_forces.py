@@ -302,3 +302,20 @@ def test_a_small_force_is_seen_before_its_loop():
     assert np.linalg.norm(vector[0]) > core and tip["object"]["renderOrder"] == 2
     width = tip["geometries"][0]["radiusBottom"] * track(page, "/forces/coupler_rocker/head", ".scale")[0, 0]
     assert width > 0.5 * core
+
+
+def test_bodies_and_forces_between_long_steps():
+    """At the frames of a run of Radau, whose rows are far apart, against a tight run."""
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 1.0), method="Radau", rtol=1e-8)
+    page = shown(mech, sol, fps=50, forces=True)
+    exact = pc.simulate(mech, (0.0, 1.0), method="Radau", rtol=1e-12, atol=1e-13, t_eval=np.linspace(0.0, 1.0, 51))
+    assert len(sol.t) < 40
+    data, force = mech.model.createData(), exact.reaction("coupler_rocker").force
+    vectors = arrow(page, "/forces/coupler_rocker")[1] * stated(page)
+    for k in range(51):
+        pin.forwardKinematics(mech.model, data, exact.q[k])
+        for joint, name in enumerate(mech.joints, start=1):
+            at = track(page, f"/bodies/{name}", ".position")[k]
+            np.testing.assert_allclose(at, data.oMi[joint].translation, atol=1e-6)
+    np.testing.assert_allclose(vectors, force, atol=2e-3 * np.linalg.norm(force, axis=1).max())

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..mechanism.energy import torques_of
+from ..mechanism.forces import Wrench
 from ..mechanism.loops import Loop
 from ..mechanism.reactions import reactions
 from .commands import Node
@@ -46,7 +47,7 @@ class Action:
 
 
 def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> list[Action]:
-    """Forces and moments of the loops, torques of drives and motors.
+    """Forces and moments of the loops and of applied wrenches, torques of drives and motors.
 
     A loop acts on its body 2, or on its body 1 if the other is the ground. Drives and motors act on their joints; only
     joints with one degree of freedom are drawn. Couplings are not drawn: they act on two joints at once. The loops
@@ -65,12 +66,24 @@ def actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> li
                 out.append(Action(f"{loop.name} moment", loop.name, MOMENT, points, sign * found.moment, bodies))
         elif loop.kind == "drive":
             out += _on_joints(run, poses, loop.name, found.joint_forces)
+    for wrench in (each for each in run.mech.forces if isinstance(each, Wrench)):
+        out += _applied(run, wrench)
     if driving := motors(run.mech):
         bound, workspace = [force.bind(run.mech.model) for force in driving], run.workspace()
         torques = sum(torques_of(force, run.t, run.q, run.v, workspace) for force in bound)
         out += _on_joints(run, poses, "motor", torques)
     largest = max((each.norms.max() / (size if each.kind == MOMENT else 1.0) for each in out), default=0.0)
     return [each for each in out if each.kind == FORCE or each.norms.max() > ROUNDING * largest * size]
+
+
+def _applied(run: Run, wrench: Wrench) -> list[Action]:
+    """The force and the moment of a wrench; without those that are zero."""
+    law = wrench.bind(run.mech.model)
+    loads = [law.loads(t, q, None)[0] for t, q in zip(run.t, run.q, strict=True)]
+    points, force, moment = (np.array(part) for part in zip(*(load[1:] for load in loads), strict=True))
+    name, bodies = wrench.label, (run.mech.joints[loads[0][0] - 1],)
+    parts = (name, FORCE, force), (f"{name} moment", MOMENT, moment)
+    return [Action(title, name, kind, points, part, bodies) for title, kind, part in parts if part.any()]
 
 
 def true_actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> list[Action]:

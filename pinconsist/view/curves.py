@@ -1,4 +1,4 @@
-"""The curves next to the motion: forces, torques, energies, joints, steps and orders, at rows that show all peaks."""
+"""The curves next to the motion: forces, torques, energies, joints, steps and orders, at times that show all peaks."""
 
 from base64 import b64encode
 from dataclasses import replace
@@ -6,12 +6,18 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
+from ..mechanism.forces import SpringDamper
+from ..mechanism.joint_constraints import Drive
+from ..mechanism.loops import Loop
 from ..mechanism.names import position_names, position_units
+from ..mechanism.rows import LoopRows
 from ..mechanism.wrenches import Transmission
 from .arrows import FORCE, TRUE, UNITS, actions, true_actions
 from .motion import Run, body_poses
 
-ROWS = 500  # at most
+ROWS = 500  # at most, of a solution; up to twice as many points where they are far apart
+FAR = 0.02  # of its range: a value farther from the line through its neighbours needs more points around it
+ROUNDS = 4  # of such points
 SMALL = 1e-5  # of the largest force of a joint: smaller ones are rounding
 
 
@@ -30,13 +36,13 @@ def panel(runs: list[Run], size: float, without, planar: bool) -> dict:
     times = []
     for number, run in enumerate(runs):
         run = replace(run, true=None) if number else run  # the true run is the same for all
-        rows = _telling(run)
-        times.append(packed(run.elapsed[rows]))
-        for group, unit, name, values, about in _curves(run, rows, size, without, planar):
+        fine = _fine(run)
+        times.append(packed(fine.elapsed))
+        for group, unit, name, values, about in _curves(fine, run, size, without, planar):
             label = f"{run.title}: {name}" if run.title and "color" not in about else name
             curve = {"name": label, "run": number, "y": packed(values), **about}
             groups.setdefault(group, {"name": group, "unit": unit, "curves": []})["curves"].append(curve)
-    whole = all(len(run.t) <= ROWS for run in runs)
+    whole = all(len(run.t) <= ROWS and not run.continuous for run in runs)
     return {"times": times, "whole": whole, "groups": list(groups.values())}
 
 
@@ -52,9 +58,39 @@ def _telling(run: Run) -> np.ndarray:
     return np.unique(found)
 
 
-def _curves(run: Run, rows: np.ndarray, size: float, without, planar: bool):
-    """(group, unit, name, values, subject) of each curve."""
-    some, source, model = run.rows(rows), run.source, run.mech.model
+def _fine(run: Run) -> Run:
+    """A run at the times of its curves: its telling rows, and states between them until lines join them well."""
+    found = run.rows(_telling(run))
+    if not run.continuous:
+        return found
+    free = ROWS - len(run.t)
+    if free > 0:
+        even = np.linspace(0.0, run.elapsed[-1], free + 2)[1:-1]
+        found = found.with_states(np.setdiff1d(even, found.elapsed))
+    for _ in range(ROUNDS if free > 0 else 0):
+        middles = _middles(found)[: 2 * ROWS - len(found.t)]
+        if not len(middles):
+            break
+        found = found.with_states(np.sort(middles))
+    return replace(found, source=found.as_solution())
+
+
+def _middles(run: Run) -> np.ndarray:
+    """Times next to values that are far from the line through their neighbours, the farthest first."""
+    at, values = run.elapsed, np.hstack([x for x in (run.lam, run.v) if x is not None])
+    before, here, after = at[:-2], at[1:-1], at[2:]
+    inner = np.flatnonzero((here > before) & (after > here))
+    share = ((here - before)[inner] / (after - before)[inner])[:, None]
+    lines = values[inner] + share * (values[inner + 2] - values[inner])
+    far = (np.abs(values[inner + 1] - lines) / np.maximum(np.ptp(values, axis=0), 1e-300)).max(axis=1, initial=0.0)
+    chosen = inner[far > FAR][np.argsort(-far[far > FAR], kind="stable")]
+    both = np.column_stack(((before + here)[chosen] / 2, (here + after)[chosen] / 2)).ravel()
+    return both[np.sort(np.unique(both, return_index=True)[1])]
+
+
+def _curves(some: Run, run: Run, size: float, without, planar: bool):
+    """(group, unit, name, values, subject) of each curve of a run, at the times of `some`."""
+    source, model = run.source, run.mech.model
     if run.lam is not None and (run.v is not None or not run.mech.forces):
         poses, words = body_poses(model, some.q), {loop.name: _word(loop.kind, planar) for loop in run.mech.loops}
         for action in actions(some, poses, size, without) + true_actions(some, poses, size, without):
@@ -63,32 +99,48 @@ def _curves(run: Run, rows: np.ndarray, size: float, without, planar: bool):
             about = {"of": action.of, "bodies": action.bodies} | ({"color": action.color} if action.color else {})
             *true, name = action.name.rpartition(TRUE)
             yield group, UNITS[action.kind], "".join((*true, words.get(action.of, ""), name)), values, about
-    for name, energies in _energies(run).items():
-        yield "energy", "J", name, energies[rows], {}
+        yield from _of_elements(some)
+    for name, energies in _energies(some).items():
+        yield "energy", "J", name, energies, {}
     for name, unit, values in zip(position_names(model), position_units(model), some.q.T, strict=True):
         if unit:
             yield {"rad": "angles", "m": "positions"}[unit], unit, name, values, {}
     for name, unit in ("h", "s"), ("order", ""):
         values = np.asarray(getattr(source, name, ()), float)
         if len(run.t) > 1 and values.shape == (len(run.t) - 1,):
-            reached = np.concatenate((values[:1], values))[rows]
+            reached = values[(np.searchsorted(run.elapsed, some.elapsed) - 1).clip(0)]
             yield {"h": "step", "order": "order"}[name], unit, name, np.where(reached > 0, reached, np.nan), {}
-    yield from _of_joints(run, rows, size)
+    yield from _of_joints(some, size)
 
 
-def _of_joints(run: Run, rows: np.ndarray, size: float):
+def _of_elements(some: Run):
+    """Curves of springs, of couplings, and of the rows of user-defined constraints."""
+    model, rows = some.mech.model, LoopRows.of(some.mech)
+    for spring in (each for each in some.mech.forces if isinstance(each, SpringDamper) and some.v is not None):
+        law = spring.bind(model)
+        pulls = [law.element(*state)["force"] for state in zip(some.t, some.q, some.v, strict=True)]
+        yield "forces", "N", spring.label, np.array(pulls), {"of": spring.label}
+    for loop in (each for each in some.mech.loops if not isinstance(each, Loop | Drive)):
+        part = rows.slices[loop.name]
+        for row in range(part.start, part.stop):
+            name = loop.name if part.stop - part.start == 1 else f"{loop.name} {rows.labels[row][1]}"
+            unit = rows.multiplier_units[row]
+            group = {"N": "forces", "N·m": "torques"}.get(unit, "multipliers")
+            yield group, unit, f"{loop.kind} {name}", some.lam[:, row], {"of": loop.name}
+
+
+def _of_joints(some: Run, size: float):
     """Curves of what the joints of the tree transmit, (group, unit, name, values, subject), if they are known.
 
     Moments that are rounding, or the error of the forces of the loops, for a picture of this `size` are left out.
     """
-    some = run.rows(rows)
     if some.v is None or some.lam is None:
         return
     try:
-        acceleration = run.source.acceleration(None, run.mech)[rows]
+        acceleration = some.source.acceleration(None, some.mech)
     except (AttributeError, InputError):
         return
-    found = Transmission(run.mech, some.t, some.q, some.v, acceleration, some.lam, run.workspace()).wrenches()
+    found = Transmission(some.mech, some.t, some.q, some.v, acceleration, some.lam, some.workspace()).wrenches()
     sizes = {joint: np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2) for joint, wrench in found.items()}
     least = SMALL * max((each[:, 0].max() for each in sizes.values()), default=0.0)
     for group, unit, part, of_part in ("joint forces", "N", 0, 1.0), ("joint moments", "N·m", 1, size):

@@ -12,9 +12,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from ..errors import InputError
+from ..errors import InputError, PinconsistError
 from ..mechanism.checks import finite_array, number, require_mechanism
-from ..mechanism.forces import Actuator, JointTorque, Servo
+from ..mechanism.forces import Actuator, JointTorque, Servo, SpringDamper, Wrench
 from ..mechanism.forces.actuators import replayed
 from ..mechanism.forces.held import Held
 from ..mechanism.loops import Loop
@@ -74,7 +74,50 @@ class Run:
         return of_solution(self.mech.model)
 
     def at(self, elapsed: np.ndarray) -> Run:
-        """The run at other times, shape (m,), interpolated on the configuration manifold; at rest after its end."""
+        """The run at other times, shape (m,), in order; at rest after its end.
+
+        States between the rows are those of :meth:`pinconsist.Solution.at`; other results, and those with exact
+        initial values, whose wrong forces are shown as they are, are interpolated on the configuration manifold.
+        """
+        joined, found = self._joined(elapsed), self._states(elapsed) if self.continuous else None
+        return joined if found is None else replace(joined, q=found.q, v=found.v, lam=found.lam)
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the states between the rows can be computed.
+
+        Multipliers of fixed steps of BDF have an error of their own, which is shown as it is, by lines between rows.
+        """
+        about = getattr(self.source, "method", {})
+        fixed = about.get("step") is not None and about.get("method") != "Radau"
+        return hasattr(self.source, "at") and self.consistency == "every-step" and not fixed and len(self.t) > 1
+
+    def _states(self, elapsed):
+        """The solution at other times; None if it cannot be computed there."""
+        way = elapsed.clip(0.0, self.elapsed[-1])
+        t = self.t[0] + (way if self.t[-1] >= self.t[0] else -way)
+        scene = self.mech if self.source.mechanism is None else None
+        try:
+            return self.source.at(t.clip(min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])), scene)
+        except PinconsistError as error:
+            log.warning(
+                "%s: rows are joined by straight lines, as states between them are missing: %s", self.mech.name, error
+            )
+            return None
+
+    def with_states(self, elapsed: np.ndarray) -> Run:
+        """The run with the states at further times, other than those of its rows."""
+        both = [run._each(lambda x: x) for run in (self, self.at(elapsed))]
+        order = np.argsort(np.concatenate([each["elapsed"] for each in both]), kind="stable")
+        merged = {name: np.concatenate([each[name] for each in both])[order] for name in both[0]}
+        return replace(self, **merged, true=None)
+
+    def as_solution(self) -> Any:
+        """Its source with its rows only."""
+        none = {"h": np.zeros(0), "order": np.zeros(0, int)}
+        return replace(self.source, t=self.t, q=self.q, v=self.v, lam=self.lam, **none)
+
+    def _joined(self, elapsed: np.ndarray) -> Run:
         after = np.searchsorted(self.elapsed, elapsed, side="right").clip(1, self.t.size - 1)  # 0 for a single row
         before = np.maximum(after - 1, 0)
         step = self.elapsed[after] - self.elapsed[before]
@@ -137,6 +180,18 @@ def on_joint(model: pin.Model, frame: str, offset: pin.SE3 | None = None) -> tup
     """Joint, and placement on it, of a point or pose with an offset from a frame."""
     found = model.frames[model.getFrameId(frame)]
     return found.parentJoint, found.placement if offset is None else found.placement * offset
+
+
+def force_points(mech: Mechanism) -> list[tuple[int, np.ndarray]]:
+    """Joint, and point on it, of the ends of springs and of the points of wrenches."""
+    places = []
+    for force in mech.forces:
+        if isinstance(force, SpringDamper):
+            places += [(force.frame1, force.xyz1), (force.frame2, force.xyz2)]
+        elif isinstance(force, Wrench):
+            places.append((force.frame, force.xyz))
+    found = [on_joint(mech.model, frame, pin.SE3(np.eye(3), np.array(xyz, float))) for frame, xyz in places]
+    return [(joint, place.translation) for joint, place in found]
 
 
 def anchors(model: pin.Model, *loops: Loop) -> list[tuple[int, pin.SE3]]:

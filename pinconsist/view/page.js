@@ -1,5 +1,6 @@
 // Curves: a group of them over time, each with its value at the cursor
 const COLORS = ["#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9", "#b8a800", "#7e57c2"], SHOWN = 4;
+const FORCES = ["N", "N·m"];  // units whose curves tell their peaks
 const panel = element("panel"), plot = element("plot"), cursor = element("cursor"), svg = plot.querySelector("svg");
 const curves = [];
 let group = null;
@@ -14,7 +15,9 @@ for (const each of replay.panel?.groups ?? []) {
     Object.assign(curve, {values, low: finite[0], usual, high: finite[finite.length - 1]});
     Object.assign(curve, {times: at, unit: each.unit, true: "color" in curve});
     const own = curve.color ?? (first && curve.of == first.of ? first.colors[curve.run] : null);
-    curve.color = own == null ? COLORS[k % COLORS.length] : css(own);
+    curve.color = own == null ? COLORS[k] ?? `hsl(${Math.round(137.5 * k) % 360}, 60%, ${[38, 52][k % 2]}%)` : css(own);
+    const largest = values.reduce((best, value, row) => Math.abs(value) > Math.abs(values[best]) ? row : best, 0);
+    curve.peak = FORCES.includes(each.unit) ? [values[largest], at[largest]] : null;
     curves.push(curve);
   });
   const widths = each.curves.map(curve => curve.high - curve.low), least = [...widths].sort((a, b) => b - a)[SHOWN - 1];
@@ -30,7 +33,7 @@ function choose(chosen, tab) {
   for (const each of element("groups").children) each.setAttribute("aria-selected", each == tab);
   element("curves").replaceChildren();
   for (const curve of group.curves) {
-    curve.chip = added(element("curves"), "button", {title: "show or hide"});
+    curve.chip = added(element("curves"), "button", {title: peak(curve)});
     added(curve.chip, "i", {}).style.background = curve.color;
     curve.text = curve.chip.appendChild(new Text(worded(curve, Math.abs(rate) * now)));
     curve.chip.addEventListener("click", () => { curve.shown = !curve.shown; draw(); });
@@ -49,6 +52,7 @@ function draw() {
   [low, high] = [low - spare, high + spare];
   const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
   const gap = log ? Math.max(1, Math.round(rough)) : power * [1, 2, 5, 10].find(step => step * power >= rough * 0.999);
+  const [scale, prefix] = prefixed(Math.max(Math.abs(low), Math.abs(high)), group.unit);
   const down = value => (high - value) / (high - low);
   svg.replaceChildren();
   svg.style.overflow = cut ? "hidden" : "visible";
@@ -61,11 +65,11 @@ function draw() {
   };
   for (let k = Math.ceil(low / gap - 1e-9); k * gap <= high + 1e-9 * gap; k++) {
     path(`M0 ${down(k * gap)}H1`, "grid");
-    note("left", log ? "1e" + k * gap : +(k * gap).toPrecision(6), "top", down(k * gap));
+    note("left", log ? "1e" + k * gap : +(k * gap / scale).toPrecision(6), "top", down(k * gap));
   }
   for (const share of [0, 0.5, 1])
     note("below", +(start + Math.sign(rate) * share * length).toPrecision(6) + " s", "left", share);
-  note("above", cut ? `${group.unit}   (peaks to ${short(largest, group.unit)} are cut)` : group.unit);
+  note("above", cut ? `${prefix}${group.unit}   (peaks to ${short(largest, group.unit)} are cut)` : prefix + group.unit);
   for (const {values, times, color} of shown) {
     let lines = "", dots = "", pen = "M";
     values.forEach((value, k) => {
@@ -86,6 +90,8 @@ function valueAt({values, times}, time) {
 }
 const amount = (curve, time) => short(curve.unit == "s" ? 10 ** valueAt(curve, time) : valueAt(curve, time), curve.unit);
 const worded = (curve, time) => `${curve.name}: ${amount(curve, time)}`;
+const peak = ({peak, unit}) => peak
+  ? `peak ${short(peak[0], unit)} at ${+(start + Math.sign(rate) * peak[1]).toPrecision(4)} s` : "show or hide";
 plot.addEventListener("pointerdown", event => {
   const box = plot.getBoundingClientRect(), go = ({clientX}) => seek((clientX - box.left) / box.width * duration);
   hold();
@@ -148,10 +154,16 @@ function follow(frame) {
   }
   drawnAt = frame;
   cursor.style.transform = `translate(${100 * now / (duration || 1)}%, 0)`;
+  const taken = [];  // boxes of the labels so far: one that would cover another is moved below it
   for (const {word, place, shown} of labels) {
     if (word.hidden = !shown()) continue;
-    const seen = place().project(camera);
-    word.style.transform = `translate(${(1 + seen.x) / 2 * wide}px, ${(1 - seen.y) / 2 * high}px) translate(-50%, 0)`;
+    const seen = place().project(camera), [across, tall] = [word.offsetWidth, word.offsetHeight];
+    const x = Math.max(across / 2, Math.min(wide - across / 2, (1 + seen.x) / 2 * wide));
+    let y = (1 - seen.y) / 2 * high;
+    const covers = () => taken.find(box => Math.abs(box.x - x) < (box.across + across) / 2 && y < box.y + box.tall && box.y < y + tall);
+    for (let box = covers(), tries = 0; box && tries < 12; box = covers(), tries++) y = box.y + box.tall;
+    taken.push({x, y, across, tall});
+    word.style.transform = `translate(${x}px, ${y}px) translate(-50%, 0)`;
   }
   if (!running || frame > toldAt + TELLING) tell(frame);
   requestAnimationFrame(follow);

@@ -48,7 +48,8 @@ def export_html(
     speed : float
         Seconds of motion per second of playing: 0.1 is slow motion.
     fps : float
-        Frames per second of playing; lowered (and logged) so that the page has at most 3000 frames.
+        Frames per second of playing, at least: there are so many that no point is farther from straight lines between
+        them than a thousandth of the size of the mechanism. Lowered (and logged) so that there are at most 3000.
     traces : sequence of str
         Frames of the model whose paths are drawn.
     forces : bool
@@ -128,7 +129,7 @@ def page_of(mech, sol, *, fps=FPS, panel=True, **options) -> bytes:
     from importlib.resources import files
     from string import Template
 
-    commands = picture(mech, sol, fps=fps, beside=panel, **options)
+    commands = picture(mech, sol, fps=fps, beside=panel, smooth=True, **options)
     text = json.dumps(commands, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     title = ", ".join(dict.fromkeys(each.name for each in (mech if isinstance(mech, list | tuple) else [mech])))
     frame, style, *scripts = ((files(__package__) / name).read_text("utf-8") for name in PARTS)

@@ -15,7 +15,7 @@ from .arrows import COLORS, FORCE, MOMENT, RIGHT, UNITS, WRONG, Action
 from .commands import Node, animated, draw, floor, line, outline, stage, transform, view_axes, y_up
 from .curves import packed, panel, verdicts
 from .motion import Run, body_poses, in_world, on_joint, playing_times, point_in_world, runs_of
-from .shapes import CLOSED, Shape, ball, bars, simple_shapes, skeleton, springs
+from .shapes import CLOSED, Shape, ball, bars, covering, simple_shapes, skeleton, springs
 
 TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
@@ -23,6 +23,7 @@ SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its p
 ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): "moment", (MOMENT, True): "torque"}
 NAMED = 3  # largest number of bodies in a line of the legend
 POINT = 1e-12  # m; anything smaller counts as a point
+BEND = 1e-3  # distance from straight lines between frames, relative to the size of the picture: about a pixel
 GAP = 0.3  # between neighbours, relative to the size of the picture
 
 
@@ -41,6 +42,11 @@ class DrawnRun:
         self.commands: list[dict] = []
         self.cuts: list[dict] = []
 
+    def bend(self) -> float:
+        """How far points are from straight lines between the frames, m, at most."""
+        turns = self.skeleton[2:] - 2.0 * self.skeleton[1:-1] + self.skeleton[:-2]
+        return float(np.linalg.norm(turns, axis=2).max(initial=0.0)) / 8.0
+
     def draw(self, number: int, size: float, traces, scales):
         """Fill in nodes and commands; and points, shape (k, 3), that enclose the mechanism, and all with arrows."""
         mech, bodies, path = self.run.mech, self.bodies, self.path
@@ -49,7 +55,7 @@ class DrawnRun:
         names = ["ground", *mech.joints, *rods]
         paths = [f"{path}/ground", *(f"{path}/bodies/{_part(name)}" for name in mech.joints)]
         paths += [f"{path}/loops/{_part(name)}" for name in rods]
-        shapes = self.visuals + simple_shapes(mech, bodies, size, {shape.node for shape in self.visuals})
+        shapes = self.visuals + simple_shapes(mech, bodies, size, covering(self.visuals))
         some = np.unique(np.linspace(0, len(bodies) - 1, 40).astype(int))
         extent = [self.skeleton[some], *(in_world(poses[some, shape.node], shape.points) for shape in shapes)]
         self.nodes += [Node(path, poses[:, k]) for k, path in enumerate(paths) if k]
@@ -59,9 +65,9 @@ class DrawnRun:
             shapes.append(ball(joint, place.translation, 0.009 * size, color=color, on_top=1))
             self.commands.append(line(f"{path}/traces/{_part(name)}", "Line", points, color, "trace"))
             extent.append(point_in_world(bodies, joint, place.translation)[some])
-        for k, (places, stretch, coil, ends) in enumerate(springs(mech, bodies, size), start=1):
+        for k, (name, places, stretch, coil, ends) in enumerate(springs(mech, bodies, size), start=1):
             self.nodes.append(Node(f"{path}/springs/{k}", places, stretch))
-            self.commands.append(draw(f"{path}/springs/{k}/coil", coil, part="body", name=f"spring {k}"))
+            self.commands.append(draw(f"{path}/springs/{k}/coil", coil, part="body", name=name))
             extent.append(ends[some])
         for k, shape in enumerate(shapes):
             part = "loop" if shape.on_top and shape.loop else "body" if shape.node else "ground"
@@ -92,14 +98,14 @@ class DrawnRun:
 
 
 def picture(
-    mech, sol, *, fps, speed=1.0, traces=(), forces=False, loop=True, beside=True, first=None, times=None
+    mech, sol, *, fps, speed=1.0, traces=(), forces=False, loop=True, beside=True, first=None, times=None, smooth=False
 ) -> dict:
     """The replay as a page needs it, places in axes with y up; parameters as in :func:`pinconsist.export_html`.
 
     ``clock`` is the time at the start, the seconds of motion per second of playing, and the duration of playing;
     `beside` adds the curves and verdicts beside the motion. `first`, of :func:`pinconsist.compare`, has the
     error of the first run at its first step, where the page stops, and the true run. `times` are those of the frames,
-    s of playing, instead of even ones.
+    s of playing, instead of even ones. `smooth` makes as many frames as straight lines between them need.
     """
     from .visuals import visuals  # and with it coal, only when something is shown
 
@@ -110,8 +116,16 @@ def picture(
     clock = playing_times(runs, speed, fps) if times is None else times
     of_file = cache(visuals)
     paths = [f"/{k + 1} {_part(run.title)}" if len(runs) > 1 else "" for k, run in enumerate(runs)]
-    drawn = [DrawnRun(each, clock * speed, path, of_file(each.mech)) for each, path in zip(runs, paths, strict=True)]
+
+    def drawn_at(clock):
+        whole = zip(runs, paths, strict=True)
+        return [DrawnRun(each, clock * speed, path, of_file(each.mech)) for each, path in whole]
+
+    drawn = drawn_at(clock)
     size = max(each.size for each in drawn) or 1.0
+    if smooth and (more := max(each.bend() for each in drawn) / (BEND * size)) > 1.0:
+        clock = playing_times(runs, speed, np.ceil(np.sqrt(more)) * fps)
+        drawn = drawn_at(clock)
     not_drawn: dict[str, float] = {}
     for each in drawn if forces or beside else ():
         not_drawn |= undetermined(each.run.mech, each.run.t, each.run.q)

@@ -3,7 +3,14 @@ const element = id => document.getElementById(id);
 const added = (parent, kind, properties) => Object.assign(parent.appendChild(document.createElement(kind)), properties);
 const unpacked = text => new Float32Array(Uint8Array.from(atob(text), letter => letter.charCodeAt(0)).buffer);
 const css = color => "#" + color.toString(16).padStart(6, "0");
-const short = (number, unit) => +number.toPrecision(3) + " " + unit;
+function prefixed(size, unit) {  // factor and prefix of large forces
+  if (!["N", "N·m", "J"].includes(unit) || size < 1e4) return [1, ""];
+  return size < 1e7 ? [1e3, "k"] : [1e6, "M"];
+}
+function short(number, unit) {
+  const [scale, prefix] = prefixed(Math.abs(number), unit);
+  return +(number / scale).toPrecision(3) + " " + prefix + unit;
+}
 
 // The scene
 const {Vector2, Vector3, Raycaster, PerspectiveCamera, OrthographicCamera} = MeshCat.THREE;

@@ -8,11 +8,12 @@ import pinocchio as pin
 from ..mechanism.forces import SpringDamper
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
-from .motion import anchors, bar_poses, in_world, joint_axis, point_in_world, rotation_to
+from .motion import anchors, bar_poses, force_points, in_world, joint_axis, point_in_world, rotation_to
 
 LINK_COLORS = (0x0072B2, 0xE69F00, 0x009E73, 0x56B4E9, 0xCC79A7, 0xB8A800)  # Okabe and Ito's, without red
 JOINT, GROUND, RAIL, CLOSED, SPRING = 0x333333, 0x555555, 0xA0A4AA, 0xD50000, 0x5D4037
 LINK = 0.011  # radius of a link, relative to the size of the picture
+ROD, BARREL = 0xC2C8CE, 0.7  # colour of the rod of a cylinder; length of its barrel, relative to the shortest cylinder
 SHELL, CORE, BALL = 2.2, 0.9, 1.45  # radii of anchors 1 and 2 and of a joint, relative to that of a link
 TURNS, STRAIGHT = 9, 0.12  # number of turns of a coil; share of its length that is straight, at each end
 COIL, WIRE = 0.018, 0.003  # radius of a coil and of its wire, relative to the size of the picture
@@ -83,14 +84,16 @@ def buffer(points: np.ndarray, triangles: np.ndarray | None = None) -> dict:
 def link_ends(mech: Mechanism) -> dict[int, list[np.ndarray]]:
     """For each joint the points of its body to which a link is drawn from the joint's origin.
 
-    Origins of the joints it carries, anchors of loops, and for a bare leaf the end of a rod with its inertia.
+    Origins of the joints it carries, anchors of loops, points of springs and wrenches, and for a bare leaf the end of a
+    rod with its inertia.
     """
     model = mech.model
     ends = {joint: [] for joint in range(1, model.njoints)}
     places = [(model.parents[joint], model.jointPlacements[joint]) for joint in ends]
-    for joint, place in places + anchors(model, *mech.anchored_loops):
+    points = [(joint, place.translation) for joint, place in places + anchors(model, *mech.anchored_loops)]
+    for joint, point in points + force_points(mech):
         if joint:
-            ends[joint].append(place.translation.copy())
+            ends[joint].append(point.copy())
     for joint, inertia in zip(ends, list(model.inertias)[1:], strict=True):
         if not ends[joint] and inertia.mass > 0:  # beyond the centre of mass by half a uniform rod with this inertia
             half = np.sqrt(3 * np.linalg.eigvalsh(inertia.inertia)[-1] / inertia.mass)
@@ -128,12 +131,22 @@ def bars(mech: Mechanism, poses: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
-def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=frozenset()) -> list[Shape]:
+def covering(shapes: list[Shape]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """For each node with shapes the lowest and highest coordinates of their points."""
+    points: dict[int, list[np.ndarray]] = {}
+    for shape in shapes:
+        points.setdefault(shape.node, []).append(shape.points)
+    return {node: (np.vstack(its).min(axis=0), np.vstack(its).max(axis=0)) for node, its in points.items()}
+
+
+def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=None) -> list[Shape]:
     """Links, joints, ground and rails of every body; anchors of all loops.
 
-    Left out are the bodies of the joints `covered`, which have shapes of their own; 0 is the ground. Thicknesses are
-    relative to the `size` of the picture, m. Rails are as long as the distance that a joint slides.
+    Left out are the bodies of the joints `covered` by shapes of their own, see :func:`covering`, but for levers to
+    points outside of them; 0 is the ground. Thicknesses are relative to the `size` of the picture, m. Rails are as long
+    as the distance that a joint slides; between bodies they are the barrel and the rod of a cylinder.
     """
+    covered = covered or {}
     radius = LINK * size
     out, fixed, of_bodies = [], [], link_ends(mech)
     colors = link_colors(mech, poses, of_bodies)
@@ -143,10 +156,18 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
         slides = axis is not None and not turns
         if parent == 0 and rail is not None and not slides:
             fixed.append(rail.mean(0))
-        if joint in covered:
-            continue
         color = colors[joint]
-        if slides:
+        if joint in covered:
+            low, high = covered[joint]
+            outside = [end for end in ends if (end < low - radius).any() or (end > high + radius).any()]
+            out += [cylinder(joint, np.clip(end, low, high), end, 0.6 * radius, color=color) for end in outside]
+            continue
+        if slides and (strut := _strut(mech, joint, axis, rail, ends, radius, size)) is not None:
+            barrel, rod = strut
+            out += [] if parent in covered else [cylinder(parent, *barrel, 1.9 * radius, color=colors[parent])]
+            out += [cylinder(joint, *rod, 0.9 * radius, color=ROD), ball(joint, rod[1], BALL * radius, color=JOINT)]
+            rail, ends = None, [end for end in ends if np.linalg.norm(np.cross(end, axis)) > radius / 10]
+        elif slides:
             out.append(block(joint, np.zeros(3), axis, 7 * radius, 4 * radius, color=color))
         else:
             out.append(ball(joint, np.zeros(3), BALL * radius, color=JOINT))
@@ -156,9 +177,37 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=froze
         if rail is not None and np.linalg.norm(rail[1] - rail[0]) > radius / 2:
             out.append(cylinder(parent, *rail, 0.45 * radius, color=RAIL))
     fixed += [place.translation for joint, place in anchors(mech.model, *mech.anchored_loops) if joint == 0]
+    fixed += [point for joint, point in force_points(mech) if joint == 0]
     if 0 not in covered:
         out += _ground(fixed, radius)
     return out + _closures(mech, poses, radius)
+
+
+def _strut(mech: Mechanism, joint: int, axis, rail, ends, radius: float, size: float):
+    """Ends of the barrel on a joint's parent and of the rod on its body; None if it is not a cylinder.
+
+    A cylinder is a joint that slides along a line through the origin of the parent's own joint, by less than the
+    distance from there to the farther end of its body. The rod always ends in the barrel.
+    """
+    parent, home = mech.model.parents[joint], mech.model.jointPlacements[joint]
+    if parent == 0 or rail is None:
+        return None
+    along = home.rotation @ axis  # in the axes of the parent
+    tips = np.array([0.0, *(end @ axis for end in ends if np.linalg.norm(np.cross(end, axis)) <= radius / 10)])
+    low, high = sorted((point - home.translation) @ along for point in rail)
+    base = -home.translation @ along
+    if np.linalg.norm(home.translation + base * along) > TOUCHING * size:
+        return None
+    way = 1.0 if low + high + 2.0 * tips[np.argmax(np.abs(tips))] > 2.0 * base else -1.0
+    tip = way * max(way * tips)
+    nearest = min(way * (low + tip - base), way * (high + tip - base))
+    stroke = high - low
+    if not nearest > stroke + radius:
+        return None
+    length = max(BARREL * nearest, stroke + radius)
+    start = home.translation + base * along
+    inside = tip - way * (nearest + stroke - length + 0.5 * radius)
+    return (start, start + way * length * along), (inside * axis, tip * axis)
 
 
 def _rail(mech: Mechanism, joint: int, poses: np.ndarray, size: float) -> np.ndarray | None:
@@ -220,17 +269,18 @@ def _guide(mech: Mechanism, loop: Loop, poses: np.ndarray, radius: float) -> lis
     return [cylinder(joint1, *ends, 0.3 * radius, color=CLOSED)]
 
 
-def springs(mech: Mechanism, poses: np.ndarray, size: float) -> list[tuple[np.ndarray, np.ndarray, Shape, np.ndarray]]:
+def springs(mech: Mechanism, poses: np.ndarray, size: float) -> list[tuple]:
     """Springs between two points as coils that stretch with them.
 
-    For each: its poses, shape (n, 7), and scales, shape (n, 3), its coil, and its two ends, shape (n, 2, 3).
+    For each: its name, poses, shape (n, 7), and scales, shape (n, 3), its coil, and its two ends, shape (n, 2, 3).
     """
     out = []
     for spring in (each for each in mech.forces if isinstance(each, SpringDamper)):
         ends = [point_in_world(poses, *end) for end in spring.bind(mech.model).ends]
         lengths = np.linalg.norm(ends[1] - ends[0], axis=1)
         stretch = np.insert(np.ones((len(poses), 2)), 1, lengths.clip(SMALLEST), axis=1)
-        out.append((bar_poses(*ends), stretch, _coil(max(lengths.mean(), SMALLEST), size), np.stack(ends, axis=1)))
+        coil = _coil(max(lengths.mean(), SMALLEST), size)
+        out.append((spring.label, bar_poses(*ends), stretch, coil, np.stack(ends, axis=1)))
     return out
 
 

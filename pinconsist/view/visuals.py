@@ -11,6 +11,7 @@ from ..mechanism.mechanism import Geometry, Mechanism
 from .shapes import Shape, ball, buffer, cylinder
 
 CORNERS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
+WHITE, OFF_WHITE = 0.92, 0xC8D0D8
 log = logging.getLogger(__name__)
 
 
@@ -73,6 +74,8 @@ def _shape(item: pin.GeometryObject) -> Shape | None:
 
     form, node, place = item.geometry, item.parentJoint, item.placement
     color = int.from_bytes(bytes(round(255 * float(part)) for part in np.clip(item.meshColor[:3], 0, 1)), "big")
+    if min(item.meshColor[:3]) > WHITE:
+        color = OFF_WHITE  # the page is white, too
     look = {"color": color, "opacity": float(item.meshColor[3])}
     if isinstance(form, coal.Sphere):
         return ball(node, place.translation, form.radius, **look)
