@@ -370,3 +370,22 @@ def test_figure_of_a_comparison():
     assert np.isnan(consistent.get_ydata()[0]) and np.isfinite(exact.get_ydata()).all()
     with pytest.raises(InputError, match="shape"):
         plot_comparison([{**rows[0], "exact": t[:3]}])
+
+
+def test_a_joint_that_slides_between_bodies_is_a_barrel_with_a_rod():
+    """Also where its origin is that of the barrel, and the way from there to the shortest length is never taken."""
+    model = pin.Model()
+    barrel = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "barrel")
+    rod = model.addJoint(barrel, pin.JointModelPX(), pin.SE3.Identity(), "rod")
+    for joint in (barrel, rod):
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    q = np.column_stack((np.zeros(5), np.linspace(2.0, 2.4, 5)))
+    shapes = [shape for shape in simple_shapes(Mechanism(model), body_poses(model, q), 1.0) if shape.node]
+    assert not any(shape.geometry["type"] == "BoxGeometry" for shape in shapes)
+    outer, inner = (next(s for s in shapes if s.node == node and "height" in s.geometry) for node in (barrel, rod))
+    ends = [
+        shape.placement.translation[0] + np.array([-0.5, 0.5]) * shape.geometry["height"] for shape in (outer, inner)
+    ]
+    assert ends[0][0] == pytest.approx(0.0)
+    for length in (2.0, 2.4):  # the rod begins in the barrel and ends outside of it
+        assert 0.0 <= ends[1][0] + length < ends[0][1] < ends[1][1] + length

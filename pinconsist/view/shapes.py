@@ -162,7 +162,7 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=None)
             outside = [end for end in ends if (end < low - radius).any() or (end > high + radius).any()]
             out += [cylinder(joint, np.clip(end, low, high), end, 0.6 * radius, color=color) for end in outside]
             continue
-        if slides and (strut := _strut(mech, joint, axis, rail, ends, radius, size)) is not None:
+        if slides and (strut := _strut(mech, joint, poses, axis, ends, radius, size)) is not None:
             barrel, rod = strut
             out += [] if parent in covered else [cylinder(parent, *barrel, 1.9 * radius, color=colors[parent])]
             out += [cylinder(joint, *rod, 0.9 * radius, color=ROD), ball(joint, rod[1], BALL * radius, color=JOINT)]
@@ -183,18 +183,19 @@ def simple_shapes(mech: Mechanism, poses: np.ndarray, size: float, covered=None)
     return out + _closures(mech, poses, radius)
 
 
-def _strut(mech: Mechanism, joint: int, axis, rail, ends, radius: float, size: float):
+def _strut(mech: Mechanism, joint: int, poses: np.ndarray, axis, ends, radius: float, size: float):
     """Ends of the barrel on a joint's parent and of the rod on its body; None if it is not a cylinder.
 
     A cylinder is a joint that slides along a line through the origin of the parent's own joint, by less than the
     distance from there to the farther end of its body. The rod always ends in the barrel.
     """
     parent, home = mech.model.parents[joint], mech.model.jointPlacements[joint]
-    if parent == 0 or rail is None:
+    if parent == 0:
         return None
     along = home.rotation @ axis  # in the axes of the parent
     tips = np.array([0.0, *(end @ axis for end in ends if np.linalg.norm(np.cross(end, axis)) <= radius / 10)])
-    low, high = sorted((point - home.translation) @ along for point in rail)
+    way = (_path(mech, joint, poses) - home.translation) @ along
+    low, high = way.min(), way.max()
     base = -home.translation @ along
     if np.linalg.norm(home.translation + base * along) > TOUCHING * size:
         return None
@@ -210,12 +211,17 @@ def _strut(mech: Mechanism, joint: int, axis, rail, ends, radius: float, size: f
     return (start, start + way * length * along), (inside * axis, tip * axis)
 
 
+def _path(mech: Mechanism, joint: int, poses: np.ndarray) -> np.ndarray:
+    """The origin of a joint over the motion in the axes of its parent, shape (n, 3)."""
+    parent, child = poses[:, mech.model.parents[joint]], poses[:, joint]
+    turn_back = np.column_stack((np.zeros((len(poses), 3)), -parent[:, 3:6], parent[:, 6]))
+    return in_world(turn_back, (child - parent)[:, None, :3])[:, 0]
+
+
 def _rail(mech: Mechanism, joint: int, poses: np.ndarray, size: float) -> np.ndarray | None:
     """The straight path, shape (2, 3), of a joint's origin on its parent's body; one point twice if it rests."""
     home = mech.model.jointPlacements[joint].translation.copy()
-    parent, child = poses[:, mech.model.parents[joint]], poses[:, joint]
-    turn_back = np.column_stack((np.zeros((len(poses), 3)), -parent[:, 3:6], parent[:, 6]))
-    way = np.vstack((np.zeros(3), in_world(turn_back, (child - parent)[:, None, :3])[:, 0] - home))
+    way = np.vstack((np.zeros(3), _path(mech, joint, poses) - home))
     if np.linalg.norm(way, axis=1).max() < 1e-9 * size:
         return np.array([home, home])
     direction = np.linalg.svd(way, full_matrices=False)[2][0]
