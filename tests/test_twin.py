@@ -3,6 +3,8 @@
 import dataclasses
 import logging
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -369,7 +371,39 @@ def test_sources_without_their_compiled_part_say_where_they_are(tmp_path):
     (tmp_path / "CMakeLists.txt").touch()
     sources = _core._absent(tmp_path)
     assert "no C++ compiler was found" in plain and "no C++ compiler" not in sources
-    assert str(tmp_path) in sources and "another folder" in sources and "pip install -e ." in sources
+    assert str(tmp_path) in sources and "another folder" in sources and f"-m pip install -e {tmp_path}" in sources
+
+
+SCRIPT = """
+import logging, warnings
+warnings.simplefilter("ignore")
+{before}
+import pinconsist as pc
+for _ in range(2):
+    pc.simulate(pc.load("four_bar"), (0.0, 0.01))
+"""
+STALE = "import pinconsist._core; pinconsist._core.INTERFACE = -1"
+FORGOTTEN = "import sys; sys.modules['pinconsist._core.twin'] = None"
+
+
+@pytest.mark.parametrize("state", [
+    FORGOTTEN, f"{FORGOTTEN}; logging.disable(logging.WARNING)", pytest.param(STALE, marks=needs_twin),
+])  # fmt: skip
+def test_a_script_without_the_compiled_part_is_told_once_with_the_command(state, tmp_path):
+    """Also where warnings are filtered and nobody listens to the log, as in scripts and benchmarks."""
+    run = subprocess.run(
+        [sys.executable, "-c", SCRIPT.format(before=state)], capture_output=True, text=True, cwd=tmp_path, check=True
+    )
+    assert run.stdout == "" and run.stderr.count("fifty times slower") == 1 == len(run.stderr.splitlines())
+    assert f"{sys.executable} -m pip install " in run.stderr
+
+
+def test_an_application_that_listens_has_the_slow_method_in_its_log_only(tmp_path):
+    listens = f"{FORGOTTEN}; logging.basicConfig(filename='app.log')"
+    run = subprocess.run(
+        [sys.executable, "-c", SCRIPT.format(before=listens)], capture_output=True, text=True, cwd=tmp_path, check=True
+    )
+    assert run.stderr == "" and (tmp_path / "app.log").read_text().count("fifty times slower") == 1
 
 
 def refused(monkeypatch, owner, name, value):

@@ -4,6 +4,8 @@ It is built if ``pip install`` finds a compiler. The C++ files are named like th
 dae/newton.py does, and so on. User-defined forces and constraints are called back in Python.
 """
 
+import shlex
+import sys
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,38 +17,52 @@ from ..dae import tuning
 from ..dae.radau_table import table
 from ..dae.unseen import gauss
 
-AGAIN = "install pinconsist again"
 INTERFACE = 34  # as in module.cpp: an editable install may hold an older build
 
 
 def _absent(folder: Path) -> str:
     """The reason why there is no compiled module for the package in a folder."""
-    if (folder / "CMakeLists.txt").is_file():
+    if _is_checkout(folder):
         return (
             f"pinconsist is imported from its sources in {folder}, without its compiled part: change to another folder "
-            "to use an installed package, or compile it there: pip install -e . (this needs a C++ compiler)"
+            f"to use an installed package, or compile it there (this needs a C++ compiler): {_command(folder)}"
         )
-    return "pinconsist was installed without its compiled part (no C++ compiler was found)"
+    return (
+        "pinconsist was installed without its compiled part (no C++ compiler was found); with a compiler, install it "
+        f"again: {_command(folder)}"
+    )
+
+
+def _is_checkout(folder: Path) -> bool:
+    return (folder / "CMakeLists.txt").is_file()
+
+
+def _command(folder: Path) -> str:
+    """The command that compiles the package in a folder."""
+    what = f"-e {shlex.quote(str(folder))}" if _is_checkout(folder) else "--force-reinstall --no-deps pinconsist"
+    return f"{shlex.quote(sys.executable)} -m pip install {what}"
 
 
 @cache
 def load():
     """(the compiled module, "") or (None, the reason why there is none)."""
+    folder = Path(__file__).parents[2]
+    again = f"install pinconsist again: {_command(folder)}"
     if find_spec(f"{__name__}.twin") is None:
-        return None, _absent(Path(__file__).parents[2])
+        return None, _absent(folder)
     try:
         from . import twin
     except ImportError as error:
-        return None, f"the compiled part of pinconsist cannot be loaded ({error})"
+        return None, f"the compiled part of pinconsist cannot be loaded ({error}); {again}"
     if getattr(twin, "INTERFACE", 0) != INTERFACE:
         return None, (
             f"the compiled part of pinconsist, {twin.__file__}, does not have the version of the Python code in "
-            f"{Path(__file__).parent}; {AGAIN}"
+            f"{Path(__file__).parent}; {again}"
         )
     if twin.PINOCCHIO_VERSION != pinocchio.__version__:
         return None, (
             f"the compiled part of pinconsist was built for Pinocchio {twin.PINOCCHIO_VERSION}, but this is "
-            f"{pinocchio.__version__}; {AGAIN}"
+            f"{pinocchio.__version__}; {again}"
         )
     from scipy.integrate import DOP853
     from scipy.linalg import cython_lapack

@@ -1,6 +1,7 @@
 """The stepper whose accepted steps are made in C++; events and records stay in Python."""
 
 import logging
+import sys
 from functools import cache
 
 import numpy as np
@@ -43,7 +44,22 @@ def stepper_for(system, method, backend: str = "auto") -> Stepper:
 
 @cache
 def _warn_once(why) -> None:
-    log.warning("%s; the Python method is used, which is about fifty times slower", why)
+    """Say why runs are slow: in the log or, if nobody listens to it, on stderr; warnings are often filtered."""
+    text = f"the Python method is used, which is about fifty times slower, because {why}"
+    if _heard():
+        log.warning("%s", text)
+    elif sys.stderr is not None:  # as in a program without a console
+        print(f"pinconsist: warning: {text}", file=sys.stderr)
+
+
+def _heard() -> bool:
+    """Whether a handler of the application receives the warnings of this log."""
+    of = log if log.isEnabledFor(logging.WARNING) else None
+    while of is not None:
+        if any(each.level <= logging.WARNING and not isinstance(each, logging.NullHandler) for each in of.handlers):
+            return True
+        of = of.parent if of.propagate else None
+    return False
 
 
 class CompiledStepper(CompiledRun):
