@@ -144,6 +144,49 @@ def test_coulomb_friction_stops_a_block():
     assert sol.q[-1, 0] == pytest.approx(v0**2 * m / (2 * f), rel=1e-4)
 
 
+URDF = """<robot name="r"><link name="base"/><link name="block"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="slide" type="prismatic">
+<parent link="base"/><child link="block"/><axis xyz="1 0 0"/><limit lower="-9" upper="9" effort="99" velocity="99"/>
+<dynamics friction="10"/></joint></robot>"""
+SDF = """<sdf version="1.8"><model name="r">
+<link name="base"/><link name="block"><inertial><mass>1</mass></inertial></link>
+<joint name="fixed" type="fixed"><parent>world</parent><child>base</child></joint><joint name="slide" type="prismatic">
+<parent>base</parent><child>block</child><axis><xyz>1 0 0</xyz><dynamics><friction>10</friction></dynamics></axis>
+</joint></model></sdf>"""
+MJCF = """<mujoco model="r"><worldbody><body name="block">
+<joint name="slide" type="slide" axis="1 0 0" frictionloss="10"/>
+<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+@pytest.mark.parametrize(("suffix", "text"), [("urdf", URDF), ("sdf", SDF), ("xml", MJCF), ("", "")])
+def test_a_block_held_by_friction_creeps_little(suffix, text, method, tmp_path):
+    """At 80 % of its friction v = w artanh(0.8), so that ten seconds take it 10 w artanh(0.8) = 11 mm."""
+    if text:
+        (path := tmp_path / f"r.{suffix}").write_text(text)
+        mech = pc.load(path)
+    else:
+        mech = slider(1.0).with_forces(pc.JointFriction({"slide": 10.0}))
+    sol = pc.simulate(mech, (0.0, 10.0), forces=[{"slide": 8.0}], method=method)
+    assert sol.success and sol.v[-1, 0] == pytest.approx(1e-3 * np.arctanh(0.8), rel=1e-2)
+    assert 0.01 < sol.q[-1, 0] < 0.012
+
+
+@pytest.mark.parametrize("method", ["BDF", "Radau"])
+@pytest.mark.parametrize("tol", [1e-3, 1e-6])
+def test_the_default_width_of_friction_costs_few_steps(method, tol):
+    """Cranks that friction brings to rest; below the tolerance of velocities, Radau took 20,000 steps and more."""
+    mech, joints = pc.load("five_bar"), ("left_crank", "left_distal", "right_crank", "right_distal")
+
+    def steps(width):
+        friction = pc.JointFriction(dict.fromkeys(joints, 0.3), *width)
+        return pc.simulate(
+            mech, (0.0, 3.0), forces=[friction], method=method, rtol=tol, atol=tol, max_steps=5000
+        ).nsteps
+
+    assert steps(()) <= 3 * steps((1e-2,))
+
+
 def test_a_servo_follows_a_ramp_with_the_lag_of_the_damping_it_fights():
     k, c, speed = 40.0, 2.0, 1.5
     target = pc.Motion(start=0.3, speed=speed)
