@@ -1,7 +1,6 @@
 """The stepper whose accepted steps are made in C++; events and records stay in Python."""
 
 import logging
-import sys
 from functools import cache
 
 import numpy as np
@@ -48,8 +47,9 @@ def _warn_once(why) -> None:
     text = f"the Python method is used, which is about fifty times slower, because {why}"
     if _heard():
         log.warning("%s", text)
-    elif sys.stderr is not None:  # as in a program without a console
-        print(f"pinconsist: warning: {text}", file=sys.stderr)
+    elif logging.lastResort is not None:  # the handler on stderr of logs without one, which the null handler replaces
+        message = f"pinconsist: warning: {text}"
+        logging.lastResort.handle(log.makeRecord(log.name, logging.WARNING, __file__, 0, message, (), None))
 
 
 def _heard() -> bool:
