@@ -377,7 +377,9 @@ def _balance(solution, energy, finer):
         return balance, 0.0
     if finer is not None and not (np.diff(solution.t) == 0.0).any():
         total = energy.total[finer.rows]
-        return replace(energy, error=total - total[0] - work_of(finer)).balance_error, 0.0
+        work, uncertain = work_of(finer)
+        balance = replace(energy, error=total - total[0] - work).balance_error
+        return balance, replace(energy, error=uncertain).balance_error if _above(balance, UNCLEAR) else 0.0
     if largest(solution.order) > MOST_BY_ROWS:
         return balance, np.inf
     return balance, energy.work_error

@@ -611,10 +611,10 @@ def test_a_start_at_a_large_time(t0, tol, backend):
 
 @pytest.mark.parametrize("method", ["Radau", "BDF"])
 def test_the_largest_step_holds_for_the_first_and_for_the_check(method):
-    """A push of 1 % of the span, which only steps as short as `max_step` see."""
+    """A push of 1 % of the span, in steps of a fifth of it: too few for the energy balance, which is not judged."""
     rest = pc.load("n_four_bar_1").with_gravity((0.0, 0.0, 0.0))
     push = {"crank0": lambda t: 2.0 * np.sin(100.0 * np.pi * (t - 0.4)) ** 4 if 0.4 < t < 0.41 else 0.0}
     sol = pc.simulate(rest, (0.0, 1.0), forces=[push], method=method, max_step=2e-3, first_step=1.0)
     assert np.abs(sol.h).max() < 2.001e-3
     assert sol.v[-1, 0] == pytest.approx(2.0 * 0.01 * 0.375 / (5.0 / 3.0), rel=1e-3)
-    assert sol.check().verdict.endswith("ok")
+    assert sol.check().ok

@@ -34,7 +34,7 @@ class Event:
     direction : float
         > 0: only where g rises, < 0: only where it falls, 0: both.
     apply : callable, optional
-        ``apply(t, q, v)`` returns the state after the event (a latch, an impact; for impacts see :class:`Impact`):
+        ``apply(t, q, v)`` returns the state after the event (a latch, an impact):
 
         * a mapping joint name → velocity: these joints have it, as if by impulses at them; the others follow through
           the loops, and change as little as the masses allow,
