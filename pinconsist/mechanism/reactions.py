@@ -222,7 +222,7 @@ class HasReactions:
         return reaction(self._states(), loop, axes, compliance)
 
     def joint_force(self, joint: str, *, axes: str = "world", compliance=None) -> JointForce:
-        """What a `joint` of the tree transmits: force and moment on its child, see :class:`JointForce`.
+        """What a `joint` of the tree transmits: force and moment on its child, see :class:`~pinconsist.JointForce`.
 
         `axes` are "world", or "joint" for those of its frame. `compliance` is as in :meth:`Solution.reaction`. Raises
         InputError for other names and axes.
