@@ -57,7 +57,7 @@ def runs(mech: pc.Mechanism, folder: Path) -> pc.Solution:
     assert_type(sol.check(error=False), pc.Certificate)
     assert_type(sol.check(error=False).concerns, list[str])
     assert_type(sol.energy().total, np.ndarray)
-    assert_type(sol.reaction("coupler_rocker"), pc.Reaction)
+    assert_type(sol.reaction("coupler_rocker"), pc.Reaction | pc.JointForce)
     assert_type(sol.save(folder / "saved.npz"), Path)
     assert (pc.Solution.load(folder / "saved.npz").q == sol.q).all()
 
