@@ -67,17 +67,15 @@ class Event:
             )
 
 
-def as_events(events, mechanism=None) -> tuple[Event, ...]:
-    """Events from user input: Event objects, impacts on a mechanism, or functions with scipy's attributes."""
+def as_events(events) -> tuple[Event, ...]:
+    """Events from user input: Event objects, or functions with scipy's attributes."""
     if events is None:
         return ()
-    events = (events,) if callable(events) or isinstance(events, Event) or hasattr(events, "of") else events
+    events = (events,) if callable(events) or isinstance(events, Event) else events
     if not isinstance(events, Iterable):
         raise InputError(f"events must be a sequence of events, got {events!r}")
     result = []
     for event in events:
-        if hasattr(event, "of"):  # an impact
-            event = Event(**event.of(mechanism))
         if not isinstance(event, Event):
             if not callable(event):
                 raise InputError(f"an event must be an Event or a function g(t, q, v, lam), got {event!r}")

@@ -87,12 +87,14 @@ def consistent_initial_velocity(system, t0, p0, v0, step) -> np.ndarray:
     ----------
     C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008), sections 3 and 4.
     """
-    p0, v0 = finite(p0, "p0"), finite(v0, "v0")
+    p0 = finite(p0, "p0")
+    v0 = finite(v0, "v0")
     if not (np.isfinite(step) and step):
         raise InputError(f"step must be a number of seconds other than zero, got {step!r}")
     system = index3_system(system, t0, p0, v0)
     trial = bdf_step(system, [State(t0, p0, v0, acceleration(system, t0, p0, v0)[1])], step, 1)
-    U0, U1 = system.rate(t0, p0, v0), system.rate(trial.t, trial.p, trial.v)
+    U0 = system.rate(t0, p0, v0)
+    U1 = system.rate(trial.t, trial.p, trial.v)
     residual0 = np.array(system.constraint(trial.t, trial.p, U0)[1])
     residual1 = np.array(system.constraint(trial.t, trial.p, U1)[1])
     return v0 - velocity_shift(system, trial.t, trial.p, trial.v, residual1 - residual0)

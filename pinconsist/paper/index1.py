@@ -9,13 +9,12 @@ gives acceleration and multipliers of the differential equation itself. DOP853 i
 then satisfied by projection in the metric of M.
 """
 
-from math import factorial
 from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.special import bernoulli
 
+from ..dae.charts import chart_matrix
 from ..dae.hessenberg import HessenbergProblem
 from ..dae.problem import Index3System
 from ..errors import AssemblyError, InputError, PinconsistError
@@ -114,7 +113,8 @@ def _advance(system, now, target, rtol, atol) -> State:
     def f(t, y):
         xi, v = y[: system.nx], y[system.nx :]
         p = position(xi)
-        xi_rate = chart_matrix(system, xi) @ system.rate(t, p, v)
+        rate = system.rate(t, p, v)
+        xi_rate = rate if system.vector_like else chart_matrix(system, xi) @ rate
         return np.concatenate((xi_rate, acceleration(system, t, p, v)[0]))
 
     run = solve_ivp(
@@ -124,18 +124,6 @@ def _advance(system, now, target, rtol, atol) -> State:
         raise PinconsistError(f"the index-1 equations could not be integrated from t = {now.t:.6g}: {run.message}")
     y = run.y[:, -1]
     return projected(system, target, position(y[: system.nx]), y[system.nx :])
-
-
-def chart_matrix(system, xi):
-    """T with ξ' = T U where base ⊕ ξ moves with the tangent velocity U: T = Σ (-1)ⁿ Bₙ/n! adⁿ, ad = [ξ, ·]."""
-    if system.vector_like:
-        return np.eye(system.nx)
-    ad = system.bracket(xi)
-    T, power = np.zeros((system.nx, system.nx)), np.eye(system.nx)
-    for n, number in enumerate(bernoulli(30)):
-        T = T + (-1.0) ** n * number / factorial(n) * power
-        power = power @ ad
-    return T
 
 
 def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> Reference:
@@ -167,11 +155,13 @@ def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> 
     PinconsistError
         scipy's integrator fails, or redundant rows of the loops become inconsistent.
     """
-    p0, v0 = finite(p0, "p0"), finite(v0, "v0")
+    p0 = finite(p0, "p0")
+    v0 = finite(v0, "v0")
     times = np.atleast_1d(finite(times, "times"))
     system = index3_system(system, t0, p0, v0)
     longest = abs(times[-1] - t0) / CHOICES if len(times) else 0.0
-    t, p, v, rows = t0, p0, v0, []
+    rows = []
+    t, p, v = t0, p0, v0
     for target in times:
         parts = 1
         if longest and not system.dropped_are_zero:  # other rows are used if those in use become a poor choice
@@ -179,7 +169,8 @@ def reference_solution(system, t0, p0, v0, times, *, rtol=1e-13, atol=1e-13) -> 
         for stop in np.linspace(t, target, parts + 1)[1:]:
             (state,) = states_at(system, t, p, v, [stop], rtol, atol)
             t, p, v = state.t, state.p, state.v
-            if opened := system.opened([t], [p]):
+            opened = system.opened([t], [p])
+            if opened:
                 raise PinconsistError(f"no reference: the loops are open by {opened[1]:.1e} at t = {t:.6g}")
             lam = system.full_multipliers(p, state.lam)
             system = system.reselected(p) or system

@@ -59,7 +59,8 @@ def solve(system, t_span, p0, v0, step: float, *, order: int = 1, consistency: s
     C. Arévalo, A note on numerically consistent initial values for high index DAEs, ETNA 34 (2008).
     """
     t0, t_end = (float(t) for t in finite(t_span, "t_span"))
-    p0, v0 = finite(p0, "p0"), finite(v0, "v0")
+    p0 = finite(p0, "p0")
+    v0 = finite(v0, "v0")
     if order not in range(1, HIGHEST + 1):
         raise InputError(f"order must be a whole number from 1 to {HIGHEST}, got {order!r}")
     if consistency not in MODES:

@@ -86,7 +86,8 @@ def bdf_step(system, history, h: float, k: int) -> State:
     SingularSystemError
         Its matrix is singular.
     """
-    t, c = history[0].t + h, h / derivative_weights(k)[0]
+    t = history[0].t + h
+    c = h / derivative_weights(k)[0]
     base, psi_x, v, lam = _prediction(system, history[: k + 1], k)
     psi_v = history_weights(k) @ [each.v for each in history[:k]]
     last = np.inf
