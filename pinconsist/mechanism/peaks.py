@@ -13,10 +13,8 @@ from ..errors import InputError
 SPREAD = 2000  # points at which a peak is sought between the rows; at least one between two rows
 MOST_INSIDE = 8  # of them between two rows
 HIGHEST = 3  # points with the largest values around which the search goes on
-ROUNDS, POINTS = (
-    5,
-    17,
-)  # each round leaves an eighth of the time around a peak: at last 3e-5 of it, and 1e-9 of the value
+ROUNDS = 5  # each leaves an eighth of the time around a peak: at last 3e-5 of it, and 1e-9 of the value
+POINTS = 17  # in each round
 
 
 @dataclass(frozen=True)
