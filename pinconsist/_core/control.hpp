@@ -43,6 +43,10 @@ protected:
       allowed += (sums_up.tail(system.nv).cwiseProduct(allowed)).cwiseMin(STIRRED * rounding / std::abs(h));
       allowed.array() += SURE * rounding * largest(v) / system.difference_step;
     }
+    for (Eigen::Index i = 0; i < system.widths.size(); ++i) { // forces change over a width: it has to be resolved
+      const double width = system.widths[i];
+      if (std::abs(v[i]) < COARSE * width) weight[system.nx + i] = std::min(weight[system.nx + i], width);
+    }
     weight = weight.cwiseInverse();
   }
 

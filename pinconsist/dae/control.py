@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
-from . import bdf
+from . import bdf, tuning
 from .norms import EPS, largest, weighted_norm
 from .rounding import rounding_weights
 from .tuning import (
@@ -165,7 +165,11 @@ class ErrorControl:
         allowed, noise = self._rtol * size + self._atol, EPS * (1.0 + largest(p)) if self.noise else 0.0
         allowed[: system.nx] += NOISE * noise
         allowed[system.nx :] += np.minimum(STIRRED * noise / abs(h), (self._sums_up * allowed)[system.nx :])
-        allowed[system.nx :] += SURE * noise * largest(predicted[system.nx :][: system.nv]) / system.difference_step
+        v = predicted[system.nx :][: system.nv]
+        allowed[system.nx :] += SURE * noise * largest(v) / system.difference_step
+        if system.widths is not None:  # forces change over a width: it has to be resolved
+            narrow = np.abs(v) < tuning.COARSE * system.widths
+            allowed[system.nx :][narrow] = np.minimum(allowed[system.nx :], system.widths)[narrow]
         return 1.0 / allowed, NEWTON_FACTOR
 
     def reached(self, system, y, p):

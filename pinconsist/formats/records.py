@@ -12,7 +12,7 @@ A force has ``kind`` and the fields of its record in :mod:`pinconsist.mechanism.
 
     forces:
       - {kind: damping, coefficients: {crank: 0.1, ball: [0.1, 0.1, 0.2]}}
-      - {kind: friction, coefficients: {crank: 0.5}, width: 0.001}
+      - {kind: friction, coefficients: {crank: 0.5}, width: 1.0e-5}
       - {kind: spring, joint: crank, stiffness: 20.0, rest: 0.3}
       - {kind: spring-damper, frame1: tip, stiffness: 500.0, length: 0.4, damping: 2.0, xyz2: [0, 0, 1]}
       - {kind: torque, torques: {crank: 2.0, rocker: {amplitude: 3.0, frequency: 0.5}}}

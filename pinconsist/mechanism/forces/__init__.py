@@ -4,7 +4,7 @@
 record        law                                                          unit
 ============= ============================================================ ==========================================
 JointDamping  τ = -d v                                                     N·m·s/rad or N·s/m
-JointFriction τ = -f tanh(v / width)                                       N·m or N; width 0.001 rad/s or m/s
+JointFriction τ = -f tanh(v / width)                                       N·m or N; width 1e-5 rad/s or m/s
 JointSpring   τ = -k (q_joint - rest)                                      N·m/rad or N/m
 SpringDamper  tension k (l - l₀) + d dl/dt between two points              N/m, N·s/m
 JointTorque   τ by joint name, constant or a function of time              N·m or N

@@ -80,10 +80,10 @@ class _SmoothFriction(BoundForce):
 class JointFriction(ForceRecord):
     """Dry (Coulomb) friction, smoothed: τ = -f tanh(v / width), the `friction` of URDF joints.
 
-    The smoothed law does not stick. A joint that dry friction would hold creeps at v = width·artanh(load / f): 11 mm in
-    10 s at 80 % of f and the default width, 0.1 mm at a width of 1e-5. A smaller width changes the number of steps
-    little as long as it is not below the tolerance (`atol`) of the velocities; below it, Newton's iteration of Radau
-    fails often where joints rest.
+    The smoothed law does not stick. A joint that dry friction would hold creeps at v = width·artanh(load / f): 0.11 mm
+    in 10 s at 80 % of f and the default width. Velocities that are near zero are resolved to the width, whatever the
+    tolerances; a smaller width, down to 1e-6, changes the number of steps little, but with BDF at tight tolerances
+    Newton's iteration may fail where joints are released from rest.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class JointFriction(ForceRecord):
     """
 
     coefficients: Mapping[str, float | tuple] | tuple[float, ...]
-    width: float = 1e-3
+    width: float = 1e-5
 
     _kind, _acts_on, _law = "friction", "coefficients", _SmoothFriction
 
