@@ -202,7 +202,7 @@ class ByName:
             row: int = LoopRows.of(mechanism).slices[name].start
             return self.lam[:, row]
         label = self._label(mechanism, name)
-        joint, found = name if label is None else _joint_of(mechanism, label), self._acting(mechanism, label)
+        joint, found = name if label is None else joint_of(mechanism, label), self._acting(mechanism, label)
         return found if joint is None else _of(mechanism, joint, found)
 
     def force(self, name: str, mechanism=None) -> ElementForce:
@@ -214,7 +214,7 @@ class ByName:
         mechanism = self._mechanism(mechanism, "force")
         forces = bound_forces(mechanism.model, mechanism.forces)
         label = _element(mechanism, forces, name)
-        joint, bound, workspace = _joint_of(mechanism, label), forces[label], self._workspace(mechanism.model)
+        joint, bound, workspace = joint_of(mechanism, label), forces[label], self._workspace(mechanism.model)
 
         def found(t, sides, q, v, at=None):
             rows = (
@@ -356,12 +356,10 @@ class ByName:
                     (f"{what}.{name}.{axis}", unit, getattr(found, what)[:, k], True) for k, axis in enumerate("xyz")
                 )
         elif found.length is not None:
-            turns = isinstance(_record(mechanism, found.label), Actuator) and _turns(mechanism, found.label)
-            units = ("N·m", "rad", "rad/s") if turns else ("N", "m", "m/s")
-            for what, unit in zip(("force", "length", "speed"), units, strict=True):
+            for what, unit in zip(("force", "length", "speed"), element_units(mechanism, found.label), strict=True):
                 yield f"{what}.{name}", unit, getattr(found, what), True
         elif found.torque.ndim == 1 or found.torque.shape[1] < mechanism.nv:
-            joint = _joint_of(mechanism, found.label)
+            joint = joint_of(mechanism, found.label)
             yield f"torque.{name}", of_joints[mechanism.columns(joint).start], found.torque, True
         else:
             for k, (axis, unit) in enumerate(zip(velocity_names(mechanism.model), of_joints, strict=True)):
@@ -416,6 +414,17 @@ def _of(mechanism, joint, rows):
     return found[:, 0] if found.shape[1] == 1 else found
 
 
+def element_units(mechanism, label) -> tuple[str, str, str]:
+    """The units of force, length and speed of the element with this label."""
+    turns = isinstance(_record(mechanism, label), Actuator) and _turns(mechanism, label)
+    return ("N·m", "rad", "rad/s") if turns else ("N", "m", "m/s")
+
+
+def torque_unit(mechanism, joint) -> str:
+    """The unit of a torque on a joint of one degree of freedom."""
+    return {"rad": "N·m", "m": "N"}[velocity_units(mechanism.model)[mechanism.columns(joint).start]]
+
+
 def _record(mechanism, label):
     """The force of a mechanism with this label; None if it is one of the model itself."""
     at = list(bound_forces(mechanism.model, mechanism.forces)).index(label) - len(bound_forces(mechanism.model, ()))
@@ -428,7 +437,7 @@ def _turns(mechanism, label) -> bool:
     return velocity_units(mechanism.model)[mechanism.columns(joint).start] == "rad"
 
 
-def _joint_of(mechanism, label) -> str | None:
+def joint_of(mechanism, label) -> str | None:
     """The only joint that the force with this label acts on, if it has one degree of freedom."""
     force, nvs = _record(mechanism, label), mechanism.model.nvs
     where = getattr(force, "_acts_on", "")

@@ -20,6 +20,7 @@ from .mechanism.forces.held import sided
 from .mechanism.mechanism import Mechanism
 from .mechanism.reactions import JointForce, Reaction, States, joint_force, reaction
 from .mechanism.rows import Workspace
+from .quantities import Quantity
 from .results import ByName
 from .solution_file import read, skipped_work, summary_of, write
 from .states import states_at
@@ -230,6 +231,37 @@ class Solution(ByName):
         found = replace(self, **columns, h=np.zeros(0), order=np.zeros(0, int))
         object.__setattr__(found, "certificate", self.certificate)
         return found
+
+    def evaluate(self, quantity: str, mechanism=None) -> Any:
+        """A `quantity` of the run by its name, such as ``"peak reaction boom_pin"`` or ``"position foot z at 2.5"``.
+
+        The names are those of the command line, of :func:`pinconsist.plot` and of :meth:`Sensitivities.of`. At the
+        front may stand ``min``, ``max``, ``peak`` (the value of largest size, with its sign), ``rms``, ``mean`` or
+        ``final``; at the end ``at`` and a time, s. States between the rows count, see :meth:`at`. Then the result is a
+        number; or an array, if ``final`` or ``at`` is of a quantity with several numbers. Of vectors, the statistics
+        are those of the length. With neither, the result is an array with a value for each row, shape (n,) or (n, k).
+
+        =========================================== =================================================================
+        ``position``, ``velocity``, ``acceleration`` of a joint, or of a frame: ``"peak velocity foot"``
+        ``reaction``, ``moment``                    force and moment of a loop or a joint, :meth:`reaction`; the
+                                                    torque of a drive
+        ``joint_force``, ``joint_moment``           of a joint of the tree, :meth:`joint_force`
+        ``force``, ``length``, ``speed``            of a spring or an actuator, :meth:`force`
+        ``torque``, ``power``                       of a force, drive or joint, :meth:`torque`
+        ``multipliers``                             of a loop, one for each row
+        ``energy``                                  ``total``, ``kinetic``, ``potential``, ``elastic``, or ``error``: of
+                                                    the balance, at rows only
+        ``error``                                   ``q``, ``v`` or ``force``: the global error of the run
+        =========================================== =================================================================
+
+        After the name may stand a component, ``x``, ``y`` or ``z`` in world axes, or a row of multipliers. A colon may
+        replace the first blank, ``"reaction:pin"``. A name alone is the position of a joint or frame, the multipliers
+        of a loop, or the force of an element. `mechanism` is as in :meth:`check`. Raises InputError for anything else.
+        """
+        asked = Quantity.of(quantity, self._mechanism(mechanism, "evaluate"))
+        if asked.statistic or asked.what == "error":
+            return asked.value(self, mechanism)
+        return asked.series(self, mechanism).values
 
     def energy(self, mechanism=None) -> Energy:
         """The energies of the rows, power and work of each force, and their balance: see :class:`~pinconsist.Energy`.

@@ -22,6 +22,7 @@ from .mechanism.description import digests
 from .mechanism.mechanism import Mechanism
 from .mechanism.names import position_names, velocity_names
 from .mechanism.parameters import UnknownParameterError, parameter, unknown
+from .quantities import Quantity
 from .simulation import simulate
 from .solution_file import versions
 
@@ -93,17 +94,31 @@ class SceneSweep:
     q0: Mapping  # of the joints that are not varied
     v0: Mapping
     options: Mapping  # of simulate
+    of: tuple[str, ...] = ()  # quantities that are columns, as for `Solution.evaluate`
 
     def __call__(self, case) -> dict:
         """The row of a case: the results, ``end`` (q and v of the last row), and a message if there is one."""
         run = self.run(case)
         sol, warned = self._simulated(run, run.until)
         messages = warned if sol.success else [sol.message, *warned]
+        numbers, missing = self._numbers(sol)
         return {
             "status": DONE if sol.success else FAILED, "t": float(sol.t[-1]), "steps": sol.nsteps, "gap": _gap(sol),
-            "energy_error": sol.energy().balance_error, "end": np.concatenate([sol.q[-1], sol.v[-1]]).tolist(),
-            "message": "; ".join(messages),
+            "energy_error": sol.energy().balance_error, "of": numbers,
+            "end": np.concatenate([sol.q[-1], sol.v[-1]]).tolist(), "message": "; ".join([*messages, *missing]),
         }  # fmt: skip
+
+    def _numbers(self, sol):
+        """The quantities of a run, None for those that it has not, and why it has not."""
+        numbers: list[float | None] = []
+        missing = []
+        for text in self.of:
+            try:
+                numbers.append(Quantity.of(text, sol.mechanism).number(sol))
+            except PinconsistError as error:
+                numbers.append(None)
+                missing.append(str(error))
+        return numbers, missing
 
     def run(self, case) -> Run:
         """The arguments of `simulate` for a case; InputError if its numbers are not valid."""
@@ -115,7 +130,9 @@ class SceneSweep:
     def check(self, case) -> None:
         """Raise InputError if the run of a case cannot begin because of the options."""
         try:
-            self._simulated(self.run(case), self.start)
+            start, _ = self._simulated(self.run(case), self.start)
+            for text in self.of:
+                Quantity.of(text, start.mechanism).require_number(start)
         except InputError:
             raise
         except PinconsistError as error:  # it concerns only this case, and is in its row
@@ -139,6 +156,7 @@ class SceneSweep:
             "start": {"time": self.start, "q": dict(self.q0), "v": dict(self.v0)},
             "settings": {"until": self.until, **self.options},
             "varied": list(self.names),
+            "quantities": list(self.of),
             "cases": {"count": len(cases), "content": hashlib.sha256(json.dumps(cases).encode()).hexdigest()},
             "backend": "python" if _core.load()[0] is None else "compiled",  # the last bits differ
             "versions": versions(),
@@ -148,13 +166,14 @@ class SceneSweep:
         """The names of the table's columns; q and v as ``q.crank``, or ``q.ball[0]`` of a joint of several."""
         model = loaded(self.scene).model
         ends = [f"q.{name}" for name in position_names(model)] + [f"v.{name}" for name in velocity_names(model)]
-        return ["case", *self.names, *MEASURED, *ends, "message"]
+        return ["case", *self.names, *MEASURED, *self.of, *ends, "message"]
 
     def rows(self, cases, measured: dict[int, dict]) -> list[list]:
         """The rows of the cases that have been run, in their order; None for missing numbers."""
-        empty = [None] * (len(self.columns()) - len(self.names) - len(MEASURED) - 2)
+        of = [None] * len(self.of)
+        end = [None] * (len(self.columns()) - len(self.names) - len(MEASURED) - len(of) - 2)
         return [
-            [i, *cases[i], *(row.get(name) for name in MEASURED), *(row.get("end") or empty), row["message"]]
+            [i, *cases[i], *map(row.get, MEASURED), *row.get("of", of), *row.get("end", end), row["message"]]
             for i, row in sorted(measured.items())
         ]
 

@@ -24,12 +24,14 @@ MAY_IMPORT = {
     "accuracy": {"options", "_core", "dae", "mechanism", "errors"},
     "certificate": {"accuracy", "_core", "dae", "mechanism", "errors"},
     "states": {"accuracy", "options", "_core", "dae", "mechanism", "errors"},
+    "quantities": {"results", "mechanism", "errors"},
     "results": {"accuracy", "states", "mechanism", "files", "errors"},
     "solution": {
         "accuracy",
         "certificate",
         "_core",
         "results",
+        "quantities",
         "mechanism",
         "solution_file",
         "states",
@@ -38,7 +40,7 @@ MAY_IMPORT = {
     },
     "options": {"_core", "dae", "mechanism", "errors"},
     "simulation": {"options", "_core", "dae", "mechanism", "solution", "interrupts", "errors"},
-    "gradients": {"simulation", "_core", "dae", "mechanism", "solution", "errors"},
+    "gradients": {"simulation", "_core", "dae", "mechanism", "quantities", "solution", "states", "errors"},
     "stepping": {"options", "_core", "dae", "mechanism", "solution", "errors"},
     "files": {"errors"},
     "interrupts": set(),
@@ -50,9 +52,9 @@ MAY_IMPORT = {
     "view": {"mechanism", "files", "errors"},
     "paper": {"dae", "mechanism", "errors", "simulation"},
     "sweeps": {"interrupts", "errors"},
-    "sweep_table": {"_core", "mechanism", "files", "solution_file", "errors", "simulation"},
+    "sweep_table": {"_core", "mechanism", "files", "quantities", "solution_file", "errors", "simulation"},
     "cli": {"simulation", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
-    | {"sweeps", "sweep_table", "checkpoints", "scene_source", "runs"}
+    | {"sweeps", "sweep_table", "checkpoints", "scene_source", "runs", "quantities"}
     | {"__init__", "files", "interrupts", "paper"},
 }
 DAE_SEEN_BY = {"certificate": {"norms"}, "mechanism": {"problem", "arguments"}, "cli": set()}

@@ -185,6 +185,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
         "mechanism": None,
         "at": "t mechanism",
         "energy": "mechanism",
+        "evaluate": "quantity mechanism",
         "reaction": "loop mechanism | axes compliance",
         "joint_force": "joint mechanism | axes compliance",
         "force": "name mechanism",

@@ -52,7 +52,7 @@ def test_lengths_that_part_a_loop_are_left_out_and_named(run):
     ("arguments", "words"),
     [
         (("four_bar",), "--of NAME (a frame"),
-        (("four_bar", "--of", "crnk", "--to", "mass"), "no frame, joint or loop"),
+        (("four_bar", "--of", "crnk", "--to", "mass"), "no joint, loop, frame or force 'crnk'"),
         (("four_bar", "--of", "crank", "--to", "mas:crank"), "no parameter 'mas:crank'"),
         (("four_bar", "--of", "crank", "--to", "stiffness"), "no parameters of the kind stiffness"),
     ],

@@ -25,6 +25,10 @@ _log = logging.getLogger(__name__)
 SCENE, START, METHOD, RESULTS, PAGE = "Scene", "Start", "Method", "Results", "Page"  # panels of a command's help
 Text = str | None
 Texts = list[str] | None
+QUANTITY = (
+    '"peak reaction PIN", "rms torque MOTOR", "position FOOT z at 2.5", "min length SPRING", "max energy kinetic" '
+    "(min, max, peak, rms, mean, final)"
+)
 Number = float | None
 Count = int | None
 

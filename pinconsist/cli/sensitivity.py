@@ -1,12 +1,13 @@
 """`pinconsist sensitivity`."""
 
+from dataclasses import replace
 from typing import Annotated
 
 import pinconsist as pc
 
 from ..errors import InputError
 from . import output, scene
-from .scene import Texts, option
+from .scene import QUANTITY, Texts, option
 
 SHARE = 0.01  # relative change of a parameter
 KINDS = ("mass", "length", "stiffness", "damping", "friction", "gravity")
@@ -16,7 +17,8 @@ KINDS = ("mass", "length", "stiffness", "damping", "friction", "gravity")
 def sensitivity(
     source: scene.Scene,
     of: Annotated[str, option(
-        "--of", "NAME", "The quantity: a frame (its position), a joint, or a loop (its force).")] = "",
+        "--of", "QUANTITY", "A frame (its position), a joint, a loop (its multipliers) at the end of the run; or, in "
+        f"quotes, {QUANTITY}.")] = "",
     to: Annotated[Texts, option(
         "--to", "NAME ...", "The parameters: all of a kind (mass, length, stiffness, damping, friction, gravity), or "
         "by name, such as mass:coupler or motor.speed.")] = None,
@@ -36,28 +38,36 @@ def sensitivity(
     Example: pinconsist sensitivity jansen_leg --of foot --to mass length --until 0.3
     """
     if not of or not to:
-        raise InputError("--of NAME (a frame, joint or loop) and --to NAME ... (such as --to mass length) are needed")
+        raise InputError(
+            "--of NAME (a frame, joint or loop; or a quantity) and --to NAME ..., as --to mass, are needed"
+        )
     q0, v0 = ({name: value[0] if len(value) == 1 else value for name, value in values.items()}
               for values in (source.at, scene.joint_values(with_velocity, "--with-velocity")))  # fmt: skip
     mech = source.load()
     import numpy as np
 
     from ..mechanism.parameters import names_of
+    from ..quantities import Quantity
 
-    labels, quantity = _quantity(mech, of)
+    quantity = Quantity.of(of, mech)
+    if not quantity.statistic:
+        quantity = replace(quantity, statistic="final")
     names = [name for one in to for name in (names_of(mech, one) if one in KINDS else [one])]
     if not names:
         raise InputError(f"{mech.name} has no parameters of the kind {' '.join(to)}")
     until = start + mech.duration if until is None else until
-    options = {"t_eval": [until], "rtol": rtol, "atol": atol}
+    options: dict = {"rtol": rtol, "atol": atol}
+    options |= {"t_eval": [until]} if quantity.statistic == "final" else {}
     with output.doing(f"the run, and its derivatives by {output.counted(len(names), 'parameter')}"):
         found, refused = _without_refused(mech, names, (start, until), q0 or None, v0 or None, options)
+        value, by = quantity.value(found.solution), found.of(quantity)
+    labels = quantity.labels(found.solution)
     rows = [
-        {"parameter": name, "value": value, "derivatives": by, "percent": SHARE * abs(value) * np.linalg.norm(by)}
-        for name, value, by in zip(found.names, found.values, found.of(quantity)[-1].T, strict=True)
+        {"parameter": name, "value": own, "derivatives": each, "percent": SHARE * abs(own) * np.linalg.norm(each)}
+        for name, own, each in zip(found.names, found.values, np.atleast_2d(by).T, strict=True)
     ]
     if as_json:
-        about = {"scene": mech.name, "of": of, "t": until, "quantities": labels}
+        about = {"scene": mech.name, "of": of, "t": until, "quantities": labels, "values": np.atleast_1d(value)}
         output.print_json({**about, "rows": rows, "refused": refused})
         return output.FINE
     rows.sort(key=lambda row: -row["percent"])
@@ -65,33 +75,10 @@ def sensitivity(
     heads = ("parameter", "value>.6g", *(f"d {label}>.4e" for label in labels), "by 1 %>.2e")
     for name, why in refused.items():
         output.paragraph(f"left out: {name}: {why}", hanging="  ")
-    output.table(heads, cells, title=f"{of} of {mech.name} at t = {until:g} s: its change with each parameter")
+    when = f" at t = {until:g} s" if quantity.statistic == "final" else "" if quantity.time else f" to t = {until:g} s"
+    numbers = ", ".join(output.size(each) for each in np.atleast_1d(value))
+    output.table(heads, cells, title=f"{of} of {mech.name}{when} is {numbers}; its change with each parameter")
     return output.FINE
-
-
-def _quantity(mech, name):
-    """Labels, and a function of mechanism and state: a frame's position, a joint's, or a loop's multipliers."""
-    import pinocchio as pin
-
-    from ..mechanism.checks import frame_of, near, places
-    from ..mechanism.names import position_names
-
-    if name in mech.joints:
-        numbers, _ = places(mech.model, mech.joint_index(name))
-        return position_names(mech.model)[numbers], lambda mech, t, q, v, lam: q[numbers]
-    rows = [i for i, (loop, _) in enumerate(mech.row_labels) if loop == name]
-    if rows:
-        return [f"λ {mech.row_labels[i][1]}" for i in rows], lambda mech, t, q, v, lam: lam[rows]
-    names = [*(each.name for each in mech.model.frames), *mech.joints, *(loop.name for loop in mech.loops)]
-    if name not in names:
-        raise InputError(f"--of {name}: {mech.name} has no frame, joint or loop of this name{near(name, names)}")
-    data, frame = mech.model.createData(), mech.model.getFrameId(frame_of(mech.model, name, f"--of {name}").name)
-
-    def place(mech, t, q, v, lam):
-        pin.framesForwardKinematics(mech.model, data, q)
-        return data.oMf[frame].translation.copy()
-
-    return ["x", "y", "z"], place
 
 
 def _without_refused(mech, names, span, q0, v0, options):

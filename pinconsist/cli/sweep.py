@@ -14,7 +14,7 @@ import pinconsist as pc
 
 from ..errors import InputError
 from . import output, scene
-from .scene import Count, Text, Texts, option, present
+from .scene import QUANTITY, Count, Text, Texts, option, present
 
 CASES = "Cases"  # panel of the help
 LOGGED = 10  # smallest number of cases for which a log gets a line for every tenth of them
@@ -33,6 +33,9 @@ def sweep(
         "scene file (motor.speed), mass:BODY, length:JOINT, stiffness:JOINT and so on, gravity.z, rtol, atol, step or "
         "until. VALUES are FROM:TO:STEP, a list 1,2,5, "
         "normal:MEAN:DEVIATION or uniform:LOW:HIGH. If repeated, all combinations are simulated.", CASES)] = None,
+    of: Annotated[Texts, option(
+        "--of", "QUANTITY", f"A further column, in quotes: {QUANTITY}. At the end of the run by default. May be "
+        "repeated.", CASES)] = None,
     count: Annotated[Count, option("--count", "N", "Number of samples of normal: or uniform: values.", CASES)] = None,
     seed: Annotated[Count, option("--seed", "N", "Seed of the samples. Default: 0.", CASES)] = None,
     source: scene.Scene,
@@ -52,8 +55,8 @@ def sweep(
     """Simulate a scene many times, with one or more parameters varied.
 
     Each case has a row: how it ended, the largest gap of a loop, the energy
-    balance, and q and v at the end. A case that fails also has a row, and the
-    exit code is then 1.
+    balance, the quantities of --of, and q and v at the end. A case that fails
+    also has a row, and the exit code is then 1.
 
     Example: pinconsist sweep crank_rocker --vary crank_speed=5:15:0.1 --workers 2 --out table.csv
     """
@@ -76,7 +79,7 @@ def sweep(
     duration = loaded(source, anew=True).duration
     until = start + duration if until is None else until
     settings = present(rtol=rtol, atol=atol, step=step, max_steps=max_steps)
-    scene_sweep = SceneSweep(source, names, start, until, q0, v0, settings)
+    scene_sweep = SceneSweep(source, names, start, until, q0, v0, settings, tuple(dict.fromkeys(of or ())))
     scene_sweep.check(cases[0])  # an unknown name is refused before the sweep begins
     with output.written(f"{out}.partial", lambda: Journal(out, out and scene_sweep.about(cases))) as journal:
         if journal.rows and not as_json:

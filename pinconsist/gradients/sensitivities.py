@@ -10,10 +10,12 @@ import numpy as np
 from ..errors import InputError, PinconsistError
 from ..mechanism.checks import finite_array
 from ..mechanism.mechanism import Mechanism
+from ..quantities import Quantity
 from ..solution import Solution
 from .forward import Leg
 from .passes import BackwardPass, ForwardPass, Number
 from .prepare import prepared
+from .quantities import derivatives
 from .starts import moved
 
 
@@ -85,19 +87,30 @@ class Sensitivities:
         parts = _parts(rows, self.dv.shape[1])
         return parts if times.ndim else tuple(part[0] for part in parts)
 
-    def of(self, function: Callable) -> np.ndarray:
+    def of(self, function: Callable | str) -> np.ndarray:
         """Derivatives of another quantity at the rows of the solution: a frame position, an energy, a stress.
 
         Parameters
         ----------
-        function : callable
+        function : callable or str
             ``function(mech, t, q, v, lam)``, a number or an array; `mech` is the mechanism with the parameters' values.
+            Or a quantity by its name, as for :meth:`Solution.evaluate`: ``"peak reaction boom_pin"``. An extremum is
+            followed in time; between two equal ones it has no derivative, and that of one of them is returned.
 
         Returns
         -------
         ndarray, shape (n, …, P)
-            The axes between the first and the last are those of the return value of `function`.
+            The axes between the first and the last are those of the return value of `function`. Of a quantity with a
+            statistic or a time there are no rows: shape (P,), or (k, P) for one of several numbers.
+
+        Raises
+        ------
+        InputError
+            A name that means nothing; a quantity whose time, or that of an event which it includes, is that of an event
+            that changes the state or ends the run.
         """
+        if isinstance(function, str | Quantity):
+            return derivatives(self, function)
         base, system, rows = self._pass.base, self._legs[0].system, []
 
         def at(side, t, q, v_and_lam):
@@ -105,8 +118,8 @@ class Sensitivities:
             return np.asarray(function(side.mechanism, t, q, v, lam), float)
 
         sol = self.solution
-        derivatives = np.concatenate((self.dq, self.dv, self.dlam), axis=1).transpose(0, 2, 1)
-        for t, q, v, lam, s in zip(sol.t, sol.q, sol.v, sol.lam, derivatives, strict=True):
+        by_state = np.concatenate((self.dq, self.dv, self.dlam), axis=1).transpose(0, 2, 1)
+        for t, q, v, lam, s in zip(sol.t, sol.q, sol.v, sol.lam, by_state, strict=True):
             state = base, system, float(t), q, np.concatenate((v, lam))
             pairs = zip(self._pass.variants, s, strict=True)
             rows.append(np.stack([moved(at, variant, *state, row) for variant, row in pairs], axis=-1))

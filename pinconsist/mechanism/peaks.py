@@ -11,7 +11,6 @@ import numpy as np
 from ..errors import InputError
 
 SPREAD = 2000  # points at which a peak is sought between the rows; at least one between two rows
-MOST_INSIDE = 8  # of them between two rows
 HIGHEST = 3  # points with the largest values around which the search goes on
 ROUNDS = 5  # each leaves an eighth of the time around a peak: at last 3e-5 of it, and 1e-9 of the value
 POINTS = 17  # in each round
@@ -66,10 +65,10 @@ class HasPeaks:
         values = self._values(of, known)
         if not len(values):
             raise InputError(f"no peak of {of!r}: the result has no rows")
-        at, rows = self._at, _Sought(self.t, values)
+        at, rows = self._at, Sought(self.t, values)
         if at is None or len(self.t) < 2:
-            return rows.peak(of, between=False)
-        return rows.searched(lambda times: at(times)._values(of, known)).peak(of, between=True)
+            return Peak(of, *rows.best(), between=False)
+        return Peak(of, *rows.searched(lambda times: at(times)._values(of, known)).best(), between=True)
 
     def _values(self, of, known) -> np.ndarray:
         name, _, axis = of.partition(" ")
@@ -84,42 +83,47 @@ class HasPeaks:
         return found[:, axes.index(axis)] if axis else np.linalg.norm(found, axis=1)
 
 
-class _Sought:
-    """Points in the order of the run, with values."""
+class Sought:
+    """Points in the order of the run, with values; the best has the largest `rank`, by default the largest size."""
 
-    def __init__(self, t, values):
-        self.t, self.values = t, values
+    def __init__(self, t, values, rank=np.abs):
+        self.t, self.values, self.rank = t, values, rank
 
-    def peak(self, of, between) -> Peak:
-        i = int(np.argmax(np.abs(self.values)))
-        return Peak(of, float(self.values[i]), float(self.t[i]), between)
+    def best(self) -> tuple[float, float]:
+        """The best value and its time."""
+        i = int(np.argmax(self.rank(self.values)))
+        return float(self.values[i]), float(self.t[i])
 
-    def searched(self, evaluate) -> _Sought:
-        """The points and more of them: everywhere, and closer around the largest values."""
-        inside = min(max(SPREAD // (len(self.t) - 1), 1), MOST_INSIDE)
-        coarse = self._added(range(len(self.t) - 1), inside, evaluate)
+    def refined(self, evaluate) -> Sought:
+        """The points and more between them, everywhere; `evaluate(times)` returns values."""
+        return self._added(range(len(self.t) - 1), max(SPREAD // (len(self.t) - 1), 1), evaluate)
+
+    def searched(self, evaluate) -> Sought:
+        """The points and more of them: everywhere, and closer around the best values."""
+        coarse = self.refined(evaluate)
         parts = [coarse]
         for place in coarse._highest():
             here = coarse
             for _ in range(ROUNDS):
                 place = min(max(place, 1), len(here.t) - 2)
                 here = here._cut(place)._added((0, 1), (POINTS - 1) // 2, evaluate)
-                place = int(np.argmax(np.abs(here.values)))
+                place = int(np.argmax(self.rank(here.values)))
             parts.append(here)
-        return _Sought(np.concatenate([part.t for part in parts]), np.concatenate([part.values for part in parts]))
+        t, values = (np.concatenate(each) for each in zip(*((part.t, part.values) for part in parts), strict=True))
+        return Sought(t, values, self.rank)
 
     def _highest(self) -> list[int]:
         """Points that are no smaller than their neighbours, the largest first."""
-        sizes = np.abs(self.values)
+        sizes = self.rank(self.values)
         around = np.concatenate(([-np.inf], sizes, [-np.inf]))
         tops = np.flatnonzero((sizes >= around[:-2]) & (sizes >= around[2:]))
         return tops[np.argsort(-sizes[tops], kind="stable")][:HIGHEST].tolist()
 
-    def _cut(self, place) -> _Sought:
+    def _cut(self, place) -> Sought:
         part = slice(place - 1, place + 2)
-        return _Sought(self.t[part], self.values[part])
+        return Sought(self.t[part], self.values[part], self.rank)
 
-    def _added(self, after, count, evaluate) -> _Sought:
+    def _added(self, after, count, evaluate) -> Sought:
         """With `count` points after each of the points `after`; none between the two rows of an event."""
         after = np.array([i for i in after if self.t[i] != self.t[i + 1]], dtype=int)
         if not len(after):
@@ -127,4 +131,5 @@ class _Sought:
         shares = np.arange(1, count + 1) / (count + 1)
         times = (self.t[after, None] + shares * (self.t[after + 1] - self.t[after])[:, None]).ravel()
         places = np.repeat(after + 1, count)
-        return _Sought(np.insert(self.t, places, times), np.insert(self.values, places, evaluate(times)))
+        values = np.insert(self.values, places, evaluate(times))
+        return Sought(np.insert(self.t, places, times), values, self.rank)
