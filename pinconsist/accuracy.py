@@ -30,7 +30,7 @@ LOOKS = 1000  # of the finer run at what acts, at least: at a pulse that lasts a
 SHORTER = 0.3  # longest steps of the finer run, relative to those of a run: it looks at other times
 FINER = 0.1  # of the tolerance
 ENDS = 100  # steps of Radau between rows that are compared
-PATIENCE = 3.0  # s that the finer run may take if it was not requested
+PATIENCE = 3.0  # s of processor time that the finer run may take if it was not requested
 MOST_STEPS = 20  # of the finer run, per step of the run: order 1 takes ten; more are due to noise
 AMPLIFIED = 100.0  # tolerances: a larger error is worth a warning
 OFF = 0.01  # of velocities, forces and energies
@@ -218,10 +218,10 @@ def _with(even, needed):
 
 def _finer(system, method, asked, exact, start, events, patience):
     """(p, v, λ) at the times, and the times of the events; NotEstimatedError if the run does not reach the end."""
-    due = time.monotonic() + patience
+    due = time.thread_time() + patience  # of the processor: a verdict must not depend on the load
 
     def late():
-        return time.monotonic() > due
+        return time.thread_time() > due
 
     output = Output(t_eval=asked, exact=exact, events=events)
     try:
@@ -231,7 +231,7 @@ def _finer(system, method, asked, exact, start, events, patience):
     if run.status < 0:
         raise NotEstimatedError(f"a finer run failed: {run.message}")
     if len(run.t) < len(asked):
-        ended = f"a finer run takes more than {patience:g} s; check(error=True) waits for it"
+        ended = f"a finer run takes more than {patience:g} s of processor time; check(error=True) waits for it"
         raise NotEstimatedError(ended if late() else f"a finer run ended early: {run.message}")
     return (run.p, run.v, run.lam), [np.array([row[0] for row in found]) for found in run.events]
 

@@ -54,7 +54,7 @@ def test_the_verdict_says_if_the_error_is_not_estimated(monkeypatch):
     monkeypatch.setattr("pinconsist.solution.PATIENCE", 0.0)
     late = sol.check()
     assert late.ok and late.error is None and late.verdict.endswith(": ok; not judged: error")
-    assert "a finer run takes more than 0 s; check(error=True) waits for it" in str(late)
+    assert "a finer run takes more than 0 s of processor time; check(error=True) waits for it" in str(late)
     assert sol.check(error=False).not_judged == ["error"]
     found = sol.check(error=True)
     assert found.error.q > 0.0 and found.not_judged == [] and "not judged" not in str(found)
