@@ -67,6 +67,7 @@ from .sweeps import Outcome as Outcome
 from .sweeps import sweep as sweep
 from .view.page import export_html as export_html
 from .view.page import replay as replay
+from .view.plots import plot as plot
 from .view.plots import plot_comparison as plot_comparison
 from .view.plots import plot_drift as plot_drift
 from .view.plots import plot_energy as plot_energy

@@ -414,6 +414,15 @@ def _of(mechanism, joint, rows):
     return found[:, 0] if found.shape[1] == 1 else found
 
 
+def require_columns(mechanism, forces) -> None:
+    """Raise InputError for `forces` of :meth:`Solution.to_csv` that are no loop, joint or force of the mechanism."""
+    known = (*mechanism.joints, *(loop.name for loop in mechanism.loops))
+    bound = bound_forces(mechanism.model, mechanism.forces)
+    for name in forces:
+        if name not in known:
+            _element(mechanism, bound, name)
+
+
 def element_units(mechanism, label) -> tuple[str, str, str]:
     """The units of force, length and speed of the element with this label."""
     turns = isinstance(_record(mechanism, label), Actuator) and _turns(mechanism, label)

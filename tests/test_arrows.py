@@ -49,12 +49,12 @@ MAY_IMPORT = {
     "scene_source": {"formats", "errors"},
     "runs": {"checkpoints", "scene_source", "mechanism", "solution", "solution_file", "interrupts", "files", "errors"},
     "formats": {"mechanism", "files", "errors"},
-    "view": {"mechanism", "files", "errors"},
+    "view": {"mechanism", "files", "quantities", "errors"},
     "paper": {"dae", "mechanism", "errors", "simulation"},
     "sweeps": {"interrupts", "errors"},
     "sweep_table": {"_core", "mechanism", "files", "quantities", "solution_file", "errors", "simulation"},
     "cli": {"simulation", "view", "formats", "solution", "certificate", "mechanism", "dae", "errors"}
-    | {"sweeps", "sweep_table", "checkpoints", "scene_source", "runs", "quantities"}
+    | {"sweeps", "sweep_table", "checkpoints", "scene_source", "runs", "quantities", "results"}
     | {"__init__", "files", "interrupts", "paper"},
 }
 DAE_SEEN_BY = {"certificate": {"norms"}, "mechanism": {"problem", "arguments"}, "cli": set()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import pty
@@ -20,6 +21,7 @@ import pytest
 from helpers.command_line import called
 
 import pinconsist
+import pinconsist as pc
 from pinconsist.cli import main
 from pinconsist.cli.app import spread
 
@@ -531,3 +533,40 @@ def test_a_long_run_shows_progress_and_keeps_what_was_reached_when_interrupted(t
     )
     sol = pinconsist.Solution.load(file)
     assert sol.status == 1 and 0 < sol.t[-1] < 100000
+
+
+def test_rows_of_a_table_at_even_times_with_forces(run, tmp_path):
+    """As accurate as the run, though the steps of Radau are long."""
+    name = "crank_rocker"
+    options = ("--method", "Radau", "--with-velocity", "crank=9", "--until", "0.5", "--csv", tmp_path / "run.csv")
+    code, _, err = run(
+        "simulate", name, *options, "--every", "0.01", "--csv-force", "rocker_ground", "--csv-force", "crank"
+    )
+    assert code == 0, err
+    with open(tmp_path / "run.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    t = np.array([float(row["t [s]"]) for row in rows])
+    np.testing.assert_allclose(t, np.arange(51) * 0.01, atol=1e-12)
+    tight = pc.simulate(pc.load(name), (0, 0.5), v0={"crank": 9.0}, rtol=1e-9, atol=1e-11, t_eval=t)
+    for column, exact in {
+        "q.rocker [rad]": tight.position("rocker"),
+        "force.rocker_ground.x [N]": tight.reaction("rocker_ground").force[:, 0],
+        "force.crank.z [N]": tight.joint_force("crank").force[:, 2],
+    }.items():  # fmt: skip
+        values = np.array([float(row[column]) for row in rows])
+        np.testing.assert_allclose(values, exact, atol=1e-4 * np.abs(exact).max(), err_msg=column)
+    for wrong, words in (
+        (("--every", "0.1"), "add --csv"), (("--csv", "a.csv", "--every", "0"), "above 0"),
+        (("--csv", "a.csv", "--csv-force", "pin"), "no force 'pin'"),
+    ):  # fmt: skip
+        code, _, err = run("simulate", name, *wrong)
+        assert code == 2 and words in err
+
+
+def test_a_plot_of_quantities(run, tmp_path):
+    file = tmp_path / "a.svg"
+    code, _, err = run("plot", "crank_rocker", "--until", "0.2", "--of", "reaction rocker_ground", "--of", "v rocker",
+                         "--out", file)  # fmt: skip
+    assert code == 0 and file.is_file(), err
+    code, _, err = run("plot", "crank_rocker", "--until", "0.2", "--of", "reaction pin", "--out", file)
+    assert code == 2 and "no loop or joint 'pin'" in err

@@ -68,6 +68,7 @@ PARAMETERS = {  # those after the bar by name only
     "linearize": "mechanism q0 v0 | forces t",
     "load": "source | loops closure free_flyer package_dirs ignore precision",
     "models": "",
+    "plot": "runs *quantities | file mech",
     "plot_comparison": "rows file",
     "plot_drift": "sol file mech",
     "plot_energy": "sol file mech",

@@ -15,7 +15,7 @@ import pinconsist as pc
 
 from ..errors import InputError
 from . import output, scene
-from .scene import Text, look, option, require_drawable
+from .scene import Text, Texts, look, option, require_drawable
 from .simulate import exit_code, print_in_a_line
 
 OF_A_SCENE = ("forces", "drift", "energy")  # pictures that need the mechanism
@@ -102,6 +102,9 @@ def plot(
         "--what", "NAME,NAME,...",
         "Pictures, from top to bottom: trajectory, multipliers, forces, drift, energy, steps, phase.",
     )] = "trajectory,multipliers",
+    of: Annotated[Texts, option(
+        "--of", "QUANTITY", 'Instead, any quantity over time, in quotes: "reaction PIN", "position FOOT z", "energy '
+        'kinetic"; may be repeated. Each unit has a picture of its own.')] = None,
     out: Annotated[Text, option("--out", "FILE.png", "The figure (or .pdf, .svg). Default: NAME.png here.")] = None,
     until: scene.Until = None,
     scene_of_run: scene.SceneOfRun = None,
@@ -115,6 +118,8 @@ def plot(
     output.require_writable(figure=out)
     from ..view.plots import PICTURES, plot_solution
 
+    if of:
+        return _plot_of(source, of, out, until, scene_of_run, as_json)
     names = [name.strip() for name in what.split(",")]
     for name in names:
         if name not in PICTURES:
@@ -134,6 +139,19 @@ def plot(
     else:
         print_in_a_line(sol)
         print(*(f"  {name:12} {PICTURES[name][0]}" for name in names), sep="\n")
+        output.print_written(out)
+    return code
+
+
+def _plot_of(source, of, out, until, scene_of_run, as_json) -> int:
+    """Plot quantities over time."""
+    mech, sol, code = run_of(source, scene_of_run, until)
+    output.written(out, lambda: pc.plot(sol, *of, file=out, mech=mech))
+    if as_json:
+        about = {"scene": mech and mech.name, "t": [sol.t[0], sol.t[-1]], "rows": len(sol.t), "message": sol.message}
+        output.print_json({**about, "of": of, "files": {"out": out}})
+    else:
+        print_in_a_line(sol)
         output.print_written(out)
     return code
 

@@ -10,7 +10,7 @@ import pinconsist as pc
 from ..errors import InputError, SavingError
 from ..interrupts import deferred
 from . import output, scene
-from .scene import METHOD, RESULTS, Count, Number, Text, look, option, present, require_drawable, require_page
+from .scene import METHOD, RESULTS, Count, Number, Text, Texts, look, option, present, require_drawable, require_page
 
 
 @scene.loads_scene
@@ -44,6 +44,12 @@ def simulate(
     table: Annotated[Text, option(
         "--csv", "FILE.csv", "Write positions, velocities, accelerations and multipliers, by name, with units.",
         RESULTS)] = None,
+    csv_forces: Annotated[Texts, option(
+        "--csv-force", "NAME", "Further columns of --csv: the force of this loop, joint or force of the scene (in "
+        "quotes), in world axes; may be repeated.", RESULTS)] = None,
+    every: Annotated[Number, option(
+        "--every", "SECONDS", "Rows of --csv at even times, as accurate as the run. Default: every step.",
+        RESULTS)] = None,
     as_json: Annotated[bool, option("--json", None, "Print one JSON object instead.", RESULTS)] = False,
 ) -> int:  # fmt: skip
     """Simulate a scene: close its loops, integrate, and certify the result.
@@ -56,12 +62,18 @@ def simulate(
     if save_every is not None and not out:
         raise InputError("--save-every needs a file for the run; add --out FILE.npz")
     output.require_writable(out=out, html=html, csv=table, figure=plot)
+    if (csv_forces or every is not None) and not table:
+        raise InputError(f"--{'csv-force' if csv_forces else 'every'} is for the table; add --csv FILE.csv")
+    if every is not None and not 0.0 < every < float("inf"):
+        raise InputError(f"--every must be a time above 0 s, got {every:g}")
     require_page(html, forces, traces, speed)
     from ..checkpoints import Recipe, carry_out, saved
+    from ..results import require_columns
 
     q0, v0 = source.at, scene.joint_values(with_velocity, "--with-velocity")
     mech, hashes = source.load_with_hashes()
     require_drawable(source.source, traces, speed, mech)
+    require_columns(mech, csv_forces or ())
     until = start + mech.duration if until is None else until
     commands = scene.commands_of(control)
     if commands:
@@ -90,7 +102,7 @@ def simulate(
             if plot:
                 _written(plot, sol, out, lambda: pc.plot_solution(sol, plot, mech))
             if table:
-                _written(table, sol, out, lambda: sol.to_csv(table, mech))
+                _written(table, sol, out, lambda: _rows(sol, every).to_csv(table, mech, forces=csv_forces or ()))
         finally:  # after the warnings of what was written
             if not as_json:
                 print_run(sol, certificate, seconds)
@@ -102,6 +114,17 @@ def simulate(
             if out and exit_code(sol) == output.INTERRUPTED:
                 print(resume_hint(sol, out))
     return exit_code(sol) if certificate else output.INTERRUPTED
+
+
+def _rows(sol, every):
+    """The solution at even times; as it is if there is no step of time."""
+    if every is None:
+        return sol
+    start, end = float(sol.t[0]), float(sol.t[-1])
+    count = int(abs(end - start) / every * (1.0 + 1e-12))  # the last time is there if the step leads to it
+    step = every if end >= start else -every
+    times = [start + k * step for k in range(count + 1)]
+    return sol.at([*times[:-1], min(times[-1], end) if step > 0 else max(times[-1], end)])
 
 
 def _written(file, sol, out, write):

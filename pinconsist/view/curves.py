@@ -13,11 +13,9 @@ from ..mechanism.names import position_names, position_units
 from ..mechanism.rows import LoopRows
 from ..mechanism.wrenches import Transmission
 from .arrows import FORCE, TRUE, UNITS, actions, true_actions
+from .filled import ROWS, filled
 from .motion import Run, body_poses
 
-ROWS = 500  # at most, of a solution; up to twice as many points where they are far apart
-FAR = 0.02  # of its range: a value farther from the line through its neighbours needs more points around it
-ROUNDS = 4  # of such points
 SMALL = 1e-5  # of the largest force of a joint: smaller ones are rounding
 
 
@@ -60,32 +58,12 @@ def _telling(run: Run) -> np.ndarray:
 
 def _fine(run: Run) -> Run:
     """A run at the times of its curves: its telling rows, and states between them until lines join them well."""
-    found = run.rows(_telling(run))
+    rows = _telling(run)
     if not run.continuous:
-        return found
-    free = ROWS - len(run.t)
-    if free > 0:
-        even = np.linspace(0.0, run.elapsed[-1], free + 2)[1:-1]
-        found = found.with_states(np.setdiff1d(even, found.elapsed))
-    for _ in range(ROUNDS if free > 0 else 0):
-        middles = _middles(found)[: 2 * ROWS - len(found.t)]
-        if not len(middles):
-            break
-        found = found.with_states(np.sort(middles))
-    return replace(found, source=found.as_solution())
-
-
-def _middles(run: Run) -> np.ndarray:
-    """Times next to values that are far from the line through their neighbours, the farthest first."""
-    at, values = run.elapsed, np.hstack([x for x in (run.lam, run.v) if x is not None])
-    before, here, after = at[:-2], at[1:-1], at[2:]
-    inner = np.flatnonzero((here > before) & (after > here))
-    share = ((here - before)[inner] / (after - before)[inner])[:, None]
-    lines = values[inner] + share * (values[inner + 2] - values[inner])
-    far = (np.abs(values[inner + 1] - lines) / np.maximum(np.ptp(values, axis=0), 1e-300)).max(axis=1, initial=0.0)
-    chosen = inner[far > FAR][np.argsort(-far[far > FAR], kind="stable")]
-    both = np.column_stack(((before + here)[chosen] / 2, (here + after)[chosen] / 2)).ravel()
-    return both[np.sort(np.unique(both, return_index=True)[1])]
+        return run.rows(rows)
+    found = filled(run.source, run.scene_of_file, rows)
+    columns = {name: getattr(found, name) for name in ("t", "q", "v", "lam")}
+    return replace(run, **columns, elapsed=np.abs(found.t - run.t[0]), source=found)
 
 
 def _curves(some: Run, run: Run, size: float, without, planar: bool):

@@ -20,6 +20,7 @@ from ..mechanism.forces.held import Held
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.rows import Workspace
+from .filled import is_continuous
 
 MAX_FRAMES = 3000
 log = logging.getLogger(__name__)
@@ -84,38 +85,25 @@ class Run:
 
     @property
     def continuous(self) -> bool:
-        """Whether the states between the rows can be computed.
+        """Whether the states between the rows can be computed."""
+        return is_continuous(self.source)
 
-        Multipliers of fixed steps of BDF have an error of their own, which is shown as it is, by lines between rows.
-        """
-        about = getattr(self.source, "method", {})
-        fixed = about.get("step") is not None and about.get("method") != "Radau"
-        return hasattr(self.source, "at") and self.consistency == "every-step" and not fixed and len(self.t) > 1
+    @property
+    def scene_of_file(self) -> Mechanism | None:
+        """The mechanism, if the solution has none."""
+        return self.mech if self.source.mechanism is None else None
 
     def _states(self, elapsed):
         """The solution at other times; None if it cannot be computed there."""
         way = elapsed.clip(0.0, self.elapsed[-1])
         t = self.t[0] + (way if self.t[-1] >= self.t[0] else -way)
-        scene = self.mech if self.source.mechanism is None else None
         try:
-            return self.source.at(t.clip(min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])), scene)
+            return self.source.at(t.clip(min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])), self.scene_of_file)
         except PinconsistError as error:
             log.warning(
                 "%s: rows are joined by straight lines, as states between them are missing: %s", self.mech.name, error
             )
             return None
-
-    def with_states(self, elapsed: np.ndarray) -> Run:
-        """The run with the states at further times, other than those of its rows."""
-        both = [run._each(lambda x: x) for run in (self, self.at(elapsed))]
-        order = np.argsort(np.concatenate([each["elapsed"] for each in both]), kind="stable")
-        merged = {name: np.concatenate([each[name] for each in both])[order] for name in both[0]}
-        return replace(self, **merged, true=None)
-
-    def as_solution(self) -> Any:
-        """Its source with its rows only."""
-        none = {"h": np.zeros(0), "order": np.zeros(0, int)}
-        return replace(self.source, t=self.t, q=self.q, v=self.v, lam=self.lam, **none)
 
     def _joined(self, elapsed: np.ndarray) -> Run:
         after = np.searchsorted(self.elapsed, elapsed, side="right").clip(1, self.t.size - 1)  # 0 for a single row

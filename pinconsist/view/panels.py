@@ -1,6 +1,7 @@
 """The panels of each picture of a solution: one look, legible in grey, curves over time, and names of columns."""
 
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from textwrap import fill
@@ -12,6 +13,8 @@ from ..files import written_whole
 from ..mechanism.names import position_names, position_units, velocity_names
 from ..mechanism.reactions import States, not_determined, reactions, shared_loads, undetermined
 from ..mechanism.rows import LoopRows, Workspace
+from ..quantities import Quantity
+from .filled import filled
 
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#222222", "#cc79a7", "#56b4e9")
 DASHES = ("-", "--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))
@@ -121,8 +124,58 @@ def curves(axis, t, values, labels, title, *, magnified=None, running=()):
     return named
 
 
+@dataclass(frozen=True)
+class Curve:
+    """A quantity of a run over time."""
+
+    run: str
+    of: str
+    unit: str
+    t: np.ndarray
+    values: np.ndarray
+
+
+def curves_of(sol, run: str, quantities, mech=None) -> list[Curve]:
+    """The curves of quantities of a run, at rows and between them."""
+    fine, found = filled(sol, mech), []
+    if not len(fine.t):
+        raise InputError("the solution has no rows to draw")
+    for text in quantities:
+        quantity = Quantity.of(text, fine._mechanism(mech, "evaluate"))
+        if quantity.statistic or quantity.what == "error":
+            raise InputError(f"{text!r} is a number, not a curve; leave out {quantity.statistic or 'it'}")
+        series = quantity.series(sol if quantity.only_rows else fine, mech)
+        t = sol.t if quantity.only_rows else fine.t
+        if series.vector:
+            found.append(Curve(run, text, series.unit, t, np.linalg.norm(series.values, axis=1)))
+            continue
+        columns = series.values[:, None] if series.values.ndim == 1 else series.values
+        names = [f"{text} {part}" if series.parts else text for part in series.parts or ("",)]
+        found += [Curve(run, name, series.unit, t, column) for name, column in zip(names, columns.T, strict=True)]
+    return found
+
+
+def of_quantities(axis, found: list[Curve], unit, span):
+    """Curves of one unit: a colour for each run and quantity, named by what differs between them."""
+    factor = np.ptp(clock(span)[0]) / (np.ptp(span) or 1.0) or 1.0
+    runs, quantities = ({getattr(curve, name) for curve in found} for name in ("run", "of"))
+    for k, curve in enumerate(found):
+        label = ": ".join(
+            name for name, several in ((curve.run, len(runs) > 1), (curve.of, len(quantities) > 1)) if several
+        )
+        axis.plot(factor * curve.t, curve.values, label=label, markevery=sparse(len(curve.t), 8, k), **style(k))
+    what = next(iter(quantities)) if len(quantities) == 1 else ""
+    axis.set_title("  ".join(filter(None, (what, f"[{unit}]" if unit else ""))))
+    axis.ticklabel_format(scilimits=(-2, 4))
+    if len(found) > 1:
+        legend_beside(axis)
+
+
 class DrawnSolution:
-    """The rows of a solution, its mechanism (None if it is not known), and a name for each column."""
+    """The rows of a solution, its mechanism (None if it is not known), and a name for each column.
+
+    Its ``curves`` are those of a solution with states between the rows as well, so that lines join them well.
+    """
 
     def __init__(self, sol, mech=None):
         self.sol, self.system = sol, getattr(sol, "system", None)
@@ -143,6 +196,15 @@ class DrawnSolution:
             if len(names) != len(labels) and name != "lam":  # redundant rows may have been left out
                 raise InputError(f"{self.mech.name!r} has {len(names)} columns of {name}, the solution {len(labels)}")
             self.labels[name] = names if len(names) == len(labels) else labels
+
+    @cached_property
+    def curves(self):
+        """The solution at the times of curves."""
+        if self.mech is None and self.system is None:
+            return self
+        of_file = self.mech if getattr(self.sol, "mechanism", None) is None else None
+        sol = filled(self.sol, of_file)
+        return self if sol is self.sol else DrawnSolution(sol, self.mech)
 
     def need_mechanism(self, of_what: str):
         """The mechanism, or an error that explains how to pass it."""
@@ -196,6 +258,7 @@ class DrawnSolution:
 
 def trajectory(left, right, drawn):
     """q and v over time."""
+    drawn = drawn.curves
     curves(left, drawn.t, drawn.q, drawn.labels["q"], "configuration q  [rad, m]", running=drawn.running)
     curves(right, drawn.t, drawn.v, drawn.labels["v"], "velocity v  [rad/s, m/s]")
 
@@ -204,21 +267,24 @@ def multipliers(left, right, drawn):
     """λ over time, and its first steps magnified."""
     if not drawn.lam.shape[1]:
         raise InputError("there are no multipliers to draw: the solution has no constraints")
-    first, labels, lam = slice(0, FIRST_STEPS + 1), drawn.labels["lam"], drawn.lam
+    first = slice(0, FIRST_STEPS + 1)
+    labels, fine = drawn.labels["lam"], drawn.curves
+    lam, of_rows = fine.lam, drawn.lam
     without = {} if drawn.mech is None else undetermined(drawn.mech, drawn.t, drawn.q)
     if without and len(labels) == drawn.mech.nc:
         kept = [k for k, (loop, _) in enumerate(drawn.mech.row_labels) if loop not in without]
-        labels, lam = [labels[k] for k in kept], lam[:, kept]
+        labels, lam, of_rows = [labels[k] for k in kept], lam[:, kept], of_rows[:, kept]
         note = fill(f"not drawn: {not_determined(without)}", 72)
         left.text(0.0, -0.25, note, transform=left.transAxes, va="top", fontsize="small")
-    named = curves(left, drawn.t, lam, labels, "multipliers λ  [N, N·m]")
+    named = curves(left, fine.t, lam, labels, "multipliers λ  [N, N·m]")
     title = f"λ, the first {min(FIRST_STEPS, drawn.t.size - 1)} steps  [N, N·m]"
-    curves(right, drawn.t[first], lam[first], labels, title, magnified=named)
+    curves(right, drawn.t[first], of_rows[first], labels, title, magnified=named)
 
 
 def forces(left, right, drawn):
     """The sizes of the forces and moments of all loops and joints of the tree."""
-    mech, t, q, v, lam = drawn.need_mechanism("forces"), drawn.t, drawn.q, drawn.v, drawn.lam
+    mech, drawn = drawn.need_mechanism("forces"), drawn.curves
+    t, q, v, lam = drawn.t, drawn.q, drawn.v, drawn.lam
     a, workspace = drawn.sol.acceleration(None, mech), Workspace(mech.model)
     states = States(mech, t, q, lam, workspace, lambda rows: (v[rows], a[rows]))
     anchored = [loop.name for loop in mech.anchored_loops]
@@ -261,14 +327,15 @@ def drift(left, right, drawn):
 
 def energy(left, right, drawn):
     """Energies relative to the start, as the zero of heights is arbitrary, and works; and the error of the balance."""
-    found = drawn.sol.energy(drawn.need_mechanism("energy"))
+    mech = drawn.need_mechanism("energy")
+    found, of_rows = drawn.curves.sol.energy(mech), drawn.sol.energy(mech)
     parts = {"kinetic": found.kinetic, "potential": found.potential}
     parts |= {"elastic": found.elastic} if found.stored else {}
     parts |= {"total": found.total} | {f"work of {name}": work for name, work in found.work.items()}
     since = np.column_stack([part - part[0] for part in parts.values()])
     curves(left, found.t, since, list(parts), "energies since the start, and work  [J]")
-    t, time = clock(found.t)
-    right.plot(t, found.error, markevery=sparse(found.t.size, 8), **style(0))
+    t, time = clock(of_rows.t)
+    right.plot(t, of_rows.error, markevery=sparse(of_rows.t.size, 8), **style(0))
     right.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4))
     right.set(title="error of the energy balance  [J]", xlabel=time)
 
@@ -294,6 +361,7 @@ def phase(figure, drawn):
     """v over q of each joint of one degree of freedom."""
     if not drawn.portraits:
         raise InputError("there is no phase portrait to draw: no joint has one configuration and one velocity")
+    drawn = drawn.curves
     shown = [drawn.portraits[k] for k in widest(drawn.q[:, [i for i, _ in drawn.portraits]], PORTRAITS)]
     axes = list(figure.subplots(drawn.portrait_lines, min(len(shown), ABREAST), squeeze=False).flat)
     for axis, (i, k) in zip(axes, shown, strict=False):

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from . import panels
-from .panels import DrawnSolution, clock, legend_beside, new_figure, sparse, style
+from .panels import DrawnSolution, clock, legend_beside, new_figure, of_quantities, sparse, style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,6 +33,58 @@ PICTURES = {
     "phase": ("phase portrait, velocity over configuration of each joint", panels.phase),
 }
 """Name → description, and function that draws it: on two panels side by side; the phase portrait has its own grid."""
+
+
+def plot(runs, *quantities: str, file=None, mech=None) -> Figure:
+    """A figure of any quantities over time, of one run or of several, such as those of two designs.
+
+    ``pc.plot({"short": a, "long": b}, "reaction:pin", "torque motor")``. Each unit has a panel of its own. A vector is
+    drawn by its length, unless a component is named; other quantities of several numbers have a curve for each.
+
+    Parameters
+    ----------
+    runs : Solution, or mapping of str to Solution
+        One run; or several by names, which the legend shows. They may differ in their mechanisms and times.
+    *quantities : str
+        What is drawn, as for :meth:`Solution.evaluate`, without a statistic or a time.
+    file : path, optional
+        As in :func:`plot_solution`.
+    mech : Mechanism or mapping of str to Mechanism, optional
+        Mechanism of all runs, or of each by its name. Needed for runs that were read from files.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        No run, no quantity, one that a run does not have, or a file ending that matplotlib cannot write.
+    MissingExtraError
+        matplotlib is not installed.
+    OSError
+        The file cannot be written.
+    """
+    by_name = dict(runs) if isinstance(runs, Mapping) else {"": runs}
+    if not by_name or not quantities:
+        raise InputError("plot() needs a run, or several by names, and at least one quantity: 'reaction pin'")
+    if isinstance(mech, Mapping) and (missing := [name for name in by_name if name not in mech]):
+        raise InputError(f"mech= has no mechanism for {missing[0]!r}")
+    curves = []
+    for name, sol in by_name.items():
+        if not hasattr(sol, "evaluate"):
+            raise InputError(f"plot() needs a Solution, or a mapping of names to them, got {type(sol).__name__}")
+        curves += panels.curves_of(sol, name, quantities, mech[name] if isinstance(mech, Mapping) else mech)
+    order = list(dict.fromkeys(curve.of for curve in curves))
+    curves.sort(key=lambda curve: order.index(curve.of))  # the same of all runs next to each other
+    units = list(dict.fromkeys(curve.unit for curve in curves))
+    with new_figure(WIDTH * 0.7, HEIGHT * len(units), file) as figure:
+        axes = figure.subplots(len(units), 1, sharex=True, squeeze=False)[:, 0]
+        span = max((curve.t for curve in curves), key=np.ptp)
+        for axis, unit in zip(axes, units, strict=True):
+            of_quantities(axis, [curve for curve in curves if curve.unit == unit], unit, span)
+        axes[-1].set_xlabel(clock(span)[1])
+    return figure
 
 
 def plot_solution(sol, file=None, mech=None, what=("trajectory", "multipliers")) -> Figure:
