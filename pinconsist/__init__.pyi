@@ -46,6 +46,7 @@ from .mechanism.forces import Servo as Servo
 from .mechanism.forces import SpringDamper as SpringDamper
 from .mechanism.forces import Torque as Torque
 from .mechanism.forces import Wrench as Wrench
+from .mechanism.impacts import Impact as Impact
 from .mechanism.joint_constraints import Coupling as Coupling
 from .mechanism.joint_constraints import Drive as Drive
 from .mechanism.loops import Loop as Loop

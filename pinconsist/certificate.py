@@ -8,7 +8,7 @@ from ._core.compiled_system import blank_system
 from .accuracy import OFF, GlobalError, accelerations, figure, global_error, measured, work_of
 from .dae.norms import largest
 from .mechanism.branches import branch_times
-from .mechanism.energy import energy_of
+from .mechanism.energy import energy_of, event_energies
 from .mechanism.forces.actuators import saturated
 from .mechanism.forces.held import sided
 from .mechanism.names import BeyondLimit, beyond_limits
@@ -72,6 +72,9 @@ class Certificate:
         The largest velocity of the run, rad/s or m/s, with which `velocity` is compared.
     units : tuple of str
         Of `position` and of `velocity`; empty for a general problem.
+    added : dict of str to float
+        Events whose velocities do not fit the constraints and that add energy, and the most that one of their
+        occurrences adds, relative to the kinetic energy before.
     branches : tuple of float
         Times, s, at which the loops pass a singular position, where branches of the motion meet; not searched for with
         ``check(error=False)``.
@@ -100,6 +103,7 @@ class Certificate:
     saturated: dict[str, float] = field(default_factory=dict)
     speed: float = field(default=0.0, repr=False, compare=False)
     units: tuple[str, str] = field(default=("", ""), repr=False, compare=False)
+    added: dict[str, float] = field(default_factory=dict)
     branches: tuple[float, ...] = ()
     pulling: dict[str, float] = field(default_factory=dict)
     not_finite: str = ""
@@ -215,6 +219,12 @@ class Certificate:
             names = [str(each) for each in self.beyond_limits[:SHOWN]]
             names += [f"and {more} more"] if (more := len(self.beyond_limits) - SHOWN) > 0 else []
             found["joint limits"] = f"joints leave their limits, which are not enforced: {'; '.join(names)}"
+        if self.added:
+            gains = ", ".join(f"{name or 'without a name'} {share:.2g} times" for name, share in self.added.items())
+            found["events"] = (
+                "events set velocities that the constraints do not allow, and their projection adds energy; relative "
+                f"to the kinetic energy before: {gains}. Let apply return a mapping joint → velocity, or use an Impact"
+            )
         if self.branches:
             times = ", ".join(f"{t:.6g}" for t in self.branches[:SHOWN]) + ", …" * (len(self.branches) > SHOWN)
             found["branches"] = (
@@ -343,6 +353,7 @@ def certify(solution, mechanism=None, finer=None, missing="") -> Certificate:
         saturated={} if mechanism is None else saturated(mechanism, solution.t, solution.q, solution.v),
         error=None if finer is None else global_error(solution, finer),
         error_missing=missing,
+        added=_added(solution, energy, system),
         branches=_branches(solution, system, finer) if finer is not None or missing else (),
         pulling={} if mechanism is None else _pulling(mechanism, system.rows, t, solution.lam),
     )
@@ -357,6 +368,19 @@ def _pulling(mechanism, rows, t, lam) -> dict[str, float]:
             pulls = np.flatnonzero(its < -ROUNDED * largest(lam))
             if len(pulls):
                 found[loop.name] = float(t[pulls[0]])
+    return found
+
+
+def _added(solution, energy, system) -> dict[str, float]:
+    """What :attr:`Certificate.added` is."""
+    found: dict[str, float] = {}
+    if energy is None or not any(each.altered for each in solution._changes):
+        return found
+    _, (before, after), kinetic = event_energies(solution, system.forces, Workspace(system.model, blank_system))
+    gains = (after - before) * (1.0 if solution.t[-1] >= solution.t[0] else -1.0)
+    for each, gain, size in zip(solution._changes, gains, kinetic, strict=True):
+        if each.altered and gain > OFF * energy.exchanged:
+            found[each.name] = max(found.get(each.name, 0.0), float(gain / size) if size else np.inf)
     return found
 
 

@@ -122,7 +122,7 @@ def simulate(
     assembly = assembled(solver, q0, v0)
     system = MechanismSystem(mech, assembly.q, span[0], solver)
     require_nonsingular(system, assembly.q)
-    output = _output(span, t_eval, dense_output, events, callback)
+    output = _output(span, t_eval, dense_output, as_events(events, mech), callback)
     return _integrated(system, span, assembly.q, assembly.v, chosen, output, backend)
 
 
@@ -169,6 +169,7 @@ def integrate(
             "method turns that into a multiplier error of that size over the step squared. Pass a p0 on the "
             "constraint, or use simulate(), which assembles"
         )
+    events = as_events(events, getattr(system, "mechanism", None))
     return _integrated(system, span, p0, v0, chosen, _output(span, t_eval, dense_output, events, callback), backend)
 
 
@@ -212,4 +213,4 @@ def _output(span, t_eval, dense_output, events, callback) -> Output:
             raise InputError(f"t_eval must be times between {low:g} and {high:g} s")
         if ((span[1] - span[0]) * np.diff(t_eval) < 0).any():
             raise InputError("t_eval must be sorted in the direction of t_span")
-    return Output(t_eval, bool(dense_output), as_events(events), callback)
+    return Output(t_eval, bool(dense_output), events, callback)

@@ -98,6 +98,7 @@ class Solution(ByName):
     v_events: list = field(default_factory=list, repr=False, compare=False)
     system: Any = field(default=None, repr=False, compare=False)
     _events: tuple = field(default=(), repr=False, compare=False)
+    _changes: tuple = field(default=(), repr=False, compare=False)
     certificate: Certificate | None = field(default=None, init=False, repr=False, compare=False)
 
     @classmethod
@@ -127,7 +128,7 @@ class Solution(ByName):
         return cls(
             **values, system=system, method=method.describe() | about, scene=scene.name if scene else "",
             success=trajectory.status >= 0, sol=trajectory.dense,
-            _events=events, **{name: getattr(trajectory, name) for name in outcome},
+            _events=events, _changes=tuple(trajectory.changes), **{name: getattr(trajectory, name) for name in outcome},
         )  # fmt: skip
 
     def __repr__(self):

@@ -87,7 +87,7 @@ class Simulation:
         forces=(), events=None, max_step=np.inf, backend="auto",
     ):  # fmt: skip
         mech = with_added_forces(mech, forces, "Simulation")
-        self.mechanism, self._events, self._backend = programmed(mech), as_events(events), backend
+        self.mechanism, self._events, self._backend = programmed(mech), as_events(events, mech), backend
         self._step, self._columns = step, {}
         self._options = (method, step, max_order, rtol, atol, "every-step", None, max_step, None, backend)
         self._free = Lock()

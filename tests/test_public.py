@@ -19,8 +19,8 @@ PARAMETERS = {  # those after the bar by name only
     "Actuator": "name joint gain bias gear control control_range force_range",
     "Assembly": "q v gaps rows rank mobility moved iterations",
     "Certificate": "position position_at velocity force force_first energy_error energy work_error undetermined "
-    "not_unique beyond_limits corrected_by fixed_step ended_early error error_missing saturated speed units branches "
-    "pulling not_finite",
+    "not_unique beyond_limits corrected_by fixed_step ended_early error error_missing saturated speed units added "
+    "branches pulling not_finite",
     "Constraint": "name function size jacobian rate moving rows step unilateral knots",
     "Coupling": "name joint other ratio offset higher",
     "Derivatives": "names values",
@@ -33,6 +33,7 @@ PARAMETERS = {  # those after the bar by name only
     "Gradient": "value gradient names solution",
     "HeldTorque": "times torques joints linear",
     "HessenbergProblem": "U F G R | R_p R_t U_p U_v",
+    "Impact": "joint | upper lower frame plane restitution name",
     "InverseDynamics": "mechanism t q v a lam torques",
     "JointDamping": "coefficients",
     "JointForce": "joint axes t force moment not_unique shared_with resultant_of resultant_force resultant_moment",
@@ -115,7 +116,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     "Actuator": {"arms": None, "label": None, "bind": "model"},
     "Assembly": {"largest_gap": None, "redundant": None},
     "Certificate": {"concerns": None, "not_judged": None, "ok": None, "verdict": None},
-    "Energy": {"balance_error": None, "work_error": None},
+    "Energy": {"balance_error": None, "exchanged": None, "work_error": None},
     "Equilibrium": {
         "stable": None,
         "derivatives": "parameters theta",
@@ -124,6 +125,7 @@ METHODS = {  # of classes, with their parameters; None: an attribute that is com
     },
     "GlobalError": {"amplified": None},
     "HeldTorque": {"label": None, "bind": "model"},
+    "Impact": {"bind": "mechanism"},
     "InverseDynamics": {
         "derivatives": "parameters theta",
         "reaction": "loop | axes compliance",

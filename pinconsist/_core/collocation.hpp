@@ -85,6 +85,30 @@ inline const Collocations::value_type &holder(const Collocations::value_type &st
   return step->halves[(t - second.t) * second.h > 0.0];
 }
 
+// An interval of time and the values of an event's function at its ends.
+struct Bracket {
+  double begin, before, end, after;
+};
+
+// The accuracy, s, of a time.
+inline double exactly(double t) { return 4e-16 * std::max(1.0, std::abs(t)); }
+
+// dae/events.py: shorten an interval until g has its sign before the zero at the beginning too; false if it never has.
+template <class G> bool narrowed(const G &g, Bracket &of) {
+  const double left = of.begin;
+  while (std::abs(of.end - left) > shortest_step(of.end)) {
+    const double t = left + SHORTER * (of.end - left), value = g(t);
+    if (value * of.before > 0.0) {
+      of.begin = t;
+      of.before = value;
+      return true;
+    }
+    of.end = t;
+    of.after = value;
+  }
+  return false;
+}
+
 // dae/events.py: the zero of g between a and b, where its signs differ, and its value there.
 template <class G> std::pair<double, double> zero(const G &g, double a, double fa, double b, double fb, double near) {
   double part = fa / (fa - fb);

@@ -100,10 +100,17 @@ public:
       regular = regular && sampler.look(of, at, signs.with_multipliers);
       return regular ? signs.value(i, at, sampler.p, sampler.v, sampler.lam) : 0.0;
     };
-    const double begin = signs.begin, end = signs.end;
     const auto step = last_step();
-    double left;
-    std::tie(root, left) = zero([&](double at) { return g(step, at); }, begin, signs.before[i], end, signs.values[i], near);
+    Bracket between{signs.begin, signs.before[i], signs.end, signs.values[i]};
+    const bool found = !signs.leaves(i) || narrowed([&](double at) { return g(step, at); }, between);
+    const auto &[begin, before, end, after] = between;
+    double left = 0.0;
+    if (found) {
+      near = std::max(exactly(end), near * std::abs((end - begin) / (signs.end - signs.begin)));
+      std::tie(root, left) = zero([&](double at) { return g(step, at); }, begin, before, end, after, near);
+    } else {
+      root = begin;
+    }
     const bool at_start = std::abs(root - step->shape.t) < shortest_step(root);
     const auto again = !regular ? nullptr : at_start ? step : retake(*step, root);
     if (!again) return false;

@@ -52,13 +52,27 @@ public:
     values.resize(events_.size());
   }
 
-  void restart(double t, const Vec &p, const Vec &v, const Vec &lam, const std::vector<size_t> &fired) {
-    end = t;
-    for (size_t i = 0; i < values.size(); ++i)
-      values[i] = std::count(fired.begin(), fired.end(), i) ? 0.0 : value(i, t, p, v, lam);
+  // `leaving` has values for the functions that leave zero, NaN for others; `offsets` are taken off up to the first look.
+  void restart(double t, const Vec &p, const Vec &v, const Vec &lam, std::vector<double> leaving,
+               std::vector<double> offsets) {
+    begin = end = t;
+    leaving_ = std::move(leaving);
+    offsets_.clear();
+    for (size_t i = 0; i < values.size(); ++i) {
+      values[i] = leaving_.empty() || std::isnan(leaving_[i]) ? value(i, t, p, v, lam) : leaving_[i];
+    }
+    offsets_ = std::move(offsets);
+    first_ = true;
   }
 
+  // Whether a function has left zero at the beginning of the last two evaluations, and has the sign that it had then.
+  bool leaves(size_t i) const { return i < leaving_.size() && !std::isnan(leaving_[i]) && leaving_[i] != 0.0; }
+
   bool look(double t, const Vec &p, const Vec &v, const Vec &lam) {
+    if (!std::exchange(first_, false)) {
+      leaving_.clear();
+      offsets_.clear();
+    }
     begin = std::exchange(end, t);
     before.swap(values);
     changed = false;
@@ -86,7 +100,7 @@ public:
       found = NOT_A_NUMBER;
     }
     if (std::isnan(found)) nb::module_::import_("pinconsist.dae.events").attr("fail")(events_[i], t, error);
-    return found;
+    return i < offsets_.size() ? found - offsets_[i] : found;
   }
 
 private:
@@ -96,6 +110,8 @@ private:
     return lam_(all_);
   }
 
+  std::vector<double> leaving_, offsets_; // between a restart and the look after the first one
+  bool first_ = false;
   std::vector<nb::handle> events_, functions_;
   nb::handle interrupted_, finish_;
   std::vector<int> places_;

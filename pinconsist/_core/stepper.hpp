@@ -195,7 +195,7 @@ private:
     control.restart();
   }
 
-  int looks() const { return 1; }
+  int looks() const { return static_cast<int>(LOOKS_OF_BDF); }
   bool look(Signs &signs, double at) {
     if (at == t) return signs.look(t, p, velocity(), multipliers()), true;
     Vec inside = Z.row(0).transpose(), place = inside.head(system_.nx);

@@ -117,6 +117,7 @@ void bind_signs(nb::module_ &m) {
       .def_ro("with_multipliers", &Signs::with_multipliers)
       .def_rw("changed", &Signs::changed)
       .def("restart", &Signs::restart)
+      .def("leaves", &Signs::leaves)
       .def("look", &Signs::look)
       .def("value", &Signs::value);
 }

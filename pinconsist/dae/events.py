@@ -6,18 +6,22 @@ from dataclasses import dataclass
 from functools import partial
 from numbers import Real
 from types import FunctionType
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
 from ..errors import InputError, PinconsistError, UserFunctionError, warn
 from .arguments import may_read
+from .norms import EPS, largest
 from .rounding import shortest_step
-from .tuning import HALVING
+from .tuning import AT_ONCE, FLIGHT, FLIGHTS, HALVING, ROUNDED_FLIGHT, SHORTER
 
 SAME_TIME = 1e-13  # relative: events closer than this are simultaneous
 BESIDE = 1e-3  # distance before a root at which the slope is measured, relative to the search interval
+STOPPED = 1e-9  # rate of a function after an event, relative to that before, that counts as zero
+TOUCHING = 1e-9  # rad or m: gap of an impact that counts as closed
 ROUGHLY = 1e-7  # accuracy of a root before a Newton step, relative to the step
+STILL = 1e-9  # change of velocities by a projection, relative to them and 1 rad/s or m/s, that is no jump
 SET, SMALL = 1e-2, 1e-3  # change of a velocity that was set, relative to it and to the largest, that is told
 
 
@@ -67,15 +71,17 @@ class Event:
             )
 
 
-def as_events(events) -> tuple[Event, ...]:
-    """Events from user input: Event objects, or functions with scipy's attributes."""
+def as_events(events, mechanism=None) -> tuple[Event, ...]:
+    """Events from user input: Event objects, impacts on a mechanism, or functions with scipy's attributes."""
     if events is None:
         return ()
-    events = (events,) if callable(events) or isinstance(events, Event) else events
+    events = (events,) if callable(events) or isinstance(events, Event) or hasattr(events, "bind") else events
     if not isinstance(events, Iterable):
         raise InputError(f"events must be a sequence of events, got {events!r}")
     result = []
     for event in events:
+        if hasattr(event, "bind"):  # an impact
+            event = Event(**event.bind(mechanism))
         if not isinstance(event, Event):
             if not callable(event):
                 raise InputError(f"an event must be an Event or a function g(t, q, v, lam), got {event!r}")
@@ -84,6 +90,11 @@ def as_events(events) -> tuple[Event, ...]:
             event = Event(event, **attributes, name=getattr(event, "__name__", ""))
         result.append(event)
     return tuple(result)
+
+
+def one_sided(event) -> bool:
+    """Whether an event's function cannot become negative: that of an impact."""
+    return getattr(event.apply, "one_sided", False)
 
 
 class Signs:
@@ -103,15 +114,31 @@ class Signs:
     def __init__(self, events, with_multipliers, interrupted, finish):
         self.events, self.with_multipliers, self.interrupted = events, with_multipliers, interrupted
         self._finish = finish
-        self.changed = False
+        self.changed, self._first, self._leaving, self._offsets = False, False, (), ()
 
-    def restart(self, t, p, v, lam, fired=()) -> None:
-        """Take the signs at a new start; events that just `fired` count as zero: their values are only rounding."""
-        self.end = t
-        self.values = [0.0 if i in fired else self.value(i, t, p, v, lam) for i in range(len(self.events))]
+    def restart(self, t, p, v, lam, leaving, offsets) -> None:
+        """Take the signs at a new start.
+
+        `leaving` has values for the functions that leave zero there, NaN for the others, and `offsets` what is taken
+        off the functions up to the next look; both may be empty.
+        """
+        self.begin = self.end = t
+        self._leaving, self._offsets = leaving, ()
+        self.values = [
+            leaving[i] if leaving and leaving[i] == leaving[i] else self.value(i, t, p, v, lam)
+            for i in range(len(self.events))
+        ]
+        self._offsets, self._first = offsets, True
+
+    def leaves(self, i) -> bool:
+        """Whether a function has left zero at the first of the last two evaluations, with the sign that it had then."""
+        return bool(self._leaving) and self._leaving[i] == self._leaving[i] and self._leaving[i] != 0.0
 
     def look(self, t, p, v, lam) -> bool:
         """Evaluate the functions at a state; returns whether some sign has changed."""
+        if not self._first:
+            self._leaving = self._offsets = ()
+        self._first = False
         self.begin, self.end, self.before = self.end, t, self.values
         self.values = [self.value(i, t, p, v, lam) for i in range(len(self.events))]
         signs = zip(self.before, self.values, strict=True)
@@ -128,20 +155,33 @@ class Signs:
             error = raised
         if value != value:
             fail(self.events[i], t, error)
-        return value
+        return value - self._offsets[i] if self._offsets else value
 
 
-def state_after(event, index1, t, p, v):
-    """(p, v) after an event, on the constraints, and the velocity that its `apply` returned, None for a mapping."""
+class Applied(NamedTuple):
+    """The state after an event, on the constraints, and what its `apply` returned.
+
+    `wanted` is the velocity, None for a mapping; `moved` says whether it returned a position, too.
+    """
+
+    p: np.ndarray
+    v: np.ndarray
+    wanted: np.ndarray | None
+    moved: bool
+
+
+def state_after(event, index1, t, p, v, forward=True) -> Applied:
+    """The state after an event; `forward` says whether the run goes forward in time."""
     system = index1.system
     try:
-        changed = event.apply(t, p.copy(), v.copy())
+        direction = () if event.apply is None or not one_sided(event) else (forward,)
+        changed = event.apply(t, p.copy(), v.copy(), *direction)
     except PinconsistError as error:
         raise type(error)(f"apply of the event {event.name!r} at t = {t:.6g}: {error}") from error
     except Exception as error:
         raise UserFunctionError(f"apply of the event {event.name!r}", t, error) from error
-    wanted = v if changed is None else changed
-    if isinstance(changed, tuple) and len(changed) == 2:
+    wanted, moved = v if changed is None else changed, isinstance(changed, tuple) and len(changed) == 2
+    if moved:
         p, wanted = changed
     named = wanted if isinstance(wanted, Mapping) else None
     try:
@@ -157,21 +197,25 @@ def state_after(event, index1, t, p, v):
         )
     p, v = index1.projected(t, p, wanted)
     if named is None:
-        return p, v, wanted
+        return Applied(p, v, wanted, moved)
     try:
-        return p, system.with_velocities(t, p, v, named), None
+        return Applied(p, system.with_velocities(t, p, v, named), None, moved)
     except PinconsistError as error:
         raise InputError(f"apply of the event {event.name!r} at t = {t:.6g}: {error}") from error
 
 
-def warn_of_projection(event, system, t, before, wanted, after) -> bool:
-    """Warn if a component of v that `apply` has set does not have this value after the projection; whether it did."""
+def lost_in_projection(before, wanted, after) -> int | None:
+    """The component of v that `apply` has set and the projection has changed most; None if it changed none by much."""
+    if wanted is None:
+        return None
     lost = np.abs(after - wanted)
-    allowed = SET * np.maximum(np.abs(wanted), np.abs(before)) + SMALL * np.abs(before).max(initial=0.0)
+    allowed = SET * np.maximum(np.abs(wanted), np.abs(before)) + SMALL * largest(before) + STILL
     lost[(wanted == before) | (lost <= allowed)] = 0.0
-    if not lost.any():
-        return False
-    i = int(np.argmax(lost))
+    return int(np.argmax(lost)) if lost.any() else None
+
+
+def warn_of_projection(event, system, t, i, before, wanted, after) -> None:
+    """Warn that component `i` of v, which `apply` has set, does not have this value after the projection."""
     name = system.describe_velocity(i)
     warn(
         f"apply of the event {event.name!r} set the velocity of {name} to {wanted[i]:.6g} at t = {t:.6g}, but it is "
@@ -179,12 +223,26 @@ def warn_of_projection(event, system, t, before, wanted, after) -> bool:
         "projected onto them in the mass metric. To set some joints and let the others follow, return a mapping "
         "joint → velocity"
     )
-    return True
 
 
 def fail(event, t, error) -> NoReturn:
     """Raise the error of an event whose function raised `error`, or returned NaN."""
     raise UserFunctionError(f"the event {event.name!r}", t, error or ValueError("it returned NaN")) from error
+
+
+class Change(NamedTuple):
+    """A change of the state by an event.
+
+    Its name and time, the states before and after, and whether the velocity that it set did not outlast the projection.
+    """
+
+    name: str
+    t: float
+    p_before: np.ndarray
+    v_before: np.ndarray
+    p_after: np.ndarray
+    v_after: np.ndarray
+    altered: bool
 
 
 class EventWatch:
@@ -194,28 +252,113 @@ class EventWatch:
     ----------
     found : list of list of (t, p, v)
         Occurrences of each event.
+    changes : list of Change
+        What they changed.
     signs : Signs or None
         The signs in each step, of the stepper's own type; None if there are no events.
     """
 
     def __init__(self, events, stepper, interrupted):
         self.events, self.found, self.signs, self._told = events, [[] for _ in events], None, set()
+        self.changes: list[Change] = []
+        self._last_change: dict[int, float] = {}  # largest change of v by the last occurrence of an event
+        self._may_read, self._flights = [reads_multipliers(event.function) for event in events], {}
         if events:
-            multipliers = any(reads_multipliers(event.function) for event in events)
+            multipliers = any(self._may_read)
             self._made_of = events, multipliers, interrupted, stepper.full_multipliers
             self.signs = stepper.signs(*self._made_of)
 
-    def restart(self, t, p, v, lam, fired=()) -> None:
-        """Take the signs at a new start; see :meth:`Signs.restart`."""
-        if self.events:
-            self.signs.restart(t, p, v, lam, fired)
+    def restart(self, t, p, v, lam) -> None:
+        """Take the signs at a new start; InputError if what cannot become negative is negative."""
+        if not self.events:
+            return
+        self.signs.restart(t, p, v, lam, (), ())
+        touching = {}
+        for i, (event, value) in enumerate(zip(self.events, self.signs.values, strict=True)):
+            if one_sided(event) and value < -TOUCHING:
+                raise InputError(f"the impact {event.name!r}: the run starts {-value:.3g} beyond its stop or plane")
+            if one_sided(event) and value <= TOUCHING:
+                touching[i] = TOUCHING
+        if touching:
+            self._leave(touching, t, p, v, lam)
+
+    def restart_after(self, fired, moved, system, t, p, v, known, forward) -> str:
+        """Take the signs after the events `fired`; `known` are acceleration and multipliers there.
+
+        The values of their functions are only rounding there, unless one of them has `moved` the position. Their signs
+        are those with which they leave zero, so that they are right however soon it returns, and what they have of the
+        other sign is rounding. Returns why the run cannot continue, or an empty string.
+        """
+        leaving, reversed_ = {}, []
+        self.signs.restart(t, p, v, known[1], (), ())
+        for i, (event, value) in enumerate(zip(self.events, self.signs.values, strict=True)):
+            if one_sided(event):
+                if i in fired or value <= TOUCHING:
+                    leaving[i] = TOUCHING
+                reversed_ += [i] * (i in fired)
+            elif i in fired:
+                leaving[i] = 0.0
+                if not self._depends_on_multipliers(i, t, p, v, known[1]):
+                    rate = self._departure(i, system, t, p, v, known, forward)
+                    arrived = self._departure(i, system, *self.found[i][-1], known, forward)
+                    leaving[i] = rate if abs(rate) > STOPPED * abs(arrived) else 0.0
+                    reversed_ += [i] * (leaving[i] * arrived <= 0.0)
+                    if moved and abs(value) > max(abs(rate), abs(arrived)):
+                        leaving[i] = math.nan
+        self._leave(leaving, t, p, v, known[1])
+        return next(filter(None, [self._accumulates(i, t, p) for i in reversed_]), "")
+
+    def _leave(self, leaving, t, p, v, lam):
+        """Restart with the signs of functions that leave zero, by their indices."""
+        values, offsets = [math.nan] * len(self.events), [0.0] * len(self.events)
+        for i, sign in leaving.items():
+            here = self.signs.values[i]
+            values[i] = sign
+            offsets[i] = here if here * sign < 0.0 else 0.0
+        self.signs.restart(t, p, v, lam, values, offsets)
+
+    def _depends_on_multipliers(self, i, t, p, v, lam) -> bool:
+        """Whether an event's function uses λ, and not only gets it."""
+        return self._may_read[i] and self.signs.value(i, t, p, v, 2.0 * lam + 1.0) != self.signs.values[i]
+
+    def _departure(self, i, system, t, p, v, known, forward):
+        """The change of a function over a short time after an event, of first order."""
+        rate, (a, lam) = system.rate(t, p, v), known
+        time = FLIGHT * (1.0 + largest(p)) / (1.0 + largest(rate) + largest(a)) * (1.0 if forward else -1.0)
+
+        def beside(dt):
+            return self.signs.value(i, t + dt, system.integrate(p, dt * rate), v + dt * a, lam)
+
+        return 0.5 * (beside(time) - beside(-time))
+
+    def _accumulates(self, i, t, p) -> str:
+        """Why the run cannot continue after an event that has reversed the rate of its function; else empty."""
+        if self.events[i].apply is None or len(self.found[i]) < 2:
+            return ""
+        flight = abs(self.found[i][-1][0] - self.found[i][-2][0])
+        change = self._last_change[i]
+        at_once = flight <= shortest_step(t)
+        height = change * flight / 8.0  # of a parabola
+        short = at_once or height <= ROUNDED_FLIGHT * EPS * (1.0 + largest(p))
+        self._flights[i] = self._flights.get(i, 0) + 1 if short else 0
+        at_most = FLIGHTS
+        if at_once:  # several impacts at one time may take turns
+            at_most = AT_ONCE if one_sided(self.events[i]) else 1
+        if self._flights[i] < at_most:
+            return ""
+        return (
+            f"the event {self.events[i].name or 'without a name'} accumulates at t = {t:.6g}, after "
+            f"{len(self.found[i])} occurrences: the times between them have shrunk to {flight:.1g} s. What bounces "
+            "there comes to rest, which no event can model: end the run before (terminal=a number of occurrences) and "
+            "go on with a mechanism in which it is held by a loop, or let a spring and a damper make the contact"
+        )
 
     def jumped(self, t, p, v, lam):
         """Take the signs after a jump of forces, which may move a function past zero; returns as :meth:`first`."""
         if not self.events:
             return None
         before = list(self.signs.values)
-        self.signs.restart(t, p, v, lam, ())
+        self.signs.restart(t, p, v, lam, (), ())
         passed = zip(self.events, before, self.signs.values, strict=True)
         return self._happen([(t, i, (p, v, lam)) for i, each in enumerate(passed) if _passes(*each)])
 
@@ -231,14 +374,17 @@ class EventWatch:
                 return change
         return None
 
-    def tell(self, i, system, t, before, wanted, after) -> None:
-        """Warn, once a run, if a velocity that the event `i` has set does not outlast the projection."""
-        if (
-            wanted is not None
-            and i not in self._told
-            and warn_of_projection(self.events[i], system, t, before, wanted, after)
-        ):
+    def changed(self, i, system, t, before, after: Applied) -> None:
+        """Record what the event `i` has changed; warn, once a run, if its velocity does not outlast the projection.
+
+        `before` are the position and velocity before it.
+        """
+        lost = lost_in_projection(before[1], after.wanted, after.v)
+        self._last_change[i] = largest(after.v - before[1])
+        self.changes.append(Change(self.events[i].name, t, *before, after.p, after.v, lost is not None))
+        if lost is not None and i not in self._told:
             self._told.add(i)
+            warn_of_projection(self.events[i], system, t, lost, before[1], after.wanted, after.v)
 
     def until(self, t, forward) -> list:
         """The events up to a time: steps may have been searched beyond the end of the run."""
@@ -290,7 +436,12 @@ def located(segment, signs, i, retake=None):
     if signs.values[i] == 0.0:
         return end, (segment if retake is None or end == segment.end else retake(segment, end))(end)
     near = nearness(begin, end, retake is not None)
-    root, left = zero(partial(g, segment), begin, signs.before[i], end, signs.values[i], near)
+    before, after, left, root = signs.before[i], signs.values[i], 0.0, begin
+    if signs.leaves(i):
+        begin, before, end, after = narrowed(partial(g, segment), begin, before, end, after)
+    if begin != end:
+        near = max(nearness(begin, end, False), near * abs((end - begin) / (signs.end - signs.begin)))
+        root, left = zero(partial(g, segment), begin, before, end, after, near)
     if abs(root - segment.t_old) < shortest_step(root):
         retake = None  # it is the state at the start
     again = segment if retake is None else retake(segment, root)
@@ -300,6 +451,18 @@ def located(segment, signs, i, retake=None):
         moved = root - there / slope if slope else root
         root = moved if (moved - begin) * (moved - end) < 0 else root
     return root, again(root)
+
+
+def narrowed(g, begin, before, end, after):
+    """The interval shortened until `g` has its sign before the zero at the beginning too; empty if it never has."""
+    left = begin
+    while abs(end - left) > shortest_step(end):
+        t = left + SHORTER * (end - left)
+        value = g(t)
+        if value * before > 0.0:
+            return t, value, end, after
+        end, after = t, value
+    return left, before, left, after
 
 
 def nearness(begin, end, roughly) -> float:

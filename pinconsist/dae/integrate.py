@@ -11,7 +11,7 @@ from ..errors import PinconsistError, UserFunctionError
 from .consistency import MODES, Exact
 from .control import ErrorControl, FixedStep
 from .dense import Curve, DenseOutput, StepBatch
-from .events import EventWatch, state_after
+from .events import STILL, EventWatch, state_after
 from .failure import failure_report, jumping
 from .norms import largest
 from .output import FAILED, STOPPED, SUCCESS, Output, Record, Stop
@@ -22,7 +22,6 @@ from .stepper import Stepper
 from .tuning import FAILURES, Switches
 
 CLOSED = 1e-6  # gap of a constraint, relative to positions and 1 rad or m, that is no jump
-STILL = 1e-9  # change of velocities by a projection, relative to them and 1 rad/s or m/s, that is no jump
 
 
 @dataclass
@@ -79,6 +78,7 @@ class Trajectory:
     order: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     dense: DenseOutput | None = None
     events: list = field(default_factory=list)  # occurrences (t, p, v) of each event
+    changes: list = field(default_factory=list)  # of the state by events
     opened: tuple | None = None  # where a constraint that was left out is violated, see Index3System.opened
 
 
@@ -144,7 +144,7 @@ def trajectory_of(stepper, method, record, watch, t_span, status, message) -> Tr
         *rows, system=stepper.system, status=status, message=message, nsteps=record.nsteps,
         nfev=newton.nfev, njev=newton.njev, nlu=newton.nlu, rejected=dict(method.control.reasons),
         backend=stepper.backend, dense=record.dense(), events=watch.until(record.reached, t_span[1] >= t_span[0]),
-        h=h, order=order, opened=stepper.opened(rows[0], rows[1]),
+        h=h, order=order, changes=list(watch.changes), opened=stepper.opened(rows[0], rows[1]),
     )  # fmt: skip
 
 
@@ -291,13 +291,16 @@ def _after_events(stepper, watch, record, fired, t, state, final):
     if final:
         names = " and ".join(event.name or "without a name" for event in events if event.terminal)
         raise Stop(STOPPED, f"stopped by the event {names} at t = {t:.6g}")
+    moved = False
     for i, event in zip(fired, events, strict=True):
         if event.apply is not None:
-            before = v
-            p, v, wanted = state_after(event, stepper.index1, t, p, v)
-            watch.tell(i, stepper.system, t, before, wanted, v)
+            after = state_after(event, stepper.index1, t, p, v, record.forward)
+            watch.changed(i, stepper.system, t, (p, v), after)
+            p, v = after.p, after.v
+            moved |= after.moved
     stepper.system.change(t, p, v)
     known = stepper.index1.acceleration(t, p, v)
     record.jump(t, p, v, known[1])
-    watch.restart(t, p, v, known[1], fired)
+    if why := watch.restart_after(fired, moved, stepper.system, t, p, v, known, record.forward):
+        raise Stop(FAILED, why)
     return p, v, known

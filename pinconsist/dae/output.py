@@ -92,6 +92,11 @@ class Record:
         """Whether there is a row."""
         return bool(self._blocks or self._finished)
 
+    @property
+    def forward(self) -> bool:
+        """Whether the run goes forward in time."""
+        return self._sign > 0.0
+
     def last(self):
         """t, p, v and λ of the last row."""
         rows = [each[-1] for each in (self._blocks or self._finished)[-1]]

@@ -13,7 +13,7 @@ from .index1 import Index1
 from .newton import Newton
 from .rounding import Headway, RoundingTest, shortest_step, velocity_rounding
 from .segments import Segment
-from .tuning import FAILURES, NUDGE, PATIENCE, UNNOTICED
+from .tuning import FAILURES, LOOKS_OF_BDF, NUDGE, PATIENCE, UNNOTICED
 
 
 class Stepper:
@@ -133,7 +133,9 @@ class Stepper:
 
     def _looks(self, state, with_multipliers):
         """The states at which events are evaluated in the last step, which ends at `state`."""
-        return [state]
+        segment, parts = self.segment(), np.arange(1, LOOKS_OF_BDF) / LOOKS_OF_BDF
+        times = (self.t - self.used[0] * (1.0 - parts)).tolist()
+        return [*((t, *segment.look(t, with_multipliers)) for t in times), state]
 
     def resume(self, t_end):
         """Continue after a jump of forces at the time reached; returns what :meth:`begin` does."""

@@ -81,6 +81,11 @@ LAST_MODE = 0.01  # share of the two highest modes in the denominator of their d
 BETWEEN = 3.0  # error between the ends of a step, in tolerances, from which rows there are interpolated in its halves
 NEXT_MODE = 0.02  # part of BETWEEN that the next mode must reach, for the error to be measured
 LOOKS = 12  # number of times in a step at which events are evaluated
+LOOKS_OF_BDF = 4  # the same of BDF, whose steps are shorter
+SHORTER = 0.25  # factor by which the time after an event is shortened until its function has left zero
+FLIGHT = 1e-5  # change of the state, relative to it, over which the rate of a function is measured that leaves zero
+ROUNDED_FLIGHT = 1e3  # roundings of the position below which flights between occurrences of an event do not count
+FLIGHTS, AT_ONCE = 3, 30  # number of such flights, and of occurrences at one time, after which an event accumulates
 NUDGE = 1e-6  # fraction of the time to the next evaluation after which an event that was zero has its sign
 HALVING = 20  # tries after which a zero is found by bisection alone
 

@@ -77,7 +77,7 @@ def _maker(build, t, q0, v0, forces, events, backend, control=None):
                 "commands of an Actuator"
             )
         starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]
-        return Side(acting, starts[0], starts[1], t, as_events(_of_theta(events, values)), backend != "python")
+        return Side(acting, starts[0], starts[1], t, as_events(_of_theta(events, values), acting), backend != "python")
 
     return make
 

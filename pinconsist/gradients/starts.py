@@ -143,7 +143,7 @@ class Crossing:
         def applied(side, t, p, v):
             for i in events:
                 if side.events[i].apply is not None:
-                    p, v, _ = state_after(side.events[i], side.index1(system), t, p, v)
+                    p, v = state_after(side.events[i], side.index1(system), t, p, v, self.h > 0.0)[:2]
             p, v = side.index1(system).projected(t, p, v)
             return np.concatenate((system.difference(p_after, p), v))
 

@@ -59,7 +59,7 @@ class Energy:
         the largest work of each force. If hardly anything moves, it is a hundred-thousandth of the stored energies and
         of the weights' energies: the error then consists of rounding and tolerances only.
         """
-        return float(np.abs(self.error).max() / self._exchanged)
+        return float(np.abs(self.error).max() / self.exchanged)
 
     @property
     def work_error(self) -> float:
@@ -75,10 +75,11 @@ class Energy:
         change = integrals(self.t, power)[kept] - integrals(self.t[kept], power[kept])
         alone = ~doubled & np.append(True, doubled[:-1]) & np.append(doubled[1:], True)
         ends = np.cumsum(np.where(alone, 0.5 * np.abs(np.diff(self.t) * np.diff(power[:, 0])), 0.0))
-        return float((np.abs(change).max() + ends.max(initial=0.0)) / self._exchanged)
+        return float((np.abs(change).max() + ends.max(initial=0.0)) / self.exchanged)
 
     @property
-    def _exchanged(self) -> float:
+    def exchanged(self) -> float:
+        """The exchanged energy, J, see :attr:`balance_error`."""
         exchanged = self.kinetic.max() + np.ptp(self.potential) + np.ptp(self.elastic)
         exchanged += sum(np.abs(work).max() for work in self.work.values())
         return max(exchanged, 1e-5 * self._terms) or 1.0
@@ -122,11 +123,10 @@ def energy_of(solution, mechanism, workspace=None, system=None, found=None) -> E
     if acts:
         done[acts] = integrals(t, np.column_stack([*power.values()])[:, acts]).T
     work, error = dict(zip(power, done, strict=True)), total - total[0] - done.sum(axis=0)
-    if (doubled := t[1:] == t[:-1]).any():  # events leave two rows at one time
-        jumps = np.append(0.0, np.cumsum(np.where(doubled, np.diff(total), 0.0)))
-        error -= jumps
-        if jumps.any():
-            work[unused(EVENTS, power)] = jumps
+    jumps = _jumps(solution, forces, total, workspace)
+    error -= jumps
+    if jumps.any():
+        work[unused(EVENTS, power)] = jumps
     return Energy(
         t=t, kinetic=kinetic, potential=potential, elastic=elastic, total=total, stored=stored, power=power, work=work,
         error=error, _terms=max(np.abs(total).max(), elastic.max(), terms[0]),
@@ -140,6 +140,33 @@ def total_power(forces, t, q, v, workspace, found=None):
     for label in forces.keys() - set(labels):
         power += _brought(forces[label], t, q, v)[0]
     return power
+
+
+def _jumps(solution, forces, total, workspace):
+    """What events have added to the energy up to each row."""
+    t = solution.t
+    doubled = t[1:] == t[:-1]  # events leave two rows at one time, unless the rows are those of t_eval
+    jumps = np.append(0.0, np.cumsum(np.where(doubled, np.diff(total), 0.0)))
+    if solution._changes:
+        sign = 1.0 if t[-1] >= t[0] else -1.0
+        times, (before, after) = event_energies(solution, forces, workspace)[:2]
+        between = ~np.isin(times, t[1:][doubled])
+        jumps += (sign * t[:, None] >= sign * times[between]) @ (after - before)[between]
+    return jumps
+
+
+def event_energies(solution, forces, workspace):
+    """Of each change of the state by an event: its time; the energy before and after; the kinetic energy before."""
+    times = np.array([each.t for each in solution._changes])
+    q = np.array([state for each in solution._changes for state in (each.p_before, each.p_after)])
+    v = np.array([state for each in solution._changes for state in (each.v_before, each.v_after)])
+    twice = np.repeat(times, 2)
+    labels, columns = measure(forces, twice, q, v, workspace)
+    energy = columns[:, 0] + columns[:, 1] + columns[:, 4::2].sum(axis=1)
+    for label in forces.keys() - set(labels):
+        if hasattr(forces[label], "stored"):
+            energy += _brought(forces[label], twice, q, v)[1]
+    return times, energy.reshape(-1, 2).T, columns[::2, 0]
 
 
 def measure(forces, t, q, v, workspace):
