@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import pinconsist as pc
-from pinconsist.mechanism.lie import PlaneTurns
+from pinconsist.mechanism.lie import PlaneTurns, difference, integrate
 from pinconsist.mechanism.system import MechanismSystem
 
 
@@ -71,8 +71,7 @@ def test_random_planar_scenes_run_and_stay_closed(seed, backend):
         assert sol.check(error=False).position < 1e-12
 
 
-@pytest.mark.parametrize("backend", ["auto", "python"])
-def test_a_planar_joint_moves_as_two_sliders_and_a_hinge(backend):
+def sliders_and_hinges():
     """The same plates on prismatic and revolute joints, which need no chart."""
     model = pin.Model()
     model.gravity.linear = np.array([0.0, -9.81, 0.0])
@@ -83,8 +82,13 @@ def test_a_planar_joint_moves_as_two_sliders_and_a_hinge(backend):
         inertia = pin.Inertia(1.0 + i, np.array([0.2, 0.05, 0.0]), np.diag([0.02, 0.03, 0.04]))
         model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
         model.addFrame(pin.Frame(f"plate{i}", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return model
+
+
+@pytest.mark.parametrize("backend", ["auto", "python"])
+def test_a_planar_joint_moves_as_two_sliders_and_a_hinge(backend):
     planar = random_scene(0)
-    single = pc.Mechanism(model, planar.loops)
+    single = pc.Mechanism(sliders_and_hinges(), planar.loops)
     options = {"rtol": 1e-10, "atol": 1e-10, "t_eval": [0.0, 0.3, 0.6], "backend": backend}
     ours = pc.simulate(planar, (0.0, 0.6), **options)
     start = [ours.q[0, 0], ours.q[0, 1], np.arctan2(ours.q[0, 3], ours.q[0, 2])]
@@ -93,3 +97,31 @@ def test_a_planar_joint_moves_as_two_sliders_and_a_hinge(backend):
     angles = np.arctan2(ours.q[:, [3, 7]], ours.q[:, [2, 6]])
     np.testing.assert_allclose(np.sin(angles - theirs.q[:, [2, 5]]), 0.0, atol=1e-7)
     np.testing.assert_allclose(ours.q[:, [0, 1, 4, 5]], theirs.q[:, [0, 1, 3, 4]], atol=1e-7)
+
+
+@pytest.mark.parametrize("turn", 10.0 ** np.arange(-15.0, -6.0))
+def test_a_plate_that_hardly_turns_goes_to_the_nearest_point_of_a_rail(turn):
+    """The foot of the perpendicular, whatever the turn; Pinocchio's exponential is wrong by up to 1e-2 there."""
+    rail = {"axis": (0.6, 0.8, 0.0), "xyz1": (0.3, -0.2, 0.0), "rpy1": (0.0, 0.0, turn)}
+    q = pc.assemble(pc.Mechanism(planar_model(), [pc.Loop("rail", "slider", "universe", "plate0", **rail)])).q
+    along = np.array([0.6 - 0.8 * turn, 0.8 + 0.6 * turn])
+    foot = np.array([0.3, -0.2]) - (0.3 * along[0] - 0.2 * along[1]) * along
+    np.testing.assert_allclose(q[:2], foot, rtol=0, atol=turn + 1e-13)
+    np.testing.assert_allclose(q[3], turn, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("turn", 10.0 ** np.arange(-16.0, 0.0, 2.0))
+def test_planar_joints_inside_composite_ones(turn):
+    """They move as the same joints one after another."""
+    whole, single = pin.Model(), pin.Model()
+    both, place = pin.JointModelComposite(pin.JointModelRX()), pin.SE3.Random()
+    both.addJoint(pin.JointModelPlanar(), place)
+    both.addJoint(pin.JointModelRUBZ(), place)
+    whole.addJoint(0, both, pin.SE3.Identity(), "all")
+    for i, joint in enumerate((pin.JointModelRX(), pin.JointModelPlanar(), pin.JointModelRUBZ())):
+        single.addJoint(i, joint, pin.SE3.Identity(), f"joint{i}")
+    q, xi = pin.neutral(single), np.array([0.3, 0.7, -0.4, turn, -turn])
+    there = integrate(whole, q, xi)
+    np.testing.assert_allclose(there, integrate(single, q, xi), rtol=0, atol=1e-16)
+    np.testing.assert_allclose(difference(whole, q, there), xi, rtol=1e-14, atol=0)
+    np.testing.assert_allclose(there[1:3], [0.7 + 0.2 * turn, -0.4 + 0.35 * turn], rtol=0, atol=0.2 * turn**2 + 3e-16)

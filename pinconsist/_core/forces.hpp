@@ -1,7 +1,7 @@
 // The twins of mechanism/forces: joint torques τ and what they add to Newton's matrix.
 #pragma once
 
-#include "rigid_bodies.hpp"
+#include "axes.hpp"
 
 #include <algorithm>
 #include <memory>
@@ -200,9 +200,9 @@ private:
 // Tension k (l - l0) + d dl/dt along the line between two points. Joints that carry both points change nothing.
 class SpringDamper : public Force {
 public:
-  SpringDamper(const Model &model, int joint1, const Vector3d &x1, int joint2, const Vector3d &x2, double stiffness,
+  SpringDamper(const Model &model, const TurningAxes &axes, int joint1, const Vector3d &x1, int joint2, const Vector3d &x2, double stiffness,
                double length, double damping, double shortest)
-      : joint1_(joint1), joint2_(joint2), place1_(Matrix3d::Identity(), x1), place2_(Matrix3d::Identity(), x2),
+      : axes_(axes), joint1_(joint1), joint2_(joint2), place1_(Matrix3d::Identity(), x1), place2_(Matrix3d::Identity(), x2),
         stiffness_(stiffness), length_(length), damping_(damping), shortest_(shortest),
         columns_(columns_between(model, joint1, joint2)), moves_(3, columns_.size()), spins_(3, columns_.size()),
         along_(columns_.size()), bend_(columns_.size(), columns_.size()) {}
@@ -221,6 +221,8 @@ public:
         if (columns_[i].sign != columns_[j].sign) continue;
         const int before = columns_[j].joint <= columns_[i].joint ? j : i, after = before == j ? i : j;
         bend_(i, j) += u_.dot(spins_.col(before).cross(moves_.col(after)));
+        if (columns_[i].joint == columns_[j].joint && !axes_.empty())
+          bend_(i, j) += columns_[i].sign * u_.dot(moved(axes_.change(columns_[i].index, columns_[j].index), end(columns_[i].sign)));
       }
     for (int j = 0; j < n; ++j) {
       double turning = 0.0;
@@ -243,14 +245,15 @@ public:
 private:
   // Fills length, direction, columns of the relative velocity; returns the tension.
   double line(const Data &data, const Vec &v) const {
-    const Vector3d x1 = origin(data, joint1_, place1_), x2 = origin(data, joint2_, place2_);
-    const Vector3d r = x2 - x1;
+    x1_ = origin(data, joint1_, place1_);
+    x2_ = origin(data, joint2_, place2_);
+    const Vector3d r = x2_ - x1_;
     l_ = std::sqrt(r.squaredNorm() + shortest_ * shortest_);
     u_ = r / l_;
     double rate = 0.0;
     for (size_t i = 0; i < columns_.size(); ++i) {
       const auto &column = columns_[i];
-      moves_.col(i) = column.sign * moved(data, column.index, column.sign > 0 ? x2 : x1);
+      moves_.col(i) = column.sign * moved(data, column.index, end(column.sign));
       spins_.col(i) = spin(data, column.index);
       along_[i] = u_.dot(moves_.col(i));
       rate += along_[i] * v[column.index];
@@ -258,6 +261,9 @@ private:
     return stiffness_ * (l_ - length_) + damping_ * rate;
   }
 
+  const Vector3d &end(double sign) const { return sign > 0 ? x2_ : x1_; }
+
+  const TurningAxes &axes_;
   int joint1_, joint2_;
   SE3 place1_, place2_;
   double stiffness_, length_, damping_, shortest_;
@@ -265,15 +271,15 @@ private:
   mutable Eigen::Matrix3Xd moves_, spins_;
   mutable Vec along_;
   mutable Mat bend_;
-  mutable Vector3d u_;
+  mutable Vector3d u_, x1_, x2_;
   mutable double l_ = 0.0;
 };
 
 // A constant force and moment on a point of a body, in world axes or (local) in its own.
 class Wrench : public Force {
 public:
-  Wrench(const Model &model, int joint, const Vector3d &offset, const Vector3d &force, const Vector3d &moment, bool local)
-      : joint_(joint), place_(Matrix3d::Identity(), offset), force_(force), moment_(moment), local_(local),
+  Wrench(const Model &model, const TurningAxes &axes, int joint, const Vector3d &offset, const Vector3d &force, const Vector3d &moment, bool local)
+      : axes_(axes), joint_(joint), place_(Matrix3d::Identity(), offset), force_(force), moment_(moment), local_(local),
         columns_(columns_of(model, joint)) {}
 
   void add_torque(const Data &data, double, const Vec &, const Vec &, Vec &tau) const override {
@@ -294,6 +300,10 @@ public:
         } else if (!local_) {
           change = f.dot(turn.cross(moved(data, row.index, x))) + m.dot(turn.cross(spun));
         }
+        if (column.joint == row.joint && !axes_.empty()) {
+          const Six bent = axes_.change(row.index, column.index);
+          change += f.dot(moved(bent, x)) + m.dot(bent.tail<3>());
+        }
         K(row.index, column.index) -= change;
       }
   }
@@ -309,6 +319,7 @@ private:
     return {pose.translation(), pose.rotation() * force_, pose.rotation() * moment_};
   }
 
+  const TurningAxes &axes_;
   int joint_;
   SE3 place_;
   Vector3d force_, moment_;

@@ -40,16 +40,12 @@ class MechanismSystem : public System {
 public:
   MechanismSystem(nb::object model, nb::object data)
       : model_object_(std::move(model)), data_object_(std::move(data)), model_(borrowed<Model>(model_object_)),
-        data_(borrowed<Data>(data_object_)), group_(model_) {
+        data_(borrowed<Data>(data_object_)), axes_(model_), group_(model_) {
     npos = model_.nq;
     nx = nv = model_.nv;
     vector_like = npos == nv;
     for (const auto &joint : model_.joints) {
-      const auto kind = joint.shortname();
-      if (joint.nq() == 2 && joint.nv() == 1) continuous_.push_back({joint.idx_q(), joint.idx_v()});
-      if (kind == "JointModelPlanar") planar_.push_back({joint.idx_q(), joint.idx_v()});
-      axes_stay_ &= joint.nv() == 1 || kind == "JointModelFreeFlyer" || kind == "JointModelSpherical" ||
-                    kind == "JointModelPlanar" || kind == "JointModelTranslation" || !joint.nv();
+      find_turns_in_a_plane(joint);
       if (joint.nv() > 1 && joint.nq() != joint.nv()) curved.push_back({joint.idx_v(), joint.nv()});
     }
     f = tau_ = Vec::Zero(nv);
@@ -59,6 +55,7 @@ public:
 
   const Model &model() const { return model_; }
   Data &data() { return data_; }
+  const TurningAxes &axes() const { return axes_; }
   nb::object data_object() const { return data_object_; }
 
   // Several parts may add up in the same rows; a `fresh` part starts new rows.
@@ -265,7 +262,7 @@ public:
   }
 
   bool row_gradients(double t, const Vec &p, const Vec &v, const Vec &lam, Mat &F, Mat &H) override {
-    if (!axes_stay_) return false;
+    if (!axes_.empty()) return false;
     return std::all_of(rows_.begin(), rows_.end(), [&](const auto &part) {
       return part.first->add_gradients(data_, p, v, lam, part.second, F, H);
     });
@@ -291,17 +288,25 @@ protected:
   nb::object model_object_, data_object_;
   const Model &model_;
   Data &data_;
+  TurningAxes axes_;
   std::vector<std::unique_ptr<Force>> forces_;
   Vec constant_, damping_, tau_;
 
 private:
+  void find_turns_in_a_plane(const pinocchio::JointModel &joint) {
+    if (joint.shortname() == "JointModelComposite")
+      for (const auto &part : boost::get<pinocchio::JointModelComposite>(joint.toVariant()).joints) find_turns_in_a_plane(part);
+    else if (joint.shortname() == "JointModelPlanar") planar_.push_back({joint.idx_q(), joint.idx_v()});
+    else if (joint.nq() == 2 && joint.nv() == 1) continuous_.push_back({joint.idx_q(), joint.idx_v()});
+  }
+
   void find_bias(double t, const Vec &p, const Vec &v, Vec &bias) const {
     bias.setZero(nc);
     for (const auto &[rows, at] : rows_) rows->add_bias(data_, t, p, v, at, bias);
   }
 
   // Whether the motion of bodies follows from Jacobians; rows in Python use what rnea computes.
-  bool by_jacobians() const { return axes_stay_ && !calls_python_; }
+  bool by_jacobians() const { return axes_.empty() && !calls_python_; }
 
   // Velocities and accelerations of the bodies, in world axes.
   void move_bodies(const Vec &v) {
@@ -345,6 +350,10 @@ private:
     pinocchio::computeRNEADerivatives(model_, data_, p, v, a);
     D = data_.dtau_dv;
     K = data_.dtau_dq;
+    if (!axes_.empty()) {
+      axes_.move(data_, p, v, a);
+      axes_.complete(data_, D, K);
+    }
     D.diagonal() += damping_;
     for (const auto &force : forces_) force->linearize(data_, t, p, v, D, K);
   }
@@ -378,7 +387,7 @@ private:
   LieGroup group_;
   std::vector<Continuous> continuous_;
   std::vector<Planar> planar_;
-  bool calls_python_ = false, forces_on_bodies_ = false, axes_stay_ = true; // axes_stay_: joint axes are fixed in the moved bodies
+  bool calls_python_ = false, forces_on_bodies_ = false;
   std::vector<std::pair<std::unique_ptr<Rows>, int>> rows_;
   Mat by_v_, by_q_; // of all forces; kept for later steps
 };

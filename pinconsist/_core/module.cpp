@@ -50,7 +50,9 @@ Coordinate taken(const Place &n) { return {n[0], n[1], n[2] != 0}; }
 template <class Other> const Other &taken(const Other &x) { return x; }
 
 template <class Part, class... Given> auto made(const MechanismSystem &s, const Given &...given) {
-  if constexpr (std::is_constructible_v<Part, const Model &, decltype(taken(given))...>)
+  if constexpr (std::is_constructible_v<Part, const Model &, const TurningAxes &, decltype(taken(given))...>)
+    return std::make_unique<Part>(s.model(), s.axes(), taken(given)...);
+  else if constexpr (std::is_constructible_v<Part, const Model &, decltype(taken(given))...>)
     return std::make_unique<Part>(s.model(), taken(given)...);
   else return std::make_unique<Part>(taken(given)...);
 }

@@ -25,6 +25,7 @@ using Eigen::Vector3d;
 using pinocchio::Data;
 using pinocchio::Model;
 using pinocchio::SE3;
+using Six = Eigen::Matrix<double, 6, 1>; // a twist (linear, angular) or wrench (force, moment) about the origin, world axes
 
 // The C++ object in a Python object that Boost.Python made; the Python object must outlive it.
 template <class T> T &borrowed(nb::handle object) {
@@ -71,6 +72,8 @@ inline Vector3d moved(const Data &data, int column, const Vector3d &x) {
   const auto twist = data.J.col(column);
   return twist.head<3>() + twist.tail<3>().cross(x);
 }
+
+inline Vector3d moved(const Six &twist, const Vector3d &x) { return twist.head<3>() + twist.tail<3>().cross(x); }
 
 inline Vector3d spin(const Data &data, int column) { return data.J.col(column).tail<3>(); }
 

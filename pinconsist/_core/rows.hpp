@@ -23,7 +23,6 @@ struct Rows {
   virtual double difference_step() const { return INF; }
 };
 
-using Six = Eigen::Matrix<double, 6, 1>; // a twist (linear, angular) or wrench (force, moment) about the origin, world axes
 
 // Of a joint with these velocities, its body relative to the parent.
 inline Six joint_twist(const Model &model, const Data &data, int joint, const Vec &v) {

@@ -8,6 +8,7 @@ import pinocchio as pin
 from ..errors import SingularSystemError
 from ..mechanism.assembly import assemble
 from ..mechanism.checks import finite_array
+from ..mechanism.lie import integrate
 from ..mechanism.mechanism import with_added_forces
 from ..mechanism.names import velocity_names
 from ..mechanism.rank import MASSLESS, without_inertia
@@ -19,7 +20,6 @@ from .variations import (
     Locked,
     TangentSpace,
     Varied,
-    along,
     bias,
     by_position,
     by_velocity,
@@ -101,7 +101,7 @@ class Linearization(Locked):
             dq = of_state(varied, self.t, self.q, self.v, self.a, self.lam)[0]
 
         def matrices(i, beside, change):
-            there = q0 if dq is None else pin.integrate(mechanism.model, self.q, change * dq[:, i])
+            there = q0 if dq is None else integrate(mechanism.model, self.q, change * dq[:, i])
             found = linearize(beside, there, v0, t=self.t)
             return np.array([found.mass, found.damping, found.stiffness])
 
@@ -230,4 +230,4 @@ def _frame_turn(system, q, v):
     """T, (nv, nv): if q moves with v and δq is constant, q ⊕ δq has the velocity v + T δq in its own frame."""
     if system.vector_like:
         return np.zeros((system.nv, system.nv))
-    return along(lambda dq: pin.dIntegrate(system.model, q, dq, pin.ARG0) @ v, np.eye(system.nv))
+    return system.bracket(v)

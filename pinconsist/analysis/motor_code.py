@@ -21,6 +21,7 @@ from ..files import written_whole
 from ..mechanism.checks import spread
 from ..mechanism.forces import JointDamping, JointFriction, JointSpring, JointTorque, SpringDamper, model_forces
 from ..mechanism.joint_constraints import Coupling, Drive
+from ..mechanism.lie import integrate
 from ..mechanism.loops import Length, Loop, Turn
 from ..mechanism.names import position_names
 from ..mechanism.rows import LoopRows
@@ -280,7 +281,7 @@ class Symbols:
 def _motions(mechanism):
     """The body velocities for unit velocities of each joint, (6, n); InputError if they depend on q."""
     model, found = mechanism.model, []
-    for q in (pin.neutral(model), pin.integrate(model, pin.neutral(model), np.linspace(0.3, 1.1, model.nv))):
+    for q in (pin.neutral(model), integrate(model, pin.neutral(model), np.linspace(0.3, 1.1, model.nv))):
         data = model.createData()
         pin.computeJointJacobians(model, data, q)
         found.append([np.reshape(joint.S, (6, -1)) if i else None for i, joint in enumerate(data.joints)])

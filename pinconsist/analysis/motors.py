@@ -13,6 +13,7 @@ from ..mechanism.checks import finite_array, number, require_mechanism, warn
 from ..mechanism.closing import NEARLY, LoopSolver
 from ..mechanism.forces import Actuator, Servo
 from ..mechanism.joint_constraints import Drive
+from ..mechanism.lie import difference
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import Motion
 from ..mechanism.names import joints_in, velocity_names
@@ -74,7 +75,7 @@ class Motors:
         Pinocchio's ``difference`` from the neutral configuration.
         """
         model = self.mechanism.model
-        return np.array(pin.difference(model, pin.neutral(model), self._q(q))[self._columns])
+        return np.array(difference(model, pin.neutral(model), self._q(q))[self._columns])
 
     def closure(self, positions, q=None) -> tuple[np.ndarray, np.ndarray | bool]:
         """The configuration with the motors at `positions`: (q, ok).
@@ -145,7 +146,7 @@ class Motors:
                 way[i] = number(np.asarray(value).item(), joint) - self.q[self._places[i]]
             return way
         target = self.mechanism.configuration(goal, base=self.q)
-        return pin.difference(self.mechanism.model, self.q, target)[self._columns]
+        return difference(self.mechanism.model, self.q, target)[self._columns]
 
     def _lead(self, way):
         """(q, ok) after increments of the motors."""
@@ -168,7 +169,7 @@ class Motors:
     def _reached(self, start, way) -> bool:
         """Whether dropped rows are closed, and dependent motors are at their goals."""
         if self._shared:
-            missed = np.abs(pin.difference(self.mechanism.model, start, self.q)[self._columns] - way)
+            missed = np.abs(difference(self.mechanism.model, start, self.q)[self._columns] - way)
             if missed.max() > NEARLY:
                 worst = self.motors[int(np.argmax(missed))]
                 self._reason = f"the positions contradict each other: {worst} misses its position by {missed.max():.3g}"

@@ -17,6 +17,7 @@ import pinocchio as pin
 from scipy.linalg import qr, solve_triangular
 
 from ..errors import InputError, SingularSystemError
+from ..mechanism.axes import SMOOTH, rnea_derivatives
 from ..mechanism.checks import finite_array
 from ..mechanism.closing import check_closing, newton
 from ..mechanism.motion import AHEAD, difference_step, first
@@ -25,12 +26,9 @@ from ..mechanism.rank import independent_rows
 from ..mechanism.system import MechanismSystem
 
 NEUTRAL = 1e-10  # relative to the stiffness: smaller values cannot be distinguished from zero
-SMOOTH = 5e-3  # step of differences of kinematics, rad or lengths of the mechanism: errors near 1e-13
 NARROW = 1e-4  # step of differences of forces, which may vary over short distances: errors near 1e-11
 MOTOR_WEIGHT = 10.0  # preference for motorised joints as coordinates
 EQUAL = 1e-6  # joints whose shares in the free motions differ by less are equally good coordinates
-TURNING_AXES = ("JointModelSphericalZYX", "JointModelUniversal", "JointModelComposite", "JointModelEllipsoid")
-"""Joints whose axes depend on their own position, which Pinocchio's derivatives of rnea leave out."""
 
 
 class TangentSpace:
@@ -105,11 +103,7 @@ def along_places(function, system, q, Z, step=SMOOTH) -> np.ndarray:
 def by_position(system, t, q, v, a, lam, Z) -> np.ndarray:
     """∂(M a + nle - τ - Jᵀλ)/∂q Z at constant λ, shape (nv, n): stiffness, including the geometric one of Jᵀλ."""
     model, data = system.model, system.model.createData()
-    if _has_turning_axes(model):
-        carried = along_places(lambda x: pin.rnea(model, data, x, v, a), system, q, Z)
-    else:
-        pin.computeRNEADerivatives(model, data, q, v, a)
-        carried = data.dtau_dq @ Z
+    carried = rnea_derivatives(model, data, q, v, a)[0] @ Z
     loads = along_places(lambda x: system.loop_rows(x, t)[1].T @ lam, system, q, Z)
     return carried - along_places(lambda x: system.torque(t, x, v), system, q, Z, NARROW) - loads
 
@@ -119,14 +113,7 @@ def by_velocity(system, t, q, v, a) -> np.ndarray:
     model, data = system.model, system.model.createData()
     widths, every = step_sizes(system, q) + np.abs(v), np.eye(system.nv)
     forces = along(lambda dv: system.torque(t, q, v + dv), every, NARROW * widths)
-    if _has_turning_axes(model):  # differences of a quadratic function are exact for any step
-        return along(lambda dv: pin.rnea(model, data, q, v + dv, a), every, widths) - forces
-    pin.computeRNEADerivatives(model, data, q, v, a)
-    return data.dtau_dv - forces
-
-
-def _has_turning_axes(model) -> bool:
-    return any(joint.shortname() in TURNING_AXES for joint in model.joints)
+    return rnea_derivatives(model, data, q, v, a)[1] - forces
 
 
 def rates_of_loops(system, t, q, v, a, Z):

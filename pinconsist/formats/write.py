@@ -17,6 +17,7 @@ import yaml
 from ..errors import FormatError, InputError
 from ..files import require_writable, suffixed, written_whole
 from ..mechanism.checks import require_mechanism
+from ..mechanism.lie import integrate
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.names import by_joint
 from ..mechanism.rows import LoopRows
@@ -123,7 +124,7 @@ def _same(mechanism, back) -> bool:
     if (back.joints, back.nq, back.nv, back.nc) != (mechanism.joints, mechanism.nq, mechanism.nv, mechanism.nc):
         return False
     rng = np.random.default_rng(0)
-    q = pin.integrate(mechanism.model, mechanism.guess, rng.uniform(-0.5, 0.5, mechanism.nv))
+    q = integrate(mechanism.model, mechanism.guess, rng.uniform(-0.5, 0.5, mechanism.nv))
     v = rng.uniform(-1, 1, mechanism.nv)
     pairs = zip(_equations(mechanism, q, v), _equations(back, q, v), strict=True)
     return all(np.allclose(one, two, rtol=_SAME, atol=_SAME * (1 + np.abs(one).max(initial=0))) for one, two in pairs)

@@ -11,6 +11,7 @@ from ..errors import AssemblyError, InputError
 from .checks import coordinates, finite_array, require_mechanism, warn
 from .closing import CLOSED, NEARLY, LoopSolver
 from .correction import hint
+from .lie import difference
 from .names import filled
 from .rank import dependencies, weak_text
 
@@ -153,7 +154,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
         rows=len(J),
         rank=len(kept),
         mobility=mobility,
-        moved=float(np.abs(pin.difference(mechanism.model, guess, best)).max(initial=0.0)),
+        moved=float(np.abs(difference(mechanism.model, guess, best)).max(initial=0.0)),
         iterations=iterations,
         _rows=(J, kept, solver.loop_rows.labels),
     )
@@ -161,7 +162,7 @@ def assembled(solver: LoopSolver, q=None, v=None, fixed=None, tolerance=NEARLY, 
 
 def not_kept(mechanism, named, q, tolerance: float = KEPT) -> list[str]:
     """The joints of `named`, joint → value, that have other values in the configuration `q`."""
-    apart = np.abs(pin.difference(mechanism.model, q, mechanism.configuration(named, base=q)))
+    apart = np.abs(difference(mechanism.model, q, mechanism.configuration(named, base=q)))
     return [joint for joint in named if apart[mechanism.columns(joint)].max() > tolerance]
 
 

@@ -1,10 +1,10 @@
 """Closing loops from nearby and distant guesses, and moving joints while the loops stay closed."""
 
 import numpy as np
-import pinocchio as pin
 from scipy.linalg import qr
 
 from ..errors import InputError
+from .lie import difference, integrate
 from .rank import HELD, RANK_TOLERANCE, Ranking, free_motions, row_scales
 from .rows import LoopRows
 
@@ -85,7 +85,7 @@ class LoopSolver:
             if self.size(best) <= NEARLY:
                 break
             nudge = np.where(free, rng.uniform(-0.5, 0.5, self.model.nv), 0.0)
-            other, iterations = self.descend(pin.integrate(self.model, guess, nudge), free)
+            other, iterations = self.descend(integrate(self.model, guess, nudge), free)
             total += iterations
             if self.size(other) < 0.5 * self.size(best):
                 best = other
@@ -107,7 +107,7 @@ class LoopSolver:
             mu = damping * min(value, 1e-2)
             dx = -J.T @ np.linalg.lstsq(J @ J.T + mu * np.eye(len(phi)), phi, rcond=1e-14)[0]
             dx *= min(1.0, 1.0 / max(np.linalg.norm(dx), 1e-300))
-            new_q = pin.integrate(self.model, q, dx)
+            new_q = integrate(self.model, q, dx)
             new_phi, new_J = self.rows(new_q)
             new_value = new_phi @ new_phi
             if new_value < value:
@@ -128,7 +128,7 @@ class LoopSolver:
         the path is blocked: at the end of the workspace, at a singular position, or because the loops do not allow
         these joints to move that way together.
         """
-        way = np.where(free, 0.0, pin.difference(self.model, q, goal))
+        way = np.where(free, 0.0, difference(self.model, q, goal))
         length = np.abs(way).max(initial=0.0)
         if self.size(q) > CLOSED or not 0.0 < length <= MOST_STRIDES * STRIDE:
             return None
@@ -148,8 +148,8 @@ class LoopSolver:
         dx = step - np.linalg.lstsq(np.where(free, J, 0.0), J @ step, rcond=RANK_TOLERANCE)[0]
         if np.abs(dx).max() > LEAP:
             return None
-        reached = newton(self.rows, self.model, self.loop_rows.turns, pin.integrate(self.model, q, dx), LEAP, free)
-        leaps = reached is not None and np.abs(pin.difference(self.model, q, reached)).max() > LEAP
+        reached = newton(self.rows, self.model, self.loop_rows.turns, integrate(self.model, q, dx), LEAP, free)
+        leaps = reached is not None and np.abs(difference(self.model, q, reached)).max() > LEAP
         return None if leaps else reached
 
 
@@ -169,7 +169,7 @@ def newton(rows, model, turns, q, longest, free=True, tolerance=RANK_TOLERANCE):
         dq = np.linalg.lstsq(np.where(free, J, 0.0) / scales[:, None], -phi / scales, rcond=tolerance)[0]
         if not (np.isfinite(dq).all() and np.max(np.abs(dq) / longest) < 1.0):
             return None
-        q, last = pin.integrate(model, q, dq), size
+        q, last = integrate(model, q, dq), size
     return None
 
 

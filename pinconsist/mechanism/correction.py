@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from .closing import LoopSolver, newton, steady
 from .description import digests
+from .lie import difference, integrate
 from .loops import anchor
 from .rank import ROUNDED, row_scales
 
@@ -194,11 +195,11 @@ class Walk:
                 break
             chosen, reach = rng.standard_normal(free.shape[1]), _REACH * rng.uniform(0.5, 1.0)
             motion = free @ (chosen + onward * free.T @ ahead / max(np.linalg.norm(ahead), 1e-300))
-            near = pin.integrate(model, found[-1], reach * motion / np.linalg.norm(motion))
+            near = integrate(model, found[-1], reach * motion / np.linalg.norm(motion))
             at = self.settled(self.solver.descend(near, enough=self.weak)[0])
             if at is not None and (self.solver.size(at) > self.weak or self.rank(at) < rank):  # open, or a branch
                 at = None
-            ahead = rng.standard_normal(model.nv) if at is None else pin.difference(model, found[-1], at)
+            ahead = rng.standard_normal(model.nv) if at is None else difference(model, found[-1], at)
         return found
 
     def singular(self, q):
@@ -211,7 +212,7 @@ class Walk:
             if rank == k and (best is None or s[k] < best[0]):
                 best = s[k], q
             free, u, v = Vt[rank:], U[:, k] / scales, Vt[k]
-            near = [pin.integrate(self.solver.model, q, _STEP * z) for z in free]
+            near = [integrate(self.solver.model, q, _STEP * z) for z in free]
             slope = np.array([u @ self.solver.rows(each)[1] @ v - s[k] for each in near]) / _STEP
             steep = slope @ slope
             if s[k] < _VANISHES * s[0] or not steep:
@@ -219,7 +220,7 @@ class Walk:
             way = -s[k] * slope / steep
             way *= min(1.0, _REACH / np.linalg.norm(way))
             weak = 3.0 * s[k] / s[0]  # the combination of rows that vanishes there need not be closed
-            q = self.settled(pin.integrate(self.solver.model, q, way @ free), weak if weak < _NEAR else 0.0)
+            q = self.settled(integrate(self.solver.model, q, way @ free), weak if weak < _NEAR else 0.0)
             if q is None:
                 break
         return best and best[1]

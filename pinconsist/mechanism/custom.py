@@ -11,6 +11,7 @@ from ..errors import InputError
 from .breakpoints import knots_of, time_function
 from .checks import name, number, put, put_checked, require_functions, returned
 from .joint_constraints import Rows
+from .lie import integrate
 from .motion import TIME_STEP, UNLIMITED, check_rate, check_slope, first, in_time
 
 REACH = 10.0  # times `step`: step of the second difference along the motion
@@ -127,7 +128,7 @@ class ConstraintRows(Rows):
         reach = self.breakpoints.reach(t) if self.moving else (UNLIMITED, True)
 
         def place(s):
-            return pin.integrate(self.model, q, s * v)
+            return integrate(self.model, q, s * v)
 
         if self.loop.jacobian is not None and (self.loop.rate is not None or not self.moving):
             return in_time(lambda s: self._jacobian(t + s, x := place(s)) @ v + self.rate(t + s, x), 1, step, *reach)
@@ -145,7 +146,7 @@ class ConstraintRows(Rows):
             check_rate(f"{who} its rate", "function", lambda t: self._phi(t, q), lambda t: self.rate(t, q), t, steps)
 
     def _along(self, t, q, unit):
-        return lambda s: self._phi(t, pin.integrate(self.model, q, s * unit))
+        return lambda s: self._phi(t, integrate(self.model, q, s * unit))
 
     def _phi(self, t, q):
         return self._call("function", t, q)

@@ -16,6 +16,7 @@ from .forces import Actuator, Piecewise, SpringDamper, Torque, Wrench
 from .forces.force import ForceRecord
 from .forces.held import HeldRecord
 from .joint_constraints import Coordinate, Coupling, Drive
+from .lie import difference
 from .loops import Loop, blocks
 from .names import by_joint
 from .rank import RANK_TOLERANCE, free_motions
@@ -53,7 +54,7 @@ def _still_joints(solver, places):
     for place in places[1:] or places:  # the first may be a singular position
         free = free_motions(solver.rows(place)[1], solver.loop_rows.turns)
         share = np.maximum(share, np.abs(free).max(axis=1, initial=0.0))
-        share = np.maximum(share, np.abs(pin.difference(solver.model, places[0], place)))
+        share = np.maximum(share, np.abs(difference(solver.model, places[0], place)))
     return tuple(joint for joint in mechanism.joints if share[mechanism.columns(joint)].max() < IMMOBILE)
 
 

@@ -1,7 +1,36 @@
-"""Lie-group formulas where Pinocchio's lose digits: Lie brackets, and turns in a plane without cancellation."""
+"""Lie-group formulas where Pinocchio's lose digits: Lie brackets, and turns in a plane without cancellation.
+
+Configurations are moved and compared by :func:`integrate`, :func:`difference` and :func:`interpolate` in all of the
+package, never by Pinocchio's functions of the same names.
+"""
+
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
+
+
+def integrate(model: pin.Model, q, xi) -> np.ndarray:
+    """q ⊕ ξ, shape (nq,)."""
+    if model.nq == model.nv:
+        return q + xi
+    out = pin.integrate(model, q, xi)
+    PlaneTurns.of(model).integrate(q, xi, out)
+    return out
+
+
+def difference(model: pin.Model, q0, q1) -> np.ndarray:
+    """ξ with q0 ⊕ ξ = q1, shape (nv,)."""
+    if model.nq == model.nv:
+        return q1 - q0
+    out = pin.difference(model, q0, q1)
+    PlaneTurns.of(model).difference(q0, q1, out)
+    return out
+
+
+def interpolate(model: pin.Model, q0, q1, share: float) -> np.ndarray:
+    """The configuration at a share of the way from one to another, shape (nq,)."""
+    return integrate(model, q0, share * difference(model, q0, q1))
 
 
 def structure_constants(model: pin.Model):
@@ -28,10 +57,15 @@ class PlaneTurns:
     """
 
     def __init__(self, model: pin.Model):
-        joints = list(model.joints)[1:] if model.nq != model.nv else []  # with nq = nv, none has a cosine
+        joints = _simple(list(model.joints)[1:]) if model.nq != model.nv else []  # with nq = nv, none has a cosine
         self._continuous = [(joint.idx_q, joint.idx_v) for joint in joints if (joint.nq, joint.nv) == (2, 1)]
         planar = [joint for joint in joints if joint.shortname() == "JointModelPlanar"]
         self._planar = [(slice(joint.idx_q, joint.idx_q + 4), slice(joint.idx_v, joint.idx_v + 3)) for joint in planar]
+
+    @staticmethod
+    def of(model: pin.Model) -> "PlaneTurns":
+        """Those of a model, found once."""
+        return _FOUND.get(model) or _FOUND.setdefault(model, PlaneTurns(model))
 
     def integrate(self, q, xi, out) -> None:
         """Write the part of planar joints of q ⊕ ξ into `out`."""
@@ -56,6 +90,20 @@ class PlaneTurns:
             half = 0.5 * _turn(cos, sin, c, s)
             scale = np.cos(half) / np.sinc(half / np.pi)  # w/2 cot(w/2)
             out[along] = (scale * x + half * y, scale * y - half * x, 2.0 * half)
+
+
+_FOUND: WeakKeyDictionary[pin.Model, PlaneTurns] = WeakKeyDictionary()
+
+
+def _simple(joints) -> list:
+    """The joints, with the parts of composite ones in their place."""
+    found: list = []
+    for joint in joints:
+        if joint.shortname() == "JointModelComposite":
+            found += _simple((joint.extract() if hasattr(joint, "extract") else joint).joints)
+        else:
+            found.append(joint)
+    return found
 
 
 def _turn(cos, sin, c, s):

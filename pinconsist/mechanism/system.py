@@ -10,13 +10,14 @@ import pinocchio as pin
 from ..dae.problem import Index3System
 from ..errors import PinconsistError
 from .assembly import velocity_on_constraints
+from .axes import rnea_derivatives
 from .breakpoints import Breakpoints
 from .checks import read_only
 from .closing import LoopSolver
 from .forces import bound_forces
 from .forces.force import BoundForce
 from .forces.held import BoundHeld
-from .lie import PlaneTurns, structure_constants
+from .lie import difference, integrate, structure_constants
 from .mechanism import Mechanism
 from .names import velocity_names
 from .rows import KeptRows
@@ -56,9 +57,7 @@ class MechanismSystem(Index3System):
         breakpoints = self.rows.breakpoints if self.rows.moving else Breakpoints()
         breakpoints.add(force for force in forces.values() if isinstance(force, BoundForce))
         self._take(forces, breakpoints)
-        # Views of the workspace. M is stored by columns; its transpose, which is equal, can be added faster.
-        self._M, self._f_q, self._f_v = self.data.M.T, self.data.dtau_dq, self.data.dtau_dv
-        self._turns = PlaneTurns(self.model)
+        self._M = self.data.M.T  # a view; M is stored by columns; its transpose, which is equal, can be added faster
         self.moving, self._J, self._solver = self.rows.moving, None, None
         self._structure = None if self.vector_like else structure_constants(self.model)
 
@@ -116,18 +115,10 @@ class MechanismSystem(Index3System):
         return len(self.changing) > bool(self.breakpoints) or self.breakpoints.jump_at(t, read_only(p), read_only(v))
 
     def integrate(self, p, xi):
-        if self.vector_like:
-            return p + xi
-        q = pin.integrate(self.model, p, xi)
-        self._turns.integrate(p, xi, q)
-        return q
+        return integrate(self.model, p, xi)
 
     def difference(self, p0, p1):
-        if self.vector_like:
-            return p1 - p0
-        xi = pin.difference(self.model, p0, p1)
-        self._turns.difference(p0, p1, xi)
-        return xi
+        return difference(self.model, p0, p1)
 
     def rate(self, t, p, v):
         return v
@@ -156,8 +147,7 @@ class MechanismSystem(Index3System):
         return self._J
 
     def matrices(self, t, p, v, a):
-        pin.computeRNEADerivatives(self.model, self.data, p, v, a)
-        f_v, f_q = self._f_v.copy(), self._f_q.copy()
+        f_q, f_v = rnea_derivatives(self.model, self.data, p, v, a)
         for force in self.forces.values():
             tau_q, tau_v = force.derivatives(t, p, v)
             if tau_v is not None:
@@ -285,7 +275,7 @@ class MechanismSystem(Index3System):
         solver, rng, highest = LoopSolver(self.mechanism, self.chosen_at), np.random.default_rng(0), 0
         for _ in range(3):
             motion = free @ rng.standard_normal(free.shape[1])
-            nearby, _ = solver.close(pin.integrate(self.model, q, NEARBY * motion / np.linalg.norm(motion)))
+            nearby, _ = solver.close(integrate(self.model, q, NEARBY * motion / np.linalg.norm(motion)))
             highest = max(highest, len(solver.kept(nearby)))
         return highest
 
@@ -310,7 +300,7 @@ class MechanismSystem(Index3System):
         if (known := self.rows.vanishing.get(rows)) is not None:
             return known
         rng = np.random.default_rng(0)
-        places = [pin.integrate(self.model, q, rng.uniform(-1, 1, self.nv)) for _ in range(3)]
+        places = [integrate(self.model, q, rng.uniform(-1, 1, self.nv)) for _ in range(3)]
         try:
             found = not any(np.abs(self.loop_rows(place)[1][list(rows)]).max(initial=0.0) > 1e-13 for place in places)
         except PinconsistError:  # a user-defined constraint need not be defined there

@@ -17,6 +17,7 @@ from ..mechanism.checks import finite_array, number, require_mechanism
 from ..mechanism.forces import Actuator, JointTorque, Servo, SpringDamper, Wrench
 from ..mechanism.forces.actuators import replayed
 from ..mechanism.forces.held import Held
+from ..mechanism.lie import interpolate
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.rows import Workspace
@@ -111,7 +112,7 @@ class Run:
         step = self.elapsed[after] - self.elapsed[before]
         share = np.divide(elapsed - self.elapsed[before], step, out=np.ones(len(step)), where=step > 0).clip(0, 1)
         pairs = zip(self.q[before], self.q[after], share, strict=True)
-        q = np.array([pin.interpolate(self.mech.model, *pair) for pair in pairs])
+        q = np.array([interpolate(self.mech.model, *pair) for pair in pairs])
 
         others = self._each(lambda x: x[before] + (share * (x[after] - x[before]).T).T)
         return replace(self, **others | {"elapsed": elapsed, "q": q}, true=self.true and self.true.at(elapsed))

@@ -12,9 +12,12 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InputError
+from ..axes import SMOOTH, turning_columns
 from ..breakpoints import time_function
 from ..checks import frame_of, name, number, put_checked, returned, triple
+from ..lie import integrate
 from ..loops import GROUND
+from ..motion import first
 from .force import BoundForce, ForceRecord
 
 SHORTEST = 1e-9
@@ -56,13 +59,31 @@ class _Points:
         they rotate with their bodies; otherwise they keep their directions in the world.
         """
         change = 0.0
+        places = [self.data.oMi[point.joint].copy() for point, _, _ in loads]
         for point, force, moment in loads:
             if point.joint:
                 about_origin = moment + pin.skew(point.x).dot(force)
                 self._loads[point.joint] = self.data.oMi[point.joint].actInv(pin.Force(force, about_origin))
                 if not turning:  # a fixed direction rotates relative to its body
                     change += (point.J.T.dot(pin.skew(force)) + point.spin.T.dot(pin.skew(moment))).dot(point.spin)
-        return change - pin.computeStaticTorqueDerivatives(self.model, self.data, q, self._loads)
+        change = change - pin.computeStaticTorqueDerivatives(self.model, self.data, q, self._loads)
+        if (columns := turning_columns(self.model)).size:
+            offsets = [place.actInv(point.x) for place, (point, _, _) in zip(places, loads, strict=True)]
+
+            def torque(xi):
+                self.move(integrate(self.model, q, xi))
+                total = np.zeros(self.model.nv)
+                for place, offset, (point, force, moment) in zip(places, offsets, loads, strict=True):
+                    there = self.at(point.joint, offset)
+                    turn = self.data.oMi[point.joint].rotation @ place.rotation.T if turning else np.eye(3)
+                    total += (turn @ force) @ there.J + (turn @ moment) @ there.spin
+                return total
+
+            for column in columns:
+                unit = np.arange(self.model.nv) == column
+                change[:, column] = first(lambda s, e=unit: torque(s * e), SMOOTH)
+            self.move(q)
+        return change
 
 
 class _BoundSpring(BoundForce):
