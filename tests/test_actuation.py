@@ -1,5 +1,7 @@
 """Actuation: from motors to all joints, and the dynamics that motors feel."""
 
+import copy
+import pickle
 import warnings
 from functools import cache
 from pathlib import Path
@@ -12,6 +14,8 @@ from helpers import actuated
 import pinconsist as pc
 from pinconsist.analysis.coordinates import Follower
 from pinconsist.dae.index1 import solve_acceleration
+from pinconsist.mechanism.lie import difference
+from pinconsist.mechanism.names import velocity_names
 from pinconsist.mechanism.system import MechanismSystem
 
 ROBOTS = Path(__file__).resolve().parents[2] / "shared" / "robots"
@@ -451,3 +455,21 @@ def test_drives_of_motors_are_left_out_and_others_refused():
         pc.Actuation(driven, ["right_crank"])
     still = mech.add_loops(pc.Drive("a", "left_crank", pc.Motion(start=-2.2)))
     assert pc.Actuation(still, ["right_crank"]).mobility == 1
+
+
+@pytest.mark.filterwarnings("ignore:.*motions free")
+@pytest.mark.parametrize("seed", range(5))
+def test_held_joints_stay_where_they_are(seed):
+    """Other free joints were chosen on the way, and these then moved. A copy goes the same way."""
+    mech = pc.load("stewart_platform")
+    act = pc.Actuation(mech, [mech.joints[0]])
+    start, goal = act.q.copy(), act.positions() + np.random.default_rng(seed).uniform(-2.0, 2.0, 1)
+    names = list(velocity_names(mech.model))
+    held = [names.index(name) for name in act.free]
+    twins = pickle.loads(pickle.dumps(act)), copy.deepcopy(act)
+    q, ok = act.closure(goal)
+    np.testing.assert_allclose(difference(mech.model, start, q)[held], 0.0, rtol=0, atol=1e-12)
+    for twin in twins:
+        np.testing.assert_array_equal(twin.closure(goal)[0], q)
+    if ok:
+        np.testing.assert_allclose(act.closure(twins[0].positions(start))[0], start, rtol=0, atol=1e-10)

@@ -1,5 +1,7 @@
 """Derivatives of runs by parameters, against differences of reference runs that know nothing of them."""
 
+import copy
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -431,3 +433,12 @@ def test_user_defined_forces_and_a_short_description():
     ends = [pc.simulate(build([x]), (0.0, 0.02), v0=v0, rtol=1e-10, atol=1e-12).q[-1] for x in (2.1, 1.9)]
     np.testing.assert_allclose(found.dq[-1, :, 0], (ends[0] - ends[1]) / 0.2, rtol=1e-4)
     assert repr(found) == f"Sensitivities of crank_rocker by push: {len(found.dq)} rows"
+
+
+def test_copies_have_the_rows():
+    found = pc.sensitivities(pc.load("crank_rocker"), ["mass:coupler"], (0.0, 0.05))
+    for twin in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
+        np.testing.assert_array_equal(twin.dq, found.dq)
+        np.testing.assert_array_equal(twin.dlam, found.dlam)
+        with pytest.raises(pc.InputError, match="only the rows of the run"):
+            twin.at(0.01)

@@ -7,7 +7,7 @@ Newton's corrections decrease at once, and det B keeps its sign: det B vanishes 
 assembly modes meet, and only there. In C++: ``_core/closure.hpp``.
 """
 
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.linalg import LinAlgError, lu_factor, lu_solve, qr
@@ -36,30 +36,34 @@ class Coordinates:
     """Coordinates of the mechanism of a LoopSolver, chosen at a closed `q`, and functions that depend on the choice.
 
     ``columns`` are ``n_motors`` independent columns of `motors`, whose indices among the motors are ``own``, then the
-    free columns. ``p`` are all other columns, as many as there are independent rows.
+    `free` columns: those that are passed, or else the best ones at `q`. ``p`` are all other columns, as many as there
+    are independent rows.
     """
 
-    def __init__(self, solver, motors, q):
-        self._solver, self._motors = solver, motors
+    def __init__(self, solver, motors, q, free=None):
+        self._solver, self._motors, self.chosen_at = solver, motors, q
         self.system = system = MechanismSystem(solver.mechanism, q, solver.t, solver)
         self.sizes = step_sizes(system, q)
-        free = null_space(system.loop_rows(q)[1][system.kept])
-        moved = free[motors]
+        motions = null_space(system.loop_rows(q)[1][system.kept])
+        moved = motions[motors]
         R, pivots = qr(moved.T, mode="r", pivoting=True) if moved.size else (np.zeros((0, 0)), np.zeros(0, int))
         self.n_motors = np.count_nonzero(np.abs(np.diagonal(R)) > HELD)
         self.own = np.sort(pivots[: self.n_motors])
-        rest = free @ null_space(moved[self.own])
-        rest[motors] = 0.0
-        others = qr(rest.T, mode="r", pivoting=True)[1][: rest.shape[1]] if rest.size else np.zeros(0, int)
-        self.columns = np.array([*motors[self.own], *np.sort(others)], dtype=int)
+        if free is None:
+            rest = motions @ null_space(moved[self.own])
+            rest[motors] = 0.0
+            free = qr(rest.T, mode="r", pivoting=True)[1][: rest.shape[1]] if rest.size else np.zeros(0, int)
+        self.columns = np.array([*motors[self.own], *np.sort(free)], dtype=int)
         self.p = np.setdiff1d(np.arange(system.nv), self.columns)
         self._compiled = compiled_system(system) if load()[0] is not None else None
-        if self._compiled is not None:
-            self.follower = load()[0].ClosureFollower(self._compiled, self.columns.tolist(), self.sizes, list(NUMBERS))
-            self.rows = self._compiled.rows
-        else:
-            self.rows = partial(_rows, system)
-            self.follower = Follower(self.rows, system.integrate, self.columns, self.sizes)
+        self.rows = partial(_rows, system) if self._compiled is None else self._compiled.rows
+
+    @cached_property
+    def follower(self):
+        """The follower of paths along these coordinates."""
+        if self._compiled is None:
+            return Follower(self.rows, self.system.integrate, self.columns, self.sizes)
+        return load()[0].ClosureFollower(self._compiled, self.columns.tolist(), self.sizes, list(NUMBERS))
 
     def dynamics(self, t, q, v):
         """M, the inertial forces and weights minus τ of the forces, J, and J̇ v at a state."""
@@ -88,15 +92,15 @@ class Coordinates:
             return float(np.abs(self.rows(q)[0]).max(initial=0.0))
         return float(np.abs(self.system.loop_rows(q)[0]).max(initial=0.0))
 
-    def weakest(self, q):
+    def weakest(self, q, columns=None):
         """(singular values, velocities) of the map from the motions that the loops allow to the motors, smallest last.
 
         The map is taken in an orthonormal basis of these motions: a value is 1 if the motion consists of motor
         velocities only, and 0 if the motors stand still in it. The columns of the velocities (nv, n) are the singular
-        vectors.
+        vectors. With `columns`, the map is that to these velocities instead of the motors.
         """
         free = free_motions(self._solver.rows(q)[1], self._solver.loop_rows.turns)
-        _, sizes, Vt = np.linalg.svd(free[self._motors])
+        _, sizes, Vt = np.linalg.svd(free[self._motors if columns is None else columns])
         return np.append(sizes, np.zeros(len(Vt) - len(sizes))), free @ Vt.T
 
 

@@ -56,6 +56,16 @@ class Motors:
                 f"{', '.join(self.free)}; these are held, and carry no torque. Name more motors, or lock joints"
             )
 
+    def __getstate__(self):
+        """Without workspaces, which are made again with the same choice of coordinates."""
+        chosen = self._chosen
+        return self.__dict__ | {"_solver": None, "_chosen": (chosen.chosen_at, chosen.columns[chosen.n_motors :])}
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        self._solver = LoopSolver(self.mechanism)
+        self._chosen = Coordinates(self._solver, self._columns, *state["_chosen"])
+
     def __repr__(self):
         share = f"; {len(self.motors) - self._chosen.n_motors} more than needed" if self._shared else ""
         lines = [f"Actuation of {self.mechanism.name}: mobility {self.mobility}, {self._counted()}{share}"]
@@ -180,10 +190,14 @@ class Motors:
         return True
 
     def _choose(self, q) -> bool:
-        """Choose new coordinates at `q`; False if they are the same, or their numbers would differ."""
-        fresh, old = Coordinates(self._solver, self._columns, q), self._chosen
+        """Choose new coordinates at `q`; False if they are the same, or their numbers would differ.
+
+        The free columns stay the same, as their joints are held.
+        """
+        old = self._chosen
+        fresh = Coordinates(self._solver, self._columns, q, old.columns[old.n_motors :])
         same = np.array_equal(fresh.columns, old.columns) and np.array_equal(fresh.system.kept, old.system.kept)
-        if same or (fresh.n_motors, len(fresh.columns)) != (old.n_motors, len(old.columns)):
+        if same or fresh.n_motors != old.n_motors or len(fresh.p) != len(old.p) or len(fresh.p) != fresh.system.nc:
             return False
         self._chosen = fresh
         return True
@@ -193,6 +207,12 @@ class Motors:
         n = self._chosen.n_motors
         names = ", ".join(joints_in(self.mechanism, motions[:, n - 1 : len(sizes) - len(self.free)]))
         where = f"a singular position, condition {sizes[n - 1]:.1e}, where {names} can move with the motors held"
+        if self.free:
+            held, motions = self._chosen.weakest(q, self._chosen.columns)
+            if held[-1] < sizes[n - 1]:
+                names = ", ".join(joints_in(self.mechanism, motions[:, -1:]))
+                where = f"a position, condition {held[-1]:.1e}, where {names} can move with the motors held, and "
+                where += f"{', '.join(self.free)} too"
         return f"at {self._stand(q)}: {where}"
 
     def condition(self, q=None) -> float:

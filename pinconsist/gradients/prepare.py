@@ -13,6 +13,7 @@ from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.parameters import Parameter, parameter, part_at
 from ..simulation import simulate
 from .forward import legs_of
+from .jumps import refuse_jumps
 from .variants import Side, variants_of
 
 SPEED = "_speed"
@@ -42,6 +43,9 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     if solution.sol is None:
         raise PinconsistError(f"the run itself failed: {solution.message}")
     legs = legs_of(solution.sol, base.index1)
+    for leg in legs:
+        leg.system.differentiate_forces()
+    refuse_jumps(solution, legs, base)
     first = legs[0].start
     state, parameters = first(first.t_old)[:2], getattr(build, "parameters", ())
     end = legs[-1].span[1]  # where time-dependent terms have changed most

@@ -52,7 +52,7 @@ class Sensitivities:
     event_times: list
     work: dict
     _legs: list[Leg] = field(repr=False)
-    _pass: ForwardPass = field(repr=False)
+    _pass: ForwardPass | None = field(repr=False)
 
     def __repr__(self):
         return f"Sensitivities of {self.solution.scene or 'a run'} by {', '.join(self.names)}: {len(self.dq)} rows"
@@ -73,17 +73,17 @@ class Sensitivities:
         Raises
         ------
         InputError
-            A time outside the run.
+            A time outside the run; copied or unpickled sensitivities, which have only the rows of the run.
         """
-        times = finite_array(t, "t")
+        followed, times = self._followed(), finite_array(t, "t")
         asked, (begin, end) = np.atleast_1d(times), (self._legs[0].span[0], self._legs[-1].span[1])
         if (asked < min(begin, end)).any() or (asked > max(begin, end)).any():
             raise InputError(f"the run covers t = {begin:g} to {end:g} s, requested {t}")
-        sign, ends = self._pass.sign, np.array([leg.span[1] for leg in self._legs])
+        sign, ends = followed.sign, np.array([leg.span[1] for leg in self._legs])
         holders = np.minimum(np.searchsorted(sign * ends, sign * asked), len(ends) - 1)
         rows = np.empty((len(asked), len(self.names), 2 * self.dv.shape[1] + self.dlam.shape[1]))
         for i in np.unique(holders):
-            rows[holders == i] = self._pass.finished(self._legs[i], asked[holders == i])
+            rows[holders == i] = followed.finished(self._legs[i], asked[holders == i])
         parts = _parts(rows, self.dv.shape[1])
         return parts if times.ndim else tuple(part[0] for part in parts)
 
@@ -107,11 +107,12 @@ class Sensitivities:
         ------
         InputError
             A name that means nothing; a quantity whose time, or that of an event which it includes, is that of an event
-            that changes the state or ends the run.
+            that changes the state or ends the run; copied or unpickled sensitivities.
         """
+        followed = self._followed()
         if isinstance(function, str | Quantity):
             return derivatives(self, function)
-        base, system, rows = self._pass.base, self._legs[0].system, []
+        base, system, rows = followed.base, self._legs[0].system, []
 
         def at(side, t, q, v_and_lam):
             v, lam = np.split(v_and_lam, [system.nv])
@@ -121,9 +122,21 @@ class Sensitivities:
         by_state = np.concatenate((self.dq, self.dv, self.dlam), axis=1).transpose(0, 2, 1)
         for t, q, v, lam, s in zip(sol.t, sol.q, sol.v, sol.lam, by_state, strict=True):
             state = base, system, float(t), q, np.concatenate((v, lam))
-            pairs = zip(self._pass.variants, s, strict=True)
+            pairs = zip(followed.variants, s, strict=True)
             rows.append(np.stack([moved(at, variant, *state, row) for variant, row in pairs], axis=-1))
         return np.array(rows)
+
+    def __getstate__(self):
+        """Without the steps of the run and its systems, which hold Pinocchio's workspaces and the user's functions."""
+        return self.__dict__ | {"_legs": [], "_pass": None}
+
+    def _followed(self) -> ForwardPass:
+        if self._pass is None:
+            raise InputError(
+                "copied or unpickled sensitivities have only the rows of the run: call at() and of() before, or choose "
+                "the rows by t_eval="
+            )
+        return self._pass
 
 
 def sensitivities(

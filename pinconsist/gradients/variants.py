@@ -25,6 +25,7 @@ from .known import SIDES, Known, parts_of
 
 SMOOTH, ROUGH = 3e-8, 1e-5  # relative change of a difference quotient when the step is doubled: desired, and allowed
 MOST_TRIES, SHORTER = 4, 5.0
+ROUNDING = 1e-14  # relative to the residuals: rounding errors of their differences
 WIDE = 1e-3  # relative to a value: step of parameters that need only fourth-order differences
 
 
@@ -83,6 +84,7 @@ class Side:
             q = self.mechanism.guess
             system = MechanismSystem(self.mechanism, q, like.chosen_at, kept=like.kept)
             system.dropped_are_zero = like.dropped_are_zero
+            system.differentiate_forces()
             self._systems[key] = index1_of(system, self.compiled)
         return self._systems[key]
 
@@ -259,7 +261,10 @@ def _smooth(beside, step, tries, system, t, p, v) -> Variant:
 
 
 def _roughness(variant, system, t, p, v) -> tuple[float, float]:
-    """The relative change of residual differences when the step is doubled, and their largest value."""
+    """The relative change of residual differences when the step is doubled, and their largest value.
+
+    Both are zero if the parameter has no effect in this state: differences of rounding errors say nothing.
+    """
     v = v + 0.3 * np.cos(np.arange(system.nv))
     a = 1.0 + np.abs(v)
     sizes, values = 1e-300, {}
@@ -270,8 +275,10 @@ def _roughness(variant, system, t, p, v) -> tuple[float, float]:
         sizes = max(sizes, np.abs(values[m]).max())
     one = sum(weight * values[m] for m, weight in near.items())
     two = sum(weight * values[2 * m] for m, weight in near.items()) / 2.0
-    noise = 1e-14 * sizes
+    noise = ROUNDING * sizes
     size = float(np.abs(one).max())
+    if max(size, np.abs(two).max()) <= noise:
+        return 0.0, 0.0
     return float(np.abs(one - two).max() / (size + noise / ROUGH)), size / variant.step
 
 

@@ -15,7 +15,7 @@ from .breakpoints import Breakpoints
 from .checks import read_only
 from .closing import LoopSolver
 from .forces import bound_forces
-from .forces.force import BoundForce
+from .forces.force import BoundForce, Differentiated, Torque, UserForce
 from .forces.held import BoundHeld
 from .lie import difference, integrate, structure_constants
 from .mechanism import Mechanism
@@ -186,6 +186,12 @@ class MechanismSystem(Index3System):
     def torque(self, t, q, v):
         """τ of all forces, shape (nv,)."""
         return sum((force.torque(t, q, v) for force in self.forces.values()), np.zeros(self.nv))
+
+    def differentiate_forces(self) -> None:
+        """Complete the derivatives of user-defined forces by differences, as derivatives of runs need them all."""
+        for label, force in self.forces.items():
+            if isinstance(force, Torque | UserForce):
+                self.forces[label] = Differentiated(force, self.integrate)
 
     def sharp_force(self, t, p, v):
         return sum((force.torque(t, p, v) for force in self._sharp), np.zeros(self.nv))

@@ -12,9 +12,10 @@ import numpy as np
 from ...errors import InputError
 from ..breakpoints import NONE, Breakpoints, TimeFunction, depends_on_time, time_function, with_own_state
 from ..checks import amounts, called, columns, function_name, put, real_array, require_functions, returned, spread
-from ..motion import Motion
+from ..motion import Motion, slope
 
 MOST_NAMED = 3  # joints in a label
+NARROW = 2e-6  # rad, m or of a velocity: step of differences of fourth order, for transitions of 1e-4 and wider
 
 
 class Force(Protocol):
@@ -261,6 +262,33 @@ def _of_law(function, label, q, v):
         return returned(own, f"the torque of {label!r}", v.shape, t, q, v)
 
     return [TimeFunction(value)] if depends_on_time(function) else []
+
+
+class Differentiated(BoundForce):
+    """A user-defined force with all of its derivatives: those that it does not return are differences.
+
+    Newton's iteration converges without them, but derivatives of runs are wrong. `integrate` moves configurations.
+    """
+
+    def __init__(self, force, integrate):
+        self._force, self._integrate = force, integrate
+        self._known = isinstance(force, UserForce) or force.gradient is not None
+
+    def torque(self, t, q, v):
+        return self._force.torque(t, q, v)
+
+    def derivatives(self, t, q, v):
+        by_q, by_v = self._force.derivatives(t, q, v) if self._known else (None, None)
+        if by_q is None:
+            by_q = self._columns(lambda e: self.torque(t, self._integrate(q, e), v), np.full(len(v), NARROW))
+        if by_v is None:
+            by_v = self._columns(lambda e: self.torque(t, q, v + e), NARROW * (1.0 + np.abs(v)))
+        return by_q, by_v
+
+    @staticmethod
+    def _columns(function, steps):
+        units = np.eye(len(steps))
+        return np.column_stack([slope(lambda s, e=e: function(s * e), h) for e, h in zip(units, steps, strict=True)])
 
 
 def as_force(force) -> Any:

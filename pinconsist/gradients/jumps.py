@@ -1,0 +1,97 @@
+"""Forces that jump during a run: the derivatives of the steps do not see them, so the run is not differentiated.
+
+The motion has a kink where a force jumps, and its derivative by a parameter jumps there by the difference of the
+accelerations times the derivative of the time. Steps become short at a jump, but the linear equations of each step know
+only the derivatives of the force on its two sides.
+"""
+
+import numpy as np
+
+from ..errors import InputError
+
+JUMP = 1e-3  # relative to the largest value of the force in the run: smallest jump
+NARROWEST = 1e-12  # relative to the run, and to its times: a change within such an interval is a jump
+BESIDE = 1e-9  # relative to the run between two starts: distance from an event at which forces are compared
+INSIDE = (0.0, 1 / 3, 2 / 3)  # where forces are compared, in each step
+SAME = 0.05  # relative to the accelerations: largest difference between those of the run and of its equations
+PART = 1e-3  # of a step: distance over which velocities are compared
+
+
+def refuse_jumps(solution, legs, base) -> None:
+    """Raise InputError if a force jumps in the run, also where an event stops it, or is not the one that acted."""
+    for i, leg in enumerate(legs):
+        for label, force in leg.system.forces.items():
+            if not getattr(force, "smooth", False):
+                largest = _refuse_jump(solution, leg, label, force)
+                if i > 0:
+                    _refuse_jump_at(leg, leg.span[0], leg.t[0], label, force, largest)
+                if i + 1 < len(legs):
+                    _refuse_jump_at(leg, leg.span[1], [leg.span[0], *leg.t][-2], label, force, largest)
+        if any(event.apply is not None for event in solution._events):
+            _refuse_memory(solution, leg, base)
+
+
+def _refuse_jump(solution, leg, label, force) -> float:
+    """Look between the starts; return the largest entry of the torques."""
+
+    def torque(times):
+        q, v, _ = solution.sol(times)
+        return np.array([force.torque(*state) for state in zip(times.tolist(), q, v, strict=True)])
+
+    begin, end = leg.span
+    grid = np.array([begin, *leg.t])
+    times = np.unique((grid[:-1, None] + np.diff(grid)[:, None] * INSIDE).ravel())
+    times = np.clip(times, min(begin, end), max(begin, end))
+    narrowest = NARROWEST * abs(end - begin) + 8.0 * np.spacing(max(abs(begin), abs(end)))
+    times = times[(np.abs(times - begin) > narrowest) & (np.abs(times - end) > narrowest)]
+    values = torque(times)
+    least = JUMP * np.abs(values).max(initial=0.0)
+    changes = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0)
+    for i in np.flatnonzero(changes > least):
+        t, a, b = times[i : i + 2], values[i], values[i + 1]
+        while t[1] - t[0] > narrowest and np.abs(b - a).max() > least:
+            middle = 0.5 * (t[0] + t[1])
+            (c,) = torque(np.array([middle]))
+            first = np.abs(c - a).max() > np.abs(b - c).max()
+            t, a, b = ((t[0], middle), a, c) if first else ((middle, t[1]), c, b)
+        if np.abs(b - a).max() > least:
+            raise _jumps(label, t[1], a, b)
+    return least / JUMP
+
+
+def _refuse_jump_at(leg, t, other, label, force, largest) -> None:
+    """Look at an end of a leg, an event, on both sides of its state along the motion."""
+    system, beside = leg.system, t + PART * (other - t)
+    (q, near), y = leg.states(np.array([t, beside]))[:2]
+    v, v_near = y[:, system.nx : system.nx + system.nv]
+    move, change = system.difference(q, near) / (beside - t), (v_near - v) / (beside - t)
+    away = BESIDE * abs(leg.span[1] - leg.span[0]) + 8.0 * np.spacing(abs(t))
+    a, b = (force.torque(t + e, system.integrate(q, e * move), v + e * change) for e in (-away, away))
+    if np.abs(b - a).max() > JUMP * max(largest, np.abs(a).max(), np.abs(b).max()):
+        raise _jumps(label, t, a, b)
+
+
+def _jumps(label, t, a, b) -> InputError:
+    i = int(np.argmax(np.abs(b - a)))
+    return InputError(
+        f"the force {label!r} jumps at t = {t:.6g} s (entry {i} of its torques from {a[i]:.4g} to {b[i]:.4g}), and "
+        "runs are not differentiated across jumps. Replace the jump by a smooth transition over a short distance or "
+        "time, such as 0.5 * (1 + tanh(x / width)) in place of x > 0"
+    )
+
+
+def _refuse_memory(solution, leg, base) -> None:
+    """The forces of the run must be functions of t, q and v: a latch that an event has set has its last state now."""
+    longest = int(np.argmax(np.abs(np.diff([leg.span[0], *leg.t]))))
+    begin, end = [leg.span[0], *leg.t][longest : longest + 2]
+    t, step = 0.5 * (begin + end), PART * (end - begin)
+    q, v, _ = (part[0] for part in solution.sol(np.array([t])))
+    ahead, behind = (solution.sol(np.array([t + side * step]))[1][0] for side in (1.0, -1.0))
+    of_run = (ahead - behind) / (2.0 * step)
+    a = base.index1(leg.system).acceleration(t, q, v)[0]
+    if np.abs(a - of_run).max() > SAME * max(np.abs(a).max(), np.abs(of_run).max()):
+        raise InputError(
+            f"the forces near t = {t:.6g} s are not those that acted in the run: a force depends on something "
+            "else than t, q and v, such as a variable that the apply= of an event changes, and its derivatives are not "
+            "known. Make it a function of t, q and v"
+        )
