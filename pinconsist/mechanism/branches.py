@@ -1,8 +1,9 @@
 """Singular positions that a motion passes: the loops lose rank there for a moment, and branches of the motion meet."""
 
 import numpy as np
-import pinocchio as pin
 from scipy.optimize import minimize_scalar
+
+from .lie import difference, integrate
 
 SAMPLES = 200  # positions at which the rank is measured at least
 NEAR = 1e-3  # of the largest of the run: disturbances of a thousandth decide the branch
@@ -48,12 +49,12 @@ def _lowest(system, t, q, low, high) -> tuple[float, float]:
         k = 1 + np.argmin([_independence(system, t[i], q[i])[0] for i in some[1:-1]])
         low, high = some[k - 1], some[k + 1]
     i = low + 1
-    before, after = (pin.difference(system.model, q[i], q[j]) for j in (low, high))
+    before, after = (difference(system.model, q[i], q[j]) for j in (low, high))
     h0, h1 = t[i] - t[low], t[high] - t[i]
 
     def size(s):  # along the parabola through three positions
         turn = before * s * (s - h1) / (h0 * (h0 + h1)) + after * s * (s + h0) / (h1 * (h0 + h1))
-        return _independence(system, t[i] + s, pin.integrate(system.model, q[i], turn))[0]
+        return _independence(system, t[i] + s, integrate(system.model, q[i], turn))[0]
 
     found = minimize_scalar(size, bounds=sorted((-h0, h1)), method="bounded", options={"xatol": 1e-7 * abs(h0 + h1)})
     return float(t[i] + found.x), float(found.fun)

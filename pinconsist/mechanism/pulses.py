@@ -1,9 +1,9 @@
 """Forces and drives that act between the times at which a run looks at them."""
 
 import numpy as np
-import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
+from .lie import interpolate
 from .motion import Motion
 
 PARTS = 10  # samples of each interval
@@ -59,5 +59,5 @@ def _states(system, t, q, v, times):
     if system.vector_like:
         positions = [a + s * (b - a) for a, b, s in rows]
     else:
-        positions = [pin.interpolate(system.model, a, b, s) for a, b, s in rows]
+        positions = [interpolate(system.model, a, b, s) for a, b, s in rows]
     return times, positions, v[after - 1] + share[:, None] * (v[after] - v[after - 1])
