@@ -44,6 +44,8 @@ def _refuse_jump(solution, leg, label, force) -> float:
     times = np.clip(times, min(begin, end), max(begin, end))
     narrowest = NARROWEST * abs(end - begin) + 8.0 * np.spacing(max(abs(begin), abs(end)))
     times = times[(np.abs(times - begin) > narrowest) & (np.abs(times - end) > narrowest)]
+    if len(times) < 2:
+        return 0.0
     values = torque(times)
     least = JUMP * np.abs(values).max(initial=0.0)
     changes = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0)

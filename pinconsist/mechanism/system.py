@@ -15,7 +15,7 @@ from .breakpoints import Breakpoints
 from .checks import read_only
 from .closing import LoopSolver
 from .forces import bound_forces
-from .forces.force import BoundForce, Differentiated, Torque, UserForce
+from .forces.force import BoundForce, BoundLaw, Differentiated, UserForce
 from .forces.held import BoundHeld
 from .lie import difference, integrate, structure_constants
 from .mechanism import Mechanism
@@ -190,7 +190,7 @@ class MechanismSystem(Index3System):
     def differentiate_forces(self) -> None:
         """Complete the derivatives of user-defined forces by differences, as derivatives of runs need them all."""
         for label, force in self.forces.items():
-            if isinstance(force, Torque | UserForce):
+            if isinstance(force, BoundLaw | UserForce):
                 self.forces[label] = Differentiated(force, self.integrate)
 
     def sharp_force(self, t, p, v):

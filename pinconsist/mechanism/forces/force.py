@@ -219,6 +219,8 @@ class Torque:
 class UserForce(BoundForce):
     """A user-defined force object, whose return values are checked."""
 
+    returns_derivatives = True
+
     def __init__(self, force, label):
         self._force, self._label = force, label
         if hasattr(force, "stored"):
@@ -240,7 +242,7 @@ class BoundLaw(BoundForce):
     """A user-defined law in a system."""
 
     def __init__(self, force):
-        self._force = force
+        self._force, self.returns_derivatives = force, force.gradient is not None
 
     def torque(self, t, q, v):
         return self._force.torque(self.breakpoints.inside(t), q, v)
@@ -272,13 +274,12 @@ class Differentiated(BoundForce):
 
     def __init__(self, force, integrate):
         self._force, self._integrate = force, integrate
-        self._known = isinstance(force, UserForce) or force.gradient is not None
 
     def torque(self, t, q, v):
         return self._force.torque(t, q, v)
 
     def derivatives(self, t, q, v):
-        by_q, by_v = self._force.derivatives(t, q, v) if self._known else (None, None)
+        by_q, by_v = self._force.derivatives(t, q, v) if self._force.returns_derivatives else (None, None)
         if by_q is None:
             by_q = self._columns(lambda e: self.torque(t, self._integrate(q, e), v), np.full(len(v), NARROW))
         if by_v is None:
