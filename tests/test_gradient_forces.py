@@ -86,6 +86,8 @@ SWITCHES = {
 
 
 JUMPED = r"force 'torque .*' jumps at t = 0\.[0-9]+ s .*by a smooth"
+MOVES = r"jumps or bends at t = 0\.[0-9]+ s, and the parameter 'theta\[0\]' moves this time.*by a smooth"
+REFUSED = {where: MOVES if where == "time" else JUMPED for where in JUMPS}
 
 
 @METHODS
@@ -93,7 +95,7 @@ JUMPED = r"force 'torque .*' jumps at t = 0\.[0-9]+ s .*by a smooth"
 @pytest.mark.parametrize("where", JUMPS)
 def test_jumps_are_refused(where, span, method):
     start = ([0.0], [1.0]) if span[0] == 0.0 else ([1.0], [1.8])
-    with pytest.raises(pc.InputError, match=JUMPED):
+    with pytest.raises(pc.InputError, match=REFUSED[where]):
         pc.sensitivities(lambda theta: slider(JUMPS[where](theta)), [1.0], span, *start, method=method)
 
 
@@ -103,8 +105,80 @@ def test_jumps_at_events_are_refused(where, method):
     """The steps that end there are on both sides of the jump."""
     events = [pc.Event(SWITCHES[where], apply=lambda t, q, v: v)]
     run = (0.0, 1.0), [0.0], [1.0]
-    with pytest.raises(pc.PinconsistError, match=f"{JUMPED}|could not be repeated up to t = 0.4"):
+    with pytest.raises(pc.PinconsistError, match=f"{REFUSED[where]}|could not be repeated up to t = 0.4"):
         pc.sensitivities(lambda theta: slider(JUMPS[where](theta)), [1.0], *run, events=events, method=method)
+
+
+KNEE = 0.0771  # s
+OF_TIME = {  # of theta and t, in units of a torque
+    "jump": lambda x, t: x * (t > KNEE),
+    "pulse": lambda x, t: x * (KNEE <= t < 0.2),
+    "jump of a varying force": lambda x, t: x * ((3.0 + np.cos(9.0 * t)) * (t >= KNEE) - 1.0),
+    "bend": lambda x, t: x * (0.5 + 30.0 * max(0.0, t - KNEE)),
+}
+
+
+@needs_both
+@METHODS
+@pytest.mark.parametrize("span", [(0.0, 0.3), (0.3, 0.0)], ids=["forwards", "backwards"])
+@pytest.mark.parametrize("kind", OF_TIME)
+def test_fixed_times_at_which_functions_of_time_jump(kind, span, backend, method):
+    """Steps end there; the last stage of a step, and a step of BDF, must not see what begins at their ends."""
+    base = pc.load("four_bar")
+
+    def build(theta):
+        return base.with_forces({"crank": lambda t: OF_TIME[kind](theta[0], t)})
+
+    def end(x):
+        return pc.simulate(build([x]), span, method="Radau", rtol=1e-12, atol=1e-13).q[-1]
+
+    exact = (8.0 * (end(1.01) - end(0.99)) - end(1.02) + end(0.98)) / 0.12
+    options = {"method": method, "backend": backend}
+    found = pc.sensitivities(build, [1.0], span, **options).dq[-1, :, 0]
+    back = pc.gradient(build, [1.0], span, terminal=lambda t, q, v, lam: q[0], **options).gradient
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-7 * np.abs(exact).max())
+    np.testing.assert_allclose(back[0], found[0], rtol=0, atol=1e-10 * np.abs(exact).max())
+
+
+@METHODS
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda x: lambda t: 1.0 * (t > KNEE * x),
+        lambda x: lambda t: 30.0 * max(0.0, t - KNEE * x),
+        lambda x: lambda t: x * (0.1 * x <= t < 0.2),
+    ],
+    ids=["jump", "bend", "pulse"],
+)
+def test_times_of_jumps_as_parameters_are_refused(law, method):
+    """A bend had a derivative that was wrong by 5e-3: forces at the ends of steps were those of both its sides."""
+    base = pc.load("four_bar")
+    with pytest.raises(pc.InputError, match=MOVES):
+        pc.sensitivities(lambda theta: base.with_forces({"crank": law(theta[0])}), [1.0], (0.0, 0.3), method=method)
+
+
+@METHODS
+def test_a_known_derivative_of_a_force_that_jumps(method):
+    """The force is differentiated by its own numbers, without other mechanisms: it must jump with the run."""
+    mech = pc.load("four_bar").add_forces(pc.Wrench("coupler", force=lambda t: (0.0, 0.0, 20.0 * (t > KNEE) - 5.0)))
+    name, span = "wrench coupler.xyz[0]", (0.3, 0.0)
+
+    def end(x):
+        return pc.simulate(mech.with_parameters({name: x}), span, method="Radau", rtol=1e-12, atol=1e-13).q[-1]
+
+    exact = (8.0 * (end(1e-3) - end(-1e-3)) - end(2e-3) + end(-2e-3)) / 12e-3
+    found = pc.sensitivities(mech, [name], span, method=method).dq[-1, :, 0]
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-7 * np.abs(exact).max())
+
+
+@METHODS
+def test_times_of_a_table_are_refused(method):
+    """The derivative by a time at which a table bends was wrong by 2 to 6 %."""
+    mech = pc.load("four_bar").with_forces(pc.Actuator("motor", "crank"))
+    mech = mech.with_control({"motor": ([0.0, 0.1, 0.2, 0.3], [1.0, 2.0, -1.0, 0.0])})
+    with pytest.raises(pc.InputError, match=r"at t = 0\.1 s, and the parameter 'motor\.control\.times\[1\]' moves"):
+        pc.sensitivities(mech, ["motor.control.times[1]"], (0.0, 0.3), method=method)
+    pc.sensitivities(mech, ["motor.control.values[1]", "motor.control.times[3]"], (0.0, 0.05), method=method)
 
 
 @METHODS

@@ -5,48 +5,103 @@ accelerations times the derivative of the time. Steps become short at a jump, bu
 only the derivatives of the force on its two sides.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from ..errors import InputError
+from ..mechanism.breakpoints import jump_offset
+from ..mechanism.system import MechanismSystem
+from .known import Pull
 
 JUMP = 1e-3  # relative to the largest value of the force in the run: smallest jump
 NARROWEST = 1e-12  # relative to the run, and to its times: a change within such an interval is a jump
 BESIDE = 1e-9  # relative to the run between two starts: distance from an event at which forces are compared
 INSIDE = (0.0, 1 / 3, 2 / 3)  # where forces are compared, in each step
 SAME = 0.05  # relative to the accelerations: largest difference between those of the run and of its equations
+STAYS = 1e-6  # s for a parameter of size 1, in which a break point counts as fixed
 PART = 1e-3  # of a step: distance over which velocities are compared
 
 
 def refuse_jumps(solution, legs, base) -> None:
-    """Raise InputError if a force jumps in the run, also where an event stops it, or is not the one that acted."""
-    for i, leg in enumerate(legs):
+    """Raise InputError if a force jumps in the run, also where an event stops it, or is not the one that acted.
+
+    Steps end at the break points of functions of time, where the derivatives go on if these times are fixed.
+    """
+    known = legs[0].system.breakpoints.ends
+    for leg in legs:
+        grid = _grid(leg)
         for label, force in leg.system.forces.items():
-            if not getattr(force, "smooth", False):
-                largest = _refuse_jump(solution, leg, label, force)
-                if i > 0:
-                    _refuse_jump_at(leg, leg.span[0], leg.t[0], label, force, largest)
-                if i + 1 < len(legs):
-                    _refuse_jump_at(leg, leg.span[1], [leg.span[0], *leg.t][-2], label, force, largest)
-        if any(event.apply is not None for event in solution._events):
-            _refuse_memory(solution, leg, base)
+            if getattr(force, "smooth", False) or len(grid) < 2:
+                continue
+            largest = 0.0
+            for part in _parts(grid, known):
+                largest = max(largest, _refuse_jump(solution, part, label, force))
+            for t, other in (grid[0], grid[1]), (grid[-1], grid[-2]):
+                if t not in (legs[0].span[0], legs[-1].span[1]) and not _is_known(t, known):
+                    _refuse_jump_at(leg, t, other, label, force, largest)
+        if len(grid) > 1 and any(event.apply is not None for event in solution._events):
+            _refuse_memory(solution, leg, grid, base)
 
 
-def _refuse_jump(solution, leg, label, force) -> float:
-    """Look between the starts; return the largest entry of the torques."""
+def refuse_moving_jumps(variants, system, t, t_end, q, v) -> None:
+    """Raise InputError if a parameter moves a time at which a function of time jumps or bends."""
+    breakpoints = system.breakpoints
+    for i, parts in variants.known if breakpoints.ends else ():
+        for _, part in parts:
+            if isinstance(part, Pull):
+                functions = part.bound.functions_of_time(q, v)
+                changes = [change.time for each in functions for change in each.known or []]
+                between = [at for at in changes if min(t, t_end) < at < max(t, t_end)]
+                _refuse_moved(variants.names[i], variants.steps[i], between, breakpoints.times)
+    for variant in variants.moved.values() if breakpoints.ends else ():
+        if not variant.inert:
+            sides, _, near = variant.beside
+            varied = MechanismSystem(sides[max(near)].mechanism, q, system.chosen_at, kept=system.kept).breakpoints
+            varied.look_ahead(t, t_end, q, v)
+            _refuse_moved(variant.name, variant.step, breakpoints.ends, varied.ends)
+
+
+def _refuse_moved(name, step, times, others) -> None:
+    for t in times:
+        moved = min((abs(each - t) for each in others), default=np.inf)
+        if moved > STAYS * abs(step) + 2.0 * jump_offset(t):
+            raise InputError(
+                f"a function of time jumps or bends at t = {t:.4g} s, and the parameter {name!r} moves this time: runs "
+                "are not differentiated by the times of jumps. Replace the jump by a smooth transition over a short "
+                "time, such as 0.5 * (1 + tanh((t - t0) / width)) in place of t > t0"
+            )
+
+
+def _grid(leg):
+    """The times between which the steps of a leg are, without those beyond its end, which an event has cut off."""
+    (begin, end), sign = leg.span, 1.0 if leg.span[1] >= leg.span[0] else -1.0
+    inside = [t for t in leg.t if sign * (t - begin) > 0.0 and sign * (end - t) > 0.0]
+    return np.array([begin, *inside, end] if end != begin else [begin])
+
+
+def _is_known(t, known) -> bool:
+    return any(abs(t - each) <= jump_offset(t) for each in known)
+
+
+def _parts(grid, known):
+    """The grid, split at break points."""
+    cuts = [i for i, t in enumerate(grid[1:-1].tolist(), 1) if _is_known(t, known)]
+    return [grid[i : j + 1] for i, j in pairwise([0, *cuts, len(grid) - 1])]
+
+
+def _refuse_jump(solution, grid, label, force) -> float:
+    """Look between the ends of a part of the run; return the largest entry of the torques."""
 
     def torque(times):
         q, v, _ = solution.sol(times)
         return np.array([force.torque(*state) for state in zip(times.tolist(), q, v, strict=True)])
 
-    begin, end = leg.span
-    grid = np.array([begin, *leg.t])
-    times = np.unique((grid[:-1, None] + np.diff(grid)[:, None] * INSIDE).ravel())
-    times = np.clip(times, min(begin, end), max(begin, end))
+    begin, end = grid[0], grid[-1]
     narrowest = NARROWEST * abs(end - begin) + 8.0 * np.spacing(max(abs(begin), abs(end)))
+    times = np.unique((grid[:-1, None] + np.diff(grid)[:, None] * INSIDE).ravel())
     times = times[(np.abs(times - begin) > narrowest) & (np.abs(times - end) > narrowest)]
-    if len(times) < 2:
-        return 0.0
-    values = torque(times)
+    values = torque(times) if len(times) else np.zeros((0, 1))
     least = JUMP * np.abs(values).max(initial=0.0)
     changes = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0)
     for i in np.flatnonzero(changes > least):
@@ -82,10 +137,10 @@ def _jumps(label, t, a, b) -> InputError:
     )
 
 
-def _refuse_memory(solution, leg, base) -> None:
+def _refuse_memory(solution, leg, grid, base) -> None:
     """The forces of the run must be functions of t, q and v: a latch that an event has set has its last state now."""
-    longest = int(np.argmax(np.abs(np.diff([leg.span[0], *leg.t]))))
-    begin, end = [leg.span[0], *leg.t][longest : longest + 2]
+    longest = int(np.argmax(np.abs(np.diff(grid))))
+    begin, end = grid[longest : longest + 2]
     t, step = 0.5 * (begin + end), PART * (end - begin)
     q, v, _ = (part[0] for part in solution.sol(np.array([t])))
     ahead, behind = (solution.sol(np.array([t + side * step]))[1][0] for side in (1.0, -1.0))

@@ -113,13 +113,16 @@ class Known:
         return np.zeros(self.nc)
 
 
-def parts_of(parameter: Parameter, model, step) -> list[tuple[float, Any]]:
-    """Pairs (weight, part) whose sum is the derivative by a parameter; empty if it is not known."""
+def parts_of(parameter: Parameter, system, step) -> list[tuple[float, Any]]:
+    """Pairs (weight, part) whose sum is the derivative by a parameter; empty if it is not known.
+
+    Forces jump where those of the `system` do.
+    """
     if parameter.part is None:
         return []
     kind, *where = parameter.part(parameter.value)
     if kind == "nodes":
-        return [(1.0, _nodes(model, *where))]
+        return [(1.0, _nodes(system, *where))]
     step = CLOSE * step
     for _, weights in SIDES:
         changes = {m * step: weight / step for m, weight in weights.items()}
@@ -128,17 +131,23 @@ def parts_of(parameter: Parameter, model, step) -> list[tuple[float, Any]]:
         except InputError:  # at a bound
             continue
         if kind == "force":
-            return [(weight, Pull(record.bind(model))) for weight, (_, record) in each]
+            return [(weight, Pull(_bound(record, system))) for weight, (_, record) in each]
         rates = sum(weight * part[-1] for weight, part in each)
         return [(1.0, Gravity(rates) if kind == "gravity" else Inertial(each[0][1][1], rates))]
     return []
 
 
-def _nodes(model, record, path, nodes) -> Nodes:
+def _bound(record, system):
+    bound = record.bind(system.model)
+    bound.set_breakpoints(system.breakpoints)
+    return bound
+
+
+def _nodes(system, record, path, nodes) -> Nodes:
     """The derivative of a record's force by values of the table at a path."""
     table, sides = part_at(record, path), []
     step = CLOSE * difference_step(max(map(abs, table.values)))
     for m, weight in OF_STEPS.items():
         moved = replace(table, values=tuple(value + m * step for value in table.values))
-        sides.append((weight / step, Pull(with_number(record, path, moved).bind(model))))
+        sides.append((weight / step, Pull(_bound(with_number(record, path, moved), system))))
     return Nodes(table.times, sides, nodes)

@@ -13,7 +13,7 @@ from ..mechanism.mechanism import Mechanism, with_added_forces
 from ..mechanism.parameters import Parameter, parameter, part_at
 from ..simulation import simulate
 from .forward import legs_of
-from .jumps import refuse_jumps
+from .jumps import refuse_jumps, refuse_moving_jumps
 from .variants import Side, variants_of
 
 SPEED = "_speed"
@@ -42,6 +42,7 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     )  # fmt: skip
     if solution.sol is None:
         raise PinconsistError(f"the run itself failed: {solution.message}")
+    solution.sol.curves[0].plain(0).system.breakpoints.on_steps()  # those of all its systems
     legs = legs_of(solution.sol, base.index1)
     for leg in legs:
         leg.system.differentiate_forces()
@@ -50,6 +51,7 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     state, parameters = first(first.t_old)[:2], getattr(build, "parameters", ())
     end = legs[-1].span[1]  # where time-dependent terms have changed most
     variants = variants_of(make, theta, names, steps, base, first.system, end, *state, parameters)
+    refuse_moving_jumps(variants, first.system, legs[0].span[0], end, *state)
     return solution, legs, variants, base, names, theta
 
 

@@ -85,6 +85,7 @@ class Side:
             system = MechanismSystem(self.mechanism, q, like.chosen_at, kept=like.kept)
             system.dropped_are_zero = like.dropped_are_zero
             system.differentiate_forces()
+            system.breakpoints.share(like.breakpoints)
             self._systems[key] = index1_of(system, self.compiled)
         return self._systems[key]
 
@@ -228,7 +229,7 @@ def variants_of(make, theta, names, steps, base: Side, system, t, p, v, paramete
         unit = np.arange(len(theta)) == i
         return Variant(names[i], theta[i], float(step), base, lambda m: make(theta + m * step * unit), list(parts))
 
-    parts = [(i, parts_of(each, base.mechanism.model, chosen[i])) for i, each in parameters]
+    parts = [(i, parts_of(each, system, chosen[i])) for i, each in parameters]
     known, moved = [(i, own) for i, own in parts if own], {}
     of_known = {column for i, _ in known for column in np.atleast_1d(i).tolist()}
     for i in sorted(set(range(len(names))) - of_known):

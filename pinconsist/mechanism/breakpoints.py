@@ -165,10 +165,15 @@ class Breakpoints:
         self._times, self._restarts = [t for t, _ in found], [restarts for _, restarts in found]
         self._ends = [t for t, restarts in found if restarts is not None]
 
-    def share(self, other) -> None:
+    def share(self, run) -> None:
         """Take over the break points and the domain of another run."""
-        self._take(list(zip(other._times, other._restarts, strict=True)))
-        self.first, self.last = other.first, other.last
+        self._take(list(zip(run._times, run._restarts, strict=True)))
+        self.first, self.last, self.sampled = run.first, run.last, run.sampled
+        self._backwards, self._piece = run._backwards, None
+
+    def on_steps(self) -> None:
+        """After the run, on its steps: a break point belongs to the piece that ends with it, as in the run."""
+        self._backwards, self._piece = not self._backwards, None
 
     def start(self, t, backwards) -> None:
         """Start a run at `t`: break points up to there are passed."""
