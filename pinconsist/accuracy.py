@@ -124,6 +124,9 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
         raise NotEstimatedError("there is no run to compare with" if len(solution.t) > 1 else "there is only one row")
     if not all(np.isfinite(part).all() for part in (solution.q, solution.v)):
         raise NotEstimatedError("numbers of the rows are not finite")
+    ours = solution.t_events if solution._events else [times for times in solution.t_events if len(times)]
+    if len(ours) > len(solution._events):
+        raise NotEstimatedError("the events of the run are not in files and copies")
     if mechanism := mechanism or getattr(solution.system, "mechanism", None):
         system = MechanismSystem(mechanism, solution.q[0], solution.t[0])
         brief = brief_times(system, solution.t, solution.q, solution.v, LOOKS)
@@ -141,7 +144,7 @@ def finer_run(solution, mechanism=None, patience=np.inf) -> FinerRun:
     asked = asked if t[-1] >= t[0] else asked[::-1]
     (q, v, lam), times = _finer(system, method, asked, exact, start, solution._events, patience)
     at = np.searchsorted(asked, t) if t[-1] >= t[0] else len(asked) - 1 - np.searchsorted(asked[::-1], t)
-    return FinerRun(system, rows, at, asked, q, v, lam, _apart(solution.t_events, times, t))
+    return FinerRun(system, rows, at, asked, q, v, lam, _apart(ours, times, t))
 
 
 def global_error(solution, finer: FinerRun) -> GlobalError:

@@ -100,13 +100,27 @@ def test_jumps_are_refused(where, span, method):
 
 
 @METHODS
+@pytest.mark.parametrize("span", [(0.0, 1.0), (1.0, 0.0)], ids=["forwards", "backwards"])
 @pytest.mark.parametrize("where", JUMPS)
-def test_jumps_at_events_are_refused(where, method):
-    """The steps that end there are on both sides of the jump."""
-    events = [pc.Event(SWITCHES[where], apply=lambda t, q, v: v)]
-    run = (0.0, 1.0), [0.0], [1.0]
-    with pytest.raises(pc.PinconsistError, match=f"{REFUSED[where]}|could not be repeated up to t = 0.4"):
-        pc.sensitivities(lambda theta: slider(JUMPS[where](theta)), [1.0], *run, events=events, method=method)
+@pytest.mark.parametrize("what", [{"apply": lambda t, q, v: v}, {"terminal": True}], ids=["apply", "terminal"])
+def test_jumps_at_events_are_refused(what, where, span, method):
+    """The steps that end there are on both sides of the jump; where they crowd, too."""
+    events, start = [pc.Event(SWITCHES[where], **what)], ([0.0], [1.0]) if span[0] == 0.0 else ([1.0], [1.8])
+    with pytest.raises(pc.InputError, match=f"{REFUSED[where]}|not smooth in the parameter"):
+        pc.sensitivities(lambda theta: slider(JUMPS[where](theta)), [1.0], span, *start, events=events, method=method)
+
+
+@METHODS
+@pytest.mark.parametrize("what", [{"apply": lambda t, q, v: v}, {"terminal": True}, {}], ids=["apply", "ends", "plain"])
+def test_an_event_where_a_function_of_time_jumps(what, method):
+    """The step before the event, or that after it, may have no length at all. v = 1 + 3 θ (t - 0.4)."""
+    events = [pc.Event(lambda t, q, v, lam: t - 0.4, **what)]
+
+    def build(theta):
+        return slider(lambda t, q, v: [3.0 * theta[0] if t > 0.4 else 0.0])
+
+    found = pc.sensitivities(build, [1.0], (0.0, 1.0), [0.0], [1.0], events=events, method=method)
+    assert found.dv[-1, 0, 0] == pytest.approx(0.0 if "terminal" in what else 1.8, abs=1e-9)
 
 
 KNEE = 0.0771  # s

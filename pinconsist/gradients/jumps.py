@@ -29,6 +29,7 @@ def refuse_jumps(solution, legs, base) -> None:
     Steps end at the break points of functions of time, where the derivatives go on if these times are fixed.
     """
     known = legs[0].system.breakpoints.ends
+    ends = legs[0].span[0], legs[-1].span[1] if solution.status == 0 else None  # of the run, if no event ends it
     for leg in legs:
         grid = _grid(leg)
         for label, force in leg.system.forces.items():
@@ -38,28 +39,29 @@ def refuse_jumps(solution, legs, base) -> None:
             for part in _parts(grid, known):
                 largest = max(largest, _refuse_jump(solution, part, label, force))
             for t, other in (grid[0], grid[1]), (grid[-1], grid[-2]):
-                if t not in (legs[0].span[0], legs[-1].span[1]) and not _is_known(t, known):
+                if t not in ends and not _is_known(t, known):
                     _refuse_jump_at(leg, t, other, label, force, largest)
         if len(grid) > 1 and any(event.apply is not None for event in solution._events):
             _refuse_memory(solution, leg, grid, base)
 
 
-def refuse_moving_jumps(variants, system, t, t_end, q, v) -> None:
-    """Raise InputError if a parameter moves a time at which a function of time jumps or bends."""
+def refuse_moving_jumps(variants, system, t, reached, t_end, q, v) -> None:
+    """Raise InputError if a parameter moves a time at which a function of time jumps or bends, up to that `reached`."""
     breakpoints = system.breakpoints
-    for i, parts in variants.known if breakpoints.ends else ():
+    low, high = min(t, reached), max(t, reached)
+    ends = [at for at in breakpoints.ends if low + jump_offset(low) < at < high - jump_offset(high)]
+    for i, parts in variants.known if ends else ():
         for _, part in parts:
             if isinstance(part, Pull):
                 functions = part.bound.functions_of_time(q, v)
                 changes = [change.time for each in functions for change in each.known or []]
-                between = [at for at in changes if min(t, t_end) < at < max(t, t_end)]
-                _refuse_moved(variants.names[i], variants.steps[i], between, breakpoints.times)
-    for variant in variants.moved.values() if breakpoints.ends else ():
+                _refuse_moved(variants.names[i], variants.steps[i], [at for at in changes if low < at < high], ends)
+    for variant in variants.moved.values() if ends else ():
         if not variant.inert:
             sides, _, near = variant.beside
             varied = MechanismSystem(sides[max(near)].mechanism, q, system.chosen_at, kept=system.kept).breakpoints
             varied.look_ahead(t, t_end, q, v)
-            _refuse_moved(variant.name, variant.step, breakpoints.ends, varied.ends)
+            _refuse_moved(variant.name, variant.step, ends, varied.ends)
 
 
 def _refuse_moved(name, step, times, others) -> None:
@@ -77,7 +79,7 @@ def _grid(leg):
     """The times between which the steps of a leg are, without those beyond its end, which an event has cut off."""
     (begin, end), sign = leg.span, 1.0 if leg.span[1] >= leg.span[0] else -1.0
     inside = [t for t in leg.t if sign * (t - begin) > 0.0 and sign * (end - t) > 0.0]
-    return np.array([begin, *inside, end] if end != begin else [begin])
+    return np.array([begin, *inside, end] if abs(end - begin) > jump_offset(end) else [begin])
 
 
 def _is_known(t, known) -> bool:
@@ -118,13 +120,14 @@ def _refuse_jump(solution, grid, label, force) -> float:
 
 def _refuse_jump_at(leg, t, other, label, force, largest) -> None:
     """Look at an end of a leg, an event, on both sides of its state along the motion."""
-    system, beside = leg.system, t + PART * (other - t)
+    system, length = leg.system, abs(leg.span[1] - leg.span[0])
+    away = BESIDE * length + 8.0 * np.spacing(abs(t))
+    beside = t + np.copysign(min(max(PART * abs(other - t), 1e2 * away), length), other - t)
     (q, near), y = leg.states(np.array([t, beside]))[:2]
     v, v_near = y[:, system.nx : system.nx + system.nv]
     move, change = system.difference(q, near) / (beside - t), (v_near - v) / (beside - t)
-    away = BESIDE * abs(leg.span[1] - leg.span[0]) + 8.0 * np.spacing(abs(t))
     a, b = (force.torque(t + e, system.integrate(q, e * move), v + e * change) for e in (-away, away))
-    if np.abs(b - a).max() > JUMP * max(largest, np.abs(a).max(), np.abs(b).max()):
+    if not np.abs(b - a).max() <= JUMP * max(largest, np.abs(a).max(), np.abs(b).max()):
         raise _jumps(label, t, a, b)
 
 

@@ -51,7 +51,7 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     state, parameters = first(first.t_old)[:2], getattr(build, "parameters", ())
     end = legs[-1].span[1]  # where time-dependent terms have changed most
     variants = variants_of(make, theta, names, steps, base, first.system, end, *state, parameters)
-    refuse_moving_jumps(variants, first.system, legs[0].span[0], end, *state)
+    refuse_moving_jumps(variants, first.system, t_span[0], end, t_span[1], *state)
     return solution, legs, variants, base, names, theta
 
 

@@ -214,6 +214,8 @@ def stage_legs(curve) -> list[list[RadauSegment]]:
     legs: list[list] = []
     for i in range(len(curve.ends)):
         step, last = curve.plain(i), legs[-1][-1] if legs else None
+        if step.end == step.t_old:  # an event where it begins
+            continue
         goes_on = last is not None and np.array_equal(last.p, step.p0) and np.array_equal(last.v, step.v0)
         if goes_on and not _is_cut(last):
             legs[-1].append(step)
