@@ -1,6 +1,7 @@
 """Variable step and order: errors and work over tolerances, against answers that do not come from pinconsist."""
 
 import re
+from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +13,8 @@ from helpers import scenes, zoo
 
 import pinconsist as pc
 from pinconsist.dae import control
+from pinconsist.dae.rounding import representable
+from pinconsist.dae.tuning import DRIFT
 
 DATA = Path(__file__).parent / "data"
 TOLERANCES = [10.0**-k for k in range(2, 10)]
@@ -618,3 +621,42 @@ def test_the_largest_step_holds_for_the_first_and_for_the_check(method):
     assert np.abs(sol.h).max() < 2.001e-3
     assert sol.v[-1, 0] == pytest.approx(2.0 * 0.01 * 0.375 / (5.0 / 3.0), rel=1e-3)
     assert sol.check().ok
+
+
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+@pytest.mark.parametrize(("method", "tol"), [("BDF", 1e-8), ("Radau", 1e-8)])
+@pytest.mark.parametrize("start", [0.0, 1e6, -1e6, 2.0**20 - 0.5, 1e7])
+def test_a_run_far_from_time_zero_is_as_accurate(start, method, tol, backend):
+    """A block on a spring, x = x₀ cos ωt: times that round equal steps alike made 12 tolerances at 1e6, 110 at 1e7."""
+    mass, stiffness, x0 = 2.0, 2e4, 0.05
+    spring = pc.JointSpring("slide", stiffness)
+    sol = pc.simulate(
+        scenes.slider(mass), (start, start + 1.0), {"slide": x0}, forces=[spring], method=method, rtol=tol, atol=tol,
+        backend=backend,
+    )  # fmt: skip
+    exact = x0 * np.cos(np.sqrt(stiffness / mass) * (sol.t - start))
+    assert np.abs(sol.q[:, 0] - exact).max() < 2.0 * (1.0 + x0) * tol + 5.0 * np.spacing(abs(start))
+
+
+CROSSING = 2.0**20 - 1e-3
+
+
+@pytest.mark.parametrize("t", [3e-5, 1.0, 86400.0, 1e6, -1e6, CROSSING])
+def test_times_of_equal_steps_are_exact(t):
+    rng = np.random.default_rng(0)
+    for h in np.exp(rng.uniform(np.log(1e-5), np.log(1e-2), 20)) * rng.choice([-1.0, 1.0], 20):
+        step, at, least = representable(t, h), Fraction(t), 16 * np.spacing(max(abs(t), abs(h)))
+        assert abs(step - h) <= 2.0 * np.spacing(2.0 * abs(t) + abs(h))
+        rounded = 0
+        exact = abs(t) > 100.0 * abs(h) and np.spacing(abs(t)) > DRIFT * abs(h) > DRIFT * least
+        for _ in range(100) if exact else ():
+            following = Fraction(float(at) + step)
+            rounded += following != at + Fraction(step)
+            at = following
+        assert rounded <= (t == CROSSING)  # once, where the spacing doubles
+
+
+def test_steps_near_time_zero_are_as_the_control_wants_them():
+    for t, h in ((0.0, 1e-7), (1.0, 1.2345e-4), (-100.0, -3.3e-3)):
+        assert representable(t, h) == h
+    assert representable(1e6, 1.2345e-4) != 1.2345e-4

@@ -356,18 +356,59 @@ private:
     }
     const double decay = upper / (lower + LAST_MODE * upper + tiny); // over two degrees
     highest = std::max(highest, std::sqrt(std::min(decay, 1.0)) * middle);
-    const double noise = FELT * EPS * (1.0 + largest(p1_)) / std::abs(step) * weight_.tail(system_.nv).maxCoeff();
     const RadauTable &table = *newton.stages.table;
-    const auto left = [&](double size, double felt) {
-      return std::sqrt(std::max(size * size - noise * noise * felt * felt, 0.0));
+    const double beside = size_of(4), earlier = size_of(5);
+    const bool crossing = crosses();
+    const auto left = [&](double noise) { // the error that is not rounding, if this is the rounding of the highest mode
+      const double at_start = noise * table.starting / table.leading;
+      const double last = std::sqrt(std::max(highest * highest - noise * noise, 0.0));
+      const double missed = std::sqrt(std::max(beside * beside - at_start * at_start, 0.0));
+      // Forces that change before the first stage, as friction does at rest, hardly appear in the modes. With stiff forces,
+      // the stages of the last step miss the acceleration as well.
+      const double turn = 0.5 * table.c[0] * (missed - earlier - last) * control.slack();
+      return std::max({last * decay, turn, crossing ? last * control.slack() : 0.0}); // what the stages do not see need not decay
     };
-    const double last = left(highest, table.leading), missed = left(size_of(4), table.starting);
-    // Forces that change before the first stage, as friction does at rest, hardly appear in the modes. With stiff forces,
-    // the stages of the last step miss the acceleration as well.
-    const double turn = 0.5 * table.c[0] * (missed - size_of(5) - last) * control.slack();
-    const double crossing = crosses() ? last * control.slack() : 0.0; // what the stages do not see need not decay further
-    const double error = std::max({last * decay, turn, crossing});
+    const double noise = FELT * EPS * (1.0 + largest(p1_)) / std::abs(step) * weight_.tail(system_.nv).maxCoeff() * table.leading;
+    double error = left(noise);
+    if (error > std::pow(STAGE_SAFETY, control.exponent())) // the next step would be shorter
+      error = left(std::max(noise, rounding_of_forces()));
     return error <= 1.0 && system_.sharp ? with_unseen(error) : error;
+  }
+
+  // The rounding of the highest mode, in tolerances, where constraint rows are nearly dependent; else 0. Loops closed to
+  // rounding leave positions undetermined by far more there, and with them the forces.
+  double rounding_of_forces() {
+    const int nv = system_.nv, nc = system_.nc;
+    if (nc == 0 || nc == nv) return 0.0;
+    const Stages &of = newton.stages;
+    const RadauTable &table = *of.table;
+    const double t1 = of.time(of.size() - 1), reach = 1.0 + largest(p1_);
+    rhs_.setZero(nv + nc, 1);
+    for (int i = 0; i < nc; ++i) rhs_(nv + i, 0) = i % 2 ? 1.0 : -1.0;
+    kkt_.solve(rhs_, 1.0, 0);
+    for (int i = 0; i < nc; ++i) rhs_(nv + i, 0) = std::copysign(CLOSED * reach, rhs_(nv + i, 0)); // of the weakest rows
+    rhs_.col(0).head(nv).setZero();
+    kkt_.solve(rhs_, 1.0, 0);
+    shift_ = rhs_.col(0).head(nv);
+    const double far = largest(shift_), scale = TURNED * reach / far;
+    if (far < BESIDE * reach) return 0.0;
+    shift_ *= scale; // rounding is too small to be seen in the forces
+    const FewNumbers row = table.modes.row(of.size() - 1).transpose();
+    const double speed = (row.transpose() * table.inverse).norm() / row.norm() / of.h;
+    v_between_ = v1_ + speed * shift_;
+    if (!system_.rate_is_velocity) shift_ = system_.moved_by(t1, p1_, v1_, shift_);
+    system_.integrate(p1_, shift_, moved_);
+    bool regular = index1_.acceleration(t1, moved_, v_between_, a1_, lam1_);
+    shift_ = a1_;
+    regular = index1_.acceleration(t1, p1_, v1_, a1_, lam1_) && regular;
+    system_.constraint(t1, p1_, v1_); // as before
+    if (!regular) return 0.0;
+    modes_.col(0) = (shift_ - a1_) / scale;
+    rhs_.setZero();
+    rhs_.col(0).tail(nc) = system_.W.lazyProduct(modes_.col(0));
+    kkt_.solve(rhs_, 1.0, 0);
+    modes_.col(0) -= rhs_.col(0).head(nv);
+    return size_of(0) * row.norm();
   }
 
   // Whether velocities cross narrow ranges about zero that are not resolved.

@@ -10,6 +10,10 @@ constexpr double TO_ROUNDING = 2.0 * EPS;
 
 inline double spacing(double t) { return std::nextafter(std::abs(t), INF) - std::abs(t); }
 inline double shortest_step(double t) { return SMALLEST_STEP * spacing(t); }
+// h, rounded so that the time of a run does not drift away from the sum of its steps, unless that is far too little.
+inline double representable(double t, double h) {
+  return spacing(t) > DRIFT * std::abs(h) ? (2.0 * t + h) - 2.0 * t : h;
+}
 
 // Weights with which Newton iterates down to rounding; returns its tolerance.
 inline double rounding_weights(const System &system, const Vec &y, Vec &weight) {

@@ -49,6 +49,8 @@ public:
       h *= std::max(START_LEAST, SAFETY * std::pow(START_AIM / error, 1.0 / (k_ + 1)));
     }
     out.h = std::copysign(std::max(std::min(std::abs(h), control_.max_step), shortest), h);
+    if ((k_ + 1) * std::abs(out.h) < std::abs(t_end - t0)) // else it may lead to the end exactly
+      out.h = representable(t0, out.h);
     const bool full = std::abs(reach) >= shortest;
     if (!full) out.h = t_end - t0;
     return states(full ? rows(run, t0, out.h) : run.sample((Vec(2) << t0, t_end).finished()), t0, p0, v0, out);

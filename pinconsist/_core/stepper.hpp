@@ -178,7 +178,9 @@ private:
     if (h != before) control.restart();
   }
 
-  void rescale(double wanted, int order) {
+  void rescale(double wanted, int order) { stretch(representable(t, wanted), order); }
+
+  void stretch(double wanted, int order) {
     bdf::rescale(order, wanted / h, Z);
     if (!changed_.size()) changed_.setIdentity(bdf::ROWS, bdf::ROWS);
     bdf::rescale(order, wanted / h, changed_);
@@ -191,7 +193,7 @@ private:
   }
 
   void shorten(double wanted) {
-    rescale(wanted, k);
+    stretch(wanted, k); // not rounded: it leads to the end exactly
     control.restart();
   }
 

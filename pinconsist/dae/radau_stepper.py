@@ -9,7 +9,7 @@ from ..errors import PinconsistError
 from . import tuning
 from .charts import fastest_turn, turning_coordinates
 from .events import located
-from .index1 import moved_by, projected
+from .index1 import moved_by, projected, solve_acceleration
 from .kkt import kkt_at
 from .norms import EPS, largest, weighted_norm
 from .radau import StageNewton, Stages
@@ -250,21 +250,52 @@ class RadauStepper(Stepper):
             lower = before
         decay = upper / (lower + tuning.LAST_MODE * upper + TINY)  # over two degrees
         highest = max(highest, np.sqrt(min(decay, 1.0)) * middle)
-        noise = tuning.FELT * EPS * (1.0 + largest(p)) / abs(h) * largest(weight[system.nx :])
+        beside, earlier = size(at_start @ stages.W - self.a), size(self.stage_a - self.a)
+        leading, starting = (np.linalg.norm(row @ table.inverse2) for row in (table.modes[-1], at_start))
+        crossing = system.widths is not None and crosses(stages)
 
-        def left(size, row):
-            return np.sqrt(max(size**2 - (noise * np.linalg.norm(row @ table.inverse2)) ** 2, 0.0))
+        def left(noise):
+            """The error that is not rounding, if `noise` is the rounding of the highest mode."""
+            last = np.sqrt(max(highest**2 - noise**2, 0.0))
+            missed = np.sqrt(max(beside**2 - (noise * starting / leading) ** 2, 0.0))
+            # Forces that change before the first stage, as friction does at rest, hardly appear in the modes. With
+            # stiff forces, the stages of the last step miss the acceleration as well.
+            turn = 0.5 * table.c[0] * (missed - earlier - last) * self.control.slack
+            if crossing:
+                turn = max(turn, last * self.control.slack)  # what the stages do not see need not decay further
+            return float(max(last * decay, turn))
 
-        highest, missed = left(highest, table.modes[-1]), left(size(at_start @ stages.W - self.a), at_start)
-        # Forces that change before the first stage, as friction does at rest, hardly appear in the modes. With stiff
-        # forces, the stages of the last step miss the acceleration as well.
-        turn = 0.5 * table.c[0] * (missed - size(self.stage_a - self.a) - highest) * self.control.slack
-        if system.widths is not None and crosses(stages):
-            turn = max(turn, highest * self.control.slack)  # what the stages do not see need not decay further
-        error = float(max(highest * decay, turn))
+        noise = tuning.FELT * EPS * (1.0 + largest(p)) / abs(h) * largest(weight[system.nx :]) * leading
+        error = left(noise)
+        if error > tuning.STAGE_SAFETY ** exponent(table.s):  # the next step would be shorter
+            error = left(max(noise, self._rounding_of_forces(stages, kkt, p, v, size)))
         if error <= 1.0 and system.sharp:
             return with_unseen(error, stages, kkt, G, W, self.control.slack * weight[system.nx :])
         return error
+
+    def _rounding_of_forces(self, stages, kkt, p, v, size):
+        """The rounding of the highest mode, in tolerances, where constraint rows are nearly dependent; else 0.
+
+        Loops closed to rounding leave positions undetermined by far more there, and with them the forces.
+        """
+        system, t, reach = self.system, stages.times[-1], 1.0 + largest(p)
+        nv, nc = system.nv, system.nc
+        if not 0 < nc < nv:
+            return 0.0
+        signs = np.where(np.arange(nc) % 2, 1.0, -1.0)
+        signs = np.copysign(1.0, kkt.solve(np.concatenate((np.zeros(nv), signs)))[nv:])  # of the weakest rows
+        moved = kkt.solve(np.concatenate((np.zeros(nv), tuning.CLOSED * reach * signs)))[:nv]
+        if largest(moved) < tuning.BESIDE * reach:
+            return 0.0
+        row = stages.table.modes[-1]
+        turned = moved * (tuning.TURNED * reach / largest(moved))  # rounding is too small to be seen in the forces
+        there = system.integrate(p, moved_by(system, t, p, v, turned))
+        speed = np.linalg.norm(row @ stages.table.inverse) / np.linalg.norm(row) / stages.h
+        try:
+            a, turned_a = (solve_acceleration(system, t, *at)[0] for at in ((p, v), (there, v + speed * turned)))
+        except PinconsistError:
+            return 0.0
+        return size((turned_a - a) * (largest(moved) / largest(turned))) * np.linalg.norm(row)
 
     def segment(self):
         """The interpolant of the last step; None if there is none."""

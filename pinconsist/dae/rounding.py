@@ -15,6 +15,15 @@ def shortest_step(*times) -> float:
     return tuning.SMALLEST_STEP * float(np.spacing(max(map(abs, times))))
 
 
+def representable(t, h) -> float:
+    """`h`, rounded so that t + h, t + 2h, … are exact (but for one, where the spacing of t doubles).
+
+    Otherwise all steps of one length are rounded alike, and the time of a run drifts away from the sum of its steps.
+    Where that is far below any accuracy of a multistep method, as near t = 0, it is `h`.
+    """
+    return float(2.0 * t + h) - 2.0 * t if np.spacing(abs(t)) > tuning.DRIFT * abs(h) else h
+
+
 def rounding_weights(system, y):
     """Weight and tolerance with which Newton iterates down to rounding: increments relative to the state's size."""
     size_x, size_v = 1.0 + largest(y[: system.nx]), largest(y[system.nx : system.nx + system.nv]) or 1.0

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import PinconsistError
 from . import bdf
 from .charts import chart_point, fastest_turn, table_row, turning_coordinates
-from .rounding import shortest_step
+from .rounding import representable, shortest_step
 from .tuning import (
     SAFETY,
     START_AIM,
@@ -127,6 +127,8 @@ def adaptive_history(index1, t0, p0, v0, t_end, k, control, first_step):
                 break
             h *= max(START_LEAST, SAFETY * (START_AIM / error) ** (1.0 / (k + 1)))
     h = np.copysign(max(min(abs(h), control.max_step), shortest), h)
+    if (k + 1) * abs(h) < abs(t_end - t0):  # else it may lead to the end exactly
+        h = representable(t0, h)
     first = (t0, p0, v0, index1.acceleration(t0, p0, v0)[1])
     while True:
         if abs(reach) >= shortest:

@@ -11,7 +11,7 @@ from .dense import Curve, StepBatch
 from .events import Signs, located
 from .index1 import Index1
 from .newton import Newton
-from .rounding import Headway, RoundingTest, shortest_step, velocity_rounding
+from .rounding import Headway, RoundingTest, representable, shortest_step, velocity_rounding
 from .segments import Segment
 from .tuning import FAILURES, LOOKS_OF_BDF, NUDGE, PATIENCE, UNNOTICED
 
@@ -265,6 +265,9 @@ class Stepper:
 
     def rescale(self, h, k) -> None:
         """Change the step to `h`, keeping the interpolating polynomial of degree k."""
+        self._stretch(representable(self.t, h), k)
+
+    def _stretch(self, h, k) -> None:
         change = bdf.rescale(k, h / self.h)
         self.Z[: k + 1], self._changed = change @ self.Z[: k + 1], self._changed.copy()
         self._changed[: k + 1] = change @ self._changed[: k + 1]
@@ -294,5 +297,5 @@ class Stepper:
         return t_end if last else self.t + self.h
 
     def _shorten(self, h) -> None:
-        self.rescale(h, self.k)
+        self._stretch(h, self.k)  # not rounded: it leads to the end exactly
         self.control.restart()

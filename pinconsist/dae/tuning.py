@@ -38,6 +38,7 @@ START_ERROR, START_AIM = 0.5, 0.25  # error allowed in the first step, and targe
 START_TRIES, START_LEAST = 4, 0.05  # how often it is shortened, and the smallest factor
 
 # Rounding, and no progress
+DRIFT = 1e-11  # rounding of a time, relative to a step, that does not count: a twentieth of the best accuracy of BDF
 NOISE, STIRRED = 5.0, 0.02  # in eps of the positions: rounding in them and, divided by h, in the velocities
 HALF = 1e-8  # larger errors, relative to the velocities, do not count as rounding: half of the digits
 BESIDE = 3e-10  # rounding reaches this, relative to the velocities, only near singular positions
