@@ -267,3 +267,20 @@ def test_parameters_without_effect(method):
 
     forward, back, _ = of_speed(build, np.array([1.0, 0.3]), method=method)
     np.testing.assert_allclose(np.concatenate((forward, back)), 0.0, rtol=0, atol=1e-8)
+
+
+@METHODS
+@pytest.mark.parametrize("end, side", [(0.3, 1.0), (-0.1, -1.0)], ids=["forwards", "backwards"])
+@pytest.mark.parametrize("bend", [0.1, 0.1 + 3e-4, 0.1 - 3e-4])
+def test_a_drive_that_bends_where_the_run_starts(bend, end, side, method):
+    """The rate of a drive is a difference, which the run does not take across a bend: nor do its derivatives."""
+    base = pc.load("four_bar")
+
+    def build(theta):
+        return base.add_loops(pc.Drive("turn", "crank", lambda t: base.guess[0] + theta[0] * abs(t - bend)))
+
+    found = pc.sensitivities(build, [1.0], (0.1, end), method=method)
+    first = side if bend == 0.1 else np.sign(0.1 - bend)
+    assert found.dv[0, 0, 0] == pytest.approx(first, abs=1e-5)
+    np.testing.assert_allclose(found.dv[-1, 0, 0], np.sign(end - bend), rtol=0, atol=1e-7)
+    assert found.solution.v[0, 0] == pytest.approx(first, abs=1e-7)

@@ -79,7 +79,8 @@ def _variants(mech, names, v0, leg, steps):
     from pinconsist.gradients.variants import variants_of
 
     build, _, theta, q0, v0 = named_start(mech, names, None, v0)
-    make, state = _maker(build, 0.0, q0, v0, (), None, "python"), leg.start(leg.start.t_old)[:2]
+    make = _maker(build, 0.0, leg.system.breakpoints, q0, v0, (), None, "python")
+    state = leg.start(leg.start.t_old)[:2]
     variants = variants_of(make, theta, names, steps, make(theta), leg.system, 0.0, *state)
     return variants.residuals(leg.system)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..dae.events import as_events
 from ..errors import InputError, PinconsistError
+from ..mechanism.breakpoints import Breakpoints
 from ..mechanism.checks import coordinates, finite_array
 from ..mechanism.forces import HeldTorque, Piecewise, Sampled
 from ..mechanism.mechanism import Mechanism, with_added_forces
@@ -34,7 +35,8 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
             f"sensitivities need consistency='every-step', not {mode!r}: otherwise BDF leaves a hidden residual, whose "
             "derivative falsifies those of the multipliers"
         )
-    make = _maker(build, t_span[0], q0, v0, forces, events, backend, control)
+    breakpoints = Breakpoints()
+    make = _maker(build, t_span[0], breakpoints, q0, v0, forces, events, backend, control)
     base = make(theta)
     solution = simulate(
         base.mechanism, t_span, base.q0, base.v0, events=base.events, rtol=rtol, atol=atol, backend=backend,
@@ -42,7 +44,9 @@ def prepared(build, theta, t_span, q0, v0, names, steps, forces, events, rtol, a
     )  # fmt: skip
     if solution.sol is None:
         raise PinconsistError(f"the run itself failed: {solution.message}")
-    solution.sol.curves[0].plain(0).system.breakpoints.on_steps()  # those of all its systems
+    of_run = solution.sol.curves[0].plain(0).system.breakpoints  # of all its systems
+    of_run.on_steps(t_span[0])
+    breakpoints.share(of_run)
     legs = legs_of(solution.sol, base.index1)
     for leg in legs:
         leg.system.differentiate_forces()
@@ -64,7 +68,7 @@ def _names(names, theta):
     return names
 
 
-def _maker(build, t, q0, v0, forces, events, backend, control=None):
+def _maker(build, t, breakpoints, q0, v0, forces, events, backend, control=None):
     """``make(theta) -> Side``; the same mechanism for the same object that `build` returns."""
     made: dict = {}
 
@@ -83,7 +87,15 @@ def _maker(build, t, q0, v0, forces, events, backend, control=None):
                 "commands of an Actuator"
             )
         starts = [value(values.copy()) if callable(value) else value for value in (q0, v0)]
-        return Side(acting, starts[0], starts[1], t, as_events(_of_theta(events, values), acting), backend != "python")
+        return Side(
+            acting,
+            starts[0],
+            starts[1],
+            t,
+            breakpoints,
+            as_events(_of_theta(events, values), acting),
+            backend != "python",
+        )
 
     return make
 

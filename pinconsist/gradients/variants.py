@@ -17,6 +17,7 @@ from .._core.compiled_gradient import all_rows, index1_of
 from ..dae.index1 import Index1
 from ..errors import InputError, PinconsistError
 from ..mechanism.assembly import assembled, velocity_on_constraints
+from ..mechanism.breakpoints import Breakpoints
 from ..mechanism.closing import LoopSolver
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.motion import difference_step
@@ -31,12 +32,16 @@ WIDE = 1e-3  # relative to a value: step of parameters that need only fourth-ord
 
 @dataclass
 class Side:
-    """A mechanism at one offset of a parameter, with the initial values of its run and its events."""
+    """A mechanism at one offset of a parameter, with the initial values of its run and its events.
+
+    `breakpoints` are those of the run, as soon as it is made.
+    """
 
     mechanism: Mechanism
     q0: Any
     v0: Any
     t: float
+    breakpoints: Breakpoints
     events: tuple
     compiled: bool
     _systems: dict = field(default_factory=dict)
@@ -52,7 +57,10 @@ class Side:
 
     @cached_property
     def solver(self):
-        return LoopSolver(self.mechanism, self.t)
+        solver = LoopSolver(self.mechanism, self.t)
+        if solver.loop_rows.breakpoints:
+            solver.loop_rows.breakpoints.share(self.breakpoints)
+        return solver
 
     def velocity(self, q, kept):
         """The initial velocity of the run, at another configuration."""
@@ -85,7 +93,7 @@ class Side:
             system = MechanismSystem(self.mechanism, q, like.chosen_at, kept=like.kept)
             system.dropped_are_zero = like.dropped_are_zero
             system.differentiate_forces()
-            system.breakpoints.share(like.breakpoints)
+            system.breakpoints.share(self.breakpoints)
             self._systems[key] = index1_of(system, self.compiled)
         return self._systems[key]
 

@@ -105,6 +105,7 @@ class Breakpoints:
         self._restarts: list[bool | None] = []
         self._ends: list[float] = []  # those at which pieces end
         self._backwards, self._passed, self._piece = False, 0, None
+        self._begun: tuple | None = None  # on the steps of a run: its start, and the piece that begins there
         self.sampled = False
         self._looked, self._seen = None, {}  # the times between which functions were sampled, and what was found
 
@@ -169,11 +170,12 @@ class Breakpoints:
         """Take over the break points and the domain of another run."""
         self._take(list(zip(run._times, run._restarts, strict=True)))
         self.first, self.last, self.sampled = run.first, run.last, run.sampled
-        self._backwards, self._piece = run._backwards, None
+        self._backwards, self._piece, self._begun = run._backwards, None, run._begun
 
-    def on_steps(self) -> None:
-        """After the run, on its steps: a break point belongs to the piece that ends with it, as in the run."""
-        self._backwards, self._piece = not self._backwards, None
+    def on_steps(self, t) -> None:
+        """After a run from `t`, on its steps: a break point belongs to the piece that ends with it, as in the run."""
+        self.start(t, self._backwards)
+        self._begun, self._backwards, self._piece = (t, self._piece), not self._backwards, None
 
     def start(self, t, backwards) -> None:
         """Start a run at `t`: break points up to there are passed."""
@@ -219,6 +221,8 @@ class Breakpoints:
 
     def piece(self, t) -> tuple[float, float]:
         """The piece that contains `t`; at its ends, and in the direction of the run beyond them, the current one."""
+        if self._begun is not None and abs(t - self._begun[0]) <= jump_offset(t):
+            return self._begun[1]
         here = self._piece
         if here is None or (t > here[1] if self._backwards else t < here[0]):  # a time before the current piece
             here = self._around(t)
