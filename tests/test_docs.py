@@ -1,5 +1,6 @@
 """The theory page's code does what the page says; and everything public says its shapes, units, errors."""
 
+import dataclasses
 import doctest
 import importlib
 import inspect
@@ -14,6 +15,7 @@ from helpers.command_line import called
 
 import pinconsist as pc
 from pinconsist.formats import loopfile
+from pinconsist.formats.records import FORCES
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOTS = (ROOT, ROOT / "pinconsist")
@@ -159,3 +161,27 @@ def test_methods_that_refuse_input_say_so(name):
         if not member.startswith("_") and "raise InputError" in inspect.getsource(function):
             documented = inspect.getdoc(function)
             assert "Raises" in sections(documented) or "Error" in documented, f"{name}.{member}"
+
+
+def test_the_table_of_forces_has_all_their_fields():
+    """Each public force, its kind in files, its fields in order, and the defaults that are numbers."""
+    page = (DOCS / "forces.md").read_text(encoding="utf-8")
+    found, kinds, force = {}, {}, ""
+    for line in page.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) == 5 and cells[2].startswith("`"):
+            force = cells[0].strip("`") or force
+            kinds.setdefault(force, cells[1].strip("`"))
+            found.setdefault(force, []).extend((name.strip("` "), cells[4]) for name in cells[2].split(","))
+    records = {name: getattr(pc, name) for name in pc.__all__ if hasattr(getattr(pc, name), "bind")} | {
+        "Torque": pc.Torque
+    }
+    assert set(found) == set(records)
+    for name, record in records.items():
+        fields = {each.name: each.default for each in dataclasses.fields(record) if not each.name.startswith("_")}
+        assert sorted(field for field, _ in found[name]) == sorted(fields), name
+        for field, told in found[name]:
+            if isinstance(fields[field], float) and ":" not in told:
+                assert float(told) == fields[field], (name, field)
+    of_files = {kind: record.__name__ for kind, record in FORCES.items()}
+    assert {kind: name for name, kind in kinds.items() if kind} == of_files

@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from helpers.browser import needs_browser, opened
 
@@ -345,3 +346,44 @@ def test_pages_of_little(tmp_path, sol):
             assert tab.run("element('curves').innerText").count("0 rad") == 3 * (2 if isinstance(sol, dict) else 1)
             end = sol.t[0] - 0.5 if isinstance(sol, SimpleNamespace) else 0.5
             assert tab.run("element('time').innerText") == f"t = {end:.2f} s"
+
+
+def test_arrows_of_joint_forces_have_a_switch(run, tab):
+    """Off at first beside other forces, on where there are none."""
+    seen = "parts['joint force'].map(each => each.visible)"
+    assert len(tab.run(seen)) == 2 * len(run[0].joints)
+    tab.run("const box = switches['joint forces']; box.checked || box.click(); 0")
+    assert all(tab.run(seen))
+    tab.run("switches['joint forces'].click()")
+    assert not any(tab.run(seen))
+
+
+@pytest.mark.parametrize("size", [(1280, 900), (390, 844)])
+def test_names_are_within_the_picture_and_cover_none(tmp_path, size):
+    """Of four joints at one place at its lower edge."""
+    model, joint = pin.Model(), 0
+    for k, kind in enumerate(
+        [pin.JointModelRY, pin.JointModelRX, pin.JointModelRZ, pin.JointModelRY, pin.JointModelRX]
+    ):
+        joint = model.addJoint(joint, kind(), pin.SE3(np.eye(3), np.array([0.0, 0.0, -float(k == 1)])), f"joint_{k}")
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    sol = pc.simulate(pc.Mechanism(model), (0.0, 0.1))
+    boxes = """[...document.querySelectorAll('.label.name')].filter(each => !each.hidden).map(each => {
+        const [box, frame] = [each, pane].map(part => part.getBoundingClientRect());
+        return [box.left - frame.left, box.top - frame.top, frame.right - box.right, frame.bottom - box.bottom,
+                box.left, box.right, box.top, box.bottom]; })"""
+    with opened(sol.export_html(tmp_path / "page.html", forces=True), size, mobile=size[0] < 500) as tab:
+        assert all(tab.run("parts['joint force'].map(each => each.visible)"))
+        tab.run("running = false; seek(0.05); switches.names.click(); 0")
+        drawn(tab)
+        found = np.array(tab.run(boxes))
+    assert len(found) == 5 and found[:, :4].min() > -1.0
+    for k, (left, right, top, bottom) in enumerate(found[:, 4:]):
+        others = found[k + 1 :, 4:]
+        covered = (
+            (others[:, 0] < right - 1)
+            & (left < others[:, 1] - 1)
+            & (others[:, 2] < bottom - 1)
+            & (top < others[:, 3] - 1)
+        )
+        assert not covered.any()

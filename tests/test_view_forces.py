@@ -15,6 +15,7 @@ from helpers.pictures import arrow, drawn, shown, stated, track
 import pinconsist as pc
 from pinconsist.mechanism.loops import Loop
 from pinconsist.view.arrows import FORCE, LONGEST
+from pinconsist.view.arrows import stated as stated_amount
 
 WEIGHT = 3.0  # kg
 
@@ -319,3 +320,44 @@ def test_bodies_and_forces_between_long_steps():
             at = track(page, f"/bodies/{name}", ".position")[k]
             np.testing.assert_allclose(at, data.oMi[joint].translation, atol=1e-6)
     np.testing.assert_allclose(vectors, force, atol=2e-3 * np.linalg.norm(force, axis=1).max())
+
+
+def test_forces_in_the_joints_of_a_tree_are_arrows():
+    """At each joint, what it transmits to its child; they are seen at first where there are no others."""
+    mech = pc.load("double_pendulum")
+    sol = pc.simulate(mech, (0.0, 1.0), method="Radau")
+    page = shown(mech, sol, forces=True)
+    at = sol.at(np.linspace(0.0, 1.0, 51))
+    bar = stated(page)
+    for joint in mech.joints:
+        start, vector = arrow(page, f"/joint forces/joint force {joint}")
+        exact = at.joint_force(joint).force
+        np.testing.assert_allclose(vector * bar, exact, atol=1e-3 * np.abs(exact).max())
+        np.testing.assert_allclose(start, at.frame(joint).position, atol=1e-6)
+    (entry,) = [each for each in page["legend"] if "bar" in each]
+    assert "force in the joints, on the upper and lower" in entry["text"]
+    parts = {each["object"]["object"]["userData"]["part"] for each in drawn(page, "/joint forces")}
+    assert parts == {"joint force"} and not drawn(shown(mech, sol), "/joint forces")
+
+
+def test_forces_in_joints_beside_those_of_loops_change_nothing_else():
+    """They are on the page, not in films, have a bar of their own, and the camera does not make room for them."""
+    mech = pc.load("four_bar")
+    sol = pc.simulate(mech, (0.0, 0.5))
+    film, page = shown(mech, sol, forces=True), shown(mech, sol, forces=True, beside=True)
+    assert not drawn(film, "/joint forces") and len(drawn(page, "/joint forces")) == 2 * len(mech.joints)
+    assert page["view"] == film["view"]
+    for each, other in zip(film["legend"], page["legend"], strict=False):
+        assert each == other
+    assert len(page["legend"]) == len(film["legend"]) + 1
+
+
+def test_large_forces_have_prefixes():
+    mech = pc.load("double_pendulum").with_gravity((0, 0, -1e4))
+    texts = [
+        each["bar"]["text"]
+        for each in shown(mech, pc.simulate(mech, (0.0, 0.02)), forces=True)["legend"]
+        if "bar" in each
+    ]
+    assert texts == ["10 kN"]
+    assert [stated_amount(each, "N") for each in (9999.0, 2e4, 5e7)] == ["9999 N", "20 kN", "50 MN"]

@@ -8,16 +8,18 @@ from ..mechanism.energy import torques_of
 from ..mechanism.forces import Wrench
 from ..mechanism.loops import Loop
 from ..mechanism.reactions import reactions
+from ..mechanism.wrenches import Transmission
 from .commands import Node
-from .motion import Run, anchors, in_world, joint_axis, motors, point_in_world, rotation_to
+from .motion import Run, accelerations_of, anchors, in_world, joint_axis, motors, point_in_world, rotation_to
 from .shapes import OCTAHEDRON, SMALLEST, Shape, cylinder, link_ends, ring
 
-FORCE, MOMENT = "force", "moment"
-COLORS = {FORCE: 0x8E44AD, MOMENT: 0x2E7D32}
+FORCE, MOMENT, JOINT = "force", "moment", "joint force"
+COLORS = {FORCE: 0x8E44AD, MOMENT: 0x2E7D32, JOINT: 0x1A237E}
 WRONG, RIGHT = 0xD50000, 0x5F6B73  # colours of wrong forces, and of the true ones next to them
 TRUE, WIDE = "true: ", 2.2  # of a true force: prefix of its name; width of its arrow, relative to the one above it
-UNITS = {FORCE: "N", MOMENT: "N·m"}
-LONGEST = {FORCE: 0.5, MOMENT: 0.16}  # longest arrow, relative to the size of the picture; shorter if parts are small
+UNITS = {FORCE: "N", MOMENT: "N·m", JOINT: "N"}
+PREFIXES = ((1e7, 1e6, "M"), (1e4, 1e3, "k"))  # amounts of at least the first have this prefix, as on the page
+LONGEST = {FORCE: 0.5, MOMENT: 0.16, JOINT: 0.35}  # longest arrow, relative to the picture; shorter if parts are small
 PARTS = 0.4, 2.0  # smallest factor of LONGEST; this factor relative to the size of the parts
 RADIUS, HEAD = 0.011, 0.1  # radius of a shaft and length of a head, relative to the longest arrow
 THINNEST = 0.55  # relative width of short arrows, so that they are visible in front of their loop
@@ -34,7 +36,7 @@ class Action:
 
     name: str
     of: str  # the loop, the drive, or "motor"
-    kind: str  # FORCE or MOMENT
+    kind: str  # FORCE, MOMENT or JOINT
     points: np.ndarray  # (m, 3), m, points at which it acts
     vectors: np.ndarray  # (m, 3), world axes
     bodies: tuple[str, ...] = ()  # joints of the two bodies between which it acts, first the one on which it is drawn
@@ -84,6 +86,19 @@ def _applied(run: Run, wrench: Wrench) -> list[Action]:
     name, bodies = wrench.label, (run.mech.joints[loads[0][0] - 1],)
     parts = (name, FORCE, force), (f"{name} moment", MOMENT, moment)
     return [Action(title, name, kind, points, part, bodies) for title, kind, part in parts if part.any()]
+
+
+def joint_actions(run: Run, poses: np.ndarray) -> list[Action]:
+    """What the joints of the tree transmit to their children, if it is known."""
+    acceleration = accelerations_of(run)
+    if acceleration is None:
+        return []
+    found = Transmission(run.mech, run.t, run.q, run.v, acceleration, run.lam, run.workspace()).wrenches()
+    joints = {name: run.mech.joint_index(name) for name in found}
+    return [
+        Action(f"{JOINT} {name}", f"joint {name}", JOINT, poses[:, joints[name], :3], wrench[:, :3], (name,))
+        for name, wrench in found.items()
+    ]
 
 
 def true_actions(run: Run, poses: np.ndarray, size: float, without=frozenset()) -> list[Action]:
@@ -144,6 +159,12 @@ def scale_of(kind: str, actions: list[Action], longest: float) -> Scale | None:
     return Scale(longest / most, most, longest, cuts)
 
 
+def stated(amount: float, unit: str, digits: str = "g") -> str:
+    """An amount with its unit; large ones in k or M."""
+    factor, prefix = next(((factor, prefix) for least, factor, prefix in PREFIXES if amount >= least), (1.0, ""))
+    return f"{amount / factor:{digits}} {prefix}{unit}"
+
+
 def round_amount(amount: float) -> float:
     """The largest number 1, 2 or 5 times a power of ten that does not exceed `amount`."""
     power = 10.0 ** np.floor(np.log10(amount))
@@ -161,9 +182,9 @@ def arrow(path: str, action: Action, scale: Scale) -> tuple[list[tuple[Node, lis
     reach = np.minimum(norms * scale.metres, scale.longest)
     along = action.vectors / np.where(norms > 0, norms, 1.0)[:, None]
     along[norms == 0] = (0.0, 1.0, 0.0)
-    axis = (0, 1, 0) if action.kind == FORCE else (0, 0, 1)
+    axis = (0, 0, 1) if action.kind == MOMENT else (0, 1, 0)
     turns = np.array([rotation_to(each, axis).coeffs() for each in along])
-    if action.kind == FORCE:
+    if action.kind != MOMENT:
         radius, head = wide * RADIUS * scale.longest, HEAD * scale.longest
         short = np.minimum(1.0, reach / (2 * head))  # the head is at most half of the arrow
         thin, length = np.minimum(short.clip(THINNEST), 5 * short), reach - head * short

@@ -14,7 +14,7 @@ from ..mechanism.rows import LoopRows
 from ..mechanism.wrenches import Transmission
 from .arrows import FORCE, TRUE, UNITS, actions, true_actions
 from .filled import ROWS, filled
-from .motion import Run, body_poses
+from .motion import Run, accelerations_of, body_poses
 
 SMALL = 1e-5  # of the largest force of a joint: smaller ones are rounding
 
@@ -112,11 +112,7 @@ def _of_joints(some: Run, size: float):
 
     Moments that are rounding, or the error of the forces of the loops, for a picture of this `size` are left out.
     """
-    if some.v is None or some.lam is None:
-        return
-    try:
-        acceleration = some.source.acceleration(None, some.mech)
-    except (AttributeError, InputError):
+    if (acceleration := accelerations_of(some)) is None:
         return
     found = Transmission(some.mech, some.t, some.q, some.v, acceleration, some.lam, some.workspace()).wrenches()
     sizes = {joint: np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2) for joint, wrench in found.items()}
@@ -124,7 +120,7 @@ def _of_joints(some: Run, size: float):
     for group, unit, part, of_part in ("joint forces", "N", 0, 1.0), ("joint moments", "N·m", 1, size):
         for joint, each in sizes.items():
             if each[:, part].max() > least * of_part:
-                yield group, unit, joint, each[:, part], {}
+                yield group, unit, joint, each[:, part], {"of": f"joint {joint}"}
 
 
 def _word(kind: str, planar: bool) -> str:

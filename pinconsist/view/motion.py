@@ -21,7 +21,7 @@ from ..mechanism.lie import interpolate
 from ..mechanism.loops import Loop
 from ..mechanism.mechanism import Mechanism
 from ..mechanism.rows import Workspace
-from .filled import is_continuous
+from .filled import is_continuous, only
 
 MAX_FRAMES = 3000
 log = logging.getLogger(__name__)
@@ -123,6 +123,17 @@ class Run:
     def _each(self, change) -> dict:
         names = [name for name in ("elapsed", "t", "q", "lam", "v") if getattr(self, name) is not None]
         return {name: change(getattr(self, name)) for name in names}
+
+
+def accelerations_of(run: Run) -> np.ndarray | None:
+    """The accelerations at the rows of a run, (n, nv); None if they cannot be computed."""
+    if run.v is None or run.lam is None or not hasattr(run.source, "acceleration"):
+        return None
+    try:
+        rows = only(run.source, slice(0, 0))
+        return replace(rows, t=run.t, q=run.q, v=run.v, lam=run.lam).acceleration(None, run.mech)
+    except PinconsistError:
+        return None
 
 
 def motors(mech: Mechanism) -> list:

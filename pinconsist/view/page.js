@@ -119,7 +119,7 @@ function look(event) {
   pointer.set(2 * (event.clientX - box.left) / box.width - 1, 1 - 2 * (event.clientY - box.top) / box.height);
   ray.setFromCamera(pointer, camera);
   const seen = part => part.visible && part.userData.name != "ground";
-  const hit = ["loop", "force", "body"].map(part => ray.intersectObjects(parts[part].filter(seen), false)[0]).find(Boolean);
+  const hit = ["loop", "force", "joint force", "body"].map(part => ray.intersectObjects(parts[part].filter(seen), false)[0]).find(Boolean);
   under = hit?.object.userData;
   place = [event.clientX - box.left, event.clientY - box.top];
 }
@@ -154,14 +154,17 @@ function follow(frame) {
   }
   drawnAt = frame;
   cursor.style.transform = `translate(${100 * now / (duration || 1)}%, 0)`;
-  const taken = [];  // boxes of the labels so far: one that would cover another is moved below it
+  const taken = [];  // boxes of the labels so far: one that would cover another is moved below it, or above at the end
   for (const {word, place, shown} of labels) {
     if (word.hidden = !shown()) continue;
     const seen = place().project(camera), [across, tall] = [word.offsetWidth, word.offsetHeight];
     const x = Math.max(across / 2, Math.min(wide - across / 2, (1 + seen.x) / 2 * wide));
-    let y = (1 - seen.y) / 2 * high;
+    let y = Math.min((1 - seen.y) / 2 * high, high - tall), down = true;
     const covers = () => taken.find(box => Math.abs(box.x - x) < (box.across + across) / 2 && y < box.y + box.tall && box.y < y + tall);
-    for (let box = covers(), tries = 0; box && tries < 12; box = covers(), tries++) y = box.y + box.tall;
+    for (let box = covers(), tries = 0; box && tries < 24; box = covers(), tries++) {
+      down &&= box.y + box.tall <= high - tall;
+      y = down ? box.y + box.tall : box.y - tall;
+    }
     taken.push({x, y, across, tall});
     word.style.transform = `translate(${x}px, ${y}px) translate(-50%, 0)`;
   }

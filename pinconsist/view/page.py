@@ -56,9 +56,10 @@ def export_html(
         Draw the force of every loop as an arrow at anchor 2, on body 2 (on body 1 where body 2 is the ground), and
         its moment as an arrow that turns about its axis, see :meth:`Solution.reaction`. So are the torques of
         drives, and of the mechanism's servos and joint torques together, on joints of one degree of freedom; for a
-        sliding joint they are forces. A scale bar shows the scale of the arrows. The largest has the longest
-        arrow; only outliers are shortened, drawn in orange and labelled with their size. Loops whose forces are not
-        determined (:attr:`Reaction.dependence`) are named, not drawn.
+        sliding joint they are forces. What the joints of the tree transmit, :meth:`Solution.joint_force`, is drawn too,
+        on their children; beside other forces only when a switch of the page is set. A scale bar shows the scale of
+        the arrows. The largest has the longest arrow; only outliers are shortened, drawn in orange and labelled with
+        their size. Loops whose forces are not determined (:attr:`Reaction.dependence`) are named, not drawn.
     panel : bool
         If False, the page has only the motion and its player.
 

@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..mechanism.checks import near
 from ..mechanism.reactions import not_determined, undetermined
 from . import arrows
-from .arrows import COLORS, FORCE, MOMENT, RIGHT, UNITS, WRONG, Action
+from .arrows import COLORS, FORCE, JOINT, MOMENT, RIGHT, UNITS, WRONG, Action
 from .commands import Node, animated, draw, floor, line, outline, stage, transform, view_axes, y_up
 from .curves import packed, panel, verdicts
 from .motion import Run, body_poses, in_world, on_joint, playing_times, point_in_world, runs_of
@@ -21,6 +21,7 @@ TRACES = (0x00838F, 0xBF360C, 0x33691E, 0x4527A0, 0x8D6E63)
 SEATS = {kind: "in its shell" for kind in ("point", "frame", "hinge", "universal")}
 SEATS |= {"slider": "on its rail", "cylinder": "on its rail", "plane": "on its plate", "distance": "at its bar's end"}
 ACTS = {(FORCE, False): "force", (FORCE, True): "drive force", (MOMENT, False): "moment", (MOMENT, True): "torque"}
+ACTS |= {(JOINT, False): "force in the joints,"}
 NAMED = 3  # largest number of bodies in a line of the legend
 POINT = 1e-12  # m; anything smaller counts as a point
 BEND = 1e-3  # distance from straight lines between frames, relative to the size of the picture: about a pixel
@@ -47,8 +48,11 @@ class DrawnRun:
         turns = self.skeleton[2:] - 2.0 * self.skeleton[1:-1] + self.skeleton[:-2]
         return float(np.linalg.norm(turns, axis=2).max(initial=0.0)) / 8.0
 
-    def draw(self, number: int, size: float, traces, scales):
-        """Fill in nodes and commands; and points, shape (k, 3), that enclose the mechanism, and all with arrows."""
+    def draw(self, number: int, size: float, traces, scales, hidden):
+        """Fill in nodes and commands; and points, shape (k, 3), that enclose the mechanism, and all with arrows.
+
+        Arrows of the kinds `hidden` are not seen at first, and not enclosed.
+        """
         mech, bodies, path = self.run.mech, self.bodies, self.path
         rods = bars(mech, bodies)
         poses = np.concatenate([bodies, *(rod[:, None] for rod in rods.values())], axis=1)
@@ -75,19 +79,22 @@ class DrawnRun:
             self.commands.append(draw(f"{paths[shape.node]}/{k}", shape, **about))
         reached = []
         for action in (each for each in self.actions if scales[each.kind]):
-            around = self._draw_arrow(f"{path}/forces/{_part(action.name)}", action, scales[action.kind], number)
-            reached.append(around[some].reshape(-1, 3))
+            around = self._draw_arrow(action, scales[action.kind], number)
+            if action.kind not in hidden:
+                reached.append(around[some].reshape(-1, 3))
         self.body = np.concatenate([points.reshape(-1, 3) for points in extent])
         self.extent = np.concatenate([self.body, *reached])
 
-    def _draw_arrow(self, path: str, action: Action, scale, number: int) -> np.ndarray:
+    def _draw_arrow(self, action: Action, scale, number: int) -> np.ndarray:
+        part = JOINT if action.kind == JOINT else FORCE
+        path = f"{self.path}/{part}s/{_part(action.name)}"
         parts, around = arrows.arrow(path, action, scale)
         self.nodes += [node for node, _ in parts]
-        about = {"part": "force", "name": action.of, "run": number}  # the page finds its curve by these
+        about = {"part": part, "name": action.of, "run": number}  # the page finds its curve by these
         self.commands += [draw(f"{node.path}/{k}", each, **about) for node, its in parts for k, each in enumerate(its)]
         if scale.cuts and action.norms.max() > scale.most:
             cut = {"path": parts[-1][0].path, "values": packed(action.norms), "most": scale.most}
-            self.cuts.append(cut | {"unit": UNITS[action.kind]})
+            self.cuts.append(cut | {"unit": UNITS[action.kind], "part": part})
         return around
 
     @cached_property
@@ -136,10 +143,16 @@ def picture(
             each.actions = [replace(action, color=color) for action in each.actions]
             each.actions = arrows.true_actions(each.run, each.bodies, size, not_drawn) + each.actions
     acting = [action for each in drawn for action in each.actions]
-    longest = arrows.longest_arrows([run.mech for run in runs], acting, size)
-    scales = {kind: arrows.scale_of(kind, acting, longest[kind]) for kind in (FORCE, MOMENT)}
+    in_joints = forces and first is None and (beside or not acting)
+    for each in drawn if in_joints else ():
+        each.actions = each.actions + arrows.joint_actions(each.run, each.bodies)
+    hidden = {JOINT} if acting else set()
+    seen_at_first = acting
+    acting = [action for each in drawn for action in each.actions]
+    longest = arrows.longest_arrows([run.mech for run in runs], seen_at_first or acting, size)
+    scales = {kind: arrows.scale_of(kind, acting, longest[kind]) for kind in (FORCE, MOMENT, JOINT)}
     for number, each in enumerate(drawn):
-        each.draw(number, size, traces, scales)
+        each.draw(number, size, traces, scales, hidden)
 
     axes, planar = view_axes([each.skeleton for each in drawn])
     placed = list(zip(drawn, _offsets([each.extent for each in drawn], axes[0], size), strict=True))
@@ -207,8 +220,9 @@ def _legend(runs, traces, forces: bool, scales, acting, not_drawn) -> list[dict]
     for kind, scale in scales.items():
         if scale:
             amount = arrows.round_amount(0.3 * scale.most)
-            bar = {"metres": amount * scale.metres, "text": f"{amount:g} {UNITS[kind]}"}
-            cut = f"; cut at {scale.most:.3g} {UNITS[kind]}, with their size beside them" if scale.cuts else ""
+            bar = {"metres": amount * scale.metres, "text": arrows.stated(amount, UNITS[kind])}
+            most = arrows.stated(scale.most, UNITS[kind], ".3g")
+            cut = f"; cut at {most}, with their size beside them" if scale.cuts else ""
             out.append({"color": COLORS[kind], "bar": bar, "text": f"{_acting(kind, acting)}{cut}"})
     if any(run.true is not None for run in runs):
         out += [{"color": WRONG, "text": "from exact values"}, {"color": RIGHT, "text": "true, under the others"}]

@@ -19,7 +19,7 @@ for (const command of replay.commands) viewer.handle_command(command);
 viewer.set_3d_pane_size = () =>  // by default that of the window
   MeshCat.Viewer.prototype.set_3d_pane_size.call(viewer, wide, high);
 const object = path => viewer.scene_tree.find(path.split("/").filter(Boolean)).object;
-const parts = {force: [], loop: [], trace: [], ground: [object("/Axes")], body: []};
+const parts = {force: [], "joint force": [], loop: [], trace: [], ground: [object("/Axes")], body: []};
 viewer.scene.traverse(thing => parts[thing.userData.part]?.push(thing));
 
 // The camera shows all points of the outline; margins are relative to the pane
@@ -76,13 +76,13 @@ for (const part of [...parts.loop, ...parts.body]) {
   label(name, "name", () => part.getWorldPosition(new Vector3()), () => switches.names.checked);
 }
 for (const cut of replay.cuts) {
-  const head = object(cut.path), values = unpacked(cut.values), tip = parts.force.filter(part => within(part, head.parent));
+  const head = object(cut.path), values = unpacked(cut.values), tip = parts[cut.part].filter(part => within(part, head.parent));
   const own = tip[0].material.color.getHex(), value = () => values[Math.round(now / duration * (values.length - 1)) || 0];
   const shown = () => {
     const large = value() > cut.most * (1 + 1e-6);
     for (const part of tip) part.material.color.setHex(large ? 0xF57C00 : own);
     labels[number].word.textContent = short(value(), cut.unit);
-    return large && switches.forces.checked;
+    return large && switches[cut.part + "s"].checked;
   };
   const number = labels.length;
   label("", "size", () => head.getWorldPosition(new Vector3()), shown);
@@ -94,15 +94,18 @@ function within(thing, parent) {
 
 // Switches, only for existing parts
 const switches = {};
-for (const [name, part] of Object.entries({forces: "force", names: "", loops: "loop", traces: "trace", ground: "ground"})) {
+for (const [name, part] of Object.entries({forces: "force", "joint forces": "joint force", names: "", loops: "loop", traces: "trace", ground: "ground"})) {
   if (part && !parts[part].length) continue;
   const choice = added(element("switches"), "label", {});
-  switches[name] = added(choice, "input", {type: "checkbox", id: name, checked: Boolean(part)});
+  const checked = Boolean(part) && !(name == "joint forces" && parts.force.length);  // not too many arrows at first
+  switches[name] = added(choice, "input", {type: "checkbox", id: name, checked});
   choice.append(name);
-  switches[name].addEventListener("change", () => {
+  const show = () => {
     for (const thing of parts[part] ?? []) thing.visible = switches[name].checked;
     viewer.set_dirty();
-  });
+  };
+  switches[name].addEventListener("change", show);
+  show();
 }
 for (const {color, text, bar} of replay.legend) {
   const entry = added(element("legend"), "div", {});
